@@ -1,0 +1,1 @@
+"""Calibration methods, records, and the correction that the live service applies."""

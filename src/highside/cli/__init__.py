@@ -1,0 +1,1 @@
+"""The `highside` command: thin; one file a group of commands."""

@@ -1,0 +1,58 @@
+"""The `highside` command: registers the sub-commands and turns errors into one line and an exit status.
+
+Exit status: 0 done; 1 the work was done and the answer is bad news that scripts must see; 2 wrong usage or input;
+70 a defect of highside itself (set HIGHSIDE_DEBUG=1 to see where).
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import typer
+
+from highside import __version__
+from highside.errors import HighsideError
+
+app = typer.Typer(
+    name="highside",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Live acquisition and calibration for the accelerometers and gyros of a directional drilling tool.",
+)
+
+
+def _version(show: bool) -> None:
+    if show:
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _top(
+    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version and exit."),
+) -> None:
+    """Options of the whole command."""
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    try:
+        app()
+    except HighsideError as error:
+        print(f"highside: {error}", file=sys.stderr)  # noqa: T201
+        sys.exit(error.exit_status)
+    except BrokenPipeError:
+        # the reader of our output went away (`| head`): not an error of ours
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except Exception as error:
+        if os.environ.get("HIGHSIDE_DEBUG"):
+            raise
+        print(  # noqa: T201
+            f"highside: internal error: {type(error).__name__}: {' '.join(str(error).split())}"
+            " (set HIGHSIDE_DEBUG=1 for details)",
+            file=sys.stderr,
+        )
+        sys.exit(70)

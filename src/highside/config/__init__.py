@@ -1,0 +1,1 @@
+"""Configuration models (pydantic) and their reading: file, `--set`, environment, secrets."""

@@ -1,0 +1,1 @@
+"""asyncio transports: serial, SocketCAN, python-can, replay, simulated device; one reconnect owner (`supervisor`)."""

@@ -1,0 +1,1 @@
+"""The formats that stand on disk: `table` (CSV Recording and pose tables), `wire` (candump text, serial segments)."""

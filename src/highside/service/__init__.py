@@ -1,0 +1,1 @@
+"""The running daemon: pipeline, outbox and MQTT publisher, recorder, health, sd_notify, reload."""
