@@ -1,0 +1,284 @@
+"""The configuration of the service: one TOML file, overridden by the environment and by `--set key.path=value`.
+
+Precedence, highest first: `--set`, environment (`HIGHSIDE__MQTT__HOST=...`, two underscores between levels), file.
+Secrets come from files named in the configuration or from systemd credentials, never from these sources. Every error
+names the source, the table and field, and what is allowed.
+"""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
+from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
+
+from highside.config.codecs import CodecConfig
+from highside.config.links import LinkConfig
+from highside.config.mqtt import MqttSettings
+from highside.config.recorder import RecorderSettings
+from highside.errors import InputError
+
+ENVIRONMENT_PREFIX = "HIGHSIDE__"
+
+
+class Table(BaseModel):
+    """A table of the file: unknown fields are refused, values are fixed once read."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ToolSettings(Table):
+    """Which tool this is."""
+
+    id: str = Field(
+        default="tool",
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$",
+        description="Name of the tool; part of its MQTT topics and checked against its calibration record.",
+    )
+    serial: str | None = Field(default=None, description="Serial number, checked against the calibration record.")
+    noise_g: float | None = Field(
+        default=None, gt=0, description="Standard deviation of one reading in g; estimated from the stream where absent."
+    )
+
+
+class PipelineSettings(Table):
+    """How readings become attitudes."""
+
+    output_rate_hz: float = Field(default=10.0, gt=0, le=100, description="Attitude messages per second of device time.")
+    averaging_s: float | None = Field(
+        default=None, gt=0, le=60, description="Readings averaged into one attitude; the output period where absent."
+    )
+    g_tolerance: float = Field(
+        default=0.02, gt=0, description="An attitude whose |g| differs from 1 by more is flagged `g_total`."
+    )
+
+    @property
+    def window_s(self) -> float:
+        return self.averaging_s or 1.0 / self.output_rate_hz
+
+
+class MonitorSettings(Table):
+    """What makes a frame unusable or suspicious."""
+
+    range_g: float = Field(default=20.0, gt=0, description="A reading beyond this is counted out of range and not used.")
+    stuck_frames: int = Field(default=200, ge=10, description="Equal readings in a row after which an axis is stuck.")
+
+
+class SurveySettings(Table):
+    """When a still tool gives a survey."""
+
+    enabled: bool = True
+    still_s: float = Field(default=10.0, gt=0.5, description="Seconds of device time without motion.")
+    sigma: float = Field(default=6.0, gt=1, description="A mean that departs by more of its own sigmas is motion.")
+    floor_g: float = Field(default=5e-4, ge=0, description="Departures below this are never motion.")
+
+
+class CalibrationSettings(Table):
+    """Which calibration corrects the readings."""
+
+    record: Path | None = Field(default=None, description="A calibration record (JSON).")
+    store: Path | None = Field(default=None, description="A calibration store; its active record is used.")
+    bias_std_g: float = Field(default=2e-3, ge=0, description="Offset of an uncalibrated sensor, 1 sigma.")
+    scale_std: float = Field(default=3e-3, ge=0, description="Scale error of an uncalibrated sensor, 1 sigma.")
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if self.record is not None and self.store is not None:
+            raise ValueError("give either `record` or `store`, not both")
+        return self
+
+
+class ServiceSettings(Table):
+    """The daemon itself."""
+
+    state_dir: Path | None = Field(
+        default=None,
+        description="Where the outbox and the recordings live; $STATE_DIRECTORY under systemd, else ./state.",
+    )
+    health_interval_s: float = Field(default=5.0, gt=0.05, le=3600)
+    log_level: Literal["debug", "info", "warning", "error"] = "info"
+
+
+class Settings(BaseSettings):
+    """The whole file."""
+
+    model_config = SettingsConfigDict(
+        extra="forbid",
+        frozen=True,
+        env_prefix=ENVIRONMENT_PREFIX,
+        env_nested_delimiter="__",
+        nested_model_default_partial_update=False,
+    )
+
+    tool: ToolSettings = ToolSettings()
+    link: LinkConfig
+    codec: CodecConfig
+    pipeline: PipelineSettings = PipelineSettings()
+    monitor: MonitorSettings = MonitorSettings()
+    survey: SurveySettings = SurveySettings()
+    calibration: CalibrationSettings = CalibrationSettings()
+    mqtt: MqttSettings = MqttSettings()
+    recorder: RecorderSettings = RecorderSettings()
+    service: ServiceSettings = ServiceSettings()
+
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,
+        file_secret_settings: PydanticBaseSettingsSource,
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        return init_settings, env_settings, _FileSource(settings_cls)
+
+    @model_validator(mode="after")
+    def _codec_fits_link(self) -> Self:
+        carries = self.link.carries
+        if carries is not None and carries != self.codec.carries:
+            raise ValueError(
+                f"link.kind {self.link.kind!r} carries {carries}, but codec.name {self.codec.name!r} decodes"
+                f" {self.codec.carries}"
+            )
+        return self
+
+
+class _FileSource(PydanticBaseSettingsSource):
+    """The parsed TOML file, handed over through the class that `load` makes for one file."""
+
+    def get_field_value(self, field: Any, field_name: str) -> tuple[Any, str, bool]:
+        return None, field_name, False
+
+    def __call__(self) -> dict[str, Any]:
+        tables: dict[str, Any] = getattr(self.settings_cls, "file_tables", {})
+        return tables
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Parse a TOML file. Raises InputError that names the file and the line."""
+    try:
+        with path.open("rb") as file:
+            return tomllib.load(file)
+    except FileNotFoundError:
+        raise InputError("no such file", where=str(path), remedy="give the path of a TOML file") from None
+    except IsADirectoryError:
+        raise InputError("is a directory", where=str(path), remedy="give the path of a TOML file") from None
+    except PermissionError:
+        raise InputError("cannot be read by this user", where=str(path), remedy="check its permissions") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"is not valid TOML: {error}", where=str(path), remedy="mend that line") from None
+
+
+def parse_overrides(overrides: list[str]) -> dict[str, Any]:
+    """Turn `key.path=value` items into nested tables; a value that is not TOML is taken as text."""
+    tables: dict[str, Any] = {}
+    for item in overrides:
+        path, separator, text = item.partition("=")
+        keys = path.strip().split(".")
+        if not separator or not all(keys):
+            raise InputError("is not of the form key.path=value", where="--set", field=item)
+        try:
+            value = tomllib.loads(f"v = {text}")["v"]
+        except tomllib.TOMLDecodeError:
+            value = text
+        table = tables
+        for key in keys[:-1]:
+            table = table.setdefault(key, {})
+            if not isinstance(table, dict):
+                raise InputError("sets both a value and a table below it", where="--set", field=item)
+        table[keys[-1]] = value
+    return tables
+
+
+def load(path: Path, overrides: list[str] | None = None) -> Settings:
+    """Read, merge and validate a configuration.
+
+    Raises InputError (exit status 2) with one line naming the source, table, field and what is allowed. Relative
+    paths inside the file are relative to the directory of the file.
+    """
+    tables = read_toml(path)
+    _anchor_paths(tables, path.resolve().parent)
+    return validate(tables, where=str(path), overrides=overrides)
+
+
+def validate(tables: dict[str, Any], *, where: str, overrides: list[str] | None = None) -> Settings:
+    """Validate tables as `load` does; `where` names their source in errors."""
+    file_settings = type("FileSettings", (Settings,), {"file_tables": tables, "__annotations__": {}})
+    try:
+        return file_settings(**parse_overrides(overrides or []))  # type: ignore[no-any-return]
+    except ValidationError as error:
+        raise _input_error(error, where) from None
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(" ".join(str(error).split()), where=where, remedy="mend the environment variable") from None
+
+
+PATH_FIELDS = {
+    ("calibration", "record"),
+    ("calibration", "store"),
+    ("codec", "dbc"),
+    ("link", "path"),
+    ("service", "state_dir"),
+    ("mqtt", "password_file"),
+    ("mqtt", "tls", "ca"),
+    ("mqtt", "tls", "cert"),
+    ("mqtt", "tls", "key"),
+}
+"""Fields that name files; relative ones are taken from the configuration's own directory."""
+
+
+def _anchor_paths(tables: dict[str, Any], base: Path) -> None:
+    for keys in PATH_FIELDS:
+        table: Any = tables
+        for key in keys[:-1]:
+            table = table.get(key) if isinstance(table, dict) else None
+        if isinstance(table, dict) and isinstance(value := table.get(keys[-1]), str) and not Path(value).is_absolute():
+            table[keys[-1]] = str(base / value)
+
+
+def _input_error(error: ValidationError, where: str) -> InputError:
+    details = error.errors(include_url=False)
+    first = details[0]
+    field, what, remedy = _explain(first)
+    if len(details) > 1:
+        remedy = f"{remedy} ({len(details) - 1} more field{'s' if len(details) > 2 else ''} to mend)".strip()
+    return InputError(what, where=where, field=field or None, remedy=remedy or None)
+
+
+def _explain(detail: ErrorDetails) -> tuple[str, str, str]:
+    keys = [str(key) for key in detail["loc"]]
+    # the tag of a discriminated union stands in the location but not in the file
+    if len(keys) > 1 and keys[0] in ("link", "codec"):
+        keys = [keys[0], *keys[2:]]
+    field = ".".join(keys)
+    kind, context = detail["type"], detail.get("ctx", {})
+    given = detail.get("input")
+    if kind == "missing":
+        return field, "is missing", "add it"
+    if kind == "extra_forbidden":
+        return field, "is not a known field", _nearest(keys)
+    if kind == "union_tag_invalid":
+        tag = str(context.get("discriminator", "")).strip("'")
+        return f"{field}.{tag}", f"{context.get('tag')!r} is unknown", f"allowed: {context.get('expected_tags')}"
+    if kind == "union_tag_not_found":
+        tag = str(context.get("discriminator", "")).strip("'")
+        return f"{field}.{tag}", "is missing", "add it: it says which kind the table describes"
+    message = detail["msg"].removeprefix("Value error, ")
+    shown = "" if isinstance(given, dict | list) or given is None or kind == "value_error" else f" (given {given!r})"
+    return field, message[0].lower() + message[1:] + shown, ""
+
+
+def _nearest(keys: list[str]) -> str:
+    known: dict[str, Any] | list[str] = list(Settings.model_fields)
+    if len(keys) > 1:
+        model = Settings.model_fields[keys[0]].annotation if keys[0] in Settings.model_fields else None
+        known = list(model.model_fields) if isinstance(model, type) and issubclass(model, BaseModel) else []
+    near = difflib.get_close_matches(keys[-1], list(known), n=1)
+    if near:
+        return f"did you mean {near[0]!r}?"
+    return f"allowed: {', '.join(known)}" if known else "remove it"

@@ -1,0 +1,398 @@
+"""From frames to attitudes: monitor, averaging window, correction, attitude with covariance, stillness, surveys.
+
+Everything here is synchronous and follows *device* time, so that the same bytes give the same results whatever chunks
+they arrive in and however fast. A batch is decoded in one call; an attitude is made when the first frame at or after
+the next multiple of the output period arrives, from the readings of the averaging window that ends with that frame
+(a fixed grid, no waiting for a later frame). An attitude refers to the middle of its window.
+
+Uncertainty of a mean: the readings of a window are freed of a straight line in time (a turning tool is not noise),
+the scatter that is left, or the tool's known noise where the window is too short to tell, is divided by their number.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from highside.attitude import attitude_with_std
+from highside.calibration.correction import Corrected, Correction, Vector
+from highside.codec.frame import ByteCodec, CanCodec, Frame
+from highside.config.settings import MonitorSettings, PipelineSettings, SurveySettings, ToolSettings
+from highside.link.base import Batch, Chunk
+from highside.service.monitor import Monitor
+
+MIN_OWN_SCATTER = 8
+"""Readings in a window from which its own scatter is used instead of the running estimate of the noise."""
+NOISE_MEMORY = 0.02
+"""Weight of a new second difference in the running estimate of the noise."""
+UNDEFINED_TOOLFACE_STD_DEG = 100.0
+"""Published standard deviations of T above this are no more than `unknown` (a uniform angle has 103.9)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Attitude:
+    """One output of the pipeline; angles in degrees, accelerations in g, times in seconds."""
+
+    t_device_s: float
+    t_mono: float
+    """arrival of the last byte of the last frame used, monotonic clock"""
+    inc_deg: float
+    inc_std_deg: float
+    tf_deg: float
+    tf_std_deg: float
+    g_total: float
+    cal_id: str
+    zone: str
+    flags: tuple[str, ...]
+    n: int
+    window_s: float
+    temp_c: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """The average over a time without motion."""
+
+    attitude: Attitude
+    duration_s: float
+    g_std: float
+    """standard deviation of one reading, root mean square over the axes"""
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Mean of the readings in a window and the covariance of that mean (diagonal, g^2)."""
+
+    mean: Vector
+    variance: Vector
+    slope_sigmas: float
+    """the steepest axis' change over the window, in units of its own standard deviation"""
+    span: Vector
+    """change over the window along the fitted line, g"""
+
+
+class NoiseEstimate:
+    """Running variance of one reading, an axis each, from second differences: blind to offsets and steady turns."""
+
+    def __init__(self, known_g: float | None) -> None:
+        self._known = known_g
+        self._variance = [0.0, 0.0, 0.0]
+        self._n = 0
+        self._before: Vector | None = None
+        self._last: Vector | None = None
+
+    def add(self, a: Vector) -> None:
+        before, last = self._before, self._last
+        if before is not None and last is not None:
+            self._n += 1
+            weight = max(NOISE_MEMORY, 1.0 / self._n)
+            for axis in range(3):
+                second = a[axis] - 2.0 * last[axis] + before[axis]
+                self._variance[axis] += weight * (second * second / 6.0 - self._variance[axis])
+        self._before, self._last = last, a
+
+    def forget(self) -> None:
+        """The stream was interrupted: the next reading does not follow the last one."""
+        self._before = self._last = None
+
+    @property
+    def variance(self) -> Vector:
+        """Variance of one reading an axis, g^2."""
+        if self._known is not None:
+            known = self._known * self._known
+            return (known, known, known)
+        return (self._variance[0], self._variance[1], self._variance[2])
+
+
+class Stillness:
+    """Collects readings for as long as window means stay where they were, within their own noise."""
+
+    def __init__(self, settings: SurveySettings) -> None:
+        self._settings = settings
+        self._restart()
+
+    def _restart(self) -> None:
+        self._n = 0
+        self._windows = 0
+        self._sum = [0.0, 0.0, 0.0]
+        self._sum2 = [0.0, 0.0, 0.0]
+        self._reference: Vector = (0.0, 0.0, 0.0)
+        self._temp_sum, self._temp_n = 0.0, 0
+        self._start_s = 0.0
+        self._quiet_variance: float | None = None
+        self.reported = False
+
+    def forget(self) -> None:
+        """Motion, a gap or a device reset: stillness begins anew."""
+        self._restart()
+
+    def add(self, window: Window, frames: list[tuple[float, float, float, float, float | None]]) -> float:
+        """Take a window and the frames that are new in it; returns the seconds of stillness so far (0: it moved)."""
+        settings = self._settings
+        if self._n:
+            n = self._n
+            for axis in range(3):
+                departure = abs(window.mean[axis] - self._reference[axis] - self._sum[axis] / n)
+                sigma = math.sqrt(window.variance[axis] * (1.0 + 1.0 / self._windows))
+                if departure > max(settings.sigma * sigma, settings.floor_g):
+                    self._restart()
+                    return 0.0
+            scatter = max(window.variance)
+            quiet = self._quiet_variance
+            if quiet is not None and scatter > 25.0 * quiet and scatter > settings.floor_g**2:
+                # the mean stands still but the tool shakes
+                self._restart()
+                return 0.0
+            self._quiet_variance = scatter if quiet is None else min(quiet, scatter)
+        if window.slope_sigmas > settings.sigma and max(abs(s) for s in window.span) > settings.floor_g:
+            self._restart()
+            return 0.0
+        if not frames:
+            return 0.0
+        if not self._n:
+            self._reference = (frames[0][1], frames[0][2], frames[0][3])
+            self._start_s = frames[0][0]
+        for frame in frames:
+            for axis in range(3):
+                d = frame[axis + 1] - self._reference[axis]
+                self._sum[axis] += d
+                self._sum2[axis] += d * d
+            if frame[4] is not None:
+                self._temp_sum += frame[4]
+                self._temp_n += 1
+        self._n += len(frames)
+        self._windows += 1
+        return frames[-1][0] - self._start_s
+
+    def mean(self) -> tuple[Vector, Vector, int, float | None]:
+        """Mean (g), variance of one reading (g^2), number of readings, mean temperature."""
+        n = self._n
+        mean = [s / n for s in self._sum]
+        variance = [max(s2 / n - m * m, 0.0) * n / max(n - 1, 1) for s2, m in zip(self._sum2, mean, strict=True)]
+        temp = self._temp_sum / self._temp_n if self._temp_n else None
+        where = [m + r for m, r in zip(mean, self._reference, strict=True)]
+        return (where[0], where[1], where[2]), (variance[0], variance[1], variance[2]), n, temp
+
+
+class Pipeline:
+    """Takes batches from a link and hands attitudes and surveys to `emit`.
+
+    `correction` may be replaced at any time between two batches (hot swap); `apply` replaces the settings.
+    """
+
+    def __init__(
+        self,
+        *,
+        codec: ByteCodec | CanCodec,
+        tool: ToolSettings,
+        pipeline: PipelineSettings,
+        monitor: MonitorSettings,
+        survey: SurveySettings,
+        correction: Correction,
+        emit: Callable[[Attitude | Survey], None],
+    ) -> None:
+        self.codec = codec
+        self.correction = correction
+        self.monitor = Monitor(
+            seq_modulus=codec.seq_modulus, range_g=monitor.range_g, stuck_frames=monitor.stuck_frames
+        )
+        self.attitudes = 0
+        self.surveys = 0
+        self.extra_flags: tuple[str, ...] = ()
+        """flags that the service adds to every output, such as `calibration_refused`"""
+        self._emit = emit
+        self._settings = pipeline
+        self._survey_settings = survey
+        self._noise = NoiseEstimate(tool.noise_g)
+        self._stillness = Stillness(survey)
+        self._window: deque[tuple[float, float, float, float, float | None]] = deque()
+        self._fresh = 0
+        self._due: float | None = None
+        self._last_t: float | None = None
+        self._last_step = 0.0
+
+    def apply(self, tool: ToolSettings, pipeline: PipelineSettings, survey: SurveySettings) -> None:
+        """Take new settings between two batches; the window goes on."""
+        self._settings, self._survey_settings = pipeline, survey
+        self._noise = NoiseEstimate(tool.noise_g)
+        self._stillness = Stillness(survey)
+        self._due = None
+
+    def on_batch(self, batch: Batch) -> int:
+        """Decode and process a batch; returns the number of frames in it."""
+        if isinstance(batch, Chunk):
+            frames = self.codec.receive(batch.data, batch.t_mono)  # type: ignore[union-attr]
+        else:
+            frames = self.codec.receive_can(batch)  # type: ignore[union-attr]
+        for frame in frames:
+            self.on_frame(frame)
+        return len(frames)
+
+    def on_link_reopened(self) -> None:
+        """The link was interrupted: nothing pending will be completed."""
+        self.codec.reset()
+        self.monitor.link_reopened()
+        self._noise.forget()
+        self._stillness.forget()
+
+    def finish(self) -> None:
+        """The input has ended: what the codec still holds is processed."""
+        for frame in self.codec.flush():
+            self.on_frame(frame)
+
+    def on_frame(self, frame: Frame) -> None:
+        """Process one frame."""
+        if not self.monitor.check(frame):
+            return
+        t = frame.t_s
+        last = self._last_t
+        if t is None:
+            # the codec's device time failed for this frame, or the device sends none at all
+            t = frame.t_mono if last is None or self._last_step == 0.0 else last + self._last_step
+        if last is not None:
+            step = t - last
+            if step < 0.0:
+                self._begin_anew()
+            elif step > max(self._settings.window_s, 1.0 / self._settings.output_rate_hz):
+                self._noise.forget()
+                self._stillness.forget()
+            self._last_step = step
+        self._last_t = t
+        a = (frame.ax, frame.ay, frame.az)
+        self._noise.add(a)
+        self._window.append((t, a[0], a[1], a[2], frame.temp_c))
+        self._fresh += 1
+        if self._due is None:
+            self._due = self._next_due(t)
+        elif t >= self._due:
+            self._due = self._next_due(t)
+            self._output(frame, t)
+
+    def _begin_anew(self) -> None:
+        self._window.clear()
+        self._fresh = 0
+        self._due = None
+        self._noise.forget()
+        self._stillness.forget()
+
+    def _next_due(self, t: float) -> float:
+        rate = self._settings.output_rate_hz
+        # the small addend keeps a frame that lies on the grid but for rounding from making two outputs
+        return (math.floor(t * rate + 1e-6) + 1.0) / rate
+
+    def _output(self, frame: Frame, t: float) -> None:
+        window = self._window
+        oldest = t - self._settings.window_s * (1.0 + 1e-9)
+        while window[0][0] <= oldest and len(window) > 1:
+            window.popleft()
+        rows = list(window)
+        statistics = window_statistics(rows, self._noise.variance)
+        flags: list[str] = []
+        if statistics.slope_sigmas > 6.0 and max(abs(s) for s in statistics.span) > self._survey_settings.floor_g:
+            flags.append("moving")
+        xx, yy, zz = statistics.variance
+        temps = [row[4] for row in rows if row[4] is not None]
+        temp = sum(temps) / len(temps) if temps else None
+        corrected = self.correction.correct(statistics.mean, (xx, 0.0, 0.0, yy, 0.0, zz), temp)
+        attitude = self._attitude(corrected, frame, t, len(rows), t - rows[0][0], temp, flags)
+        self.attitudes += 1
+        self._emit(attitude)
+        if self._survey_settings.enabled:
+            fresh = rows[-min(self._fresh, len(rows)) :]
+            self._watch_stillness(statistics, fresh, frame, t)
+        self._fresh = 0
+
+    def _watch_stillness(
+        self, window: Window, fresh: list[tuple[float, float, float, float, float | None]], frame: Frame, t: float
+    ) -> None:
+        still = self._stillness
+        duration = still.add(window, fresh)
+        if duration < self._survey_settings.still_s or still.reported:
+            return
+        still.reported = True
+        mean, variance, n, temp = still.mean()
+        noise = tuple(v / n for v in variance)
+        corrected = self.correction.correct(mean, (noise[0], 0.0, 0.0, noise[1], 0.0, noise[2]), temp)
+        attitude = self._attitude(corrected, frame, t, n, duration, temp, [])
+        self.surveys += 1
+        self._emit(Survey(attitude, duration, math.sqrt(sum(variance) / 3.0)))
+
+    def _attitude(
+        self,
+        corrected: Corrected,
+        frame: Frame,
+        t: float,
+        n: int,
+        window_s: float,
+        temp: float | None,
+        flags: list[str],
+    ) -> Attitude:
+        gx, gy, gz = corrected.gx, corrected.gy, corrected.gz
+        inc, inc_std, tf, tf_std = attitude_with_std(gx, gy, gz, corrected.cov)
+        g_total = math.sqrt(gx * gx + gy * gy + gz * gz)
+        tf_std_deg = math.degrees(tf_std)
+        if tf_std_deg > UNDEFINED_TOOLFACE_STD_DEG:
+            flags.append("toolface_undefined")
+        if abs(g_total - 1.0) > self._settings.g_tolerance:
+            flags.append("g_total")
+        flags.extend(f"stuck_{axis}" for axis in self.monitor.stuck_axes)
+        return Attitude(
+            t_device_s=t,
+            t_mono=frame.t_mono,
+            inc_deg=math.degrees(inc),
+            inc_std_deg=math.degrees(inc_std),
+            tf_deg=math.degrees(tf),
+            tf_std_deg=tf_std_deg,
+            g_total=g_total,
+            cal_id=self.correction.cal_id,
+            zone=corrected.zone,
+            flags=(*corrected.flags, *flags, *self.extra_flags),
+            n=n,
+            window_s=window_s,
+            temp_c=temp,
+        )
+
+
+def window_statistics(
+    rows: list[tuple[float, float, float, float, float | None]], noise_variance: Vector
+) -> Window:
+    """Mean, variance of the mean, and drift over a window of rows `(t_s, ax, ay, az, temp_c)`.
+
+    The variance (g^2) of the mean is the scatter about a straight line in time divided by n; with fewer than 8 readings
+    it is `noise_variance` (of one reading) divided by n.
+    """
+    n = len(rows)
+    if n >= MIN_OWN_SCATTER:
+        data = np.array([row[:4] for row in rows]).T
+        time = data[0] - data[0].mean()
+        a = data[1:]
+        mean = a.mean(axis=1)
+        centred = a - mean[:, None]
+        tt = float(time @ time)
+        slope = centred @ time / tt if tt > 0.0 else np.zeros(3)
+        rest = np.einsum("ij,ij->i", centred, centred) - slope * slope * tt
+        scatter = np.maximum(rest, 0.0) / (n - 2)
+        own = (float(scatter[0]), float(scatter[1]), float(scatter[2]))
+        span = slope * (time[-1] - time[0])
+        sigma_slope = np.sqrt(np.maximum(scatter, 1e-18) / tt) if tt > 0.0 else np.full(3, np.inf)
+        return Window(
+            (float(mean[0]), float(mean[1]), float(mean[2])),
+            (own[0] / n, own[1] / n, own[2] / n),
+            float(np.max(np.abs(slope) / sigma_slope)) if tt > 0.0 else 0.0,
+            (float(span[0]), float(span[1]), float(span[2])),
+        )
+    mean3 = tuple(sum(row[axis] for row in rows) / n for axis in (1, 2, 3))
+    span3 = tuple(rows[-1][axis] - rows[0][axis] for axis in (1, 2, 3))
+    sigmas = max(
+        abs(s) / math.sqrt(2.0 * v) if v > 0.0 else 0.0 for s, v in zip(span3, noise_variance, strict=True)
+    )
+    return Window(
+        (mean3[0], mean3[1], mean3[2]),
+        (noise_variance[0] / n, noise_variance[1] / n, noise_variance[2] / n),
+        sigmas,
+        (span3[0], span3[1], span3[2]),
+    )
