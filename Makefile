@@ -1,0 +1,49 @@
+# The commands of the project; README explains the first two.
+VENV ?= .venv
+PYTHON ?= python3
+BIN := $(VENV)/bin
+
+.PHONY: demo test check bench evidence lock clean
+
+## demo: set up a virtual environment and show I and T of a simulated tool, live
+demo: $(VENV)/.run
+	$(BIN)/highside demo
+
+## test: set up everything the tests need and run all checks and tests
+test: packages $(VENV)/.test check
+	$(BIN)/python -m pytest
+
+## check: style, types and the contracts between the layers
+check: $(VENV)/.test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+.PHONY: packages
+packages:
+	bash .ci/packages
+
+$(VENV)/.run: requirements.lock pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps -e .
+	touch $@
+
+$(VENV)/.test: requirements-test.lock pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-test.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps -e .
+	touch $@ $(VENV)/.run
+
+## bench: speeds side by side, as ratios
+bench: $(VENV)/.test
+	for file in tests/bench/*.py; do case $$file in */test_*|*/conftest.py) ;; *) $(BIN)/python $$file || exit 1 ;; esac; done
+
+## lock: pin every dependency with its hashes (needs uv)
+lock:
+	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header --extra all --extra build pyproject.toml -o requirements.lock
+	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header --all-extras pyproject.toml -o requirements-test.lock
+
+clean:
+	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
