@@ -1,0 +1,292 @@
+"""Serial lines: opened by pyserial, read by the event loop.
+
+pyserial knows how to set up a port (baud rate, lock, low latency) and brings `socket://` and `rfc2217://` along; the
+loop reads the descriptor itself. Facts that shape this module: a port is not exclusive unless one asks for it; after an
+unplug the descriptor is readable for ever and gives b"" - that is the end of file, not "no data"; pyserial sets
+VMIN = 0, with which an empty line gives b"" too, so VMIN is set to 1; a device may return under another node, so a
+by-id link is resolved anew at each open and looked at while open. URLs without a descriptor get a thread and a bounded
+hand-over.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import fcntl
+import os
+import termios
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from highside.link.base import Chunk, Deliver, LinkError, LinkReason
+from highside.link.handover import Handover
+
+SerialPort = Any
+"""one of pyserial's classes; what they have in common (`in_waiting`, `fileno`) is not in their common base"""
+READ_SIZE = 65536
+READS_PER_WAKE = 16
+"""a pty gives 4 KiB a read; the drain is bounded so that one busy line cannot starve the loop"""
+LOOK_S = 0.05
+"""how often an absent device is looked for; one stat() costs some microseconds"""
+WATCH_S = 0.5
+"""how often the node of an open device is compared with the one that was opened"""
+THREAD_POLL_S = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class SerialSettings:
+    """A serial port or URL and its line settings; `parity` is one of N, E, O, M, S."""
+
+    port: str
+    baud: int = 115200
+    bytesize: int = 8
+    parity: str = "N"
+    stopbits: float = 1
+    xonxoff: bool = False
+    rtscts: bool = False
+
+
+class SerialTransport:
+    """One attempt at a serial port or a pyserial URL."""
+
+    kernel_drops = 0
+
+    def __init__(self, settings: SerialSettings) -> None:
+        self._settings = settings
+        self._is_url = "://" in settings.port
+        self._port: SerialPort | None = None
+        self._fd = -1
+        self._identity: tuple[int, int] | None = None
+        self._deliver: Deliver | None = None
+        self._ended: asyncio.Future[LinkError] | None = None
+        self._closing = threading.Event()
+        self._handover: Handover[Chunk | LinkError] | None = None
+        self._thread: threading.Thread | None = None
+        self._watcher: asyncio.Task[None] | None = None
+
+    async def open(self, deliver: Deliver) -> None:
+        loop = asyncio.get_running_loop()
+        self._ended = loop.create_future()
+        self._deliver = deliver
+        # opening may talk over USB or the network: not in the loop
+        self._port = await asyncio.to_thread(self._open_port)
+        if self._closing.is_set():
+            raise LinkError(LinkReason.IO_ERROR, "closed while being opened")
+        try:
+            self._fd = self._port.fileno()
+        except (OSError, AttributeError):  # io.UnsupportedOperation is an OSError
+            self._fd = -1
+        if self._fd >= 0:
+            os.set_blocking(self._fd, False)
+            loop.add_reader(self._fd, self._readable)
+        else:
+            self._handover = Handover(loop, self._taken, capacity=64)
+            self._thread = threading.Thread(
+                target=self._read_in_thread,
+                args=(self._port, self._handover),
+                name=f"read {self._settings.port}",
+                daemon=True,
+            )
+            self._thread.start()
+        if not self._is_url:
+            self._identity = _identity(self._settings.port)
+            self._watcher = asyncio.create_task(self._watch_node())
+
+    async def wait_closed(self) -> LinkError:
+        assert self._ended is not None, "open first"
+        return await asyncio.shield(self._ended)
+
+    async def wait_ready(self) -> None:
+        if self._is_url:
+            await asyncio.get_running_loop().create_future()  # nothing to look at: the back-off decides
+        before = self._identity if self._ended is not None and self._ended.done() else _identity(self._settings.port)
+        while True:
+            now = _identity(self._settings.port)
+            if now is None:
+                before = None  # it is gone: whatever appears next is new
+            elif now != before:
+                return
+            await asyncio.sleep(LOOK_S)
+
+    async def close(self) -> None:
+        self._closing.set()
+        if self._watcher is not None:
+            self._watcher.cancel()
+            await asyncio.wait({self._watcher})
+            self._watcher = None
+        if self._fd >= 0:
+            asyncio.get_running_loop().remove_reader(self._fd)
+            self._fd = -1
+        if self._handover is not None:
+            self._handover.close()
+        port, self._port = self._port, None
+        if port is not None:
+            # pyserial's network ports sleep while closing, and a driver may wait for its device
+            await asyncio.to_thread(_close_port, port)
+        if self._thread is not None:
+            await asyncio.to_thread(self._thread.join, 2.0)
+            self._thread = None
+
+    # opening (in a thread)
+
+    def _open_port(self) -> SerialPort:
+        port = open_port(self._settings)
+        if self._closing.is_set():
+            _close_port(port)
+        return port
+
+    # reading
+
+    def _readable(self) -> None:
+        assert self._deliver is not None
+        parts: list[bytes] = []
+        error: LinkError | None = None
+        for _ in range(READS_PER_WAKE):
+            try:
+                data = os.read(self._fd, READ_SIZE)
+            except (BlockingIOError, InterruptedError):
+                break
+            except OSError as fault:
+                error = self._read_error(fault)
+                break
+            if not data:
+                error = self._end_of_file()
+                break
+            parts.append(data)
+        if parts:
+            self._deliver(Chunk(time.monotonic(), time.time(), b"".join(parts)))
+        if error is not None:
+            self._end(error)
+
+    def _read_in_thread(self, port: SerialPort, handover: Handover[Chunk | LinkError]) -> None:
+        while not handover.closed:
+            try:
+                # what is there, at least one byte, at most THREAD_POLL_S
+                data = port.read(max(1, min(port.in_waiting, READ_SIZE)))
+            except (OSError, TypeError, AttributeError) as fault:
+                # pyserial's classes raise the latter two when closed under a read
+                handover.put(LinkError(LinkReason.REMOTE_CLOSED, f"{self._settings.port}: {fault}"))
+                return
+            if data and not handover.put(Chunk(time.monotonic(), time.time(), data)):
+                return
+
+    def _taken(self, items: list[Chunk | LinkError]) -> None:
+        assert self._deliver is not None
+        chunks = [item for item in items if isinstance(item, Chunk)]
+        if chunks:
+            self._deliver(Chunk(chunks[-1].t_mono, chunks[-1].t_wall, b"".join(chunk.data for chunk in chunks)))
+        for item in items:
+            if isinstance(item, LinkError):
+                self._end(item)
+
+    # ends
+
+    async def _watch_node(self) -> None:
+        """A by-id link that now leads to another node: the old descriptor may never say so."""
+        while True:
+            await asyncio.sleep(WATCH_S)
+            now = _identity(self._settings.port)
+            if now is not None and now != self._identity:
+                self._end(
+                    LinkError(LinkReason.END_OF_FILE, f"{self._settings.port} leads to another device now: re-opening")
+                )
+                return
+
+    def _end_of_file(self) -> LinkError:
+        if self._is_url:
+            return LinkError(LinkReason.REMOTE_CLOSED, f"{self._settings.port}: the other end closed the connection")
+        return LinkError(LinkReason.END_OF_FILE, f"{self._settings.port}: the device has gone (unplugged?)")
+
+    def _read_error(self, fault: OSError) -> LinkError:
+        if fault.errno in (errno.EIO, errno.ENODEV, errno.ENXIO) and not self._is_url:
+            return self._end_of_file()
+        if fault.errno in (errno.ECONNRESET, errno.EPIPE):
+            return self._end_of_file()
+        return LinkError(LinkReason.IO_ERROR, f"{self._settings.port}: {fault.strerror or fault}")
+
+    def _end(self, error: LinkError) -> None:
+        if self._fd >= 0:
+            # at once: a descriptor at its end is readable for ever and would eat a whole core
+            asyncio.get_running_loop().remove_reader(self._fd)
+            self._fd = -1
+        if self._ended is not None and not self._ended.done():
+            self._ended.set_result(error)
+
+
+def open_port(settings: SerialSettings) -> SerialPort:
+    """Open with pyserial, exclusively and with low latency; blocking. Raises LinkError with the reason.
+
+    The lock is `flock`, which other instances of this and every pyserial program that asks for exclusivity respect (it
+    works on a pty as well); on real devices TIOCEXCL is added, which keeps out programs that do not look at locks. Not
+    on a pty: there the flag would outlive us.
+    """
+    import serial  # here: links of other kinds do not need it
+
+    options: dict[str, Any] = {
+        "baudrate": settings.baud,
+        "bytesize": settings.bytesize,
+        "parity": settings.parity,
+        "stopbits": settings.stopbits,
+        "xonxoff": settings.xonxoff,
+        "rtscts": settings.rtscts,
+        "timeout": THREAD_POLL_S,
+    }
+    is_url = "://" in settings.port
+    if not is_url:
+        options["exclusive"] = True
+    try:
+        port: SerialPort = serial.serial_for_url(settings.port, **options)
+    except ValueError as fault:
+        raise LinkError(LinkReason.CONFIG, f"{settings.port}: {fault}") from fault
+    except OSError as fault:  # SerialException is one
+        raise _open_error(settings.port, fault) from fault
+    if not is_url:
+        try:
+            fd = port.fileno()
+            attributes = termios.tcgetattr(fd)
+            attributes[6][termios.VMIN] = 1
+            attributes[6][termios.VTIME] = 0
+            termios.tcsetattr(fd, termios.TCSANOW, attributes)
+            if not os.path.realpath(settings.port).startswith("/dev/pts/"):
+                fcntl.ioctl(fd, termios.TIOCEXCL)
+        except (OSError, termios.error) as fault:
+            _close_port(port)
+            raise LinkError(LinkReason.IO_ERROR, f"{settings.port}: {fault}") from fault
+        with contextlib.suppress(OSError, ValueError, NotImplementedError):
+            # FTDI adapters hold data back for 16 ms otherwise; a pty or an embedded UART has no such switch
+            port.set_low_latency_mode(True)
+    return port
+
+
+def _open_error(name: str, fault: OSError) -> LinkError:
+    text = " ".join(str(fault).split())
+    code = fault.errno
+    if code in (errno.EAGAIN, errno.EBUSY):
+        return LinkError(LinkReason.BUSY, f"{name}: in use by another program")
+    if code in (errno.EACCES, errno.EPERM):
+        return LinkError(LinkReason.NO_PERMISSION, f"{name}: no permission (is the user in the group dialout?)")
+    if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ENOTDIR):
+        return LinkError(LinkReason.NOT_FOUND, f"{name}: no such device")
+    if "Connection refused" in text:
+        return LinkError(LinkReason.NOT_FOUND, f"{name}: nobody listens there")
+    if "RFC2217" in text or "Inappropriate ioctl" in text:
+        return LinkError(LinkReason.CONFIG, f"{name}: {text}")
+    return LinkError(LinkReason.IO_ERROR, f"{name}: {text}")
+
+
+def _close_port(port: SerialPort) -> None:
+    with contextlib.suppress(OSError, TypeError, AttributeError):
+        port.close()
+
+
+def _identity(path: str) -> tuple[int, int] | None:
+    """Which device node a path leads to, through links; None when it leads nowhere."""
+    try:
+        status = Path(path).stat()
+    except OSError:
+        return None
+    return status.st_ino, status.st_rdev
