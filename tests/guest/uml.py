@@ -11,6 +11,7 @@ By hand: `python tests/guest/uml.py [--systemd] [--memory 1024M] [--timeout S] C
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import shlex
 import shutil
@@ -137,15 +138,12 @@ def _boot(kernel: Kernel, run: Path, *, memory: str, systemd: bool, timeout_s: f
             arguments, stdin=subprocess.DEVNULL, stdout=console, stderr=console, env=environment, start_new_session=True
         )
         try:
-            process.wait(timeout_s)
-        except subprocess.TimeoutExpired:
-            pass
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(timeout_s)
         finally:
             # the guest's processes are processes of this group: all end with it, however the kernel ended
-            try:
+            with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
-            except ProcessLookupError:
-                pass
             process.wait()
 
 
