@@ -1,0 +1,79 @@
+"""`highside run | check | schema`: the service, its configuration, and the shape of its messages."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+ConfigOption = Annotated[Path, typer.Option("--config", help="TOML file; see config/ for examples.")]
+SetOption = Annotated[list[str] | None, typer.Option("--set", help="Override one field: key.path=value. May be repeated.")]
+
+
+def run(config: ConfigOption, overrides: SetOption = None) -> None:
+    """Run the service: frames in, corrected inclination and toolface out over MQTT, day and night."""
+    from highside.config.settings import load
+    from highside.service.app import Service
+
+    settings = load(config, overrides)
+    start_logging(settings.service.log_level)
+
+    async def serve() -> None:
+        await Service(settings, reload=lambda: load(config, overrides)).run()
+
+    asyncio.run(serve())
+
+
+def check(
+    config: Annotated[Path, typer.Argument(help="The configuration to validate.")],
+    overrides: SetOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the effective configuration as JSON.")] = False,
+) -> None:
+    """Validate a configuration without running it: fields, codec, calibration record."""
+    from highside.config.settings import load
+    from highside.service.app import correction_of
+
+    settings = load(config, overrides)
+    settings.codec.build()
+    correction = correction_of(settings)
+    if as_json:
+        typer.echo(settings.model_dump_json(indent=2))
+        return
+    typer.echo(
+        f"{config}: good. Tool {settings.tool.id}, link {settings.link.kind}, codec {settings.codec.name},"
+        f" calibration {correction.cal_id}, broker {settings.mqtt.host}:{settings.mqtt.port}"
+    )
+
+
+def schema() -> None:
+    """Print the JSON Schemas of all MQTT messages as one JSON object."""
+    from highside.service.messages import schemas
+
+    typer.echo(json.dumps(schemas(), indent=2))
+
+
+def start_logging(level: str) -> None:
+    """Log to stderr, one line an event; under systemd with the priority prefix that journald understands."""
+    handler = logging.StreamHandler(sys.stderr)
+    if os.environ.get("JOURNAL_STREAM"):
+        handler.setFormatter(_JournalFormatter("%(message)s"))
+    else:
+        handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))
+    root = logging.getLogger("highside")
+    root.handlers[:] = [handler]
+    root.setLevel(level.upper())
+    root.propagate = False
+
+
+class _JournalFormatter(logging.Formatter):
+    """Prefixes each line with its syslog priority (sd-daemon(3))."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        priority = 3 if record.levelno >= logging.ERROR else 4 if record.levelno >= logging.WARNING else 6
+        return f"<{priority}>{super().format(record)}"

@@ -1,0 +1,425 @@
+"""The daemon: puts link, pipeline, outbox, publisher, recorder and health together and keeps them running.
+
+One event loop; acquisition is a callback of it and never waits: what is slow (SQLite, fsync, the network) has threads
+and tasks of its own behind bounded hand-overs that count what they drop. Reload (SIGHUP) reads and validates the whole
+configuration first and swaps only then; a bad file changes nothing. SIGTERM leaves within ten seconds: acquisition
+stops, the last window is committed to the outbox, `offline` is published, what is not acknowledged stays on disk.
+
+The watchdog is fed by the progress of the pipeline: the loop turns and the outbox commits. A dead broker or a dead
+link is not a wedged pipeline and is never answered by a restart.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import fcntl
+import json
+import logging
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any
+
+from highside import __version__
+from highside.calibration.correction import Correction, IdentityCorrection
+from highside.config.settings import Settings
+from highside.errors import HighsideError, InputError
+from highside.link.base import Batch, LinkReason, LinkState, LinkSupervisor
+from highside.recording.calibration_store import load_active, load_record_file
+from highside.service import messages
+from highside.service.clock import LoopLag, clock_synced
+from highside.service.notify import Notifier
+from highside.service.outbox import Outbox
+from highside.service.pipeline import Attitude, Pipeline, Survey
+from highside.service.publisher import Publisher
+from highside.service.recorder import Recorder
+
+log = logging.getLogger("highside")
+
+WEDGED_AFTER_S = 15.0
+"""The outbox has not committed what it was given for so long: the pipeline counts as wedged."""
+STOP_BUDGET_S = 8.0
+"""How long an orderly end may take; systemd would kill after 10 s."""
+CLOCK_CHECK_S = 10.0
+
+
+class Service:
+    """One tool's daemon. `reload` re-reads the configuration (it may raise InputError)."""
+
+    def __init__(self, settings: Settings, reload: Callable[[], Settings] | None = None) -> None:
+        self.settings = settings
+        self._reload_settings = reload
+        self.state_dir = state_dir(settings)
+        self._lock: IO[str] | None = None
+        self._notifier = Notifier()
+        self._lag = LoopLag()
+        self._started_mono = time.monotonic()
+        self._clock_synced = clock_synced()
+        self._reload_error: str | None = None
+        self._calibration_error: str | None = None
+        self._reloads = 0
+        self._stopping = asyncio.Event()
+        self._link_ended = False
+        self._link_task: asyncio.Task[None] | None = None
+        self._publisher_task: asyncio.Task[None] | None = None
+        prefix = settings.mqtt.topic_prefix(settings.tool.id)
+        self._topic_attitude = f"{prefix}/attitude"
+        self._topic_survey = f"{prefix}/survey"
+        self._topic_health = f"{prefix}/health"
+        self.outbox = Outbox(
+            self.state_dir / "outbox.sqlite",
+            max_rows=settings.mqtt.outbox_max_rows,
+            max_age_s=settings.mqtt.outbox_max_age_s,
+            max_bytes=settings.mqtt.outbox_max_bytes,
+            commit_interval_s=settings.mqtt.commit_interval_s,
+        )
+        self.publisher = self._make_publisher()
+        self.recorder = Recorder(settings.recorder, self.state_dir / "recordings", settings.tool.id)
+        self.pipeline = self._make_pipeline(self._correction(settings))
+        self.supervisor = self._make_supervisor()
+        self.on_output: Callable[[Attitude | Survey, int], None] | None = None
+        """called with every output and its sequence number, for faces inside the process"""
+
+    # --- parts -------------------------------------------------------------------------------------------------
+
+    def _make_publisher(self) -> Publisher:
+        settings = self.settings
+        return Publisher(
+            settings.mqtt,
+            self.outbox,
+            prefix=settings.mqtt.topic_prefix(settings.tool.id),
+            client_name=settings.tool.id,
+        )
+
+    def _make_pipeline(self, correction: Correction) -> Pipeline:
+        settings = self.settings
+        pipeline = Pipeline(
+            codec=settings.codec.build(),
+            tool=settings.tool,
+            pipeline=settings.pipeline,
+            monitor=settings.monitor,
+            survey=settings.survey,
+            correction=correction,
+            emit=self._on_output,
+        )
+        pipeline.extra_flags = self._extra_flags()
+        return pipeline
+
+    def _make_supervisor(self) -> LinkSupervisor:
+        link = self.settings.link
+        return LinkSupervisor(link.transport, self, link.supervisor())
+
+    def _extra_flags(self) -> tuple[str, ...]:
+        return ("calibration_refused",) if self._calibration_error else ()
+
+    def _correction(self, settings: Settings) -> Correction:
+        """The calibration in force. A refused record is named and answered by no correction at all, never by a stop."""
+        self._calibration_error = None
+        try:
+            return correction_of(settings)
+        except HighsideError as error:
+            self._calibration_error = str(error)
+            log.error("calibration refused, readings pass uncorrected: %s", error)
+        return _uncalibrated(settings)
+
+    # --- the sink of the link ----------------------------------------------------------------------------------
+
+    def on_batch(self, batch: Batch) -> None:
+        self.recorder.on_batch(batch)
+        self.pipeline.on_batch(batch)
+
+    def on_state(self, state: LinkState, reason: LinkReason | None, message: str) -> None:
+        level = logging.WARNING if state in (LinkState.DOWN, LinkState.STALE) else logging.INFO
+        log.log(level, "link %s: %s", state.value, message)
+        if state is LinkState.DOWN:
+            self.pipeline.on_link_reopened()
+        elif state is LinkState.ENDED:
+            self._link_ended = True
+            self.pipeline.finish()
+        self._publish_health()
+
+    # --- outputs -----------------------------------------------------------------------------------------------
+
+    def _on_output(self, output: Attitude | Survey) -> None:
+        now_wall, now_mono = time.time(), time.monotonic()
+        attitude = output.attitude if isinstance(output, Survey) else output
+        t_wall = now_wall - (now_mono - attitude.t_mono) if attitude.t_mono else now_wall
+        if isinstance(output, Survey):
+            topic = self._topic_survey
+            seq = self.outbox.next_seq(topic)
+            payload = messages.survey_payload(output, seq=seq, t=t_wall, clock_synced=self._clock_synced)
+        else:
+            topic = self._topic_attitude
+            seq = self.outbox.next_seq(topic)
+            payload = messages.attitude_payload(output, seq=seq, t=t_wall, clock_synced=self._clock_synced)
+        self.outbox.put(topic, payload, created_s=now_wall)
+        if self.on_output is not None:
+            self.on_output(output, seq)
+
+    def health(self) -> dict[str, Any]:
+        """What the retained `health` message says; every counter balances at any time (`balance`)."""
+        pipeline = self.pipeline
+        codec, monitor = pipeline.codec.counts, pipeline.monitor.counts
+        outbox = self.outbox.stats()
+        if self.supervisor.stats.last_data_mono is None:
+            data_age = None
+        else:
+            data_age = round(time.monotonic() - self.supervisor.stats.last_data_mono, 3)
+        return {
+            "t": round(time.time(), 6),
+            "uptime_s": round(time.monotonic() - self._started_mono, 3),
+            "version": __version__,
+            "clock_synced": self._clock_synced,
+            "link": self.supervisor.stats.as_dict() | {"data_age_s": data_age},
+            "codec": codec.as_dict(),
+            "monitor": monitor.as_dict(),
+            "pipeline": {"attitudes": pipeline.attitudes, "surveys": pipeline.surveys},
+            "outbox": outbox.as_dict(),
+            "mqtt": self.publisher.stats.as_dict() | {"connected": self.publisher.connected},
+            "recorder": self.recorder.stats.as_dict(),
+            "loop": {
+                "lag_p999_ms": round(self._lag.quantile_ms(0.999), 3),
+                "lag_max_ms": round(self._lag.max_s * 1e3, 3),
+            },
+            "calibration": {"cal_id": pipeline.correction.cal_id, "refused": self._calibration_error},
+            "reload": {"count": self._reloads, "refused": self._reload_error},
+            "balance": {
+                "bytes": codec.balanced(),
+                "frames": monitor.balanced() and codec.frames_good == monitor.received,
+                "messages": outbox.balanced(),
+            },
+        }
+
+    def _publish_health(self) -> None:
+        self.publisher.retained(self._topic_health, json.dumps(self.health(), separators=(",", ":")).encode())
+
+    # --- running -----------------------------------------------------------------------------------------------
+
+    async def run(self) -> None:
+        """Run until SIGTERM or SIGINT, or until a replayed recording has ended and is delivered.
+
+        Raises InputError if the state directory cannot be used or another daemon uses it.
+        """
+        self._take_state_dir()
+        loop = asyncio.get_running_loop()
+        for number, handler in (
+            (signal.SIGTERM, self.stop),
+            (signal.SIGINT, self.stop),
+            (signal.SIGHUP, self.request_reload),
+        ):
+            loop.add_signal_handler(number, handler)
+        self.outbox.start()
+        self.recorder.start()
+        self._publisher_task = asyncio.create_task(self.publisher.run(), name="publisher")
+        self._link_task = asyncio.create_task(self.supervisor.run(), name="link")
+        others = [
+            asyncio.create_task(self._lag.run(), name="loop-lag"),
+            asyncio.create_task(self._tell_health(), name="health"),
+            asyncio.create_task(self._feed_watchdog(), name="watchdog"),
+        ]
+        self._notifier.ready(f"tool {self.settings.tool.id}")
+        log.info("tool %s: running, state in %s", self.settings.tool.id, self.state_dir)
+        try:
+            await self._until_stopped(others)
+        finally:
+            for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+                loop.remove_signal_handler(number)
+            self._notifier.stopping("leaving")
+            await self._shut_down(others)
+            self._notifier.close()
+
+    def stop(self) -> None:
+        """Ask for an orderly end."""
+        self._stopping.set()
+
+    async def _until_stopped(self, others: list[asyncio.Task[None]]) -> None:
+        """Wait for the end; a part that dies is fatal and says so (systemd restarts us), never silence."""
+        stopping = asyncio.create_task(self._stopping.wait(), name="stopping")
+        try:
+            while True:
+                assert self._link_task is not None and self._publisher_task is not None
+                watched: set[asyncio.Task[Any]] = {stopping, self._publisher_task, *others}
+                if not self._link_ended:
+                    watched.add(self._link_task)
+                done, _ = await asyncio.wait(watched, return_when=asyncio.FIRST_COMPLETED)
+                if stopping in done:
+                    return
+                for task in done:
+                    if task.cancelled():
+                        continue  # replaced by a reload
+                    if (error := task.exception()) is not None:
+                        raise error
+                    if task is self._link_task:
+                        await self._deliver_rest()
+                        return
+        finally:
+            stopping.cancel()
+
+    async def _deliver_rest(self) -> None:
+        """A replay has ended: give the broker time to take what was made of it."""
+        log.info("the recording has ended")
+        while self.outbox.stats().queued and not self._stopping.is_set():
+            await asyncio.sleep(0.05)
+
+    async def _shut_down(self, others: list[asyncio.Task[None]]) -> None:
+        deadline = time.monotonic() + STOP_BUDGET_S
+        if self._link_task is not None:
+            await _cancel(self._link_task)
+        for task in others:
+            await _cancel(task)
+        # close what the disk must not lose before the network is given the rest of the time
+        await asyncio.to_thread(self.recorder.stop, max(deadline - time.monotonic() - 4.0, 1.0))
+        self._publish_health()
+        await self.publisher.stop(max(min(deadline - time.monotonic() - 2.0, 4.0), 0.5))
+        if self._publisher_task is not None:
+            await _cancel(self._publisher_task)
+        await asyncio.to_thread(self.outbox.stop, max(deadline - time.monotonic(), 1.0))
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+    async def _tell_health(self) -> None:
+        last_clock_check = 0.0
+        while True:
+            now = time.monotonic()
+            if now - last_clock_check >= CLOCK_CHECK_S:
+                self._clock_synced, last_clock_check = clock_synced(), now
+            self._publish_health()
+            link = self.supervisor.stats
+            self._notifier.status(
+                f"link {link.state.value}, {self.pipeline.attitudes} attitudes,"
+                f" {'connected to' if self.publisher.connected else 'without'} broker,"
+                f" {self.outbox.stats().queued} queued"
+            )
+            await asyncio.sleep(self.settings.service.health_interval_s)
+
+    async def _feed_watchdog(self) -> None:
+        interval = self._notifier.watchdog_interval_s
+        if interval is None:
+            await asyncio.Event().wait()
+            return
+        while True:
+            if self.outbox.stalled_s() < min(WEDGED_AFTER_S, interval / 2.0):
+                self._notifier.watchdog()
+            else:
+                log.error("the outbox has made no progress for %.0f s", self.outbox.stalled_s())
+            await asyncio.sleep(interval / 4.0)
+
+    # --- reload ------------------------------------------------------------------------------------------------
+
+    def request_reload(self) -> None:
+        """SIGHUP: read the configuration again, and the active calibration."""
+        self._notifier.reloading("reloading")
+        try:
+            self._reload()
+            self._reload_error = None
+            self._reloads += 1
+            log.info("reloaded")
+        except HighsideError as error:
+            self._reload_error = str(error)
+            log.error("reload refused, the old configuration stays in force: %s", error)
+        self._notifier.ready()
+        self._publish_health()
+
+    def _reload(self) -> None:
+        if self._reload_settings is None:
+            return
+        new = self._reload_settings()
+        old = self.settings
+        for table, why in (("service", "state_dir"), ("tool", "id")):
+            if getattr(getattr(new, table), why) != getattr(getattr(old, table), why):
+                raise InputError(
+                    "cannot change while running", field=f"{table}.{why}", remedy="restart the service instead"
+                )
+        # everything that can fail is made before anything is swapped
+        codec_changed = new.codec != old.codec or new.monitor != old.monitor
+        if codec_changed:
+            new.codec.build()
+        self.settings = new
+        correction = self._correction(new)
+        if codec_changed:
+            self.pipeline = self._make_pipeline(correction)
+        else:
+            self.pipeline.correction = correction
+            self.pipeline.extra_flags = self._extra_flags()
+            if (new.tool, new.pipeline, new.survey) != (old.tool, old.pipeline, old.survey):
+                self.pipeline.apply(new.tool, new.pipeline, new.survey)
+        if new.link != old.link and self._link_task is not None:
+            self._link_task.cancel()
+            self.supervisor = self._make_supervisor()
+            self._link_task = asyncio.create_task(_after(self._link_task, self.supervisor.run), name="link")
+        if new.mqtt != old.mqtt and self._publisher_task is not None:
+            self._publisher_task.cancel()
+            self.publisher = self._make_publisher()
+            self._publisher_task = asyncio.create_task(_after(self._publisher_task, self.publisher.run), name="publisher")
+        if new.recorder != old.recorder:
+            self.recorder.apply(new.recorder)
+
+    # --- the state directory -----------------------------------------------------------------------------------
+
+    def _take_state_dir(self) -> None:
+        """Make the directory and hold a lock on it, so that no two daemons share an outbox."""
+        where = str(self.state_dir)
+        try:
+            self.state_dir.mkdir(parents=True, exist_ok=True)
+            lock = (self.state_dir / "lock").open("w")
+        except OSError as error:
+            raise InputError(
+                f"the state directory cannot be written: {error.strerror}",
+                where=where,
+                field="service.state_dir",
+                remedy="give one that this user may write",
+            ) from None
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            lock.close()
+            raise InputError(
+                "another highside uses this state directory",
+                where=where,
+                field="service.state_dir",
+                remedy="stop it, or give this one its own",
+            ) from None
+        self._lock = lock
+
+
+def correction_of(settings: Settings) -> Correction:
+    """The correction that a configuration asks for.
+
+    Raises Refused (exit status 1) if the record is tampered with, expired or of another tool, InputError if it cannot
+    be read.
+    """
+    calibration, tool = settings.calibration, settings.tool
+    if calibration.record is not None:
+        return load_record_file(calibration.record, tool_id=tool.id, serial=tool.serial, now_s=time.time())
+    if calibration.store is not None:
+        return load_active(calibration.store, tool_id=tool.id, serial=tool.serial, now_s=time.time())
+    return _uncalibrated(settings)
+
+
+def _uncalibrated(settings: Settings) -> IdentityCorrection:
+    return IdentityCorrection(settings.calibration.bias_std_g, settings.calibration.scale_std)
+
+
+def state_dir(settings: Settings) -> Path:
+    """Where the service keeps its state: configured, given by systemd, or `./state`."""
+    if settings.service.state_dir is not None:
+        return settings.service.state_dir
+    given = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
+    return Path(given) if given else Path("state")
+
+
+async def _cancel(task: asyncio.Task[Any]) -> None:
+    task.cancel()
+    with contextlib.suppress(asyncio.CancelledError, Exception):
+        await task
+
+
+async def _after(before: asyncio.Task[None], then: Callable[[], Any]) -> None:
+    """Run `then` once the task it replaces has given everything back."""
+    with contextlib.suppress(asyncio.CancelledError):
+        await asyncio.wait({before})
+    await then()
