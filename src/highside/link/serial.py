@@ -58,7 +58,7 @@ class SerialTransport:
     def __init__(self, settings: SerialSettings) -> None:
         self._settings = settings
         self._is_url = "://" in settings.port
-        self._port: SerialPort | None = None
+        self._port: SerialPort = None
         self._fd = -1
         self._identity: tuple[int, int] | None = None
         self._deliver: Deliver | None = None
