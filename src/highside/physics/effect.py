@@ -1,0 +1,209 @@
+"""What an effect is: one small unit of physics with a name, a story, parameters and a place in the chain.
+
+The chain, in order, and what an effect adds at each stage (dimension x N rows):
+
+    POSE       rad, (3, N): increments of the inclination I, of the cross angle E and of the toolface T
+    GRAVITY    1,   (3, N): increment of the lab's vertical (0, 0, 1)
+    MOUNTING   rad, (3, 1): rotation vector from the tool frame to the triad's frame
+    KINEMATIC  g,   (3, N): specific force of motion, in the triad's frame
+    SENSOR     g,   (3, N): what the triad reports beyond its input f
+    THERMAL    g,   (3, N): as SENSOR, following temperature or time
+    NOISE      g,   (3, N): drawn at random, nothing to predict
+
+Effects of one stage act side by side (each sees the stage's input, not another's output), so their order does not
+matter and the model stays `m = f + sum of terms(f)`, the form of the calibration equations.
+
+An effect is *one file* in `highside.physics.effects` holding one instance named `EFFECT`; it is found by itself.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import ClassVar
+
+import numpy as np
+
+from highside.errors import InputError
+from highside.physics.gravity import Array
+from highside.physics.state import ChainState
+
+AXES = ("x", "y", "z")
+REFERENCE_TEMP_C = 25.0
+"""temperature at which the thermal effects vanish"""
+
+
+class Stage(Enum):
+    """Where in the chain an effect acts; the order of the members is that of the chain."""
+
+    POSE = "pose"
+    GRAVITY = "gravity"
+    MOUNTING = "mounting"
+    KINEMATIC = "kinematic"
+    SENSOR = "sensor"
+    THERMAL = "thermal"
+    NOISE = "noise"
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One number of an effect.
+
+    `gate` is the physically plausible range: a fit outside of it is not believed, a model outside of it is refused.
+    `shape` marks numbers that form the effect without giving it size (a time constant, a harmonic order): with all
+    others at zero the effect is nothing, whatever the shape. `grid` are the values of a shape worth trying.
+    """
+
+    name: str
+    unit: str
+    typical: float
+    gate: tuple[float, float]
+    default: float = 0.0
+    shape: bool = False
+    integer: bool = False
+    grid: tuple[float, ...] = ()
+
+
+def triad(prefix: str, unit: str, typical: float, limit: float) -> tuple[Parameter, ...]:
+    """Three parameters `prefix_x, prefix_y, prefix_z` with the gate +-limit."""
+    return tuple(Parameter(f"{prefix}_{axis}", unit, typical, (-limit, limit)) for axis in AXES)
+
+
+class Effect(ABC):
+    """Base of all effects. Parameters travel as a vector (K,) in the order of `parameters`.
+
+    A subclass gives the class attributes and `delta`. The derivatives come from a complex step (exact to rounding)
+    unless `complex_safe` is False (central differences then) or the subclass knows them in closed form.
+    """
+
+    id: ClassVar[str]
+    title: ClassVar[str]
+    stage: ClassVar[Stage]
+    formula: ClassVar[str]
+    story: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    confused_with: ClassVar[tuple[str, ...]] = ()
+    splitter: ClassVar[str] = ""
+    needs: ClassVar[tuple[str, ...]] = ()
+    """fields of ChainState that must vary (or be known) for the effect to show"""
+    complex_safe: ClassVar[bool] = True
+    random: ClassVar[bool] = False
+    depends_on_input: ClassVar[bool] = True
+    """False: `delta` does not read the stage's input, so nothing before it passes through it"""
+
+    @abstractmethod
+    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        """What it adds at its stage, (3, N) (MOUNTING: (3, 1)), for parameters p (K,) and stage input x (3, N)."""
+
+    def derivative(self, state: ChainState, p: Array, x: Array) -> Array:
+        """d delta / d p, (K, 3, N)."""
+        p = np.asarray(p, dtype=float)
+        columns = []
+        for k, parameter in enumerate(self.parameters):
+            if self.complex_safe:
+                step = p.astype(complex)
+                step[k] += 1e-30j
+                columns.append(np.imag(self.delta(state, step, x)) / 1e-30)
+            else:
+                h = 1e-5 * max(abs(p[k]), abs(parameter.typical))
+                up, down = p.copy(), p.copy()
+                up[k] += h
+                down[k] -= h
+                columns.append((self.delta(state, up, x) - self.delta(state, down, x)) / (2 * h))
+        return np.stack(columns)
+
+    def input_jacobian(self, state: ChainState, p: Array, x: Array) -> Array:
+        """d delta / d x, (3, 3, N): [i, j] is the change of component i with component j of the stage's input."""
+        jacobian = np.empty((3, 3, x.shape[1]))
+        for j in range(3):
+            step = x.astype(complex)
+            step[j] += 1e-30j
+            jacobian[:, j] = np.imag(self.delta(state, p, step)) / 1e-30
+        return jacobian
+
+    def vector(self, values: Mapping[str, float] | None = None) -> Array:
+        """Parameter vector (K,) from named values; those not named take their default.
+
+        Raises InputError for a name the effect does not have.
+        """
+        values = dict(values or {})
+        result = np.array([values.pop(parameter.name, parameter.default) for parameter in self.parameters], dtype=float)
+        if values:
+            known = ", ".join(parameter.name for parameter in self.parameters)
+            raise InputError(f"effect '{self.id}' has no parameter '{next(iter(values))}'", remedy=f"it has: {known}")
+        return result
+
+    def outside_gate(self, p: Array) -> list[str]:
+        """Names of the parameters whose value is not finite or outside of the plausible range."""
+        return [
+            parameter.name
+            for parameter, value in zip(self.parameters, p, strict=True)
+            if not parameter.gate[0] <= value <= parameter.gate[1]
+        ]
+
+    @property
+    def amplitudes(self) -> tuple[int, ...]:
+        """Indices of the parameters that give the effect its size."""
+        return tuple(k for k, parameter in enumerate(self.parameters) if not parameter.shape)
+
+
+class LinearEffect(Effect):
+    """An effect that is a sum of parameter times basis function: gives `basis`, and gets the rest from it."""
+
+    @abstractmethod
+    def basis(self, state: ChainState, x: Array) -> Array:
+        """(K, 3, N): what one unit of each parameter adds."""
+
+    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        return np.tensordot(p, self.basis(state, x), 1)
+
+    def derivative(self, state: ChainState, p: Array, x: Array) -> Array:
+        return self.basis(state, x)
+
+
+class AxisEffect(LinearEffect):
+    """A term of each sensor by itself, `p_i * h(f_i)` on axis i; gives the scalar function and its slope."""
+
+    @abstractmethod
+    def term(self, state: ChainState, f: Array) -> Array:
+        """h(f), (3, N)."""
+
+    @abstractmethod
+    def slope(self, state: ChainState, f: Array) -> Array:
+        """dh/df, (3, N)."""
+
+    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        return p[:, None] * self.term(state, x)
+
+    def basis(self, state: ChainState, x: Array) -> Array:
+        return on_own_axis(self.term(state, x))
+
+    def input_jacobian(self, state: ChainState, p: Array, x: Array) -> Array:
+        return on_own_axis(p[:, None] * self.slope(state, x))
+
+
+class RandomEffect(Effect):
+    """Drawn, not predicted. The parameters are sizes of scatter; `draws_at` is the stage it disturbs."""
+
+    random = True
+    draws_at: ClassVar[Stage] = Stage.SENSOR
+
+    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        return np.zeros((3, state.n), dtype=np.result_type(p, float))
+
+    def derivative(self, state: ChainState, p: Array, x: Array) -> Array:
+        return np.zeros((len(self.parameters), 3, state.n))
+
+    @abstractmethod
+    def draw(self, state: ChainState, p: Array, rng: np.random.Generator) -> Array:
+        """One realisation, (3, N), in the units of the stage `draws_at`."""
+
+
+def on_own_axis(values: Array) -> Array:
+    """(3, N) -> (3, 3, N) with row i on the diagonal [i, i] and zeros elsewhere."""
+    result = np.zeros((3, *values.shape), dtype=values.dtype)
+    for axis in range(3):
+        result[axis, axis] = values[axis]
+    return result

@@ -1,0 +1,33 @@
+"""The vertical in the bench's own frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.physics.effect import LinearEffect, Parameter, Stage
+from highside.physics.gravity import Array
+from highside.physics.state import ChainState
+
+
+class BaseTilt(LinearEffect):
+    id = "base_tilt"
+    title = "Bench not level"
+    stage = Stage.GRAVITY
+    formula = "vertical = (tilt_x, tilt_y, 1): I + tilt_x, T + tilt_y / sin I"
+    story = (
+        "The bench stands on a floor that is not level: its whole frame leans, so inclination and toolface are off "
+        "by amounts fixed in the room."
+    )
+    parameters = (
+        Parameter("tilt_x", "rad", 5e-4, (-0.05, 0.05)),
+        Parameter("tilt_y", "rad", 5e-4, (-0.05, 0.05)),
+    )
+    confused_with = ("scale", "misalignment", "encoder_first_harmonic", "sag", "mounting")
+    splitter = "a second inclination; best a reversal ring (the table turned to -I or beyond 90 deg)"
+    depends_on_input = False
+
+    def basis(self, state: ChainState, x: Array) -> Array:
+        return np.array([[[1.0], [0.0], [0.0]], [[0.0], [1.0], [0.0]]])
+
+
+EFFECT = BaseTilt()

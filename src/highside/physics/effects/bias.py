@@ -1,0 +1,30 @@
+"""Zero offset of each accelerometer."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.physics.effect import AxisEffect, Stage, triad
+from highside.physics.gravity import Array
+from highside.physics.state import ChainState
+
+
+class Bias(AxisEffect):
+    id = "bias"
+    title = "Zero offset"
+    stage = Stage.SENSOR
+    formula = "b_i"
+    story = "Each accelerometer reads a constant amount too much or too little, whatever its attitude."
+    parameters = triad("b", "g", 2e-3, 0.15)
+    confused_with = ("misalignment", "turn_on_bias")
+    splitter = "a second inclination: at one inclination M_iz cos I is a constant too"
+    depends_on_input = False
+
+    def term(self, state: ChainState, f: Array) -> Array:
+        return np.ones((3, state.n))
+
+    def slope(self, state: ChainState, f: Array) -> Array:
+        return np.zeros((3, state.n))
+
+
+EFFECT = Bias()

@@ -1,0 +1,31 @@
+"""Zero offset that changes at a constant rate."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.physics.effect import AxisEffect, Stage, triad
+from highside.physics.gravity import Array
+from highside.physics.state import ChainState
+
+
+class BiasDrift(AxisEffect):
+    id = "bias_drift"
+    title = "Steady drift of the zero offset"
+    stage = Stage.THERMAL
+    formula = "d_i (t - t_start)"
+    story = "The zero offset creeps at a constant rate: ageing, creep of the suspension."
+    parameters = triad("d", "g/s", 1e-8, 1e-5)
+    confused_with = ("temperature_bias", "wander", "warmup", "thermal_lag")
+    splitter = "return to a reference pose every 10 to 15 minutes, at constant temperature"
+    needs = ("t_s",)
+    depends_on_input = False
+
+    def term(self, state: ChainState, f: Array) -> Array:
+        return np.broadcast_to(state.t_s - state.t_s[:1], (3, state.n))
+
+    def slope(self, state: ChainState, f: Array) -> Array:
+        return np.zeros((3, state.n))
+
+
+EFFECT = BiasDrift()

@@ -1,0 +1,36 @@
+"""A higher harmonic of the toolface drive."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.physics.effect import Effect, Parameter, Stage
+from highside.physics.gravity import Array
+from highside.physics.state import ChainState
+
+
+class Cogging(Effect):
+    id = "cogging"
+    title = "Harmonic of the drive (cogging, gear)"
+    stage = Stage.POSE
+    formula = "dT = ck cos kT + sk sin kT"
+    story = "The drive rests a little off at each tooth or pole: an error that repeats k times a turn."
+    parameters = (
+        Parameter("ck", "rad", 5e-5, (-0.01, 0.01)),
+        Parameter("sk", "rad", 5e-5, (-0.01, 0.01)),
+        Parameter(
+            "k", "1", 6.0, (3.0, 720.0), default=6.0, shape=True, integer=True, grid=(3.0, 4.0, 5.0, 6.0, 8.0, 12.0)
+        ),
+    )
+    confused_with = ("wobble", "reading_noise")
+    splitter = "toolfaces that are not equally spaced: a harmonic aliases with the spacing"
+    depends_on_input = False
+
+    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        ck, sk, k = p
+        delta = np.zeros((3, state.n), dtype=p.dtype)
+        delta[2] = ck * np.cos(k * state.tf_rad) + sk * np.sin(k * state.tf_rad)
+        return delta
+
+
+EFFECT = Cogging()

@@ -1,0 +1,27 @@
+"""Odd third-order term of each accelerometer, K3."""
+
+from __future__ import annotations
+
+from highside.physics.effect import AxisEffect, Stage, triad
+from highside.physics.gravity import Array
+from highside.physics.state import ChainState
+
+
+class Cubic(AxisEffect):
+    id = "cubic"
+    title = "Cubic non-linearity (K3)"
+    stage = Stage.SENSOR
+    formula = "k3_i f_i^3"
+    story = "The sensitivity changes with load, alike in both directions: a scale error that grows with the input."
+    parameters = triad("k3", "g/g^3", 5e-4, 5e-3)
+    confused_with = ("scale", "encoder_second_harmonic")
+    splitter = "poses at intermediate loads (near 0.58 g the cubic differs most from a scale error)"
+
+    def term(self, state: ChainState, f: Array) -> Array:
+        return f**3
+
+    def slope(self, state: ChainState, f: Array) -> Array:
+        return 3 * f**2
+
+
+EFFECT = Cubic()

@@ -1,0 +1,40 @@
+"""Sensitive axes that are not square to each other or to the tool."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.physics.effect import AXES, LinearEffect, Parameter, Stage
+from highside.physics.gravity import Array
+from highside.physics.state import ChainState
+
+PAIRS = [(i, j) for i in range(3) for j in range(3) if i != j]
+
+
+class Misalignment(LinearEffect):
+    id = "misalignment"
+    title = "Misalignment"
+    stage = Stage.SENSOR
+    formula = "m_ij f_j (i the axis that reads, j the axis that leaks in)"
+    story = (
+        "The sensitive axes are not square to each other or to the tool, so each accelerometer also feels a share "
+        "of the others' load."
+    )
+    parameters = tuple(Parameter(f"m_{AXES[i]}{AXES[j]}", "rad", 3e-3, (-0.06, 0.06)) for i, j in PAIRS)
+    confused_with = ("mounting", "base_tilt", "axis_nonorthogonality", "bias")
+    splitter = "the symmetric part shows in |a| alone; the antisymmetric part needs a reference of attitude"
+
+    def basis(self, state: ChainState, x: Array) -> Array:
+        basis = np.zeros((6, 3, x.shape[1]), dtype=x.dtype)
+        for k, (i, j) in enumerate(PAIRS):
+            basis[k, i] = x[j]
+        return basis
+
+    def input_jacobian(self, state: ChainState, p: Array, x: Array) -> Array:
+        matrix = np.zeros((3, 3))
+        for value, (i, j) in zip(p, PAIRS, strict=True):
+            matrix[i, j] = value
+        return np.broadcast_to(matrix[:, :, None], (3, 3, x.shape[1]))
+
+
+EFFECT = Misalignment()

@@ -1,0 +1,51 @@
+"""Repeatability of the bench: where it stops is not exactly where its encoders say."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.physics.effect import Parameter, RandomEffect, Stage
+from highside.physics.gravity import Array
+from highside.physics.state import ChainState
+
+LIMIT = (0.0, 0.02)
+
+
+class PoseError(RandomEffect):
+    """Uniform errors of given half-width, as a bench of finite steps makes them (a step of 0.018 deg: 0.009 deg).
+
+    The stage does not move within a ring, so a ring has an inclination error in common; the toolface encoder repeats
+    itself, so a station has a toolface error in common.
+    """
+
+    id = "pose_error"
+    title = "Pose error of the bench"
+    stage = Stage.NOISE
+    draws_at = Stage.POSE
+    formula = "dI = U(inc_ring) a ring + U(inc_pose) a pose, dT = U(tf_station) a station + U(tf_pose) a pose"
+    story = (
+        "The bench stops near, not at, the angle it shows: partly anew at each stop, partly the same for a whole "
+        "ring or at each return to a station."
+    )
+    parameters = (
+        Parameter("inc_pose", "rad", 1.57e-4, LIMIT),
+        Parameter("tf_pose", "rad", 1.57e-4, LIMIT),
+        Parameter("inc_ring", "rad", 1.57e-4, LIMIT),
+        Parameter("tf_station", "rad", 1.57e-4, LIMIT),
+    )
+    confused_with = ("reading_noise", "cogging")
+    splitter = "repeat a pose without moving the table (noise) and after moving it (pose error)"
+
+    def draw(self, state: ChainState, p: Array, rng: np.random.Generator) -> Array:
+        inc_pose, tf_pose, inc_ring, tf_station = p
+
+        def per(group: Array, half_width: float) -> Array:
+            _, index = np.unique(group, return_inverse=True)
+            return half_width * rng.uniform(-1, 1, index.max(initial=-1) + 1)[index.reshape(-1)]
+
+        inc = per(state.ring, inc_ring) + per(state.pose, inc_pose)
+        tf = per(state.station, tf_station) + per(state.pose, tf_pose)
+        return np.stack([inc, np.zeros(state.n), tf])
+
+
+EFFECT = PoseError()

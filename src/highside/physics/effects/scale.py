@@ -1,0 +1,29 @@
+"""Error of the scale factor of each accelerometer."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.physics.effect import AxisEffect, Stage, triad
+from highside.physics.gravity import Array
+from highside.physics.state import ChainState
+
+
+class Scale(AxisEffect):
+    id = "scale"
+    title = "Scale factor error"
+    stage = Stage.SENSOR
+    formula = "s_i f_i"
+    story = "Each accelerometer exaggerates or understates what it feels by a fixed share."
+    parameters = triad("s", "1", 5e-3, 0.1)
+    confused_with = ("misalignment", "cubic", "temperature_scale")
+    splitter = "poses with the axis along and against gravity; several temperatures"
+
+    def term(self, state: ChainState, f: Array) -> Array:
+        return f
+
+    def slope(self, state: ChainState, f: Array) -> Array:
+        return np.ones((3, state.n))
+
+
+EFFECT = Scale()

@@ -1,0 +1,31 @@
+"""Zero offset that follows the temperature."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.physics.effect import REFERENCE_TEMP_C, AxisEffect, Stage, triad
+from highside.physics.gravity import Array
+from highside.physics.state import ChainState
+
+
+class TemperatureBias(AxisEffect):
+    id = "temperature_bias"
+    title = "Temperature coefficient of the zero offset"
+    stage = Stage.THERMAL
+    formula = "bt_i (T - 25 C)"
+    story = "The zero offset follows the temperature."
+    parameters = triad("bt", "g/C", 1e-4, 3e-3)
+    confused_with = ("bias_drift", "warmup", "thermal_lag", "wander")
+    splitter = "an up and a down temperature ramp: what follows temperature comes back, what follows time does not"
+    needs = ("temp_c",)
+    depends_on_input = False
+
+    def term(self, state: ChainState, f: Array) -> Array:
+        return np.broadcast_to(state.temp_c - REFERENCE_TEMP_C, (3, state.n))
+
+    def slope(self, state: ChainState, f: Array) -> Array:
+        return np.zeros((3, state.n))
+
+
+EFFECT = TemperatureBias()

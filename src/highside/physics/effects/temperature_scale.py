@@ -1,0 +1,30 @@
+"""Scale factor that follows the temperature."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.physics.effect import REFERENCE_TEMP_C, AxisEffect, Stage, triad
+from highside.physics.gravity import Array
+from highside.physics.state import ChainState
+
+
+class TemperatureScale(AxisEffect):
+    id = "temperature_scale"
+    title = "Temperature coefficient of the scale factor"
+    stage = Stage.THERMAL
+    formula = "st_i f_i (T - 25 C)"
+    story = "The scale factor follows the temperature."
+    parameters = triad("st", "1/C", 1e-4, 1e-3)
+    confused_with = ("temperature_bias", "scale")
+    splitter = "the same temperatures at poses that load the axis differently"
+    needs = ("temp_c",)
+
+    def term(self, state: ChainState, f: Array) -> Array:
+        return f * (state.temp_c - REFERENCE_TEMP_C)
+
+    def slope(self, state: ChainState, f: Array) -> Array:
+        return np.broadcast_to(state.temp_c - REFERENCE_TEMP_C, f.shape)
+
+
+EFFECT = TemperatureScale()

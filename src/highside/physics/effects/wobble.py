@@ -1,0 +1,40 @@
+"""Nutation of the spindle axis with the turn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.physics.effect import Effect, Parameter, Stage
+from highside.physics.gravity import Array
+from highside.physics.state import ChainState
+
+
+class Wobble(Effect):
+    id = "wobble"
+    title = "Spindle wobble"
+    stage = Stage.POSE
+    formula = "dI = ck cos kT + sk sin kT, dE = dk cos kT + tk sin kT"
+    story = "The spindle's bearings let its axis nod as it turns, k times a turn."
+    parameters = (
+        Parameter("ck", "rad", 1e-4, (-5e-3, 5e-3)),
+        Parameter("sk", "rad", 1e-4, (-5e-3, 5e-3)),
+        Parameter("dk", "rad", 1e-4, (-5e-3, 5e-3)),
+        Parameter("tk", "rad", 1e-4, (-5e-3, 5e-3)),
+        Parameter(
+            "k", "1", 2.0, (1.0, 100.0), default=2.0, shape=True, integer=True, grid=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+        ),
+    )
+    confused_with = ("encoder_second_harmonic", "quadratic", "misalignment", "mounting")
+    splitter = (
+        "inclination error against toolface error at several inclinations; k = 1 in step with the turn is a "
+        "mounting error"
+    )
+    depends_on_input = False
+
+    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        ck, sk, dk, tk, k = p
+        cos, sin = np.cos(k * state.tf_rad), np.sin(k * state.tf_rad)
+        return np.stack([ck * cos + sk * sin, dk * cos + tk * sin, np.zeros(state.n)])
+
+
+EFFECT = Wobble()

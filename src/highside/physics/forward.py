@@ -1,0 +1,269 @@
+"""The forward model: from where the bench says the tool is to what the triad reports, with any set of effects.
+
+    I, E, T  = encoder readings + sum of POSE effects                         (rad)
+    w        = Rz(T) Rx(E) Ry(I) v/|v|,  v = (0, 0, 1) + sum of GRAVITY effects  (true gravity in the tool frame, g)
+    f        = exp([mounting]) w + sum of KINEMATIC effects                   (specific force at the triad, g)
+    m        = f + sum of SENSOR and THERMAL effects of f                     (reported, g)
+
+The Jacobian follows the same way by the chain rule, effect by effect in closed form or by complex step. Pure: a model
+is a value, and `predict` and `jacobian` change nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from highside.errors import InputError
+from highside.physics import effects as library
+from highside.physics.effect import Effect, RandomEffect, Stage
+from highside.physics.gravity import Array, attitude_of, rotate_x, rotate_y, rotate_z, rotation_matrix, unit
+from highside.physics.state import ChainState
+
+Draws = Mapping[Stage, Array]
+"""realised random increments by the stage they disturb"""
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """What stands between the stages of one evaluation; arrays (3, N)."""
+
+    pose: Array
+    """I, E, T in rad after the POSE effects"""
+    vertical: Array
+    """the lab's vertical, unit"""
+    lab: Array
+    """before normalisation"""
+    after_inc: Array
+    after_cross: Array
+    gravity: Array
+    """true gravity in the tool frame, unit: what a perfect instrument must report"""
+    mounting: Array
+    """rotation vector, (3,) rad"""
+    rotation: Array
+    """tool frame to triad frame, (3, 3)"""
+    force: Array
+    """specific force at the triad, g: the input of the SENSOR and THERMAL stages"""
+    reported: Array
+    """g"""
+
+
+@dataclass(frozen=True)
+class ForwardModel:
+    """A set of effects with their parameters. `effects` are pairs (effect, vector); make one with `ForwardModel.of`."""
+
+    effects: tuple[tuple[Effect, Array], ...]
+
+    @classmethod
+    def of(cls, effects: Iterable[tuple[str, Mapping[str, float]]] | Mapping[str, Mapping[str, float]]) -> ForwardModel:
+        """From pairs (id, {parameter: value}). Raises InputError for unknown or repeated ids and unknown parameters."""
+        pairs = effects.items() if isinstance(effects, Mapping) else effects
+        built = tuple((library.get(effect_id), library.get(effect_id).vector(values)) for effect_id, values in pairs)
+        ids = [effect.id for effect, _ in built]
+        if len(set(ids)) != len(ids):
+            twice = next(effect_id for effect_id in ids if ids.count(effect_id) > 1)
+            raise InputError(f"effect '{twice}' is given twice")
+        return cls(built)
+
+    # -- looking in
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Ids of the effects included."""
+        return tuple(effect.id for effect, _ in self.effects)
+
+    def parameters(self) -> dict[str, dict[str, float]]:
+        """{effect id: {parameter: value}}."""
+        return {
+            effect.id: {parameter.name: float(value) for parameter, value in zip(effect.parameters, p, strict=True)}
+            for effect, p in self.effects
+        }
+
+    def effect(self, effect_id: str) -> Effect:
+        """The effect of that id: the model's own (which need not be of the library), else the library's."""
+        return next((effect for effect, _ in self.effects if effect.id == effect_id), None) or library.get(effect_id)
+
+    def vector_of(self, effect_id: str) -> Array:
+        """Parameter vector of an effect; its defaults if it is not part of this model."""
+        own = next((p for effect, p in self.effects if effect.id == effect_id), None)
+        return library.get(effect_id).vector() if own is None else own
+
+    # -- changing (a new value)
+
+    def with_effects(self, effects: Mapping[str, Mapping[str, float]]) -> ForwardModel:
+        """With these effects added, or with other parameters where they are already there."""
+        kept = tuple((effect, p) for effect, p in self.effects if effect.id not in effects)
+        return ForwardModel((*kept, *((self.effect(name), self.effect(name).vector(v)) for name, v in effects.items())))
+
+    def without(self, *effect_ids: str) -> ForwardModel:
+        """Without these effects."""
+        return ForwardModel(tuple((effect, p) for effect, p in self.effects if effect.id not in effect_ids))
+
+    def free_names(self, free: Sequence[str] | None = None) -> list[str]:
+        """Names `effect.parameter` of what `free` stands for: ids of effects (their amplitudes) or such names.
+
+        None: the amplitudes of all (not random) effects of the model.
+        """
+        wanted = [effect.id for effect, _ in self.effects if not effect.random] if free is None else free
+        names: list[str] = []
+        for item in wanted:
+            effect_id, _, parameter = item.partition(".")
+            effect = self.effect(effect_id)
+            known = [p.name for p in effect.parameters]
+            if parameter and parameter not in known:
+                raise InputError(
+                    f"effect '{effect_id}' has no parameter '{parameter}'", remedy=f"it has: {', '.join(known)}"
+                )
+            names += [item] if parameter else [f"{effect_id}.{known[k]}" for k in effect.amplitudes]
+        return names
+
+    def get_free(self, free: Sequence[str] | None = None) -> Array:
+        """(P,) values of the free parameters, in the order of `free_names`."""
+        return np.array([self.vector_of(e)[self._index(e, p)] for e, p in _split(self.free_names(free))])
+
+    def set_free(self, values: Array, free: Sequence[str] | None = None) -> ForwardModel:
+        """With other values of the free parameters; effects that are not part of the model yet are added."""
+        vectors = {effect.id: p.copy() for effect, p in self.effects}
+        for (effect_id, parameter), value in zip(_split(self.free_names(free)), values, strict=True):
+            vectors.setdefault(effect_id, self.effect(effect_id).vector())[self._index(effect_id, parameter)] = value
+        return ForwardModel(tuple((self.effect(effect_id), p) for effect_id, p in vectors.items()))
+
+    # -- evaluating
+
+    def predict(self, state: ChainState) -> Array:
+        """Reported gravity direction, (3, N) in g, without anything random."""
+        return self.chain(state).reported
+
+    def truth(self, state: ChainState, draws: Draws | None = None) -> tuple[Array, Array]:
+        """Where the tool is, not where the bench says: inclination in [0, pi], toolface in [0, 2 pi), (N,) rad."""
+        return attitude_of(self.chain(state, draws).gravity)
+
+    def draw(self, state: ChainState, rng: np.random.Generator) -> dict[Stage, Array]:
+        """One realisation of all random effects, summed by the stage they disturb.
+
+        Each effect has its own stream, so adding one leaves the others' draws as they were.
+        """
+        draws: dict[Stage, Array] = {}
+        root = int(rng.integers(2**63))
+        for effect, p in self.effects:
+            if isinstance(effect, RandomEffect):
+                own = np.random.default_rng([root, *effect.id.encode()])
+                increment = effect.draw(state, p, own)
+                draws[effect.draws_at] = draws.get(effect.draws_at, 0.0) + increment
+        return draws
+
+    def simulate(self, state: ChainState, rng: np.random.Generator) -> Array:
+        """Reported gravity direction, (3, N) in g, with one realisation of everything random."""
+        return self.chain(state, self.draw(state, rng)).reported
+
+    def chain(self, state: ChainState, draws: Draws | None = None) -> Chain:
+        """All stages of one evaluation."""
+        draws = draws or {}
+
+        def total(stage: Stage, start: Array, x: Array) -> Array:
+            result = start
+            for effect, p in self.effects:
+                if effect.stage is stage and not effect.random:
+                    result = result + effect.delta(state, p, x)
+            return result + draws[stage] if stage in draws else result
+
+        reading = np.stack([state.inc_rad, np.zeros(state.n), state.tf_rad])
+        pose = total(Stage.POSE, reading, reading)
+        level = np.array([[0.0], [0.0], [1.0]])
+        lab = total(Stage.GRAVITY, level, level)
+        vertical = unit(lab)
+        after_inc = rotate_y(pose[0], vertical)
+        after_cross = rotate_x(pose[1], after_inc)
+        gravity = rotate_z(pose[2], after_cross)
+        mounting = total(Stage.MOUNTING, np.zeros((3, 1)), np.zeros((3, 1)))[:, 0]
+        rotation = rotation_matrix(mounting)
+        force = total(Stage.KINEMATIC, rotation @ gravity, gravity)
+        reported = total(Stage.SENSOR, force, force)
+        reported = total(Stage.THERMAL, reported, force)
+        reported = total(Stage.NOISE, reported, force)
+        return Chain(pose, vertical, lab, after_inc, after_cross, gravity, mounting, rotation, force, reported)
+
+    def sensitivity(self, state: ChainState, chain: Chain | None = None) -> Array:
+        """dm/df, (3, 3, N): how the report follows the specific force, at the present parameters."""
+        chain = chain or self.chain(state)
+        result = np.repeat(np.eye(3)[:, :, None], state.n, axis=2)
+        for effect, p in self.effects:
+            if effect.stage in (Stage.SENSOR, Stage.THERMAL) and not effect.random and effect.depends_on_input:
+                result += effect.input_jacobian(state, p, chain.force)
+        return result
+
+    def pose_sensitivity(self, state: ChainState, chain: Chain | None = None) -> Array:
+        """dm/d(I, E, T), (3, 3, N) in g/rad: [:, 0] and [:, 2] are what an error of inclination or toolface does."""
+        chain = chain or self.chain(state)
+        return _apply(self.sensitivity(state, chain), np.tensordot(chain.rotation, _pose_tangents(chain), 1))
+
+    def jacobian(self, state: ChainState, free: Sequence[str] | None = None) -> Array:
+        """dm/d(free parameters), (P, 3, N), in the order of `free_names(free)`.
+
+        Effects that are not part of the model are taken at their defaults (nothing): their columns are then what the
+        model leaves out.
+        """
+        names = _split(self.free_names(free))
+        chain = self.chain(state)
+        sensitivity = self.sensitivity(state, chain)
+        by_effect: dict[str, Array] = {}
+        for effect_id in dict.fromkeys(effect_id for effect_id, _ in names):
+            by_effect[effect_id] = self._columns(state, chain, sensitivity, self.effect(effect_id))
+        return np.stack([by_effect[e][self._index(e, p)] for e, p in names]) if names else np.empty((0, 3, state.n))
+
+    def _index(self, effect_id: str, parameter: str) -> int:
+        return [p.name for p in self.effect(effect_id).parameters].index(parameter)
+
+    def _columns(self, state: ChainState, chain: Chain, sensitivity: Array, effect: Effect) -> Array:
+        """(K, 3, N): change of the report with each parameter of one effect."""
+        p = self.vector_of(effect.id)
+        if effect.stage in (Stage.SENSOR, Stage.THERMAL, Stage.NOISE):
+            return effect.derivative(state, p, chain.force)
+        if effect.stage is Stage.KINEMATIC:
+            return _through(sensitivity, effect.derivative(state, p, chain.gravity))
+        if effect.stage is Stage.POSE:
+            reading = np.stack([state.inc_rad, np.zeros(state.n), state.tf_rad])
+            tangents = np.tensordot(chain.rotation, _pose_tangents(chain), 1)
+            return _through(_apply(sensitivity, tangents), effect.derivative(state, p, reading))
+        if effect.stage is Stage.GRAVITY:
+            change = effect.derivative(state, p, np.array([[0.0], [0.0], [1.0]]))
+            norm = np.sqrt(np.sum(chain.lab**2, axis=0))
+            # derivative of v / |v|: the part along v is taken away
+            change = (change - chain.vertical * np.sum(chain.vertical * change, axis=1, keepdims=True)) / norm
+            inc, cross, tf = chain.pose
+            turned = np.stack([rotate_z(tf, rotate_x(cross, rotate_y(inc, column))) for column in change])
+            return _through(sensitivity, np.einsum("ij,kjn->kin", chain.rotation, turned))
+        change = effect.derivative(state, p, np.zeros((3, 1)))[:, :, 0]
+        vector = sum(
+            (e.delta(state, q, np.zeros((3, 1)))[:, 0] for e, q in self.effects if e.stage is Stage.MOUNTING),
+            np.zeros(3),
+        )
+        columns = [np.imag(rotation_matrix(vector + 1e-30j * column)) / 1e-30 @ chain.gravity for column in change]
+        return _through(sensitivity, np.stack(columns))
+
+
+def _pose_tangents(chain: Chain) -> Array:
+    """d gravity / d(I, E, T), (3, 3, N) in 1/rad: a rotation about an axis moves a vector v by (axis x v)."""
+    _, cross, tf = chain.pose
+    u, v, w = chain.after_inc, chain.after_cross, chain.gravity
+    zero = np.zeros(w.shape[1])
+    by_inc = rotate_z(tf, rotate_x(cross, np.stack([u[2], zero, -u[0]])))
+    by_cross = rotate_z(tf, np.stack([zero, -v[2], v[1]]))
+    by_tf = np.stack([-w[1], w[0], zero])
+    return np.stack([by_inc, by_cross, by_tf], axis=1)
+
+
+def _apply(matrices: Array, others: Array) -> Array:
+    """Row-wise product of (3, 3, N) matrices."""
+    return np.einsum("ijn,jkn->ikn", matrices, others)
+
+
+def _through(matrices: Array, columns: Array) -> Array:
+    """(3, 3, N) applied to each of (K, 3, N)."""
+    return np.einsum("ijn,kjn->kin", matrices, np.broadcast_to(columns, (len(columns), 3, matrices.shape[2])))
+
+
+def _split(names: Sequence[str]) -> list[tuple[str, str]]:
+    return [(name.partition(".")[0], name.partition(".")[2]) for name in names]

@@ -1,0 +1,138 @@
+"""What is known about the tool at each row of a recording before any effect acts: the forward model's input.
+
+`ChainState` is a struct of arrays for N rows. The angles are those that the bench *reads* (its encoders): effects of
+the bench turn them into where the tool truly is. Quantities that a recording lacks stay at their neutral value, and an
+effect that needs them then has no influence (and cannot be seen).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.physics.gravity import STANDARD_GRAVITY_MPS2, Array
+
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class ChainState:
+    """Rows in time order, (N,) arrays; build with `ChainState.build`, which fills in what is not given.
+
+    `direction` is +1 or -1, the side from which the toolface was approached; `pose` counts the stops of a stepped
+    session (in continuous rotation every row has its own number); `row_seconds` is the averaging time of one row.
+    """
+
+    t_s: Array
+    inc_rad: Array
+    tf_rad: Array
+    direction: Array
+    temp_c: Array
+    rotor_rate_radps: Array
+    rotor_accel_radps2: Array
+    inc_rate_radps: Array
+    vibration_rms_g: Array
+    pose: Ints
+    row_seconds: float = 1.0
+    gravity_mps2: float = STANDARD_GRAVITY_MPS2
+    latitude_rad: float = 0.0
+    azimuth_rad: float = 0.0
+
+    @classmethod
+    def build(
+        cls,
+        inc_rad: Array,
+        tf_rad: Array,
+        *,
+        t_s: Array | None = None,
+        direction: Array | float = 1.0,
+        temp_c: Array | float = 25.0,
+        rotor_rate_radps: Array | float = 0.0,
+        rotor_accel_radps2: Array | float = 0.0,
+        inc_rate_radps: Array | float = 0.0,
+        vibration_rms_g: Array | float = 0.0,
+        pose: Ints | None = None,
+        row_seconds: float = 1.0,
+        gravity_mps2: float = STANDARD_GRAVITY_MPS2,
+        latitude_rad: float = 0.0,
+        azimuth_rad: float = 0.0,
+    ) -> Self:
+        """Scalars are spread over the rows; `t_s` defaults to one row each `row_seconds`, `pose` to one pose a row."""
+        inc, tf = np.broadcast_arrays(np.asarray(inc_rad, dtype=float), np.asarray(tf_rad, dtype=float))
+        n = inc.size
+
+        def rows(value: Array | float) -> Array:
+            return np.broadcast_to(np.asarray(value, dtype=float), (n,))
+
+        return cls(
+            t_s=rows(np.arange(n) * row_seconds if t_s is None else t_s),
+            inc_rad=inc.reshape(n),
+            tf_rad=tf.reshape(n),
+            direction=rows(direction),
+            temp_c=rows(temp_c),
+            rotor_rate_radps=rows(rotor_rate_radps),
+            rotor_accel_radps2=rows(rotor_accel_radps2),
+            inc_rate_radps=rows(inc_rate_radps),
+            vibration_rms_g=rows(vibration_rms_g),
+            pose=np.arange(n) if pose is None else np.asarray(pose, dtype=np.int64),
+            row_seconds=row_seconds,
+            gravity_mps2=gravity_mps2,
+            latitude_rad=latitude_rad,
+            azimuth_rad=azimuth_rad,
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return self.t_s.size
+
+    @cached_property
+    def ring(self) -> Ints:
+        """(N,) number of the ring a row belongs to: rows whose commanded inclination is the same to 0.001 deg."""
+        return np.unique(np.round(np.degrees(self.inc_rad), 3), return_inverse=True)[1].reshape(-1)
+
+    @cached_property
+    def station(self) -> Ints:
+        """(N,) number of the toolface station of a row: encoder readings modulo a turn that agree to 0.001 deg."""
+        turn = np.round(np.mod(np.degrees(self.tf_rad), 360.0), 3) % 360.0
+        return np.unique(turn, return_inverse=True)[1].reshape(-1)
+
+    @cached_property
+    def temp_rate_cps(self) -> Array:
+        """(N,) dT/dt in C/s of the recorded temperature."""
+        return np.gradient(self.temp_c, self.t_s) if self.n > 1 else np.zeros(self.n)
+
+    def shifted(self, dt_s: Array | float) -> ChainState:
+        """The same rows sampled `dt_s` later, by the recorded rates and angular acceleration of the rotor."""
+        dt = np.broadcast_to(np.asarray(dt_s, dtype=float), (self.n,))
+        return replace(
+            self,
+            tf_rad=self.tf_rad + self.rotor_rate_radps * dt + 0.5 * self.rotor_accel_radps2 * dt**2,
+            inc_rad=self.inc_rad + self.inc_rate_radps * dt,
+            rotor_rate_radps=self.rotor_rate_radps + self.rotor_accel_radps2 * dt,
+        )
+
+    def rows(self, index: Array | slice) -> ChainState:
+        """A selection of rows, by an index or a mask; the averaging time and the place stay."""
+        return replace(
+            self,
+            **{
+                name: getattr(self, name)[index]
+                for name in (
+                    "t_s",
+                    "inc_rad",
+                    "tf_rad",
+                    "direction",
+                    "temp_c",
+                    "rotor_rate_radps",
+                    "rotor_accel_radps2",
+                    "inc_rate_radps",
+                    "vibration_rms_g",
+                    "pose",
+                )
+            },
+        )
