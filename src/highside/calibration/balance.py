@@ -1,0 +1,313 @@
+"""Balance correction: four poses at one inclination Ic, toolfaces 45, 135, 225 and 315 deg, a matrix for each zone.
+
+Three of the four poses (a *triple*, by quadrant) give `C = W S^-1`, W and S having the poses as columns. The average
+of the four triples equals the least-squares matrix over the four poses to second order. All four share `gz = cos Ic`
+(equation 15), so an offset looks exactly like a third column of the matrix: `1 = gz / cos Ic`. Hence three things that
+the method must say:
+
+- it is local: an error d common to the poses (offset, bench tilt) vanishes at Ic and comes back as `d (1 - cos I / cos
+  Ic)`;
+- at Ic = 90 deg the third row of W is zero. S may still be invertible, and the corrected gz is then identically zero,
+  which looks like perfect inclination and is none: refused;
+- it takes up errors of the bench too, so that agreement with the bench is not accuracy in the field.
+
+*Closure*: for an affine sensor on a perfect rig `S1 - S2 + S3 - S4 = 0`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.calibration.conventional import DEFAULT_OFFSET_STD_G, MAX_CONDITION
+from highside.calibration.poses import Array, Indices, PoseSet, gravity, gravity_derivatives
+from highside.calibration.result import (
+    NOMINAL_BENCH,
+    BenchAccuracy,
+    CalibrationRefused,
+    CalibrationResult,
+    Closure,
+    PoseFit,
+    Reason,
+    Remark,
+    Zone,
+    linear_covariance,
+    linear_parameters,
+)
+
+TRIPLES: dict[str, tuple[int, int, int]] = {
+    "1-2-3": (0, 1, 2),
+    "2-3-4": (1, 2, 3),
+    "3-4-1": (2, 3, 0),
+    "4-1-2": (3, 0, 1),
+}
+"""The four topologies: which quadrants make the matrix."""
+
+TOPOLOGIES = (*TRIPLES, "average", "least-squares")
+
+QUADRANT_TOLERANCE_RAD = np.deg2rad(10.0)
+HORIZONTAL_COS = 0.01
+"""Within 0.57 deg of horizontal the third row of W is refused as zero: errors common to the poses would come back a
+hundredfold one degree away."""
+ZONE_COMMON_SHARE = 0.05
+"""A zone ends where more than this share of an error common to its poses comes back ..."""
+ZONE_NOISE_GAIN = 2.0
+"""... or where its matrix multiplies the noise of the cross axes by more than this."""
+CLOSURE_P = 1e-3
+"""A session is refused if its closures would be exceeded by chance with less than this probability."""
+
+
+def balance(
+    poses: PoseSet,
+    *,
+    triples: str = "average",
+    offset_g: Array | None = None,
+    offset_std_g: float = DEFAULT_OFFSET_STD_G,
+    bench: BenchAccuracy = NOMINAL_BENCH,
+) -> CalibrationResult:
+    """A matrix for each ring (inclination) of the session.
+
+    `triples`: "1-2-3", "2-3-4", "3-4-1", "4-1-2" (by quadrant), "average" or "least-squares" (all poses of the ring).
+    `offset_g` (3,): the zero offset, subtracted first (0 if None), known to `offset_std_g`. A ring that cannot be
+    solved is left out with a remark marked `refused`. Raises CalibrationRefused where none can.
+    """
+    if triples not in TOPOLOGIES:
+        raise ValueError(f"{triples!r} is none of {', '.join(TOPOLOGIES)}")
+    inc, _ = poses.reference()
+    offset = np.zeros(3) if offset_g is None else np.asarray(offset_g, dtype=float)
+    zones: list[Zone] = []
+    closures: list[Closure] = []
+    remarks: list[Remark] = []
+    residual = np.zeros((3, len(poses)))
+    used = np.zeros(len(poses), dtype=bool)
+    rings = poses.rings()
+    for ring in range(int(rings.max()) + 1):
+        members = np.flatnonzero(rings == ring)
+        center = float(np.mean(inc[members]))
+        try:
+            chosen = _members_by_quadrant(poses, members, center)
+            _require_invertible(center)
+            zone, fitted = _solve_ring(poses, members, chosen, center, triples, offset, offset_std_g, bench)
+        except CalibrationRefused as refusal:
+            text, names = refusal.remark.text, refusal.remark.poses
+            remarks.append(Remark(refusal.remark.reason, text, names, refused=True))
+            continue
+        zones.append(zone)
+        members_used = members if triples == "least-squares" else chosen
+        residual[:, members_used] = (poses.a - offset[:, None])[:, members_used] - fitted
+        used[members_used] = True
+        closures.append(closure_of(poses, chosen, zone.model().A, pose_rad=bench.pose_rad))
+    if not zones:
+        raise CalibrationRefused(remarks[0].reason, "; ".join(remark.text for remark in remarks), remarks[0].poses)
+    remarks += closure_remarks(closures)
+    if not poses.std_known:
+        remarks.append(Remark(Reason.NOISE_ASSUMED, "the pose table states no noise; 50 ug a reading is assumed"))
+    studentised = np.zeros(len(poses))
+    index = {name: i for i, name in enumerate(poses.ids)}
+    for closure in closures:
+        for name in closure.poses:  # one redundancy a ring: its four poses share the closure's departure
+            studentised[index[name]] = np.sqrt(closure.chi2 / 3.0)
+    return CalibrationResult(
+        method="balance",
+        options={"triples": triples, "offset": "given" if offset_g is not None else "zero"},
+        frame="bench",
+        zones=tuple(zones),
+        poses=PoseFit(poses.ids, residual, studentised, used),
+        closures=tuple(closures),
+        variance={
+            "reading_g": float(np.sqrt(np.mean(poses.noise_of_one() ** 2))),
+            "pose_inc_rad": bench.pose_rad,
+            "pose_tf_rad": bench.pose_rad,
+        },
+        remarks=tuple(remarks),
+    )
+
+
+def balance_matrix(S: Array, W: Array, triples: str = "average") -> Array:
+    """C (3, 3) from the four columns S (3, 4), offset subtracted, and W (3, 4), both in the order of the quadrants."""
+    if triples in TRIPLES:
+        pick = list(TRIPLES[triples])
+        return np.asarray(W[:, pick] @ np.linalg.inv(S[:, pick]))
+    if triples == "average":
+        return np.asarray(np.mean([balance_matrix(S, W, name) for name in TRIPLES], axis=0))
+    return np.asarray(W @ np.linalg.pinv(S))
+
+
+def zone_limits(center_rad: float) -> tuple[float, float]:
+    """Range of inclination (rad) in which a matrix taken at `center_rad` may be used.
+
+    It ends where `|1 - cos I / cos Ic|` exceeds `ZONE_COMMON_SHARE`, or where the noise of the cross axes is
+    multiplied by more than `ZONE_NOISE_GAIN` = sin I / sin Ic.
+    """
+    cos_c, sin_c = np.cos(center_rad), np.sin(center_rad)
+    edges = np.arccos(np.clip(cos_c * np.array([1.0 + ZONE_COMMON_SHARE, 1.0 - ZONE_COMMON_SHARE]), -1.0, 1.0))
+    lo, hi = float(edges.min()), float(edges.max())
+    gain = ZONE_NOISE_GAIN * sin_c
+    if gain < 1.0:
+        reach = float(np.arcsin(gain))
+        if center_rad <= np.pi / 2:
+            hi = min(hi, reach)
+        else:
+            lo = max(lo, np.pi - reach)
+    return lo, hi
+
+
+def closure_of(
+    poses: PoseSet, four: Indices, A: Array, *, pose_rad: float | None = None, pose_covariance: Array | None = None
+) -> Closure:
+    """Closure of the four poses with indices `four` (in the order of the quadrants).
+
+    Its covariance is the sum of those of the poses: reading noise and the pose errors, `pose_rad` in both inclination
+    and toolface, or `pose_covariance` (N, 3, 3; reading noise included) as the joint estimator found them. An error
+    common to the ring cancels. The coefficients are 1, -1, 1, -1 on exact toolfaces, else the null vector of W.
+    """
+    from scipy.stats import chi2 as chi2_distribution
+
+    inc, tf = poses.reference()
+    W = gravity(inc[four], tf[four])
+    null = np.linalg.svd(W)[2][3]
+    null = null / null[np.argmax(np.abs(null))]
+    null = null * np.sign(null[0])
+    value = poses.a[:, four] @ null
+    by_inc, by_tf, _ = (A @ d for d in gravity_derivatives(inc[four], tf[four]))
+    if pose_covariance is None:
+        sigma = np.einsum("in,jn->nij", by_inc, by_inc) + np.einsum("in,jn->nij", by_tf, by_tf)
+        sigma = sigma * (pose_rad or 0.0) ** 2
+        sigma[:, range(3), range(3)] += (poses.noise_of_mean()[:, four] ** 2).T
+    else:
+        sigma = pose_covariance[four]
+    covariance = np.einsum("n,nij->ij", null**2, sigma)
+    inverse = np.linalg.inv(covariance)
+    chi2 = float(value @ inverse @ value)
+    # how much of the closure a displacement of one pose (in inclination and toolface) would explain
+    explained = []
+    for k in range(4):
+        G = np.stack([by_inc[:, k], by_tf[:, k]], axis=1) * null[k]
+        normal = G.T @ inverse @ G + 1e-12 * np.eye(2) * np.trace(G.T @ inverse @ G)
+        right = G.T @ inverse @ value
+        explained.append(float(right @ np.linalg.solve(normal, right)))
+    best = max(explained)
+    suspects = [poses.ids[four[k]] for k in range(4) if explained[k] > best - max(4.0, 0.02 * best)]
+    return Closure(
+        inc_rad=float(np.mean(inc[four])),
+        value=value,
+        covariance=covariance,
+        chi2=chi2,
+        p=float(chi2_distribution.sf(chi2, 3)),
+        poses=tuple(poses.ids[i] for i in four),
+        worst_pose=" or ".join(suspects) if len(suspects) < 4 else "",
+    )
+
+
+def closure_remarks(closures: list[Closure]) -> list[Remark]:
+    """A refusal for every closure that chance does not explain, the whole session held to `CLOSURE_P`."""
+    out = []
+    for closure in closures:
+        if closure.p < CLOSURE_P / len(closures):
+            again = f"pose {closure.worst_pose}" if closure.worst_pose else f"poses {', '.join(closure.poses)}"
+            size = float(np.linalg.norm(closure.value)) * 1e3
+            out.append(
+                Remark(
+                    Reason.CLOSURE,
+                    f"the four readings at {np.rad2deg(closure.inc_rad):.3f} deg do not close by {size:.3f} mg "
+                    f"(p = {closure.p:.1e}): a wrong pose, a moved tool or physics that is not modelled; "
+                    f"measure {again} again",
+                    closure.poses,
+                    refused=True,
+                )
+            )
+    return out
+
+
+def rings_of_four(poses: PoseSet) -> list[Indices]:
+    """The four poses nearest the middles of the quadrants, for every ring that has them."""
+    inc, _ = poses.reference()
+    rings = poses.rings()
+    found = []
+    for ring in range(int(rings.max()) + 1):
+        members = np.flatnonzero(rings == ring)
+        try:
+            found.append(_members_by_quadrant(poses, members, float(np.mean(inc[members]))))
+        except CalibrationRefused:
+            continue
+    return found
+
+
+def _members_by_quadrant(poses: PoseSet, members: Indices, center: float) -> Indices:
+    """Indices of the poses nearest to 45, 135, 225 and 315 deg. Raises CalibrationRefused where one lacks."""
+    tf = poses.reference()[1][members]
+    targets = np.deg2rad([45.0, 135.0, 225.0, 315.0])
+    away = np.abs(np.angle(np.exp(1j * (tf[None, :] - targets[:, None]))))
+    nearest = np.argmin(away, axis=1)
+    lacking = [
+        f"{np.rad2deg(t):.0f}"
+        for t, k, row in zip(targets, nearest, away, strict=True)
+        if row[k] > QUADRANT_TOLERANCE_RAD
+    ]
+    if lacking:
+        raise CalibrationRefused(
+            Reason.NOT_FOUR_QUADRANTS,
+            f"at inclination {np.rad2deg(center):.3f} deg there is no pose near toolface {', '.join(lacking)} deg; "
+            "balance needs 45, 135, 225 and 315 deg",
+            tuple(poses.ids[i] for i in members),
+        )
+    return np.asarray(members[nearest], dtype=np.intp)
+
+
+def _require_invertible(center: float) -> None:
+    inc_deg = np.rad2deg(center)
+    if center < 0:
+        raise CalibrationRefused(
+            Reason.SINGULAR,
+            f"the reversed ring at {inc_deg:.3f} deg is of use to the joint method only; left out of balance",
+        )
+    if abs(np.cos(center)) < HORIZONTAL_COS:
+        raise CalibrationRefused(
+            Reason.NEAR_HORIZONTAL,
+            f"balance at {inc_deg:.3f} deg is refused: all four poses have gz near zero, so the axial row "
+            "of the matrix is not determined and a corrected gz of zero would only look exact; "
+            "use the joint or conventional method there",
+        )
+    if abs(np.sin(center)) * MAX_CONDITION < 1.0:
+        raise CalibrationRefused(
+            Reason.SINGULAR,
+            f"balance at {inc_deg:.3f} deg is refused: the poses differ by less than noise allows; "
+            "use an inclination above 0.06 deg",
+        )
+
+
+def _solve_ring(
+    poses: PoseSet,
+    members: Indices,
+    four: Indices,
+    center: float,
+    triples: str,
+    offset: Array,
+    offset_std_g: float,
+    bench: BenchAccuracy,
+) -> tuple[Zone, Array]:
+    """The zone of one ring, and the readings (offset subtracted) that its model gives for the poses used."""
+    inc, tf = poses.reference()
+    use = members if triples == "least-squares" else four
+    W = gravity(inc[use], tf[use])
+    S = poses.a[:, use] - offset[:, None]
+    determined = W[:, list(TRIPLES[triples])] if triples in TRIPLES else W
+    sizes = np.linalg.svd(determined, compute_uv=False)
+    condition = float(sizes[0] / sizes[-1]) if sizes[-1] > 0 else np.inf
+    C = balance_matrix(S, W, triples)
+    A: Array = np.asarray(np.linalg.inv(C), dtype=np.float64)
+    covariance = linear_covariance(_weights(W, triples), A, poses.subset(use), bench, offset_std_g)
+    lo, hi = zone_limits(center)
+    zone = Zone(f"zone {np.rad2deg(center):.3f}", center, lo, hi, linear_parameters(A, offset, covariance), condition)
+    return zone, A @ W
+
+
+def _weights(W: Array, triples: str) -> Array:
+    """Weights (N, 3) of the equivalent linear estimator `A = S weights` (exact for triples, to first order else)."""
+    if triples == "least-squares":
+        return np.asarray(np.linalg.pinv(W))
+    names = list(TRIPLES) if triples == "average" else [triples]
+    out = np.zeros((4, 3))
+    for name in names:
+        pick = list(TRIPLES[name])
+        out[pick] += np.linalg.inv(W[:, pick]) / len(names)
+    return out
