@@ -16,7 +16,8 @@ class Frame(NamedTuple):
     `seq` is the device's own counter as sent (None where it sends none); `t_s` the device's time in seconds, unwrapped
     (None where it sends none); `t_mono` the monotonic time in seconds at which the frame's last byte was read (0.0 in
     offline decoding); `ax..az` the reported gravity direction in g; `gx..gz` deg/s; `extra` the maker's own further
-    quantities, in the order of the codec's `extra_columns`.
+    quantities, in the order of the codec's `extra_columns`. A foreign message that has no such acceleration (a car's bus
+    gives the lateral one alone) leaves that axis NaN.
     """
 
     seq: int | None
@@ -32,6 +33,22 @@ class Frame(NamedTuple):
     rotor_deg: float | None = None
     rotor_rate_dps: float | None = None
     extra: tuple[float, ...] | None = None
+
+
+FRAME_COLUMNS: dict[str, str] = {
+    "ax_g": "ax",
+    "ay_g": "ay",
+    "az_g": "az",
+    "gx_dps": "gx",
+    "gy_dps": "gy",
+    "gz_dps": "gz",
+    "temp_c": "temp_c",
+    "rotor_deg": "rotor_deg",
+    "rotor_rate_dps": "rotor_rate_dps",
+}
+"""Column of a Recording (with its unit) -> field of `Frame`, in the order in which `Frame` holds them."""
+
+NAN = float("nan")
 
 
 class CanFrame(NamedTuple):
@@ -51,7 +68,7 @@ class CanFrame(NamedTuple):
 class Counts:
     """Where every byte and every frame went; for CAN the unit of the `bytes_*` is the payload byte.
 
-    At any time `bytes_in == bytes_framed + bytes_bad + bytes_text + bytes_junk + bytes_pending` and
+    At any time `bytes_in == bytes_framed + bytes_bad + bytes_text + bytes_ignored + bytes_junk + bytes_pending` and
     `frames == frames_good + frames_bad`. (Duplicates are told by the monitor, which knows the order of frames.)
     """
 
@@ -62,6 +79,8 @@ class Counts:
     """in candidates that began like a frame and failed a check"""
     bytes_text: int = 0
     """in readable text between frames that the codec knows and passes over"""
+    bytes_ignored: int = 0
+    """in well-formed messages that are not for this codec (`frames_ignored`)"""
     bytes_junk: int = 0
     bytes_pending: int = 0
     """held back: the start of a frame that is not complete yet"""
@@ -77,7 +96,12 @@ class Counts:
 
     def balanced(self) -> bool:
         return self.bytes_in == (
-            self.bytes_framed + self.bytes_bad + self.bytes_text + self.bytes_junk + self.bytes_pending
+            self.bytes_framed
+            + self.bytes_bad
+            + self.bytes_text
+            + self.bytes_ignored
+            + self.bytes_junk
+            + self.bytes_pending
         )
 
     def as_dict(self) -> dict[str, int]:
@@ -90,6 +114,8 @@ class ByteCodec(Protocol):
     name: str
     counts: Counts
     extra_columns: tuple[str, ...]
+    seq_modulus: int | None
+    """period of the counter in `Frame.seq` (None: the device sends none)"""
 
     def receive(self, data: bytes, t_mono: float = 0.0) -> list[Frame]:
         """Take bytes read at `t_mono` and return the frames they complete. Never raises on content."""
@@ -107,6 +133,8 @@ class CanCodec(Protocol):
     name: str
     counts: Counts
     extra_columns: tuple[str, ...]
+    seq_modulus: int | None
+    """period of the counter in `Frame.seq` (None: the device sends none)"""
 
     def receive_can(self, frames: list[CanFrame]) -> list[Frame]:
         """Take CAN frames in order of arrival and return the readings they complete. Never raises on content."""

@@ -1,0 +1,251 @@
+"""Lines of delimited text, set up by parameters: which lines are readings, which column is what.
+
+A line ends with a line feed. It is
+- a reading (`framed`), if it has the columns asked for, every one that is used is a plain decimal number, it passes the
+  checksum where one is asked for, and it is selected (its `select` column holds the text asked for);
+- bad, if it is selected but is damaged: too few or too many columns, a cell that is not a number, a wrong checksum;
+- ignored, if it is a line of the same form that is not selected (another sensor on the same line);
+- text, if it is readable and has another form (boot text, NMEA sentences, a line without any delimiter);
+- junk otherwise (unprintable bytes, a line longer than `max_line_bytes`).
+
+Whoever connects while a line is being sent sees its end first, and the end of a line may look like a reading with wrong
+numbers. So without a checksum everything before the first line feed is passed over, after the start and after each
+interruption.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import reduce
+from operator import xor
+
+from highside.codec.axes import AxisMap
+from highside.codec.frame import FRAME_COLUMNS, NAN, Counts, Frame
+
+_NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?\s*")
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A quantity: the number in column `index` (from 0) times `scale` plus `offset`."""
+
+    index: int
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class TimeTerm:
+    """A part of the device's time: column `index` times `scale`, divided by column `divisor_index` if given, in s."""
+
+    index: int
+    scale: float = 1.0
+    divisor_index: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """What the lines look like.
+
+    `columns` is the number of cells in a reading (None: at least as many as are used). `fields` gives the columns of a
+    Recording (`ax_g`, `temp_c`, ...; other names become extra columns). `time` are terms that add up to seconds;
+    `time_wrap_s` is the period after which their sum starts again (86,400 for a second of the day). `select` is the
+    column and its text that a reading has; `prefix` a text with which its line begins (removed before the line is
+    cut). `checksum="nmea"` expects `*HH` at the end: the XOR of all characters between a leading `$`, if any, and the `*`.
+    """
+
+    fields: Mapping[str, Column]
+    delimiter: str = ","
+    prefix: str = ""
+    columns: int | None = None
+    select: tuple[int, str] | None = None
+    time: tuple[TimeTerm, ...] = ()
+    time_wrap_s: float | None = None
+    seq_index: int | None = None
+    seq_modulus: int | None = None
+    checksum: str | None = None
+    max_line_bytes: int = 512
+    axes: AxisMap = field(default_factory=AxisMap)
+
+
+class DelimitedCodec:
+    """Decoder of lines of delimited text."""
+
+    name = "delimited"
+
+    def __init__(self, layout: Layout) -> None:
+        self.counts = Counts()
+        self.seq_modulus = layout.seq_modulus
+        self.extra_columns = tuple(name for name in layout.fields if name not in FRAME_COLUMNS)
+        self._layout = layout
+        self._known = [layout.fields.get(name) for name in FRAME_COLUMNS]
+        self._extra = [layout.fields[name] for name in self.extra_columns]
+        used = [column.index for column in layout.fields.values()]
+        used += [index for term in layout.time for index in (term.index, term.divisor_index) if index is not None]
+        used += [index for index in (layout.seq_index, layout.select and layout.select[0]) if index is not None]
+        self._needed = max(used) + 1
+        self._axes = None if layout.axes.identity else layout.axes
+        self._tail = b""
+        self._too_long = False
+        self._in_step = layout.checksum is not None
+        self._days = 0.0
+        self._last_t: float | None = None
+
+    def receive(self, data: bytes, t_mono: float = 0.0) -> list[Frame]:
+        counts = self.counts
+        counts.bytes_in += len(data)
+        *lines, tail = (self._tail + data).split(b"\n")
+        out: list[Frame] = []
+        for line in lines:
+            if self._too_long:
+                counts.bytes_junk += len(line) + 1
+                self._too_long = False
+                self._in_step = True
+            else:
+                self._line(line, t_mono, out)
+        if len(tail) > self._layout.max_line_bytes or self._too_long:
+            counts.bytes_junk += len(tail)
+            self._too_long = True
+            tail = b""
+        self._tail = tail
+        counts.bytes_pending = len(tail)
+        return out
+
+    def reset(self) -> None:
+        self.counts.bytes_junk += len(self._tail)
+        self.counts.bytes_pending = 0
+        self._tail = b""
+        self._too_long = False
+        self._in_step = self._layout.checksum is not None
+
+    def flush(self) -> list[Frame]:
+        # a line without its end may lack digits: it is not believed
+        self.reset()
+        return []
+
+    def _line(self, line: bytes, t_mono: float, out: list[Frame]) -> None:
+        """Decide what a line is and count it with its line feed."""
+        counts, layout = self.counts, self._layout
+        size = len(line) + 1
+        if size > layout.max_line_bytes + 1:
+            counts.bytes_junk += size
+            self._in_step = True
+            return
+        try:
+            text = line.decode("ascii").rstrip("\r")
+        except UnicodeDecodeError:
+            text = "\0"
+        if not text.replace("\t", " ").isprintable():
+            counts.bytes_junk += size
+            self._in_step = True
+            return
+        if not self._in_step:
+            self._in_step = True
+            counts.bytes_text += size
+            return
+        kind, frame = self._parse(text, t_mono)
+        if kind == "good" and frame is not None:
+            counts.frames_good += 1
+            counts.bytes_framed += size
+            out.append(frame)
+        elif kind == "bad":
+            counts.frames_bad += 1
+            counts.bytes_bad += size
+        elif kind == "ignored":
+            counts.frames_ignored += 1
+            counts.bytes_ignored += size
+        else:
+            counts.bytes_text += size
+
+    def _parse(self, text: str, t_mono: float) -> tuple[str, Frame | None]:
+        layout = self._layout
+        if layout.prefix:
+            if not text.startswith(layout.prefix):
+                return "text", None
+        body = text
+        summed = True
+        if layout.checksum is not None:
+            body, star, digits = text.rpartition("*")
+            checked = body.removeprefix("$").encode("ascii")
+            summed = star == "*" and digits.upper() == f"{reduce(xor, checked, 0):02X}"
+            if not star:
+                body = text
+        if layout.prefix:
+            body = body[len(layout.prefix) :]
+        cells = body.split(layout.delimiter)
+        if len(cells) < 2:
+            return "text", None
+        whole = len(cells) == layout.columns if layout.columns is not None else len(cells) >= self._needed
+        if layout.select is not None:
+            index, wanted = layout.select
+            if index >= len(cells) or cells[index].strip() != wanted:
+                return ("ignored" if whole and summed else "text"), None
+        if not whole or not summed:
+            return "bad", None
+        frame = self._frame(cells, t_mono)
+        return ("good", frame) if frame is not None else ("bad", None)
+
+    def _frame(self, cells: list[str], t_mono: float) -> Frame | None:
+        layout = self._layout
+        try:
+            known = [_value(cells, column) for column in self._known]
+            extra = tuple(_required(cells, column) for column in self._extra)
+            t_s = self._time(cells) if layout.time else None
+            seq = int(_number(cells[layout.seq_index])) if layout.seq_index is not None else None
+        except (ValueError, ZeroDivisionError, OverflowError):
+            return None
+        ax, ay, az, gx, gy, gz, temp_c, rotor_deg, rotor_rate_dps = known
+        if self._axes is not None:
+            ax, ay, az = self._axes.apply(ax, ay, az)
+            gx, gy, gz = self._axes.apply(gx, gy, gz)
+        return Frame(
+            seq,
+            t_s,
+            t_mono,
+            NAN if ax is None else ax,
+            NAN if ay is None else ay,
+            NAN if az is None else az,
+            gx,
+            gy,
+            gz,
+            temp_c,
+            rotor_deg,
+            rotor_rate_dps,
+            extra or None,
+        )
+
+    def _time(self, cells: list[str]) -> float:
+        """Device time in s, unwrapped. Only a line that is good in everything else may move the clock."""
+        t = 0.0
+        for term in self._layout.time:
+            part = _number(cells[term.index]) * term.scale
+            t += part / _number(cells[term.divisor_index]) if term.divisor_index is not None else part
+        if not math.isfinite(t):
+            raise ValueError("time is not finite")
+        wrap = self._layout.time_wrap_s
+        if wrap is not None:
+            if self._last_t is not None:
+                self._days += -wrap * round((t - self._last_t) / wrap)
+            self._last_t = t
+        return t + self._days
+
+
+def _number(cell: str) -> float:
+    """A plain decimal number; `nan`, `inf`, `1_000` and hexadecimal are none."""
+    if not _NUMBER.fullmatch(cell):
+        raise ValueError("not a number")
+    value = float(cell)
+    if not math.isfinite(value):
+        raise ValueError("not finite")
+    return value
+
+
+def _required(cells: list[str], column: Column) -> float:
+    return _number(cells[column.index]) * column.scale + column.offset
+
+
+def _value(cells: list[str], column: Column | None) -> float | None:
+    return None if column is None else _required(cells, column)
