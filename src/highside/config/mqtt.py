@@ -1,0 +1,118 @@
+"""The table `[mqtt]`: where the broker is, how to be known to it, and what to keep while it is away."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, SecretStr, model_validator
+
+from highside.errors import InputError
+
+CREDENTIAL_NAME = "mqtt_password"
+"""Name of the systemd credential that is used when no `password_file` is given."""
+
+
+class TlsSettings(BaseModel):
+    """The table `[mqtt.tls]`; present, even if empty: the connection is encrypted and the broker's name checked."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    ca: Path | None = Field(default=None, description="Certificates that are trusted; the system's where absent.")
+    cert: Path | None = Field(default=None, description="Our own certificate (PEM).")
+    key: Path | None = Field(default=None, description="The key of our own certificate (PEM).")
+
+    @model_validator(mode="after")
+    def _pair(self) -> Self:
+        if (self.cert is None) != (self.key is None):
+            raise ValueError("`cert` and `key` go together: give both or none")
+        return self
+
+
+class OutboxSettings(BaseModel):
+    """The table `[mqtt.outbox]`: what is kept on disk until the broker has it. Beyond a cap the oldest is dropped."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    max_rows: int = Field(default=2_000_000, ge=100, description="Messages kept.")
+    max_bytes: int = Field(default=512 * 1024 * 1024, ge=65_536, description="Bytes of payload and topic kept.")
+    max_age_s: float = Field(default=14 * 86_400.0, gt=0, description="Messages older than this are dropped.")
+    commit_interval_s: float = Field(
+        default=0.05, ge=0.005, le=5, description="Least time between two commits: what a power cut may cost."
+    )
+
+
+class MqttSettings(BaseModel):
+    """The whole table."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    host: str = Field(default="127.0.0.1", min_length=1, description="Broker; for `unix` the path of its socket.")
+    port: int = Field(default=1883, ge=1, le=65_535)
+    transport: Literal["tcp", "unix"] = "tcp"
+    tls: TlsSettings | None = None
+    username: str | None = None
+    password_file: Path | None = Field(
+        default=None,
+        description="File with the password; a bare name is looked for in $CREDENTIALS_DIRECTORY first."
+        f" Where absent, the systemd credential `{CREDENTIAL_NAME}` is used if there is one.",
+    )
+    client_id: str | None = Field(
+        default=None, pattern=r"^[A-Za-z0-9_.-]{1,64}$", description="`highside-<tool>` where absent."
+    )
+    keepalive_s: int = Field(default=5, ge=2, le=600, description="An idle broker that is silent for longer is gone.")
+    ack_timeout_s: float = Field(
+        default=4.0, gt=0.1, le=120, description="A message without PUBACK for that long ends the connection."
+    )
+    connect_timeout_s: float = Field(default=5.0, gt=0.1, le=60)
+    reconnect_min_s: float = Field(default=0.1, gt=0, le=60)
+    reconnect_max_s: float = Field(default=1.0, gt=0, le=600)
+    qos: Literal[0, 1] = Field(default=1, description="1 keeps a message until the broker has acknowledged it.")
+    in_flight: int = Field(default=64, ge=1, le=1000, description="Messages sent and not yet acknowledged.")
+    prefix: str = Field(
+        default="highside",
+        pattern=r"^[^/#+\s][^#+\s]*[^/#+\s]$|^[^/#+\s]$",
+        description="Topics: <prefix>/<tool>/...",
+    )
+    historical_after_s: float = Field(default=5.0, gt=0, description="Older messages are marked `historical`.")
+    outbox: OutboxSettings = OutboxSettings()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.reconnect_max_s < self.reconnect_min_s:
+            raise ValueError("`reconnect_max_s` is below `reconnect_min_s`")
+        if self.transport == "unix" and self.tls is not None:
+            raise ValueError("`tls` is for transport 'tcp' alone")
+        if self.password_file is not None and self.username is None:
+            raise ValueError("`password_file` needs a `username`")
+        return self
+
+    def topic(self, tool_id: str, name: str) -> str:
+        """`<prefix>/<tool>/<name>`"""
+        return f"{self.prefix}/{tool_id}/{name}"
+
+    def read_password(self) -> SecretStr | None:
+        """The password from its file or from systemd's credentials; read anew at every connect, so it may change.
+
+        Raises `InputError` if a file that is named cannot be read.
+        """
+        credentials = os.environ.get("CREDENTIALS_DIRECTORY")
+        path = self.password_file
+        if path is None:
+            if credentials is None or self.username is None or not (Path(credentials) / CREDENTIAL_NAME).is_file():
+                return None
+            path = Path(credentials) / CREDENTIAL_NAME
+        elif credentials is not None and len(path.parts) == 1 and (Path(credentials) / path).is_file():
+            path = Path(credentials) / path
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
+            raise InputError(
+                f"cannot be read ({reason})",
+                where=str(path),
+                field="mqtt.password_file",
+                remedy="name a file that this user may read",
+            ) from error
+        return SecretStr(text.strip("\r\n"))

@@ -1,0 +1,356 @@
+"""The publisher: one task that brings what is in the outbox to the broker. The only module that knows aiomqtt.
+
+It connects for ever, with back-off and jitter. Each connection is a new client: what an old one still holds in its
+own queue is forgotten, because the outbox hands out again everything that was not acknowledged. On every connect the
+birth message `online` and the retained state (health and the like) are published first, then the messages: live ones
+in order, the backlog in order in the gaps (see `outbox`). Up to `in_flight` messages are under way at once; a PUBACK
+deletes the row, and a message without PUBACK within `ack_timeout_s` ends the connection: after a silent broker (a
+"black hole") that is noticed before any keep-alive. Delivery is therefore at least once; the sequence number tells a
+duplicate.
+
+A connection found dead is reset, not closed: a DISCONNECT that reaches the broker late would cancel the last will.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import random
+import socket
+import ssl
+import struct
+from collections import Counter
+from collections.abc import Callable, Coroutine
+from typing import NamedTuple
+
+import aiomqtt
+from aiomqtt.exceptions import MqttConnectError
+
+from highside.config.mqtt import MqttSettings
+from highside.errors import InputError
+from highside.service.messages import OFFLINE, ONLINE, mark_historical
+from highside.service.outbox import Outbox
+
+log = logging.getLogger(__name__)
+
+FAREWELL_SHARE = 0.5
+"""Of the time that `stop` is given, the part after which waiting for PUBACKs gives way to the farewell."""
+
+
+class Retained(NamedTuple):
+    """The latest value of a topic, kept by the broker for those who come later."""
+
+    topic: str
+    payload: bytes
+
+
+class LostConnection(Exception):  # noqa: N818 - an event of every day, not an error
+    """The connection is of no more use; `reason` is the name under which that is counted."""
+
+    def __init__(self, reason: str, text: str) -> None:
+        super().__init__(text)
+        self.reason = reason
+
+
+class PublisherStats(NamedTuple):
+    """What the health message says about the broker."""
+
+    connected: bool
+    connects: int
+    failures: dict[str, int]
+    last_error: str
+    in_flight: int
+    sent: int
+    """publishes handed to the network, repetitions included"""
+
+
+class Publisher:
+    """Sends what the outbox holds. `run` is the task; everything else may be called from the same event loop."""
+
+    def __init__(
+        self,
+        settings: MqttSettings,
+        outbox: Outbox,
+        *,
+        tool_id: str,
+        on_connect_payloads: Callable[[], list[Retained]] = list,
+        rng: random.Random | None = None,
+    ) -> None:
+        self._settings = settings
+        self._outbox = outbox
+        self._status_topic = settings.topic(tool_id, "status")
+        self._client_id = settings.client_id or f"highside-{tool_id}"
+        self._on_connect_payloads = on_connect_payloads
+        self._rng = rng or random.Random()
+        self._retained: dict[str, bytes] = {}
+        self._changed: dict[str, None] = {}
+        """retained topics whose latest value is still to be sent on this connection"""
+        self._wake = asyncio.Event()
+        self._stopping = asyncio.Event()
+        self._stopped = asyncio.Event()
+        self._stop_deadline_s = 0.0
+        self._running = False
+        self._pending: set[asyncio.Task[None]] = set()
+        self._lost: LostConnection | None = None
+        self._backlog_in_flight = 0
+        self._failures: Counter[str] = Counter()
+        self._sent = 0
+        self.connected = False
+        self.connects = 0
+        self.last_error = ""
+
+    @property
+    def stats(self) -> PublisherStats:
+        return PublisherStats(
+            self.connected, self.connects, dict(self._failures), self.last_error, len(self._pending), self._sent
+        )
+
+    def retained(self, topic: str, payload: bytes) -> None:
+        """Publish a retained value now, or with the next connect. Only the latest of a topic is kept."""
+        self._retained[topic] = payload
+        self._changed[topic] = None
+        self._wake.set()
+
+    async def stop(self, timeout_s: float) -> None:
+        """Say `offline` and leave; what is not acknowledged stays in the outbox."""
+        self._stop_deadline_s = asyncio.get_running_loop().time() + timeout_s * FAREWELL_SHARE
+        self._stopping.set()
+        self._wake.set()
+        if self._running:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._stopped.wait(), timeout_s)
+
+    async def run(self) -> None:
+        """Connect and send until `stop`. Never raises for a broker that is away, wrong or rude."""
+        self._running = True
+        wait_s = self._settings.reconnect_min_s
+        try:
+            while not self._stopping.is_set():
+                before = self.connects
+                try:
+                    await self._one_connection()
+                except LostConnection as lost:
+                    self._note(lost)
+                if self.connects > before:
+                    wait_s = self._settings.reconnect_min_s
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(self._stopping.wait(), wait_s * self._rng.uniform(0.5, 1.0))
+                wait_s = min(2.0 * wait_s, self._settings.reconnect_max_s)
+        finally:
+            self._running = False
+            self._stopped.set()
+
+    def _note(self, lost: LostConnection) -> None:
+        self._failures[lost.reason] += 1
+        text = f"{lost.reason}: {lost}"
+        if text != self.last_error:
+            # a broker that is away for a day is worth one line, not one a second
+            log.warning("mqtt: %s", text)
+        self.last_error = text
+
+    # -- one connection --------------------------------------------------------------------------------------------
+
+    async def _one_connection(self) -> None:
+        client = self._client()
+        try:
+            await asyncio.wait_for(client.__aenter__(), self._settings.connect_timeout_s + 1.0)
+        except (aiomqtt.MqttError, TimeoutError, OSError, ValueError) as error:
+            _reset(client)
+            raise LostConnection(_connect_reason(error), str(error) or "no answer") from error
+        except BaseException:
+            _reset(client)
+            raise
+        self._lost = None
+        self._backlog_in_flight = 0
+        loop = asyncio.get_running_loop()
+        listener = asyncio.create_task(self._listen(client))
+        try:
+            await self._publish_birth(client)
+            self.connected = True
+            self.connects += 1
+            self.last_error = ""
+            log.info("mqtt: connected to %s", self._settings.host)
+            self._outbox.begin_delivery(lambda: self._wake_from(loop))
+            await self._send_until_lost(client)
+            await self._farewell(client)
+        except BaseException:
+            _reset(client)
+            raise
+        finally:
+            self.connected = False
+            self._outbox.end_delivery()
+            listener.cancel()
+            for task in self._pending:
+                task.cancel()
+            await asyncio.gather(listener, *self._pending, return_exceptions=True)
+            self._pending.clear()
+            # returns at once when the socket was reset; after the farewell it says DISCONNECT
+            with contextlib.suppress(aiomqtt.MqttError, TimeoutError):
+                await asyncio.wait_for(client.__aexit__(None, None, None), self._settings.ack_timeout_s)
+
+    def _wake_from(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Called in the outbox's thread."""
+        loop.call_soon_threadsafe(self._wake.set)
+
+    def _client(self) -> aiomqtt.Client:
+        settings = self._settings
+        try:
+            password = settings.read_password()
+            context = _tls_context(settings)
+        except (InputError, OSError) as error:
+            # a certificate or a credential that is being exchanged: try again
+            raise LostConnection("credentials", str(error)) from error
+        client = aiomqtt.Client(
+            settings.host,
+            settings.port,
+            transport=settings.transport,
+            identifier=self._client_id,
+            username=settings.username,
+            password=password.get_secret_value() if password is not None else None,
+            will=aiomqtt.Will(self._status_topic, OFFLINE, qos=1, retain=True),
+            clean_session=True,
+            keepalive=settings.keepalive_s,
+            timeout=settings.connect_timeout_s,
+            tls_context=context,
+            max_inflight_messages=settings.in_flight + 8,
+        )
+        client.pending_calls_threshold = settings.in_flight + 8
+        client._client.connect_timeout = settings.connect_timeout_s
+        return client
+
+    async def _listen(self, client: aiomqtt.Client) -> None:
+        """Nothing is subscribed: this only ends when the connection does, and says so at once."""
+        try:
+            async for _ in client.messages:
+                pass
+        except aiomqtt.MqttError as error:
+            cause = error.__cause__ or error
+            self._fail(LostConnection("connection lost", str(cause)))
+
+    def _fail(self, lost: LostConnection) -> None:
+        if self._lost is None:
+            self._lost = lost
+        self._wake.set()
+
+    async def _publish_birth(self, client: aiomqtt.Client) -> None:
+        for topic, payload in self._on_connect_payloads():
+            self._retained[topic] = payload
+        self._changed.clear()
+        await self._publish(client, self._status_topic, ONLINE, qos=1, retain=True)
+        for topic, payload in self._retained.items():
+            await self._publish(client, topic, payload, qos=1, retain=True)
+
+    async def _send_until_lost(self, client: aiomqtt.Client) -> None:
+        """Keep the window full. Returns when told to stop, raises `LostConnection` when the connection is."""
+        while True:
+            self._wake.clear()
+            if self._lost is not None:
+                raise self._lost
+            if self._stopping.is_set():
+                return
+            self._fill_window(client)
+            await self._wake.wait()
+
+    def _fill_window(self, client: aiomqtt.Client) -> None:
+        settings = self._settings
+        for topic in list(self._changed):
+            del self._changed[topic]
+            self._start(self._send_retained(client, topic, self._retained[topic]))
+        # the backlog may fill half of the window: a live message then never waits for a slot
+        backlog_slots = max(settings.in_flight // 2, 1)
+        while len(self._pending) < settings.in_flight:
+            taken = self._outbox.take(backlog=self._backlog_in_flight < backlog_slots)
+            if taken is None:
+                return
+            row, historical = taken
+            payload = mark_historical(row.payload) if historical else row.payload
+            self._backlog_in_flight += historical
+            self._start(self._send(client, row.id, row.topic, payload, row.qos, historical))
+
+    def _start(self, work: Coroutine[None, None, None]) -> None:
+        # tasks begin in the order of their making, so publishes keep theirs
+        task = asyncio.create_task(work)
+        self._pending.add(task)
+        task.add_done_callback(self._pending.discard)
+
+    async def _send(
+        self, client: aiomqtt.Client, row_id: int, topic: str, payload: bytes, qos: int, historical: bool
+    ) -> None:
+        try:
+            await self._publish(client, topic, payload, qos=qos, retain=False)
+        except LostConnection as lost:
+            self._fail(lost)
+        except ValueError as error:
+            # a topic or size that the protocol cannot carry would be refused for ever, and block what follows
+            log.error("mqtt: a message on %r cannot be sent (%s) and is dropped", topic, error)
+            self._outbox.discard(row_id, "refused")
+        else:
+            self._outbox.ack(row_id)
+        finally:
+            self._backlog_in_flight -= historical
+            self._wake.set()
+
+    async def _send_retained(self, client: aiomqtt.Client, topic: str, payload: bytes) -> None:
+        try:
+            await self._publish(client, topic, payload, qos=1, retain=True)
+        except LostConnection as lost:
+            self._fail(lost)
+
+    async def _publish(self, client: aiomqtt.Client, topic: str, payload: bytes, *, qos: int, retain: bool) -> None:
+        self._sent += 1
+        try:
+            await client.publish(topic, payload, qos=qos, retain=retain, timeout=self._settings.ack_timeout_s)
+        except aiomqtt.MqttCodeError as error:
+            raise LostConnection("connection lost", str(error)) from error
+        except aiomqtt.MqttError as error:
+            raise LostConnection("no acknowledgement", str(error)) from error
+        except RuntimeError as error:
+            raise LostConnection("refused by client", str(error)) from error
+
+    async def _farewell(self, client: aiomqtt.Client) -> None:
+        loop = asyncio.get_running_loop()
+        left_s = self._stop_deadline_s - loop.time()
+        if self._pending and left_s > 0.0:
+            await asyncio.wait(self._pending, timeout=left_s)
+        await self._publish(client, self._status_topic, OFFLINE, qos=1, retain=True)
+
+
+def _reset(client: aiomqtt.Client) -> None:
+    """End the TCP connection without a word (RST), so that the broker sends the last will and nothing arrives late."""
+    paho = client._client
+    sock = paho.socket()
+    if not isinstance(sock, socket.socket):
+        return
+    with contextlib.suppress(OSError):
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    # paho's own way to close: it also takes the descriptor out of the event loop
+    paho._sock_close()
+    if client._misc_task is not None:
+        client._misc_task.cancel()
+    if client._connected.done() and not client._disconnected.done():
+        client._disconnected.set_result(None)
+
+
+def _tls_context(settings: MqttSettings) -> ssl.SSLContext | None:
+    tls = settings.tls
+    if tls is None:
+        return None
+    context = ssl.create_default_context(cafile=str(tls.ca) if tls.ca is not None else None)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    if tls.cert is not None and tls.key is not None:
+        context.load_cert_chain(tls.cert, tls.key)
+    return context
+
+
+def _connect_reason(error: BaseException) -> str:
+    if isinstance(error, MqttConnectError):
+        return "refused by broker"
+    text = str(error).lower()
+    if "refused" in text:
+        return "no broker"
+    if isinstance(error, TimeoutError) or "timed out" in text:
+        return "no answer"
+    if "certificate" in text or "ssl" in text:
+        return "tls"
+    return "cannot connect"
