@@ -8,6 +8,7 @@ names the source, the table and field, and what is allowed.
 from __future__ import annotations
 
 import difflib
+import os
 import tomllib
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -237,7 +238,11 @@ def _anchor_paths(tables: dict[str, Any], base: Path) -> None:
         table: Any = tables
         for key in keys[:-1]:
             table = table.get(key) if isinstance(table, dict) else None
-        if isinstance(table, dict) and isinstance(value := table.get(keys[-1]), str) and not Path(value).is_absolute():
+        if not isinstance(table, dict) or not isinstance(value := table.get(keys[-1]), str):
+            continue
+        if keys == ("mqtt", "password_file") and "/" not in value and "CREDENTIALS_DIRECTORY" in os.environ:
+            continue  # the name of a systemd credential
+        if not Path(value).is_absolute():
             table[keys[-1]] = str(base / value)
 
 

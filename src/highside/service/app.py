@@ -14,12 +14,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import fcntl
-import json
 import logging
 import os
 import signal
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import IO, Any
 
@@ -35,7 +35,7 @@ from highside.service.notify import Notifier
 from highside.service.outbox import Outbox
 from highside.service.pipeline import Attitude, Pipeline, Survey
 from highside.service.publisher import Publisher
-from highside.service.recorder import Recorder
+from highside.service.recorder import Recorder, RecorderState
 
 log = logging.getLogger("highside")
 
@@ -65,16 +65,17 @@ class Service:
         self._link_ended = False
         self._link_task: asyncio.Task[None] | None = None
         self._publisher_task: asyncio.Task[None] | None = None
-        prefix = settings.mqtt.topic_prefix(settings.tool.id)
-        self._topic_attitude = f"{prefix}/attitude"
-        self._topic_survey = f"{prefix}/survey"
-        self._topic_health = f"{prefix}/health"
+        self._topic_attitude = settings.mqtt.topic(settings.tool.id, "attitude")
+        self._topic_survey = settings.mqtt.topic(settings.tool.id, "survey")
+        self._topic_health = settings.mqtt.topic(settings.tool.id, "health")
+        keep = settings.mqtt.outbox
         self.outbox = Outbox(
             self.state_dir / "outbox.sqlite",
-            max_rows=settings.mqtt.outbox_max_rows,
-            max_age_s=settings.mqtt.outbox_max_age_s,
-            max_bytes=settings.mqtt.outbox_max_bytes,
-            commit_interval_s=settings.mqtt.commit_interval_s,
+            max_rows=keep.max_rows,
+            max_age_s=keep.max_age_s,
+            max_bytes=keep.max_bytes,
+            commit_interval_s=keep.commit_interval_s,
+            historical_after_s=settings.mqtt.historical_after_s,
         )
         self.publisher = self._make_publisher()
         self.recorder = Recorder(settings.recorder, self.state_dir / "recordings", settings.tool.id)
@@ -87,12 +88,7 @@ class Service:
 
     def _make_publisher(self) -> Publisher:
         settings = self.settings
-        return Publisher(
-            settings.mqtt,
-            self.outbox,
-            prefix=settings.mqtt.topic_prefix(settings.tool.id),
-            client_name=settings.tool.id,
-        )
+        return Publisher(settings.mqtt, self.outbox, tool_id=settings.tool.id)
 
     def _make_pipeline(self, correction: Correction) -> Pipeline:
         settings = self.settings
@@ -150,51 +146,69 @@ class Service:
         if isinstance(output, Survey):
             topic = self._topic_survey
             seq = self.outbox.next_seq(topic)
-            payload = messages.survey_payload(output, seq=seq, t=t_wall, clock_synced=self._clock_synced)
+            payload = messages.survey_payload(seq, t_wall, attitude.t_mono, self._clock_synced, output)
         else:
             topic = self._topic_attitude
             seq = self.outbox.next_seq(topic)
-            payload = messages.attitude_payload(output, seq=seq, t=t_wall, clock_synced=self._clock_synced)
+            payload = messages.attitude_payload(seq, t_wall, attitude.t_mono, self._clock_synced, output)
         self.outbox.put(topic, payload, created_s=now_wall)
         if self.on_output is not None:
             self.on_output(output, seq)
 
-    def health(self) -> dict[str, Any]:
+    def health(self) -> messages.HealthMessage:
         """What the retained `health` message says; every counter balances at any time (`balance`)."""
         pipeline = self.pipeline
         codec, monitor = pipeline.codec.counts, pipeline.monitor.counts
-        outbox = self.outbox.stats()
-        if self.supervisor.stats.last_data_mono is None:
-            data_age = None
-        else:
-            data_age = round(time.monotonic() - self.supervisor.stats.last_data_mono, 3)
-        return {
-            "t": round(time.time(), 6),
-            "uptime_s": round(time.monotonic() - self._started_mono, 3),
-            "version": __version__,
-            "clock_synced": self._clock_synced,
-            "link": self.supervisor.stats.as_dict() | {"data_age_s": data_age},
-            "codec": codec.as_dict(),
-            "monitor": monitor.as_dict(),
-            "pipeline": {"attitudes": pipeline.attitudes, "surveys": pipeline.surveys},
-            "outbox": outbox.as_dict(),
-            "mqtt": self.publisher.stats.as_dict() | {"connected": self.publisher.connected},
-            "recorder": self.recorder.stats.as_dict(),
-            "loop": {
+        outbox, link, broker, recorder = self.outbox.stats, self.supervisor.stats, self.publisher.stats, self.recorder.stats
+        age = None if link.last_data_mono is None else round(time.monotonic() - link.last_data_mono, 3)
+        balance = {
+            "bytes": codec.balanced(),
+            "frames": monitor.balanced() and codec.frames_good == monitor.received,
+            "messages": outbox.balanced(),
+        }
+        alarms = [f"balance_{name}" for name, good in balance.items() if not good]
+        if link.state in (LinkState.DOWN, LinkState.STALE):
+            alarms.append(f"link_{link.state.value}")
+        if not broker.connected:
+            alarms.append("broker_away")
+        if not outbox.storage_ok:
+            alarms.append("outbox_storage")
+        if self.settings.recorder.enabled and recorder.state is RecorderState.FAILING:
+            alarms.append("recorder_storage")
+        if self._calibration_error:
+            alarms.append("calibration_refused")
+        if self._reload_error:
+            alarms.append("reload_refused")
+        alarms.extend(f"stuck_{axis}" for axis in pipeline.monitor.stuck_axes)
+        return messages.HealthMessage(
+            t=round(time.time(), 6),
+            clock_synced=self._clock_synced,
+            version=__version__,
+            uptime_s=round(time.monotonic() - self._started_mono, 3),
+            link=link.as_dict() | {"data_age_s": age},
+            codec=codec.as_dict(),
+            monitor=monitor.as_dict(),
+            outbox=messages.OutboxHealth(**asdict(outbox)),
+            broker=messages.BrokerHealth(
+                connected=broker.connected,
+                connects=broker.connects,
+                failures=broker.failures,
+                last_error=broker.last_error,
+            ),
+            recorder=recorder.as_dict() if self.settings.recorder.enabled else None,
+            loop={
                 "lag_p999_ms": round(self._lag.quantile_ms(0.999), 3),
                 "lag_max_ms": round(self._lag.max_s * 1e3, 3),
             },
-            "calibration": {"cal_id": pipeline.correction.cal_id, "refused": self._calibration_error},
-            "reload": {"count": self._reloads, "refused": self._reload_error},
-            "balance": {
-                "bytes": codec.balanced(),
-                "frames": monitor.balanced() and codec.frames_good == monitor.received,
-                "messages": outbox.balanced(),
-            },
-        }
+            pipeline={"attitudes": pipeline.attitudes, "surveys": pipeline.surveys},
+            calibration={"cal_id": pipeline.correction.cal_id, "refused": self._calibration_error},
+            reload={"count": self._reloads, "refused": self._reload_error},
+            balance=balance,
+            alarms=alarms,
+        )
 
     def _publish_health(self) -> None:
-        self.publisher.retained(self._topic_health, json.dumps(self.health(), separators=(",", ":")).encode())
+        self.publisher.retained(self._topic_health, messages.health_payload(self.health()))
 
     # --- running -----------------------------------------------------------------------------------------------
 
@@ -261,7 +275,7 @@ class Service:
     async def _deliver_rest(self) -> None:
         """A replay has ended: give the broker time to take what was made of it."""
         log.info("the recording has ended")
-        while self.outbox.stats().queued and not self._stopping.is_set():
+        while self.outbox.stats.queued and not self._stopping.is_set():
             await asyncio.sleep(0.05)
 
     async def _shut_down(self, others: list[asyncio.Task[None]]) -> None:
@@ -292,7 +306,7 @@ class Service:
             self._notifier.status(
                 f"link {link.state.value}, {self.pipeline.attitudes} attitudes,"
                 f" {'connected to' if self.publisher.connected else 'without'} broker,"
-                f" {self.outbox.stats().queued} queued"
+                f" {self.outbox.stats.queued} queued"
             )
             await asyncio.sleep(self.settings.service.health_interval_s)
 
@@ -301,11 +315,12 @@ class Service:
         if interval is None:
             await asyncio.Event().wait()
             return
+        progress = Progress(self.outbox)
         while True:
-            if self.outbox.stalled_s() < min(WEDGED_AFTER_S, interval / 2.0):
+            if progress.wedged_s() < max(WEDGED_AFTER_S, interval / 2.0):
                 self._notifier.watchdog()
             else:
-                log.error("the outbox has made no progress for %.0f s", self.outbox.stalled_s())
+                log.error("the outbox has committed nothing of what it was given for %.0f s", progress.wedged_s())
             await asyncio.sleep(interval / 4.0)
 
     # --- reload ------------------------------------------------------------------------------------------------
@@ -384,6 +399,23 @@ class Service:
                 remedy="stop it, or give this one its own",
             ) from None
         self._lock = lock
+
+
+class Progress:
+    """Whether the outbox takes what the pipeline makes. A disk that refuses is reported, it is not a wedged thread."""
+
+    def __init__(self, outbox: Outbox) -> None:
+        self._outbox = outbox
+        self._committed = -1
+        self._since = time.monotonic()
+
+    def wedged_s(self) -> float:
+        """Seconds for which messages have waited for a commit that did not come."""
+        stats, now = self._outbox.stats, time.monotonic()
+        waiting = stats.produced - stats.carried > stats.committed + sum(stats.dropped.values())
+        if stats.committed != self._committed or not waiting or not stats.storage_ok:
+            self._committed, self._since = stats.committed, now
+        return now - self._since
 
 
 def correction_of(settings: Settings) -> Correction:

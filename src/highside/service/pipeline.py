@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from highside.attitude import attitude_with_std
+from highside.attitude.scalar import attitude_with_std
 from highside.calibration.correction import Corrected, Correction, Vector
 from highside.codec.frame import ByteCodec, CanCodec, Frame
 from highside.config.settings import MonitorSettings, PipelineSettings, SurveySettings, ToolSettings
@@ -29,8 +29,6 @@ MIN_OWN_SCATTER = 8
 """Readings in a window from which its own scatter is used instead of the running estimate of the noise."""
 NOISE_MEMORY = 0.02
 """Weight of a new second difference in the running estimate of the noise."""
-UNDEFINED_TOOLFACE_STD_DEG = 100.0
-"""Published standard deviations of T above this are no more than `unknown` (a uniform angle has 103.9)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -332,10 +330,9 @@ class Pipeline:
         flags: list[str],
     ) -> Attitude:
         gx, gy, gz = corrected.gx, corrected.gy, corrected.gz
-        inc, inc_std, tf, tf_std = attitude_with_std(gx, gy, gz, corrected.cov)
+        result = attitude_with_std(gx, gy, gz, corrected.cov)
         g_total = math.sqrt(gx * gx + gy * gy + gz * gz)
-        tf_std_deg = math.degrees(tf_std)
-        if tf_std_deg > UNDEFINED_TOOLFACE_STD_DEG:
+        if result.toolface_undefined:
             flags.append("toolface_undefined")
         if abs(g_total - 1.0) > self._settings.g_tolerance:
             flags.append("g_total")
@@ -343,10 +340,10 @@ class Pipeline:
         return Attitude(
             t_device_s=t,
             t_mono=frame.t_mono,
-            inc_deg=math.degrees(inc),
-            inc_std_deg=math.degrees(inc_std),
-            tf_deg=math.degrees(tf),
-            tf_std_deg=tf_std_deg,
+            inc_deg=math.degrees(result.inc_rad),
+            inc_std_deg=math.degrees(result.inc_std_rad),
+            tf_deg=math.degrees(result.tf_rad),
+            tf_std_deg=math.degrees(result.tf_std_rad),
             g_total=g_total,
             cal_id=self.correction.cal_id,
             zone=corrected.zone,

@@ -1,0 +1,215 @@
+"""The demonstration: a simulated tool on a pty, the production pipeline behind it, a broker inside the process.
+
+Nothing of the path is special to the demonstration but the broker and the tool: the serial link, the codec, the
+monitor, the correction by a calibration record, the outbox and the publisher are those of `highside run`. What comes
+out is counted by a subscriber that knows nothing of them, and compared with where the simulated tool really was.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import math
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import aiomqtt
+import numpy as np
+
+from highside.config.settings import Settings, validate
+from highside.link.device import DeviceSettings, SimulatedDevice
+from highside.link.wire import PtyWire
+from highside.recording.calibration_store import write_record
+from highside.service.app import Service
+from highside.service.embedded_broker import EmbeddedBroker
+
+TOOL_ID = "demo"
+RATE_HZ = 200.0
+OUTPUT_RATE_HZ = 20.0
+
+# what the simulated sensor does to gravity: raw = MATRIX @ g + OFFSET
+MATRIX = ((0.9991, 0.0038, -0.0007), (-0.0019, 0.9989, 0.0001), (0.0009, 0.0003, 0.9982))
+OFFSET_G = (0.0012, -0.0008, 0.0015)
+
+
+@dataclass(slots=True)
+class Snapshot:
+    """What the demonstration knows at one moment; angles in degrees."""
+
+    elapsed_s: float = 0.0
+    frames: int = 0
+    published: int = 0
+    lost: int = 0
+    latest: dict[str, Any] | None = None
+    truth_inc_deg: float = math.nan
+    truth_tf_deg: float = math.nan
+    survey: dict[str, Any] | None = None
+    surveys: int = 0
+    health: dict[str, Any] | None = None
+    latency_ms: list[float] = field(default_factory=list)
+    inc_errors_deg: list[float] = field(default_factory=list)
+    tf_errors_deg: list[float] = field(default_factory=list)
+
+    def latency_p99_ms(self) -> float | None:
+        """From a frame's last byte to the broker's receipt."""
+        return float(np.percentile(self.latency_ms, 99)) if self.latency_ms else None
+
+    def summary(self) -> dict[str, Any]:
+        """The object that `highside demo --json` prints."""
+        latest = self.latest or {}
+        p99 = self.latency_p99_ms()
+        return {
+            "frames": self.frames,
+            "published": self.published,
+            "lost": self.lost,
+            "inc_deg": latest.get("inc_deg"),
+            "tf_deg": latest.get("tf_deg"),
+            "truth_inc_deg": None if math.isnan(self.truth_inc_deg) else round(self.truth_inc_deg, 6),
+            "truth_tf_deg": None if math.isnan(self.truth_tf_deg) else round(self.truth_tf_deg, 6),
+            "latency_p99_ms": None if p99 is None else round(p99, 3),
+            "inc_std_deg": latest.get("inc_std_deg"),
+            "tf_std_deg": latest.get("tf_std_deg"),
+            "inc_error_rms_deg": _rms(self.inc_errors_deg),
+            "tf_error_rms_deg": _rms(self.tf_errors_deg),
+            "surveys": self.surveys,
+            "seconds": round(self.elapsed_s, 3),
+        }
+
+
+def _rms(values: list[float]) -> float | None:
+    return round(math.sqrt(sum(v * v for v in values) / len(values)), 6) if values else None
+
+
+class Watcher:
+    """The independent subscriber: counts messages and gaps by sequence number, compares with the truth."""
+
+    def __init__(self, device: SimulatedDevice) -> None:
+        self.snapshot = Snapshot()
+        self._device = device
+        self._seen: set[int] = set()
+        self.connected = asyncio.Event()
+
+    async def run(self, port: int) -> None:
+        async with aiomqtt.Client("127.0.0.1", port, identifier="demo-watcher") as client:
+            await client.subscribe(f"highside/{TOOL_ID}/#", qos=1)
+            self.connected.set()
+            async for message in client.messages:
+                name = str(message.topic).rsplit("/", 1)[-1]
+                if isinstance(message.payload, bytes) and name in ("attitude", "survey", "health"):
+                    self._take(name, json.loads(message.payload))
+
+    def _take(self, name: str, payload: dict[str, Any]) -> None:
+        snapshot = self.snapshot
+        if name == "health":
+            snapshot.health = payload
+        elif name == "survey":
+            snapshot.survey = payload
+            snapshot.surveys += 1
+        elif payload["seq"] not in self._seen:
+            self._seen.add(payload["seq"])
+            snapshot.published += 1
+            # sequence numbers begin at 0 with the demonstration's own outbox
+            snapshot.lost = max(self._seen) + 1 - len(self._seen)
+            snapshot.latest = payload
+            truth = self._device.truth(payload["t_device_s"] - payload["window_s"] / 2.0)
+            snapshot.truth_inc_deg = math.degrees(truth.inclination_rad)
+            snapshot.truth_tf_deg = math.degrees(truth.toolface_rad)
+            snapshot.inc_errors_deg.append(payload["inc_deg"] - snapshot.truth_inc_deg)
+            if payload["tf_deg"] is not None:
+                snapshot.tf_errors_deg.append((payload["tf_deg"] - snapshot.truth_tf_deg + 180.0) % 360.0 - 180.0)
+
+    def account(self, last_seq: int | None) -> None:
+        """At the end: everything up to `last_seq`, the last that the service made, had to arrive."""
+        if last_seq is not None:
+            self.snapshot.lost = last_seq + 1 - len(self._seen)
+
+
+async def run_demo(
+    seconds: float | None, on_snapshot: Callable[[Snapshot], None], *, interval_s: float = 0.1
+) -> Snapshot:
+    """Run for `seconds` (None: until cancelled), calling `on_snapshot` every `interval_s`; returns the last snapshot."""
+    with tempfile.TemporaryDirectory(prefix="highside-demo-") as directory:
+        return await _run_in(Path(directory), seconds, on_snapshot, interval_s)
+
+
+async def _run_in(
+    directory: Path, seconds: float | None, on_snapshot: Callable[[Snapshot], None], interval_s: float
+) -> Snapshot:
+    wire = PtyWire()
+    device = SimulatedDevice(DeviceSettings(rate_hz=RATE_HZ, matrix=MATRIX, offset_g=OFFSET_G), wire)
+    watcher = Watcher(device)
+    snapshot = watcher.snapshot
+
+    def on_receipt(topic: str, payload: bytes, t_mono: float) -> None:
+        if topic.endswith("/attitude"):
+            snapshot.latency_ms.append((t_mono - json.loads(payload)["t_mono"]) * 1e3)
+
+    async with EmbeddedBroker(on_receipt=on_receipt) as broker:
+        watching = asyncio.create_task(watcher.run(broker.port))
+        await asyncio.wait_for(watcher.connected.wait(), 10.0)
+        device.start()
+        last_seq: int | None = None
+        try:
+            service = Service(_settings(directory, device.address, broker.port))
+
+            def note(output: object, seq: int) -> None:
+                nonlocal last_seq
+                if type(output).__name__ == "Attitude":
+                    last_seq = seq
+
+            service.on_output = note
+            serving = asyncio.create_task(service.run())
+            start = time.monotonic()
+            try:
+                while not serving.done() and not watching.done():
+                    await asyncio.sleep(interval_s)
+                    snapshot.elapsed_s = time.monotonic() - start
+                    snapshot.frames = service.pipeline.monitor.counts.good
+                    on_snapshot(snapshot)
+                    if seconds is not None and snapshot.elapsed_s >= seconds:
+                        break
+                for task in (serving, watching):
+                    if task.done() and (error := task.exception()) is not None:
+                        raise error
+            finally:
+                service.stop()
+                await serving
+                snapshot.frames = service.pipeline.monitor.counts.good
+            await _settle(lambda: snapshot.published > (last_seq or 0))
+            watcher.account(last_seq)
+        finally:
+            device.stop()
+            watching.cancel()
+            with contextlib.suppress(asyncio.CancelledError, aiomqtt.MqttError):
+                await watching
+    return snapshot
+
+
+async def _settle(done: Callable[[], bool], timeout_s: float = 2.0) -> None:
+    """Give the last messages time to arrive."""
+    end = time.monotonic() + timeout_s
+    while not done() and time.monotonic() < end:
+        await asyncio.sleep(0.02)
+
+
+def _settings(directory: Path, port: str, broker_port: int) -> Settings:
+    record = directory / "calibration.json"
+    write_record(record, factory_record())
+    return validate(
+        {
+            "tool": {"id": TOOL_ID},
+            "link": {"kind": "serial", "port": port},
+            "codec": {"name": "tool"},
+            "pipeline": {"output_rate_hz": OUTPUT_RATE_HZ},
+            "survey": {"still_s": 4.0},
+            "calibration": {"record": str(record)},
+            "mqtt": {"port": broker_port},
+            "service": {"state_dir": str(directory / "state"), "health_interval_s": 1.0, "log_level": "error"},
+        },
+        where="the demonstration's settings",
+    )
