@@ -5,24 +5,50 @@ covariance of a corrected vector has two parts: the reading's own, carried throu
 correction itself (equation 6 of the balance-correction paper: `C dM + dC M`).
 
 Covariances of vectors are six floats, the upper triangle `(xx, xy, xz, yy, yz, zz)`, in g^2.
+
+`LinearCorrection` is one zone of a calibration made ready for use: the sensor `m = A g + b + (nonlinear)` turned round,
+`g = C (m - b)`. The error of the parameters makes `dg = -C (dA g + db)`, whose covariance is a quadratic form in
+(gx, gy, gz, 1): ten coefficients for each of the six elements, worked out once. A reading then costs no more than some
+plain float products.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.calibration.result import CROSS_PAIRS, MATRIX_NAMES, OFFSET_NAMES, SensorModel, Zone, is_sensor_parameter
+from highside.errors import InputError
 
 Vector = tuple[float, float, float]
 Covariance = tuple[float, float, float, float, float, float]
+FloatArray = NDArray[np.float64]
+Form = tuple[float, float, float, float, float, float, float, float, float, float]
 
 ZERO_COVARIANCE: Covariance = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+"""Row and column of the six elements of a covariance."""
+
+OUTSIDE_ZONE = "outside_zone"
+TEMPERATURE_OUTSIDE = "temperature_outside"
+TEMPERATURE_UNKNOWN = "temperature_unknown"
+
+TEMPERATURE_STEP_C = 1.0 / 256.0
+"""Temperatures are rounded to this before the polynomials are worked out (1 mg/degC moves by 2 ug at most): a sensor's
+own noise in temperature would otherwise ask for new coefficients with every frame."""
+_TEMPERATURES_KEPT = 512
 
 
 class Corrected(NamedTuple):
     """A corrected reading: the gravity direction in the tool frame (g) and the covariance of its error (g^2).
 
     `zone` names the correction that made it ("global", "zone 3.0", "none"); `flags` say what a user must know
-    ("uncalibrated", "outside_zone", "temperature_outside").
+    ("uncalibrated", "outside_zone", "temperature_outside"). With "outside_zone" no correction holds there and the
+    vector is not a number: nothing may be published from it.
     """
 
     gx: float
@@ -46,7 +72,7 @@ class Correction(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class IdentityCorrection:
-    """No calibration: readings pass unchanged, flagged, with the stated bounds of an uncalibrated sensor as uncertainty.
+    """No calibration: readings pass unchanged, flagged; the uncertainty is that of an uncalibrated sensor.
 
     `bias_std_g` and `scale_std` are 1-sigma figures of the sensor's data sheet.
     """
@@ -60,3 +86,303 @@ class IdentityCorrection:
         own = self.bias_std_g**2 + self.scale_std**2 * g2
         xx, xy, xz, yy, yz, zz = cov
         return Corrected(a[0], a[1], a[2], (xx + own, xy, xz, yy + own, yz, zz + own), "none", ("uncalibrated",))
+
+
+@dataclass(frozen=True, slots=True)
+class TemperatureTrust:
+    """How far a calibration may be believed in temperature.
+
+    Within `min_c` to `max_c` as stated; beyond, each degree adds `growth_g_per_c` (one standard deviation, each axis;
+    the usual offset drift of a quartz accelerometer is 30 to 100 ug/degC).
+    """
+
+    min_c: float
+    max_c: float
+    growth_g_per_c: float = 50e-6
+
+    def __post_init__(self) -> None:
+        if not self.min_c <= self.max_c or self.growth_g_per_c < 0:
+            raise InputError(f"temperatures {self.min_c:g} to {self.max_c:g} degC, growth {self.growth_g_per_c:g}")
+
+    def beyond_c(self, temp_c: float) -> float:
+        """Degrees outside of the range; 0 inside."""
+        return max(self.min_c - temp_c, temp_c - self.max_c, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class _Nonlinear:
+    """The quadratic, cubic and cross terms already multiplied by C, (3, 3) each: own squares, own cubes, products."""
+
+    squares: FloatArray
+    cubes: FloatArray
+    products: FloatArray
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    monomials: NDArray[np.intp]
+    factors: FloatArray
+    C: FloatArray
+    covariance: FloatArray
+
+    def of(self, x: float, y: float, z: float) -> Vector:
+        s, c, p = self.squares.tolist(), self.cubes.tolist(), self.products.tolist()
+        x2, y2, z2, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+        x3, y3, z3 = x2 * x, y2 * y, z2 * z
+        out = [
+            s[i][0] * x2 + s[i][1] * y2 + s[i][2] * z2 + c[i][0] * x3 + c[i][1] * y3 + c[i][2] * z3
+            + p[i][0] * xy + p[i][1] * xz + p[i][2] * yz
+            for i in range(3)
+        ]  # fmt: skip
+        return out[0], out[1], out[2]
+
+    def of_block(self, g: FloatArray) -> FloatArray:
+        products = np.stack([g[j] * g[k] for j, k in CROSS_PAIRS])
+        squares = g * g
+        return np.asarray(self.squares @ squares + self.cubes @ (squares * g) + self.products @ products)
+
+    def covariance_at(self, x: float, y: float, z: float) -> Covariance:
+        """Covariance of the corrected vector by all parameters of the sensor."""
+        x2, y2, z2 = x * x, y * y, z * z
+        values = np.array((x, y, z, 1.0, x2, y2, z2, x2 * x, y2 * y, z2 * z, x * y, x * z, y * z))
+        D = np.zeros((3, self.covariance.shape[0]))
+        D[self.rows, self.columns] = values[self.monomials] * self.factors
+        J = self.C @ D
+        cov = (J @ self.covariance @ J.T).tolist()
+        return cov[0][0], cov[0][1], cov[0][2], cov[1][1], cov[1][2], cov[2][2]
+
+
+_MONOMIALS = ("x", "y", "z", "1", "xx", "yy", "zz", "xxx", "yyy", "zzz", "xy", "xz", "yz")
+
+
+def _monomial(base: str) -> tuple[int, int]:
+    """Channel and monomial of a parameter's name (without its power of temperature)."""
+    kind, _, index = base.partition("_")
+    key = {"A": index[1:2], "b": "1", "K2": index[:1] * 2, "K3": index[:1] * 3, "KX": index[2:]}[kind]
+    return "xyz".index(index[0]), _MONOMIALS.index(key)
+
+
+@dataclass(frozen=True, slots=True)
+class _Coefficients:
+    """A zone at one temperature, as plain floats."""
+
+    c: tuple[float, ...]
+    """C row by row"""
+    o: Vector
+    """C b"""
+    form: tuple[Form, ...]
+    """for each element of the covariance the factors of xx, xy, xz, yy, yz, zz, x, y, z, 1"""
+    nonlinear: _Nonlinear | None
+    flags: tuple[str, ...]
+
+
+def _quadratic_forms(C: FloatArray, covariance: FloatArray, beyond: FloatArray, extra_variance: float) -> FloatArray:
+    """Factors (6, 10) of `_Coefficients.form` from the covariance (12, 12) of (A row by row, b).
+
+    `beyond` (3, 4): an error of the corrected vector, linear in (gx, gy, gz, 1), that counts as one standard deviation;
+    `extra_variance`: of each axis.
+    """
+    order = [3 * i + j if j < 3 else 9 + i for i in range(3) for j in range(4)]
+    raw = covariance[np.ix_(order, order)].reshape(3, 4, 3, 4)
+    by_g = np.einsum("pi,ijkl,qk->pqjl", C, raw, C) + np.einsum("pj,ql->pqjl", beyond, beyond)
+    for i in range(3):
+        by_g[i, i, 3, 3] += extra_variance
+    pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2), (0, 3), (1, 3), (2, 3), (3, 3)]
+    return np.array([[by_g[p, q, j, m] + (by_g[p, q, m, j] if j != m else 0.0) for j, m in pairs] for p, q in UPPER])
+
+
+def carry(c: tuple[float, ...], cov: Covariance) -> Covariance:
+    """`C cov C'` for C row by row."""
+    c0, c1, c2, c3, c4, c5, c6, c7, c8 = c
+    xx, xy, xz, yy, yz, zz = cov
+    if xy == 0.0 and xz == 0.0 and yz == 0.0:
+        a0, a1, a2 = c0 * xx, c1 * yy, c2 * zz
+        b0, b1, b2 = c3 * xx, c4 * yy, c5 * zz
+        d0, d1, d2 = c6 * xx, c7 * yy, c8 * zz
+    else:
+        a0, a1, a2 = c0 * xx + c1 * xy + c2 * xz, c0 * xy + c1 * yy + c2 * yz, c0 * xz + c1 * yz + c2 * zz
+        b0, b1, b2 = c3 * xx + c4 * xy + c5 * xz, c3 * xy + c4 * yy + c5 * yz, c3 * xz + c4 * yz + c5 * zz
+        d0, d1, d2 = c6 * xx + c7 * xy + c8 * xz, c6 * xy + c7 * yy + c8 * yz, c6 * xz + c7 * yz + c8 * zz
+    return (
+        a0 * c0 + a1 * c1 + a2 * c2,
+        a0 * c3 + a1 * c4 + a2 * c5,
+        a0 * c6 + a1 * c7 + a2 * c8,
+        b0 * c3 + b1 * c4 + b2 * c5,
+        b0 * c6 + b1 * c7 + b2 * c8,
+        d0 * c6 + d1 * c7 + d2 * c8,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class LinearCorrection:
+    """One zone of a calibration, ready for use: `g = C (m - b)`, nonlinear terms and temperature included.
+
+    `trust` says in which temperatures; None where no temperature was recorded at calibration. A local zone refuses
+    readings whose own corrected inclination lies outside of it, unless `guarded` is False (the schedule, which has
+    already chosen, asks so).
+    """
+
+    zone: Zone
+    cal_id: str = "none"
+    trust: TemperatureTrust | None = None
+    guarded: bool = True
+    _by_step: dict[int | None, _Coefficients] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @property
+    def name(self) -> str:
+        return self.zone.name
+
+    def coefficients(self, temp_c: float | None = None) -> _Coefficients:
+        """The zone at a temperature, rounded to `TEMPERATURE_STEP_C`; where None, at the reference temperature."""
+        depends = self.trust is not None or self.zone.temperature is not None
+        step = None if temp_c is None or not depends else round(temp_c / TEMPERATURE_STEP_C)
+        known = self._by_step.get(step)
+        if known is None:
+            if len(self._by_step) >= _TEMPERATURES_KEPT:
+                self._by_step.clear()
+            known = self._by_step[step] = self._work_out(None if step is None else step * TEMPERATURE_STEP_C)
+        return known
+
+    def correct(self, a: Vector, cov: Covariance = ZERO_COVARIANCE, temp_c: float | None = None) -> Corrected:
+        k = self.coefficients(temp_c)
+        c = k.c
+        m0, m1, m2 = a
+        o0, o1, o2 = k.o
+        x = c[0] * m0 + c[1] * m1 + c[2] * m2 - o0
+        y = c[3] * m0 + c[4] * m1 + c[5] * m2 - o1
+        z = c[6] * m0 + c[7] * m1 + c[8] * m2 - o2
+        if k.nonlinear is not None:
+            x, y, z = _invert(k.nonlinear, x, y, z)
+        if self.guarded and self.zone.inc_center_rad is not None and not self.zone.holds_at(_inclination(x, y, z)):
+            return refused(k.flags)
+        xx, xy, xz, yy, yz, zz = x * x, x * y, x * z, y * y, y * z, z * z
+        p0, p1, p2, p3, p4, p5 = [
+            f0 * xx + f1 * xy + f2 * xz + f3 * yy + f4 * yz + f5 * zz + f6 * x + f7 * y + f8 * z + f9
+            for f0, f1, f2, f3, f4, f5, f6, f7, f8, f9 in k.form
+        ]
+        if k.nonlinear is not None:
+            n0, n1, n2, n3, n4, n5 = k.nonlinear.covariance_at(x, y, z)
+            p0, p1, p2, p3, p4, p5 = p0 + n0, p1 + n1, p2 + n2, p3 + n3, p4 + n4, p5 + n5
+        q0, q1, q2, q3, q4, q5 = carry(c, cov)
+        return Corrected(x, y, z, (p0 + q0, p1 + q1, p2 + q2, p3 + q3, p4 + q4, p5 + q5), self.zone.name, k.flags)
+
+    def correct_block(self, a: FloatArray, temp_c: FloatArray | float | None = None) -> FloatArray:
+        """Corrected vectors (3, N) from raw readings `a` (3, N); readings outside of a guarded local zone become NaN.
+
+        `temp_c`: one temperature, or one a reading (N,).
+        """
+        if temp_c is not None and np.ndim(temp_c):
+            return self._correct_block_by_temperature(a, np.asarray(temp_c, dtype=float))
+        k = self.coefficients(None if temp_c is None else float(temp_c))
+        g = np.asarray(np.array(k.c).reshape(3, 3) @ a)
+        g -= np.array(k.o)[:, None]
+        if k.nonlinear is not None:
+            linear = g
+            for _ in range(_PASSES):
+                g = linear - k.nonlinear.of_block(g)
+        if self.guarded and self.zone.inc_center_rad is not None:
+            inc = np.arctan2(np.hypot(g[0], g[1]), g[2])
+            g[:, ~((inc >= self.zone.inc_min_rad) & (inc <= self.zone.inc_max_rad))] = np.nan
+        return g
+
+    def _correct_block_by_temperature(self, a: FloatArray, temp_c: FloatArray) -> FloatArray:
+        steps = np.round(temp_c / TEMPERATURE_STEP_C)
+        out = np.empty_like(a)
+        values, group = np.unique(steps, return_inverse=True)
+        order = np.argsort(group, kind="stable")
+        edges = np.searchsorted(group[order], np.arange(values.size + 1))
+        for i, step in enumerate(values):
+            rows = order[edges[i] : edges[i + 1]]
+            at = None if np.isnan(step) else float(step) * TEMPERATURE_STEP_C
+            out[:, rows] = self.correct_block(a[:, rows], at)
+        return out
+
+    def _work_out(self, temp_c: float | None) -> _Coefficients:
+        zone = self.zone
+        model = zone.model(temp_c)
+        C = model.C
+        flags: tuple[str, ...] = ()
+        grown = 0.0
+        if temp_c is None:
+            if zone.temperature is not None and zone.max_power():
+                flags = (TEMPERATURE_UNKNOWN,)
+        elif self.trust is not None:
+            beyond = self.trust.beyond_c(temp_c)
+            if beyond > 0.0:
+                flags = (TEMPERATURE_OUTSIDE,)
+                grown = (beyond * self.trust.growth_g_per_c) ** 2
+        covariance, bases = _at_temperature(zone, temp_c)
+        linear = [i for i, name in enumerate(MATRIX_NAMES + OFFSET_NAMES) if name in bases]
+        affine = np.zeros((12, 12))
+        nonlinear = None
+        if model.is_linear:
+            index = [bases.index((MATRIX_NAMES + OFFSET_NAMES)[i]) for i in linear]
+            affine[np.ix_(linear, linear)] = covariance[np.ix_(index, index)]
+        else:
+            nonlinear = _nonlinear(model, C, bases, covariance)
+        form = _quadratic_forms(C, affine, _beyond_temperature(zone, model, temp_c), grown)
+        o = C @ model.b
+        return _Coefficients(
+            c=tuple(C.ravel().tolist()),
+            o=(float(o[0]), float(o[1]), float(o[2])),
+            form=tuple(tuple(row) for row in form.tolist()),  # type: ignore[arg-type]
+            nonlinear=nonlinear,
+            flags=flags,
+        )
+
+
+_PASSES = 6
+"""Passes over nonlinear terms of a few mg; each gains a factor of a hundred."""
+
+
+def _invert(nonlinear: _Nonlinear, x0: float, y0: float, z0: float) -> Vector:
+    x, y, z = x0, y0, z0
+    for _ in range(_PASSES):
+        dx, dy, dz = nonlinear.of(x, y, z)
+        x, y, z = x0 - dx, y0 - dy, z0 - dz
+    return x, y, z
+
+
+def _nonlinear(model: SensorModel, C: FloatArray, bases: tuple[str, ...], covariance: FloatArray) -> _Nonlinear:
+    places = [_monomial(base) for base in bases]
+    return _Nonlinear(
+        squares=C * model.K2[None, :],
+        cubes=C * model.K3[None, :],
+        products=C @ model.KX,
+        rows=np.array([row for row, _ in places], dtype=np.intp),
+        columns=np.arange(len(places), dtype=np.intp),
+        monomials=np.array([monomial for _, monomial in places], dtype=np.intp),
+        factors=np.ones(len(places)),
+        C=C,
+        covariance=covariance,
+    )
+
+
+def _at_temperature(zone: Zone, temp_c: float | None) -> tuple[FloatArray, tuple[str, ...]]:
+    """Covariance of the sensor's parameters at one temperature, polynomial coefficients summed up, and their names."""
+    names = tuple(name for name in zone.parameters.names if is_sensor_parameter(name))
+    bases = tuple(dict.fromkeys(name.partition("@")[0] for name in names))
+    by_power = dict(zone._temperature_weights(temp_c))
+    index = [zone.parameters.names.index(name) for name in names]
+    B = np.zeros((len(bases), len(names)))
+    for j, name in enumerate(names):
+        base, _, power = name.partition("@")
+        B[bases.index(base), j] = by_power.get(int(power), 0.0) if power else 1.0
+    return np.asarray(B @ zone.parameters.covariance[np.ix_(index, index)] @ B.T), bases
+
+
+def _beyond_temperature(zone: Zone, model: SensorModel, temp_c: float | None) -> FloatArray:
+    """What the polynomials change beyond the temperatures visited, as an error (3, 4) by (gx, gy, gz, 1)."""
+    t = zone.temperature
+    if t is None or temp_c is None or t.inside(temp_c) or not zone.max_power():
+        return np.zeros((3, 4))
+    edge = zone.model(min(max(temp_c, t.min_c), t.max_c))
+    return np.asarray(edge.C @ np.column_stack([model.A - edge.A, model.b - edge.b]))
+
+
+def _inclination(x: float, y: float, z: float) -> float:
+    return math.atan2(math.hypot(x, y), z)
+
+
+def refused(flags: tuple[str, ...] = ()) -> Corrected:
+    """The answer where no correction holds: no vector at all."""
+    nan = math.nan
+    return Corrected(nan, nan, nan, (nan, nan, nan, nan, nan, nan), "none", (OUTSIDE_ZONE, *flags))

@@ -1,0 +1,415 @@
+"""The calibration record: everything needed to use a calibration, to trust it, and to make it again.
+
+A record is JSON. Its id is the SHA-256 of its content written in one canonical way (keys sorted, no spaces, the
+shortest decimal that reads back to the same double), so that a changed digit is a different record: `verify` recomputes
+it. The pose table and the request that was solved are part of the content; `recompute` solves them again.
+
+A record does not know whether it is in force: that is the store's business.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from enum import StrEnum
+from typing import Any
+
+from highside import __version__
+from highside.calibration.correction import Correction, LinearCorrection, TemperatureTrust
+from highside.calibration.poses import PoseSet
+from highside.calibration.result import CalibrationResult
+from highside.calibration.schedule import ScheduledCorrection
+from highside.errors import InputError, Refused
+
+SCHEMA = "highside.calibration/1"
+UNITS = {
+    "reading": "g",
+    "offset": "g",
+    "angle": "rad",
+    "pose_table_angle": "deg",
+    "temperature": "degC",
+    "gravity": "m/s2",
+}
+
+TEXT_COLUMNS = ("pose",)
+"""Columns of a pose table that are names, not numbers."""
+
+SINGLE_TEMPERATURE_HALF_WIDTH_C = 5.0
+"""A calibration at one temperature is taken to hold within this much of it."""
+
+_ID = re.compile(r"[0-9a-f]{64}")
+
+
+class RecordReason(StrEnum):
+    """Why a record is refused."""
+
+    TAMPERED = "tampered"
+    """its content does not give its id: somebody or something changed it"""
+    EXPIRED = "expired"
+    WRONG_TOOL = "wrong_tool"
+    """made for another tool or another serial number"""
+    UNIT_MISMATCH = "unit_mismatch"
+    """written in other units than this software reads"""
+    UNKNOWN_SCHEMA = "unknown_schema"
+    """written by another version of the format"""
+    MALFORMED = "malformed"
+    """the id is right, but parts are missing or contradict one another"""
+    NOT_FOUND = "not_found"
+    NONE_ACTIVE = "none_active"
+    """the store holds no calibration in force for this tool"""
+    NOTHING_BEFORE = "nothing_before"
+    """there is no earlier calibration to go back to"""
+
+
+class RecordError(Refused):
+    """A calibration record is refused. `reason` names why; the line starts with it."""
+
+    def __init__(self, reason: RecordReason, text: str) -> None:
+        self.reason = reason
+        super().__init__(" ".join(f"calibration refused ({reason.value}): {text}".split()))
+
+
+@dataclass(frozen=True, slots=True)
+class SolveRequest:
+    """What was asked of the solver: all that decides its answer beside the poses."""
+
+    method: str
+    triples: str = "average"
+    reference: str = "pose"
+    pose_sigma_deg: float = 0.0052
+    fallback: str = "none"
+    """for balance: the method of the global correction between and beyond the zones, or "none" """
+    gravity_mps2: float | None = None
+    """where it is known that readings are to be referred to (record only)"""
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "method": self.method,
+            "triples": self.triples,
+            "reference": self.reference,
+            "pose_sigma_deg": self.pose_sigma_deg,
+            "fallback": self.fallback,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Environment:
+    """Where and by whom the poses were measured. Local gravity of the bench with its standard deviation in m/s2."""
+
+    bench: str | None = None
+    operator: str | None = None
+    temp_c: float | None = None
+    gravity_mps2: float | None = None
+    gravity_std_mps2: float | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "bench": self.bench,
+            "operator": self.operator,
+            "temp_c": self.temp_c,
+            "gravity_mps2": self.gravity_mps2,
+            "gravity_std_mps2": self.gravity_std_mps2,
+        }
+
+
+PoseColumns = Mapping[str, Sequence[float] | Sequence[str]]
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationRecord:
+    """One record: `content` (plain JSON values, never changed after building) and the typed views of it."""
+
+    id: str
+    content: Mapping[str, Any]
+    result: CalibrationResult
+    fallback: CalibrationResult | None
+    """global correction beside the zones of a balance calibration"""
+    guide: CalibrationResult | None
+    """rough global correction by which zones are chosen where there is no fallback"""
+
+    @property
+    def tool_id(self) -> str:
+        return str(self.content["tool"]["id"])
+
+    @property
+    def serial(self) -> str | None:
+        value = self.content["tool"]["serial"]
+        return None if value is None else str(value)
+
+    @property
+    def created_s(self) -> float:
+        return from_utc(self.content["created"])
+
+    @property
+    def valid_from_s(self) -> float:
+        return from_utc(self.content["valid_from"])
+
+    @property
+    def expires_s(self) -> float | None:
+        """End of validity in UTC epoch seconds; None: never."""
+        value = self.content["expires"]
+        return None if value is None else from_utc(value)
+
+    @property
+    def request(self) -> SolveRequest:
+        return SolveRequest(**self.content["request"])
+
+    @property
+    def pose_columns(self) -> PoseColumns:
+        return dict(self.content["pose_table"])
+
+    def to_json(self) -> str:
+        """The file: readable, one line at the end; numbers as in the content."""
+        return json.dumps({"id": self.id, **self.content}, indent=1, sort_keys=True, allow_nan=False) + "\n"
+
+
+def canonical(content: Mapping[str, Any]) -> bytes:
+    """The one way to write a content for hashing. Raises InputError for a number that is not finite."""
+    try:
+        return json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False).encode(
+            "ascii"
+        )
+    except ValueError as error:
+        raise InputError(f"a calibration record cannot hold a number that is not finite ({error})") from error
+
+
+def content_id(content: Mapping[str, Any]) -> str:
+    """SHA-256 of the canonical content, 64 hexadecimal digits."""
+    return hashlib.sha256(canonical(content)).hexdigest()
+
+
+def to_utc(epoch_s: float) -> str:
+    """UTC epoch seconds as `2026-11-21T02:40:00Z` (whole seconds)."""
+    return datetime.fromtimestamp(math.floor(epoch_s), UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def from_utc(text: str) -> float:
+    """Epoch seconds of `to_utc`'s form. Raises ValueError for another form."""
+    return datetime.strptime(text, "%Y-%m-%dT%H:%M:%SZ").replace(tzinfo=UTC).timestamp()
+
+
+def build_record(
+    *,
+    tool_id: str,
+    serial: str | None,
+    request: SolveRequest,
+    result: CalibrationResult,
+    pose_columns: PoseColumns,
+    raw_sha256: str,
+    raw_name: str,
+    environment: Environment,
+    now_s: float,
+    expires_s: float | None = None,
+    fallback: CalibrationResult | None = None,
+    guide: CalibrationResult | None = None,
+) -> CalibrationRecord:
+    """Put a record together. `pose_columns`: the pose table as it was read (degrees, g), `raw_sha256`: of its file."""
+    if not tool_id.strip():
+        raise InputError("the tool has no name", remedy="give --tool")
+    if expires_s is not None and expires_s <= now_s:
+        raise InputError("the record would expire before it is made", remedy="give a positive number of days")
+    content: dict[str, Any] = {
+        "schema": SCHEMA,
+        "units": dict(UNITS),
+        "tool": {"id": tool_id, "serial": serial},
+        "created": to_utc(now_s),
+        "valid_from": to_utc(now_s),
+        "expires": None if expires_s is None else to_utc(expires_s),
+        "software": {"name": "highside", "version": __version__},
+        "request": request.to_dict(),
+        "environment": environment.to_dict(),
+        "raw": {"name": raw_name, "sha256": raw_sha256},
+        "pose_table": {name: list(values) for name, values in pose_columns.items()},
+        "result": result.to_dict(),
+        "fallback": None if fallback is None else fallback.to_dict(),
+        "guide": None if guide is None else guide.to_dict(),
+    }
+    # through JSON and back, so that what is used now is exactly what will be read later
+    content = json.loads(canonical(content))
+    return _typed(content_id(content), content)
+
+
+def parse_record(text: str, *, where: str | None = None) -> CalibrationRecord:
+    """Read and check a record's own integrity: schema, hash, units, structure.
+
+    Raises InputError for what is no record at all, RecordError for one that is refused.
+    """
+    try:
+        data = json.loads(text, parse_constant=_no_constant, object_pairs_hook=_no_repeated_keys)
+    except ValueError as error:
+        raise InputError(
+            f"is no calibration record ({error})", where=where, remedy="give a file made by calibrate solve"
+        ) from error
+    if not isinstance(data, dict) or "schema" not in data or "id" not in data:
+        raise InputError("is no calibration record", where=where, remedy="give a file made by calibrate solve")
+    at = f"{where}: " if where else ""
+    stated = data.pop("id")
+    if data["schema"] != SCHEMA:
+        raise RecordError(RecordReason.UNKNOWN_SCHEMA, f"{at}schema {data['schema']!r}, this software reads {SCHEMA!r}")
+    found = content_id(data)
+    if not isinstance(stated, str) or stated != found:
+        raise RecordError(
+            RecordReason.TAMPERED,
+            f"{at}its content has the hash {found[:12]}, not {str(stated)[:12]}; use the original file",
+        )
+    if data.get("units") != UNITS:
+        wrong = sorted(set(UNITS.items()) ^ set((data.get("units") or {}).items()))
+        raise RecordError(RecordReason.UNIT_MISMATCH, f"{at}units {wrong}; readings must be in g, angles in rad")
+    return _typed(found, data, at)
+
+
+def _typed(record_id: str, content: Mapping[str, Any], at: str = "") -> CalibrationRecord:
+    try:
+        record = CalibrationRecord(
+            id=record_id,
+            content=content,
+            result=CalibrationResult.from_dict(content["result"]),
+            fallback=None if content["fallback"] is None else CalibrationResult.from_dict(content["fallback"]),
+            guide=None if content["guide"] is None else CalibrationResult.from_dict(content["guide"]),
+        )
+        # the views that are made on demand must work too
+        _ = (record.tool_id, record.serial, record.created_s, record.valid_from_s, record.expires_s, record.request)
+        correction_from_record(record)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, InputError) as error:
+        detail = f"{type(error).__name__}: {error}"
+        raise RecordError(
+            RecordReason.MALFORMED, f"{at}parts are missing or contradict one another ({detail})"
+        ) from error
+    return record
+
+
+def _no_constant(name: str) -> float:
+    raise ValueError(f"{name} is not a number")
+
+
+def _no_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    out = dict(pairs)
+    if len(out) != len(pairs):
+        raise ValueError("a key is given twice")
+    return out
+
+
+def verify(
+    record: CalibrationRecord, *, tool_id: str | None, serial: str | None = None, now_s: float | None = None
+) -> None:
+    """Whether a record, already read, may be used for this tool now. Raises RecordError.
+
+    `tool_id`, `serial`: None where the caller does not know. `valid_from` is not held against the clock: a tool that boots
+    with a clock of 1970 must not lose its calibration for it.
+    """
+    short = record.id[:12]
+    if tool_id is not None and record.tool_id != tool_id:
+        raise RecordError(RecordReason.WRONG_TOOL, f"record {short} is of tool {record.tool_id!r}, not of {tool_id!r}")
+    if serial is not None and record.serial is not None and record.serial != serial:
+        raise RecordError(
+            RecordReason.WRONG_TOOL, f"record {short} is of serial number {record.serial!r}, not of {serial!r}"
+        )
+    expires = record.expires_s
+    if expires is not None and now_s is not None and now_s >= expires:
+        raise RecordError(
+            RecordReason.EXPIRED, f"record {short} expired on {record.content['expires']}; calibrate again"
+        )
+
+
+def correction_from_record(record: CalibrationRecord) -> Correction:
+    """The record's calibration ready for use: a single correction, or a schedule of zones."""
+    trust = temperature_trust(record)
+    result = record.result
+    local = [zone for zone in result.zones if zone.is_local]
+    outer = record.fallback.main if record.fallback is not None else None
+    if outer is None:
+        outer = next((zone for zone in result.zones if not zone.is_local), None)
+    if not local:
+        if outer is None:
+            raise InputError("the calibration has no zone")
+        return LinearCorrection(outer, record.id, trust)
+    if len(local) == 1 and outer is None:
+        return LinearCorrection(local[0], record.id, trust)
+    guide = record.guide.main if record.guide is not None else None
+    return ScheduledCorrection(
+        zones=tuple(LinearCorrection(zone, record.id, trust, guarded=False) for zone in local),
+        fallback=None if outer is None else LinearCorrection(outer, record.id, trust),
+        cal_id=record.id,
+        guide=None if guide is None else LinearCorrection(guide, record.id, trust),
+    )
+
+
+def temperature_trust(record: CalibrationRecord) -> TemperatureTrust | None:
+    """The temperatures at which the poses were measured, from the table or the stated one; None where not known."""
+    ranges = [zone.temperature for zone in record.result.zones if zone.temperature is not None]
+    if ranges:
+        low, high = min(t.min_c for t in ranges), max(t.max_c for t in ranges)
+    else:
+        table = record.content["pose_table"].get("temp_c")
+        stated = record.content["environment"]["temp_c"]
+        if table:
+            low, high = min(table), max(table)
+        elif stated is not None:
+            low = high = float(stated)
+        else:
+            return None
+    half = SINGLE_TEMPERATURE_HALF_WIDTH_C
+    if high - low < 2.0 * half:
+        middle = 0.5 * (low + high)
+        low, high = middle - half, middle + half
+    return TemperatureTrust(low, high)
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """What `solve` found: the calibration, and beside the zones of a balance calibration a fallback or a guide."""
+
+    result: CalibrationResult
+    fallback: CalibrationResult | None = None
+    guide: CalibrationResult | None = None
+
+
+def pose_set(columns: PoseColumns, request: SolveRequest, *, where: str | None = None) -> PoseSet:
+    """The poses of a table as the solver takes them."""
+    return PoseSet.from_columns(columns, where=where, reference=request.reference)  # type: ignore[arg-type]
+
+
+def solve_poses(columns: PoseColumns, request: SolveRequest, *, where: str | None = None) -> Solution:
+    """Solve a pose table as requested. Raises InputError for a bad table, CalibrationRefused where no calibration follows.
+
+    Balance zones get a `fallback` if one is asked for, else, where the rings span enough to give one, a rough global
+    `guide` that only chooses the zone of a reading.
+    """
+    from highside.calibration.balance import balance
+    from highside.calibration.conventional import conventional, least_squares
+    from highside.calibration.result import BenchAccuracy, CalibrationRefused
+
+    poses = pose_set(columns, request, where=where)
+    bench = BenchAccuracy(pose_rad=math.radians(request.pose_sigma_deg))
+    if request.reference == "magnitude":
+        from highside.calibration.magnitude import magnitude
+
+        return Solution(magnitude(poses))
+    if request.method == "conventional":
+        return Solution(conventional(poses, bench=bench))
+    if request.method == "joint":
+        from highside.calibration.joint import joint
+
+        return Solution(joint(poses, bench=bench))
+    if request.method != "balance":
+        raise InputError(f"method {request.method!r} is none of conventional, balance, joint", field="--method")
+    result = balance(poses, triples=request.triples, bench=bench)
+    if request.fallback != "none":
+        global_request = SolveRequest(request.fallback, pose_sigma_deg=request.pose_sigma_deg)
+        return Solution(result, fallback=solve_poses(columns, global_request, where=where).result)
+    if len(result.zones) < 2:
+        return Solution(result)
+    try:
+        return Solution(result, guide=least_squares(poses, bench=bench))
+    except CalibrationRefused:
+        return Solution(result)
+
+
+def recompute(record: CalibrationRecord) -> Solution:
+    """Solve the record's own pose table again, as it was requested."""
+    return solve_poses(record.pose_columns, record.request, where=f"pose table of record {record.id[:12]}")

@@ -1,0 +1,280 @@
+"""The store of calibration records: a directory to which files are added and in which none is ever changed.
+
+    records/<id>.json               the records, named by the hash of their content
+    activations/00000012.json       who was put in force, when, and why; the highest number of a tool counts
+
+Every file is written beside, flushed to the disk and renamed, the directory flushed after it; a lock file keeps two
+writers apart. Killed between any two steps, the store holds the old state or the new one. Readers take no lock.
+
+A roll back is one more activation: of the record that was in force before the present one.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from highside.calibration.correction import Correction
+from highside.calibration.record import (
+    CalibrationRecord,
+    RecordError,
+    RecordReason,
+    correction_from_record,
+    from_utc,
+    parse_record,
+    to_utc,
+    verify,
+)
+from highside.errors import InputError
+
+MIN_ID_PREFIX = 6
+"""Fewest digits by which a record may be named."""
+
+
+@dataclass(frozen=True, slots=True)
+class Activation:
+    """One entry of the history. `action`: "activate" or "rollback". `undoes`: for a roll back the number it takes back."""
+
+    number: int
+    tool_id: str
+    record_id: str
+    action: str
+    at_s: float
+    undoes: int | None = None
+
+
+def read_record(path: Path) -> CalibrationRecord:
+    """Read a record file and check its hash, schema and units. Raises InputError or RecordError."""
+    try:
+        text = path.read_text("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError("is no calibration record (not text)", where=str(path)) from error
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", where=str(path)) from error
+    return parse_record(text, where=str(path))
+
+
+def load_record_file(
+    path: Path, *, tool_id: str | None, serial: str | None = None, now_s: float | None = None
+) -> Correction:
+    """The correction of one record file, verified for this tool at this time (UTC epoch seconds)."""
+    record = read_record(Path(path))
+    verify(record, tool_id=tool_id, serial=serial, now_s=now_s)
+    return correction_from_record(record)
+
+
+def load_active(store_dir: Path, *, tool_id: str, serial: str | None = None, now_s: float | None = None) -> Correction:
+    """The correction in force for a tool. Raises RecordError naming why there is none, InputError for an unreadable store."""
+    record = CalibrationStore(store_dir).active(tool_id)
+    verify(record, tool_id=tool_id, serial=serial, now_s=now_s)
+    return correction_from_record(record)
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Write a file so that it is there complete or not at all, also after a power cut. Raises InputError.
+
+    The temporary name begins with a dot: a reader that lists the directory does not see it.
+    """
+    descriptor = None
+    temporary = None
+    try:
+        descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        temporary = Path(name)
+        with os.fdopen(descriptor, "w", encoding="utf-8") as out:
+            out.write(text)
+            out.flush()
+            os.fchmod(out.fileno(), 0o644)
+            os.fsync(out.fileno())
+        temporary.replace(path)
+        flush_directory(path.parent)
+    except OSError as error:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+        raise InputError(f"cannot be written ({error.strerror})", where=str(path)) from error
+
+
+def flush_directory(path: Path) -> None:
+    """Make a rename in a directory survive a power cut."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+class CalibrationStore:
+    """Records of any number of tools, and which of them is in force for each."""
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = Path(directory)
+        self._records = self.directory / "records"
+        self._activations = self.directory / "activations"
+
+    def add(self, record: CalibrationRecord) -> bool:
+        """Keep a record; False if it was there already (same content, same name)."""
+        path = self._record_path(record.id)
+        with self._lock():
+            if path.exists():
+                try:
+                    if read_record(path).id == record.id:
+                        return False
+                except (RecordError, InputError):
+                    pass  # damaged on the disk: the good content is written again
+            write_atomically(path, record.to_json())
+        return True
+
+    def get(self, name: str) -> CalibrationRecord:
+        """A record by its id or the beginning of it, read and checked. Raises RecordError."""
+        if name in self.ids():
+            record_id = name
+        else:
+            found = [known for known in self.ids() if len(name) >= MIN_ID_PREFIX and known.startswith(name)]
+            if len(found) != 1:
+                why = f"{len(found)} records begin with {name}" if found else f"no record {name} in {self.directory}"
+                raise RecordError(RecordReason.NOT_FOUND, f"{why}; see calibrate history")
+            record_id = found[0]
+        path = self._record_path(record_id)
+        record = read_record(path)
+        if record.id != record_id:
+            raise RecordError(RecordReason.TAMPERED, f"{path}: holds another record ({record.id[:12]})")
+        return record
+
+    def ids(self) -> list[str]:
+        """The ids of all records, sorted."""
+        self._require_store()
+        if not self._records.is_dir():
+            return []
+        return sorted(path.stem for path in self._records.glob("*.json") if not path.name.startswith("."))
+
+    def activate(
+        self, record: CalibrationRecord, *, now_s: float, tool_id: str | None = None, serial: str | None = None
+    ) -> Activation:
+        """Put a record in force for its tool, after checking tool, serial and expiry. Raises RecordError."""
+        verify(record, tool_id=tool_id, serial=serial, now_s=now_s)
+        self.add(record)
+        with self._lock():
+            return self._append(record.tool_id, record.id, "activate", now_s, None)
+
+    def rollback(self, tool_id: str, *, now_s: float) -> Activation:
+        """Put the record in force that was so before the present one. Raises RecordError (nothing before, expired, ...)."""
+        with self._lock():
+            stack = self._stack(tool_id)
+            if len(stack) < 2:
+                raise RecordError(
+                    RecordReason.NOTHING_BEFORE, f"tool {tool_id!r} has no earlier calibration in {self.directory}"
+                )
+            present, before = stack[-1], stack[-2]
+            verify(self.get(before.record_id), tool_id=tool_id, now_s=now_s)
+            return self._append(tool_id, before.record_id, "rollback", now_s, present.number)
+
+    def active(self, tool_id: str) -> CalibrationRecord:
+        """The record in force for a tool. Raises RecordError where there is none or it is damaged."""
+        stack = self._stack(tool_id)
+        if not stack:
+            others = sorted({a.tool_id for a in self.history()})
+            hint = f" (it has one of {', '.join(map(repr, others))})" if others else ""
+            reason = RecordReason.WRONG_TOOL if others else RecordReason.NONE_ACTIVE
+            raise RecordError(reason, f"{self.directory} has no calibration in force for tool {tool_id!r}{hint}")
+        return self.get(stack[-1].record_id)
+
+    def active_id(self, tool_id: str) -> str | None:
+        """Id of the record in force, without reading it; None where there is none."""
+        stack = self._stack(tool_id)
+        return stack[-1].record_id if stack else None
+
+    def tools(self) -> list[str]:
+        """The tools for which something was ever put in force."""
+        return sorted({entry.tool_id for entry in self.history()})
+
+    def history(self, tool_id: str | None = None) -> list[Activation]:
+        """All activations in order, of one tool or of all."""
+        self._require_store()
+        entries = []
+        for path in sorted(self._activations.glob("*.json")) if self._activations.is_dir() else []:
+            if path.name.startswith("."):
+                continue
+            entry = _read_activation(path)
+            if tool_id is None or entry.tool_id == tool_id:
+                entries.append(entry)
+        return entries
+
+    def _stack(self, tool_id: str) -> list[Activation]:
+        """Activations still standing: a roll back takes the last one away."""
+        stack: list[Activation] = []
+        for entry in self.history(tool_id):
+            if entry.action == "rollback":
+                stack.pop()
+            else:
+                stack.append(entry)
+        return stack
+
+    def _append(self, tool_id: str, record_id: str, action: str, now_s: float, undoes: int | None) -> Activation:
+        entries = self.history()
+        number = entries[-1].number + 1 if entries else 1
+        entry = Activation(number, tool_id, record_id, action, from_utc(to_utc(now_s)), undoes)
+        content = {
+            "number": number,
+            "tool": tool_id,
+            "record": record_id,
+            "action": action,
+            "at": to_utc(now_s),
+            "undoes": undoes,
+        }
+        self._make(self._activations)
+        write_atomically(self._activations / f"{number:08d}.json", json.dumps(content, sort_keys=True) + "\n")
+        return entry
+
+    def _record_path(self, record_id: str) -> Path:
+        return self._records / f"{record_id}.json"
+
+    def _require_store(self) -> None:
+        if not self.directory.is_dir():
+            raise InputError(
+                "no such calibration store", where=str(self.directory), remedy="calibrate solve --store makes one"
+            )
+
+    def _make(self, directory: Path) -> None:
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+            flush_directory(directory.parent)
+        except OSError as error:
+            raise InputError(f"cannot be made ({error.strerror})", where=str(directory)) from error
+
+    @contextmanager
+    def _lock(self) -> Iterator[None]:
+        """Keep other writers out; released by the kernel if this process dies."""
+        self._make(self._records)
+        path = self.directory / ".lock"
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            raise InputError(f"cannot be opened ({error.strerror})", where=str(path)) from error
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(descriptor)
+
+
+def _read_activation(path: Path) -> Activation:
+    try:
+        data = json.loads(path.read_text("utf-8"))
+        entry = Activation(
+            number=int(data["number"]),
+            tool_id=str(data["tool"]),
+            record_id=str(data["record"]),
+            action=str(data["action"]),
+            at_s=from_utc(data["at"]),
+            undoes=data["undoes"],
+        )
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise RecordError(RecordReason.MALFORMED, f"{path}: not an activation ({type(error).__name__})") from error
+    if entry.action not in ("activate", "rollback") or path.stem != f"{entry.number:08d}":
+        raise RecordError(RecordReason.MALFORMED, f"{path}: not an activation")
+    return entry
