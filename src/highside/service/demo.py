@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import hashlib
 import json
 import math
 import tempfile
@@ -21,10 +22,12 @@ from typing import Any
 import aiomqtt
 import numpy as np
 
+from highside.calibration.record import CalibrationRecord, Environment, SolveRequest, build_record, solve_poses
 from highside.config.settings import Settings, validate
 from highside.link.device import DeviceSettings, SimulatedDevice
 from highside.link.wire import PtyWire
-from highside.recording.calibration_store import write_record
+from highside.physics.gravity import gravity
+from highside.recording.calibration_store import write_atomically
 from highside.service.app import Service
 from highside.service.embedded_broker import EmbeddedBroker
 
@@ -197,9 +200,36 @@ async def _settle(done: Callable[[], bool], timeout_s: float = 2.0) -> None:
         await asyncio.sleep(0.02)
 
 
+def factory_record() -> CalibrationRecord:
+    """Calibrate the simulated sensor as a bench would: 24 positions, 100 noisy readings each, solved and recorded."""
+    rng = np.random.default_rng(24)
+    noise_g = DeviceSettings(rate_hz=RATE_HZ).noise_g
+    inc = np.repeat([30.0, 90.0, 150.0], 8)
+    tf = np.tile(np.arange(0.0, 360.0, 45.0), 3)
+    g = gravity(np.deg2rad(inc), np.deg2rad(tf))
+    a = np.array(MATRIX) @ g + np.array(OFFSET_G)[:, None] + noise_g / 10.0 * rng.standard_normal(g.shape)
+    columns = {"inc_ref_deg": inc, "tf_ref_deg": tf, "ax": a[0], "ay": a[1], "az": a[2], "n": np.full(24, 100.0)}
+    columns |= {f"std_a{axis}": np.full(24, noise_g) for axis in "xyz"}
+    poses = {name: values.tolist() for name, values in columns.items()}
+    request = SolveRequest("conventional")
+    now = time.time()
+    return build_record(
+        tool_id=TOOL_ID,
+        serial=None,
+        request=request,
+        result=solve_poses(poses, request).result,
+        pose_columns=poses,
+        raw_sha256=hashlib.sha256(json.dumps(poses).encode()).hexdigest(),
+        raw_name="simulated bench",
+        environment=Environment(bench="simulated", temp_c=25.0),
+        now_s=now,
+        expires_s=now + 86_400.0,
+    )
+
+
 def _settings(directory: Path, port: str, broker_port: int) -> Settings:
     record = directory / "calibration.json"
-    write_record(record, factory_record())
+    write_atomically(record, factory_record().to_json())
     return validate(
         {
             "tool": {"id": TOOL_ID},

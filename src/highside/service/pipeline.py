@@ -330,20 +330,25 @@ class Pipeline:
         flags: list[str],
     ) -> Attitude:
         gx, gy, gz = corrected.gx, corrected.gy, corrected.gz
-        result = attitude_with_std(gx, gy, gz, corrected.cov)
         g_total = math.sqrt(gx * gx + gy * gy + gz * gz)
-        if result.toolface_undefined:
-            flags.append("toolface_undefined")
+        if math.isnan(g_total):
+            # no correction holds here (its flag says so): no angle, rather than a wrong one
+            inc = inc_std = tf = tf_std = math.nan
+        else:
+            result = attitude_with_std(gx, gy, gz, corrected.cov)
+            inc, inc_std, tf, tf_std = result.inc_rad, result.inc_std_rad, result.tf_rad, result.tf_std_rad
+            if result.toolface_undefined:
+                flags.append("toolface_undefined")
         if abs(g_total - 1.0) > self._settings.g_tolerance:
             flags.append("g_total")
         flags.extend(f"stuck_{axis}" for axis in self.monitor.stuck_axes)
         return Attitude(
             t_device_s=t,
             t_mono=frame.t_mono,
-            inc_deg=math.degrees(result.inc_rad),
-            inc_std_deg=math.degrees(result.inc_std_rad),
-            tf_deg=math.degrees(result.tf_rad),
-            tf_std_deg=math.degrees(result.tf_std_rad),
+            inc_deg=math.degrees(inc),
+            inc_std_deg=math.degrees(inc_std),
+            tf_deg=math.degrees(tf),
+            tf_std_deg=math.degrees(tf_std),
             g_total=g_total,
             cal_id=self.correction.cal_id,
             zone=corrected.zone,
