@@ -1,0 +1,337 @@
+"""The unit as it is shipped, under a real systemd, with a real broker: the whole life of the service.
+
+The installation that the unit expects is put together in the guest's memory: `/opt/highside` is a virtual environment
+around this checkout, and the interpreter (which may live in a home directory that no other user may enter) is mounted
+at a place that all may read. The unit itself is not changed; a drop-in only shortens the watchdog so that tests need
+not wait for half a minute.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+import stat
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+UNIT = "highside.service"
+PREFIX = Path("/opt/highside")
+PYTHON = Path("/opt/highside-python")
+PACKAGES = Path("/opt/highside-packages")
+SOURCE = Path("/opt/highside-source")
+STATE = Path("/var/lib/private/highside")
+CONFIG = Path("/etc/highside/highside.toml")
+WATCHDOG_S = 6.0
+USER, PASSWORD = "tool", "a pass:word = of its own"
+
+CONFIGURATION = """\
+[tool]
+id = "bench1"
+
+[link]
+kind = "simulated"
+
+[codec]
+name = "tool"
+
+[mqtt]
+host = "127.0.0.1"
+username = "tool"
+
+[pipeline]
+output_rate_hz = {rate}
+
+[service]
+health_interval_s = 0.5
+"""
+
+
+def run(*command: str, check: bool = True) -> str:
+    """Output of a command."""
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert not check or done.returncode == 0, f"{command}: {done.returncode}: {done.stderr}{done.stdout}"
+    return done.stdout
+
+
+def show(name: str) -> str:
+    """A property of the unit."""
+    return run("systemctl", "show", "--property", name, "--value", UNIT).strip()
+
+
+def until(what: Callable[[], bool], timeout_s: float, say: str) -> float:
+    """Wait for something; returns the seconds it took."""
+    begin = time.monotonic()
+    while not what():
+        assert time.monotonic() - begin < timeout_s, f"{say}: not within {timeout_s} s\n{journal()}"
+        time.sleep(0.1)
+    return time.monotonic() - begin
+
+
+def journal() -> str:
+    """The unit's last words."""
+    return run("journalctl", "--no-pager", "-n", "40", "-u", UNIT, check=False)
+
+
+class Broker:
+    """A real mosquitto that wants a password, with a subscriber that keeps all it gets."""
+
+    def __init__(self, directory: Path) -> None:
+        self.received = directory / "received"
+        self._config = directory / "mosquitto.conf"
+        passwords = directory / "passwords"
+        run("mosquitto_passwd", "-b", "-c", str(passwords), USER, PASSWORD)
+        self._config.write_text(
+            f"user root\nlistener 1883 127.0.0.1\nallow_anonymous false\npassword_file {passwords}\npersistence false\n"
+        )
+        self._broker: subprocess.Popen[bytes] | None = None
+        self._subscriber: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> None:
+        self._broker = subprocess.Popen(
+            ["mosquitto", "-c", str(self._config)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        time.sleep(0.5)
+        out = self.received.open("ab")
+        self._subscriber = subprocess.Popen(
+            ["mosquitto_sub", "-u", USER, "-P", PASSWORD, "-q", "1", "-t", "highside/#", "-F", "%t %p"], stdout=out
+        )
+        out.close()
+
+    def stop(self) -> None:
+        for process in (self._subscriber, self._broker):
+            if process is not None:
+                process.terminate()
+                process.wait(10)
+        self._broker = self._subscriber = None
+
+    def messages(self, topic: str) -> list[dict[str, object]]:
+        """Payloads received so far on a topic below the tool's."""
+        found = []
+        for line in self.received.read_text().splitlines(keepends=True):
+            name, _, payload = line.partition(" ")
+            if name == f"highside/bench1/{topic}" and line.endswith("\n"):
+                found.append(json.loads(payload))
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Guest:
+    """What the tests share."""
+
+    broker: Broker
+    before: dict[str, tuple[int, int]]
+    """every file written in the guest before the service first ran"""
+
+
+def written_files() -> dict[str, tuple[int, int]]:
+    """All that has been written in this guest, wherever: the upper layer of its root and its memory file systems."""
+    found = {}
+    for top in (Path("/run/guest/written"), Path("/run"), Path("/dev/shm")):
+        for directory, names, files in os.walk(top):
+            if top == Path("/run") and directory == "/run":
+                names.remove("guest")
+            for name in (*names, *files):
+                path = Path(directory) / name
+                try:
+                    state = path.lstat()
+                except FileNotFoundError:
+                    continue
+                # times of directories change with their content, which is listed itself
+                changed = 0 if stat.S_ISDIR(state.st_mode) else state.st_mtime_ns
+                found[str(path)] = (state.st_size if not stat.S_ISDIR(state.st_mode) else 0, changed)
+    return found
+
+
+def install() -> None:
+    """Put the installation together, as the comments of the unit describe it."""
+    base = Path(sys.base_prefix)
+    interpreter = Path(sys.executable).resolve()
+    site = next(Path(place) for place in sys.path if place.endswith("site-packages"))
+    for source, place in ((base, PYTHON), (site, PACKAGES), (ROOT / "src", SOURCE)):
+        place.mkdir()
+        run("mount", "--bind", str(source), str(place))
+    for library in (base / "lib").glob("libpython3.*.so.*"):
+        # an interpreter with a shared library looks for it in its old place, then in the system's
+        if not base.samefile("/usr"):
+            (Path("/usr/lib") / library.name).symlink_to(PYTHON / "lib" / library.name)
+    packages = PREFIX / "lib" / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
+    packages.mkdir(parents=True)
+    (packages / "highside.pth").write_text(f"{SOURCE}\n{PACKAGES}\n")
+    (PREFIX / "pyvenv.cfg").write_text(f"home = {PYTHON / 'bin'}\ninclude-system-site-packages = false\n")
+    (PREFIX / "bin").mkdir()
+    (PREFIX / "bin" / "python").symlink_to(PYTHON / interpreter.relative_to(base.resolve()))
+    command = PREFIX / "bin" / "highside"
+    command.write_text(f"#!{PREFIX}/bin/python\nfrom highside.cli.main import main\nmain()\n")
+    command.chmod(0o755)
+
+    CONFIG.parent.mkdir(exist_ok=True)
+    configure(rate=10)
+    password = CONFIG.parent / "mqtt-password"
+    password.write_text(PASSWORD + "\n")
+    password.chmod(0o600)
+    unit = Path("/etc/systemd/system") / UNIT
+    unit.write_bytes((ROOT / "systemd" / UNIT).read_bytes())
+    drop_in = Path(f"/etc/systemd/system/{UNIT}.d/test.conf")
+    drop_in.parent.mkdir()
+    drop_in.write_text(f"[Service]\nWatchdogSec={WATCHDOG_S:g}\nTimeoutAbortSec=3\nRestartSec=0.5\n")
+    run("systemctl", "daemon-reload")
+
+
+def configure(rate: int) -> None:
+    """Write the service's configuration."""
+    CONFIG.write_text(CONFIGURATION.format(rate=rate))
+
+
+@pytest.fixture(scope="module")
+def guest(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guest]:
+    """The service installed and started once, the broker running."""
+    os.umask(0o022)
+    broker = Broker(tmp_path_factory.mktemp("broker"))
+    install()
+    broker.start()
+    before = written_files()
+    begin = time.monotonic()
+    done = subprocess.run(["systemctl", "start", UNIT], capture_output=True, text=True, timeout=90, check=False)
+    assert done.returncode == 0, f"{done.stderr}\n{journal()}"
+    print(f"ready {time.monotonic() - begin:.1f} s after `systemctl start`")
+    yield Guest(broker, before)
+    run("systemctl", "stop", UNIT, check=False)
+    broker.stop()
+
+
+def restarts() -> int:
+    """How often systemd has restarted the service."""
+    return int(show("NRestarts"))
+
+
+def attitudes_flow(broker: Broker) -> None:
+    """Wait until new attitudes arrive at the subscriber."""
+    before = len(broker.messages("attitude"))
+    until(lambda: len(broker.messages("attitude")) > before + 3, 30, "attitudes at the subscriber")
+
+
+def after_restart(count: int) -> Callable[[], bool]:
+    """Whether the service has been restarted `count` times and is ready again."""
+    return lambda: restarts() == count and show("ActiveState") == "active"
+
+
+def test_the_unit_becomes_ready_and_says_how_it_is(guest: Guest) -> None:
+    assert show("ActiveState") == "active"
+    assert show("SubState") == "running"
+    assert restarts() == 0
+    until(lambda: show("StatusText") != "", 10, "a status text")
+    print(show("StatusText"))
+
+
+def test_it_publishes_with_the_password_from_its_credential(guest: Guest) -> None:
+    # the broker refuses whoever does not know the password, and only root may read the file it comes from
+    attitudes_flow(guest.broker)
+    last = guest.broker.messages("attitude")[-1]
+    assert {"seq", "inc_deg", "inc_std_deg", "tf_deg", "tf_std_deg", "cal_id"} <= last.keys()
+    pid = show("MainPID")
+    status = Path(f"/proc/{pid}/status").read_text()
+    assert "Uid:\t0\t" not in status
+    assert "CapEff:\t0000000000000000" in status
+    assert "Seccomp:\t2" in status
+    assert "NoNewPrivs:\t1" in status
+
+
+def test_its_exposure_is_at_most_two(guest: Guest) -> None:
+    verdict = run("systemd-analyze", "security", "--no-pager", UNIT).splitlines()[-1]
+    print(verdict)
+    assert float(verdict.split(":")[1].split()[0]) <= 2.0
+
+
+def test_reload_takes_a_good_configuration_and_refuses_a_bad_one(guest: Guest) -> None:
+    pid = show("MainPID")
+    configure(rate=20)
+    run("systemctl", "reload", UNIT)
+    until(lambda: guest.broker.messages("health")[-1]["reload"]["count"] == 1, 15, "the reload")  # type: ignore[index]
+    configure(rate=-1)
+    run("systemctl", "reload", UNIT)
+    until(
+        lambda: "output_rate_hz" in str(guest.broker.messages("health")[-1]["reload"]["refused"]),  # type: ignore[index]
+        15,
+        "the refusal, with the field's name",
+    )
+    configure(rate=10)
+    run("systemctl", "reload", UNIT)
+    until(lambda: guest.broker.messages("health")[-1]["reload"]["count"] == 2, 15, "the second reload")  # type: ignore[index]
+    assert show("ActiveState") == "active"
+    assert show("MainPID") == pid
+    assert restarts() == 0
+
+
+def test_a_dead_broker_is_no_reason_to_restart(guest: Guest) -> None:
+    count, pid = restarts(), show("MainPID")
+    guest.broker.stop()
+    time.sleep(WATCHDOG_S + 4.0)
+    assert show("ActiveState") == "active"
+    guest.broker.start()
+    attitudes_flow(guest.broker)
+    assert restarts() == count
+    assert show("MainPID") == pid
+    sequence = [int(str(message["seq"])) for message in guest.broker.messages("attitude")]
+    assert sorted(set(sequence)) == list(range(min(sequence), max(sequence) + 1)), "messages were lost in the outage"
+
+
+def test_a_killed_service_is_restarted(guest: Guest) -> None:
+    count = restarts()
+    run("systemctl", "kill", "--signal", "KILL", "--kill-whom", "main", UNIT)
+    took = until(after_restart(count + 1), 60, "the restart after SIGKILL")
+    print(f"ready again {took:.1f} s after SIGKILL")
+    attitudes_flow(guest.broker)
+
+
+def test_the_watchdog_ends_a_stopped_process(guest: Guest) -> None:
+    count = restarts()
+    run("systemctl", "kill", "--signal", "STOP", "--kill-whom", "main", UNIT)
+    begin = time.monotonic()
+    until(after_restart(count + 1), 60, "the restart by the watchdog")
+    assert time.monotonic() - begin > 0.5 * WATCHDOG_S
+    assert "watchdog" in journal().lower()
+    attitudes_flow(guest.broker)
+
+
+def test_the_watchdog_ends_a_pipeline_that_no_longer_moves(guest: Guest) -> None:
+    # the process lives, its loop turns, but the outbox cannot commit: somebody holds the database
+    count = restarts()
+    with sqlite3.connect(STATE / "outbox.sqlite", isolation_level=None) as holder:
+        holder.execute("BEGIN EXCLUSIVE")
+        begin = time.monotonic()
+        until(lambda: show("Result") == "watchdog" or restarts() > count, 60, "the watchdog")
+        took = time.monotonic() - begin
+        holder.execute("ROLLBACK")
+    holder.close()
+    print(f"restarted {took:.1f} s after the outbox was blocked")
+    assert took > 0.5 * WATCHDOG_S
+    until(lambda: restarts() > count and show("ActiveState") == "active", 60, "the restart")
+    attitudes_flow(guest.broker)
+
+
+def test_it_writes_nothing_outside_its_state_directory(guest: Guest) -> None:
+    assert sorted(path.name for path in STATE.iterdir()) != []
+    begin = time.monotonic()
+    run("systemctl", "stop", UNIT)
+    print(f"stopped in {time.monotonic() - begin:.1f} s, result {show('Result')}")
+    assert time.monotonic() - begin < 10.0
+    assert show("Result") == "success"
+    after = written_files()
+    changed = {path for path, state in after.items() if guest.before.get(path) != state}
+    # others that write meanwhile: systemd itself and its journal, the broker and this test
+    others = (
+        "/run/systemd/", "/run/log/", "/run/guest/written/var/log/journal/", "/run/guest/written/var/lib/systemd/",
+        "/run/guest/written/tmp/pytest-of-root/", "/run/guest/written/etc/highside/highside.toml", "/run/udev/",
+    )  # fmt: skip
+    allowed = ("/run/guest/written/var/lib/private", "/run/guest/written/var/lib/highside")
+    strange = sorted(path for path in changed if not path.startswith((*others, *allowed)))
+    assert strange == []
+    assert any(path.startswith(f"/run/guest/written{STATE}/") for path in changed)
