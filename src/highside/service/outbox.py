@@ -284,9 +284,9 @@ class Outbox:
             if row is None:
                 return
             self._acknowledged += 1
+            # no wake-up: the deletion rides on the next commit, or is made within a second; were it lost, a
+            # duplicate would be sent
             self._forget(row)
-        if not self._wake.is_set():
-            self._wake.set()
 
     def discard(self, row_id: int, reason: str) -> None:
         """A message in flight that can never be sent: dropped, counted under `reason`."""
