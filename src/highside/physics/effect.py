@@ -2,13 +2,16 @@
 
 The chain, in order, and what an effect adds at each stage (dimension x N rows):
 
+    TIMING     s,   (1, N): how much later than its stamp a row was sampled
     POSE       rad, (3, N): increments of the inclination I, of the cross angle E and of the toolface T
     GRAVITY    1,   (3, N): increment of the lab's vertical (0, 0, 1)
     MOUNTING   rad, (3, 1): rotation vector from the tool frame to the triad's frame
     KINEMATIC  g,   (3, N): specific force of motion, in the triad's frame
     SENSOR     g,   (3, N): what the triad reports beyond its input f
     THERMAL    g,   (3, N): as SENSOR, following temperature or time
-    NOISE      g,   (3, N): drawn at random, nothing to predict
+    GYRO       rad/s, (3, N): what the gyros report beyond the tool's rates
+    NOISE      drawn at random, nothing to predict; each such effect disturbs the stage it names
+    DIGITAL    what the converter, the link and the recorder make of the reported values, in order, at the very end
 
 Effects of one stage act side by side (each sees the stage's input, not another's output), so their order does not
 matter and the model stays `m = f + sum of terms(f)`, the form of the calibration equations.
@@ -38,13 +41,16 @@ REFERENCE_TEMP_C = 25.0
 class Stage(Enum):
     """Where in the chain an effect acts; the order of the members is that of the chain."""
 
+    TIMING = "timing"
     POSE = "pose"
     GRAVITY = "gravity"
     MOUNTING = "mounting"
     KINEMATIC = "kinematic"
     SENSOR = "sensor"
     THERMAL = "thermal"
+    GYRO = "gyro"
     NOISE = "noise"
+    DIGITAL = "digital"
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +101,7 @@ class Effect(ABC):
 
     @abstractmethod
     def delta(self, state: ChainState, p: Array, x: Array) -> Array:
-        """What it adds at its stage, (3, N) (MOUNTING: (3, 1)), for parameters p (K,) and stage input x (3, N)."""
+        """What it adds at its stage (shape: see the module), for parameters p (K,) and stage input x (3, N)."""
 
     def derivative(self, state: ChainState, p: Array, x: Array) -> Array:
         """d delta / d p, (K, 3, N)."""
@@ -199,6 +205,26 @@ class RandomEffect(Effect):
     @abstractmethod
     def draw(self, state: ChainState, p: Array, rng: np.random.Generator) -> Array:
         """One realisation, (3, N), in the units of the stage `draws_at`."""
+
+
+class RecordEffect(Effect):
+    """Acts on the finished values: rounding, clipping, loss. Found by detectors, not by regression."""
+
+    random = True
+
+    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        return np.zeros((3, state.n), dtype=np.result_type(p, float))
+
+    def derivative(self, state: ChainState, p: Array, x: Array) -> Array:
+        return np.zeros((len(self.parameters), 3, state.n))
+
+    def record(self, state: ChainState, p: Array, values: Array, rng: np.random.Generator) -> Array:
+        """The values (3, N) as they are written down."""
+        return values
+
+    def rows(self, state: ChainState, p: Array, rng: np.random.Generator) -> Array:
+        """Indices of the rows that are written down, in order."""
+        return np.arange(state.n)
 
 
 def on_own_axis(values: Array) -> Array:

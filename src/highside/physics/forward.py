@@ -1,9 +1,11 @@
 """The forward model: from where the bench says the tool is to what the triad reports, with any set of effects.
 
+    t        = stamp + sum of TIMING effects                                  (s; the covariates follow by their rates)
     I, E, T  = encoder readings + sum of POSE effects                         (rad)
     w        = Rz(T) Rx(E) Ry(I) v/|v|,  v = (0, 0, 1) + sum of GRAVITY effects  (true gravity in the tool frame, g)
     f        = exp([mounting]) w + sum of KINEMATIC effects                   (specific force at the triad, g)
     m        = f + sum of SENSOR and THERMAL effects of f                     (reported, g)
+    rates    = [I' sin T, -I' cos T, -T'] + sum of GYRO effects               (reported by gyros, rad/s)
 
 The Jacobian follows the same way by the chain rule, effect by effect in closed form or by complex step. Pure: a model
 is a value, and `predict` and `jacobian` change nothing.
@@ -18,7 +20,7 @@ import numpy as np
 
 from highside.errors import InputError
 from highside.physics import effects as library
-from highside.physics.effect import Effect, RandomEffect, Stage
+from highside.physics.effect import Effect, RandomEffect, RecordEffect, Stage
 from highside.physics.gravity import Array, attitude_of, rotate_x, rotate_y, rotate_z, rotation_matrix, unit
 from highside.physics.state import ChainState
 
@@ -30,6 +32,8 @@ Draws = Mapping[Stage, Array]
 class Chain:
     """What stands between the stages of one evaluation; arrays (3, N)."""
 
+    state: ChainState
+    """with the TIMING effects"""
     pose: Array
     """I, E, T in rad after the POSE effects"""
     vertical: Array
@@ -155,8 +159,66 @@ class ForwardModel:
         return draws
 
     def simulate(self, state: ChainState, rng: np.random.Generator) -> Array:
-        """Reported gravity direction, (3, N) in g, with one realisation of everything random."""
-        return self.chain(state, self.draw(state, rng)).reported
+        """Reported gravity direction, (3, N) in g, with one realisation of everything random, as it is written down.
+
+        The rows that a link loses or repeats are told by `recorded_rows`.
+        """
+        return self.recorded(state, self.chain(state, self.draw(state, rng)).reported, rng)
+
+    def recorded(self, state: ChainState, values: Array, rng: np.random.Generator) -> Array:
+        """The values (3, N) after the DIGITAL effects."""
+        for effect, p in self.effects:
+            if isinstance(effect, RecordEffect):
+                values = effect.record(state, p, values, rng)
+        return values
+
+    def recorded_rows(self, state: ChainState, rng: np.random.Generator) -> Array:
+        """Indices of the rows that reach the recording."""
+        rows: Array = np.arange(state.n)
+        for effect, p in self.effects:
+            if isinstance(effect, RecordEffect):
+                rows = rows[effect.rows(state.rows(rows), p, rng)]
+        return rows
+
+    def gyro(self, state: ChainState, draws: Draws | None = None) -> Array:
+        """Reported rates about the tool's axes, (3, N) in rad/s; without anything random unless `draws` are given."""
+        draws = draws or {}
+        sampled = self._sampled(state, draws)
+        rates = tool_rates(sampled)
+        reported = rates
+        for effect, p in self.effects:
+            if effect.stage is Stage.GYRO:
+                reported = reported + effect.delta(sampled, p, rates)
+        return reported + draws[Stage.GYRO] if Stage.GYRO in draws else reported
+
+    def gyro_jacobian(self, state: ChainState, free: Sequence[str] | None = None) -> Array:
+        """d(reported rates)/d(free parameters), (P, 3, N); zero for what acts on the accelerometers alone.
+
+        The ripple that an encoder's error would put on the commanded rate is not part of it.
+        """
+        names = _split(self.free_names(free))
+        sampled = self._sampled(state, {})
+        by_effect: dict[str, Array] = {}
+        for effect_id in dict.fromkeys(effect_id for effect_id, _ in names):
+            effect, p = self.effect(effect_id), self.vector_of(effect_id)
+            if effect.stage is Stage.TIMING:
+                h = 1e-5
+                by_time = (self.gyro(state.shifted(h)) - self.gyro(state.shifted(-h))) / (2 * h)
+                by_effect[effect_id] = by_time * effect.derivative(state, p, _reading(state))
+            elif effect.stage is Stage.GYRO:
+                by_effect[effect_id] = effect.derivative(sampled, p, tool_rates(sampled))
+            else:
+                by_effect[effect_id] = np.zeros((len(effect.parameters), 3, state.n))
+        return np.stack([by_effect[e][self._index(e, p)] for e, p in names]) if names else np.empty((0, 3, state.n))
+
+    def _sampled(self, state: ChainState, draws: Draws) -> ChainState:
+        """The state at the instants at which the rows were truly sampled."""
+        late: Array | None = draws.get(Stage.TIMING)
+        for effect, p in self.effects:
+            if effect.stage is Stage.TIMING:
+                delta = effect.delta(state, p, _reading(state))
+                late = delta if late is None else late + delta
+        return state if late is None else state.shifted(late.reshape(-1))
 
     def chain(self, state: ChainState, draws: Draws | None = None) -> Chain:
         """All stages of one evaluation."""
@@ -169,7 +231,8 @@ class ForwardModel:
                     result = result + effect.delta(state, p, x)
             return result + draws[stage] if stage in draws else result
 
-        reading = np.stack([state.inc_rad, np.zeros(state.n), state.tf_rad])
+        state = self._sampled(state, draws)
+        reading = _reading(state)
         pose = total(Stage.POSE, reading, reading)
         level = np.array([[0.0], [0.0], [1.0]])
         lab = total(Stage.GRAVITY, level, level)
@@ -183,7 +246,7 @@ class ForwardModel:
         reported = total(Stage.SENSOR, force, force)
         reported = total(Stage.THERMAL, reported, force)
         reported = total(Stage.NOISE, reported, force)
-        return Chain(pose, vertical, lab, after_inc, after_cross, gravity, mounting, rotation, force, reported)
+        return Chain(state, pose, vertical, lab, after_inc, after_cross, gravity, mounting, rotation, force, reported)
 
     def sensitivity(self, state: ChainState, chain: Chain | None = None) -> Array:
         """dm/df, (3, 3, N): how the report follows the specific force, at the present parameters."""
@@ -191,7 +254,7 @@ class ForwardModel:
         result = np.repeat(np.eye(3)[:, :, None], state.n, axis=2)
         for effect, p in self.effects:
             if effect.stage in (Stage.SENSOR, Stage.THERMAL) and not effect.random and effect.depends_on_input:
-                result += effect.input_jacobian(state, p, chain.force)
+                result += effect.input_jacobian(chain.state, p, chain.force)
         return result
 
     def pose_sensitivity(self, state: ChainState, chain: Chain | None = None) -> Array:
@@ -219,12 +282,19 @@ class ForwardModel:
     def _columns(self, state: ChainState, chain: Chain, sensitivity: Array, effect: Effect) -> Array:
         """(K, 3, N): change of the report with each parameter of one effect."""
         p = self.vector_of(effect.id)
-        if effect.stage in (Stage.SENSOR, Stage.THERMAL, Stage.NOISE):
+        if effect.stage is Stage.TIMING:
+            h = 1e-5
+            by_time = (self.chain(state.shifted(h)).reported - self.chain(state.shifted(-h)).reported) / (2 * h)
+            return by_time * effect.derivative(state, p, _reading(state))
+        state = chain.state
+        if effect.stage in (Stage.SENSOR, Stage.THERMAL, Stage.NOISE, Stage.DIGITAL):
             return effect.derivative(state, p, chain.force)
+        if effect.stage is Stage.GYRO:
+            return np.zeros((len(effect.parameters), 3, state.n))
         if effect.stage is Stage.KINEMATIC:
             return _through(sensitivity, effect.derivative(state, p, chain.gravity))
         if effect.stage is Stage.POSE:
-            reading = np.stack([state.inc_rad, np.zeros(state.n), state.tf_rad])
+            reading = _reading(state)
             tangents = np.tensordot(chain.rotation, _pose_tangents(chain), 1)
             return _through(_apply(sensitivity, tangents), effect.derivative(state, p, reading))
         if effect.stage is Stage.GRAVITY:
@@ -242,6 +312,21 @@ class ForwardModel:
         )
         columns = [np.imag(rotation_matrix(vector + 1e-30j * column)) / 1e-30 @ chain.gravity for column in change]
         return _through(sensitivity, np.stack(columns))
+
+
+def tool_rates(state: ChainState) -> Array:
+    """True rates about the tool's axes, (3, N) in rad/s, relative to the Earth.
+
+    A direction fixed in space obeys dG/dt = -w x G in the tool frame, and the toolface grows clockwise looking
+    down-hole (about -z): w = [I' sin T, -I' cos T, -T'].
+    """
+    inc_rate, tf = state.inc_rate_radps, state.tf_rad
+    return np.stack([inc_rate * np.sin(tf), -inc_rate * np.cos(tf), -state.rotor_rate_radps])
+
+
+def _reading(state: ChainState) -> Array:
+    """What the bench's encoders say, as I, E, T: (3, N) rad."""
+    return np.stack([state.inc_rad, np.zeros(state.n), state.tf_rad])
 
 
 def _pose_tangents(chain: Chain) -> Array:

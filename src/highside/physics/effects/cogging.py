@@ -22,7 +22,7 @@ class Cogging(Effect):
             "k", "1", 6.0, (3.0, 720.0), default=6.0, shape=True, integer=True, grid=(3.0, 4.0, 5.0, 6.0, 8.0, 12.0)
         ),
     )
-    confused_with = ("wobble", "reading_noise")
+    confused_with = ("wobble", "pose_error")
     splitter = "toolfaces that are not equally spaced: a harmonic aliases with the spacing"
     depends_on_input = False
 

@@ -14,7 +14,7 @@ class TemperatureBias(AxisEffect):
     title = "Temperature coefficient of the zero offset"
     stage = Stage.THERMAL
     formula = "bt_i (T - 25 C)"
-    story = "The zero offset follows the temperature."
+    story = "The zero offset follows the temperature, in proportion, up and down alike."
     parameters = triad("bt", "g/C", 1e-4, 3e-3)
     confused_with = ("bias_drift", "warmup", "thermal_lag", "wander")
     splitter = "an up and a down temperature ramp: what follows temperature comes back, what follows time does not"

@@ -1,0 +1,44 @@
+"""First-order lag of the accelerometers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.physics.effect import Effect, Parameter, Stage
+from highside.physics.gravity import Array, gravity_direction
+from highside.physics.state import ChainState
+
+# a first-order lag is the average of the past under exp(-u), u in units of tau: Gauss-Laguerre nodes and weights
+NODES, WEIGHTS = np.polynomial.laguerre.laggauss(12)
+
+
+def _gravity_before(state: ChainState, seconds: Array) -> Array:
+    """Gravity in the tool frame, (3, N), so many seconds earlier, by the recorded rates."""
+    tf = state.tf_rad - state.rotor_rate_radps * seconds + 0.5 * state.rotor_accel_radps2 * seconds**2
+    return gravity_direction(state.inc_rad - state.inc_rate_radps * seconds, tf)
+
+
+class BandwidthLag(Effect):
+    id = "bandwidth_lag"
+    title = "Bandwidth lag"
+    stage = Stage.KINEMATIC
+    formula = "tau df_out/dt = f - f_out: at a steady rate a gain of 1/sqrt(1 + (w tau)^2) and a phase of -atan(w tau)"
+    story = (
+        "The accelerometers answer with a delay and a loss of swing, as any filter of finite bandwidth: the faster "
+        "the tool turns, the more."
+    )
+    parameters = (Parameter("tau", "s", 2e-3, (0.0, 0.1)),)
+    confused_with = ("time_offset", "encoder_first_harmonic", "sampling_jitter")
+    splitter = (
+        "ramps of the gyro (they have no accelerometer lag) and the loss of swing, which goes as the square of the rate"
+    )
+    needs = ("rotor_rate_radps",)
+    depends_on_input = False
+
+    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        nominal = gravity_direction(state.inc_rad, state.tf_rad)
+        lagged = sum(w * _gravity_before(state, p[0] * u) for u, w in zip(NODES, WEIGHTS, strict=True))
+        return np.asarray(lagged - nominal)
+
+
+EFFECT = BandwidthLag()

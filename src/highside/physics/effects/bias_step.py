@@ -1,0 +1,33 @@
+"""Zero offset that jumps once."""
+
+from __future__ import annotations
+
+from highside.physics.effect import AXES, Effect, Parameter, Stage
+from highside.physics.gravity import Array
+from highside.physics.state import ChainState
+
+
+class BiasStep(Effect):
+    id = "bias_step"
+    title = "Bias step"
+    stage = Stage.THERMAL
+    formula = "a_i for t >= t0 (seconds since the start), else 0"
+    story = (
+        "Once during the recording the zero offset jumped and stayed: a knock, a connection, a part that re-seated "
+        "itself."
+    )
+    parameters = (
+        *(Parameter(f"a_{axis}", "g", 5e-4, (-0.05, 0.05)) for axis in AXES),
+        Parameter("t0", "s", 300.0, (0.0, 1e9), shape=True),
+    )
+    confused_with = ("wander", "bias_drift", "turn_on_bias")
+    splitter = "return to a reference pose often: a step separates two levels, a wander has none"
+    needs = ("t_s",)
+    depends_on_input = False
+
+    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        after = state.t_s - state.t_s[:1] >= p[3].real
+        return p[:3, None] * after
+
+
+EFFECT = BiasStep()

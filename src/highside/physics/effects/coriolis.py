@@ -1,0 +1,32 @@
+"""Sideways motion of a rotating tool."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.physics.effect import LinearEffect, Parameter, Stage
+from highside.physics.gravity import Array
+from highside.physics.state import ChainState
+
+
+class Coriolis(LinearEffect):
+    id = "coriolis"
+    title = "Coriolis acceleration"
+    stage = Stage.KINEMATIC
+    formula = "2 (w x v) / g with v across the tool axis: x: 2 T' v_y, y: -2 T' v_x"
+    story = "While the tool turns it also creeps sideways (whirl, a loose chuck), and turning a velocity takes a force."
+    parameters = (Parameter("v_x", "m/s", 2e-3, (-0.05, 0.05)), Parameter("v_y", "m/s", 2e-3, (-0.05, 0.05)))
+    confused_with = ("lever_arm", "time_offset")
+    splitter = "rates of both signs: it follows the rate, the lever arm its square"
+    needs = ("rotor_rate_radps",)
+    depends_on_input = False
+
+    def basis(self, state: ChainState, x: Array) -> Array:
+        # about z the tool turns at -T'
+        spin = -state.rotor_rate_radps
+        basis = np.zeros((2, 3, state.n))
+        basis[0, 1], basis[1, 0] = 2 * spin, -2 * spin
+        return basis / state.gravity_mps2
+
+
+EFFECT = Coriolis()

@@ -1,0 +1,24 @@
+"""Scale factor error of each gyro."""
+
+from __future__ import annotations
+
+from highside.physics.effect import LinearEffect, Stage, on_own_axis, triad
+from highside.physics.gravity import Array
+from highside.physics.state import ChainState
+
+
+class GyroScale(LinearEffect):
+    id = "gyro_scale"
+    title = "Scale factor error of the gyros"
+    stage = Stage.GYRO
+    formula = "s_i w_i"
+    story = "Each gyro exaggerates or understates the rotation by a fixed share."
+    parameters = triad("s", "1", 1e-3, 0.1)
+    confused_with = ("gyro_asymmetry", "gyro_nonlinearity")
+    splitter = "several rates of both signs against the encoder"
+
+    def basis(self, state: ChainState, x: Array) -> Array:
+        return on_own_axis(x)
+
+
+EFFECT = GyroScale()

@@ -1,0 +1,29 @@
+"""Random walk of the gyros' offsets."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.physics.effect import AXES, Parameter, RandomEffect, Stage
+from highside.physics.gravity import Array
+from highside.physics.noise import random_walk
+from highside.physics.state import ChainState
+
+
+class GyroWander(RandomEffect):
+    id = "gyro_wander"
+    title = "Wandering gyro bias"
+    stage = Stage.NOISE
+    formula = "random walk of sigma_i sqrt(t)"
+    story = "The gyros' offsets wander without aim, the more the longer one waits."
+    parameters = tuple(Parameter(f"sigma_{axis}", "rad/s/sqrt(s)", 1e-6, (0.0, 1e-2)) for axis in AXES)
+    confused_with = ("gyro_noise", "gyro_bias")
+    splitter = "the Allan deviation of an hour at rest: slope -1/2 against +1/2"
+    draws_at = Stage.GYRO
+    needs = ("t_s",)
+
+    def draw(self, state: ChainState, p: Array, rng: np.random.Generator) -> Array:
+        return random_walk(state.t_s, p, rng)
+
+
+EFFECT = GyroWander()

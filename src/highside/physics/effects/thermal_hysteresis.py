@@ -1,0 +1,35 @@
+"""Offset that remembers from which side the temperature came."""
+
+from __future__ import annotations
+
+from highside.physics.effect import AXES, Effect, Parameter, Stage
+from highside.physics.gravity import Array
+from highside.physics.memory import play
+from highside.physics.state import ChainState
+
+
+class ThermalHysteresis(Effect):
+    id = "thermal_hysteresis"
+    title = "Thermal hysteresis"
+    stage = Stage.THERMAL
+    formula = "h_i (T - play(T)) / width: +h while warming, -h while cooling, turning over within 2 width"
+    story = (
+        "At the same temperature the offset differs between the way up and the way down, however slow the ramp: "
+        "something slips and sticks."
+    )
+    parameters = (
+        *(Parameter(f"h_{axis}", "g", 2e-4, (-5e-3, 5e-3)) for axis in AXES),
+        Parameter("width", "C", 3.0, (0.1, 50.0), default=3.0, shape=True, grid=(1.0, 3.0, 10.0)),
+    )
+    confused_with = ("thermal_lag", "temperature_bias")
+    splitter = "two ramp rates: this loop does not close when the ramp is slow"
+    needs = ("t_s", "temp_c")
+    depends_on_input = False
+    complex_safe = False
+
+    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        side = (state.temp_c - play(state.temp_c, p[3])) / p[3]
+        return p[:3, None] * side
+
+
+EFFECT = ThermalHysteresis()

@@ -1,0 +1,34 @@
+"""Sensor whose temperature runs behind the thermometer."""
+
+from __future__ import annotations
+
+from highside.physics.effect import AXES, Effect, Parameter, Stage
+from highside.physics.gravity import Array
+from highside.physics.memory import low_pass
+from highside.physics.state import ChainState
+
+
+class ThermalLag(Effect):
+    id = "thermal_lag"
+    title = "Thermal lag"
+    stage = Stage.THERMAL
+    formula = "c_i (T_s - T), tau dT_s/dt = T - T_s"
+    story = (
+        "The sensor warms up later than the thermometer beside it, so its offset belongs to a temperature of some "
+        "minutes ago."
+    )
+    parameters = (
+        *(Parameter(f"c_{axis}", "g/C", 1e-4, (-3e-3, 3e-3)) for axis in AXES),
+        Parameter("tau", "s", 300.0, (10.0, 5e3), default=300.0, shape=True, grid=(60.0, 120.0, 300.0, 600.0, 1200.0)),
+    )
+    confused_with = ("warmup", "bias_drift", "thermal_hysteresis", "temperature_bias")
+    splitter = "two ramp rates: the loop opens with the rate and closes when it is slow"
+    needs = ("t_s", "temp_c")
+    depends_on_input = False
+
+    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        behind = low_pass(state.t_s, state.temp_c, p[3]) - state.temp_c
+        return p[:3, None] * behind
+
+
+EFFECT = ThermalLag()

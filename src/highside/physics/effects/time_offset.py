@@ -1,0 +1,31 @@
+"""Readings stamped too early or too late."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.physics.effect import LinearEffect, Parameter, Stage
+from highside.physics.gravity import Array
+from highside.physics.state import ChainState
+
+
+class TimeOffset(LinearEffect):
+    id = "time_offset"
+    title = "Time offset"
+    stage = Stage.TIMING
+    formula = "all channels sampled at t - t0"
+    story = (
+        "The readings and the angle they are compared with were not taken at the same instant, so the angle is off "
+        "by rate times delay."
+    )
+    parameters = (Parameter("t0", "s", 5e-3, (-0.5, 0.5)),)
+    confused_with = ("bandwidth_lag", "encoder_first_harmonic", "backlash", "coriolis")
+    splitter = "two rates and a ramp of the gyro: the delay shows in all channels, the lag only in the accelerometers"
+    needs = ("rotor_rate_radps",)
+    depends_on_input = False
+
+    def basis(self, state: ChainState, x: Array) -> Array:
+        return np.full((1, 1, state.n), -1.0)
+
+
+EFFECT = TimeOffset()

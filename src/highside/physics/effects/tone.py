@@ -1,0 +1,36 @@
+"""Line of mains or of other machinery."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.physics.effect import AXES, Effect, Parameter, Stage
+from highside.physics.gravity import Array
+from highside.physics.state import ChainState
+
+
+class Tone(Effect):
+    id = "tone"
+    title = "Tone"
+    stage = Stage.SENSOR
+    formula = "c_i cos(2 pi f t) + s_i sin(2 pi f t)"
+    story = (
+        "A hum of fixed frequency, from the mains or a machine nearby, sits on the readings; a slow recording shows"
+        " its alias."
+    )
+    parameters = (
+        *(Parameter(f"c_{axis}", "g", 1e-4, (-0.05, 0.05)) for axis in AXES),
+        *(Parameter(f"s_{axis}", "g", 1e-4, (-0.05, 0.05)) for axis in AXES),
+        Parameter("f", "Hz", 50.0, (0.0, 1e5), default=50.0, shape=True, grid=(50.0, 60.0)),
+    )
+    confused_with = ("aliased_vibration", "vibration_rectification")
+    splitter = "another rate of rotation: the hum stays where it is"
+    needs = ("t_s",)
+    depends_on_input = False
+
+    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        phase = 2 * np.pi * p[6] * state.t_s
+        return p[:3, None] * np.cos(phase) + p[3:6, None] * np.sin(phase)
+
+
+EFFECT = Tone()

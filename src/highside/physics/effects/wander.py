@@ -1,0 +1,34 @@
+"""Random walk of the zero offset."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.physics.effect import AXES, Parameter, RandomEffect, Stage
+from highside.physics.gravity import Array
+from highside.physics.noise import random_walk
+from highside.physics.state import ChainState
+
+
+class Wander(RandomEffect):
+    id = "wander"
+    title = "Wandering bias"
+    stage = Stage.NOISE
+    formula = "random walk of sigma_i sqrt(t)"
+    story = (
+        "The zero offset wanders without aim: no shape, no cause to be named, only a spread that grows with the "
+        "square root of time."
+    )
+    parameters = tuple(Parameter(f"sigma_{axis}", "g/sqrt(s)", 2e-6, (0.0, 1e-3)) for axis in AXES)
+    confused_with = ("bias_drift", "warmup", "thermal_lag", "bias_step")
+    splitter = (
+        "return to a reference pose every 10 to 15 minutes, twice over: what has a shape repeats, a wander does not"
+    )
+    draws_at = Stage.SENSOR
+    needs = ("t_s",)
+
+    def draw(self, state: ChainState, p: Array, rng: np.random.Generator) -> Array:
+        return random_walk(state.t_s, p, rng)
+
+
+EFFECT = Wander()

@@ -1,0 +1,39 @@
+"""Settling after power-up."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.physics.effect import AXES, Effect, Parameter, Stage
+from highside.physics.gravity import Array
+from highside.physics.state import ChainState
+
+GRID_S = (30.0, 60.0, 120.0, 300.0, 600.0, 900.0)
+
+
+class Warmup(Effect):
+    id = "warmup"
+    title = "Warm-up"
+    stage = Stage.THERMAL
+    formula = "a_i exp(-(t - t_start) / tau)"
+    story = (
+        "After it is switched on the electronics warm up and the zero offsets settle, quickly at first and then "
+        "more slowly."
+    )
+    parameters = (
+        *(Parameter(f"a_{axis}", "g", 5e-4, (-0.02, 0.02)) for axis in AXES),
+        Parameter(
+            "tau", "s", 300.0, (5.0, 2e4), default=300.0, shape=True, grid=(30.0, 60.0, 120.0, 300.0, 600.0, 900.0)
+        ),
+    )
+    confused_with = ("thermal_lag", "wander", "bias_drift", "temperature_bias")
+    splitter = "switch off and on again at constant temperature"
+    needs = ("t_s",)
+    depends_on_input = False
+
+    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        elapsed = state.t_s - state.t_s[:1]
+        return p[:3, None] * np.exp(-elapsed / p[3])
+
+
+EFFECT = Warmup()
