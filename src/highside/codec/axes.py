@@ -31,7 +31,9 @@ class AxisMap:
         terms = _TERM.findall(text)
         if "".join(sign + letter for sign, letter in terms) != text or sorted(t[1] for t in terms) != ["x", "y", "z"]:
             raise InputError(
-                f"{text!r} is no axis map", field="axes", remedy='name each of x, y, z once, each with + or -, as "-yxz"'
+                f"{text!r} is no axis map",
+                field="axes",
+                remedy='name x, y, z once each, with a sign where negative, as "-yxz"',
             )
         order = tuple("xyz".index(letter) for _, letter in terms)
         signs = tuple(-1.0 if sign == "-" else 1.0 for sign, _ in terms)

@@ -53,10 +53,11 @@ class Message:
 
 def compile_dbc(text: str, *, where: str = "DBC") -> dict[str, Message]:
     """Messages by name. Raises InputError naming `where` if the text is no DBC file."""
-    import cantools  # noqa: PLC0415  slow to import, and only for this
+    import cantools
 
     try:
-        database = cantools.database.load_string(text, database_format="dbc", strict=True)
+        database = cantools.database.can.Database(strict=True)
+        database.add_dbc_string(text)
     except Exception as error:
         # the library raises errors of its own, of its parser and of the language, all for the same reason
         raise InputError(f"is not a readable DBC file: {error}", where=where, remedy="mend the file") from None

@@ -15,7 +15,7 @@ class DeviceClock:
     it sends; nobody can know how long it was away).
     """
 
-    __slots__ = ("_half", "_last_mono", "_period", "_ticks_per_second", "_ticks", "backward")
+    __slots__ = ("_half", "_last_mono", "_period", "_ticks", "_ticks_per_second", "backward")
 
     def __init__(self, period: int, ticks_per_second: int) -> None:
         self._period = period

@@ -54,7 +54,7 @@ class Layout:
     Recording (`ax_g`, `temp_c`, ...; other names become extra columns). `time` are terms that add up to seconds;
     `time_wrap_s` is the period after which their sum starts again (86,400 for a second of the day). `select` is the
     column and its text that a reading has; `prefix` a text with which its line begins (removed before the line is
-    cut). `checksum="nmea"` expects `*HH` at the end: the XOR of all characters between a leading `$`, if any, and the `*`.
+    cut). `checksum="nmea"` expects `*HH` at the end: the XOR of all characters before the `*`, but for a leading `$`.
     """
 
     fields: Mapping[str, Column]
@@ -162,9 +162,8 @@ class DelimitedCodec:
 
     def _parse(self, text: str, t_mono: float) -> tuple[str, Frame | None]:
         layout = self._layout
-        if layout.prefix:
-            if not text.startswith(layout.prefix):
-                return "text", None
+        if layout.prefix and not text.startswith(layout.prefix):
+            return "text", None
         body = text
         summed = True
         if layout.checksum is not None:

@@ -110,7 +110,7 @@ class ToolCodec(SyncStream):
     """Decoder of the tool's own frames. `axes` maps the sensor's axes to the tool's."""
 
     name = "tool"
-    seq_modulus = SEQ_MODULUS
+    seq_modulus: int | None = SEQ_MODULUS
     sync = SYNC
     header_bytes = 4
     max_frame_bytes = MAX_FRAME_BYTES

@@ -48,7 +48,10 @@ class Vn100Codec(SyncStream):
     """Decoder of the frames described above."""
 
     name = "vn100"
-    extra_columns = tuple("MagX MagY MagZ AccX AccY AccZ GyroX GyroY GyroZ Temp Pres Yaw Pitch Roll".split())
+    extra_columns = (
+        *("MagX", "MagY", "MagZ", "AccX", "AccY", "AccZ", "GyroX", "GyroY", "GyroZ"),
+        *("Temp", "Pres", "Yaw", "Pitch", "Roll"),
+    )
     sync = HEADER
     header_bytes = len(HEADER)
     max_frame_bytes = FRAME_BYTES

@@ -1,0 +1,316 @@
+"""Tables that commands exchange: the Recording (one row a frame) and the pose table (one row a pose), as CSV.
+
+A file has a header row and one row of numbers after the other; names that end in `.gz` are gzipped. Numbers are
+written with the shortest digits that read back exactly. An empty cell (or `nan`) is a value that is missing; infinite
+values are refused. Columns that highside does not know are kept where they are and ignored; they may hold text.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.codec.frame import FRAME_COLUMNS, Frame
+from highside.errors import InputError
+from highside.recording.files import read_bytes, write_whole
+
+Column = NDArray[np.float64]
+
+RECORDING_COLUMNS = (
+    "t_s",
+    *FRAME_COLUMNS,
+    "inc_ref_deg",
+    "tf_ref_deg",
+    "azi_ref_deg",
+    "pose",
+    "direction",
+    "vibration_rms_g",
+    "noise_g",
+    "seq",
+)
+POSE_COLUMNS = ("inc_ref_deg", "tf_ref_deg", "ax", "ay", "az", "n", "std_ax", "std_ay", "std_az", "temp_c")
+_WHOLE = frozenset({"seq", "pose", "direction", "n"})
+_CELL_SHOWN = 40
+
+
+@dataclass(slots=True)
+class Table:
+    """Columns of equal length by name, in the order of the file. `source` names the file in errors.
+
+    `columns` holds numbers (NaN where missing), `texts` the unknown columns that are no numbers, `order` all names.
+    """
+
+    columns: dict[str, Column]
+    texts: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    order: tuple[str, ...] = ()
+    source: str | None = None
+
+    mandatory: ClassVar[tuple[str, ...]] = ()
+    known: ClassVar[tuple[str, ...]] = ()
+    rows_are: ClassVar[str] = "rows"
+
+    def __post_init__(self) -> None:
+        self.columns = {name: np.ascontiguousarray(column, dtype=np.float64) for name, column in self.columns.items()}
+        present = (*self.columns, *self.texts)
+        if not self.order or set(self.order) != set(present):
+            self.order = (
+                *(name for name in self.order if name in present),
+                *(n for n in present if n not in self.order),
+            )
+        sizes = {name: column.size for name, column in self.columns.items()}
+        sizes |= {name: len(texts) for name, texts in self.texts.items()}
+        if any(column.ndim != 1 for column in self.columns.values()) or len(set(sizes.values())) > 1:
+            raise ValueError(f"columns of unequal length: {sizes}")
+        self.require(*self.mandatory)
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return next((column.size for column in self.columns.values()), 0)
+
+    def has(self, *names: str) -> bool:
+        """Whether all these columns are there as numbers."""
+        return all(name in self.columns for name in names)
+
+    def require(self, *names: str) -> tuple[Column, ...]:
+        """The named columns. Raises InputError that names those that are absent, or that hold no number at all."""
+        absent = [name for name in names if name not in self.columns]
+        if absent:
+            raise InputError(
+                f"lacks the column{'s' if len(absent) > 1 else ''} {', '.join(absent)}",
+                where=self.source,
+                remedy=f"it has: {', '.join(self.order) or 'none'}",
+            )
+        empty = [name for name in names if self.n and bool(np.all(np.isnan(self.columns[name])))]
+        if empty:
+            raise InputError("holds no number in any row", where=self.source, field=empty[0])
+        return tuple(self.columns[name] for name in names)
+
+    def complete(self, *names: str) -> NDArray[np.float64]:
+        """The named columns as (len(names), N), every value there. Raises InputError that names the first gap."""
+        block = np.vstack(self.require(*names))
+        gaps = np.argwhere(np.isnan(block).T)
+        if gaps.size:
+            row, column = gaps[0]
+            raise InputError(
+                "is missing", where=f"{self.source or 'table'}: line {row + 2}", field=names[column],
+                remedy="fill it in or leave the row out",
+            )  # fmt: skip
+        return block
+
+    def with_columns(self, columns: Mapping[str, Column]) -> Self:
+        """A copy with columns added (or replaced) behind the others."""
+        return type(self)({**self.columns, **columns}, self.texts, self.order, self.source)
+
+    def select(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> Self:
+        """A copy with some rows: a mask (N,) or row numbers."""
+        numbers = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
+        texts = {name: tuple(values[i] for i in numbers) for name, values in self.texts.items()}
+        return type(self)(
+            {name: column[numbers] for name, column in self.columns.items()}, texts, self.order, self.source
+        )
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read a file. Raises InputError with file, line and column for whatever is wrong with it."""
+        where = str(path)
+        text = _decode(read_bytes(path), where)
+        header, _, body = text.partition("\n")
+        names = _header(header.rstrip("\r"), where)
+        lines = body.split("\n")
+        while lines and not lines[-1].strip("\r"):
+            lines.pop()
+        if not lines:
+            raise InputError(f"has a header but no {cls.rows_are}", where=where)
+        fast = None if '"' in body or "_" in body else _numbers_at_once(lines, len(names))
+        if fast is not None:
+            return cls(dict(zip(names, fast, strict=True)), order=names, source=where)
+        columns, texts = _cell_by_cell(lines, names, cls.known, where)
+        return cls(columns, texts, names, where)
+
+    def write(self, path: Path) -> None:
+        """Write a file as a whole (never half). Raises InputError where it cannot be written."""
+        write_whole(path, self.as_csv().encode("utf-8"))
+
+    def as_csv(self) -> str:
+        """The content of the file."""
+        cells = [
+            _formatted(self.columns[name], name) if name in self.columns else self.texts[name] for name in self.order
+        ]
+        if self.texts:
+            out = io.StringIO(newline="")
+            writer = csv.writer(out, lineterminator="\n")
+            writer.writerow(self.order)
+            writer.writerows(zip(*cells, strict=True))
+            return out.getvalue()
+        lines = [",".join(self.order), *map(",".join, zip(*cells, strict=True))]
+        return "\n".join(lines) + "\n"
+
+
+@dataclass(slots=True)
+class Recording(Table):
+    """One row a frame; `t_s` is mandatory, everything else optional. Units are in the names."""
+
+    mandatory: ClassVar[tuple[str, ...]] = ("t_s",)
+    known: ClassVar[tuple[str, ...]] = RECORDING_COLUMNS
+    rows_are: ClassVar[str] = "frames"
+
+    @property
+    def t_s(self) -> Column:
+        """Time in s, (N,)."""
+        return self.columns["t_s"]
+
+    def accel(self) -> NDArray[np.float64]:
+        """Accelerations in g, (3, N). Raises InputError if a column or a value is missing."""
+        return self.complete("ax_g", "ay_g", "az_g")
+
+    def gyro(self) -> NDArray[np.float64]:
+        """Angular rates in deg/s, (3, N). Raises InputError if a column or a value is missing."""
+        return self.complete("gx_dps", "gy_dps", "gz_dps")
+
+
+@dataclass(slots=True)
+class PoseTable(Table):
+    """One row a pose: where the bench says the tool was, and the raw mean of its readings there."""
+
+    mandatory: ClassVar[tuple[str, ...]] = ("inc_ref_deg", "tf_ref_deg", "ax", "ay", "az")
+    known: ClassVar[tuple[str, ...]] = POSE_COLUMNS
+    rows_are: ClassVar[str] = "poses"
+
+    def accel(self) -> NDArray[np.float64]:
+        """Raw means in g, (3, N). Raises InputError if a value is missing."""
+        return self.complete("ax", "ay", "az")
+
+    def reference_deg(self) -> NDArray[np.float64]:
+        """Reference inclination and toolface in deg, (2, N). Raises InputError if a value is missing."""
+        return self.complete("inc_ref_deg", "tf_ref_deg")
+
+    def std(self) -> NDArray[np.float64] | None:
+        """Standard deviation of one reading in g, (3, N), or None if the table does not give it."""
+        names = ("std_ax", "std_ay", "std_az")
+        return np.vstack([self.columns[name] for name in names]) if self.has(*names) else None
+
+
+def read_recording(path: Path) -> Recording:
+    """Read a Recording; see `Table.read`."""
+    return Recording.read(path)
+
+
+def write_recording(path: Path, recording: Recording) -> None:
+    """Write a Recording as a whole; see `Table.write`."""
+    recording.write(path)
+
+
+def read_poses(path: Path) -> PoseTable:
+    """Read a pose table; see `Table.read`."""
+    return PoseTable.read(path)
+
+
+def write_poses(path: Path, poses: PoseTable) -> None:
+    """Write a pose table as a whole; see `Table.write`."""
+    poses.write(path)
+
+
+def from_frames(frames: Sequence[Frame], t_s: Iterable[float], extra_columns: Sequence[str] = ()) -> Recording:
+    """A Recording of decoded frames and their times. Columns of which no frame holds anything are left out."""
+    columns: dict[str, Column] = {"t_s": np.fromiter(t_s, np.float64, len(frames))}
+    values: dict[str, list[float | None]] = {
+        column: [getattr(frame, name) for frame in frames] for column, name in FRAME_COLUMNS.items()
+    }
+    values["seq"] = [frame.seq for frame in frames]
+    for place, column in enumerate(extra_columns):
+        values[column] = [frame.extra[place] if frame.extra is not None else None for frame in frames]
+    for column, given in values.items():
+        array = np.array(given, dtype=np.float64)
+        if not np.all(np.isnan(array)):
+            columns[column] = array
+    return Recording(columns)
+
+
+def _decode(data: bytes, where: str) -> str:
+    if not data.strip():
+        raise InputError("is empty", where=where)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InputError("is not text", where=f"{where}: line {line}", remedy="a CSV file is expected") from None
+
+
+def _header(line: str, where: str) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in next(csv.reader([line]), []))
+    at = f"{where}: line 1"
+    if not all(names) or not names:
+        raise InputError("the header has a column without a name", where=at)
+    double = sorted({name for name in names if names.count(name) > 1})
+    if double:
+        raise InputError("the header names this column twice", where=at, field=double[0])
+    return names
+
+
+def _numbers_at_once(lines: list[str], width: int) -> list[Column] | None:
+    """All columns of a table of plain numbers, or None if it holds anything else (the slow way says what)."""
+    commas = width - 1
+    if any(line.count(",") != commas for line in lines):
+        return None
+    try:
+        flat = np.fromiter(map(float, ",".join(lines).split(",")), np.float64, len(lines) * width)
+    except ValueError:
+        return None
+    if not np.isfinite(flat).all():
+        return None
+    return [np.ascontiguousarray(column) for column in flat.reshape(-1, width).T]
+
+
+def _cell_by_cell(
+    lines: list[str], names: tuple[str, ...], known: tuple[str, ...], where: str
+) -> tuple[dict[str, Column], dict[str, tuple[str, ...]]]:
+    """Tables with empty cells, text or errors."""
+    rows: list[list[str]] = []
+    try:
+        for number, row in enumerate(csv.reader(lines, strict=True), start=2):
+            if len(row) != len(names):
+                raise InputError(
+                    f"has {len(row)} cells where the header has {len(names)}", where=f"{where}: line {number}"
+                )
+            rows.append(row)
+    except csv.Error as error:
+        raise InputError(f"is not readable as CSV: {error}", where=f"{where}: line {len(rows) + 2}") from None
+    columns: dict[str, Column] = {}
+    texts: dict[str, tuple[str, ...]] = {}
+    for name, cells in zip(names, zip(*rows, strict=True), strict=True):
+        values = np.empty(len(cells))
+        for i, cell in enumerate(cells):
+            stripped = cell.strip()
+            try:
+                values[i] = float(stripped) if stripped else np.nan
+            except ValueError:
+                values[i] = np.inf
+            if np.isinf(values[i]) or "_" in stripped:
+                if name not in known:
+                    texts[name] = cells
+                    break
+                shown = stripped if len(stripped) <= _CELL_SHOWN else stripped[:_CELL_SHOWN] + "..."
+                raise InputError(f"{shown!r} is not a finite number", where=f"{where}: line {i + 2}", field=name)
+            if name == "t_s" and np.isnan(values[i]):
+                raise InputError("every row needs its time", where=f"{where}: line {i + 2}", field=name)
+        else:
+            columns[name] = values
+    return columns, texts
+
+
+def _formatted(column: Column, name: str) -> list[str]:
+    """Cells of a column: shortest exact digits, whole numbers where the column counts, nothing for NaN."""
+    values = column.tolist()
+    if name in _WHOLE:
+        return ["" if v != v else (str(int(v)) if v.is_integer() else repr(v)) for v in values]
+    if np.isnan(column).any():
+        return ["" if v != v else repr(v) for v in values]
+    return list(map(repr, values))
