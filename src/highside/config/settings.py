@@ -11,7 +11,7 @@ import difflib
 import os
 import tomllib
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
@@ -115,6 +115,9 @@ class Settings(BaseSettings):
         nested_model_default_partial_update=False,
     )
 
+    file_tables: ClassVar[dict[str, Any]] = {}
+    """the parsed file, lowest in precedence; set by `validate`"""
+
     tool: ToolSettings = ToolSettings()
     link: LinkConfig
     codec: CodecConfig
@@ -155,8 +158,7 @@ class _FileSource(PydanticBaseSettingsSource):
         return None, field_name, False
 
     def __call__(self) -> dict[str, Any]:
-        tables: dict[str, Any] = getattr(self.settings_cls, "file_tables", {})
-        return tables
+        return self.settings_cls.file_tables  # type: ignore[attr-defined, no-any-return]
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -208,9 +210,12 @@ def load(path: Path, overrides: list[str] | None = None) -> Settings:
 
 def validate(tables: dict[str, Any], *, where: str, overrides: list[str] | None = None) -> Settings:
     """Validate tables as `load` does; `where` names their source in errors."""
-    file_settings = type("FileSettings", (Settings,), {"file_tables": tables, "__annotations__": {}})
+
+    class FileSettings(Settings):
+        file_tables: ClassVar[dict[str, Any]] = tables
+
     try:
-        return file_settings(**parse_overrides(overrides or []))  # type: ignore[no-any-return]
+        return FileSettings(**parse_overrides(overrides or []))
     except ValidationError as error:
         raise _input_error(error, where) from None
     except InputError:

@@ -26,7 +26,7 @@ from highside.calibration.record import CalibrationRecord, Environment, SolveReq
 from highside.config.settings import Settings, validate
 from highside.link.device import DeviceSettings, SimulatedDevice
 from highside.link.wire import PtyWire
-from highside.physics.gravity import gravity
+from highside.physics.gravity import gravity_direction
 from highside.recording.calibration_store import write_atomically
 from highside.service.app import Service
 from highside.service.embedded_broker import EmbeddedBroker
@@ -206,7 +206,7 @@ def factory_record() -> CalibrationRecord:
     noise_g = DeviceSettings(rate_hz=RATE_HZ).noise_g
     inc = np.repeat([30.0, 90.0, 150.0], 8)
     tf = np.tile(np.arange(0.0, 360.0, 45.0), 3)
-    g = gravity(np.deg2rad(inc), np.deg2rad(tf))
+    g = gravity_direction(np.deg2rad(inc), np.deg2rad(tf))
     a = np.array(MATRIX) @ g + np.array(OFFSET_G)[:, None] + noise_g / 10.0 * rng.standard_normal(g.shape)
     columns = {"inc_ref_deg": inc, "tf_ref_deg": tf, "ax": a[0], "ay": a[1], "az": a[2], "n": np.full(24, 100.0)}
     columns |= {f"std_a{axis}": np.full(24, noise_g) for axis in "xyz"}

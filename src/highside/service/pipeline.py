@@ -284,7 +284,7 @@ class Pipeline:
 
     def _output(self, frame: Frame, t: float) -> None:
         window = self._window
-        oldest = t - self._settings.window_s * (1.0 + 1e-9)
+        oldest = t - self._settings.window_s * (1.0 - 1e-6)
         while window[0][0] <= oldest and len(window) > 1:
             window.popleft()
         rows = list(window)
