@@ -137,9 +137,8 @@ def main() -> None:
     print(f"ours {result['ns_per_sample']} ns/sample (one thread {result['ns_per_sample_one_thread']})")
     print(f"C    {result['ns_per_sample_c']} ns/sample, one thread, -O3 -march=native -ffast-math")
     print(f"ratio {result['ratio']} (from {result['ratio_min']} to {result['ratio_max']})")
-    print(
-        f"largest differences: I {result['max_inc_difference_rad']:.1e} rad, T {result['max_tf_arc_difference_rad']:.1e} rad of arc"
-    )
+    inc, tf = result["max_inc_difference_rad"], result["max_tf_arc_difference_rad"]
+    print(f"largest differences: I {inc:.1e} rad, T {tf:.1e} rad of arc")
 
 
 if __name__ == "__main__":

@@ -55,5 +55,5 @@ def test_means_cross_the_seam() -> None:
 
 @pytest.mark.parametrize(("values", "weights"), [([], None), ([0.0, math.pi], None), ([1.0], [0.0]), ([1.0], [1, 1])])
 def test_a_mean_that_does_not_exist_is_refused(values: list[float], weights: list[float] | None) -> None:
-    with pytest.raises(ValueError, match="no angles|cancel|weights"):
+    with pytest.raises(ValueError, match=r"no angles|cancel|weights"):
         circular_mean(values, weights)

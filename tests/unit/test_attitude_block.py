@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from decimal import Decimal, getcontext
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -161,4 +162,4 @@ def test_the_rational_arctangent_meets_the_exact_one() -> None:
         w = Decimal(k) / 2000
         poles = sum((Decimal(c) / (w + Decimal(e)) for c, e in block.ATAN_POLES), Decimal(block.ATAN_CONSTANT))
         signs.append(poles * w.sqrt() > exact_arctangent(w.sqrt()))
-    assert sum(a != b for a, b in zip(signs, signs[1:], strict=False)) >= 9
+    assert sum(a != b for a, b in pairwise(signs)) >= 9

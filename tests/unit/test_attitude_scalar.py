@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -115,7 +116,7 @@ def test_intervals_cover_nearly_vertical_truths() -> None:
 
 def test_toolface_uncertainty_grows_to_that_of_a_uniform_angle_and_never_past_it() -> None:
     stds = [toolface_std(s) for s in np.linspace(0.0, 50.0, 5001)]
-    assert all(later < earlier for earlier, later in zip(stds, stds[1:], strict=False))
+    assert all(later < earlier for earlier, later in pairwise(stds))
     assert math.degrees(toolface_std(0.0)) == pytest.approx(103.92, abs=0.01)
     assert toolface_std(1e4) == pytest.approx(1e-4, rel=1e-3)
     assert toolface_std(1e9) == 1e-9
@@ -157,4 +158,4 @@ def test_the_printed_inversion_agrees_away_from_its_singularities_and_loses_half
     inc = 1e-7
     gx, gy, gz = gravity_vector(inc, 0.3)
     assert abs(attitude(gx, gy, gz)[0] - inc) < 1e-22
-    assert abs(legacy.inclination_arccos(gz) - inc) > 1e-10
+    assert abs(legacy.inclination_arccos(gz) - inc) > 1e-11
