@@ -80,9 +80,9 @@ def test_stated_uncertainty_is_the_scatter_of_the_error():
     attitudes = [o for o in out if isinstance(o, Attitude)]
     inc_z = np.array([(a.inc_deg - 12.0) / a.inc_std_deg for a in attitudes])
     tf_z = np.array([(a.tf_deg - 200.0) / a.tf_std_deg for a in attitudes])
-    # 1999 windows of 10 readings: scatter from 8 degrees of freedom widens z a little (expected 1.15); 6-sigma bounds
-    assert 0.95 < inc_z.std() < 1.35
-    assert 0.95 < tf_z.std() < 1.35
+    # 1999 windows of 10 readings; the larger of two estimates of the noise errs to the safe side
+    assert 0.8 < inc_z.std() < 1.05
+    assert 0.8 < tf_z.std() < 1.05
     assert abs(inc_z.mean()) < 0.15
 
 
@@ -143,10 +143,11 @@ def test_a_device_reset_starts_a_new_grid_and_loses_nothing_after_it():
 
 def test_vertical_has_no_toolface_and_says_so():
     pipeline, out = make()
-    for f in frames(100, lambda t: (0.0, 0.0), noise_g=1e-4):
+    for f in frames(5000, lambda t: (0.0, 0.0), noise_g=1e-4):
         pipeline.on_frame(f)
-    flagged = [a for a in out if isinstance(a, Attitude) and "toolface_undefined" in a.flags]
-    assert len(flagged) >= 0.8 * len(out)
+    attitudes = [a for a in out if isinstance(a, Attitude)]
+    flagged = [a for a in attitudes if "toolface_undefined" in a.flags]
+    assert len(flagged) >= 0.9 * len(attitudes)
     assert all(a.tf_std_deg > 20.0 for a in flagged)
 
 
@@ -190,6 +191,6 @@ def test_the_scatter_about_a_line_is_the_variance_of_a_long_window():
     t = np.arange(4000) * 1e-3
     data = np.vstack([0.1 + 0.5 * t, 0.2 - 0.1 * t, 0.9 + 0 * t]) + 1e-3 * rng.standard_normal((3, t.size))
     rows = [(float(ti), *map(float, column), None) for ti, column in zip(t, data.T, strict=True)]
-    window = window_statistics(rows, (1.0, 1.0, 1.0))
+    window = window_statistics(rows, (1e-9, 1e-9, 1e-9))
     assert np.sqrt(np.array(window.variance) * t.size) == pytest.approx([1e-3] * 3, rel=0.05)
     assert window.span == pytest.approx((0.5 * t[-1], -0.1 * t[-1], 0.0), abs=5e-4)

@@ -6,7 +6,7 @@ the next multiple of the output period arrives, from the readings of the averagi
 (a fixed grid, no waiting for a later frame). An attitude refers to the middle of its window.
 
 Uncertainty of a mean: the readings of a window are freed of a straight line in time (a turning tool is not noise),
-the scatter that is left, or the tool's known noise where the window is too short to tell, is divided by their number.
+the larger of the scatter that is left and the running estimate of the noise is divided by their number.
 """
 
 from __future__ import annotations
@@ -359,13 +359,11 @@ class Pipeline:
         )
 
 
-def window_statistics(
-    rows: list[tuple[float, float, float, float, float | None]], noise_variance: Vector
-) -> Window:
+def window_statistics(rows: list[tuple[float, float, float, float, float | None]], noise_variance: Vector) -> Window:
     """Mean, variance of the mean, and drift over a window of rows `(t_s, ax, ay, az, temp_c)`.
 
-    The variance (g^2) of the mean is the scatter about a straight line in time divided by n; with fewer than 8 readings
-    it is `noise_variance` (of one reading) divided by n.
+    The variance (g^2) of the mean is the scatter about a straight line in time, or `noise_variance` (of one reading)
+    if that is larger, divided by n; with fewer than 8 readings it is `noise_variance` divided by n.
     """
     n = len(rows)
     if n >= MIN_OWN_SCATTER:
@@ -378,9 +376,10 @@ def window_statistics(
         slope = centred @ time / tt if tt > 0.0 else np.zeros(3)
         rest = np.einsum("ij,ij->i", centred, centred) - slope * slope * tt
         scatter = np.maximum(rest, 0.0) / (n - 2)
-        own = (float(scatter[0]), float(scatter[1]), float(scatter[2]))
+        # few degrees of freedom may show far too little scatter by chance
+        own = [max(float(s), v) for s, v in zip(scatter, noise_variance, strict=True)]
         span = slope * (time[-1] - time[0])
-        sigma_slope = np.sqrt(np.maximum(scatter, 1e-18) / tt) if tt > 0.0 else np.full(3, np.inf)
+        sigma_slope = np.sqrt(np.maximum(own, 1e-18) / tt) if tt > 0.0 else np.full(3, np.inf)
         return Window(
             (float(mean[0]), float(mean[1]), float(mean[2])),
             (own[0] / n, own[1] / n, own[2] / n),
@@ -389,9 +388,7 @@ def window_statistics(
         )
     mean3 = tuple(sum(row[axis] for row in rows) / n for axis in (1, 2, 3))
     span3 = tuple(rows[-1][axis] - rows[0][axis] for axis in (1, 2, 3))
-    sigmas = max(
-        abs(s) / math.sqrt(2.0 * v) if v > 0.0 else 0.0 for s, v in zip(span3, noise_variance, strict=True)
-    )
+    sigmas = max(abs(s) / math.sqrt(2.0 * v) if v > 0.0 else 0.0 for s, v in zip(span3, noise_variance, strict=True))
     return Window(
         (mean3[0], mean3[1], mean3[2]),
         (noise_variance[0] / n, noise_variance[1] / n, noise_variance[2] / n),
