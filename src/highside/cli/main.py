@@ -12,6 +12,7 @@ import sys
 import typer
 
 from highside import __version__
+from highside.cli import decode, demo, run
 from highside.errors import HighsideError
 
 app = typer.Typer(
@@ -31,9 +32,18 @@ def _version(show: bool) -> None:
 
 @app.callback()
 def _top(
-    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version and exit."),
+    version: bool = typer.Option(
+        False, "--version", callback=_version, is_eager=True, help="Print the version and exit."
+    ),
 ) -> None:
     """Options of the whole command."""
+
+
+app.command()(decode.decode)
+app.command()(demo.demo)
+app.command()(run.run)
+app.command()(run.check)
+app.command()(run.schema)
 
 
 def main() -> None:

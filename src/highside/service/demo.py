@@ -152,7 +152,8 @@ async def _run_in(
         if topic.endswith("/attitude"):
             snapshot.latency_ms.append((t_mono - json.loads(payload)["t_mono"]) * 1e3)
 
-    async with EmbeddedBroker(on_receipt=on_receipt) as broker:
+    async with EmbeddedBroker() as broker:
+        broker.on_receipt(on_receipt)
         watching = asyncio.create_task(watcher.run(broker.port))
         await asyncio.wait_for(watcher.connected.wait(), 10.0)
         device.start()

@@ -1,0 +1,125 @@
+"""`highside demo`: a simulated tool through the production path, as a live table."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from highside.service.demo import Snapshot
+
+LINE_EVERY_S = 1.0
+
+
+def demo(
+    seconds: Annotated[
+        float | None, typer.Option("--seconds", min=0.5, max=86_400.0, help="End by itself after S seconds.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="End with one line of JSON.")] = False,
+) -> None:
+    """Simulated tool -> pty -> the real pipeline -> a broker: I and T, live. Needs no hardware and no broker."""
+    from rich.console import Console
+    from rich.live import Live
+
+    from highside.service.demo import run_demo
+
+    console = Console(stderr=as_json)
+    if console.is_terminal:
+        with Live(console=console, refresh_per_second=8, transient=False) as live:
+            last = asyncio.run(run_demo(seconds, lambda snapshot: live.update(live_table(snapshot))))
+    else:
+        printed_s = 0.0
+
+        def line(snapshot: Snapshot) -> None:
+            nonlocal printed_s
+            if snapshot.elapsed_s - printed_s >= LINE_EVERY_S and snapshot.latest is not None:
+                printed_s = snapshot.elapsed_s
+                print(one_line(snapshot), file=sys.stderr if as_json else sys.stdout, flush=True)  # noqa: T201
+
+        last = asyncio.run(run_demo(seconds, line))
+    if as_json:
+        print(json.dumps(last.summary()))  # noqa: T201
+    else:
+        console.print(
+            f"{last.frames} frames, {last.published} attitudes received, {last.lost} lost,"
+            f" {_rms_text(last)} against the truth"
+        )
+
+
+def _rms_text(snapshot: Snapshot) -> str:
+    summary = snapshot.summary()
+    inc, tf = summary["inc_error_rms_deg"], summary["tf_error_rms_deg"]
+    return "no attitude" if inc is None else f"rms error I {inc:.4f} deg, T {tf:.4f} deg"
+
+
+def one_line(snapshot: Snapshot) -> str:
+    """The state as a line, for consoles that cannot draw."""
+    latest = snapshot.latest or {}
+    return (
+        f"{snapshot.elapsed_s:7.1f} s  I {_angle(latest, 'inc')}  T {_angle(latest, 'tf')}"
+        f"  |g| {latest.get('g_total', 0.0):.5f}  {snapshot.frames} frames  {snapshot.published} published"
+        f"  {snapshot.lost} lost  {' '.join(latest.get('flags', []))}"
+    )
+
+
+def _angle(payload: dict[str, object], name: str) -> str:
+    value, std = payload.get(f"{name}_deg"), payload.get(f"{name}_std_deg")
+    if not isinstance(value, float) or not isinstance(std, float):
+        return "   unknown         "
+    return f"{value:8.3f} ± {std:.3f} deg"
+
+
+def live_table(snapshot: Snapshot) -> Table:
+    """The live picture: attitude with uncertainty beside the truth, rates, counts, health."""
+    from rich.table import Table
+
+    latest = snapshot.latest or {}
+    p99 = snapshot.latency_p99_ms()
+    table = Table(title=f"highside demo   {snapshot.elapsed_s:6.1f} s", title_justify="left", min_width=74)
+    for name, justify in (("", "left"), ("value", "right"), ("± 1 sigma", "right"), ("truth", "right")):
+        table.add_column(name, justify=justify)  # type: ignore[arg-type]
+
+    def row(label: str, key: str, truth: float) -> None:
+        value, std = latest.get(f"{key}_deg"), latest.get(f"{key}_std_deg")
+        table.add_row(
+            label,
+            "-" if value is None else f"{value:.3f}°",
+            "-" if std is None else f"{std:.3f}°",
+            "-" if truth != truth else f"{truth:.3f}°",
+        )
+
+    row("[bold]inclination I[/]", "inc", snapshot.truth_inc_deg)
+    row("[bold]toolface T[/]", "tf", snapshot.truth_tf_deg)
+    g_total = latest.get("g_total")
+    table.add_row("|g|", "-" if g_total is None else f"{g_total:.5f} g", "", "1.00000 g")
+    table.add_section()
+    rate = snapshot.frames / snapshot.elapsed_s if snapshot.elapsed_s else 0.0
+    table.add_row("frames", f"{snapshot.frames}", f"{rate:.0f} /s", "")
+    out = snapshot.published / snapshot.elapsed_s if snapshot.elapsed_s else 0.0
+    table.add_row("attitudes received", f"{snapshot.published}", f"{out:.1f} /s", f"{snapshot.lost} lost")
+    table.add_row("last byte to broker", "-" if p99 is None else f"{p99:.1f} ms", "p99", "")
+    if snapshot.survey is not None:
+        survey = snapshot.survey
+        table.add_row(
+            f"survey {snapshot.surveys}",
+            f"I {survey['inc_deg']:.3f}°  T {survey['tf_deg']:.2f}°",
+            f"{survey['inc_std_deg']:.4f}° {survey['tf_std_deg']:.3f}°",
+            f"{survey['n']} readings",
+        )
+    health = snapshot.health or {}
+    state = health.get("link", {}).get("state", "-")
+    balance = health.get("balance", {})
+    table.add_row(
+        "health",
+        f"link {state}",
+        "counters add up" if balance and all(balance.values()) else "-",
+        ", ".join(health.get("alarms", [])) or "no alarm",
+    )
+    table.caption = " ".join([*latest.get("flags", []), f"calibration {str(latest.get('cal_id', '-'))[:12]}"])
+    return table
