@@ -7,6 +7,7 @@ the file tells.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -152,6 +153,17 @@ class ReplayLink(_Link):
     @property
     def carries(self) -> Carries | None:
         return None
+
+    @field_validator("path")
+    @classmethod
+    def _file_exists(cls, value: Path) -> Path:
+        if not value.is_file():
+            raise ValueError(f"no such file: {value}")
+        return value
+
+    def supervisor(self) -> SupervisorSettings:
+        """A recording may be silent as long as it was: re-opening would begin it anew."""
+        return replace(super().supervisor(), stale_after_s=0.0)
 
     def transport(self) -> Transport:
         return ReplayTransport(ReplaySettings(self.path, self.speed, self.byte_rate))

@@ -266,12 +266,18 @@ class SimulatedDevice:
             if self._stop.wait(wait_s):
                 return
 
-    def stop(self) -> None:
-        """End the thread and unplug."""
+    def stop_sending(self) -> None:
+        """End the thread and stay connected, so that a reader can take what is on its way."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
             self._thread = None
+        with self._lock:
+            self.wire.flush()
+
+    def stop(self) -> None:
+        """End the thread and unplug."""
+        self.stop_sending()
         with contextlib.suppress(OSError):
             self.unplug()
 
