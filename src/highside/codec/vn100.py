@@ -48,7 +48,7 @@ class Vn100Codec(SyncStream):
     """Decoder of the frames described above."""
 
     name = "vn100"
-    extra_columns = (
+    extra_columns: tuple[str, ...] = (
         *("MagX", "MagY", "MagZ", "AccX", "AccY", "AccZ", "GyroX", "GyroY", "GyroZ"),
         *("Temp", "Pres", "Yaw", "Pitch", "Roll"),
     )
