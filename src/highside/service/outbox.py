@@ -42,7 +42,7 @@ SCHEMA_VERSION = 1
 LIVE_IN_MEMORY = 5_000
 """Committed live rows kept in memory for the sender; the oldest beyond that become historical."""
 BACKLOG_CHUNK = 2_000
-BATCH_ROWS = 5_000
+BATCH_ROWS = 2_000
 """Rows in one transaction."""
 RETRY_S = 0.5
 """Pause after the disk refused a commit."""
@@ -248,7 +248,7 @@ class Outbox:
         `backlog=False` asks for the live stream alone. Each message is handed out once until `begin_delivery`.
         """
         with self._lock:
-            if not self._delivering or self._rewind:
+            if not self._delivering or (self._rewind and self._storage_ok):
                 return None
             row = self._take_live()
             if row is not None:
@@ -429,6 +429,8 @@ class Outbox:
                 reason = TOO_MANY_ROWS
             elif bytes_over > 0:
                 reason = TOO_MANY_BYTES
+            elif row.created_s <= CLOCK_IS_SET_S:
+                continue
             else:
                 break
             victims.append((row, reason))
@@ -477,7 +479,8 @@ class Outbox:
         with self._lock:
             if not self._rewind:
                 return
-            self._live = deque(row for row in reversed(rows) if row.id not in self._gone)
+            spare = self._gone.keys() | self._in_flight.keys()
+            self._live = deque(row for row in reversed(rows) if row.id not in spare)
             self._live_from = rows[-1].id if rows else self._last_committed_id + 1
             self._backlog_cursor = 0
             self._rewind = False

@@ -1,0 +1,424 @@
+"""The outbox on a real file: what is put is handed out in order until acknowledged, across restarts and bad disks."""
+
+from __future__ import annotations
+
+import contextlib
+import resource
+import sqlite3
+import statistics
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from highside.errors import InputError
+from highside.service.outbox import Outbox, Row
+
+TOPIC = "highside/t/attitude"
+NOW = 1_800_000_000.0
+
+
+def make(path: Path, **changes: object) -> Outbox:
+    options: dict[str, object] = {
+        "max_rows": 100_000,
+        "max_age_s": 1e6,
+        "max_bytes": 1 << 30,
+        "commit_interval_s": 0.005,
+        "clock": lambda: NOW,
+    }
+    return Outbox(path, **(options | changes))  # type: ignore[arg-type]
+
+
+@contextlib.contextmanager
+def started(path: Path, **changes: object) -> Iterator[Outbox]:
+    outbox = make(path, **changes)
+    outbox.start()
+    try:
+        yield outbox
+    finally:
+        outbox.stop(10.0)
+        assert outbox.stats.balanced(), outbox.stats
+
+
+def put(outbox: Outbox, n: int = 1, *, created_s: float = NOW, topic: str = TOPIC, size: int = 0) -> None:
+    for _ in range(n):
+        seq = outbox.next_seq(topic)
+        outbox.put(topic, b"%d" % seq + b" " * size, created_s=created_s)
+
+
+def until(condition: Callable[[], bool], what: str, timeout_s: float = 15.0) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, f"did not happen: {what}"
+        time.sleep(0.002)
+
+
+def take_all(outbox: Outbox, n: int, *, timeout_s: float = 15.0) -> list[tuple[Row, bool]]:
+    """The next `n` messages, however long the thread needs to find them; not one more is waiting."""
+    found: list[tuple[Row, bool]] = []
+    deadline = time.monotonic() + timeout_s
+    while len(found) < n:
+        taken = outbox.take()
+        if taken is not None:
+            found.append(taken)
+        else:
+            assert time.monotonic() < deadline, f"{len(found)} of {n} messages came"
+            time.sleep(0.001)
+    return found
+
+
+def stored(path: Path) -> list[int]:
+    with contextlib.closing(sqlite3.connect(path)) as db:
+        assert db.execute("PRAGMA integrity_check").fetchone()[0] == "ok"
+        return [row[0] for row in db.execute("SELECT seq FROM outbox ORDER BY id")]
+
+
+def test_messages_come_out_in_order_and_are_gone_once_acknowledged(tmp_path: Path) -> None:
+    with started(tmp_path / "outbox.sqlite") as outbox:
+        outbox.begin_delivery(lambda: None)
+        put(outbox, 500)
+        rows = take_all(outbox, 500)
+        assert [row.seq for row, _ in rows] == list(range(500))
+        assert not any(historical for _, historical in rows)
+        assert outbox.take() is None
+        for row, _ in rows[:300]:
+            outbox.ack(row.id)
+            outbox.ack(row.id)  # a second PUBACK counts once
+        assert outbox.stats.acknowledged == 300
+        assert outbox.stats.queued == 200
+    assert stored(tmp_path / "outbox.sqlite") == list(range(300, 500))
+
+
+def test_what_was_not_acknowledged_is_handed_out_again_after_a_lost_connection(tmp_path: Path) -> None:
+    with started(tmp_path / "outbox.sqlite") as outbox:
+        outbox.begin_delivery(lambda: None)
+        put(outbox, 20)
+        rows = take_all(outbox, 20)
+        for row, _ in rows[::2]:
+            outbox.ack(row.id)
+        outbox.end_delivery()
+        outbox.ack(rows[1][0].id)  # too late: it belongs to the lost connection
+        outbox.begin_delivery(lambda: None)
+        assert [row.seq for row, _ in take_all(outbox, 10)] == list(range(1, 20, 2))
+
+
+def test_numbers_and_messages_go_on_after_a_restart(tmp_path: Path) -> None:
+    path = tmp_path / "outbox.sqlite"
+    with started(path) as outbox:
+        put(outbox, 7)
+        put(outbox, 3, topic="highside/t/survey")
+    with started(path) as outbox:
+        assert outbox.stats.carried == outbox.stats.queued == outbox.stats.produced == 10
+        assert outbox.next_seq(TOPIC) == 7
+        assert outbox.next_seq("highside/t/survey") == 3
+        assert outbox.next_seq("highside/t/other") == 0
+        outbox.begin_delivery(lambda: None)
+        for row, _ in take_all(outbox, 10):
+            outbox.ack(row.id)
+    with started(path) as outbox:
+        # the outbox is empty, the numbering is not forgotten
+        assert outbox.stats.queued == 0
+        assert outbox.next_seq(TOPIC) == 7
+
+
+def test_old_messages_are_historical_and_yield_to_live_ones(tmp_path: Path) -> None:
+    path = tmp_path / "outbox.sqlite"
+    with started(path) as outbox:
+        put(outbox, 6_000, created_s=NOW - 3600.0)
+        put(outbox, 5, created_s=NOW - 1.0)
+    with started(path) as outbox:
+        outbox.begin_delivery(lambda: None)
+        first = take_all(outbox, 105)
+        assert [(row.seq, old) for row, old in first[:5]] == [(seq, False) for seq in range(6_000, 6_005)]
+        assert [(row.seq, old) for row, old in first[5:]] == [(seq, True) for seq in range(100)]
+        assert outbox.take(backlog=False) is None
+        put(outbox, 1)
+        until(lambda: outbox.stats.committed == 1, "commit")
+        row, historical = take_all(outbox, 1)[0]
+        # it may have come a moment before the live one was ready, never the other way round
+        while historical:
+            row, historical = take_all(outbox, 1)[0]
+        assert row.seq == 6_005
+        rest = [row.seq for row, _ in take_all(outbox, outbox.stats.queued - len(outbox._in_flight))]
+        assert rest == list(range(6_000 - len(rest), 6_000))
+
+
+def test_a_live_message_that_waited_too_long_becomes_historical(tmp_path: Path) -> None:
+    now = [NOW]
+    with started(tmp_path / "outbox.sqlite", clock=lambda: now[0]) as outbox:
+        outbox.begin_delivery(lambda: None)
+        put(outbox, 10)
+        until(lambda: outbox.stats.committed == 10, "commit")
+        now[0] += 60.0
+        put(outbox, 2, created_s=now[0])
+        rows = take_all(outbox, 12)
+        assert sorted(row.seq for row, old in rows if old) == list(range(10))
+        assert [row.seq for row, old in rows if old] == list(range(10))
+        assert [row.seq for row, old in rows if not old] == [10, 11]
+
+
+@pytest.mark.parametrize(
+    ("caps", "created_s", "kept", "reason"),
+    [
+        ({"max_rows": 300}, NOW, range(700, 1000), "max_rows"),
+        ({"max_bytes": 1000 * (100 + len(TOPIC)) // 2}, NOW, None, "max_bytes"),
+        ({"max_age_s": 50.0}, NOW - 100.0, range(0), "max_age"),
+    ],
+)
+def test_beyond_a_cap_the_oldest_are_dropped_and_counted(
+    tmp_path: Path, caps: dict[str, float], created_s: float, kept: range | None, reason: str
+) -> None:
+    path = tmp_path / "outbox.sqlite"
+    with started(path, **caps) as outbox:
+        put(outbox, 1000, created_s=created_s, size=97)
+        expected = 1000 if kept is None else 1000 - len(kept)
+        until(lambda: outbox.stats.dropped.get(reason, 0) >= (expected if kept is not None else 480), "drop", 20.0)
+        assert set(outbox.stats.dropped) == {reason}
+        dropped = outbox.stats.dropped[reason]
+    left = stored(path)
+    assert left == list(range(dropped, 1000)), "the oldest went first"
+    if kept is not None:
+        assert left == list(kept)
+    else:
+        assert 480 <= dropped <= 520
+
+
+def test_messages_stamped_by_an_unset_clock_are_not_dropped_for_their_age(tmp_path: Path) -> None:
+    path = tmp_path / "outbox.sqlite"
+    with started(path, max_age_s=3600.0) as outbox:
+        put(outbox, 5, created_s=120.0)  # two minutes into 1970
+        put(outbox, 5, created_s=NOW - 7200.0)
+        until(lambda: outbox.stats.dropped.get("max_age", 0) == 5, "drop")
+    assert stored(path) == [0, 1, 2, 3, 4]
+
+
+def test_messages_in_flight_are_not_dropped_and_count_once(tmp_path: Path) -> None:
+    with started(tmp_path / "outbox.sqlite", max_rows=100) as outbox:
+        outbox.begin_delivery(lambda: None)
+        put(outbox, 50)
+        flying = [row for row, _ in take_all(outbox, 50)]
+        put(outbox, 500)
+        until(lambda: outbox.stats.queued <= 100 + 50, "drop")
+        for row in flying:
+            outbox.ack(row.id)
+        until(lambda: outbox.stats.queued <= 100, "drop")
+        stats = outbox.stats
+        assert stats.acknowledged == 50
+        assert stats.balanced()
+
+
+def test_a_second_process_with_the_same_file_is_refused(tmp_path: Path) -> None:
+    with started(tmp_path / "outbox.sqlite"):
+        second = make(tmp_path / "outbox.sqlite")
+        with pytest.raises(InputError, match=r"outbox\.sqlite: is in use by another process"):
+            second.start()
+
+
+@pytest.mark.parametrize("damage", ["garbage", "truncated", "overwritten middle", "other layout"])
+def test_a_damaged_file_is_set_aside_and_a_new_one_begun(tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "outbox.sqlite"
+    with started(path) as outbox:
+        put(outbox, 3_000, size=100)
+    content = path.read_bytes()
+    assert len(content) > 100_000
+    if damage == "garbage":
+        path.write_bytes(b"\x5a" * 50_000)
+    elif damage == "truncated":
+        path.write_bytes(content[: len(content) // 2 + 100])
+    elif damage == "overwritten middle":
+        path.write_bytes(content[:40_000] + b"\xff" * 30_000 + content[70_000:])
+    else:
+        path.unlink()
+        with contextlib.closing(sqlite3.connect(path)) as db:
+            db.execute("CREATE TABLE outbox (something TEXT)")
+            db.execute("PRAGMA user_version = 77")
+            db.commit()
+    with started(path) as outbox:
+        assert outbox.stats.corrupt_files == 1
+        assert outbox.stats.carried == 0
+        outbox.begin_delivery(lambda: None)
+        put(outbox, 5)
+        assert len(take_all(outbox, 5)) == 5
+    aside = [found for found in tmp_path.iterdir() if ".corrupt-" in found.name and not found.name.endswith("-wal")]
+    assert len(aside) == 1
+    assert len(stored(path)) == 5
+
+
+@contextlib.contextmanager
+def full_disk(limit: int) -> Iterator[None]:
+    """No file of this process may grow beyond `limit` bytes: writes fail as on a full disk (EFBIG)."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_full_disk_does_not_stop_acquisition_or_sending_and_is_survived(tmp_path: Path) -> None:
+    path = tmp_path / "outbox.sqlite"
+    with started(path, max_memory_rows=400) as outbox:
+        put(outbox, 100, size=200)
+        until(lambda: outbox.stats.committed == 100, "commit")
+        with full_disk(4096):
+            slowest = 0.0
+            for _ in range(1000):
+                began = time.perf_counter()
+                put(outbox, 1, size=200)
+                slowest = max(slowest, time.perf_counter() - began)
+            until(lambda: not outbox.stats.storage_ok, "failure noticed")
+            stats = outbox.stats
+            assert stats.balanced()
+            assert stats.dropped == {"memory": 600}
+            assert stats.storage_error
+            # late is better than never: with a broker there, messages leave from memory
+            outbox.begin_delivery(lambda: None)
+            rows = [row for row, _ in take_all(outbox, 50)]
+            assert [row.seq for row in rows] == list(range(700, 750))
+            for row in rows[:30]:
+                outbox.ack(row.id)
+            assert outbox.stats.balanced()
+        until(lambda: outbox.stats.storage_ok, "recovery")
+        until(lambda: outbox.stats.committed == 470, "commit of what waited")
+        # neither what is acknowledged nor what is in flight is handed out a second time
+        again = [row.seq for row, _ in take_all(outbox, 450)]
+        assert sorted(again) == [*range(100), *range(750, 1100)]
+        assert outbox.take() is None
+        assert slowest < 0.25
+    assert stored(path) == [*range(100), *range(730, 1100)]
+
+
+def test_a_file_damaged_while_in_use_costs_its_rows_and_no_more(tmp_path: Path) -> None:
+    path = tmp_path / "outbox.sqlite"
+    with started(path) as outbox:
+        # more than SQLite keeps in its cache: it has to read the file again
+        put(outbox, 2_000, size=4_000)
+        until(lambda: outbox.stats.committed == 2_000, "commit")
+        path.write_bytes(b"\x5a" * 9_000_000)
+        path.with_name(path.name + "-wal").write_bytes(b"")
+        deadline = time.monotonic() + 20.0
+        while not outbox.stats.corrupt_files:
+            put(outbox, 1, created_s=NOW - 60.0)
+            outbox.end_delivery()
+            outbox.begin_delivery(lambda: None)
+            assert time.monotonic() < deadline, outbox.stats
+            time.sleep(0.02)
+        until(lambda: outbox.stats.storage_ok, "recovery")
+        put(outbox, 3)
+        until(lambda: outbox.stats.committed >= 2_004, "commit")
+        assert outbox.stats.dropped["corrupt"] >= 2_000
+        assert outbox.stats.balanced()
+        last = outbox.next_seq(TOPIC) - 1
+    assert stored(path)[-3:] == [last - 2, last - 1, last]
+
+
+def test_put_never_waits_for_the_disk(tmp_path: Path) -> None:
+    costs: list[float] = []
+    with started(tmp_path / "outbox.sqlite", commit_interval_s=0.05) as outbox:
+        for _ in range(5_000):
+            seq = outbox.next_seq(TOPIC)
+            payload = b"x" * 300 + b"%d" % seq
+            began = time.perf_counter()
+            outbox.put(TOPIC, payload, created_s=NOW)
+            costs.append(time.perf_counter() - began)
+        until(lambda: outbox.stats.committed == 5_000, "commit")
+    print(f"put: median {statistics.median(costs) * 1e6:.1f} us, slowest {max(costs) * 1e3:.2f} ms")
+    assert statistics.median(costs) < 100e-6
+
+
+STEPS = st.lists(
+    st.one_of(
+        st.tuples(st.just("put"), st.integers(1, 40)),
+        st.tuples(st.just("old"), st.integers(1, 40)),
+        st.tuples(st.just("take"), st.integers(1, 30)),
+        st.tuples(st.just("ack"), st.integers(1, 30)),
+        st.tuples(st.just("reconnect"), st.just(0)),
+        st.tuples(st.just("restart"), st.just(0)),
+        st.tuples(st.just("settle"), st.just(0)),
+    ),
+    min_size=5,
+    max_size=30,
+)
+
+
+@settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(steps=STEPS, small=st.booleans())
+def test_any_history_of_puts_acknowledgements_and_restarts_balances(
+    tmp_path_factory: pytest.TempPathFactory, steps: list[tuple[str, int]], small: bool
+) -> None:
+    path = tmp_path_factory.mktemp("history") / "outbox.sqlite"
+    caps = {"max_rows": 60} if small else {}
+    outbox = make(path, commit_interval_s=0.001, **caps)
+    outbox.start()
+    outbox.begin_delivery(lambda: None)
+    flying: list[Row] = []
+    delivered: set[int] = set()
+    produced = 0
+    dropped_before = 0
+
+    def check() -> None:
+        stats = outbox.stats
+        assert stats.balanced(), stats
+        assert stats.queued >= 0
+        assert stats.queued_bytes >= 0
+
+    for step, n in steps:
+        if step in ("put", "old"):
+            put(outbox, n, created_s=NOW if step == "put" else NOW - 1000.0)
+            produced += n
+        elif step == "take":
+            for _ in range(n):
+                taken = outbox.take()
+                if taken is not None:
+                    row = taken[0]
+                    assert row.seq not in delivered, "what is acknowledged never comes again"
+                    assert row.id not in {other.id for other in flying}, "handed out twice on one connection"
+                    assert row.payload == b"%d" % row.seq
+                    flying.append(row)
+        elif step == "ack":
+            for row in flying[:n]:
+                outbox.ack(row.id)
+                delivered.add(row.seq)
+            del flying[:n]
+        elif step == "reconnect":
+            outbox.end_delivery()
+            outbox.begin_delivery(lambda: None)
+            flying.clear()
+        elif step == "restart":
+            outbox.stop(10.0)
+            check()
+            assert outbox.stats.queued == len(stored(path)), "the count is that of the file"
+            dropped_before += sum(outbox.stats.dropped.values())
+            outbox = make(path, commit_interval_s=0.001, **caps)
+            outbox.start()
+            outbox.begin_delivery(lambda: None)
+            flying.clear()
+        else:
+            time.sleep(0.005)
+        check()
+    outbox.end_delivery()
+    outbox.stop(10.0)
+    check()
+    left = stored(path)
+    dropped = dropped_before + sum(outbox.stats.dropped.values())
+    assert len(delivered) + len(left) + dropped == produced
+    assert delivered.isdisjoint(left)
+    assert left == sorted(left)
+    if not small:
+        assert dropped == 0
+        assert sorted([*delivered, *left]) == list(range(produced))
+
+
+def test_stop_commits_what_was_just_put(tmp_path: Path) -> None:
+    path = tmp_path / "outbox.sqlite"
+    with started(path, commit_interval_s=1.0) as outbox:
+        put(outbox, 1)
+        until(lambda: outbox.stats.committed == 1, "first commit")
+        put(outbox, 12_000)
+        assert outbox.stats.committed == 1
+    assert stored(path) == list(range(12_001))
+    assert threading.active_count() < 20
