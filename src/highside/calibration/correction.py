@@ -71,6 +71,20 @@ class Correction(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
+class BlockCorrected:
+    """N corrected readings: `g` (3, N) in g, `cov` (6, N) in g^2, not a number where no correction holds.
+
+    `zone` (N,): which of `names` made it (the one with the greatest weight), -1 for none. `temperature_outside` (N,).
+    """
+
+    g: FloatArray
+    cov: FloatArray
+    zone: NDArray[np.intp]
+    names: tuple[str, ...]
+    temperature_outside: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
 class IdentityCorrection:
     """No calibration: readings pass unchanged, flagged; the uncertainty is that of an uncalibrated sensor.
 
@@ -113,26 +127,26 @@ class TemperatureTrust:
 class _Nonlinear:
     """The quadratic, cubic and cross terms already multiplied by C, (3, 3) each: own squares, own cubes, products."""
 
+    floats: tuple[tuple[float, float, float, float, float, float, float, float, float], ...]
+    """the same as plain floats, row by row"""
     squares: FloatArray
     cubes: FloatArray
     products: FloatArray
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
     monomials: NDArray[np.intp]
-    factors: FloatArray
     C: FloatArray
     covariance: FloatArray
 
     def of(self, x: float, y: float, z: float) -> Vector:
-        s, c, p = self.squares.tolist(), self.cubes.tolist(), self.products.tolist()
+        """The terms at one vector."""
         x2, y2, z2, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
         x3, y3, z3 = x2 * x, y2 * y, z2 * z
-        out = [
-            s[i][0] * x2 + s[i][1] * y2 + s[i][2] * z2 + c[i][0] * x3 + c[i][1] * y3 + c[i][2] * z3
-            + p[i][0] * xy + p[i][1] * xz + p[i][2] * yz
-            for i in range(3)
-        ]  # fmt: skip
-        return out[0], out[1], out[2]
+        u, v, w = [
+            s0 * x2 + s1 * y2 + s2 * z2 + c0 * x3 + c1 * y3 + c2 * z3 + p0 * xy + p1 * xz + p2 * yz
+            for s0, s1, s2, c0, c1, c2, p0, p1, p2 in self.floats
+        ]
+        return u, v, w
 
     def of_block(self, g: FloatArray) -> FloatArray:
         products = np.stack([g[j] * g[k] for j, k in CROSS_PAIRS])
@@ -144,10 +158,21 @@ class _Nonlinear:
         x2, y2, z2 = x * x, y * y, z * z
         values = np.array((x, y, z, 1.0, x2, y2, z2, x2 * x, y2 * y, z2 * z, x * y, x * z, y * z))
         D = np.zeros((3, self.covariance.shape[0]))
-        D[self.rows, self.columns] = values[self.monomials] * self.factors
+        D[self.rows, self.columns] = values[self.monomials]
         J = self.C @ D
         cov = (J @ self.covariance @ J.T).tolist()
         return cov[0][0], cov[0][1], cov[0][2], cov[1][1], cov[1][2], cov[2][2]
+
+    def covariance_block(self, g: FloatArray) -> FloatArray:
+        """`covariance_at` of vectors (3, N), as (6, N)."""
+        x, y, z = g
+        one = np.ones_like(x)
+        values = np.stack([x, y, z, one, x * x, y * y, z * z, x**3, y**3, z**3, x * y, x * z, y * z])
+        D = np.zeros((g.shape[1], 3, self.covariance.shape[0]))
+        D[:, self.rows, self.columns] = values[self.monomials].T
+        J = self.C @ D
+        cov = (J @ self.covariance) @ J.transpose(0, 2, 1)
+        return np.stack([cov[:, i, j] for i, j in UPPER])
 
 
 _MONOMIALS = ("x", "y", "z", "1", "xx", "yy", "zz", "xxx", "yyy", "zzz", "xy", "xz", "yz")
@@ -270,7 +295,10 @@ class LinearCorrection:
         `temp_c`: one temperature, or one a reading (N,).
         """
         if temp_c is not None and np.ndim(temp_c):
-            return self._correct_block_by_temperature(a, np.asarray(temp_c, dtype=float))
+            out = np.empty_like(a)
+            for rows, at in _by_temperature(np.asarray(temp_c, dtype=float)):
+                out[:, rows] = self.correct_block(a[:, rows], at)
+            return out
         k = self.coefficients(None if temp_c is None else float(temp_c))
         g = np.asarray(np.array(k.c).reshape(3, 3) @ a)
         g -= np.array(k.o)[:, None]
@@ -283,17 +311,45 @@ class LinearCorrection:
             g[:, ~((inc >= self.zone.inc_min_rad) & (inc <= self.zone.inc_max_rad))] = np.nan
         return g
 
-    def _correct_block_by_temperature(self, a: FloatArray, temp_c: FloatArray) -> FloatArray:
-        steps = np.round(temp_c / TEMPERATURE_STEP_C)
-        out = np.empty_like(a)
-        values, group = np.unique(steps, return_inverse=True)
-        order = np.argsort(group, kind="stable")
-        edges = np.searchsorted(group[order], np.arange(values.size + 1))
-        for i, step in enumerate(values):
-            rows = order[edges[i] : edges[i + 1]]
-            at = None if np.isnan(step) else float(step) * TEMPERATURE_STEP_C
-            out[:, rows] = self.correct_block(a[:, rows], at)
-        return out
+    def covariance_block(self, g: FloatArray, temp_c: FloatArray | float | None = None) -> FloatArray:
+        """Covariance (6, N) of corrected vectors `g` (3, N) by the errors of the calibration alone."""
+        if temp_c is not None and np.ndim(temp_c):
+            out = np.empty((6, g.shape[1]))
+            for rows, at in _by_temperature(np.asarray(temp_c, dtype=float)):
+                out[:, rows] = self.covariance_block(g[:, rows], at)
+            return out
+        k = self.coefficients(None if temp_c is None else float(temp_c))
+        x, y, z = g
+        basis = np.stack([x * x, x * y, x * z, y * y, y * z, z * z, x, y, z, np.ones_like(x)])
+        cov = np.asarray(np.array(k.form) @ basis)
+        if k.nonlinear is not None:
+            cov += k.nonlinear.covariance_block(g)
+        return cov
+
+    def corrected_block(
+        self, a: FloatArray, noise_g: FloatArray | float, temp_c: FloatArray | float | None = None
+    ) -> BlockCorrected:
+        """Correct readings `a` (3, N) whose own standard deviation is `noise_g` (one, or (N,)) in each axis."""
+        g = self.correct_block(a, temp_c)
+        cov = self.covariance_block(g, temp_c) + self.reading_covariance(temp_c) * np.square(noise_g)
+        inside = np.isfinite(g[2])
+        zone = np.where(inside, 0, -1).astype(np.intp)
+        return BlockCorrected(g, cov, zone, (self.name,), self.temperature_outside(temp_c, a.shape[1]))
+
+    def reading_covariance(self, temp_c: FloatArray | float | None = None) -> FloatArray:
+        """Covariance (6, 1) that a reading noise of one g in each axis becomes (mean temperature, scale is small)."""
+        finite = np.asarray(np.nan if temp_c is None else temp_c, dtype=float)
+        finite = finite[np.isfinite(finite)]
+        C = np.array(self.coefficients(float(finite.mean()) if finite.size else None).c).reshape(3, 3)
+        carried = C @ C.T
+        return np.array([[carried[i, j]] for i, j in UPPER])
+
+    def temperature_outside(self, temp_c: FloatArray | float | None, count: int) -> NDArray[np.bool_]:
+        """Which of `count` readings were made outside of the temperatures trusted."""
+        if self.trust is None or temp_c is None:
+            return np.zeros(count, dtype=bool)
+        t = np.broadcast_to(np.asarray(temp_c, dtype=float), (count,))
+        return np.asarray((t < self.trust.min_c) | (t > self.trust.max_c))
 
     def _work_out(self, temp_c: float | None) -> _Coefficients:
         zone = self.zone
@@ -329,6 +385,18 @@ class LinearCorrection:
         )
 
 
+def _by_temperature(temp_c: FloatArray) -> list[tuple[NDArray[np.intp], float | None]]:
+    """Rows of equal (rounded) temperature, and that temperature; None for rows without one."""
+    steps = np.round(temp_c / TEMPERATURE_STEP_C)
+    values, group = np.unique(steps, return_inverse=True)
+    order = np.argsort(group, kind="stable")
+    edges = np.searchsorted(group[order], np.arange(values.size + 1))
+    return [
+        (order[edges[i] : edges[i + 1]], None if np.isnan(step) else float(step) * TEMPERATURE_STEP_C)
+        for i, step in enumerate(values)
+    ]
+
+
 _PASSES = 6
 """Passes over nonlinear terms of a few mg; each gains a factor of a hundred."""
 
@@ -343,14 +411,15 @@ def _invert(nonlinear: _Nonlinear, x0: float, y0: float, z0: float) -> Vector:
 
 def _nonlinear(model: SensorModel, C: FloatArray, bases: tuple[str, ...], covariance: FloatArray) -> _Nonlinear:
     places = [_monomial(base) for base in bases]
+    squares, cubes, products = C * model.K2[None, :], C * model.K3[None, :], C @ model.KX
     return _Nonlinear(
-        squares=C * model.K2[None, :],
-        cubes=C * model.K3[None, :],
-        products=C @ model.KX,
+        floats=tuple(tuple(row) for row in np.hstack([squares, cubes, products]).tolist()),  # type: ignore[arg-type]
+        squares=squares,
+        cubes=cubes,
+        products=products,
         rows=np.array([row for row, _ in places], dtype=np.intp),
         columns=np.arange(len(places), dtype=np.intp),
         monomials=np.array([monomial for _, monomial in places], dtype=np.intp),
-        factors=np.ones(len(places)),
         C=C,
         covariance=covariance,
     )

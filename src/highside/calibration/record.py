@@ -84,8 +84,6 @@ class SolveRequest:
     pose_sigma_deg: float = 0.0052
     fallback: str = "none"
     """for balance: the method of the global correction between and beyond the zones, or "none" """
-    gravity_mps2: float | None = None
-    """where it is known that readings are to be referred to (record only)"""
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -158,6 +156,10 @@ class CalibrationRecord:
     @property
     def request(self) -> SolveRequest:
         return SolveRequest(**self.content["request"])
+
+    @property
+    def pose_count(self) -> int:
+        return len(self.content["pose_table"]["ax"])
 
     @property
     def pose_columns(self) -> PoseColumns:
@@ -413,3 +415,15 @@ def solve_poses(columns: PoseColumns, request: SolveRequest, *, where: str | Non
 def recompute(record: CalibrationRecord) -> Solution:
     """Solve the record's own pose table again, as it was requested."""
     return solve_poses(record.pose_columns, record.request, where=f"pose table of record {record.id[:12]}")
+
+
+def largest_difference(record: CalibrationRecord, solution: Solution) -> float:
+    """Largest difference between the parameters of a record and a solution; infinite if they are not of one kind."""
+    if len(record.result.zones) != len(solution.result.zones):
+        return math.inf
+    worst = 0.0
+    for mine, other in zip(record.result.zones, solution.result.zones, strict=True):
+        if mine.parameters.names != other.parameters.names:
+            return math.inf
+        worst = max(worst, float(abs(mine.parameters.values - other.parameters.values).max()))
+    return worst

@@ -19,12 +19,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highside.calibration.correction import (
     ZERO_COVARIANCE,
+    BlockCorrected,
     Corrected,
     Covariance,
     FloatArray,
@@ -34,6 +36,8 @@ from highside.calibration.correction import (
 )
 from highside.calibration.result import Zone
 from highside.errors import InputError
+
+Value = TypeVar("Value", FloatArray, float, FloatArray | float, FloatArray | float | None)
 
 TAPER = 0.5
 """Share of a zone's half-width, at either edge, over which its weight falls from one to zero."""
@@ -178,24 +182,55 @@ class ScheduledCorrection:
 
         `temp_c`: one temperature, or one a reading (N,).
         """
-        guided = a if self._guide is None else self._guide.correct_block(a, temp_c)
-        inc = np.arctan2(np.hypot(guided[0], guided[1]), guided[2])
-        weights = np.array([window.weights(inc) for window in self._windows]).reshape(-1, inc.size)
-        total = weights.sum(axis=0)
-        parts: list[LinearCorrection] = list(self.zones)
-        if self.fallback is not None:
-            weights = np.vstack([weights, np.maximum(1.0 - total, 0.0)])
-            total = np.maximum(total, 1.0)
-            parts.append(self.fallback)
         out = np.zeros_like(a)
+        held = np.zeros(a.shape[1], dtype=bool)
+        for part, rows, w in self._shares(a, temp_c):
+            out[:, rows] += part.correct_block(a[:, rows], _of_rows(temp_c, rows)) * w
+            held[rows] = True
+        out[:, ~held] = np.nan
+        return out
+
+    def corrected_block(
+        self, a: FloatArray, noise_g: FloatArray | float, temp_c: FloatArray | float | None = None
+    ) -> BlockCorrected:
+        """Correct readings `a` (3, N) whose own standard deviation is `noise_g` (one, or (N,)) in each axis."""
+        count = a.shape[1]
+        g, cov = np.zeros_like(a), np.zeros((6, count))
+        zone, most = np.full(count, -1, dtype=np.intp), np.zeros(count)
+        outside = np.zeros(count, dtype=bool)
+        shares = self._shares(a, temp_c)
+        for k, (part, rows, w) in enumerate(shares):
+            one = part.corrected_block(a[:, rows], _of_rows(noise_g, rows), _of_rows(temp_c, rows))
+            g[:, rows] += one.g * w
+            cov[:, rows] += one.cov * w
+            outside[rows] |= one.temperature_outside
+            more = w > most[rows]
+            zone[rows[more]], most[rows[more]] = k, w[more]
+        g[:, zone < 0] = np.nan
+        cov[:, zone < 0] = np.nan
+        return BlockCorrected(g, cov, zone, tuple(part.name for part, _, _ in shares), outside)
+
+    def _shares(
+        self, a: FloatArray, temp_c: FloatArray | float | None
+    ) -> list[tuple[LinearCorrection, NDArray[np.intp], FloatArray]]:
+        """Each correction with the readings (rows) that it takes part in, and its weight there."""
+        guided = a if self._guide is None else self._guide.correct_block(a, temp_c)
+        inc = np.arctan2(np.sqrt(guided[0] ** 2 + guided[1] ** 2), guided[2])
+        parts: list[LinearCorrection] = list(self.zones)
+        weights = [window.weights(inc) for window in self._windows]
+        total = np.sum(weights, axis=0) if weights else np.zeros_like(inc)
+        if self.fallback is not None:
+            parts.append(self.fallback)
+            weights.append(np.where(np.isnan(inc), 0.0, np.maximum(1.0 - total, 0.0)))
+            total = np.maximum(total, 1.0)
+        out = []
         for part, w in zip(parts, weights, strict=True):
             rows = np.flatnonzero(w)
             if rows.size:
-                one = part.correct_block(a[:, rows], _of_rows(temp_c, rows))
-                out[:, rows] += one * (w[rows] / total[rows])
-        out[:, total == 0.0] = np.nan
+                out.append((part, rows, w[rows] / total[rows]))
         return out
 
 
-def _of_rows(temp_c: FloatArray | float | None, rows: NDArray[np.intp]) -> FloatArray | float | None:
-    return temp_c[rows] if isinstance(temp_c, np.ndarray) and temp_c.ndim else temp_c
+def _of_rows(value: Value, rows: NDArray[np.intp]) -> Value:
+    """A value a reading, of some readings; one value for all stays as it is."""
+    return value[rows] if isinstance(value, np.ndarray) and value.ndim else value

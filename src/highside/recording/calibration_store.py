@@ -14,7 +14,6 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -32,6 +31,7 @@ from highside.calibration.record import (
     verify,
 )
 from highside.errors import InputError
+from highside.recording.files import write_whole
 
 MIN_ID_PREFIX = 6
 """Fewest digits by which a record may be named."""
@@ -76,29 +76,6 @@ def load_active(store_dir: Path, *, tool_id: str, serial: str | None = None, now
     return correction_from_record(record)
 
 
-def write_atomically(path: Path, text: str) -> None:
-    """Write a file so that it is there complete or not at all, also after a power cut. Raises InputError.
-
-    The temporary name begins with a dot: a reader that lists the directory does not see it.
-    """
-    descriptor = None
-    temporary = None
-    try:
-        descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        temporary = Path(name)
-        with os.fdopen(descriptor, "w", encoding="utf-8") as out:
-            out.write(text)
-            out.flush()
-            os.fchmod(out.fileno(), 0o644)
-            os.fsync(out.fileno())
-        temporary.replace(path)
-        flush_directory(path.parent)
-    except OSError as error:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
-        raise InputError(f"cannot be written ({error.strerror})", where=str(path)) from error
-
-
 def flush_directory(path: Path) -> None:
     """Make a rename in a directory survive a power cut."""
     descriptor = os.open(path, os.O_RDONLY)
@@ -126,7 +103,7 @@ class CalibrationStore:
                         return False
                 except (RecordError, InputError):
                     pass  # damaged on the disk: the good content is written again
-            write_atomically(path, record.to_json())
+            write_whole(path, record.to_json().encode())
         return True
 
     def get(self, name: str) -> CalibrationRecord:
@@ -227,7 +204,7 @@ class CalibrationStore:
             "undoes": undoes,
         }
         self._make(self._activations)
-        write_atomically(self._activations / f"{number:08d}.json", json.dumps(content, sort_keys=True) + "\n")
+        write_whole(self._activations / f"{number:08d}.json", (json.dumps(content, sort_keys=True) + "\n").encode())
         return entry
 
     def _record_path(self, record_id: str) -> Path:
