@@ -12,7 +12,7 @@ import sys
 import typer
 
 from highside import __version__
-from highside.cli import decode, demo, run
+from highside.cli import calibrate, decode, demo, detect, replay, run, simulate
 from highside.errors import HighsideError
 
 app = typer.Typer(
@@ -41,7 +41,11 @@ def _top(
 
 app.command()(decode.decode)
 app.command()(demo.demo)
+app.command()(detect.detect)
+app.command()(replay.replay)
+app.add_typer(calibrate.app)
 app.command()(run.run)
+app.command()(simulate.simulate)
 app.command()(run.check)
 app.command()(run.schema)
 
