@@ -73,7 +73,7 @@ def plan_information(
     _, design, by_inc, by_tf = linearise(names, at, inc_rad, tf_rad)
     noise = np.array(np.broadcast_to(np.asarray(noise_g, dtype=float), (3, inc_rad.size)))
     stacked = np.concatenate([design, by_inc[:, :, None], by_tf[:, :, None]], axis=2).transpose(1, 0, 2)
-    white = whiten(stacked, noise, by_inc, by_tf, v)
+    white, _ = whiten(stacked, noise, by_inc, by_tf, v)
     size = len(names)
     X = white[:, :, :size].reshape(-1, size)
     F = X.T @ X
@@ -158,7 +158,7 @@ def next_best_poses(
 
 
 def _rms_of_use(covariance: Array, use_inc_rad: Array) -> float:
-    """Rms (rad) of the errors of I and of the cross-axis error `dT sin I` over the inclinations of use and a full turn."""
+    """Rms (rad) of the errors of I and of the cross-axis error `dT sin I` over the inclinations of use, all around."""
     inc, tf = (x.ravel() for x in np.meshgrid(use_inc_rad, np.deg2rad(np.arange(0.0, 360.0, 45.0)), indexing="ij"))
     std_inc, std_tf = bound_of_angles(covariance, BASE_NAMES, inc, tf)
     across = np.where(std_tf < UNIFORM_ANGLE_STD_RAD, std_tf * np.sin(inc), np.sin(inc))

@@ -16,6 +16,8 @@ the method must say:
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from highside.calibration.conventional import DEFAULT_OFFSET_STD_G, MAX_CONDITION
@@ -75,7 +77,7 @@ def balance(
     inc, _ = poses.reference()
     offset = np.zeros(3) if offset_g is None else np.asarray(offset_g, dtype=float)
     zones: list[Zone] = []
-    closures: list[Closure] = []
+    fours: list[Indices] = []
     remarks: list[Remark] = []
     residual = np.zeros((3, len(poses)))
     used = np.zeros(len(poses), dtype=bool)
@@ -95,9 +97,10 @@ def balance(
         members_used = members if triples == "least-squares" else chosen
         residual[:, members_used] = (poses.a - offset[:, None])[:, members_used] - fitted
         used[members_used] = True
-        closures.append(closure_of(poses, chosen, zone.model().A, pose_rad=bench.pose_rad))
+        fours.append(chosen)
     if not zones:
         raise CalibrationRefused(remarks[0].reason, "; ".join(remark.text for remark in remarks), remarks[0].poses)
+    closures = closures_of(poses, fours, [zone.model().A for zone in zones], pose_rad=bench.pose_rad)
     remarks += closure_remarks(closures)
     if not poses.std_known:
         remarks.append(Remark(Reason.NOISE_ASSUMED, "the pose table states no noise; 50 ug a reading is assumed"))
@@ -151,51 +154,68 @@ def zone_limits(center_rad: float) -> tuple[float, float]:
     return lo, hi
 
 
-def closure_of(
-    poses: PoseSet, four: Indices, A: Array, *, pose_rad: float | None = None, pose_covariance: Array | None = None
-) -> Closure:
-    """Closure of the four poses with indices `four` (in the order of the quadrants).
+def closures_of(
+    poses: PoseSet,
+    fours: list[Indices],
+    A: list[Array],
+    *,
+    pose_rad: float = 0.0,
+    pose_covariance: Array | None = None,
+) -> list[Closure]:
+    """Closures of rings; `fours` are the indices of their four poses in the order of the quadrants, `A` their matrices.
 
-    Its covariance is the sum of those of the poses: reading noise and the pose errors, `pose_rad` in both inclination
-    and toolface, or `pose_covariance` (N, 3, 3; reading noise included) as the joint estimator found them. An error
-    common to the ring cancels. The coefficients are 1, -1, 1, -1 on exact toolfaces, else the null vector of W.
+    The covariance is the sum of those of the four poses: reading noise and the pose errors, `pose_rad` in both
+    inclination and toolface, or `pose_covariance` (N, 3, 3; reading noise included) as the joint estimator found them.
+    An error common to the ring cancels. The coefficients are 1, -1, 1, -1 on exact toolfaces, else the null vector of
+    W.
     """
-    from scipy.stats import chi2 as chi2_distribution
-
+    if not fours:
+        return []
     inc, tf = poses.reference()
-    W = gravity(inc[four], tf[four])
-    null = np.linalg.svd(W)[2][3]
-    null = null / null[np.argmax(np.abs(null))]
-    null = null * np.sign(null[0])
-    value = poses.a[:, four] @ null
-    by_inc, by_tf, _ = (A @ d for d in gravity_derivatives(inc[four], tf[four]))
+    index = np.stack(fours)
+    W = gravity(inc[index], tf[index]).transpose(1, 0, 2)
+    null = np.linalg.svd(W)[2][:, 3]
+    null = null / np.max(np.abs(null), axis=1, keepdims=True) * np.sign(null[:, :1])
+    value = np.einsum("irk,rk->ri", poses.a[:, index], null)
     if pose_covariance is None:
-        sigma = np.einsum("in,jn->nij", by_inc, by_inc) + np.einsum("in,jn->nij", by_tf, by_tf)
-        sigma = sigma * (pose_rad or 0.0) ** 2
-        sigma[:, range(3), range(3)] += (poses.noise_of_mean()[:, four] ** 2).T
+        matrices = np.stack(A)
+        by_inc, by_tf, _ = (np.einsum("rij,jrk->rki", matrices, d) for d in gravity_derivatives(inc[index], tf[index]))
+        sigma = by_inc[..., :, None] * by_inc[..., None, :] + by_tf[..., :, None] * by_tf[..., None, :]
+        sigma = sigma * pose_rad**2
+        sigma[..., (0, 1, 2), (0, 1, 2)] += np.moveaxis(poses.noise_of_mean()[:, index] ** 2, 0, -1)
     else:
-        sigma = pose_covariance[four]
-    covariance = np.einsum("n,nij->ij", null**2, sigma)
+        sigma = pose_covariance[index]
+    covariance = np.einsum("rk,rkij->rij", null**2, sigma)
     inverse = np.linalg.inv(covariance)
-    chi2 = float(value @ inverse @ value)
-    # how much of the closure a displacement of one pose (in inclination and toolface) would explain
+    chi2 = np.einsum("ri,rij,rj->r", value, inverse, value)
+    out = []
+    for r, four in enumerate(fours):
+        p = _chi2_3_tail(float(chi2[r]))
+        suspects = _closure_suspects(poses, four, A[r], null[r], value[r], inverse[r]) if p < CLOSURE_P else ""
+        ids = tuple(poses.ids[i] for i in four)
+        out.append(Closure(float(inc[four].mean()), value[r], covariance[r], float(chi2[r]), p, ids, suspects))
+    return out
+
+
+def _chi2_3_tail(chi2: float) -> float:
+    """Probability that chi-square with three degrees of freedom exceeds `chi2`."""
+    return math.erfc(math.sqrt(0.5 * chi2)) + math.sqrt(2.0 * chi2 / math.pi) * math.exp(-0.5 * chi2)
+
+
+def _closure_suspects(poses: PoseSet, four: Indices, A: Array, null: Array, value: Array, inverse: Array) -> str:
+    """Which pose, displaced in both angles, would explain the closure best ("1 or 3" where two do alike)."""
+    inc, tf = poses.reference()
+    by_inc, by_tf, _ = (A @ d for d in gravity_derivatives(inc[four], tf[four]))
     explained = []
     for k in range(4):
         G = np.stack([by_inc[:, k], by_tf[:, k]], axis=1) * null[k]
-        normal = G.T @ inverse @ G + 1e-12 * np.eye(2) * np.trace(G.T @ inverse @ G)
+        normal = G.T @ inverse @ G
+        normal = normal + 1e-12 * np.trace(normal) * np.eye(2)
         right = G.T @ inverse @ value
         explained.append(float(right @ np.linalg.solve(normal, right)))
     best = max(explained)
     suspects = [poses.ids[four[k]] for k in range(4) if explained[k] > best - max(4.0, 0.02 * best)]
-    return Closure(
-        inc_rad=float(np.mean(inc[four])),
-        value=value,
-        covariance=covariance,
-        chi2=chi2,
-        p=float(chi2_distribution.sf(chi2, 3)),
-        poses=tuple(poses.ids[i] for i in four),
-        worst_pose=" or ".join(suspects) if len(suspects) < 4 else "",
-    )
+    return " or ".join(suspects) if len(suspects) < 4 else ""
 
 
 def closure_remarks(closures: list[Closure]) -> list[Remark]:
@@ -223,7 +243,7 @@ def rings_of_four(poses: PoseSet) -> list[Indices]:
     inc, _ = poses.reference()
     rings = poses.rings()
     found = []
-    for ring in range(int(rings.max()) + 1):
+    for ring in np.flatnonzero(np.bincount(rings) >= 4):
         members = np.flatnonzero(rings == ring)
         try:
             found.append(_members_by_quadrant(poses, members, float(np.mean(inc[members]))))

@@ -130,13 +130,15 @@ def pose_covariance(noise: Array, by_inc: Array, by_tf: Array, variances: Varian
     return out
 
 
-def whiten(columns: Array, noise: Array, by_inc: Array, by_tf: Array, variances: Variances) -> Array:
-    """`L^-1 columns` (N, 3, K), with `L L'` the covariance of each pose."""
+def whiten(columns: Array, noise: Array, by_inc: Array, by_tf: Array, variances: Variances) -> tuple[Array, float]:
+    """`L^-1 columns` (N, 3, K), with `L L'` the covariance of each pose, and the sum of the logarithms of its
+    determinants.
+    """
     lower = np.linalg.cholesky(pose_covariance(noise, by_inc, by_tf, variances))
-    a, b, c = lower[:, 0, 0], lower[:, 1, 1], lower[:, 2, 2]
+    diagonal = lower[:, (0, 1, 2), (0, 1, 2)]
     d, e, f = lower[:, 1, 0], lower[:, 2, 0], lower[:, 2, 1]
     out = np.empty_like(columns)
-    out[:, 0] = columns[:, 0] / a[:, None]
-    out[:, 1] = (columns[:, 1] - d[:, None] * out[:, 0]) / b[:, None]
-    out[:, 2] = (columns[:, 2] - e[:, None] * out[:, 0] - f[:, None] * out[:, 1]) / c[:, None]
-    return out
+    out[:, 0] = columns[:, 0] / diagonal[:, 0, None]
+    out[:, 1] = (columns[:, 1] - d[:, None] * out[:, 0]) / diagonal[:, 1, None]
+    out[:, 2] = (columns[:, 2] - e[:, None] * out[:, 0] - f[:, None] * out[:, 1]) / diagonal[:, 2, None]
+    return out, 2.0 * float(np.log(diagonal).sum())

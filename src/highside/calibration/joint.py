@@ -33,7 +33,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.calibration.balance import closure_of, closure_remarks, rings_of_four
+from highside.calibration.balance import closure_remarks, closures_of, rings_of_four
 from highside.calibration.forward import (
     BASE_NAMES,
     GROUPS,
@@ -108,7 +108,7 @@ def joint(
             used, fit = _leave_out_bad(session, fit, start, np.ones(len(poses), dtype=bool))
     variances = start
     if estimate_variances:
-        variances = _estimate_variances(session, fit, start, bench)
+        variances = _estimate_variances(session, fit, start, bench, used)
         fit = _solve(session, names, variances, used, fit.theta)
         dropped = [
             group
@@ -118,13 +118,15 @@ def joint(
         if dropped:
             names = tuple(name for name in names if not any(name in GROUPS[group] for group in dropped))
             fit = _solve(session, names, variances, used, fit.take(names))
-            variances = _estimate_variances(session, fit, variances, bench)
+            variances = _estimate_variances(session, fit, variances, bench, used)
             fit = _solve(session, names, variances, used, fit.theta)
-        again = used | (_departure(session, fit, variances, used) <= BAD_POSE_SIGMA)
-        if not np.array_equal(again, used):
-            fit = _solve(session, names, variances, again, fit.theta)
+    away = _departure(session, fit, variances, used)
+    again = used | (away <= BAD_POSE_SIGMA)
+    if not np.array_equal(again, used) or away[used].max() > BAD_POSE_SIGMA:
+        fit = _solve(session, names, variances, again, fit.theta)
         used, fit = _leave_out_bad(session, fit, variances, again)
-    return _result(session, fit, variances, used, bench, toolface_zero_rad, toolface_zero_std_rad)
+        away = _departure(session, fit, variances, used)
+    return _result(session, fit, variances, used, away, bench, toolface_zero_rad, toolface_zero_std_rad)
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,35 +210,80 @@ def _extended(fit: _Fit, names: tuple[str, ...]) -> Array:
 def _solve(session: _Session, names: tuple[str, ...], variances: Variances, used: NDArray[np.bool_], at: Array) -> _Fit:
     """One Gauss-Newton step from `at` with given variances: penalised generalised least squares."""
     reading, design, by_inc, by_tf = linearise(names, at, session.inc, session.tf)
-    prior = prior_std(names, session.bench)
-    mean = prior_mean(names)
-    misfit = session.poses.a - reading
-    y = misfit + design @ (at - mean)
-    stacked = np.concatenate([design, by_inc[:, :, None], by_tf[:, :, None], y[:, :, None]], axis=2)
-    white = whiten(stacked.transpose(1, 0, 2), session.noise, by_inc, by_tf, variances)
-    white[~used] = 0.0
+    prior, mean = prior_std(names, session.bench), prior_mean(names)
+    y = session.poses.a - reading + design @ (at - mean)
+    system = _evaluate(session, design, by_inc, by_tf, y, prior, variances, used)
     size = len(names)
-    columns = _with_random_columns(white, size, session)
-    penalty = _penalty(prior, variances, session)
-    flat = columns.reshape(-1, columns.shape[2])
-    normal = flat.T @ flat
-    normal[np.diag_indices_from(normal)] += penalty
-    inverse = np.linalg.inv(normal)
-    yw = white[:, :, size + 2].reshape(-1)
-    solution = inverse @ (flat.T @ yw)
-    residual = (yw - flat @ solution).reshape(-1, 3)
-    theta = mean + solution[:size]
     return _Fit(
         names=names,
-        theta=theta,
-        covariance=inverse[:size, :size],
+        theta=mean + system.solution[:size],
+        covariance=system.inverse[:size, :size],
         prior=prior,
-        whitened=columns,
-        inverse=inverse,
-        residual=residual,
-        left_over=y - design @ solution[:size],
+        whitened=system.columns,
+        inverse=system.inverse,
+        residual=system.residual,
+        left_over=y - design @ system.solution[:size],
         by_inc=by_inc,
         by_tf=by_tf,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _System:
+    """The penalised, whitened system at given variances, solved."""
+
+    columns: Array
+    """(N, 3, P + R + S): design, rings, stations; zero for poses not used"""
+    pose_columns: Array
+    """(N, 3, 5): directions of dI, dT and of the reading noise of the three axes"""
+    inverse: Array
+    solution: Array
+    residual: Array
+    """(N, 3)"""
+    deviance: float
+    """`log|V| + y' V^-1 y` but for a constant"""
+
+
+def _evaluate(
+    session: _Session,
+    design: Array,
+    by_inc: Array,
+    by_tf: Array,
+    y: Array,
+    prior: Array,
+    variances: Variances,
+    used: NDArray[np.bool_],
+) -> _System:
+    count, size = y.shape[1], prior.size
+    stacked = np.zeros((count, 3, size + 6))
+    stacked[:, :, :size] = design.transpose(1, 0, 2)
+    stacked[:, :, size] = by_inc.T
+    stacked[:, :, size + 1] = by_tf.T
+    stacked[:, (0, 1, 2), (size + 2, size + 3, size + 4)] = session.noise.T
+    stacked[:, :, size + 5] = y.T
+    noise = session.noise
+    if used.all():
+        white, log_det = whiten(stacked, noise, by_inc, by_tf, variances)
+    else:
+        white = np.zeros_like(stacked)
+        white[used], log_det = whiten(stacked[used], noise[:, used], by_inc[:, used], by_tf[:, used], variances)
+    columns = _with_random_columns(white, size, session)
+    flat = columns.reshape(3 * count, -1)
+    penalty = _penalty(prior, variances, session)
+    normal = flat.T @ flat
+    normal.flat[:: normal.shape[0] + 1] += penalty
+    inverse = np.linalg.inv(normal)
+    yw = np.ascontiguousarray(white[:, :, size + 5]).reshape(-1)
+    solution = inverse @ (flat.T @ yw)
+    residual = yw - flat @ solution
+    log_det += float(np.linalg.slogdet(normal)[1]) - float(np.log(penalty).sum())
+    return _System(
+        columns=columns,
+        pose_columns=white[:, :, size : size + 5],
+        inverse=inverse,
+        solution=solution,
+        residual=residual.reshape(count, 3),
+        deviance=log_det + float(yw @ residual),
     )
 
 
@@ -257,165 +304,127 @@ def _penalty(prior: Array, variances: Variances, session: _Session) -> Array:
     )
 
 
-def _estimate_variances(session: _Session, fit: _Fit, start: Variances, bench: BenchAccuracy) -> Variances:
-    """Restricted maximum likelihood of the variance components, with weak priors that keep them off zero.
-
-    Minimises `log|V| + y' V^-1 y` (V with the parameters' priors in it, so that their number is accounted for) plus,
-    for each component, `_VARIANCE_PRIOR` pseudo-observations of the size stated for the bench.
-    """
-    used = np.any(fit.whitened != 0, axis=(1, 2))
+def _estimate_variances(
+    session: _Session, fit: _Fit, start: Variances, bench: BenchAccuracy, used: NDArray[np.bool_]
+) -> Variances:
+    """Restricted maximum likelihood of the variance components: minimises `log|V| + y' V^-1 y`, V with the parameters'
+    priors in it (which accounts for their number), plus `_variance_penalty`."""
     reading, design, by_inc, by_tf = linearise(fit.names, fit.theta, session.inc, session.tf)
     y = session.poses.a - reading + design @ (fit.theta - prior_mean(fit.names))
-    size = len(fit.names)
-    estimated = [0, 1, 2, 3] if session.poses.std_known else [0, 1, 2, 3, 4]
-    axes = [np.zeros_like(y) for _ in range(3)]
-    for k in range(3):
-        axes[k][k] = session.noise[k]
-    extra = [] if session.poses.std_known else axes
-    stacked = np.stack([*np.moveaxis(design, 2, 0), by_inc, by_tf, y, *extra], axis=2).transpose(1, 0, 2)[used]
-    ring_of, station_of = session.ring_of[used], session.station_of[used]
-    part = _Session(
-        session.poses, session.inc[used], session.tf[used], session.noise[:, used], ring_of, station_of, session.bench
+    prior = _VariancePrior(
+        bench.pose_rad**2, _READING_PRIOR_KNOWN if session.poses.std_known else _READING_PRIOR_ASSUMED
     )
-    rings, stations = ring_of.shape[1], station_of.shape[1]
-    stated = bench.pose_rad**2
-    log_v = np.log(start.as_array()[estimated])
-    previous = np.inf
-    damping = 0.0
-    best = log_v
-    state: tuple[Array, Array] | None = None
+    best = log_v = np.log(start.as_array())
+    lowest = np.inf
     for _ in range(_MAX_REML_STEPS):
         v = np.exp(log_v)
-        now = Variances(*v) if len(v) == 5 else Variances(v[0], v[1], v[2], v[3], start.reading)
-        white = whiten(stacked, part.noise, by_inc[:, used], by_tf[:, used], now)
-        columns = _with_random_columns(white, size, part)
-        flat = columns.reshape(-1, columns.shape[2])
-        normal = flat.T @ flat
-        penalty = _penalty(fit.prior, now, part)
-        normal[np.diag_indices_from(normal)] += penalty
-        factor = np.linalg.cholesky(normal)
-        inverse = np.linalg.inv(normal)
-        yw = white[:, :, size + 2].reshape(-1)
-        solution = inverse @ (flat.T @ yw)
-        py = yw - flat @ solution
-        log_det = (
-            2.0 * np.log(np.diagonal(factor)).sum()
-            - np.log(penalty).sum()
-            + _log_det(part, by_inc[:, used], by_tf[:, used], now)
-        )
-        objective = log_det + float(yw @ py) + _variance_penalty(v, stated)
-        if objective > previous + 1e-9:
-            # overshot: go back half of the way
+        system = _evaluate(session, design, by_inc, by_tf, y, fit.prior, Variances(*v.tolist()), used)
+        objective = system.deviance + prior.penalty(v)
+        if objective > lowest + 1e-9:  # overshot
             log_v = 0.5 * (log_v + best)
-            damping += 1.0
-            if damping > 6:
+            if np.max(np.abs(log_v - best)) < 0.01:
                 break
             continue
-        improvement = previous - objective
-        previous, best = objective, log_v
-        state = _information(white, flat, inverse, solution, py, size, rings, stations, part, v)
-        if improvement < 1e-3:
+        gain, lowest, best = lowest - objective, objective, log_v
+        if gain < _REML_TOLERANCE:
             break
-        gradient, hessian = state
-        prior_gradient, prior_hessian = _variance_penalty_derivatives(v, stated)
-        gradient = gradient + prior_gradient
-        hessian = hessian + prior_hessian + 1e-6 * np.eye(len(v))
-        step = -np.linalg.solve(hessian, gradient)
-        step *= min(1.0, 2.0 / float(np.max(np.abs(step)) + 1e-300))
-        log_v = np.clip(log_v + step, np.log(stated * 1e-6), None)
-        if len(v) == 5:
-            log_v[4] = best[4] + step[4]
-    v = np.exp(best)
-    return Variances(*v) if len(v) == 5 else Variances(v[0], v[1], v[2], v[3], start.reading)
+        gradient, information = _information(session, system, len(fit.names), v)
+        prior_gradient, prior_information = prior.derivatives(v)
+        step = -np.linalg.solve(information + prior_information + 1e-6 * np.eye(v.size), gradient + prior_gradient)
+        step *= min(1.0, 2.0 / (float(np.max(np.abs(step))) + 1e-300))
+        log_v = np.maximum(log_v + step, np.log(bench.pose_rad**2) - 14.0)
+    return Variances(*np.exp(best).tolist())
 
 
 _MAX_REML_STEPS = 25
+_REML_TOLERANCE = 0.01
+"""Twice the log-likelihood; 0.01 is far below what the data can tell."""
 _TOTAL_PRIOR = 10.0
 _SPLIT_PRIOR = 0.5
 _SMALL_SHARE = 0.05
+_READING_PRIOR_KNOWN = 30.0
+_READING_PRIOR_ASSUMED = 0.1
 
 
-def _variance_penalty(v: Array, stated: float) -> float:
-    """Minus twice the log density of the priors on the bench's components.
+@dataclass(frozen=True, slots=True)
+class _VariancePrior:
+    """Priors of the variance components.
 
-    What is stated of a bench is the size of one setting's error, hence the *sum* of its own and its common part: scaled
-    inverse chi-square about `stated` with `_TOTAL_PRIOR` degrees of freedom. How it splits is left to the data, but for a
-    weak term that keeps each part off zero. With four stations no session could estimate the station part by itself, the
-    mean of the four being a rotation of the tool; the sum and the pose part give it.
+    What is stated of a bench is the size of one setting's error (`stated`, rad^2), hence the *sum* of its own and its
+    common part: scaled inverse chi-square with `_TOTAL_PRIOR` degrees of freedom. How it splits is left to the data,
+    but for a weak term that keeps each part off zero. With four stations no session could estimate the station part by
+    itself, the mean of the four being a rotation of the tool; the sum and the pose part give it. The factor on the
+    reading noise is near one by `reading` degrees of freedom (means scatter by more than `std / sqrt(n)` where noise
+    is not white).
     """
-    totals = v[:2] + v[2:4]
-    split = np.log(v[:4]) + _SMALL_SHARE * stated / v[:4]
-    return float(_TOTAL_PRIOR * np.sum(np.log(totals) + stated / totals) + _SPLIT_PRIOR * np.sum(split))
+
+    stated: float
+    reading: float
+
+    def penalty(self, v: Array) -> float:
+        """Minus twice the log density of `v` (5,) in its logarithms."""
+        totals = v[:2] + v[2:4]
+        split = np.log(v[:4]) + _SMALL_SHARE * self.stated / v[:4]
+        scale = np.log(v[4]) + 1.0 / v[4]
+        return float(
+            _TOTAL_PRIOR * np.sum(np.log(totals) + self.stated / totals)
+            + _SPLIT_PRIOR * np.sum(split)
+            + self.reading * scale
+        )
+
+    def derivatives(self, v: Array) -> tuple[Array, Array]:
+        """Gradient and (positive) second derivative of `penalty` by the logarithms of the variances."""
+        gradient = np.zeros(5)
+        curvature = np.zeros((5, 5))
+        small = _SMALL_SHARE * self.stated / v[:4]
+        gradient[:4] = _SPLIT_PRIOR * (1.0 - small)
+        curvature[(0, 1, 2, 3), (0, 1, 2, 3)] = _SPLIT_PRIOR * small
+        for pair in ((0, 2), (1, 3)):
+            total = v[pair[0]] + v[pair[1]]
+            share = np.zeros(5)
+            share[list(pair)] = v[list(pair)] / total
+            gradient += _TOTAL_PRIOR * (1.0 - self.stated / total) * share
+            curvature += _TOTAL_PRIOR * np.outer(share, share)
+        gradient[4] = self.reading * (1.0 - 1.0 / v[4])
+        curvature[4, 4] = self.reading / v[4]
+        return gradient, curvature
 
 
-def _variance_penalty_derivatives(v: Array, stated: float) -> tuple[Array, Array]:
-    """Gradient and (positive) second derivative of `_variance_penalty` by the logarithms of the variances."""
-    gradient = np.zeros_like(v)
-    hessian = np.zeros((v.size, v.size))
-    small = _SMALL_SHARE * stated / v[:4]
-    gradient[:4] = _SPLIT_PRIOR * (1.0 - small)
-    hessian[range(4), range(4)] = _SPLIT_PRIOR * small
-    for pair in ([0, 2], [1, 3]):
-        total = v[pair].sum()
-        share = v[pair] / total
-        gradient[pair] += _TOTAL_PRIOR * (1.0 - stated / total) * share
-        hessian[np.ix_(pair, pair)] += _TOTAL_PRIOR * np.outer(share, share)
-    return gradient, hessian
+def _information(session: _Session, system: _System, size: int, v: Array) -> tuple[Array, Array]:
+    """Gradient and average-information matrix of `deviance` by the logarithms of the variances `v` (5,).
 
-
-def _log_det(session: _Session, by_inc: Array, by_tf: Array, variances: Variances) -> float:
-    covariance = pose_covariance(session.noise, by_inc, by_tf, variances)
-    return float(np.linalg.slogdet(covariance)[1].sum())
-
-
-def _information(
-    white: Array,
-    flat: Array,
-    inverse: Array,
-    solution: Array,
-    py: Array,
-    size: int,
-    rings: int,
-    stations: int,
-    session: _Session,
-    v: Array,
-) -> tuple[Array, Array]:
-    """Gradient and average-information matrix of the likelihood by the logarithms of the variances `v`."""
-    residual = py.reshape(-1, 3)
-    inc_w, tf_w = white[:, :, size], white[:, :, size + 1]
-    ring = slice(size, size + rings)
-    station = slice(size + rings, size + rings + stations)
+    With P the projected inverse of V and Z the columns that share a variance: `d/dv = tr(Z' P Z) - |Z' P y|^2`; the
+    average information of two components is `(Z Z' P y)' P (Z Z' P y)`.
+    """
+    rings, stations = session.ring_of.shape[1], session.station_of.shape[1]
+    count = system.residual.shape[0]
+    columns, inverse, residual = system.columns, system.inverse, system.residual
+    # per pose: dI, dT and the three axes of reading noise
+    Z = system.pose_columns
+    projection = (columns.transpose(0, 2, 1) @ Z).transpose(1, 0, 2).reshape(columns.shape[2], -1)
+    taken = np.sum(projection * (inverse @ projection), axis=0).reshape(count, 5).sum(axis=0)
+    trace = np.sum(Z**2, axis=(0, 1)) - taken
+    t = np.sum(Z * residual[:, :, None], axis=1)
+    square = np.sum(t**2, axis=0)
+    pulled = Z * t[:, None, :]
+    gradient = np.empty(5)
+    spread = np.empty((count, 3, 5))
+    gradient[:2] = trace[:2] - square[:2]
+    gradient[4] = trace[2:].sum() - square[2:].sum()
+    spread[:, :, :2] = pulled[:, :, :2]
+    spread[:, :, 4] = pulled[:, :, 2:].sum(axis=2)
+    # common to a ring or a station: the effects are part of the solution
     diagonal = np.diagonal(inverse)
-    gradient = np.empty(len(v))
-    spread = []
-    for k, column in enumerate((inc_w, tf_w)):
-        projection = np.einsum("nij,ni->nj", flat.reshape(-1, 3, flat.shape[1]), column)
-        trace = np.sum(column**2) - np.sum((projection @ inverse) * projection)
-        t = np.sum(column * residual, axis=1)
-        gradient[k] = v[k] * (trace - np.sum(t**2))
-        spread.append(column * t[:, None])
-    for k, (where, groups, column) in enumerate(
-        ((ring, session.ring_of, inc_w), (station, session.station_of, tf_w)), start=2
+    for k, first, number, groups in (
+        (2, size, rings, session.ring_of),
+        (3, size + rings, stations, session.station_of),
     ):
-        count = where.stop - where.start
-        t = solution[where] / v[k]
-        trace = (count - np.sum(diagonal[where]) / v[k]) / v[k]
-        gradient[k] = v[k] * (trace - np.sum(t**2))
-        spread.append(column * (groups @ t)[:, None])
-    if len(v) == 5:
-        total = np.zeros_like(residual)
-        trace = 0.0
-        for k in range(3):
-            column = white[:, :, size + 3 + k]
-            projection = np.einsum("nij,ni->nj", flat.reshape(-1, 3, flat.shape[1]), column)
-            trace += np.sum(column**2) - np.sum((projection @ inverse) * projection)
-            total += column * np.sum(column * residual, axis=1)[:, None]
-        gradient[4] = v[4] * (trace - np.sum(total * residual))
-        spread.append(total)
-    S = np.stack([s.reshape(-1) for s in spread], axis=1)
-    FS = flat.T @ S
-    hessian = (S.T @ S - FS.T @ inverse @ FS) * np.outer(v, v)
-    return gradient, hessian
+        effect = system.solution[first : first + number] / v[k]
+        gradient[k] = (number - diagonal[first : first + number].sum() / v[k]) / v[k] - effect @ effect
+        spread[:, :, k] = Z[:, :, k - 2] * (groups @ effect)[:, None]
+    S = spread.reshape(-1, 5)
+    FS = columns.reshape(3 * count, -1).T @ S
+    return gradient * v, (S.T @ S - FS.T @ inverse @ FS) * np.outer(v, v)
 
 
 def _studentised(fit: _Fit, used: NDArray[np.bool_]) -> Array:
@@ -424,9 +433,10 @@ def _studentised(fit: _Fit, used: NDArray[np.bool_]) -> Array:
     In whitened form the residual e of a pose with hat block H has the leave-one-out square `e' (1 - H)^-1 e`,
     chi-square with three degrees of freedom; its root is returned.
     """
-    hat = np.einsum("nik,kl,njl->nij", fit.whitened, fit.inverse, fit.whitened, optimize=True)
-    left = np.eye(3) - hat
-    out = np.einsum("ni,nij,nj->n", fit.residual, np.linalg.inv(left + 1e-12 * np.eye(3)), fit.residual)
+    count, _, size = fit.whitened.shape
+    carried = (fit.whitened.reshape(-1, size) @ fit.inverse).reshape(count, 3, size)
+    left = (1.0 + 1e-12) * np.eye(3) - carried @ fit.whitened.transpose(0, 2, 1)
+    out = np.sum(fit.residual * np.linalg.solve(left, fit.residual[:, :, None])[:, :, 0], axis=1)
     return np.where(used, np.sqrt(np.maximum(out, 0.0)), 0.0)
 
 
@@ -525,17 +535,16 @@ def _result(
     fit: _Fit,
     variances: Variances,
     used: NDArray[np.bool_],
+    away: Array,
     bench: BenchAccuracy,
     toolface_zero_rad: float,
     toolface_zero_std_rad: float,
 ) -> CalibrationResult:
     poses = session.poses
     bad = np.flatnonzero(~used)
-    away = _departure(session, fit, variances, used)
     remarks = _pose_remarks(session, fit, variances, bad, away)
     remarks += _observability_remarks(session, fit)
     remarks += _scatter_remarks(variances, bench)
-    scaled = fit.covariance / np.outer(fit.prior, fit.prior)
     per_pose = pose_covariance(
         session.noise,
         fit.by_inc,
@@ -543,16 +552,15 @@ def _result(
         Variances(variances.pose_inc, variances.pose_tf + variances.station_tf, 0.0, 0.0, variances.reading),
     )
     A = sensor_of(fit.names, fit.theta).A
-    closures = [
-        closure_of(poses, four, A, pose_covariance=per_pose) for four in rings_of_four(poses) if used[four].all()
-    ]
+    fours = [four for four in rings_of_four(poses) if used[four].all()]
+    closures = closures_of(poses, fours, [A] * len(fours), pose_covariance=per_pose)
     zone = Zone(
         "global",
         None,
         0.0,
         float(np.pi),
         Parameters(fit.names, fit.theta, fit.covariance),
-        float(np.sqrt(np.linalg.cond(scaled))),
+        _root_condition(fit),
     )
     return CalibrationResult(
         method="joint",
@@ -566,7 +574,7 @@ def _result(
         poses=PoseFit(poses.ids, fit.left_over, away, used),
         closures=tuple(closures),
         variance={
-            "reading_g": float(np.sqrt(variances.reading * np.mean(poses.noise_of_one() ** 2))),
+            "reading_g": _reading_noise(poses, variances),
             "pose_inc_rad": float(np.sqrt(variances.pose_inc)),
             "pose_tf_rad": float(np.sqrt(variances.pose_tf)),
             "ring_inc_rad": float(np.sqrt(variances.ring_inc)),
@@ -586,24 +594,24 @@ def _pose_remarks(session: _Session, fit: _Fit, variances: Variances, bad: Indic
         remarks.append(
             Remark(
                 Reason.SWAPPED_POSES,
-                f"{poses.label(i)} and {poses.label(j)} are swapped: each reading fits the other's setting; both left out",
+                f"{poses.label(i)} and {poses.label(j)} are swapped: each reading fits the other's setting; "
+                "both left out",
                 (poses.ids[i], poses.ids[j]),
                 refused=True,
             )
         )
     explained = {k for pair in pairs for k in pair}
-    for i in bad:
-        if int(i) not in explained:
-            remarks.append(
-                Remark(
-                    Reason.BAD_POSE,
-                    f"{poses.label(int(i))} lies {away[i]:.3g} standard deviations from what the other poses predict; "
-                    "left out: measure it again",
-                    (poses.ids[int(i)],),
-                    refused=True,
-                )
-            )
-    return remarks
+    alone = [int(i) for i in bad if int(i) not in explained]
+    return remarks + [
+        Remark(
+            Reason.BAD_POSE,
+            f"{poses.label(i)} lies {away[i]:.3g} standard deviations from what the other poses predict; "
+            "left out: measure it again",
+            (poses.ids[i],),
+            refused=True,
+        )
+        for i in alone
+    ]
 
 
 def _observability_remarks(session: _Session, fit: _Fit) -> list[Remark]:
@@ -658,3 +666,14 @@ def _scatter_remarks(variances: Variances, bench: BenchAccuracy) -> list[Remark]
                 )
             )
     return remarks
+
+
+def _root_condition(fit: _Fit) -> float:
+    """Condition number of the whitened design, each parameter in units of its prior."""
+    return float(np.sqrt(np.linalg.cond(fit.covariance / np.outer(fit.prior, fit.prior))))
+
+
+def _reading_noise(poses: PoseSet, variances: Variances) -> float:
+    """Noise of one reading: as measured, or where it was not, as the residuals say."""
+    stated = float(np.mean(poses.noise_of_one() ** 2))
+    return float(np.sqrt(stated if poses.std_known else stated * variances.reading))
