@@ -46,6 +46,9 @@ class Wire(Protocol):
 
     def unplug(self) -> None: ...
 
+    def remove(self) -> None:
+        """Unplug for good, and leave nothing behind."""
+
     @property
     def listened_to(self) -> bool:
         """Whether somebody reads; a bus always says yes."""
@@ -207,6 +210,9 @@ class CanWire:
         self.unheard += len(self._pending)
         self._pending.clear()
 
+    def remove(self) -> None:
+        self.unplug()
+
     @property
     def listened_to(self) -> bool:
         return self._socket is not None
@@ -276,6 +282,9 @@ class PythonCanWire:
             with contextlib.suppress(can.CanError, OSError):
                 self._bus.shutdown()
         self._bus = None
+
+    def remove(self) -> None:
+        self.unplug()
 
     @property
     def listened_to(self) -> bool:

@@ -1,0 +1,92 @@
+"""`highside replay`: plays a recording of the wire into a pty or a CAN interface, for any program to read."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from highside.link.replay import Event, Played
+    from highside.link.wire import CanWire, PtyWire
+
+
+def replay(
+    file: Annotated[Path, typer.Argument(help="Raw bytes, highside's segments or candump -L text; plain or .gz.")],
+    to: Annotated[str, typer.Option("--to", help='Where to: "pty" or "can:INTERFACE".')],
+    speed: Annotated[
+        float, typer.Option("--speed", min=0.0, help="1: as recorded, 2: twice as fast, 0: at once.")
+    ] = 1.0,
+    link: Annotated[Path | None, typer.Option("--link", help="Symbolic link to make to the pty.")] = None,
+    byte_rate: Annotated[float, typer.Option("--byte-rate", min=1.0, help="Bytes/s of a file of raw bytes.")] = 11520.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the counts as one JSON object at the end.")] = False,
+) -> None:
+    """Play a recording of the wire into a link.
+
+    The address to open is printed first. A pty waits for its reader, then plays, and ends when all has been read.
+    """
+    from highside.errors import InputError, Refused
+    from highside.link.replay import Played, events
+    from highside.recording.wire import WireKind, detect_kind
+
+    kind = detect_kind(file)
+    wire = _wire(to, link)
+    if (kind is WireKind.CANDUMP) != to.startswith("can:"):
+        what = "CAN frames" if kind is WireKind.CANDUMP else "bytes"
+        remedy = "use --to can:INTERFACE" if kind is WireKind.CANDUMP else "use --to pty"
+        raise InputError(f"holds {what}, which do not fit --to {to}", where=str(file), remedy=remedy)
+    timeline = events(file, byte_rate)
+    wire.plug()
+    typer.echo(wire.address)
+    played = Played()
+    try:
+        asyncio.run(_play(timeline, wire, speed, played))
+    except KeyboardInterrupt:
+        raise typer.Exit(130) from None
+    finally:
+        wire.remove()
+        summary = {
+            "file": str(file),
+            "kind": kind.value,
+            "records": played.records,
+            "bytes": played.bytes,
+            "frames": played.frames,
+            "unheard": played.unheard,
+            "duration_s": round(played.duration_s, 3),
+        }
+        if as_json:
+            typer.echo(json.dumps(summary))
+        typer.echo(
+            f"{file}: {played.records} records ({played.frames} CAN frames, {played.bytes} bytes) in"
+            f" {played.duration_s:.1f} s, {played.unheard} unheard",
+            err=True,
+        )
+    if played.unheard:
+        raise Refused(
+            f"{wire.address}: the reader left, or was too slow: {played.unheard} bytes or frames were not read"
+        )
+
+
+def _wire(to: str, link: Path | None) -> PtyWire | CanWire:
+    from highside.errors import InputError
+    from highside.link.wire import CanWire, PtyWire
+
+    if to == "pty":
+        return PtyWire(link)
+    scheme, _, interface = to.partition(":")
+    if scheme != "can" or not interface:
+        raise InputError(f"{to!r} is no target", where="--to", remedy='use "pty" or "can:INTERFACE"')
+    if link is not None:
+        raise InputError("a CAN interface needs no link", where="--link", remedy="leave it out")
+    return CanWire(interface)
+
+
+async def _play(timeline: Iterator[Event], wire: PtyWire | CanWire, speed: float, played: Played) -> None:
+    from highside.link.replay import play
+
+    await play(timeline, wire, speed, played=played)
