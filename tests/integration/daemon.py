@@ -45,8 +45,12 @@ class Subscriber:
         return self.all
 
     def payloads(self, name: str) -> list[dict[str, Any]]:
-        """All JSON payloads on topics that end with `/name`."""
-        return [json.loads(payload) for topic, payload, _, _ in self.drain() if topic.endswith(f"/{name}")]
+        """All JSON payloads on topics that end with `/name`; what an earlier daemon left retained is no news."""
+        return [
+            json.loads(payload)
+            for topic, payload, retained, _ in self.drain()
+            if topic.endswith(f"/{name}") and not retained
+        ]
 
     def latest(self, name: str) -> dict[str, Any] | None:
         found = self.payloads(name)
