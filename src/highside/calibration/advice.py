@@ -141,7 +141,7 @@ def next_best_poses(
     variances = split_equally(bench)
 
     def score(F: Array) -> tuple[float, float]:
-        rms = _rms_of_use(np.linalg.inv(F), use_inc_rad)
+        rms = _rms_of_use(np.asarray(np.linalg.inv(F), dtype=np.float64), use_inc_rad)
         return (rms, rms) if criterion == "I" else (-float(np.linalg.slogdet(F)[1]), rms)
 
     before = score(plan_information(inc, tf, noise_g=noise_g, variances=variances, bench=bench))[1]

@@ -240,27 +240,34 @@ def closure_remarks(closures: list[Closure]) -> list[Remark]:
 
 def rings_of_four(poses: PoseSet) -> list[Indices]:
     """The four poses nearest the middles of the quadrants, for every ring that has them."""
-    inc, _ = poses.reference()
+    away = _away_from_quadrants(poses.reference()[1])
     rings = poses.rings()
     found = []
     for ring in np.flatnonzero(np.bincount(rings) >= 4):
         members = np.flatnonzero(rings == ring)
-        try:
-            found.append(_members_by_quadrant(poses, members, float(np.mean(inc[members]))))
-        except CalibrationRefused:
-            continue
+        part = away[:, members]
+        nearest = part.argmin(axis=1)
+        if part[(0, 1, 2, 3), nearest].max() <= QUADRANT_TOLERANCE_RAD:
+            found.append(members[nearest])
     return found
+
+
+def _away_from_quadrants(tf: Array) -> Array:
+    """Distance (4, N) of toolfaces (N,) from 45, 135, 225 and 315 deg."""
+    return np.asarray(np.abs((tf[None, :] - _QUADRANT_MIDDLES[:, None] + np.pi) % (2 * np.pi) - np.pi))
+
+
+_QUADRANT_MIDDLES = np.deg2rad(np.array([45.0, 135.0, 225.0, 315.0]))
 
 
 def _members_by_quadrant(poses: PoseSet, members: Indices, center: float) -> Indices:
     """Indices of the poses nearest to 45, 135, 225 and 315 deg. Raises CalibrationRefused where one lacks."""
     tf = poses.reference()[1][members]
-    targets = np.deg2rad([45.0, 135.0, 225.0, 315.0])
-    away = np.abs(np.angle(np.exp(1j * (tf[None, :] - targets[:, None]))))
+    away = _away_from_quadrants(tf)
     nearest = np.argmin(away, axis=1)
     lacking = [
-        f"{np.rad2deg(t):.0f}"
-        for t, k, row in zip(targets, nearest, away, strict=True)
+        f"{np.rad2deg(middle):.0f}"
+        for middle, k, row in zip(_QUADRANT_MIDDLES, nearest, away, strict=True)
         if row[k] > QUADRANT_TOLERANCE_RAD
     ]
     if lacking:

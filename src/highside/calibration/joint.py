@@ -272,7 +272,7 @@ def _evaluate(
     penalty = _penalty(prior, variances, session)
     normal = flat.T @ flat
     normal.flat[:: normal.shape[0] + 1] += penalty
-    inverse = np.linalg.inv(normal)
+    inverse: Array = np.asarray(np.linalg.inv(normal), dtype=np.float64)
     yw = np.ascontiguousarray(white[:, :, size + 5]).reshape(-1)
     solution = inverse @ (flat.T @ yw)
     residual = yw - flat @ solution
@@ -337,8 +337,8 @@ def _estimate_variances(
 
 
 _MAX_REML_STEPS = 25
-_REML_TOLERANCE = 0.01
-"""Twice the log-likelihood; 0.01 is far below what the data can tell."""
+_REML_TOLERANCE = 0.02
+"""Twice the log-likelihood; 0.02 is far below what the data can tell."""
 _TOTAL_PRIOR = 10.0
 _SPLIT_PRIOR = 0.5
 _SMALL_SHARE = 0.05
@@ -459,8 +459,8 @@ def _leave_out_bad(
         if count - int(used.sum()) > limit:
             raise CalibrationRefused(
                 Reason.TOO_MANY_BAD,
-                f"more than {limit} of {count} poses contradict the others; check the toolface zero, the sign of the axes and "
-                "the units, and measure again",
+                f"more than {limit} of {count} poses contradict the others; check the toolface zero, the sign of the "
+                "axes and the units, and measure again",
                 tuple(session.poses.ids[i] for i in np.flatnonzero(~used)),
             )
         fit = _solve(session, fit.names, variances, used, fit.theta)
@@ -640,8 +640,8 @@ def _observability_remarks(session: _Session, fit: _Fit) -> list[Remark]:
     return [
         Remark(
             Reason.UNOBSERVABLE,
-            f"these poses cannot tell {'; '.join(phrases)}; the stated uncertainty says so. The pose that would help most: "
-            f"inclination {np.rad2deg(best.inc_rad):.1f}, toolface {np.rad2deg(best.tf_rad):.0f} deg",
+            f"these poses cannot tell {'; '.join(phrases)}; the stated uncertainty says so. The pose that "
+            f"would help most: inclination {np.rad2deg(best.inc_rad):.1f}, toolface {np.rad2deg(best.tf_rad):.0f} deg",
             refused=True,
         )
     ]
