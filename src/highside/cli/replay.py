@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -46,7 +47,7 @@ def replay(
     played = Played()
     try:
         asyncio.run(_play(timeline, wire, speed, played))
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, asyncio.CancelledError):
         raise typer.Exit(130) from None
     finally:
         wire.remove()
@@ -89,4 +90,8 @@ def _wire(to: str, link: Path | None) -> PtyWire | CanWire:
 async def _play(timeline: Iterator[Event], wire: PtyWire | CanWire, speed: float, played: Played) -> None:
     from highside.link.replay import play
 
+    task = asyncio.current_task()
+    if task is not None:
+        # the link to the pty is taken away whoever ends us
+        asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
     await play(timeline, wire, speed, played=played)

@@ -148,8 +148,8 @@ class SystemClock:
 class SupervisorSettings:
     """When to try again and when to call a silent link stale.
 
-    The pause before the n-th attempt without data in between is `backoff_initial_s * 2**n`, at most `backoff_max_s`,
-    spread by +-`jitter` (a fraction) so that many tools do not knock at one server together. A device that comes back
+    The pause before an attempt is `backoff_initial_s`, doubled for each earlier attempt that brought no data, at most
+    `backoff_max_s`, spread by +-`jitter` (a fraction) so that many tools do not knock at one server together. A device that comes back
     is opened at once, whatever the pause. Silence is watched unless `stale_after_s` is 0.
     """
 
@@ -292,7 +292,9 @@ class LinkSupervisor:
     async def _pause(self, transport: Transport, attempts_without_data: int) -> None:
         """Wait for the back-off to pass or for the device to come back."""
         settings = self._settings
-        base_s = min(settings.backoff_max_s, settings.backoff_initial_s * 2.0 ** min(attempts_without_data, 30))
+        base_s = min(
+            settings.backoff_max_s, settings.backoff_initial_s * 2.0 ** min(max(attempts_without_data - 1, 0), 30)
+        )
         pause_s = base_s * (1.0 + settings.jitter * self._rng.uniform(-1.0, 1.0))
         tasks = [
             asyncio.ensure_future(self._clock.sleep(pause_s)),

@@ -28,7 +28,9 @@ BAUDS = (115200, 921600, 460800, 230400, 57600, 38400, 19200, 9600)
 ENOUGH_BYTES = 8192
 MIN_FRAMES = 3
 MIN_SHARE = 0.2
-"""of the bytes must lie in good frames; a stream of our codec gives nearly 1, with text in between less"""
+"""of the bytes must lie in frames with a good CRC; there may be text in between"""
+MIN_TEXT_SHARE = 0.8
+"""of the bytes must lie in lines of one form; text alone proves less than a checksum"""
 ARPHRD_CAN = "280"
 SILENT_BAUDS = 2
 """a line that gave no byte at so many rates is silent at all: a wrong rate gives wrong bytes, not none"""
@@ -49,7 +51,8 @@ class Score:
 
     @property
     def valid(self) -> bool:
-        return self.frames >= MIN_FRAMES and self.share >= MIN_SHARE
+        needed = MIN_TEXT_SHARE if self.codec == "delimited" else MIN_SHARE
+        return self.frames >= MIN_FRAMES and self.share >= needed
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +140,7 @@ def can_interfaces() -> list[str]:
 
 
 def probe_serial(port: str, bauds: Sequence[int] = BAUDS, listen_s: float = 1.0) -> Finding:
-    """Listen on a port at each rate and return the best that was heard; blocking. Never raises for a port's sake."""
+    """Listen on a port at each rate until one gives valid frames; blocking. Never raises for a port's sake."""
     try:
         line = open_port(SerialSettings(port, bauds[0]))
     except LinkError as error:
@@ -152,11 +155,12 @@ def probe_serial(port: str, bauds: Sequence[int] = BAUDS, listen_s: float = 1.0)
             heard += len(data)
             silent = 0 if data else silent + 1
             score = score_bytes(data)[0]
-            if score.valid and score.share > best.share:
+            if score.valid:  # no other rate can give valid frames too
                 best = Finding(
                     port, "serial", baud, score.codec, score.frames, len(data), round(score.share, 4), score.detail
                 )
-            if best.share > 0.9 or (heard == 0 and silent >= SILENT_BAUDS):
+                break
+            if heard == 0 and silent >= SILENT_BAUDS:
                 break
     except (OSError, ValueError, TypeError) as fault:
         return Finding(port, "serial", note=f"cannot be read: {' '.join(str(fault).split())}")
