@@ -122,6 +122,8 @@ class Proxy:
         self._target = target
         self._passing = asyncio.Event()
         self._passing.set()
+        self.refusing = False
+        """new connections are closed at once, as by a port that nobody listens on"""
         self._server: asyncio.Server | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         self.port = 0
@@ -131,6 +133,11 @@ class Proxy:
 
     def speak(self) -> None:
         self._passing.set()
+
+    def cut(self) -> None:
+        """Reset every connection."""
+        for task in list(self._tasks):
+            task.cancel()
 
     async def __aenter__(self) -> Proxy:
         self._server = await asyncio.start_server(self._accept, "127.0.0.1", 0)
@@ -149,6 +156,8 @@ class Proxy:
         assert task is not None
         self._tasks.add(task)
         try:
+            if self.refusing:
+                return
             await self._passing.wait()
             far_reader, far_writer = await asyncio.open_connection("127.0.0.1", self._target)
             ways = [
@@ -181,9 +190,17 @@ class Subscriber:
     """Receives below `prefix` with a durable session (so it misses nothing while the broker lives) and reconnects."""
 
     def __init__(
-        self, port: int, prefix: str, *, client_id: str = "watcher", parse: Callable[[bytes], Any] = json.loads
+        self,
+        port: int,
+        prefix: str,
+        *,
+        client_id: str = "watcher",
+        username: str | None = None,
+        password: str | None = None,
+        parse: Callable[[bytes], Any] = json.loads,
     ) -> None:
         self._port, self._prefix, self._client_id, self._parse = port, prefix, client_id, parse
+        self._username, self._password = username, password
         self.messages: list[tuple[str, Any]] = []
         """topic (without the prefix) and decoded payload, in the order of arrival"""
         self.statuses: list[tuple[float, str, bool]] = []
@@ -206,7 +223,13 @@ class Subscriber:
         while True:
             with contextlib.suppress(aiomqtt.MqttError):
                 async with aiomqtt.Client(
-                    "127.0.0.1", self._port, identifier=self._client_id, clean_session=False, timeout=3.0
+                    "127.0.0.1",
+                    self._port,
+                    identifier=self._client_id,
+                    username=self._username,
+                    password=self._password,
+                    clean_session=False,
+                    timeout=3.0,
                 ) as client:
                     await client.subscribe(f"{self._prefix}/#", qos=1)
                     self.subscribed.set()

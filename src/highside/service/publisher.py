@@ -22,10 +22,13 @@ import ssl
 import struct
 from collections import Counter
 from collections.abc import Callable, Coroutine
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import aiomqtt
+import paho.mqtt.client as mqtt
 from aiomqtt.exceptions import MqttConnectError
+from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
 
 from highside.config.mqtt import MqttSettings
 from highside.errors import InputError
@@ -217,6 +220,7 @@ class Publisher:
         )
         client.pending_calls_threshold = settings.in_flight + 8
         client._client.connect_timeout = settings.connect_timeout_s
+        _notice_a_closed_door(client)
         return client
 
     async def _listen(self, client: aiomqtt.Client) -> None:
@@ -316,6 +320,24 @@ class Publisher:
         await self._publish(client, self._status_topic, OFFLINE, qos=1, retain=True)
 
 
+def _notice_a_closed_door(client: aiomqtt.Client) -> None:
+    """End `connect` when the peer closes before it has answered; aiomqtt would wait for its whole timeout."""
+    loop = asyncio.get_running_loop()
+    told = client._on_disconnect
+
+    def end_connect() -> None:
+        if not client._connected.done():
+            client._connected.set_exception(aiomqtt.MqttError("closed by peer before an answer"))
+
+    def on_disconnect(
+        paho: mqtt.Client, userdata: Any, flags: mqtt.DisconnectFlags, reason: ReasonCode, properties: Properties | None
+    ) -> None:
+        told(paho, userdata, flags, reason, properties)
+        loop.call_soon_threadsafe(end_connect)
+
+    client._client.on_disconnect = on_disconnect
+
+
 def _reset(client: aiomqtt.Client) -> None:
     """End the TCP connection without a word (RST), so that the broker sends the last will and nothing arrives late."""
     paho = client._client
@@ -349,6 +371,8 @@ def _connect_reason(error: BaseException) -> str:
     text = str(error).lower()
     if "refused" in text:
         return "no broker"
+    if "closed by peer" in text:
+        return "closed by peer"
     if isinstance(error, TimeoutError) or "timed out" in text:
         return "no answer"
     if "certificate" in text or "ssl" in text:
