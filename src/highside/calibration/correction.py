@@ -379,7 +379,7 @@ class LinearCorrection:
         return _Coefficients(
             c=tuple(C.ravel().tolist()),
             o=(float(o[0]), float(o[1]), float(o[2])),
-            form=tuple(tuple(row) for row in form.tolist()),  # type: ignore[arg-type]
+            form=tuple(tuple(row) for row in form.tolist()),
             nonlinear=nonlinear,
             flags=flags,
         )
@@ -413,7 +413,7 @@ def _nonlinear(model: SensorModel, C: FloatArray, bases: tuple[str, ...], covari
     places = [_monomial(base) for base in bases]
     squares, cubes, products = C * model.K2[None, :], C * model.K3[None, :], C @ model.KX
     return _Nonlinear(
-        floats=tuple(tuple(row) for row in np.hstack([squares, cubes, products]).tolist()),  # type: ignore[arg-type]
+        floats=tuple(tuple(row) for row in np.hstack([squares, cubes, products]).tolist()),
         squares=squares,
         cubes=cubes,
         products=products,

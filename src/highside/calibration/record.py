@@ -301,8 +301,8 @@ def verify(
 ) -> None:
     """Whether a record, already read, may be used for this tool now. Raises RecordError.
 
-    `tool_id`, `serial`: None where the caller does not know. `valid_from` is not held against the clock: a tool that boots
-    with a clock of 1970 must not lose its calibration for it.
+    `tool_id`, `serial`: None where the caller does not know. `valid_from` is not held against the clock: a tool that
+    boots with a clock of 1970 must not lose its calibration for it.
     """
     short = record.id[:12]
     if tool_id is not None and record.tool_id != tool_id:
@@ -377,7 +377,7 @@ def pose_set(columns: PoseColumns, request: SolveRequest, *, where: str | None =
 
 
 def solve_poses(columns: PoseColumns, request: SolveRequest, *, where: str | None = None) -> Solution:
-    """Solve a pose table as requested. Raises InputError for a bad table, CalibrationRefused where no calibration follows.
+    """Solve a pose table as requested. Raises InputError (bad table) or CalibrationRefused (no calibration follows).
 
     Balance zones get a `fallback` if one is asked for, else, where the rings span enough to give one, a rough global
     `guide` that only chooses the zone of a reading.

@@ -1,9 +1,10 @@
 """Corrections by inclination, blended so that inclination and toolface never jump.
 
 A balance correction holds only near its own inclination. The schedule puts several of them side by side, each with a
-weight that is one at its own inclination and falls smoothly to zero at that of its neighbour or, if that is nearer, at
-the edge of its zone, and fills what is left of the weight with a global correction. Where there is no global one and no zone holds, there is no answer: a local matrix
-taken at 0.6 deg multiplies noise by 94 when it is used at 90 deg.
+weight that is one at its own inclination and falls smoothly to zero at that of its neighbour or, if that is nearer,
+at the edge of its zone, and fills what is left of the weight with a global correction. Where there is no global one
+and no zone holds, there is no answer: a local matrix taken at 0.6 deg multiplies noise by 94 when it is used at
+90 deg.
 
 The weights depend on the inclination that *one* correction, the guide, gives to the raw reading (the global one where
 there is one). It is continuous in the reading, so are the weights, and so is the blended vector; there is no memory and

@@ -1,4 +1,4 @@
-"""`highside calibrate ...`: poses out of recordings, calibrations out of poses, corrected readings out of calibrations."""
+"""`highside calibrate ...`: poses out of recordings, calibrations out of poses, corrected readings out of both."""
 
 from __future__ import annotations
 
@@ -380,7 +380,7 @@ def _read_table(path: Path, kind: type[Table], known: tuple[str, ...]) -> tuple[
 
     from highside.recording.files import read_bytes
 
-    asked = type("Asked", (kind,), {"known": known, "mandatory": (), "rows_are": "rows"})
+    asked: type[Table] = type("Asked", (kind,), {"known": known, "mandatory": (), "rows_are": "rows"})
     return asked.read(path), hashlib.sha256(read_bytes(path)).hexdigest()
 
 
@@ -467,7 +467,7 @@ def _apply(record: CalibrationRecord, table: Table, frame: str, noise_g: float |
     noise: FloatArray | float = record.result.reading_noise_g if noise_g is None else noise_g
     if noise_g is None and table.has("noise_g"):
         noise = table.complete("noise_g")[0]
-        if (noise < 0.0).any():
+        if np.any(noise < 0.0):
             raise InputError("negative standard deviation", where=table.source, field="noise_g")
     elif noise_g is None and names[0] == "ax" and table.has("n"):
         noise = noise / np.sqrt(table.complete("n")[0])

@@ -39,7 +39,7 @@ MIN_ID_PREFIX = 6
 
 @dataclass(frozen=True, slots=True)
 class Activation:
-    """One entry of the history. `action`: "activate" or "rollback". `undoes`: for a roll back the number it takes back."""
+    """One entry of the history. `action`: "activate" or "rollback"; `undoes`: the number that a roll back takes back."""
 
     number: int
     tool_id: str
@@ -70,7 +70,7 @@ def load_record_file(
 
 
 def load_active(store_dir: Path, *, tool_id: str, serial: str | None = None, now_s: float | None = None) -> Correction:
-    """The correction in force for a tool. Raises RecordError naming why there is none, InputError for an unreadable store."""
+    """The correction in force for a tool. Raises RecordError naming why there is none, InputError without a store."""
     record = CalibrationStore(store_dir).active(tool_id)
     verify(record, tool_id=tool_id, serial=serial, now_s=now_s)
     return correction_from_record(record)
@@ -139,7 +139,7 @@ class CalibrationStore:
             return self._append(record.tool_id, record.id, "activate", now_s, None)
 
     def rollback(self, tool_id: str, *, now_s: float) -> Activation:
-        """Put the record in force that was so before the present one. Raises RecordError (nothing before, expired, ...)."""
+        """Put the record in force that was so before the present one. Raises RecordError where it cannot be."""
         with self._lock():
             stack = self._stack(tool_id)
             if len(stack) < 2:
