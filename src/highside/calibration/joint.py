@@ -45,7 +45,7 @@ from highside.calibration.forward import (
     sensor_of,
     whiten,
 )
-from highside.calibration.poses import Array, Indices, PoseSet
+from highside.calibration.poses import Array, Indices, PoseSet, gravity
 from highside.calibration.result import (
     NOMINAL_BENCH,
     BenchAccuracy,
@@ -63,6 +63,7 @@ ADMIT_LOG_BAYES = 5.0
 BAD_POSE_SIGMA = 5.0
 MAX_BAD_SHARE = 0.2
 MIN_ENCODER_STATIONS = 8
+MIN_NONLINEAR_POSES = 20
 Selection = Literal["auto", "none", "all"]
 
 
@@ -93,28 +94,21 @@ def joint(
     used = np.ones(len(poses), dtype=bool)
     start = _initial_variances(session, bench)
     names = BASE_NAMES + forced
-    fit = _solve(session, names, start, used, prior_mean(names))
-    fit = _solve(session, names, start, used, fit.theta)
+    optional = _optional_groups(session, nonlinear, encoder)
+    # bad poses are sought with every term that may be admitted, lest a missing term pass for bad poses
+    wide_names = names + tuple(name for group in optional for name in GROUPS[group])
+    fit = _solve(session, wide_names, start, used, _rough_start(session, wide_names))
     used, fit = _leave_out_bad(session, fit, start, used)
-    optional = _optional_groups(session, nonlinear, encoder, used)
-    if optional:
-        wide_names = names + tuple(name for group in optional for name in GROUPS[group])
-        wide = _solve(session, wide_names, start, used, _extended(fit, wide_names))
-        admitted = [group for group in optional if _log_bayes(wide, GROUPS[group]) > ADMIT_LOG_BAYES]
-        if admitted:
-            names = names + tuple(name for group in admitted for name in GROUPS[group])
-            fit = _solve(session, names, start, used, _extended(fit, names))
-            # terms that were missing may have passed for bad poses
-            used, fit = _leave_out_bad(session, fit, start, np.ones(len(poses), dtype=bool))
+    admitted = [group for group in optional if _log_bayes(fit, GROUPS[group]) > ADMIT_LOG_BAYES]
+    names = names + tuple(name for group in admitted for name in GROUPS[group])
+    if names != wide_names:
+        fit = _solve(session, names, start, used, fit.take(names))
+        used, fit = _leave_out_bad(session, fit, start, used)
     variances = start
     if estimate_variances:
         variances = _estimate_variances(session, fit, start, bench, used)
         fit = _solve(session, names, variances, used, fit.theta)
-        dropped = [
-            group
-            for group in optional
-            if GROUPS[group][0] in names and _log_bayes(fit, GROUPS[group]) < ADMIT_LOG_BAYES
-        ]
+        dropped = [group for group in admitted if _log_bayes(fit, GROUPS[group]) < ADMIT_LOG_BAYES]
         if dropped:
             names = tuple(name for name in names if not any(name in GROUPS[group] for group in dropped))
             fit = _solve(session, names, variances, used, fit.take(names))
@@ -190,6 +184,8 @@ class _Fit:
     """(N, 3, P + R + S) columns: design, rings, stations"""
     inverse: Array
     """(P + R + S, P + R + S) inverse of the penalised normal matrix"""
+    effects: Array
+    """(R + S,) estimated errors of the rings and stations, rad"""
     residual: Array
     """(N, 3) whitened, of the poses used; ring and station parts taken out"""
     left_over: Array
@@ -202,9 +198,16 @@ class _Fit:
         return self.theta[[self.names.index(name) for name in names]]
 
 
-def _extended(fit: _Fit, names: tuple[str, ...]) -> Array:
-    known = dict(zip(fit.names, fit.theta.tolist(), strict=True))
-    return np.array([known.get(name, 0.0) for name in names])
+def _rough_start(session: _Session, names: tuple[str, ...]) -> Array:
+    """Where to linearise first: matrix and offset by plain least squares, drawn a little to the nominal sensor."""
+    rows = np.vstack([gravity(session.inc, session.tf), np.ones(len(session.poses))])
+    nominal = np.eye(3, 4)
+    normal = rows @ rows.T + 1e-3 * np.eye(4)
+    estimate = nominal + np.linalg.solve(normal, rows @ (session.poses.a - nominal @ rows).T).T
+    theta = prior_mean(names)
+    theta[:9] = estimate[:, :3].ravel()
+    theta[9:12] = estimate[:, 3]
+    return theta
 
 
 def _solve(session: _Session, names: tuple[str, ...], variances: Variances, used: NDArray[np.bool_], at: Array) -> _Fit:
@@ -221,6 +224,7 @@ def _solve(session: _Session, names: tuple[str, ...], variances: Variances, used
         prior=prior,
         whitened=system.columns,
         inverse=system.inverse,
+        effects=system.solution[size:],
         residual=system.residual,
         left_over=y - design @ system.solution[:size],
         by_inc=by_inc,
@@ -471,11 +475,10 @@ _MEDIAN_DEPARTURE = 1.538
 """Root of the median of chi-square with three degrees of freedom."""
 
 
-def _optional_groups(session: _Session, nonlinear: Selection, encoder: Selection, used: NDArray[np.bool_]) -> list[str]:
+def _optional_groups(session: _Session, nonlinear: Selection, encoder: Selection) -> list[str]:
     """Groups that are left to the evidence and that the number of poses and stations allows."""
     out = []
-    readings = 3 * int(used.sum())
-    if nonlinear == "auto" and readings >= 60:
+    if nonlinear == "auto" and len(session.poses) >= MIN_NONLINEAR_POSES:
         out += ["quadratic", "cubic", "cross"]
     if encoder == "auto" and session.station_of.shape[1] >= MIN_ENCODER_STATIONS:
         out.append("encoder")
@@ -494,26 +497,21 @@ def _departure(session: _Session, fit: _Fit, variances: Variances, used: NDArray
     """Departure of every pose (N,) from what the others predict, in standard deviations: `_studentised` for poses used;
     for those left out the distance of their reading from its prediction, all variances counted."""
     out = _studentised(fit, used)
-    left = np.flatnonzero(~used)
-    if left.size:
-        covariance = _prediction_covariance(session, fit, variances)[left]
-        misfit = fit.left_over[:, left].T
-        out[left] = np.sqrt(np.einsum("ni,nij,nj->n", misfit, np.linalg.inv(covariance), misfit))
+    for i in np.flatnonzero(~used):
+        columns, own = _raw_columns(session, fit, variances, int(i), int(i))
+        random = columns[:, fit.theta.size :]
+        misfit = fit.left_over[:, i] - random @ fit.effects
+        covariance = own + columns @ fit.inverse @ columns.T
+        out[i] = np.sqrt(misfit @ np.linalg.solve(covariance, misfit))
     return out
 
 
-def _prediction_covariance(session: _Session, fit: _Fit, variances: Variances) -> Array:
-    """Covariance (N, 3, 3) of a fresh reading at each pose about its prediction."""
-    design = linearise(fit.names, fit.theta, session.inc, session.tf)[1].transpose(1, 0, 2)
-    total = Variances(
-        variances.pose_inc + variances.ring_inc,
-        variances.pose_tf + variances.station_tf,
-        0.0,
-        0.0,
-        variances.reading,
-    )
-    own = pose_covariance(session.noise, fit.by_inc, fit.by_tf, total)
-    return np.asarray(own + design @ fit.covariance @ design.transpose(0, 2, 1))
+def _raw_columns(session: _Session, fit: _Fit, variances: Variances, i: int, noise_of: int) -> tuple[Array, Array]:
+    """Columns (3, P + R + S) of pose `i` and its own covariance (3, 3), with the reading noise of pose `noise_of`."""
+    one = slice(i, i + 1)
+    design, by_inc, by_tf = linearise(fit.names, fit.theta, session.inc[one], session.tf[one])[1:]
+    columns = np.concatenate([design[:, 0], by_inc * session.ring_of[i], by_tf * session.station_of[i]], axis=1)
+    return columns, pose_covariance(session.noise[:, [noise_of]], by_inc, by_tf, variances)[0]
 
 
 def _swapped_pairs(session: _Session, fit: _Fit, variances: Variances, bad: Indices) -> list[tuple[int, int]]:
@@ -521,11 +519,11 @@ def _swapped_pairs(session: _Session, fit: _Fit, variances: Variances, bad: Indi
     if bad.size < 2:
         return []
     predicted = session.poses.a - fit.left_over
-    inverse = np.linalg.inv(_prediction_covariance(session, fit, variances))
 
     def fits(reading: int, setting: int) -> bool:
-        misfit = session.poses.a[:, reading] - predicted[:, setting]
-        return bool(misfit @ inverse[setting] @ misfit < BAD_POSE_SIGMA**2)
+        columns, own = _raw_columns(session, fit, variances, setting, reading)
+        misfit = session.poses.a[:, reading] - predicted[:, setting] - columns[:, fit.theta.size :] @ fit.effects
+        return bool(misfit @ np.linalg.solve(own + columns @ fit.inverse @ columns.T, misfit) < BAD_POSE_SIGMA**2)
 
     return [(int(i), int(j)) for k, i in enumerate(bad) for j in bad[k + 1 :] if fits(i, j) and fits(j, i)]
 
