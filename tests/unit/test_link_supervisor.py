@@ -191,7 +191,11 @@ async def test_silence_is_stale_after_two_seconds_and_reopened_after_ten() -> No
     assert bench.sink.states[-1] == (LinkState.STALE, LinkReason.SILENT)
     bench.last.send()
     assert bench.sink.states[-1] == (LinkState.UP, None)
-    await bench.clock.advance(9.9)
+    await bench.clock.advance(1.9)
+    assert bench.sink.states[-1] == (LinkState.UP, None)
+    await bench.clock.advance(0.2)
+    assert bench.sink.states[-1] == (LinkState.STALE, LinkReason.SILENT), "the first limit counts again"
+    await bench.clock.advance(7.8)
     assert bench.sink.states[-1] == (LinkState.STALE, LinkReason.SILENT)
     assert len(bench.transports) == 1
     await bench.clock.advance(0.2)

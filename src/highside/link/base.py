@@ -149,8 +149,8 @@ class SupervisorSettings:
     """When to try again and when to call a silent link stale.
 
     The pause before an attempt is `backoff_initial_s`, doubled for each earlier attempt that brought no data, at most
-    `backoff_max_s`, spread by +-`jitter` (a fraction) so that many tools do not knock at one server together. A device that comes back
-    is opened at once, whatever the pause. Silence is watched unless `stale_after_s` is 0.
+    `backoff_max_s`, spread by +-`jitter` (a fraction) so that many tools do not knock at one server together. A device
+    that comes back is opened at once, whatever the pause. Silence is watched unless `stale_after_s` is 0.
     """
 
     backoff_initial_s: float = 0.1
@@ -266,8 +266,12 @@ class LinkSupervisor:
                 waiting: set[asyncio.Future[object]] = {closed, self._sink_fault}  # type: ignore[arg-type]
                 sleeper: asyncio.Future[None] | None = None
                 if settings.stale_after_s > 0:
-                    limit = settings.reopen_after_s if stale else settings.stale_after_s
-                    sleeper = asyncio.ensure_future(clock.sleep(self._last_data + limit - clock.monotonic()))
+                    wait_s = self._last_data + settings.stale_after_s - clock.monotonic()
+                    if stale:
+                        # until the re-open is due, but look in between: a sign of life brings the first limit back
+                        wait_s = self._last_data + settings.reopen_after_s - clock.monotonic()
+                        wait_s = min(wait_s, settings.stale_after_s / 4.0)
+                    sleeper = asyncio.ensure_future(clock.sleep(wait_s))
                     waiting.add(sleeper)  # type: ignore[arg-type]
                 try:
                     await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
