@@ -10,8 +10,8 @@ Theory. About a provisional centre c, with u the unit vector from c to a reading
 
 A drift R' of the inclination must be estimated with it, or a part of it would pass for an offset. This is linear in
 (R, dx, dy, R'), so that the sums of products of (1, ux, uy, t, rho, gz) over a revolution say all there is to know:
-memory is one 6 x 6 matrix a revolution, and sums taken about an old centre are moved to a new one. For N readings of noise
-s over full turns the centre has the covariance `2 s^2 / N` in each axis. The radial noise is taken from the fit.
+memory is one 6 x 6 matrix a revolution, and sums taken about an old centre are moved to a new one. For N readings of
+noise s over full turns the centre has the covariance `2 s^2 / N` in each axis. The radial noise is taken from the fit.
 
 What cannot be told from an offset: an acceleration fixed in the tool and proportional to rate squared, of a sensor that
 does not lie on the axis of rotation (1 mm at 20 rpm: 0.45 mg). The lever arm is therefore a setting, with its
@@ -194,18 +194,25 @@ class Rebalancer:
     Feed it with readings corrected *without* its own offset. `offset` stays until `reset` (a new power-up).
     """
 
-    def __init__(self, settings: RebalanceSettings = RebalanceSettings()) -> None:  # noqa: B008 - frozen
+    def __init__(self, settings: RebalanceSettings = RebalanceSettings()) -> None:
         self._settings = settings
         self._lever_g_s2 = tuple(1e-3 * arm / STANDARD_GRAVITY_MPS2 for arm in settings.lever_mm)
         self._lever_std_g_s2 = 1e-3 * settings.lever_std_mm / STANDARD_GRAVITY_MPS2
-        self.reset()
-
-    def reset(self) -> None:
-        """A new power-up: the offset is forgotten."""
+        self.state = State.WAITING
+        self.reason = Reason.NOT_TURNING
         self._offset: Offset | None = None
         self._centre = (0.0, 0.0)
         self._noise_g: float | None = None
         self._radius: float | None = None
+        self._done: deque[_Revolution] = deque(maxlen=settings.max_turns)
+        self._turning: _Revolution | None = None
+        self._last_t: float | None = None
+        self._last_angle = 0.0
+        self._farthest = 0.0
+
+    def reset(self) -> None:
+        """A new power-up: the offset is forgotten."""
+        self._offset = None
         self.state = State.WAITING
         self.reason = Reason.NOT_TURNING
         self._restart()
@@ -266,7 +273,7 @@ class Rebalancer:
             return
         if t_s - revolution.t0 > TURN / (settings.min_rate_rpm * TURN / 60.0):
             # longer than a turn may last: it stands, or creeps
-            self._decline(Reason.NOT_TURNING if self._farthest < _STANDING_RAD else self._why_not_full())
+            self._decline(Reason.NOT_TURNING if self._farthest < _STANDING_RAD else self._why_not_full(revolution))
             return
         self._sum(revolution, t_s, x / rho, y / rho, rho, gz, angle)
         if abs(turned) >= TURN:
@@ -412,17 +419,12 @@ class Rebalancer:
             rate_rpm=60.0 * turned / TURN / max(sum(r.end_s - r.t0 for r in revolutions), 1e-9),
         )
 
-    def _why_not_full(self) -> Reason:
-        return Reason.TOO_SLOW if self._farthest > _STANDING_RAD and self._still_moving() else Reason.PARTIAL_TURN
-
-    def _still_moving(self) -> bool:
-        """Whether the turn in progress goes on slowly, rather than having stopped after a part of it."""
-        revolution = self._turning
-        if revolution is None:
-            return False
-        recent = sum(1 for count in revolution.counts if count)
-        # a creeping tool spreads its time evenly over what it turned; one that stopped heaps it up in one sector
-        return max(revolution.counts) < 3.0 * sum(revolution.counts) / max(recent, 1)
+    def _why_not_full(self, revolution: _Revolution) -> Reason:
+        """A turn was begun and not completed in the time of the slowest one."""
+        counts = [count for count in revolution.counts if count]
+        # a creeping tool spreads its time over what it turned; one that stopped heaps it up in one sector
+        creeps = max(revolution.counts) < 3.0 * sum(counts) / max(len(counts), 1)
+        return Reason.TOO_SLOW if creeps else Reason.PARTIAL_TURN
 
     def _decline(self, reason: Reason) -> None:
         self._restart()
@@ -433,9 +435,9 @@ class Rebalancer:
             self.state = State.DECLINED
 
     def _restart(self) -> None:
-        self._done: deque[_Revolution] = deque(maxlen=self._settings.max_turns)
-        self._turning: _Revolution | None = None
-        self._last_t: float | None = None
+        self._done.clear()
+        self._turning = None
+        self._last_t = None
         self._last_angle = 0.0
         self._farthest = 0.0
         if self._offset is None:
