@@ -18,7 +18,9 @@ class InputError(HighsideError):
 
     exit_status = 2
 
-    def __init__(self, what: str, *, where: str | None = None, field: str | None = None, remedy: str | None = None) -> None:
+    def __init__(
+        self, what: str, *, where: str | None = None, field: str | None = None, remedy: str | None = None
+    ) -> None:
         self.what, self.where, self.field, self.remedy = what, where, field, remedy
         parts = [part for part in (where, field, what) if part]
         line = ": ".join(parts)

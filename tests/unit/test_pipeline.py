@@ -11,7 +11,7 @@ import pytest
 from highside.calibration.correction import IdentityCorrection
 from highside.codec.frame import Counts, Frame
 from highside.config.settings import MonitorSettings, PipelineSettings, SurveySettings, ToolSettings
-from highside.service.pipeline import Attitude, Pipeline, Survey, window_statistics
+from highside.service.pipeline import Attitude, Pipeline, Row, Survey, window_statistics
 
 RATE_HZ = 100.0
 
@@ -181,7 +181,7 @@ def test_a_swapped_correction_is_used_from_the_next_output_on():
 
 def test_short_windows_use_the_running_estimate_of_the_noise():
     random_rows = random.Random(5)
-    rows = [(i * 0.01, random_rows.gauss(0, 1), 0.0, 1.0, None) for i in range(4)]
+    rows = [Row(i * 0.01, (random_rows.gauss(0, 1), 0.0, 1.0), None) for i in range(4)]
     window = window_statistics(rows, (1e-6, 1e-6, 1e-6))
     assert window.variance == pytest.approx((2.5e-7, 2.5e-7, 2.5e-7))
 
@@ -190,7 +190,7 @@ def test_the_scatter_about_a_line_is_the_variance_of_a_long_window():
     rng = np.random.default_rng(3)
     t = np.arange(4000) * 1e-3
     data = np.vstack([0.1 + 0.5 * t, 0.2 - 0.1 * t, 0.9 + 0 * t]) + 1e-3 * rng.standard_normal((3, t.size))
-    rows = [(float(ti), *map(float, column), None) for ti, column in zip(t, data.T, strict=True)]
+    rows = [Row(float(ti), (*map(float, column),), None) for ti, column in zip(t, data.T, strict=True)]
     window = window_statistics(rows, (1e-9, 1e-9, 1e-9))
     assert np.sqrt(np.array(window.variance) * t.size) == pytest.approx([1e-3] * 3, rel=0.05)
     assert window.span == pytest.approx((0.5 * t[-1], -0.1 * t[-1], 0.0), abs=5e-4)

@@ -40,7 +40,7 @@ def demo(
             nonlocal printed_s
             if snapshot.elapsed_s - printed_s >= LINE_EVERY_S and snapshot.latest is not None:
                 printed_s = snapshot.elapsed_s
-                print(one_line(snapshot), file=sys.stderr if as_json else sys.stdout, flush=True)  # noqa: T201
+                print(one_line(snapshot), file=sys.stderr if as_json else sys.stdout, flush=True)
 
         last = asyncio.run(run_demo(seconds, line))
     if as_json:

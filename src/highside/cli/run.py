@@ -13,7 +13,9 @@ from typing import Annotated
 import typer
 
 ConfigOption = Annotated[Path, typer.Option("--config", help="TOML file; see config/ for examples.")]
-SetOption = Annotated[list[str] | None, typer.Option("--set", help="Override one field: key.path=value. May be repeated.")]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", help="Override one field: key.path=value. May be repeated.")
+]
 
 
 def run(config: ConfigOption, overrides: SetOption = None) -> None:

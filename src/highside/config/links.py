@@ -33,6 +33,11 @@ class _Link(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
+    wait_at_start: bool = Field(
+        default=False,
+        description="A link that cannot be opened when the service starts is waited for; false: the service ends at once"
+        " and says why. Later failures are always waited out.",
+    )
     backoff_initial_s: float = Field(default=0.1, gt=0, le=60, description="Pause before the first new attempt.")
     backoff_max_s: float = Field(default=5.0, gt=0, le=3600, description="Longest pause between two attempts.")
     jitter: float = Field(

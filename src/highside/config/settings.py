@@ -42,14 +42,18 @@ class ToolSettings(Table):
     )
     serial: str | None = Field(default=None, description="Serial number, checked against the calibration record.")
     noise_g: float | None = Field(
-        default=None, gt=0, description="Standard deviation of one reading in g; estimated from the stream where absent."
+        default=None,
+        gt=0,
+        description="Standard deviation of one reading in g; estimated from the stream where absent.",
     )
 
 
 class PipelineSettings(Table):
     """How readings become attitudes."""
 
-    output_rate_hz: float = Field(default=10.0, gt=0, le=100, description="Attitude messages per second of device time.")
+    output_rate_hz: float = Field(
+        default=10.0, gt=0, le=100, description="Attitude messages per second of device time."
+    )
     averaging_s: float | None = Field(
         default=None, gt=0, le=60, description="Readings averaged into one attitude; the output period where absent."
     )
@@ -65,7 +69,9 @@ class PipelineSettings(Table):
 class MonitorSettings(Table):
     """What makes a frame unusable or suspicious."""
 
-    range_g: float = Field(default=20.0, gt=0, description="A reading beyond this is counted out of range and not used.")
+    range_g: float = Field(
+        default=20.0, gt=0, description="A reading beyond this is counted out of range and not used."
+    )
     stuck_frames: int = Field(default=200, ge=10, description="Equal readings in a row after which an axis is stuck.")
 
 

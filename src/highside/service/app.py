@@ -63,6 +63,7 @@ class Service:
         self._reloads = 0
         self._stopping = asyncio.Event()
         self._link_ended = False
+        self._refused_link: str | None = None
         self._link_task: asyncio.Task[None] | None = None
         self._publisher_task: asyncio.Task[None] | None = None
         self._topic_attitude = settings.mqtt.topic(settings.tool.id, "attitude")
@@ -132,6 +133,9 @@ class Service:
         log.log(level, "link %s: %s", state.value, message)
         if state is LinkState.DOWN:
             self.pipeline.on_link_reopened()
+            if not self.supervisor.stats.opens and not self.settings.link.wait_at_start and not self._reloads:
+                self._refused_link = message
+                self.stop()
         elif state is LinkState.ENDED:
             self._link_ended = True
             self.pipeline.finish()
@@ -159,7 +163,12 @@ class Service:
         """What the retained `health` message says; every counter balances at any time (`balance`)."""
         pipeline = self.pipeline
         codec, monitor = pipeline.codec.counts, pipeline.monitor.counts
-        outbox, link, broker, recorder = self.outbox.stats, self.supervisor.stats, self.publisher.stats, self.recorder.stats
+        outbox, link, broker, recorder = (
+            self.outbox.stats,
+            self.supervisor.stats,
+            self.publisher.stats,
+            self.recorder.stats,
+        )
         age = None if link.last_data_mono is None else round(time.monotonic() - link.last_data_mono, 3)
         balance = {
             "bytes": codec.balanced(),
@@ -215,7 +224,8 @@ class Service:
     async def run(self) -> None:
         """Run until SIGTERM or SIGINT, or until a replayed recording has ended and is delivered.
 
-        Raises InputError if the state directory cannot be used or another daemon uses it.
+        Raises InputError if the state directory cannot be used or another daemon uses it, or if the link cannot be
+        opened at the start and is not to be waited for.
         """
         self._take_state_dir()
         loop = asyncio.get_running_loop()
@@ -244,6 +254,12 @@ class Service:
             self._notifier.stopping("leaving")
             await self._shut_down(others)
             self._notifier.close()
+        if self._refused_link is not None:
+            raise InputError(
+                self._refused_link,
+                field="the [link] table",
+                remedy="mend it, or set link.wait_at_start = true to wait for it",
+            )
 
     def stop(self) -> None:
         """Ask for an orderly end."""
@@ -369,7 +385,9 @@ class Service:
         if new.mqtt != old.mqtt and self._publisher_task is not None:
             self._publisher_task.cancel()
             self.publisher = self._make_publisher()
-            self._publisher_task = asyncio.create_task(_after(self._publisher_task, self.publisher.run), name="publisher")
+            self._publisher_task = asyncio.create_task(
+                _after(self._publisher_task, self.publisher.run), name="publisher"
+            )
         if new.recorder != old.recorder:
             self.recorder.apply(new.recorder)
 

@@ -27,7 +27,7 @@ from highside.config.settings import Settings, validate
 from highside.link.device import DeviceSettings, SimulatedDevice
 from highside.link.wire import PtyWire
 from highside.physics.gravity import gravity_direction
-from highside.recording.calibration_store import write_atomically
+from highside.recording.files import write_whole
 from highside.service.app import Service
 from highside.service.embedded_broker import EmbeddedBroker
 
@@ -135,7 +135,7 @@ class Watcher:
 async def run_demo(
     seconds: float | None, on_snapshot: Callable[[Snapshot], None], *, interval_s: float = 0.1
 ) -> Snapshot:
-    """Run for `seconds` (None: until cancelled), calling `on_snapshot` every `interval_s`; returns the last snapshot."""
+    """Run for `seconds` (None: until cancelled), calling `on_snapshot` every `interval_s`; return the last one."""
     with tempfile.TemporaryDirectory(prefix="highside-demo-") as directory:
         return await _run_in(Path(directory), seconds, on_snapshot, interval_s)
 
@@ -230,7 +230,7 @@ def factory_record() -> CalibrationRecord:
 
 def _settings(directory: Path, port: str, broker_port: int) -> Settings:
     record = directory / "calibration.json"
-    write_atomically(record, factory_record().to_json())
+    write_whole(record, factory_record().to_json().encode())
     return validate(
         {
             "tool": {"id": TOOL_ID},

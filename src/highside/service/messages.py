@@ -37,13 +37,15 @@ class _Reading(_Payload):
     clock_synced: bool = Field(description="Whether the host's clock was synchronised when `t` was taken.")
     t_device_s: float = Field(description="The tool's own time of the last reading used, seconds.")
     window_s: float = Field(ge=0, description="Time averaged; the attitude is that of the middle of it.")
-    inc_deg: float = Field(ge=0, le=180, description="Inclination of the hole from vertical.")
-    inc_std_deg: float = Field(ge=0, description="Standard deviation of `inc_deg`.")
+    inc_deg: float | None = Field(
+        ge=0, le=180, description="Inclination of the hole from vertical; null where no correction holds."
+    )
+    inc_std_deg: float | None = Field(ge=0, description="Standard deviation of `inc_deg`.")
     tf_deg: float | None = Field(ge=0, le=360, description="Gravity toolface; null where it is not defined.")
     tf_std_deg: float | None = Field(ge=0, description="Standard deviation of `tf_deg`; null: unknown.")
     azi_deg: float | None = Field(default=None, ge=0, le=360, description="Azimuth of the hole; absent without gyros.")
     azi_std_deg: float | None = Field(default=None, ge=0)
-    g_total: float = Field(description="Magnitude of the corrected acceleration in local g; 1 at rest.")
+    g_total: float | None = Field(description="Magnitude of the corrected acceleration in local g; 1 at rest.")
     cal_id: str = Field(description="The calibration that made these values.")
     zone: str = Field(description="Zone of that calibration.")
     flags: list[str] = Field(description="What is doubtful about this message; empty if nothing.")

@@ -15,6 +15,7 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,14 @@ MIN_OWN_SCATTER = 8
 """Readings in a window from which its own scatter is used instead of the running estimate of the noise."""
 NOISE_MEMORY = 0.02
 """Weight of a new second difference in the running estimate of the noise."""
+
+
+class Row(NamedTuple):
+    """A reading in the window."""
+
+    t: float
+    a: Vector
+    temp_c: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +137,7 @@ class Stillness:
         """Motion, a gap or a device reset: stillness begins anew."""
         self._restart()
 
-    def add(self, window: Window, frames: list[tuple[float, float, float, float, float | None]]) -> float:
+    def add(self, window: Window, frames: list[Row]) -> float:
         """Take a window and the frames that are new in it; returns the seconds of stillness so far (0: it moved)."""
         settings = self._settings
         if self._n:
@@ -152,19 +161,19 @@ class Stillness:
         if not frames:
             return 0.0
         if not self._n:
-            self._reference = (frames[0][1], frames[0][2], frames[0][3])
-            self._start_s = frames[0][0]
+            self._reference = frames[0].a
+            self._start_s = frames[0].t
         for frame in frames:
             for axis in range(3):
-                d = frame[axis + 1] - self._reference[axis]
+                d = frame.a[axis] - self._reference[axis]
                 self._sum[axis] += d
                 self._sum2[axis] += d * d
-            if frame[4] is not None:
-                self._temp_sum += frame[4]
+            if frame.temp_c is not None:
+                self._temp_sum += frame.temp_c
                 self._temp_n += 1
         self._n += len(frames)
         self._windows += 1
-        return frames[-1][0] - self._start_s
+        return frames[-1].t - self._start_s
 
     def mean(self) -> tuple[Vector, Vector, int, float | None]:
         """Mean (g), variance of one reading (g^2), number of readings, mean temperature."""
@@ -207,7 +216,7 @@ class Pipeline:
         self._survey_settings = survey
         self._noise = NoiseEstimate(tool.noise_g)
         self._stillness = Stillness(survey)
-        self._window: deque[tuple[float, float, float, float, float | None]] = deque()
+        self._window: deque[Row] = deque()
         self._fresh = 0
         self._due: float | None = None
         self._last_t: float | None = None
@@ -255,14 +264,15 @@ class Pipeline:
             step = t - last
             if step < 0.0:
                 self._begin_anew()
-            elif step > max(self._settings.window_s, 1.0 / self._settings.output_rate_hz):
+            elif step > self._settings.window_s and 0.0 < 3.0 * self._last_step < step:
+                # nothing came for a while: who knows what the tool did meanwhile
                 self._noise.forget()
                 self._stillness.forget()
             self._last_step = step
         self._last_t = t
         a = (frame.ax, frame.ay, frame.az)
         self._noise.add(a)
-        self._window.append((t, a[0], a[1], a[2], frame.temp_c))
+        self._window.append(Row(t, a, frame.temp_c))
         self._fresh += 1
         if self._due is None:
             self._due = self._next_due(t)
@@ -285,7 +295,7 @@ class Pipeline:
     def _output(self, frame: Frame, t: float) -> None:
         window = self._window
         oldest = t - self._settings.window_s * (1.0 - 1e-6)
-        while window[0][0] <= oldest and len(window) > 1:
+        while window[0].t <= oldest and len(window) > 1:
             window.popleft()
         rows = list(window)
         statistics = window_statistics(rows, self._noise.variance)
@@ -293,10 +303,10 @@ class Pipeline:
         if statistics.slope_sigmas > 6.0 and max(abs(s) for s in statistics.span) > self._survey_settings.floor_g:
             flags.append("moving")
         xx, yy, zz = statistics.variance
-        temps = [row[4] for row in rows if row[4] is not None]
+        temps = [row.temp_c for row in rows if row.temp_c is not None]
         temp = sum(temps) / len(temps) if temps else None
         corrected = self.correction.correct(statistics.mean, (xx, 0.0, 0.0, yy, 0.0, zz), temp)
-        attitude = self._attitude(corrected, frame, t, len(rows), t - rows[0][0], temp, flags)
+        attitude = self._attitude(corrected, frame, t, len(rows), t - rows[0].t, temp, flags)
         self.attitudes += 1
         self._emit(attitude)
         if self._survey_settings.enabled:
@@ -304,9 +314,7 @@ class Pipeline:
             self._watch_stillness(statistics, fresh, frame, t)
         self._fresh = 0
 
-    def _watch_stillness(
-        self, window: Window, fresh: list[tuple[float, float, float, float, float | None]], frame: Frame, t: float
-    ) -> None:
+    def _watch_stillness(self, window: Window, fresh: list[Row], frame: Frame, t: float) -> None:
         still = self._stillness
         duration = still.add(window, fresh)
         if duration < self._survey_settings.still_s or still.reported:
@@ -359,17 +367,17 @@ class Pipeline:
         )
 
 
-def window_statistics(rows: list[tuple[float, float, float, float, float | None]], noise_variance: Vector) -> Window:
-    """Mean, variance of the mean, and drift over a window of rows `(t_s, ax, ay, az, temp_c)`.
+def window_statistics(rows: list[Row], noise_variance: Vector) -> Window:
+    """Mean, variance of the mean, and drift over a window.
 
     The variance (g^2) of the mean is the scatter about a straight line in time, or `noise_variance` (of one reading)
     if that is larger, divided by n; with fewer than 8 readings it is `noise_variance` divided by n.
     """
     n = len(rows)
     if n >= MIN_OWN_SCATTER:
-        data = np.array([row[:4] for row in rows]).T
-        time = data[0] - data[0].mean()
-        a = data[1:]
+        time = np.array([row.t for row in rows])
+        time -= time.mean()
+        a = np.array([row.a for row in rows]).T
         mean = a.mean(axis=1)
         centred = a - mean[:, None]
         tt = float(time @ time)
@@ -386,8 +394,8 @@ def window_statistics(rows: list[tuple[float, float, float, float, float | None]
             float(np.max(np.abs(slope) / sigma_slope)) if tt > 0.0 else 0.0,
             (float(span[0]), float(span[1]), float(span[2])),
         )
-    mean3 = tuple(sum(row[axis] for row in rows) / n for axis in (1, 2, 3))
-    span3 = tuple(rows[-1][axis] - rows[0][axis] for axis in (1, 2, 3))
+    mean3 = [sum(row.a[axis] for row in rows) / n for axis in range(3)]
+    span3 = [rows[-1].a[axis] - rows[0].a[axis] for axis in range(3)]
     sigmas = max(abs(s) / math.sqrt(2.0 * v) if v > 0.0 else 0.0 for s, v in zip(span3, noise_variance, strict=True))
     return Window(
         (mean3[0], mean3[1], mean3[2]),
