@@ -180,6 +180,9 @@ async def _run_in(
                 for task in (serving, watching):
                     if task.done() and (error := task.exception()) is not None:
                         raise error
+                # the tool falls silent first, so that what it said is delivered before the service leaves
+                device.stop()
+                await _settle(lambda: service.outbox.stats.queued == 0)
             finally:
                 service.stop()
                 await serving
