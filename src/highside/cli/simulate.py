@@ -41,15 +41,14 @@ def simulate(
         session = knows.session()
     except InputError as error:
         raise InputError(error.what, where=str(model), field=error.field, remedy=error.remedy) from None
-    state = session.rows().state
-    if not 0 < state.n <= MAX_ROWS:
+    if not 1 <= session.plan.row_count <= MAX_ROWS:
         raise InputError(
-            f"describes {state.n} rows",
+            f"describes {session.plan.row_count:.3g} rows",
             where=str(model),
             field="motion",
-            remedy=f"between 1 and {MAX_ROWS} can be made",
+            remedy=f"between 1 and {MAX_ROWS} can be made: change the durations or the rate of the rows",
         )
-    forward = knows.forward(state.row_seconds)
+    forward = knows.forward(session.plan.row_seconds)
     gyros = bool(knows.motion and knows.motion.gyros)
     done = run(forward, session, seed, gyros=gyros)
     if poses is not None and not done.held.any():

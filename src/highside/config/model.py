@@ -430,7 +430,8 @@ def _without_suffix(written: str, known: Mapping[str, Any]) -> tuple[str, float]
 
 
 def _one_line(error: ValidationError, where: str) -> InputError:
-    details = error.errors(include_url=False)
+    # a field misspelt is also a field missing: the misspelling is the one to tell
+    details = sorted(error.errors(include_url=False), key=lambda detail: detail["type"] != "extra_forbidden")
     first = details[0]
     # the kind of motion stands in the location but not in the file
     keys = [str(key) for key in first["loc"]]
@@ -457,12 +458,6 @@ def _one_line(error: ValidationError, where: str) -> InputError:
 def _nearest(keys: list[str], location: tuple[int | str, ...]) -> str:
     """What may have been meant by an unknown field."""
     model: type[BaseModel] = Model
-    kinds: dict[str, type[BaseModel]] = {
-        "poses": PosesMotion,
-        "turns": TurnsMotion,
-        "rotation": RotationMotion,
-        "legs": LegsMotion,
-    }
     if len(keys) > 1:
         if keys[0] == "motion":
             model = LegTable if "legs" in keys[1:-1] else KINDS[str(location[1])]

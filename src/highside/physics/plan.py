@@ -70,8 +70,19 @@ class PosePlan:
     plateaus_c: tuple[float, ...] = ()
     soak_s: float = 3600.0
 
+    @property
+    def row_seconds(self) -> float:
+        """Averaging time of a row."""
+        return self.row_s
+
+    @property
+    def row_count(self) -> float:
+        """Number of rows, at most; known before any is made."""
+        seconds = self.hold_s + (self.move_s if self.record_moves else 0.0)
+        return len(self.poses) * max(1, len(self.plateaus_c)) * (seconds / self.row_s + 2)
+
     def rows(self, site: Site) -> Rows:
-        held_rows, move_rows = max(1, round(self.hold_s / self.row_s)), max(0, round(self.move_s / self.row_s) - 1)
+        held_rows, move_rows = max(1, round(self.hold_s / self.row_s)), round(self.move_s / self.row_s)
         poses = np.array(self.poses * max(1, len(self.plateaus_c)), dtype=float)
         count, per_plateau = len(poses), len(self.poses)
         plateau = np.arange(count) // per_plateau
@@ -82,7 +93,7 @@ class PosePlan:
         parts = [np.stack([np.repeat(q, held_rows) for q in (inc, tf, poses[:, 2], np.arange(count))])]
         rates = [np.zeros((3, count * held_rows))]
         if self.record_moves and move_rows and count > 1:
-            u = np.arange(1, move_rows + 1) / (move_rows + 1)
+            u = np.arange(move_rows) / move_rows
             travelled, rate, accel = (1 - np.cos(np.pi * u)) / 2, np.pi / 2 * np.sin(np.pi * u), np.cos(np.pi * u)
             # the way round in the sense in which the next pose is approached
             turn = np.mod(np.diff(tf) * poses[1:, 2], 2 * np.pi) * poses[1:, 2]
@@ -122,7 +133,7 @@ class PosePlan:
             rotor_accel_radps2=motion[1],
             inc_rate_radps=motion[2],
             pose=angles[3].astype(np.int64),
-            row_seconds=self.row_s,
+            row_seconds=self.row_seconds,
         )
         return Rows(_placed(state, site), held)
 
@@ -139,6 +150,17 @@ class RotationPlan:
     toolface_deg: float = 0.0
     vibration_rms_g: tuple[float, ...] = ()
     """one value for each rate (or one for all, or none)"""
+
+    @property
+    def row_seconds(self) -> float:
+        """Averaging time of a row."""
+        return 1 / self.sample_hz
+
+    @property
+    def row_count(self) -> float:
+        """Number of rows, to rounding; known before any is made."""
+        steps = len(self.rates_radps)
+        return (steps * self.hold_s + (steps - 1) * self.ramp_s) * self.sample_hz
 
     def rows(self, site: Site) -> Rows:
         rates = np.array(self.rates_radps)
@@ -163,7 +185,7 @@ class RotationPlan:
             rotor_rate_radps=rate,
             rotor_accel_radps2=accel[k],
             vibration_rms_g=np.interp(t, starts[:-1][::2] + self.hold_s / 2, shaking),
-            row_seconds=1 / self.sample_hz,
+            row_seconds=self.row_seconds,
         )
         return Rows(_placed(state, site), np.zeros(t.size, dtype=bool))
 
@@ -176,6 +198,16 @@ class LegPlan:
     inclination_deg: float = 5.0
     toolface_deg: float = 0.0
     sample_hz: float = 50.0
+
+    @property
+    def row_seconds(self) -> float:
+        """Averaging time of a row."""
+        return 1 / self.sample_hz
+
+    @property
+    def row_count(self) -> float:
+        """Number of rows, to rounding; known before any is made."""
+        return sum(leg.duration_s for leg in self.legs) * self.sample_hz
 
     def rows(self, site: Site) -> Rows:
         motion = Motion(self.legs, self.inclination_deg, self.toolface_deg, repeat=False)
@@ -192,7 +224,7 @@ class LegPlan:
             rotor_accel_radps2=accel,
             inc_rate_radps=block.inclination_rate_rad_s,
             vibration_rms_g=block.vibration_rms_g,
-            row_seconds=1 / self.sample_hz,
+            row_seconds=self.row_seconds,
         )
         return Rows(_placed(state, site), np.zeros(t.size, dtype=bool))
 
