@@ -182,6 +182,7 @@ FOREIGN = HEAD + (
     'BO_ 256 ACC: 6 A\n SG_ X : 0|16@1- (0.001,0) [0|0] "m/s2" A\n SG_ Y : 16|16@1- (0.001,0) [0|0] "m/s2" A\n'
     ' SG_ Z : 32|16@1- (0.001,0) [0|0] "m/s2" A\n'
     'BO_ 2147484160 GYR: 2 A\n SG_ RZ : 7|16@0- (0.01,0) [0|0] "deg/s" A\n'
+    ' SG_ LONG : 7|24@0- (0.01,0) [0|0] "" A\n'
     'BO_ 300 MUX: 8 A\n SG_ M M : 0|8@1+ (1,0) [0|0] "" A\n SG_ V m1 : 8|8@1+ (1,0) [0|0] "" A\n'
 )
 MAPPING = {
@@ -213,7 +214,8 @@ def test_foreign_signals_of_two_messages_make_one_frame_and_are_never_used_twice
     ("fields", "emit_on", "says"),
     [
         ({"ax_g": Source("NONE", "X")}, None, "no message 'NONE'; it has: ACC, GYR, MUX"),
-        ({"ax_g": Source("ACC", "Q")}, None, "no signal 'Q'; it has: X, Y, Z"),
+        ({"ax_g": Source("ACC", "Q")}, None, "no signal 'Q' within its 6 bytes; it has: X, Y, Z"),
+        ({"ax_g": Source("GYR", "LONG")}, None, "no signal 'LONG' within its 2 bytes; it has: RZ"),
         ({"ax_g": Source("MUX", "V")}, None, "multiplexed"),
         ({"ax_g": Source("ACC", "X"), "gz_dps": Source("GYR", "RZ")}, None, "name the last one: ACC, GYR"),
         ({"ax_g": Source("ACC", "X")}, "GYR", "'GYR' is not mapped; allowed: ACC"),

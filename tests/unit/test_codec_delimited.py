@@ -102,6 +102,9 @@ def test_time_adds_up_and_goes_on_over_midnight() -> None:
     assert [f.t_s for f in found] == pytest.approx([86399.9, 86400.1, 86400.2, 86402.0])
     # a division by zero makes a line bad and moves no clock
     assert codec.counts.frames_bad == 1
+    # a damaged second of the day is no time
+    assert codec.receive(b"99999,1,2,3,0,1000\n") == []
+    assert [f.t_s for f in codec.receive(b"3,1,2,3,0,1000\n")] == [86403.0]
 
 
 @settings(max_examples=200, deadline=None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import random
+import resource
 import signal
 import subprocess
 import sys
@@ -118,6 +119,26 @@ def test_what_a_killed_process_wrote_is_readable(tmp_path: Path) -> None:
     assert len(found) >= 1000
     assert [r.data for r in found] == [b"%08d" % i * 9 for i in range(len(found))]
     assert reader.torn_bytes < len(encode_record(found[0]))
+
+
+def test_a_write_that_fails_leaves_the_file_readable_and_later_records_findable(tmp_path: Path) -> None:
+    path = tmp_path / "a.hsw"
+    writer = SegmentWriter(path, META)
+    writer.append(b"before", t_wall=1, t_mono=1)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    old = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 50, before[1]))
+    try:
+        with pytest.raises(OSError):
+            writer.append(bytes(1000), t_wall=2, t_mono=2)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, old)
+    writer.append(b"after", t_wall=3, t_mono=3)
+    writer.close()
+    reader = read_segments(path)
+    assert [r.data for r in reader] == [b"before", b"after"]
+    assert reader.torn_bytes == 0
 
 
 def test_too_long_a_record_and_a_foreign_file_are_refused(tmp_path: Path) -> None:

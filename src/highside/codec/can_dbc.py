@@ -36,7 +36,7 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One message of a DBC file."""
+    """One message of a DBC file. Signals that reach beyond its length are left out: nobody can decode them."""
 
     name: str
     can_id: int
@@ -47,7 +47,7 @@ class Message:
 
     def numbers(self, data: bytes) -> tuple[int, int]:
         """The payload as a big-endian and a little-endian number of the message's full length."""
-        whole = data[: self.length].ljust(self.length, b"\0")
+        whole = data if len(data) == self.length else data[: self.length].ljust(self.length, b"\0")
         return int.from_bytes(whole, "big"), int.from_bytes(whole, "little")
 
 
@@ -56,7 +56,7 @@ def compile_dbc(text: str, *, where: str = "DBC") -> dict[str, Message]:
     import cantools
 
     try:
-        database = cantools.database.can.Database(strict=True)
+        database = cantools.database.can.Database(strict=False)
         database.add_dbc_string(text)
     except Exception as error:
         # the library raises errors of its own, of its parser and of the language, all for the same reason
@@ -65,7 +65,8 @@ def compile_dbc(text: str, *, where: str = "DBC") -> dict[str, Message]:
 
 
 def _compile(message: Any) -> Message:
-    signals = {signal.name: _compile_signal(signal, message.length) for signal in message.signals}
+    compiled = (_compile_signal(signal, message.length) for signal in message.signals)
+    signals = {signal.name: signal for signal in compiled if signal.bytes_needed <= message.length}
     return Message(
         message.name,
         message.frame_id,
@@ -135,7 +136,7 @@ class _Wanted:
     """What is taken out of one message: bytes it must have, and (place, extract, scale, offset) for each value."""
 
     bytes_needed: int
-    length: int
+    message: Message
     emits: bool
     values: list[tuple[int, Extract, float, float]]
 
@@ -192,13 +193,13 @@ class SignalCodec:
             signal = message.signals.get(source.signal)
             if signal is None:
                 raise InputError(
-                    f"message {message.name!r} has no signal {source.signal!r}",
+                    f"message {message.name!r} has no signal {source.signal!r} within its {message.length} bytes",
                     where=where,
                     field=at,
                     remedy=f"it has: {_names(message.signals)}",
                 )
             key = (message.can_id, message.extended)
-            wanted = self._wanted.setdefault(key, _Wanted(0, message.length, message.name == last, []))
+            wanted = self._wanted.setdefault(key, _Wanted(0, message, message.name == last, []))
             wanted.bytes_needed = max(wanted.bytes_needed, signal.bytes_needed)
             wanted.values.append((order.index(column), signal.extract, source.scale, source.offset))
 
@@ -218,10 +219,7 @@ class SignalCodec:
                 counts.frames_bad += 1
                 counts.bytes_bad += size
                 continue
-            length = wanted.length
-            if size != length:
-                data = data[:length].ljust(length, b"\0")
-            msb, lsb = int.from_bytes(data, "big"), int.from_bytes(data, "little")
+            msb, lsb = wanted.message.numbers(data)
             values = self._values
             for place, extract, scale, offset in wanted.values:
                 values[place] = extract(msb, lsb) * scale + offset

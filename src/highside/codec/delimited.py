@@ -192,8 +192,8 @@ class DelimitedCodec:
         try:
             known = [_value(cells, column) for column in self._known]
             extra = tuple(_required(cells, column) for column in self._extra)
+            seq = _whole(cells[layout.seq_index]) if layout.seq_index is not None else None
             t_s = self._time(cells) if layout.time else None
-            seq = int(_number(cells[layout.seq_index])) if layout.seq_index is not None else None
         except (ValueError, ZeroDivisionError, OverflowError):
             return None
         ax, ay, az, gx, gy, gz, temp_c, rotor_deg, rotor_rate_dps = known
@@ -226,6 +226,8 @@ class DelimitedCodec:
             raise ValueError("time is not finite")
         wrap = self._layout.time_wrap_s
         if wrap is not None:
+            if not 0.0 <= t <= wrap:
+                raise ValueError("time is beyond its period")
             if self._last_t is not None:
                 self._days += -wrap * round((t - self._last_t) / wrap)
             self._last_t = t
@@ -240,6 +242,13 @@ def _number(cell: str) -> float:
     if not math.isfinite(value):
         raise ValueError("not finite")
     return value
+
+
+def _whole(cell: str) -> int:
+    value = _number(cell)
+    if not value.is_integer():
+        raise ValueError("not a whole number")
+    return int(value)
 
 
 def _required(cells: list[str], column: Column) -> float:

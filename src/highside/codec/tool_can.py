@@ -15,7 +15,7 @@ import struct
 from collections.abc import Mapping, Sequence
 
 from highside.codec.axes import AxisMap
-from highside.codec.can_dbc import Message
+from highside.codec.can_dbc import Extract, Message
 from highside.codec.clock import DeviceClock
 from highside.codec.frame import CanFrame, Counts, Frame
 from highside.errors import InputError
@@ -99,7 +99,7 @@ class ToolCanCodec:
         self.counts = Counts()
         self.clock = DeviceClock(TIME_PERIOD_US, 1_000_000)
         self._axes = None if axes is None or axes.identity else axes
-        self._parts: dict[tuple[int, bool], tuple[str, Message]] = {}
+        self._parts: dict[tuple[int, bool], tuple[str, int, list[Extract]]] = {}
         for name, signals in _SIGNALS.items():
             message = messages.get(name)
             missing = [s for s in signals if message is None or s not in message.signals]
@@ -109,9 +109,10 @@ class ToolCanCodec:
                     where=where,
                     remedy="map the signals of another maker's DBC file in the table codec.fields",
                 )
-            self._parts[message.can_id, message.extended] = (name, message)
-        self._status: tuple[float, ...] | None = None
-        self._values: dict[str, tuple[float, ...]] = {}
+            extracts = [message.signals[signal].extract for signal in signals]
+            self._parts[message.can_id, message.extended] = (name, message.length, extracts)
+        self._status: list[float] | None = None
+        self._values: dict[str, list[float]] = {}
         self._expected: frozenset[str] = _ACCELERATIONS
         self._held_bytes = 0
         self._orphans_of: int | None = None
@@ -127,14 +128,14 @@ class ToolCanCodec:
                 counts.frames_ignored += 1
                 counts.bytes_ignored += size
                 continue
-            name, message = part
-            if size != message.length:
+            name, length, extracts = part
+            if size != length:
                 self._abandon()
                 counts.frames_bad += 1
                 counts.bytes_bad += size
                 continue
-            numbers = message.numbers(frame.data)
-            values = tuple(message.signals[signal].extract(*numbers) for signal in _SIGNALS[name])
+            msb, lsb = int.from_bytes(frame.data, "big"), int.from_bytes(frame.data, "little")
+            values = [extract(msb, lsb) for extract in extracts]
             if name == "HS_STATUS":
                 self._abandon()
                 self._status, self._held_bytes, self._orphans_of = values, size, None
@@ -159,7 +160,7 @@ class ToolCanCodec:
         counts.bytes_pending = self._held_bytes
         return out
 
-    def _reading(self, status: tuple[float, ...], t_mono: float) -> Frame:
+    def _reading(self, status: list[float], t_mono: float) -> Frame:
         time_us, seq, temperature, has_gyros, has_rotor = status
         parts = self._values
         ax, ay, az = parts["HS_ACC_XY"][1], parts["HS_ACC_XY"][2], parts["HS_ACC_Z"][1]

@@ -10,6 +10,7 @@ it could not be read.
 
 from __future__ import annotations
 
+import gzip
 import json
 import os
 import struct
@@ -69,15 +70,26 @@ class SegmentWriter:
 
     def __init__(self, path: Path, meta: Mapping[str, Any]) -> None:
         self._file = path.open("xb", buffering=0)
-        self._file.write(encode_header(meta))
+        self._size = 0
+        self._write(encode_header(meta))
 
     def append(self, data: bytes, *, t_wall: float, t_mono: float) -> int:
-        """Returns the number of bytes that the file grew by. Raises OSError."""
+        """Returns the number of bytes that the file grew by. Raises OSError; then the file is as it was before."""
         record = encode_record((t_mono, t_wall, data))
-        view = memoryview(record)
-        while view:
-            view = view[self._file.write(view) or 0 :]
+        self._write(record)
         return len(record)
+
+    def _write(self, data: bytes) -> None:
+        view = memoryview(data)
+        try:
+            while view:
+                view = view[self._file.write(view) or 0 :]
+        except OSError:
+            # a record behind a torn one could not be found again
+            self._file.truncate(self._size)
+            self._file.seek(self._size)
+            raise
+        self._size += len(data)
 
     def sync(self) -> None:
         os.fsync(self._file.fileno())
@@ -147,19 +159,21 @@ def detect_kind(path: Path) -> WireKind:
 
 
 def _read(file: BinaryIO, size: int) -> bytes:
-    """Up to `size` bytes; what a torn gzip file does not give is not there."""
+    """Up to `size` bytes; what a torn gzip file does not give is not there. Raises InputError for a failing disk."""
     pieces = []
     try:
         while size > 0 and (piece := file.read(size)):
             pieces.append(piece)
             size -= len(piece)
-    except (EOFError, zlib.error, OSError):
+    except (EOFError, zlib.error, gzip.BadGzipFile):
         pass
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror or error}", where=str(getattr(file, "name", ""))) from None
     return b"".join(pieces)
 
 
 def _read_line(file: BinaryIO) -> bytes:
     try:
         return file.readline(_MAX_META_BYTES)
-    except (EOFError, zlib.error, OSError):
+    except (EOFError, zlib.error, gzip.BadGzipFile):
         return b""
