@@ -48,7 +48,8 @@ def demo(
     else:
         console.print(
             f"{last.frames} frames, {last.published} attitudes received, {last.lost} lost,"
-            f" {_rms_text(last)} against the truth"
+            f" {_rms_text(last)} against the truth",
+            soft_wrap=True,
         )
 
 
