@@ -71,8 +71,6 @@ class SocketCanTransport:
         self._ended: asyncio.Future[LinkError] | None = None
         self._health: asyncio.Task[None] | None = None
         self._drops = 0
-        # kernel stamps are epoch time; the difference to the monotonic clock is taken at each wake-up
-        self._ancillary = ANCILLARY_SIZE
 
     @property
     def kernel_drops(self) -> int:
@@ -129,7 +127,7 @@ class SocketCanTransport:
         error: LinkError | None = None
         for _ in range(FRAMES_PER_WAKE):
             try:
-                data, ancillary, _flags, _address = self._socket.recvmsg(FD.size, self._ancillary)
+                data, ancillary, _flags, _address = self._socket.recvmsg(FD.size, ANCILLARY_SIZE)
             except (BlockingIOError, InterruptedError):
                 break
             except OSError as fault:
