@@ -50,7 +50,7 @@ class SyncStream:
         """How many bytes of `chunk` are readable text that this codec expects between its frames."""
         return 0
 
-    # the four verbs
+    # the verbs of a codec
 
     def receive(self, data: bytes, t_mono: float = 0.0) -> list[Frame]:
         self.counts.bytes_in += len(data)
