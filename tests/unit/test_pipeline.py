@@ -10,7 +10,7 @@ import pytest
 
 from highside.calibration.correction import IdentityCorrection
 from highside.codec.frame import Counts, Frame
-from highside.config.settings import MonitorSettings, PipelineSettings, SurveySettings, ToolSettings
+from highside.config.settings import MonitorSettings, PipelineSettings, RebalanceTable, SurveySettings, ToolSettings
 from highside.service.pipeline import Attitude, Pipeline, Row, Survey, window_statistics
 
 RATE_HZ = 100.0
@@ -41,6 +41,7 @@ def make(**changes: object) -> tuple[Pipeline, list[Attitude | Survey]]:
         monitor=MonitorSettings(),
         survey=changes.get("survey", SurveySettings(still_s=5.0)),
         correction=changes.get("correction", IdentityCorrection(0.0, 0.0)),
+        rebalance=changes.get("rebalance", RebalanceTable()),
         emit=out.append,
     )
     return pipeline, out
@@ -194,3 +195,27 @@ def test_the_scatter_about_a_line_is_the_variance_of_a_long_window():
     window = window_statistics(rows, (1e-9, 1e-9, 1e-9))
     assert np.sqrt(np.array(window.variance) * t.size) == pytest.approx([1e-3] * 3, rel=0.05)
     assert window.span == pytest.approx((0.5 * t[-1], -0.1 * t[-1], 0.0), abs=5e-4)
+
+
+@pytest.mark.parametrize("apply", [False, True])
+def test_the_offset_of_this_power_up_is_found_while_turning_and_taken_off_only_where_configured(apply):
+    """300 ug on x and y at I = 1.2 deg, 20 rpm, 100 frames/s: the toolface error is 0.8 deg without the re-balance."""
+    pipeline, out = make(rebalance=RebalanceTable(apply=apply))
+    for f in frames(2000, lambda t: (1.2, (120.0 * t) % 360.0), noise_g=350e-6):
+        pipeline.on_frame(f._replace(ax=f.ax + 300e-6, ay=f.ay + 300e-6))
+    offset = pipeline.rebalancer.offset
+    assert offset is not None
+    assert offset.bx_g == pytest.approx(300e-6, abs=5 * offset.std_g[0])
+    assert offset.by_g == pytest.approx(300e-6, abs=5 * offset.std_g[1])
+    errors = [
+        (a.tf_deg - 120.0 * (a.t_device_s - a.window_s / 2) + 180.0) % 360.0 - 180.0
+        for a in out
+        if isinstance(a, Attitude) and a.t_device_s > 12.0
+    ]
+    rms = float(np.sqrt(np.mean(np.square(errors))))
+    noise_limit = math.degrees(350e-6 / math.sqrt(10) / math.sin(math.radians(1.2)))
+    if apply:
+        assert rms < 1.3 * noise_limit
+        assert all("rebalanced" in o.flags for o in out if isinstance(o, Attitude) and o.t_device_s > 12.0)
+    else:
+        assert rms > 2.0 * noise_limit

@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pydantic_core import ErrorDetails
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
+from highside.calibration.rebalance import RebalanceSettings
 from highside.config.codecs import CodecConfig
 from highside.config.links import LinkConfig
 from highside.config.mqtt import MqttSettings
@@ -99,6 +100,30 @@ class CalibrationSettings(Table):
         return self
 
 
+class RebalanceTable(Table):
+    """The in-run re-balance: the cross-axis offset of this power-up, from the circle that a turning tool draws."""
+
+    apply: bool = Field(default=False, description="Take the offset off the output; else it is only reported.")
+    turns: int = Field(default=3, ge=1, le=30, description="Revolutions needed for an estimate.")
+    min_rate_rpm: float = Field(default=3.0, gt=0)
+    max_rate_rpm: float = Field(default=120.0, gt=0)
+    max_drift_deg: float = Field(default=0.02, gt=0, description="Largest change of inclination over the revolutions.")
+    max_offset_g: float = Field(default=5e-3, gt=0, description="A larger offset is not a turn-on bias.")
+    lever_mm: tuple[float, float] = Field(default=(0.0, 0.0), description="Sensor off the axis of rotation, x and y.")
+    lever_std_mm: float = Field(default=0.0, ge=0)
+
+    @model_validator(mode="after")
+    def _buildable(self) -> Self:
+        try:
+            self.build()
+        except InputError as error:
+            raise ValueError(str(error)) from None
+        return self
+
+    def build(self) -> RebalanceSettings:
+        return RebalanceSettings(**self.model_dump(exclude={"apply"}))
+
+
 class ServiceSettings(Table):
     """The daemon itself."""
 
@@ -131,6 +156,7 @@ class Settings(BaseSettings):
     monitor: MonitorSettings = MonitorSettings()
     survey: SurveySettings = SurveySettings()
     calibration: CalibrationSettings = CalibrationSettings()
+    rebalance: RebalanceTable = RebalanceTable()
     mqtt: MqttSettings = MqttSettings()
     recorder: RecorderSettings = RecorderSettings()
     service: ServiceSettings = ServiceSettings()

@@ -100,6 +100,7 @@ class Service:
             monitor=settings.monitor,
             survey=settings.survey,
             correction=correction,
+            rebalance=settings.rebalance,
             emit=self._on_output,
         )
         pipeline.extra_flags = self._extra_flags()
@@ -211,10 +212,24 @@ class Service:
             },
             pipeline={"attitudes": pipeline.attitudes, "surveys": pipeline.surveys},
             calibration={"cal_id": pipeline.correction.cal_id, "refused": self._calibration_error},
+            rebalance=self._rebalance_health(),
             reload={"count": self._reloads, "refused": self._reload_error},
             balance=balance,
             alarms=alarms,
         )
+
+    def _rebalance_health(self) -> dict[str, Any]:
+        rebalancer = self.pipeline.rebalancer
+        offset = rebalancer.offset
+        return {
+            "state": rebalancer.state.value,
+            "reason": rebalancer.reason.value,
+            "turns": rebalancer.turns_collected,
+            "bx_ug": None if offset is None else round(offset.bx_g * 1e6, 2),
+            "by_ug": None if offset is None else round(offset.by_g * 1e6, 2),
+            "std_ug": None if offset is None else round(max(offset.std_g) * 1e6, 2),
+            "applied": self.settings.rebalance.apply and offset is not None,
+        }
 
     def _publish_health(self) -> None:
         self.publisher.retained(self._topic_health, messages.health_payload(self.health()))
@@ -366,7 +381,7 @@ class Service:
                     "cannot change while running", field=f"{table}.{why}", remedy="restart the service instead"
                 )
         # everything that can fail is made before anything is swapped
-        codec_changed = new.codec != old.codec or new.monitor != old.monitor
+        codec_changed = (new.codec, new.monitor, new.rebalance) != (old.codec, old.monitor, old.rebalance)
         if codec_changed:
             new.codec.build()
         self.settings = new

@@ -108,6 +108,7 @@ class HealthMessage(_Payload):
     loop: dict[str, float] = Field(default_factory=dict, description="Stalls of the event loop.")
     pipeline: dict[str, Count] = Field(description="Attitudes and surveys made.")
     calibration: dict[str, Any] = Field(description="`cal_id` in force, and why a configured record was refused.")
+    rebalance: dict[str, Any] = Field(description="Cross-axis offset of this power-up, and whether it is taken off.")
     reload: dict[str, Any] = Field(description="Reloads taken, and why the last one was refused (null: it was not).")
     balance: dict[str, bool] = Field(description="Whether the counters of bytes, frames and messages add up.")
     alarms: list[str] = Field(description="What needs attention; empty if nothing.")

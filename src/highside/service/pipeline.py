@@ -21,13 +21,16 @@ import numpy as np
 
 from highside.attitude.scalar import attitude_with_std
 from highside.calibration.correction import Corrected, Correction, Vector
+from highside.calibration.rebalance import Rebalancer
 from highside.codec.frame import ByteCodec, CanCodec, Frame
-from highside.config.settings import MonitorSettings, PipelineSettings, SurveySettings, ToolSettings
+from highside.config.settings import MonitorSettings, PipelineSettings, RebalanceTable, SurveySettings, ToolSettings
 from highside.link.base import Batch, Chunk
 from highside.service.monitor import Monitor
 
 MIN_OWN_SCATTER = 8
 """Readings in a window from which its own scatter is used instead of the running estimate of the noise."""
+REBALANCE_BLOCK_S = 0.0095
+"""Readings within this are averaged before the re-balance sees them: 1.1 deg of a turn at 20 rpm."""
 NOISE_MEMORY = 0.02
 """Weight of a new second difference in the running estimate of the noise."""
 
@@ -185,6 +188,35 @@ class Stillness:
         return (where[0], where[1], where[2]), (variance[0], variance[1], variance[2]), n, temp
 
 
+class _Block:
+    """Readings averaged before the re-balance sees them, which needs no more than a hundred a second."""
+
+    def __init__(self) -> None:
+        self._n = 0
+        self._sum = [0.0, 0.0, 0.0]
+        self._t_sum = 0.0
+        self.start = self.t = 0.0
+        self._temp_c: float | None = None
+
+    def add(self, t: float, a: Vector, temp_c: float | None) -> None:
+        if not self._n:
+            self.start = self.t if t - self.t < 2.0 * REBALANCE_BLOCK_S else t
+        self.t = t
+        self._n += 1
+        self._t_sum += t
+        self._sum[0] += a[0]
+        self._sum[1] += a[1]
+        self._sum[2] += a[2]
+        self._temp_c = temp_c
+
+    def take(self) -> tuple[float, Vector, float | None]:
+        """Mean time, mean reading, last temperature; begins a new block."""
+        n, (x, y, z) = self._n, self._sum
+        mean = (self._t_sum / n, (x / n, y / n, z / n), self._temp_c)
+        self._n, self._t_sum, self._sum = 0, 0.0, [0.0, 0.0, 0.0]
+        return mean
+
+
 class Pipeline:
     """Takes batches from a link and hands attitudes and surveys to `emit`.
 
@@ -200,10 +232,14 @@ class Pipeline:
         monitor: MonitorSettings,
         survey: SurveySettings,
         correction: Correction,
+        rebalance: RebalanceTable,
         emit: Callable[[Attitude | Survey], None],
     ) -> None:
         self.codec = codec
-        self.correction = correction
+        self._correction = correction
+        self._rebalance_applied = rebalance.apply
+        self.rebalancer = Rebalancer(rebalance.build())
+        self._block = _Block()
         self.monitor = Monitor(
             seq_modulus=codec.seq_modulus, range_g=monitor.range_g, stuck_frames=monitor.stuck_frames
         )
@@ -221,6 +257,16 @@ class Pipeline:
         self._due: float | None = None
         self._last_t: float | None = None
         self._last_step = 0.0
+
+    @property
+    def correction(self) -> Correction:
+        """The calibration in force. Setting another one also forgets the offset found with the old one."""
+        return self._correction
+
+    @correction.setter
+    def correction(self, correction: Correction) -> None:
+        self._correction = correction
+        self.rebalancer.reset()
 
     def apply(self, tool: ToolSettings, pipeline: PipelineSettings, survey: SurveySettings) -> None:
         """Take new settings between two batches; the window goes on."""
@@ -274,13 +320,25 @@ class Pipeline:
         self._noise.add(a)
         self._window.append(Row(t, a, frame.temp_c))
         self._fresh += 1
+        self._block.add(t, a, frame.temp_c)
+        if self._block.t - self._block.start >= REBALANCE_BLOCK_S:
+            self._rebalance()
         if self._due is None:
             self._due = self._next_due(t)
         elif t >= self._due:
             self._due = self._next_due(t)
             self._output(frame, t)
 
+    def _rebalance(self) -> None:
+        block = self._block
+        t, mean, temp = block.take()
+        corrected = self._correction.correct(mean, temp_c=temp)
+        self.rebalancer.add(t, corrected.gx, corrected.gy, corrected.gz)
+
     def _begin_anew(self) -> None:
+        # the device began again: a new power-up has a new turn-on bias
+        self.rebalancer.reset()
+        self._block = _Block()
         self._window.clear()
         self._fresh = 0
         self._due = None
@@ -305,7 +363,7 @@ class Pipeline:
         xx, yy, zz = statistics.variance
         temps = [row.temp_c for row in rows if row.temp_c is not None]
         temp = sum(temps) / len(temps) if temps else None
-        corrected = self.correction.correct(statistics.mean, (xx, 0.0, 0.0, yy, 0.0, zz), temp)
+        corrected = self._in_force().correct(statistics.mean, (xx, 0.0, 0.0, yy, 0.0, zz), temp)
         attitude = self._attitude(corrected, frame, t, len(rows), t - rows[0].t, temp, flags)
         self.attitudes += 1
         self._emit(attitude)
@@ -313,6 +371,9 @@ class Pipeline:
             fresh = rows[-min(self._fresh, len(rows)) :]
             self._watch_stillness(statistics, fresh, frame, t)
         self._fresh = 0
+
+    def _in_force(self) -> Correction:
+        return self.rebalancer.wrap(self._correction) if self._rebalance_applied else self._correction
 
     def _watch_stillness(self, window: Window, fresh: list[Row], frame: Frame, t: float) -> None:
         still = self._stillness
@@ -322,7 +383,7 @@ class Pipeline:
         still.reported = True
         mean, variance, n, temp = still.mean()
         noise = tuple(v / n for v in variance)
-        corrected = self.correction.correct(mean, (noise[0], 0.0, 0.0, noise[1], 0.0, noise[2]), temp)
+        corrected = self._in_force().correct(mean, (noise[0], 0.0, 0.0, noise[1], 0.0, noise[2]), temp)
         attitude = self._attitude(corrected, frame, t, n, duration, temp, [])
         self.surveys += 1
         self._emit(Survey(attitude, duration, math.sqrt(sum(variance) / 3.0)))
@@ -358,7 +419,7 @@ class Pipeline:
             tf_deg=math.degrees(tf),
             tf_std_deg=math.degrees(tf_std),
             g_total=g_total,
-            cal_id=self.correction.cal_id,
+            cal_id=self._correction.cal_id,
             zone=corrected.zone,
             flags=(*corrected.flags, *flags, *self.extra_flags),
             n=n,
