@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,6 +12,7 @@ from highside.errors import InputError
 from highside.physics import effects
 from highside.physics.effect import Effect, RandomEffect, Stage
 from highside.physics.forward import ForwardModel
+from highside.physics.library_page import markdown
 from highside.physics.state import ChainState
 
 LIBRARY = list(effects.library().values())
@@ -185,3 +189,29 @@ def test_an_unknown_parameter_is_answered_with_those_that_exist() -> None:
 def test_an_effect_given_twice_is_refused() -> None:
     with pytest.raises(InputError, match="given twice"):
         ForwardModel.of([("bias", {}), ("bias", {})])
+
+
+def test_the_page_of_the_library_is_up_to_date() -> None:
+    page = Path(effects.__path__[0]) / "README.md"
+    assert page.read_text() == markdown(), "run: highside effects > src/highside/physics/effects/README.md"
+
+
+def test_the_page_has_every_effect_and_every_parameter() -> None:
+    page = markdown()
+    for effect in LIBRARY:
+        entry = page.split(f"### `{effect.id}`")[1].split("### ")[0]
+        assert effect.story in entry
+        assert all(f"`{p.name}`" in entry for p in effect.parameters)
+
+
+def test_an_effect_is_found_by_its_file_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = (Path(effects.__path__[0]) / "sag.py").read_text()
+    (tmp_path / "droop.py").write_text(source.replace('"sag"', '"droop"').replace("Sag", "Droop"))
+    monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
+    effects.library.cache_clear()
+    try:
+        assert effects.get("droop").stage is Stage.POSE
+        assert ForwardModel.of({"droop": {"s": 1e-3}}).ids == ("droop",)
+    finally:
+        effects.library.cache_clear()
+        sys.modules.pop("highside.physics.effects.droop", None)

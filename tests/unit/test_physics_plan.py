@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from highside.errors import InputError
 from highside.physics.motion import Leg
 from highside.physics.plan import LegPlan, Plan, Pose, PosePlan, Profile, RotationPlan, Session, Site, full_turns, rings
+from highside.physics.state import ChainState
 
 
 def test_a_stepped_session_holds_each_pose_and_needs_time_to_reach_the_next() -> None:
@@ -119,3 +121,46 @@ def test_rings_and_stations_are_told_from_the_encoder_readings() -> None:
 def test_the_number_of_rows_is_known_beforehand(plan: Plan) -> None:
     assert plan.rows(Site()).state.n == pytest.approx(plan.row_count, rel=0.3)
     assert plan.rows(Site()).state.row_seconds == plan.row_seconds
+
+
+def recorded(state: ChainState, **more: np.ndarray) -> dict[str, np.ndarray]:
+    """Columns of a recording of these rows, as `simulate` writes them."""
+    return {
+        "t_s": state.t_s,
+        "inc_ref_deg": np.degrees(state.inc_rad),
+        "tf_ref_deg": np.degrees(state.tf_rad) % 360,
+        **more,
+    }
+
+
+def test_the_state_of_a_rotation_is_read_back_from_its_columns() -> None:
+    state, _ = ROTATION.rows(Site())
+    for columns in (recorded(state), recorded(state, rotor_rate_dps=np.degrees(state.rotor_rate_radps))):
+        back = ChainState.from_columns(columns)
+        np.testing.assert_allclose(np.diff(back.tf_rad), np.diff(state.tf_rad), atol=1e-12)
+        steady = np.abs(np.gradient(state.rotor_accel_radps2)) == 0
+        np.testing.assert_allclose(back.rotor_rate_radps[1:-1], state.rotor_rate_radps[1:-1], atol=0.01)
+        np.testing.assert_allclose(
+            back.rotor_accel_radps2[steady][2:-2], state.rotor_accel_radps2[steady][2:-2], atol=1
+        )
+        assert np.median(np.abs(back.rotor_accel_radps2 - state.rotor_accel_radps2)) < 1e-6
+        assert back.row_seconds == pytest.approx(0.005)
+
+
+def test_the_state_of_a_stepped_session_has_no_rates_between_its_poses() -> None:
+    state, _ = PosePlan(rings([5, 45], [0, 90, 180]), hold_s=2).rows(Site())
+    back = ChainState.from_columns(recorded(state, pose=state.pose.astype(float), direction=-state.direction))
+    assert not back.rotor_rate_radps.any()
+    assert np.array_equal(back.pose, state.pose)
+    assert np.array_equal(back.direction, -state.direction)
+    assert np.array_equal(back.ring, state.ring)
+
+
+def test_the_rotor_angle_stands_in_for_the_toolface() -> None:
+    columns = {"t_s": np.arange(3.0), "inc_ref_deg": np.full(3, 5.0), "rotor_deg": np.array([350.0, 0.0, 10.0])}
+    assert np.degrees(ChainState.from_columns(columns).rotor_rate_radps) == pytest.approx([10, 10, 10])
+
+
+def test_a_recording_without_a_reference_is_refused_by_the_columns_it_lacks() -> None:
+    with pytest.raises(InputError, match=r"lacks the columns inc_ref_deg, tf_ref_deg \(or rotor_deg\)"):
+        ChainState.from_columns({"t_s": np.arange(3.0)})

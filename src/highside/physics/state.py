@@ -7,6 +7,7 @@ effect that needs them then has no influence (and cannot be seen).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -14,6 +15,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.errors import InputError
 from highside.physics.gravity import STANDARD_GRAVITY_MPS2, Array
 
 Ints = NDArray[np.int64]
@@ -80,6 +82,54 @@ class ChainState:
             vibration_rms_g=rows(vibration_rms_g),
             pose=np.arange(n) if pose is None else np.asarray(pose, dtype=np.int64),
             row_seconds=row_seconds,
+            gravity_mps2=gravity_mps2,
+            latitude_rad=latitude_rad,
+            azimuth_rad=azimuth_rad,
+        )
+
+    @classmethod
+    def from_columns(
+        cls,
+        columns: Mapping[str, Array],
+        *,
+        gravity_mps2: float = STANDARD_GRAVITY_MPS2,
+        latitude_rad: float = 0.0,
+        azimuth_rad: float = 0.0,
+    ) -> Self:
+        """The state that a recording tells, from its columns (N,) by their names in the Recording format, in degrees.
+
+        Needs `inc_ref_deg` and `tf_ref_deg` (or `rotor_deg`, which yields to it). Rows without a `pose` column are
+        continuous motion: the toolface is then unwrapped, and rates that are not recorded are its differences.
+        Raises InputError that names the column that is lacking.
+        """
+        lacking = [name for name in ("t_s", "inc_ref_deg") if name not in columns]
+        if "tf_ref_deg" not in columns and "rotor_deg" not in columns:
+            lacking.append("tf_ref_deg (or rotor_deg)")
+        if lacking:
+            raise InputError(f"lacks the column{'s' if len(lacking) > 1 else ''} {', '.join(lacking)}")
+        t_s = np.asarray(columns["t_s"], dtype=float)
+        inc, tf = np.radians(columns["inc_ref_deg"]), np.radians(columns.get("tf_ref_deg", columns.get("rotor_deg")))
+        moves = "pose" not in columns and t_s.size > 1
+        still = np.zeros(t_s.size)
+        if moves:
+            tf = np.unwrap(tf)
+        if "rotor_rate_dps" in columns:
+            rate = np.radians(columns["rotor_rate_dps"])
+        else:
+            rate = np.gradient(tf, t_s) if moves else still
+        standing = np.nan_to_num(np.asarray(columns["pose"], dtype=float), nan=-1.0) if "pose" in columns else None
+        return cls.build(
+            inc,
+            tf,
+            t_s=t_s,
+            direction=columns.get("direction", np.where(rate < 0, -1.0, 1.0)),
+            temp_c=columns.get("temp_c", 25.0),
+            rotor_rate_radps=rate,
+            rotor_accel_radps2=np.gradient(rate, t_s) if moves else still,
+            inc_rate_radps=np.gradient(inc, t_s) if moves else still,
+            vibration_rms_g=columns.get("vibration_rms_g", 0.0),
+            pose=None if standing is None else standing.astype(np.int64),
+            row_seconds=float(np.median(np.diff(t_s))) if t_s.size > 1 else 1.0,
             gravity_mps2=gravity_mps2,
             latitude_rad=latitude_rad,
             azimuth_rad=azimuth_rad,

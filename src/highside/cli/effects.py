@@ -1,0 +1,12 @@
+"""`highside effects`: what the library of effects holds."""
+
+from __future__ import annotations
+
+import typer
+
+
+def effects() -> None:
+    """Print the page of the library of effects (Markdown): stories, formulas, parameters, ranges, confounders."""
+    from highside.physics.library_page import markdown
+
+    typer.echo(markdown(), nl=False)
