@@ -70,6 +70,11 @@ class MqttSettings(BaseModel):
     reconnect_max_s: float = Field(default=1.0, gt=0, le=600)
     qos: Literal[0, 1] = Field(default=1, description="1 keeps a message until the broker has acknowledged it.")
     in_flight: int = Field(default=64, ge=1, le=1000, description="Messages sent and not yet acknowledged.")
+    backlog_per_s: float = Field(
+        default=1000.0,
+        gt=0,
+        description="Historical messages sent a second; more may overrun slow subscribers, whose queue is cut.",
+    )
     prefix: str = Field(
         default="highside",
         pattern=r"^[^/#+\s][^#+\s]*[^/#+\s]$|^[^/#+\s]$",

@@ -8,6 +8,9 @@ deletes the row, and a message without PUBACK within `ack_timeout_s` ends the co
 "black hole") that is noticed before any keep-alive. Delivery is therefore at least once; the sequence number tells a
 duplicate.
 
+The backlog is sent at `backlog_per_s` at most: a broker queues for each subscriber in order and cuts the queue, so a
+flood would delay the live messages behind it and be lost to a subscriber that is slower.
+
 A connection found dead is reset, not closed: a DISCONNECT that reaches the broker late would cancel the last will.
 """
 
@@ -97,6 +100,9 @@ class Publisher:
         self._pending: set[asyncio.Task[None]] = set()
         self._lost: LostConnection | None = None
         self._backlog_in_flight = 0
+        self._allowance = 0.0
+        self._allowance_at_s = 0.0
+        self._pace: asyncio.TimerHandle | None = None
         self._failures: Counter[str] = Counter()
         self._sent = 0
         self.connected = False
@@ -263,14 +269,26 @@ class Publisher:
             self._start(self._send_retained(client, topic, self._retained[topic]))
         # the backlog may fill half of the window: a live message then never waits for a slot
         backlog_slots = max(settings.in_flight // 2, 1)
+        self._grow_allowance(backlog_slots)
         while len(self._pending) < settings.in_flight:
-            taken = self._outbox.take(backlog=self._backlog_in_flight < backlog_slots)
+            free = self._backlog_in_flight < backlog_slots and self._allowance >= 1.0
+            taken = self._outbox.take(backlog=free)
             if taken is None:
-                return
+                break
             row, historical = taken
             payload = mark_historical(row.payload) if historical else row.payload
             self._backlog_in_flight += historical
+            self._allowance -= historical
             self._start(self._send(client, row.id, row.topic, payload, row.qos, historical))
+
+    def _grow_allowance(self, most: float) -> None:
+        """The pace of the backlog: an allowance that grows with time; while it is not full the sender looks again."""
+        loop = asyncio.get_running_loop()
+        now_s, rate = loop.time(), self._settings.backlog_per_s
+        self._allowance = min(self._allowance + (now_s - self._allowance_at_s) * rate, most)
+        self._allowance_at_s = now_s
+        if self._allowance < most and (self._pace is None or self._pace.when() <= now_s):
+            self._pace = loop.call_later(max(0.5 * most / rate, 0.005), self._wake.set)
 
     def _start(self, work: Coroutine[None, None, None]) -> None:
         # tasks begin in the order of their making, so publishes keep theirs
