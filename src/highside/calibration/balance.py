@@ -21,7 +21,15 @@ import math
 import numpy as np
 
 from highside.calibration.conventional import DEFAULT_OFFSET_STD_G, MAX_CONDITION
-from highside.calibration.poses import Array, Indices, PoseSet, gravity, gravity_derivatives
+from highside.calibration.poses import (
+    SAME_TEMPERATURE_C,
+    Array,
+    Indices,
+    PoseSet,
+    gravity,
+    gravity_derivatives,
+    group_settings,
+)
 from highside.calibration.result import (
     NOMINAL_BENCH,
     BenchAccuracy,
@@ -242,6 +250,9 @@ def rings_of_four(poses: PoseSet) -> list[Indices]:
     """The four poses nearest the middles of the quadrants, for every ring that has them."""
     away = _away_from_quadrants(poses.reference()[1])
     rings = poses.rings()
+    if poses.temp_c is not None:  # a ring is measured at one temperature
+        stage = group_settings(poses.temp_c, tolerance=SAME_TEMPERATURE_C)
+        rings = rings * (int(stage.max()) + 1) + stage
     found = []
     for ring in np.flatnonzero(np.bincount(rings) >= 4):
         members = np.flatnonzero(rings == ring)

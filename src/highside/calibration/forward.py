@@ -37,9 +37,16 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 """What may be added, a group at a time."""
 
+HYSTERESIS_NAMES = ("hyst_x", "hyst_y", "hyst_z")
+"""Offset on the way up in temperature less that on the way down (g)."""
+
 PRIOR_MATRIX = 0.05
 PRIOR_OFFSET_G = 0.05
 PRIOR_NONLINEAR_G = 1e-3
+PRIOR_THERMAL_MATRIX = 0.01
+"""Change of an element of A for each power of reduced temperature (-1 to 1 over the range visited)."""
+PRIOR_THERMAL_OFFSET_G = 0.01
+PRIOR_HYSTERESIS_G = 1e-3
 PRIOR_ENCODER_RAD = float(np.deg2rad(0.01))
 
 
@@ -64,8 +71,17 @@ def prior_mean(names: tuple[str, ...]) -> Array:
 
 def prior_std(names: tuple[str, ...], bench: BenchAccuracy) -> Array:
     """Prior standard deviations (P,), wide against what a session tells."""
-    widths = {"A": PRIOR_MATRIX, "b": PRIOR_OFFSET_G, "tilt": bench.tilt_rad, "enc": PRIOR_ENCODER_RAD}
-    return np.array([widths.get(name.partition("_")[0], PRIOR_NONLINEAR_G) for name in names])
+    widths = {
+        "A": PRIOR_MATRIX,
+        "b": PRIOR_OFFSET_G,
+        "tilt": bench.tilt_rad,
+        "enc": PRIOR_ENCODER_RAD,
+        "hyst": PRIOR_HYSTERESIS_G,
+    }
+    thermal = {"A": PRIOR_THERMAL_MATRIX, "b": PRIOR_THERMAL_OFFSET_G}
+    return np.array(
+        [(thermal if "@" in name else widths).get(name.partition("_")[0], PRIOR_NONLINEAR_G) for name in names]
+    )
 
 
 def sensor_of(names: tuple[str, ...], theta: Array) -> SensorModel:
@@ -89,9 +105,19 @@ def encoder_harmonics(tf_rad: Array) -> Array:
     return np.stack([np.cos(tf_rad), np.sin(tf_rad), np.cos(2 * tf_rad), np.sin(2 * tf_rad)])
 
 
-def linearise(names: tuple[str, ...], theta: Array, inc: Array, tf: Array) -> tuple[Array, Array, Array, Array]:
+def linearise(
+    names: tuple[str, ...],
+    theta: Array,
+    inc: Array,
+    tf: Array,
+    u: Array | None = None,
+    leg: Array | None = None,
+) -> tuple[Array, Array, Array, Array]:
     """The forward model at `theta` for poses (N,): readings (3, N), their derivatives by the parameters (3, N, P), by
-    inclination (3, N) and by toolface (3, N)."""
+    inclination (3, N) and by toolface (3, N).
+
+    `u` (N,): reduced temperature, `leg` (N,): +1 on the way up in temperature, -1 on the way down; needed only where
+    `names` ask for them."""
     value = dict(zip(names, theta.tolist(), strict=True))
     sensor = sensor_of(names, theta)
     tx, ty = value.get("tilt_x", 0.0), value.get("tilt_y", 0.0)
@@ -116,9 +142,15 @@ def linearise(names: tuple[str, ...], theta: Array, inc: Array, tf: Array) -> tu
             design[:, :, j] = by_ty
         elif name in ENCODER_NAMES:
             design[:, :, j] = by_tf * harmonics[ENCODER_NAMES.index(name)]
+        elif name in HYSTERESIS_NAMES:
+            design[HYSTERESIS_NAMES.index(name), :, j] = 0.0 if leg is None else 0.5 * leg
         else:
-            design[:, :, j] = design_row(name, w)
-    return sensor.forward(w), design, by_inc, by_tf
+            design[:, :, j] = design_row(name, w, 0.0 if u is None else u)
+    reading = sensor.forward(w)
+    extra = [j for j, name in enumerate(names) if "@" in name or name in HYSTERESIS_NAMES]
+    if extra:
+        reading = reading + design[:, :, extra] @ theta[extra]
+    return reading, design, by_inc, by_tf
 
 
 def pose_covariance(noise: Array, by_inc: Array, by_tf: Array, variances: Variances) -> Array:

@@ -76,15 +76,17 @@ def joint(
     estimate_variances: bool = True,
     toolface_zero_rad: float = 0.0,
     toolface_zero_std_rad: float = 0.0,
+    thermal: ThermalTerms | None = None,
 ) -> CalibrationResult:
     """Estimate sensor and bench together; see the module's docstring.
 
     `nonlinear`, `encoder`: "auto" admits each group by evidence, "none" and "all" force. `toolface_zero_rad` is added
-    to the toolfaces of the bench. Raises CalibrationRefused if there are fewer poses than needed or too many of them
-    are bad; a request that the poses cannot answer in full is answered, with a remark marked `refused`.
+    to the toolfaces of the bench. `thermal` adds terms in temperature (see
+    `highside.calibration.temperature`). Raises CalibrationRefused if there are fewer poses than needed or too many of
+    them are bad; a request that the poses cannot answer in full is answered, with a remark marked `refused`.
     """
     _require_enough(poses)
-    session = _Session.of(poses, bench, toolface_zero_rad)
+    session = _Session.of(poses, bench, toolface_zero_rad, thermal)
     forced = tuple(
         name
         for group, names in GROUPS.items()
@@ -93,7 +95,7 @@ def joint(
     )
     used = np.ones(len(poses), dtype=bool)
     start = _initial_variances(session, bench)
-    names = BASE_NAMES + forced
+    names = BASE_NAMES + forced + (thermal.names if thermal else ())
     optional = _optional_groups(session, nonlinear, encoder)
     # bad poses are sought with every term that may be admitted, lest a missing term pass for bad poses
     wide_names = names + tuple(name for group in optional for name in GROUPS[group])
@@ -124,6 +126,16 @@ def joint(
 
 
 @dataclass(frozen=True, slots=True)
+class ThermalTerms:
+    """Terms in temperature: their names (`b_x@1`, `A_xx@1`, `hyst_x`), reduced temperature `u` and `leg` (+1 up, -1
+    down) of each pose (N,)."""
+
+    names: tuple[str, ...]
+    u: Array
+    leg: Array
+
+
+@dataclass(frozen=True, slots=True)
 class _Session:
     """What of a session does not change between solutions: N poses with R rings and S stations."""
 
@@ -137,9 +149,12 @@ class _Session:
     station_of: Array
     """(N, S), 0 or 1"""
     bench: BenchAccuracy
+    thermal: ThermalTerms | None
 
     @classmethod
-    def of(cls, poses: PoseSet, bench: BenchAccuracy, toolface_zero_rad: float) -> _Session:
+    def of(
+        cls, poses: PoseSet, bench: BenchAccuracy, toolface_zero_rad: float, thermal: ThermalTerms | None = None
+    ) -> _Session:
         inc, tf = poses.reference()
         return cls(
             poses=poses,
@@ -149,7 +164,14 @@ class _Session:
             ring_of=_indicator(poses.rings()),
             station_of=_indicator(poses.stations()),
             bench=bench,
+            thermal=thermal,
         )
+
+    def linearise(self, names: tuple[str, ...], theta: Array) -> tuple[Array, Array, Array, Array]:
+        """`forward.linearise` at the poses of the session."""
+        if self.thermal is None:
+            return linearise(names, theta, self.inc, self.tf)
+        return linearise(names, theta, self.inc, self.tf, self.thermal.u, self.thermal.leg)
 
 
 def _indicator(groups: Indices) -> Array:
@@ -159,6 +181,19 @@ def _indicator(groups: Indices) -> Array:
 def _initial_variances(session: _Session, bench: BenchAccuracy) -> Variances:
     half = 0.5 * bench.pose_rad**2
     return Variances(half, half, half, half)
+
+
+def deviance_of(poses: PoseSet, thermal: ThermalTerms | None, bench: BenchAccuracy = NOMINAL_BENCH) -> float:
+    """Minus twice the log evidence (but for a constant) of the affine sensor with these terms in temperature, the bench
+    as stated. The terms' priors are proper, so that evidences of different sets of terms compare."""
+    session = _Session.of(poses, bench, 0.0, thermal)
+    names = BASE_NAMES + (thermal.names if thermal else ())
+    used = np.ones(len(poses), dtype=bool)
+    start = _initial_variances(session, bench)
+    fit = _solve(session, names, start, used, _rough_start(session, names))
+    reading, design, by_inc, by_tf = session.linearise(names, fit.theta)
+    y = poses.a - reading + design @ (fit.theta - prior_mean(names))
+    return _evaluate(session, design, by_inc, by_tf, y, fit.prior, start, used).deviance
 
 
 def _require_enough(poses: PoseSet) -> None:
@@ -212,7 +247,7 @@ def _rough_start(session: _Session, names: tuple[str, ...]) -> Array:
 
 def _solve(session: _Session, names: tuple[str, ...], variances: Variances, used: NDArray[np.bool_], at: Array) -> _Fit:
     """One Gauss-Newton step from `at` with given variances: penalised generalised least squares."""
-    reading, design, by_inc, by_tf = linearise(names, at, session.inc, session.tf)
+    reading, design, by_inc, by_tf = session.linearise(names, at)
     prior, mean = prior_std(names, session.bench), prior_mean(names)
     y = session.poses.a - reading + design @ (at - mean)
     system = _evaluate(session, design, by_inc, by_tf, y, prior, variances, used)
@@ -313,7 +348,7 @@ def _estimate_variances(
 ) -> Variances:
     """Restricted maximum likelihood of the variance components: minimises `log|V| + y' V^-1 y`, V with the parameters'
     priors in it (which accounts for their number), plus `_variance_penalty`."""
-    reading, design, by_inc, by_tf = linearise(fit.names, fit.theta, session.inc, session.tf)
+    reading, design, by_inc, by_tf = session.linearise(fit.names, fit.theta)
     y = session.poses.a - reading + design @ (fit.theta - prior_mean(fit.names))
     prior = _VariancePrior(
         bench.pose_rad**2, _READING_PRIOR_KNOWN if session.poses.std_known else _READING_PRIOR_ASSUMED
@@ -509,7 +544,8 @@ def _departure(session: _Session, fit: _Fit, variances: Variances, used: NDArray
 def _raw_columns(session: _Session, fit: _Fit, variances: Variances, i: int, noise_of: int) -> tuple[Array, Array]:
     """Columns (3, P + R + S) of pose `i` and its own covariance (3, 3), with the reading noise of pose `noise_of`."""
     one = slice(i, i + 1)
-    design, by_inc, by_tf = linearise(fit.names, fit.theta, session.inc[one], session.tf[one])[1:]
+    u, leg = (None, None) if session.thermal is None else (session.thermal.u[one], session.thermal.leg[one])
+    design, by_inc, by_tf = linearise(fit.names, fit.theta, session.inc[one], session.tf[one], u, leg)[1:]
     columns = np.concatenate([design[:, 0], by_inc * session.ring_of[i], by_tf * session.station_of[i]], axis=1)
     return columns, pose_covariance(session.noise[:, [noise_of]], by_inc, by_tf, variances)[0]
 

@@ -30,8 +30,12 @@ Indices = NDArray[np.intp]
 DEFAULT_NOISE_G = 50e-6
 """Standard deviation assumed for one reading where a pose table states none."""
 
-SAME_SETTING_RAD = np.deg2rad(0.02)
+SAME_SETTING_RAD = float(np.deg2rad(0.02))
 """Settings of a bench closer than this are the same ring or station; just above the usual step of 0.018 deg."""
+
+
+SAME_TEMPERATURE_C = 3.0
+"""Poses within this of one another belong to one step of an oven cycle."""
 
 
 def gravity(inc_rad: Array, tf_rad: Array, tilt_x_rad: float = 0.0, tilt_y_rad: float = 0.0) -> Array:
@@ -57,18 +61,18 @@ def gravity_derivatives(
     return by_inc, by_tf, by_tilt_y
 
 
-def group_settings(values_rad: Array, *, modulo: float | None = None) -> Indices:
-    """Number the distinct settings among `values_rad` (N,): equal numbers for values within `SAME_SETTING_RAD`.
+def group_settings(values: Array, *, modulo: float | None = None, tolerance: float = SAME_SETTING_RAD) -> Indices:
+    """Number the distinct settings among `values` (N,): equal numbers for neighbours within `tolerance`.
 
     `modulo` folds the values first (2 pi for toolfaces).
     """
-    values = np.asarray(values_rad, dtype=float)
+    row = np.asarray(values, dtype=float)
     if modulo is not None:
-        values = np.mod(values + SAME_SETTING_RAD, modulo)
-    order = np.argsort(values, kind="stable")
-    steps = np.diff(values[order]) > SAME_SETTING_RAD
-    groups = np.empty(values.size, dtype=np.intp)
-    groups[order] = np.concatenate([[0], np.cumsum(steps)]) if values.size else 0
+        row = np.mod(row + tolerance, modulo)
+    order = np.argsort(row, kind="stable")
+    steps = np.diff(row[order]) > tolerance
+    groups = np.empty(row.size, dtype=np.intp)
+    groups[order] = np.concatenate([[0], np.cumsum(steps)]) if row.size else 0
     return groups
 
 
@@ -331,10 +335,20 @@ def _require_plausible_g(a: Array, names: tuple[str, ...], where: str | None) ->
 
 @dataclass(frozen=True, slots=True)
 class StillInterval:
-    """Rows `start` to `stop` (excluded) of a recording in which the tool lay still."""
+    """A pose in a recording: rows `start` to `stop` (excluded), without `gaps` (pairs of rows) in which it was
+    disturbed.
+    """
 
     start: int
     stop: int
+    gaps: tuple[tuple[int, int], ...] = ()
+
+    def rows(self) -> Indices:
+        """Indices of the rows in which the tool lay still."""
+        keep = np.ones(self.stop - self.start, dtype=bool)
+        for first, last in self.gaps:
+            keep[first - self.start : last - self.start] = False
+        return np.asarray(np.flatnonzero(keep) + self.start, dtype=np.intp)
 
 
 def find_still_intervals(
@@ -382,8 +396,9 @@ def find_still_intervals(
             start = i
     if labels is not None:
         intervals = [part for whole in intervals for part in _split_at_labels(whole, labels)]
-    grown = [_fit_ends(a, interval, noise, width) for interval in intervals]
-    kept = [interval for interval in grown if (interval.stop - interval.start) >= min_s * rate_hz]
+    trimmed = [_fit_ends(a, interval, noise, width) for interval in intervals]
+    merged = _join_disturbed(a, trimmed, noise, labels)
+    kept = [interval for interval in merged if interval.rows().size >= min_s * rate_hz]
     if not kept:
         raise InputError(
             f"no interval of {min_s:g} s is still", remedy="hold each pose longer, or give a shorter minimum duration"
@@ -393,6 +408,8 @@ def find_still_intervals(
 
 _SCATTER_FACTOR = 2.0
 _STEP_FACTOR = 8.0
+_SAME_ATTITUDE = 1.5
+"""In units of the noise of one reading."""
 
 
 def _noise_floor(scatter: Array, width: int) -> Array:
@@ -425,12 +442,50 @@ def _fit_ends(a: Array, interval: StillInterval, noise: Array, width: int) -> St
     return StillInterval(start, stop)
 
 
-def poses_from_intervals(a: Array, intervals: Sequence[StillInterval], *, temp_c: Array | None = None) -> PoseSet:
-    """Average each interval of the recording `a` (3, N) into a pose without reference."""
-    parts = [a[:, i.start : i.stop] for i in intervals]
+def _join_disturbed(
+    a: Array, intervals: list[StillInterval], noise: Array, labels: Array | None
+) -> list[StillInterval]:
+    """Join neighbours in the same attitude: one pose, disturbed in between (a touch, a passing lorry)."""
+    out: list[StillInterval] = []
+    for interval in intervals:
+        if out:
+            last = out[-1]
+            apart = np.abs(a[:, interval.rows()].mean(axis=1) - a[:, last.rows()].mean(axis=1))
+            same_label = labels is None or labels[last.start] == labels[interval.start]
+            if same_label and np.all(apart <= _SAME_ATTITUDE * noise):
+                out[-1] = StillInterval(last.start, interval.stop, (*last.gaps, (last.stop, interval.start)))
+                continue
+        out.append(interval)
+    return out
+
+
+def poses_from_intervals(
+    a: Array,
+    intervals: Sequence[StillInterval],
+    *,
+    temp_c: Array | None = None,
+    inc_ref_rad: Array | None = None,
+    tf_ref_rad: Array | None = None,
+    direction: Array | None = None,
+    where: str | None = None,
+) -> PoseSet:
+    """Average each interval of the recording `a` (3, N) into a pose. The other rows (N,) are carried along:
+    temperature by its mean, the bench's settings and the direction of approach by their median."""
+    rows = [interval.rows() for interval in intervals]
+    parts = [a[:, row] for row in rows]
+
+    def each(values: Array | None, how: str) -> Array | None:
+        if values is None:
+            return None
+        return np.array([float(np.mean(values[row]) if how == "mean" else np.median(values[row])) for row in rows])
+
     return PoseSet.build(
         np.stack([part.mean(axis=1) for part in parts], axis=1),
         n=np.array([float(part.shape[1]) for part in parts]),
         std=np.stack([part.std(axis=1, ddof=1) for part in parts], axis=1),
-        temp_c=None if temp_c is None else np.array([float(np.mean(temp_c[i.start : i.stop])) for i in intervals]),
+        temp_c=each(temp_c, "mean"),
+        inc_ref_rad=each(inc_ref_rad, "median"),
+        tf_ref_rad=each(tf_ref_rad, "median"),
+        direction=each(direction, "median"),
+        where=where,
     )
