@@ -12,7 +12,7 @@ import sys
 import typer
 
 from highside import __version__
-from highside.cli import calibrate, decode, demo, detect, replay, run, simulate
+from highside.cli import calibrate, decode, demo, detect, effects, replay, reproduce, run, simulate
 from highside.errors import HighsideError
 
 app = typer.Typer(
@@ -44,8 +44,10 @@ app.command()(demo.demo)
 app.command()(detect.detect)
 app.command()(replay.replay)
 app.add_typer(calibrate.app)
+app.add_typer(reproduce.app)
 app.command()(run.run)
 app.command()(simulate.simulate)
+app.command()(effects.effects)
 app.command()(run.check)
 app.command()(run.schema)
 

@@ -1,0 +1,161 @@
+"""Standalone HTML pages: headings, words, tables and plots in one file that needs nothing beside it.
+
+Plots are embedded as SVG whose black lines and letters take the page's own text colour, so that a page can be read on
+a light and on a dark screen and prints well.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from highside.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_INK = "#010203"
+"""Stands in a plot for the page's text colour."""
+
+_STYLE = """
+:root { color-scheme: light dark; --ink: #1b1f24; --paper: #ffffff; --soft: #5b6570; --line: #d4dae0; --band: #f3f5f7; }
+@media (prefers-color-scheme: dark) {
+  :root { --ink: #e4e8ec; --paper: #14171a; --soft: #9aa5b0; --line: #39424b; --band: #1d2226; }
+}
+body { color: var(--ink); background: var(--paper); font: 16px/1.5 system-ui, sans-serif; max-width: 70rem;
+       margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.7rem; line-height: 1.25; } h2 { font-size: 1.25rem; margin-top: 2.5rem; }
+p, li { max-width: 48rem; } .soft, caption, figcaption { color: var(--soft); }
+figure { margin: 1.5rem 0; } figure svg { width: 100%; height: auto; color: var(--ink); }
+figcaption { max-width: 48rem; font-size: .92rem; }
+.wide { overflow-x: auto; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .92rem; margin: 1rem 0; }
+caption { text-align: left; padding-bottom: .4rem; max-width: 48rem; }
+th, td { padding: .2rem .7rem; text-align: right; border-bottom: 1px solid var(--line); }
+th:first-child, td:first-child { text-align: left; }
+td { white-space: nowrap; } td.words { white-space: normal; vertical-align: top; }
+ thead th { font-weight: 600; vertical-align: bottom; }
+td.words, th.words { text-align: left; } tbody tr:nth-child(even) { background: var(--band); }
+"""
+
+
+class Page:
+    """A page in the making; each method adds a part, `html` gives the whole."""
+
+    def __init__(self, title: str) -> None:
+        self._title = title
+        self._parts: list[str] = [f"<h1>{escape(title)}</h1>"]
+        self._figures = 0
+
+    def heading(self, text: str) -> None:
+        self._parts.append(f"<h2>{escape(text)}</h2>")
+
+    def paragraph(self, text: str, *, soft: bool = False) -> None:
+        self._parts.append(f'<p class="soft">{escape(text)}</p>' if soft else f"<p>{escape(text)}</p>")
+
+    def bullets(self, items: Sequence[str]) -> None:
+        self._parts.append("<ul>" + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>")
+
+    def table(
+        self, headers: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "", *, words: Sequence[int] = ()
+    ) -> None:
+        """`words`: indices of the columns that hold text and are set flush left."""
+
+        def cell(tag: str, index: int, text: str) -> str:
+            return (
+                f'<{tag} class="words">{escape(text)}</{tag}>' if index in words else f"<{tag}>{escape(text)}</{tag}>"
+            )
+
+        head = "".join(cell("th", i, text) for i, text in enumerate(headers))
+        body = "".join("<tr>" + "".join(cell("td", i, text) for i, text in enumerate(row)) + "</tr>" for row in rows)
+        title = f"<caption>{escape(caption)}</caption>" if caption else ""
+        self._parts.append(
+            f'<div class="wide"><table>{title}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+        )
+
+    def figure(self, figure: Figure, caption: str) -> None:
+        """Embed a matplotlib figure drawn within `plotting`."""
+        self._figures += 1
+        self._parts.append(
+            f"<figure>{_as_svg(figure, self._figures)}<figcaption>{escape(caption)}</figcaption></figure>"
+        )
+
+    def html(self) -> str:
+        return (
+            f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(self._title)}</title>'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">'
+            f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(self._parts) + "\n</body></html>\n"
+        )
+
+
+@contextmanager
+def plotting() -> Iterator[None]:
+    """All figures of a page are drawn within this. Raises InputError where matplotlib is missing."""
+    try:
+        import matplotlib
+    except ImportError:
+        raise InputError(
+            "plots need matplotlib, which is not installed", remedy="pip install 'highside[plot]'"
+        ) from None
+    with matplotlib.rc_context(_plot_style()):
+        yield
+
+
+def new_figure(rows: int, columns: int, *, width: float = 10.5, height: float = 3.2) -> tuple[Figure, list[list[Axes]]]:
+    """A figure of `rows` x `columns` axes, `height` inches a row; within `plotting`."""
+    from matplotlib.figure import Figure as NewFigure
+
+    figure = NewFigure(figsize=(width, height * rows), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False)
+    return figure, [list(row) for row in axes]
+
+
+def _plot_style() -> dict[Any, Any]:
+    """Settings of matplotlib: transparent, ink for what is black, thin grid."""
+    ink = dict.fromkeys(
+        ("text.color", "axes.edgecolor", "axes.labelcolor", "axes.titlecolor", "xtick.color", "ytick.color"), _INK
+    )
+    return {
+        **ink,
+        "figure.facecolor": "none",
+        "axes.facecolor": "none",
+        "savefig.facecolor": "none",
+        "legend.frameon": False,
+        "legend.fontsize": 8,
+        "axes.titlesize": 9,
+        "axes.labelsize": 8,
+        "xtick.labelsize": 7.5,
+        "ytick.labelsize": 7.5,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.grid": True,
+        "axes.axisbelow": True,
+        "grid.color": "#808890",
+        "grid.alpha": 0.3,
+        "grid.linewidth": 0.6,
+        "lines.linewidth": 1.2,
+        "svg.fonttype": "none",
+        "font.family": ["sans-serif"],
+    }
+
+
+def _as_svg(figure: Figure, number: int) -> str:
+    import matplotlib
+
+    buffer = io.StringIO()
+    with matplotlib.rc_context({"svg.hashsalt": str(number)}):
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    svg = buffer.getvalue()
+    svg = svg[svg.index("<svg") :].replace(_INK, "currentColor")
+    # one page holds several plots: their ids must differ
+    names = sorted(set(re.findall(r'\bid="([^"]+)"', svg)), key=len, reverse=True)
+    for name in names:
+        for before, after in ((f'id="{name}"', f'id="f{number}-{name}"'), (f"#{name}\"", f"#f{number}-{name}\""),
+                              (f"url(#{name})", f"url(#f{number}-{name})")):  # fmt: skip
+            svg = svg.replace(before, after)
+    return svg
