@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from highside.config.model import Model, load_model, parse_model
+from highside.config.model import Model, as_toml, load_model, parse_model
 from highside.errors import InputError
 from highside.physics import effects
 from highside.physics.plan import PosePlan, RotationPlan
@@ -155,6 +155,40 @@ def test_the_examples_are_valid_and_can_be_simulated(project_root: Path, name: s
     knows = load_model(project_root / "config" / name)
     assert knows.session().rows().state.n > 100
     assert knows.forward(1.0).ids
+
+
+@pytest.mark.parametrize("name", ["model-bench.toml", "model-rotation.toml"])
+def test_a_model_written_out_is_read_back_equal(project_root: Path, name: str) -> None:
+    knows = load_model(project_root / "config" / name)
+    assert model(as_toml(knows)) == knows
+
+
+def test_all_kinds_of_values_survive_being_written() -> None:
+    knows = model(
+        """[motion]
+        kind = "legs"
+        gyros = true
+        legs = [{duration_s = 5}, {duration_s = 2.5, turn_deg = -90, inclination_to_deg = 7}]
+        [tool]
+        axes = "-yxz"
+        """
+    )
+    assert model(as_toml(knows)) == knows
+    assert model(as_toml(model(""))) == model("")
+
+
+def test_effects_found_by_a_diagnosis_go_into_the_model() -> None:
+    knows = model(
+        '[sensor]\nbias_g = [1e-3, 0, 0]\nnoise_g = 1e-5\n[effects]\nincluded = ["sag"]\n[effects.sag]\ns_deg = 0.1'
+    )
+    changed = knows.with_effects({"bias": {"b_x": 2e-3}, "lever_arm": {"r_x": 0.01}})
+    parameters = model(as_toml(changed)).forward(1.0).parameters()
+    assert parameters["bias"] == {"b_x": 2e-3, "b_y": 0.0, "b_z": 0.0}
+    assert parameters["sag"]["s"] == pytest.approx(math.radians(0.1))
+    assert parameters["lever_arm"]["r_x"] == 0.01
+    assert parameters["reading_noise"]["density_x"] > 0
+    with pytest.raises(InputError, match="not plausible"):
+        knows.with_effects({"lever_arm": {"r_x": 3.0}})
 
 
 def test_a_file_that_is_no_toml_names_the_line(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import difflib
 import itertools
+import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -363,11 +364,53 @@ class Model(Table):
             effects["reading_noise"] = {f"density_{axis}": density for axis in AXES}
         return ForwardModel.of(effects)
 
+    def with_effects(self, effects: Mapping[str, Mapping[str, float]]) -> Model:
+        """With these effects (parameters in the library's units) in place of those of the same ids.
+
+        Effects that `[sensor]` stands for move to `[effects]`. Raises InputError for an implausible parameter.
+        """
+        kept = {**self.sensor.effects(), **self.effects.values(), **effects}
+        sensor = self.sensor.model_copy(update={"bias_g": None, "scale": None, "misalignment_deg": None})
+        tables = {
+            **self.model_dump(mode="json", exclude={"sensor", "effects"}, exclude_none=True),
+            "sensor": sensor.model_dump(mode="json", exclude_none=True),
+            "effects": {
+                "included": list(kept),
+                "implausible": self.effects.implausible,
+                **{effect_id: dict(values) for effect_id, values in kept.items() if values},
+            },
+        }
+        return parse_model(tables, where="model")
+
     def session(self) -> Session:
         """The session that `[motion]` describes. Raises InputError if the file has no such table."""
         if self.motion is None:
             raise InputError("is missing", field="motion", remedy='add a table [motion] with kind = "poses"')
         return Session(self.motion.plan(), self.site.site, self.motion.temperature, self.motion.vibration)
+
+
+def as_toml(model: Model) -> str:
+    """The model as a file that `load_model` reads back equal; what has its default is left out."""
+    tables = model.model_dump(mode="json", exclude_defaults=True)
+    if model.motion is not None:
+        tables["motion"] = {"kind": model.motion.kind, **tables["motion"]}
+    lines: list[str] = []
+    for name, table in tables.items():
+        inner = {key: value for key, value in table.items() if isinstance(value, dict)}
+        lines += [f"[{name}]", *(f"{key} = {_toml(v)}" for key, v in table.items() if key not in inner), ""]
+        for key, values in inner.items():
+            lines += [f"[{name}.{key}]", *(f"{k} = {_toml(v)}" for k, v in values.items()), ""]
+    return "\n".join(lines)
+
+
+def _toml(value: Any) -> str:
+    """A value in TOML: text, numbers, lists, inline tables."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_toml(v)}" for key, v in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml(v) for v in value) + "]"
+    # JSON and TOML write text, numbers and truth alike
+    return json.dumps(value, ensure_ascii=False)
 
 
 def load_model(path: Path) -> Model:

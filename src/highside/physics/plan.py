@@ -185,6 +185,7 @@ class RotationPlan:
             rotor_rate_radps=rate,
             rotor_accel_radps2=accel[k],
             vibration_rms_g=np.interp(t, starts[:-1][::2] + self.hold_s / 2, shaking),
+            pose=np.zeros(t.size, dtype=np.int64),
             row_seconds=self.row_seconds,
         )
         return Rows(_placed(state, site), np.zeros(t.size, dtype=bool))
@@ -224,6 +225,7 @@ class LegPlan:
             rotor_accel_radps2=accel,
             inc_rate_radps=block.inclination_rate_rad_s,
             vibration_rms_g=block.vibration_rms_g,
+            pose=np.zeros(t.size, dtype=np.int64),
             row_seconds=self.row_seconds,
         )
         return Rows(_placed(state, site), np.zeros(t.size, dtype=bool))

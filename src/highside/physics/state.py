@@ -26,7 +26,7 @@ class ChainState:
     """Rows in time order, (N,) arrays; build with `ChainState.build`, which fills in what is not given.
 
     `direction` is +1 or -1, the side from which the toolface was approached; `pose` counts the stops of a stepped
-    session (in continuous rotation every row has its own number); `row_seconds` is the averaging time of one row.
+    session (continuous motion is one pose: the bench does not stop anew); `row_seconds` is the averaging time of a row.
     """
 
     t_s: Array
@@ -108,7 +108,8 @@ class ChainState:
         if lacking:
             raise InputError(f"lacks the column{'s' if len(lacking) > 1 else ''} {', '.join(lacking)}")
         t_s = np.asarray(columns["t_s"], dtype=float)
-        inc, tf = np.radians(columns["inc_ref_deg"]), np.radians(columns.get("tf_ref_deg", columns.get("rotor_deg")))
+        toolface = "tf_ref_deg" if "tf_ref_deg" in columns else "rotor_deg"
+        inc, tf = np.radians(columns["inc_ref_deg"]), np.radians(columns[toolface])
         moves = "pose" not in columns and t_s.size > 1
         still = np.zeros(t_s.size)
         if moves:
@@ -128,7 +129,7 @@ class ChainState:
             rotor_accel_radps2=np.gradient(rate, t_s) if moves else still,
             inc_rate_radps=np.gradient(inc, t_s) if moves else still,
             vibration_rms_g=columns.get("vibration_rms_g", 0.0),
-            pose=None if standing is None else standing.astype(np.int64),
+            pose=np.zeros(t_s.size, dtype=np.int64) if standing is None else standing.astype(np.int64),
             row_seconds=float(np.median(np.diff(t_s))) if t_s.size > 1 else 1.0,
             gravity_mps2=gravity_mps2,
             latitude_rad=latitude_rad,

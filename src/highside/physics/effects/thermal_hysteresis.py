@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from highside.physics.effect import AXES, Effect, Parameter, Stage
+import numpy as np
+
+from highside.physics.effect import AXES, Effect, Parameter, Stage, on_own_axis
 from highside.physics.gravity import Array
 from highside.physics.memory import play
 from highside.physics.state import ChainState
@@ -30,6 +32,13 @@ class ThermalHysteresis(Effect):
     def delta(self, state: ChainState, p: Array, x: Array) -> Array:
         side = (state.temp_c - play(state.temp_c, p[3])) / p[3]
         return p[:3, None] * side
+
+    def derivative(self, state: ChainState, p: Array, x: Array) -> Array:
+        # the play is the costly part: once for the three heights, twice for the width
+        width, h = p[3], 1e-5 * p[3]
+        side, wider, narrower = ((state.temp_c - play(state.temp_c, w)) / w for w in (width, width + h, width - h))
+        by_width = p[:3, None] * (wider - narrower) / (2 * h)
+        return np.concatenate([on_own_axis(np.broadcast_to(side, (3, state.n))), by_width[None]])
 
 
 EFFECT = ThermalHysteresis()
