@@ -173,6 +173,38 @@ def correct_and_attitude(
     return inc, tf
 
 
+def attitude_by(
+    prepare: Callable[[], Callable[[int, int, FloatArray], None]],
+    n: int,
+    out_inc: FloatArray | None = None,
+    out_tf: FloatArray | None = None,
+    *,
+    degrees: bool = False,
+    threads: int | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Inclination and toolface (n,) of vectors that a caller makes block by block, equation 2; NaN gives NaN.
+
+    `prepare` is called once a thread and returns a function that writes the vectors `low` to `high` into an array
+    (3, high - low) of at most `BLOCK` columns.
+    """
+    inc = np.empty(n) if out_inc is None else out_inc
+    tf = np.empty(n) if out_tf is None else out_tf
+    half_turn = 180.0 if degrees else math.pi
+
+    def work(start: int, stop: int) -> None:
+        ws = _Workspace(min(BLOCK, stop - start), half_turn)
+        fill = prepare()
+        with np.errstate(all="ignore"):
+            for lo in range(start, stop, BLOCK):
+                hi = min(lo + BLOCK, stop)
+                g = ws.g[:, : hi - lo]
+                fill(lo, hi, g)
+                _attitude_of_block(g, inc[lo:hi], tf[lo:hi], ws)
+
+    _share_out(work, n, threads)
+    return inc, tf
+
+
 def attitude_block(
     g: FloatArray,
     out_inc: FloatArray | None = None,

@@ -21,6 +21,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.attitude.block import attitude_by, correct_and_attitude
 from highside.calibration.result import CROSS_PAIRS, MATRIX_NAMES, OFFSET_NAMES, SensorModel, Zone, is_sensor_parameter
 from highside.errors import InputError
 
@@ -255,6 +256,11 @@ class LinearCorrection:
     def name(self) -> str:
         return self.zone.name
 
+    @property
+    def is_affine(self) -> bool:
+        """Whether the vector is an affine function of the reading alone: no temperature, no nonlinear terms."""
+        return self.zone.max_power() == 0 and self.coefficients(None).nonlinear is None
+
     def coefficients(self, temp_c: float | None = None) -> _Coefficients:
         """The zone at a temperature, rounded to `TEMPERATURE_STEP_C`; where None, at the reference temperature."""
         depends = self.trust is not None or self.zone.temperature is not None
@@ -335,6 +341,27 @@ class LinearCorrection:
         inside = np.isfinite(g[2])
         zone = np.where(inside, 0, -1).astype(np.intp)
         return BlockCorrected(g, cov, zone, (self.name,), self.temperature_outside(temp_c, a.shape[1]))
+
+    def attitude(
+        self,
+        a: FloatArray,
+        temp_c: FloatArray | float | None = None,
+        out_inc: FloatArray | None = None,
+        out_tf: FloatArray | None = None,
+        *,
+        degrees: bool = False,
+        threads: int | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Inclination and toolface (N,) of raw readings `a` (3, N) in bulk; NaN where no correction holds."""
+        if self.is_affine and not (self.guarded and self.zone.inc_center_rad is not None):
+            model = self.zone.model()
+            return correct_and_attitude(a, model.C, model.b, out_inc, out_tf, degrees=degrees, threads=threads)
+
+        def fill(low: int, high: int, out: FloatArray) -> None:
+            part = temp_c[low:high] if isinstance(temp_c, np.ndarray) and temp_c.ndim else temp_c
+            out[:] = self.correct_block(a[:, low:high], part)
+
+        return attitude_by(lambda: fill, a.shape[1], out_inc, out_tf, degrees=degrees, threads=threads)
 
     def reading_covariance(self, temp_c: FloatArray | float | None = None) -> FloatArray:
         """Covariance (6, 1) that a reading noise of one g in each axis becomes (mean temperature, scale is small)."""

@@ -18,13 +18,14 @@ is stated, equal to the truth where the errors are the same and never below it.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.attitude.block import attitude_by
 from highside.calibration.correction import (
     ZERO_COVARIANCE,
     BlockCorrected,
@@ -44,14 +45,19 @@ TAPER = 0.5
 """Share of a zone's half-width, at either edge, over which its weight falls from one to zero."""
 
 _EDGE_OF_RANGE = 1e-9
+_PIECE = 16384
+"""Readings that are blended at a time: some fifteen arrays of this length stay in the second-level cache."""
+_WHOLE = 1.0 - 1e-9
+"""Weights that sum to this leave nothing for the fallback; the jump is 1e-9 of a difference of some 1e-4 g."""
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """The weight of one zone by inclination (rad): 0 outside of `low` to `high`, 1 at its own inclination `center`.
+    """The weight of one zone by the key of a reading (`key_of`): 0 outside of `low` to `high`, 1 at its own `center`.
 
-    It rises over `rise` from `low` and falls over `fall` towards `high`; a width of 0 means that there is no edge
-    on that side (the zone reaches to 0 or 180 deg).
+    The weight rises from `low` to
+    `low + rise` and falls from `high - fall` to `high`; a width of 0 means that there is no edge on that side (the
+    zone reaches to 0 or 180 deg).
     """
 
     center: float
@@ -60,23 +66,74 @@ class Window:
     rise: float
     fall: float
 
-    def weight(self, inc_rad: float) -> float:
-        """Weight at one inclination."""
-        if inc_rad < self.center:
-            return _smooth_step((inc_rad - self.low) / self.rise) if self.rise > 0.0 else 1.0
-        return _smooth_step((self.high - inc_rad) / self.fall) if self.fall > 0.0 else 1.0
-
-    def weights(self, inc_rad: FloatArray) -> FloatArray:
-        """Weights at inclinations (N,)."""
-        out = np.ones_like(inc_rad)
+    def weight(self, key: float) -> float:
+        """Weight at one key."""
+        x = 1.0
         if self.rise > 0.0:
-            below = inc_rad < self.center
-            out[below] = _smooth_steps((inc_rad[below] - self.low) / self.rise)
+            x = min(x, (key - self.low) / self.rise)
         if self.fall > 0.0:
-            above = inc_rad >= self.center
-            out[above] = _smooth_steps((self.high - inc_rad[above]) / self.fall)
-        out[np.isnan(inc_rad)] = 0.0
-        return out
+            x = min(x, (self.high - key) / self.fall)
+        return x * x * (3.0 - 2.0 * x) if x > 0.0 else 0.0
+
+    def weights(
+        self,
+        key: FloatArray,
+        out: FloatArray | None = None,
+        work: FloatArray | None = None,
+        *,
+        falls_only: bool = False,
+    ) -> FloatArray:
+        """Weights at keys (N,); `out` and `work` (N,) may be given. NaN stays NaN.
+
+        `falls_only` says that all keys are beyond the centre.
+        """
+        x = np.empty_like(key) if out is None else out
+        other = np.empty_like(key) if work is None else work
+        if falls_only:
+            np.subtract(self.high, key, out=x)
+            np.multiply(x, 1.0 / self.fall, out=x)
+        else:
+            self._both_sides(key, x, other)
+        np.clip(x, 0.0, 1.0, out=x)
+        np.multiply(x, -2.0, out=other)
+        np.add(other, 3.0, out=other)
+        np.multiply(other, x, out=other)
+        return np.multiply(other, x, out=x)
+
+    def _both_sides(self, key: FloatArray, x: FloatArray, other: FloatArray) -> None:
+        if self.rise > 0.0:
+            np.subtract(key, self.low, out=x)
+            np.multiply(x, 1.0 / self.rise, out=x)
+        else:
+            x.fill(1.0)
+        if self.fall > 0.0:
+            np.subtract(self.high, key, out=other)
+            np.multiply(other, 1.0 / self.fall, out=other)
+            np.minimum(x, other, out=x)
+
+    def touches(self, least: float, most: float) -> bool:
+        """Whether the weight is more than zero anywhere in a range."""
+        return not (self.rise > 0.0 and most <= self.low) and not (self.fall > 0.0 and least >= self.high)
+
+    def is_full(self, least: float, most: float) -> bool:
+        """Whether the weight is one everywhere in a range."""
+        rises = self.rise > 0.0 and least < self.low + self.rise
+        return not rises and not (self.fall > 0.0 and most > self.high - self.fall)
+
+
+def key_of(x: float, y: float, z: float) -> float:
+    """What orders readings by inclination without an arc tangent: `sin^2 I` up to 90 deg, `2 - sin^2 I` beyond."""
+    r2 = x * x + y * y
+    n2 = r2 + z * z
+    if n2 == 0.0:
+        return 0.0
+    return r2 / n2 if z >= 0.0 else 2.0 - r2 / n2
+
+
+def key_of_inclination(inc_rad: float) -> float:
+    """`key_of` a vector at an inclination in [0, pi]."""
+    s2 = math.sin(inc_rad) ** 2
+    return s2 if inc_rad <= 0.5 * math.pi else 2.0 - s2
 
 
 def windows(zones: Sequence[Zone]) -> tuple[Window, ...]:
@@ -84,34 +141,20 @@ def windows(zones: Sequence[Zone]) -> tuple[Window, ...]:
 
     Between two neighbours one falls while the other rises, the sum being one where both reach far enough.
     """
-    centers = [abs(zone.inc_center_rad or 0.0) for zone in zones]
+    spans = [(key_of_inclination(zone.inc_min_rad), key_of_inclination(zone.inc_max_rad)) for zone in zones]
+    centers = [key_of_inclination(abs(zone.inc_center_rad or 0.0)) for zone in zones]
     out = []
-    for k, (zone, center) in enumerate(zip(zones, centers, strict=True)):
-        low, high = zone.inc_min_rad, zone.inc_max_rad
-        rise = 0.0 if low <= _EDGE_OF_RANGE else TAPER * (center - low)
-        fall = 0.0 if high >= math.pi - _EDGE_OF_RANGE else TAPER * (high - center)
-        if k > 0 and zones[k - 1].inc_max_rad > low:
+    for k, ((low, high), center) in enumerate(zip(spans, centers, strict=True)):
+        rise = 0.0 if zones[k].inc_min_rad <= _EDGE_OF_RANGE else TAPER * (center - low)
+        fall = 0.0 if zones[k].inc_max_rad >= math.pi - _EDGE_OF_RANGE else TAPER * (high - center)
+        if k > 0 and spans[k - 1][1] > low:
             low = max(low, centers[k - 1])
             rise = center - low
-        if k + 1 < len(zones) and zones[k + 1].inc_min_rad < high:
+        if k + 1 < len(zones) and spans[k + 1][0] < high:
             high = min(high, centers[k + 1])
             fall = high - center
         out.append(Window(center, low, high, rise, fall))
     return tuple(out)
-
-
-def _smooth_step(x: float) -> float:
-    """0 for x <= 0, 1 for x >= 1, with continuous first and second derivatives between."""
-    if x <= 0.0:
-        return 0.0
-    if x >= 1.0:
-        return 1.0
-    return x * x * x * (x * (6.0 * x - 15.0) + 10.0)
-
-
-def _smooth_steps(x: FloatArray) -> FloatArray:
-    x = np.clip(x, 0.0, 1.0)
-    return np.asarray(x * x * x * (x * (6.0 * x - 15.0) + 10.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,11 +195,11 @@ class ScheduledCorrection:
             z = c[6] * a[0] + c[7] * a[1] + c[8] * a[2] - o[2]
         else:
             x, y, z = a
-        inc = math.atan2(math.hypot(x, y), z)
+        key = key_of(x, y, z)
         pairs = zip(self.zones, self._windows, strict=True)
-        parts = [(part, w) for part, window in pairs if (w := window.weight(inc)) > 0.0]
+        parts = [(part, w) for part, window in pairs if (w := window.weight(key)) > 0.0]
         total = sum(w for _, w in parts)
-        if self.fallback is not None and total < 1.0:
+        if self.fallback is not None and total < _WHOLE:
             return [*parts, (self.fallback, 1.0 - total)]
         return [(part, w / total) for part, w in parts]
 
@@ -216,20 +259,171 @@ class ScheduledCorrection:
     ) -> list[tuple[LinearCorrection, NDArray[np.intp], FloatArray]]:
         """Each correction with the readings (rows) that it takes part in, and its weight there."""
         guided = a if self._guide is None else self._guide.correct_block(a, temp_c)
-        inc = np.arctan2(np.sqrt(guided[0] ** 2 + guided[1] ** 2), guided[2])
+        key = np.empty(a.shape[1])
+        _keys(guided, key, np.empty_like(key))
         parts: list[LinearCorrection] = list(self.zones)
-        weights = [window.weights(inc) for window in self._windows]
-        total = np.sum(weights, axis=0) if weights else np.zeros_like(inc)
+        weights = [window.weights(key) for window in self._windows]
+        total = np.sum(weights, axis=0) if weights else np.zeros_like(key)
         if self.fallback is not None:
             parts.append(self.fallback)
-            weights.append(np.where(np.isnan(inc), 0.0, np.maximum(1.0 - total, 0.0)))
+            weights.append(np.where(total < _WHOLE, 1.0 - total, 0.0))
             total = np.maximum(total, 1.0)
         out = []
         for part, w in zip(parts, weights, strict=True):
-            rows = np.flatnonzero(w)
+            rows = np.flatnonzero(w > 0.0)
             if rows.size:
                 out.append((part, rows, w[rows] / total[rows]))
         return out
+
+    def attitude(
+        self,
+        a: FloatArray,
+        temp_c: FloatArray | float | None = None,
+        out_inc: FloatArray | None = None,
+        out_tf: FloatArray | None = None,
+        *,
+        degrees: bool = False,
+        threads: int | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Inclination and toolface (N,) of raw readings `a` (3, N) in bulk, in rad or degrees; NaN where no correction
+        holds.
+
+        Readings are taken in blocks that stay in the cache; a block asks only for the corrections that its range of
+        inclination needs, so that a log (whose inclination changes slowly) costs little more than one correction.
+        """
+
+        def prepare() -> Callable[[int, int, FloatArray], None]:
+            if self._is_affine:
+                filler = _AffineBlocks(self, a)
+                return filler.fill
+
+            def fill(low: int, high: int, out: FloatArray) -> None:
+                out[:] = self.correct_block(a[:, low:high], _of_rows(temp_c, np.arange(low, high)))
+
+            return fill
+
+        return attitude_by(prepare, a.shape[1], out_inc, out_tf, degrees=degrees, threads=threads)
+
+    @property
+    def _is_affine(self) -> bool:
+        """Whether vectors depend on nothing but the reading, in first order: no temperature, no nonlinear terms."""
+        parts = [part for part in (*self.zones, self.fallback, self._guide) if part is not None]
+        return all(part.is_affine for part in parts)
+
+
+class _AffineBlocks:
+    """Corrects blocks of readings by a schedule of affine corrections; one of it a thread, for it keeps its arrays.
+
+    A blend is taken as `base + sum w (part - base)`, with the matrices of guide, base and differences in one product.
+    """
+
+    def __init__(self, schedule: ScheduledCorrection, a: FloatArray) -> None:
+        self._a = a
+        self._windows = schedule._windows
+        self._parts = [_matrix(part) for part in schedule.zones]
+        self._fallback = None if schedule.fallback is None else _matrix(schedule.fallback)
+        self._guide = np.eye(3, 4) if schedule._guide is None else _matrix(schedule._guide)
+        self._products = np.empty((9, _PIECE))
+        self._key, self._w, self._work, self._total = np.empty((4, _PIECE))
+        self._held: tuple[int, ...] | None = None
+        self._stack = self._guide
+
+    def fill(self, low: int, high: int, out: FloatArray) -> None:
+        """Corrected vectors of the readings `low` to `high` into `out` (3, high - low)."""
+        for at in range(low, high, _PIECE):
+            upto = min(at + _PIECE, high)
+            self._fill(self._a[:, at:upto], out[:, at - low : upto - low])
+
+    def _fill(self, raw: FloatArray, out: FloatArray) -> None:
+        n = raw.shape[1]
+        # the corrections of the piece before are most likely those of this one too: one product for all
+        rows = self._products[: len(self._stack), :n]
+        _affine(self._stack, raw, rows)
+        key, work = self._key[:n], self._work[:n]
+        _keys(rows[:3], key, work)
+        least, most = float(key.min()), float(key.max())
+        if math.isnan(least):
+            least, most = 0.0, 2.0
+        active = tuple(k for k, window in enumerate(self._windows) if window.touches(least, most))
+        pair = len(active) == 2 and self._sum_to_one(active[0], least, most)
+        if pair or (self._fallback is not None and len(active) <= 1):
+            if active != self._held:
+                self._prepare(active, pair)
+                rows = self._products[: len(self._stack), :n]
+                _affine(self._stack, raw, rows)
+            if len(rows) == 3:
+                out[:] = rows
+            elif self._windows[active[0]].is_full(least, most):
+                np.add(rows[3:6], rows[6:9], out=out)
+            else:
+                w = self._windows[active[0]].weights(key, self._w[:n], work, falls_only=pair)
+                np.multiply(rows[6:9], w, out=out)
+                np.add(out, rows[3:6], out=out)
+            return
+        self._blend(active, raw, key, out)
+
+    def _prepare(self, active: tuple[int, ...], pair: bool) -> None:
+        """Stack the matrices for one or two corrections that share the whole weight."""
+        self._held = active
+        if not active:
+            assert self._fallback is not None
+            self._stack = self._fallback
+            return
+        base = self._parts[active[1]] if pair else self._fallback
+        assert base is not None
+        self._stack = np.vstack([self._guide, base, self._parts[active[0]] - base])
+
+    def _blend(self, active: tuple[int, ...], raw: FloatArray, key: FloatArray, out: FloatArray) -> None:
+        """Any number of corrections; without a fallback the weights are made to sum to one."""
+        n = raw.shape[1]
+        g, w, work, total = self._products[:3, :n], self._w[:n], self._work[:n], self._total[:n]
+        if self._fallback is not None:
+            _affine(self._fallback, raw, out)
+        else:
+            out.fill(0.0)
+            total.fill(0.0)
+        for k in active:
+            _affine(self._parts[k] if self._fallback is None else self._parts[k] - self._fallback, raw, g)
+            self._windows[k].weights(key, w, work)
+            np.multiply(g, w, out=g)
+            np.add(out, g, out=out)
+            if self._fallback is None:
+                np.add(total, w, out=total)
+        if self._fallback is None:
+            np.divide(out, total, out=out)  # 0/0 is NaN: no correction holds
+
+    def _sum_to_one(self, k: int, least: float, most: float) -> bool:
+        """Whether in this range the weights of windows k and k + 1 sum to one."""
+        if k + 1 >= len(self._windows):
+            return False
+        one, other = self._windows[k], self._windows[k + 1]
+        meet = one.high == other.center and other.low == one.center and one.fall == other.rise
+        return meet and least >= one.center and most <= other.center
+
+
+def _matrix(part: LinearCorrection) -> FloatArray:
+    """C and -C b side by side, (3, 4)."""
+    k = part.coefficients(None)
+    return np.column_stack([np.array(k.c).reshape(3, 3), -np.array(k.o)])
+
+
+def _affine(matrix: FloatArray, raw: FloatArray, out: FloatArray) -> None:
+    np.matmul(matrix[:, :3], raw, out=out)
+    np.add(out, matrix[:, 3:], out=out)
+
+
+def _keys(g: FloatArray, out: FloatArray, work: FloatArray) -> None:
+    """`key_of` vectors (3, N) into `out` (N,)."""
+    np.multiply(g[0], g[0], out=out)
+    np.multiply(g[1], g[1], out=work)
+    np.add(out, work, out=out)
+    np.multiply(g[2], g[2], out=work)
+    np.add(work, out, out=work)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        np.divide(out, work, out=out)
+    if g[2].min() < 0.0:
+        below = g[2] < 0.0
+        out[below] = 2.0 - out[below]
 
 
 def _of_rows(value: Value, rows: NDArray[np.intp]) -> Value:
