@@ -39,6 +39,7 @@ def free_port() -> int:
 
 def shipped_config(project_root: Path, folder: Path, port: int, passwords: dict[str, str]) -> Path:
     """`config/mosquitto.conf` with its paths and port moved into `folder`; nothing else is changed."""
+    require_mosquitto()
     lines = (project_root / "config" / "mosquitto.conf").read_text()
     acl, passwd, data = folder / "highside.acl", folder / "highside.passwd", folder / "data"
     data.mkdir(exist_ok=True)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from broker import Mosquitto, Subscriber, free_port, shipped_config
+from broker import Mosquitto, Proxy, Subscriber, free_port, shipped_config
 
 from highside.config.mqtt import MqttSettings, TlsSettings
 from highside.errors import InputError
@@ -148,6 +148,39 @@ async def test_leaving_is_quick_without_a_broker(tmp_path: Path) -> None:
     await asyncio.to_thread(outbox.stop, 5.0)
     assert time.monotonic() - began < 2.0
     assert outbox.stats.queued == 1
+
+
+async def test_leaving_is_quick_while_the_network_swallows_the_connect(tmp_path: Path) -> None:
+    outbox = make_outbox(tmp_path / "outbox.sqlite")
+    outbox.start()
+    async with Proxy(free_port()) as proxy:
+        proxy.fall_silent()
+        publisher = Publisher(MqttSettings(port=proxy.port), outbox, tool_id=TOOL)
+        task = asyncio.create_task(publisher.run())
+        await asyncio.sleep(0.5)
+        began = time.monotonic()
+        await publisher.stop(5.0)
+        await asyncio.wait_for(task, 1.0)
+        assert time.monotonic() - began < 1.0
+    assert publisher.stats.failures == {"stopped": 1}
+    await asyncio.to_thread(outbox.stop, 5.0)
+
+
+async def test_a_message_that_mqtt_cannot_carry_does_not_block_the_others(tmp_path: Path) -> None:
+    outbox = make_outbox(tmp_path / "outbox.sqlite")
+    outbox.start()
+    with Mosquitto(tmp_path / "broker") as mosquitto:
+        publisher = Publisher(MqttSettings(port=mosquitto.port), outbox, tool_id=TOOL)
+        async with sending(publisher):
+            put(outbox)
+            outbox.put("highside/+/attitude", b"a topic with a wildcard", created_s=time.time())
+            put(outbox)
+            await until(lambda: outbox.stats.queued == 0, 5.0, "delivery of the rest")
+    await asyncio.to_thread(outbox.stop, 5.0)
+    assert outbox.stats.acknowledged == 2
+    assert outbox.stats.dropped == {"refused": 1}
+    assert outbox.stats.balanced()
+    assert publisher.connects == 1
 
 
 async def test_a_wrong_password_is_counted_and_a_mended_one_is_taken(tmp_path: Path, project_root: Path) -> None:

@@ -33,7 +33,7 @@ from aiomqtt.exceptions import MqttConnectError
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 
-from highside.config.mqtt import MqttSettings
+from highside.config.mqtt import MqttSettings, TlsSettings
 from highside.errors import InputError
 from highside.service.messages import OFFLINE, ONLINE, mark_historical
 from highside.service.outbox import Outbox
@@ -161,9 +161,9 @@ class Publisher:
     # -- one connection --------------------------------------------------------------------------------------------
 
     async def _one_connection(self) -> None:
-        client = self._client()
+        client = await self._client()
         try:
-            await asyncio.wait_for(client.__aenter__(), self._settings.connect_timeout_s + 1.0)
+            await self._connect(client)
         except (aiomqtt.MqttError, TimeoutError, OSError, ValueError) as error:
             _reset(client)
             raise LostConnection(_connect_reason(error), str(error) or "no answer") from error
@@ -198,15 +198,38 @@ class Publisher:
             with contextlib.suppress(aiomqtt.MqttError, TimeoutError):
                 await asyncio.wait_for(client.__aexit__(None, None, None), self._settings.ack_timeout_s)
 
+    async def _connect(self, client: aiomqtt.Client) -> None:
+        """Raises what aiomqtt raises, TimeoutError, or `LostConnection` when `stop` was called meanwhile."""
+        connect = asyncio.create_task(client.__aenter__())
+        stop = asyncio.create_task(self._stopping.wait())
+        try:
+            await asyncio.wait(
+                {connect, stop},
+                timeout=self._settings.connect_timeout_s + 1.0,
+                return_when=asyncio.FIRST_COMPLETED,
+            )
+        finally:
+            stop.cancel()
+            if not connect.done():
+                connect.cancel()
+                await asyncio.gather(connect, return_exceptions=True)
+        if not connect.cancelled():
+            connect.result()
+        elif self._stopping.is_set():
+            raise LostConnection("stopped", "told to stop while connecting")
+        else:
+            raise TimeoutError
+
     def _wake_from(self, loop: asyncio.AbstractEventLoop) -> None:
         """Called in the outbox's thread."""
         loop.call_soon_threadsafe(self._wake.set)
 
-    def _client(self) -> aiomqtt.Client:
+    async def _client(self) -> aiomqtt.Client:
         settings = self._settings
         try:
             password = settings.read_password()
-            context = _tls_context(settings)
+            # reading the system's certificates takes tens of milliseconds
+            context = None if settings.tls is None else await asyncio.to_thread(_tls_context, settings.tls)
         except (InputError, OSError) as error:
             # a certificate or a credential that is being exchanged: try again
             raise LostConnection("credentials", str(error)) from error
@@ -318,6 +341,9 @@ class Publisher:
             await self._publish(client, topic, payload, qos=1, retain=True)
         except LostConnection as lost:
             self._fail(lost)
+        except ValueError as error:
+            log.error("mqtt: the retained message on %r cannot be sent (%s)", topic, error)
+            self._retained.pop(topic, None)
 
     async def _publish(self, client: aiomqtt.Client, topic: str, payload: bytes, *, qos: int, retain: bool) -> None:
         self._sent += 1
@@ -372,10 +398,7 @@ def _reset(client: aiomqtt.Client) -> None:
         client._disconnected.set_result(None)
 
 
-def _tls_context(settings: MqttSettings) -> ssl.SSLContext | None:
-    tls = settings.tls
-    if tls is None:
-        return None
+def _tls_context(tls: TlsSettings) -> ssl.SSLContext:
     context = ssl.create_default_context(cafile=str(tls.ca) if tls.ca is not None else None)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     if tls.cert is not None and tls.key is not None:
