@@ -148,6 +148,7 @@ def test_health_reads_back() -> None:
             "broker": {"connected": True, "connects": 1, "failures": {}, "last_error": ""},
             "pipeline": {"attitudes": 2},
             "calibration": {"cal_id": "identity"},
+            "rebalance": {},
             "reload": {},
             "balance": {"messages": True},
             "alarms": [],
