@@ -72,6 +72,8 @@ class SerialTransport:
         loop = asyncio.get_running_loop()
         self._ended = loop.create_future()
         self._deliver = deliver
+        if not self._is_url:
+            self._identity = _identity(self._settings.port)
         # opening may talk over USB or the network: not in the loop
         self._port = await asyncio.to_thread(self._open_port)
         if self._closing.is_set():
@@ -93,7 +95,6 @@ class SerialTransport:
             )
             self._thread.start()
         if not self._is_url:
-            self._identity = _identity(self._settings.port)
             self._watcher = asyncio.create_task(self._watch_node())
 
     async def wait_closed(self) -> LinkError:
@@ -103,14 +104,15 @@ class SerialTransport:
     async def wait_ready(self) -> None:
         if self._is_url:
             await asyncio.get_running_loop().create_future()  # nothing to look at: the back-off decides
-        before = self._identity if self._ended is not None and self._ended.done() else _identity(self._settings.port)
+        # compared with what was there when this attempt began: it may have come back before anybody waited for it
+        before = self._identity
         while True:
+            await asyncio.sleep(LOOK_S)
             now = _identity(self._settings.port)
             if now is None:
                 before = None  # it is gone: whatever appears next is new
             elif now != before:
                 return
-            await asyncio.sleep(LOOK_S)
 
     async def close(self) -> None:
         self._closing.set()

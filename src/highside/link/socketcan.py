@@ -91,14 +91,14 @@ class SocketCanTransport:
 
     async def wait_ready(self) -> None:
         """Return when an interface that was absent or down is there and up, or is another one than before."""
-        before = self._index if interface_problem(self._settings.interface, self._index) is None else 0
+        ended = self._ended.result().reason if self._ended is not None and self._ended.done() else None
+        before = 0 if ended in (LinkReason.INTERFACE_DOWN, LinkReason.INTERFACE_GONE) else self._index
         while True:
-            if interface_problem(self._settings.interface) is None:
-                if interface_index(self._settings.interface) != before:
-                    return
-            else:
-                before = 0
             await asyncio.sleep(LOOK_S)
+            if interface_problem(self._settings.interface) is not None:
+                before = 0
+            elif interface_index(self._settings.interface) != before:
+                return
 
     async def close(self) -> None:
         if self._health is not None:

@@ -19,14 +19,16 @@ import termios
 import tty
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace as _replace
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from highside.codec.frame import CanFrame
 from highside.errors import InputError
 from highside.link.pythoncan import PythonCanSettings, open_bus
 from highside.link.socketcan import SocketCanSettings, open_socket, send_frame
+
+if TYPE_CHECKING:
+    import can
 
 PENDING_BYTES = 1 << 20
 PENDING_FRAMES = 20_000
@@ -257,8 +259,8 @@ class PythonCanWire:
     """A bus of python-can, for instance its `virtual` one."""
 
     def __init__(self, settings: PythonCanSettings) -> None:
-        self._settings = _replace(settings)
-        self._bus: object | None = None
+        self._settings = settings
+        self._bus: can.BusABC | None = None
         self.unheard = 0
 
     pending = 0
@@ -278,7 +280,7 @@ class PythonCanWire:
     def unplug(self) -> None:
         import can
 
-        if isinstance(self._bus, can.BusABC):
+        if self._bus is not None:
             with contextlib.suppress(can.CanError, OSError):
                 self._bus.shutdown()
         self._bus = None
@@ -296,7 +298,7 @@ class PythonCanWire:
     def write_frames(self, frames: Sequence[CanFrame]) -> None:
         import can
 
-        if not isinstance(self._bus, can.BusABC):
+        if self._bus is None:
             self.unheard += len(frames)
             return
         for frame in frames:
