@@ -274,6 +274,7 @@ def test_a_full_disk_does_not_stop_acquisition_or_sending_and_is_survived(tmp_pa
             stats = outbox.stats
             assert stats.balanced()
             assert stats.dropped == {"memory": 600}
+            assert outbox.uncommitted == 400
             assert stats.storage_error
             # late is better than never: with a broker there, messages leave from memory
             outbox.begin_delivery(lambda: None)
@@ -284,6 +285,8 @@ def test_a_full_disk_does_not_stop_acquisition_or_sending_and_is_survived(tmp_pa
             assert outbox.stats.balanced()
         until(lambda: outbox.stats.storage_ok, "recovery")
         until(lambda: outbox.stats.committed == 470, "commit of what waited")
+        # 30 were acknowledged without ever being committed, and nothing waits for them
+        assert outbox.uncommitted == 0
         # neither what is acknowledged nor what is in flight is handed out a second time
         again = [row.seq for row, _ in take_all(outbox, 450)]
         assert sorted(again) == [*range(100), *range(750, 1100)]

@@ -445,8 +445,7 @@ class Progress:
     def wedged_s(self) -> float:
         """Seconds for which messages have waited for a commit that did not come."""
         stats, now = self._outbox.stats, time.monotonic()
-        waiting = stats.produced - stats.carried > stats.committed + sum(stats.dropped.values())
-        if stats.committed != self._committed or not waiting or not stats.storage_ok:
+        if stats.committed != self._committed or not self._outbox.uncommitted or not stats.storage_ok:
             self._committed, self._since = stats.committed, now
         return now - self._since
 

@@ -201,6 +201,12 @@ class Outbox:
                 return
 
     @property
+    def uncommitted(self) -> int:
+        """Messages that wait in memory for their commit."""
+        with self._lock:
+            return len(self._handover)
+
+    @property
     def stats(self) -> OutboxStats:
         with self._lock:
             return OutboxStats(
