@@ -164,7 +164,7 @@ def _colours(count: int) -> list[Any]:
     from matplotlib import colormaps
 
     # the ends of the map are too dark for one of the page's two backgrounds
-    return list(colormaps["turbo"](np.linspace(0.12, 0.92, count)))
+    return list(colormaps["turbo"](np.linspace(0.14, 0.86, count)))
 
 
 def _turn_axes(axes: Axes, what: str) -> None:
