@@ -175,6 +175,7 @@ def install() -> None:
     command.chmod(0o755)
 
     CONFIG.parent.mkdir(exist_ok=True)
+    (CONFIG.parent / "highside.dbc").write_bytes((ROOT / "config" / "highside.dbc").read_bytes())
     configure(rate=10)
     password = CONFIG.parent / "mqtt-password"
     password.write_text(PASSWORD + "\n")
@@ -283,6 +284,27 @@ def test_reload_takes_a_good_configuration_and_refuses_a_bad_one(guest: Guest) -
     assert show("ActiveState") == "active"
     assert show("MainPID") == pid
     assert restarts() == 0
+
+
+def test_a_reload_moves_the_tool_to_a_can_bus_and_back(guest: Guest) -> None:
+    # the unit's restrictions leave CAN open; the process stays the same
+    pid = show("MainPID")
+    serial = CONFIG.read_text()
+    on_can = serial.replace('kind = "simulated"', 'kind = "simulated"\ninterface = "vcan0"')
+    CONFIG.write_text(on_can.replace('[codec]\nname = "tool"', '[codec]\nname = "dbc"\ndbc = "highside.dbc"'))
+    run("systemctl", "reload", UNIT)
+    until(lambda: int(str(link_health(guest)["can_frames"])) > 50, 30, "frames from the bus")
+    attitudes_flow(guest.broker)
+    CONFIG.write_text(serial)
+    run("systemctl", "reload", UNIT)
+    until(lambda: link_health(guest)["can_frames"] == 0 and link_health(guest)["state"] == "up", 30, "the serial line")
+    attitudes_flow(guest.broker)
+    assert show("MainPID") == pid
+
+
+def link_health(guest: Guest) -> dict[str, object]:
+    """The table `link` of the last health message."""
+    return guest.broker.messages("health")[-1]["link"]  # type: ignore[return-value]
 
 
 def test_a_dead_broker_is_no_reason_to_restart(guest: Guest) -> None:
