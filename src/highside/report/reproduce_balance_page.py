@@ -52,7 +52,7 @@ _NOTES = {
         "The text does not say which poses its 'first-quadrant balance' takes; the four triples stand beside the same "
         "published row. At 90 deg balance is refused."
     ),
-    "table6": "At 90 deg balance is refused; the published zeros are the degeneracy explained below.",
+    "table6": "At 90 deg balance is refused; the published zeros are the degeneracy explained above.",
 }
 
 
@@ -99,7 +99,8 @@ def _page_of(experiment: Experiment) -> str:
         "Root mean square over each turn. Only a simulation knows where gravity truly was. The balance matrix agrees "
         "with the bench because it takes up the bench's own errors; the joint estimator tells sensor and bench apart."
     )
-    page.table(*_truth_table(experiment), caption="deg rms; single readings, noise included")
+    for angle, name in (("inc", "Inclination"), ("tf", "Toolface")):
+        page.table(*_truth_table(experiment, angle), caption=f"{name}, deg rms; single readings, noise included")
     page.heading("The simulated instrument and bench")
     page.table(["effect", "parameter", "value"], _effects(), words=(1,))
     page.paragraph(f"Noise of one reading: {NOISE_G * 1e6:.0f} ug. Angles in rad, sensor terms in g.", soft=True)
@@ -137,10 +138,10 @@ def _ratio_table(made: Mapping[str, list[dict[str, Any]]]) -> tuple[list[str], l
     return headers, body
 
 
-def _truth_table(experiment: Experiment) -> tuple[list[str], list[list[str]]]:
+def _truth_table(experiment: Experiment, angle: str) -> tuple[list[str], list[list[str]]]:
     methods = ("conventional", "average", "joint")
-    keys = [f"{m}_{angle}_rms_{ref}_deg" for angle in ("inc", "tf") for m in methods for ref in ("bench", "truth")]
-    headers = ["I"] + [f"{a} {m}, {ref}" for a in "IT" for m in methods for ref in ("bench", "truth")]
+    keys = [f"{m}_{angle}_rms_{ref}_deg" for m in methods for ref in ("bench", "truth")]
+    headers = ["I"] + [f"{m}, {ref}" for m in methods for ref in ("bench", "truth")]
     body = []
     for row in against_truth(experiment):
         cells = ["refused" if row[key] is None else f"{row[key]:.4f}" for key in keys]
