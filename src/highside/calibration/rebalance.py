@@ -41,6 +41,8 @@ SHOCK_SIGMAS = 6.0
 """A reading farther than this from the circle is a shock and counts for nothing."""
 MAX_SHOCK_SHARE = 0.05
 """More shocks than this in a revolution are vibration."""
+MANY_SHOCKS = 50
+"""Fewer may come together in a good revolution."""
 SIGNIFICANT = 5.0
 """Standard deviations from which a drift of inclination is believed."""
 INCONSISTENT_SIGMAS = 3.7
@@ -251,6 +253,8 @@ class Rebalancer:
         if rho == 0.0:
             return
         revolution = self._turning
+        if revolution is not None and self._is_shock(revolution, rho):
+            return
         angle = math.atan2(y, x)
         if revolution is None:
             self._turning = revolution = _Revolution.begin(t_s, self._centre)
@@ -280,12 +284,19 @@ class Rebalancer:
             revolution.end_s = t_s
             self._complete(revolution)
 
-    def _sum(self, r: _Revolution, t_s: float, ux: float, uy: float, rho: float, gz: float, angle: float) -> None:
+    def _is_shock(self, r: _Revolution, rho: float) -> bool:
+        """Count a reading that is far from the circle. It may not turn the angle either; too many end the turn."""
         noise, radius = self._noise_g, self._radius
-        if noise is not None and radius is not None and abs(rho - radius) > SHOCK_SIGMAS * noise:
-            r.shocks += 1
-            r.outward += 1 if rho > radius else -1
-            return
+        if noise is None or radius is None or abs(rho - radius) <= SHOCK_SIGMAS * noise:
+            return False
+        r.frames += 1
+        r.shocks += 1
+        r.outward += 1 if rho > radius else -1
+        if r.shocks > MANY_SHOCKS and r.shocks > MAX_SHOCK_SHARE * r.frames:
+            self._decline(_fault_of_shocks(r))
+        return True
+
+    def _sum(self, r: _Revolution, t_s: float, ux: float, uy: float, rho: float, gz: float, angle: float) -> None:
         t = t_s - r.t0
         s = r.sums
         s[0] += 1.0
@@ -365,7 +376,7 @@ class Rebalancer:
         if rpm < settings.min_rate_rpm:
             return Reason.TOO_SLOW
         if r.shocks > MAX_SHOCK_SHARE * r.frames:
-            return Reason.INCLINATION_DRIFTS if abs(r.outward) > 0.9 * r.shocks else Reason.VIBRATION
+            return _fault_of_shocks(r)
         if min(r.counts) * SECTORS * 4 < sum(r.counts):
             return Reason.UNEVEN_TURN
         return Reason.NONE
@@ -451,6 +462,10 @@ _STANDING_RAD = math.radians(45.0)
 """Less than this in the time of the slowest turn is a standing tool."""
 _CURED_BY_FORGETTING = (Reason.INCLINATION_DRIFTS, Reason.INCONSISTENT)
 """Faults that the last few revolutions may not have though many together do."""
+
+
+def _fault_of_shocks(r: _Revolution) -> Reason:
+    return Reason.INCLINATION_DRIFTS if abs(r.outward) > 0.9 * r.shocks else Reason.VIBRATION
 
 
 def _consistency(parts: Sequence[FloatArray], theta: FloatArray, variance: float) -> float:

@@ -22,7 +22,7 @@ from typing import Any
 from highside import __version__
 from highside.calibration.correction import Correction, LinearCorrection, TemperatureTrust
 from highside.calibration.poses import PoseSet
-from highside.calibration.result import CalibrationResult
+from highside.calibration.result import BenchAccuracy, CalibrationResult
 from highside.calibration.schedule import ScheduledCorrection
 from highside.errors import InputError, Refused
 
@@ -383,8 +383,8 @@ def solve_poses(columns: PoseColumns, request: SolveRequest, *, where: str | Non
     `guide` that only chooses the zone of a reading.
     """
     from highside.calibration.balance import balance
-    from highside.calibration.conventional import conventional, least_squares
-    from highside.calibration.result import BenchAccuracy, CalibrationRefused
+    from highside.calibration.conventional import conventional
+    from highside.calibration.result import CalibrationRefused
 
     poses = pose_set(columns, request, where=where)
     bench = BenchAccuracy(pose_rad=math.radians(request.pose_sigma_deg))
@@ -395,9 +395,7 @@ def solve_poses(columns: PoseColumns, request: SolveRequest, *, where: str | Non
     if request.method == "conventional":
         return Solution(conventional(poses, bench=bench))
     if request.method == "joint":
-        from highside.calibration.joint import joint
-
-        return Solution(joint(poses, bench=bench))
+        return Solution(_joint(poses, bench))
     if request.method != "balance":
         raise InputError(f"method {request.method!r} is none of conventional, balance, joint", field="--method")
     result = balance(poses, triples=request.triples, bench=bench)
@@ -407,9 +405,19 @@ def solve_poses(columns: PoseColumns, request: SolveRequest, *, where: str | Non
     if len(result.zones) < 2:
         return Solution(result)
     try:
-        return Solution(result, guide=least_squares(poses, bench=bench))
+        return Solution(result, guide=conventional(poses, bench=bench))
     except CalibrationRefused:
         return Solution(result)
+
+
+def _joint(poses: PoseSet, bench: BenchAccuracy) -> CalibrationResult:
+    """The joint estimator with temperature where the poses have it, and zones where they show structure."""
+    from highside.calibration.joint import joint
+    from highside.calibration.temperature import joint_over_temperature
+    from highside.calibration.zones import refine
+
+    result = joint(poses, bench=bench) if poses.temp_c is None else joint_over_temperature(poses, bench=bench)
+    return refine(result, poses) if result.main.max_power() == 0 else result
 
 
 def recompute(record: CalibrationRecord) -> Solution:

@@ -1,0 +1,201 @@
+"""Zones side by side: continuous, honest, and silent where nothing holds."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from highside.calibration.balance import balance
+from highside.calibration.conventional import conventional
+from highside.calibration.correction import OUTSIDE_ZONE, UPPER, LinearCorrection
+from highside.calibration.poses import PoseSet, gravity
+from highside.calibration.result import linear_parameters
+from highside.calibration.schedule import ScheduledCorrection, Window, key_of, key_of_inclination, windows
+from highside.errors import InputError
+
+RINGS_DEG = (0.612, 1.206, 3.0, 5.0, 10.0, 20.0, 30.0, 45.0)
+A = np.eye(3) + 3e-3 * np.random.default_rng(7).standard_normal((3, 3))
+B = np.array([1.5e-3, -0.8e-3, 2e-3])
+
+
+def reading(inc_rad: float, tf_rad: float) -> tuple[float, float, float]:
+    x, y, z = (A @ gravity(np.array([inc_rad]), np.array([tf_rad]))[:, 0] + B).tolist()
+    return x, y, z
+
+
+def session(rings_deg: tuple[float, ...] = RINGS_DEG) -> PoseSet:
+    inc = np.deg2rad(np.repeat(rings_deg, 4))
+    tf = np.deg2rad(np.tile([45.0, 135.0, 225.0, 315.0], len(rings_deg)))
+    noise = 5e-5 * np.random.default_rng(3).standard_normal((3, inc.size))
+    return PoseSet.build(A @ gravity(inc, tf) + B[:, None] + noise, inc_ref_rad=inc, tf_ref_rad=tf, n=100.0, std=5e-4)
+
+
+def schedule(*, with_fallback: bool, rings_deg: tuple[float, ...] = RINGS_DEG) -> ScheduledCorrection:
+    poses = session(rings_deg)
+    zones = tuple(LinearCorrection(zone, guarded=False) for zone in balance(poses).zones)
+    whole = LinearCorrection(conventional(poses).main) if len(rings_deg) > 1 else None
+    if with_fallback:
+        return ScheduledCorrection(zones, fallback=whole)
+    return ScheduledCorrection(zones, guide=whole)
+
+
+WITH, WITHOUT = schedule(with_fallback=True), schedule(with_fallback=False)
+
+
+@settings(max_examples=300, deadline=None)
+@given(inc=st.floats(0.0, math.pi), tf=st.floats(0.0, 2 * math.pi), step=st.floats(1e-9, 1e-6), way=st.floats(0.0, 7.0))
+def test_a_small_step_of_the_reading_makes_a_small_step_of_the_vector(
+    inc: float, tf: float, step: float, way: float
+) -> None:
+    m = reading(inc, tf)
+    n = (m[0] + step * math.cos(way), m[1] + step * math.sin(way), m[2] + step * math.sin(2.0 * way))
+    one, other = WITH.correct(m), WITH.correct(n)
+    # weights change over 0.2 deg at the fastest, corrections differ by some mg: no more than a few times the step
+    assert math.dist(one[:3], other[:3]) < 4.0 * step
+
+
+def test_no_jump_of_inclination_or_toolface_over_a_sweep_through_all_zones() -> None:
+    inc = np.linspace(np.deg2rad(0.4), np.deg2rad(47.0), 40001)
+    readings = A @ gravity(inc, np.full_like(inc, 1.0)) + B[:, None]
+    for one in (WITH, schedule(with_fallback=False, rings_deg=(0.612, 1.206, 2.0, 3.0, 5.0))):
+        got_inc, got_tf = one.attitude(readings)
+        held = np.isfinite(got_inc[:-1]) & np.isfinite(got_inc[1:])
+        assert held.sum() > 3000
+        step = inc[1] - inc[0]
+        assert np.max(np.abs(np.diff(got_inc))[held] - step) < 1.5 * step
+        arc = np.abs(np.angle(np.exp(1j * np.diff(got_tf)))) * np.sin(inc[1:])
+        assert np.max(arc[held]) < step
+
+
+def test_weights_of_neighbours_sum_to_one_and_each_rules_its_own_inclination() -> None:
+    zones = [part.zone for part in WITH.zones]
+    for zone, window in zip(zones, windows(zones), strict=True):
+        assert window.weight(key_of_inclination(zone.inc_center_rad or 0.0)) == 1.0
+    for tf in (0.1, 2.0, 4.0):
+        for inc_deg in np.linspace(0.1, 179.0, 400):
+            parts = WITH.weights(reading(math.radians(inc_deg), tf))
+            assert sum(w for _, w in parts) == pytest.approx(1.0, abs=1e-12)
+            assert all(w > 0.0 for _, w in parts)
+
+
+def test_every_output_names_what_made_it() -> None:
+    assert WITH.correct(reading(math.radians(0.3), 1.0)).zone == "zone 0.612"
+    assert WITH.correct(reading(math.radians(0.9), 1.0)).zone == "zone 0.612 + zone 1.206"
+    assert WITH.correct(reading(math.radians(120.0), 1.0)).zone == "global"
+
+
+def test_nothing_is_extrapolated_where_no_zone_holds() -> None:
+    out = WITHOUT.correct(reading(math.radians(90.0), 1.0))
+    assert OUTSIDE_ZONE in out.flags
+    assert out.zone == "none"
+    assert all(math.isnan(value) for value in out[:3])
+    assert WITHOUT.correct(reading(math.radians(3.0), 1.0)).flags == ()
+
+
+def test_a_gap_between_zones_is_refused_too() -> None:
+    apart = schedule(with_fallback=False, rings_deg=(1.206, 45.0))
+    states = [OUTSIDE_ZONE in apart.correct(reading(math.radians(inc), 1.0)).flags for inc in (1.0, 10.0, 45.0, 80.0)]
+    assert states == [False, True, False, True]
+
+
+@pytest.mark.parametrize("which", [WITH, WITHOUT], ids=["fallback", "zones only"])
+@pytest.mark.parametrize("spread", ["log", "all attitudes"])
+def test_blocks_equal_single_readings(which: ScheduledCorrection, spread: str) -> None:
+    rng = np.random.default_rng(11)
+    count = 3000
+    inc = np.linspace(0.001, 0.9, count) if spread == "log" else np.arccos(rng.uniform(-1.0, 1.0, count))
+    readings = A @ gravity(inc, rng.uniform(0.0, 2 * np.pi, count)) + B[:, None]
+    block = which.corrected_block(readings, 1e-5)
+    plain = which.correct_block(readings)
+    got_inc, got_tf = which.attitude(readings)
+    for k in range(0, count, 7):
+        one = which.correct(tuple(readings[:, k].tolist()), (1e-10, 0.0, 0.0, 1e-10, 0.0, 1e-10))
+        assert np.allclose(block.g[:, k], one[:3], rtol=0, atol=1e-13, equal_nan=True)
+        assert np.allclose(plain[:, k], one[:3], rtol=0, atol=1e-13, equal_nan=True)
+        assert np.allclose(block.cov[:, k], one.cov, rtol=1e-6, equal_nan=True)
+        assert (block.zone[k] < 0) == (OUTSIDE_ZONE in one.flags)
+        expected = math.atan2(math.hypot(one.gx, one.gy), one.gz)
+        assert got_inc[k] == pytest.approx(expected, abs=1e-12, nan_ok=True)
+        arc = math.remainder(got_tf[k] - math.atan2(one.gy, one.gx), 2 * math.pi) * math.sin(inc[k])
+        assert math.isnan(arc) if math.isnan(one.gx) else abs(arc) < 1e-12
+
+
+def test_bulk_does_not_depend_on_how_the_readings_are_cut() -> None:
+    rng = np.random.default_rng(12)
+    count = 40000
+    inc = np.concatenate([np.linspace(0.005, 0.05, count // 2), rng.uniform(0.0, 1.5, count - count // 2)])
+    readings = A @ gravity(inc, rng.uniform(0.0, 2 * np.pi, count)) + B[:, None]
+    for which in (WITH, WITHOUT):
+        whole = which.attitude(readings)
+        parts = [which.attitude(np.ascontiguousarray(readings[:, lo : lo + 1777])) for lo in range(0, count, 1777)]
+        for k in (0, 1):
+            assert np.allclose(
+                whole[k], np.concatenate([part[k] for part in parts]), rtol=0, atol=1e-10, equal_nan=True
+            )
+
+
+def test_a_missing_reading_spoils_only_itself() -> None:
+    readings = A @ gravity(np.full(100, 0.03), np.linspace(0, 6, 100)) + B[:, None]
+    broken = readings.copy()
+    broken[1, 40] = np.nan
+    for which in (WITH, WITHOUT):
+        whole, hurt = which.attitude(readings), which.attitude(broken)
+        for k in (0, 1):
+            assert np.flatnonzero(np.isnan(hurt[k])).tolist() == [40]
+            assert np.allclose(np.delete(hurt[k], 40), np.delete(whole[k], 40), rtol=0, atol=1e-13)
+
+
+def test_the_covariance_of_a_blend_is_never_below_its_true_scatter() -> None:
+    """Two zones whose errors are independent, the same, or opposite: the stated covariance bounds each."""
+    rng = np.random.default_rng(21)
+    low, high = (part.zone for part in schedule(with_fallback=False, rings_deg=(3.0, 5.0)).zones)
+    inc = math.radians(4.0)
+    g = gravity(np.array([inc]), np.array([0.7]))[:, 0]
+    root = np.linalg.cholesky(1e-9 * np.eye(12))
+    flat = linear_parameters(np.eye(3), np.zeros(3), root @ root.T)
+    parts = [
+        type(zone)(zone.name, zone.inc_center_rad, zone.inc_min_rad, zone.inc_max_rad, flat, 1.0)
+        for zone in (low, high)
+    ]
+    blend = ScheduledCorrection(tuple(LinearCorrection(zone, guarded=False) for zone in parts))
+    (_, w), (_, u) = blend.weights((float(g[0]), float(g[1]), float(g[2])))
+    stated = np.zeros((3, 3))
+    for value, (i, j) in zip(blend.correct(tuple(g.tolist())).cov, UPPER, strict=True):
+        stated[i, j] = stated[j, i] = value
+    lever = np.concatenate([g, [1.0]])
+    for correlation in (-1.0, 0.0, 1.0):
+        one = rng.standard_normal((4000, 3, 4))
+        other = correlation * one if correlation else rng.standard_normal((4000, 3, 4))
+        errors = math.sqrt(1e-9) * (w * one + u * other) @ lever
+        excess = np.linalg.eigvalsh(stated - np.cov(errors.T))
+        assert excess.min() > -0.08 * np.trace(stated) / 3.0
+    assert np.trace(stated) == pytest.approx(3.0 * 2.0 * 1e-9, rel=1e-6)
+
+
+@given(inc=st.floats(0.0, math.pi), tf=st.floats(0.0, 6.3), size=st.floats(0.9, 1.1))
+def test_the_key_orders_readings_as_inclination_does(inc: float, tf: float, size: float) -> None:
+    x, y, z = (size * gravity(np.array([inc]), np.array([tf]))[:, 0]).tolist()
+    assert key_of(x, y, z) == pytest.approx(key_of_inclination(inc), abs=1e-12)
+    assert key_of_inclination(min(inc + 1e-3, math.pi)) >= key_of_inclination(inc) - 1e-15
+
+
+def test_window_weights_are_the_same_one_by_one_and_in_arrays() -> None:
+    window = Window(0.3, 0.1, 0.6, 0.2, 0.3)
+    keys = np.linspace(-0.1, 1.0, 500)
+    assert np.allclose(window.weights(keys), [window.weight(float(k)) for k in keys], rtol=0, atol=1e-15)
+    assert window.weight(0.1) == window.weight(0.6) == 0.0
+    assert window.weight(0.3) == 1.0
+
+
+def test_a_schedule_without_corrections_or_with_guarded_zones_is_refused() -> None:
+    with pytest.raises(InputError):
+        ScheduledCorrection(())
+    with pytest.raises(InputError):
+        ScheduledCorrection((LinearCorrection(WITH.zones[0].zone),))
+    assert WITH.fallback is not None
+    with pytest.raises(InputError):
+        ScheduledCorrection((LinearCorrection(WITH.fallback.zone, guarded=False),))
