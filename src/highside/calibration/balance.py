@@ -107,7 +107,8 @@ def balance(
         used[members_used] = True
         fours.append(chosen)
     if not zones:
-        raise CalibrationRefused(remarks[0].reason, "; ".join(remark.text for remark in remarks), remarks[0].poses)
+        others = f" (and {len(remarks) - 1} other rings for a like reason)" if len(remarks) > 1 else ""
+        raise CalibrationRefused(remarks[0].reason, remarks[0].text + others, remarks[0].poses)
     closures = closures_of(poses, fours, [zone.model().A for zone in zones], pose_rad=bench.pose_rad)
     remarks += closure_remarks(closures)
     if not poses.std_known:

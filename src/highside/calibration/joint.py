@@ -27,7 +27,7 @@ kept apart.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -61,7 +61,9 @@ from highside.calibration.result import (
 ADMIT_LOG_BAYES = 5.0
 """A group is admitted when the data favour it by more than e^5, about 150 to 1."""
 BAD_POSE_SIGMA = 5.0
-MAX_BAD_SHARE = 0.2
+MAX_BAD_SHARE = 0.1
+MAX_SCATTER_RAD = float(np.deg2rad(0.5))
+"""A session whose poses scatter by more than this is no calibration."""
 MIN_ENCODER_STATIONS = 8
 MIN_NONLINEAR_POSES = 20
 Selection = Literal["auto", "none", "all"]
@@ -116,6 +118,7 @@ def joint(
             fit = _solve(session, names, variances, used, fit.take(names))
             variances = _estimate_variances(session, fit, variances, bench, used)
             fit = _solve(session, names, variances, used, fit.theta)
+    _require_agreement(session, fit, variances)
     away = _departure(session, fit, variances, used)
     again = used | (away <= BAD_POSE_SIGMA)
     if not np.array_equal(again, used) or away[used].max() > BAD_POSE_SIGMA:
@@ -484,26 +487,23 @@ def _leave_out_bad(
 ) -> tuple[NDArray[np.bool_], _Fit]:
     """Leave out, one at a time, the pose that departs most, while it departs by more than five standard deviations.
 
-    Where the whole session scatters more than was stated the measure is the session's own: the median departure."""
+    Where the whole session scatters more than was stated the measure is the session's own: the median departure. If
+    more than a tenth of the poses would have to go it is not the poses but the model, and none goes: the variances
+    will say how badly it fits."""
     count = len(session.poses)
-    limit = max(1, int(MAX_BAD_SHARE * count))
-    used = used.copy()
+    limit = max(2, int(MAX_BAD_SHARE * count))
+    keep, trial = used.copy(), fit
     while True:
-        away = _studentised(fit, used)
+        away = _studentised(trial, keep)
         worst = int(np.argmax(away))
-        scale = max(1.0, float(np.median(away[used])) / _MEDIAN_DEPARTURE)
+        scale = max(1.0, float(np.median(away[keep])) / _MEDIAN_DEPARTURE)
         if away[worst] <= BAD_POSE_SIGMA * scale:
+            return keep, trial
+        keep[worst] = False
+        if count - int(keep.sum()) > limit:
             return used, fit
-        used[worst] = False
-        if count - int(used.sum()) > limit:
-            raise CalibrationRefused(
-                Reason.TOO_MANY_BAD,
-                f"more than {limit} of {count} poses contradict the others; check the toolface zero, the sign of the "
-                "axes and the units, and measure again",
-                tuple(session.poses.ids[i] for i in np.flatnonzero(~used)),
-            )
-        fit = _solve(session, fit.names, variances, used, fit.theta)
-        fit = _solve(session, fit.names, variances, used, fit.theta)
+        trial = _solve(session, trial.names, variances, keep, trial.theta)
+        trial = _solve(session, trial.names, variances, keep, trial.theta)
 
 
 _MEDIAN_DEPARTURE = 1.538
@@ -526,6 +526,18 @@ def _log_bayes(fit: _Fit, group: tuple[str, ...]) -> float:
     theta, covariance, prior = fit.theta[index], fit.covariance[np.ix_(index, index)], fit.prior[index]
     squared = float(theta @ np.linalg.solve(covariance, theta))
     return 0.5 * squared + 0.5 * float(np.linalg.slogdet(covariance)[1]) - float(np.log(prior).sum())
+
+
+def _require_agreement(session: _Session, fit: _Fit, variances: Variances) -> None:
+    scatter = float(np.sqrt(max(variances.pose_inc + variances.ring_inc, variances.pose_tf + variances.station_tf)))
+    if scatter > MAX_SCATTER_RAD:
+        worst = tuple(session.poses.ids[i] for i in np.argsort(-np.abs(fit.left_over).max(axis=0))[:3])
+        raise CalibrationRefused(
+            Reason.TOO_MANY_BAD,
+            f"the poses contradict one another by {np.rad2deg(scatter):.2g} deg (worst: {', '.join(worst)}); "
+            "check the toolface zero, the sign of the axes and the units, and measure again",
+            worst,
+        )
 
 
 def _departure(session: _Session, fit: _Fit, variances: Variances, used: NDArray[np.bool_]) -> Array:
@@ -585,9 +597,11 @@ def _result(
         fit.by_tf,
         Variances(variances.pose_inc, variances.pose_tf + variances.station_tf, 0.0, 0.0, variances.reading),
     )
-    A = sensor_of(fit.names, fit.theta).A
+    sensor = sensor_of(fit.names, fit.theta)
     fours = [four for four in rings_of_four(poses) if used[four].all()]
-    closures = closures_of(poses, fours, [A] * len(fours), pose_covariance=per_pose)
+    # the closure is a property of an affine sensor: what is known of the other terms is taken out first
+    affine = poses if sensor.is_linear else replace(poses, a=poses.a - sensor.nonlinear(sensor.correct(poses.a)))
+    closures = closures_of(affine, fours, [sensor.A] * len(fours), pose_covariance=per_pose)
     zone = Zone(
         "global",
         None,

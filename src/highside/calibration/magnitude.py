@@ -283,7 +283,7 @@ def _result(
         Remark(
             Reason.GAUGE,
             f"|g| does not show a rotation of the triad: A is {gauge}; the axes may be turned by "
-            f"{np.rad2deg(mounting_std_rad):.2g} deg against the tool (one standard deviation, in the stated uncertainty)",
+            f"{np.rad2deg(mounting_std_rad):.2g} deg against the tool (1 sigma, in the stated uncertainty)",
         )
     ]
     remarks += [

@@ -70,8 +70,10 @@ def _block(
 ) -> tuple[Array, Array, Array]:
     """Residuals (3 M,), basis (3 M, 9) and covariance (3 M, 3 M) of a ring of M poses."""
     A = result.A
-    v = result.variance
     by_inc, by_tf, _ = (A @ d for d in gravity_derivatives(inc[members], tf[members]))
+    # structure inflates the estimated scatter of the bench: no more than was stated is put down to it
+    stated = np.deg2rad(float(result.options["pose_sigma_deg"]))
+    v = {name: min(value, stated) for name, value in result.variance.items()}
     own = Variances(v["pose_inc_rad"] ** 2, v["pose_tf_rad"] ** 2 + v["station_tf_rad"] ** 2, 0.0, 0.0)
     blocks = pose_covariance(poses.noise_of_mean()[:, members], by_inc, by_tf, own)
     count = members.size
