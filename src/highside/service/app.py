@@ -79,7 +79,13 @@ class Service:
             historical_after_s=settings.mqtt.historical_after_s,
         )
         self.publisher = self._make_publisher()
-        self.recorder = Recorder(settings.recorder, self.state_dir / "recordings", settings.tool.id)
+        self.recorder = Recorder(
+            settings.recorder,
+            self.state_dir / "recordings",
+            settings.tool.id,
+            meta={"codec": settings.codec.name, "link": settings.link.kind},
+            channel=str(getattr(settings.link, "interface", None) or "can0"),
+        )
         self.pipeline = self._make_pipeline(self._correction(settings))
         self.supervisor = self._make_supervisor()
         self.on_output: Callable[[Attitude | Survey, int], None] | None = None
