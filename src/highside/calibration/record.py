@@ -372,8 +372,10 @@ class Solution:
 
 
 def pose_set(columns: PoseColumns, request: SolveRequest, *, where: str | None = None) -> PoseSet:
-    """The poses of a table as the solver takes them."""
-    return PoseSet.from_columns(columns, where=where, reference=request.reference)  # type: ignore[arg-type]
+    """The poses of a table as the solver takes them; InputError for a bad table, or a row copied."""
+    poses = PoseSet.from_columns(columns, where=where, reference=request.reference)  # type: ignore[arg-type]
+    poses.require_distinct(where)
+    return poses
 
 
 def solve_poses(columns: PoseColumns, request: SolveRequest, *, where: str | None = None) -> Solution:

@@ -684,10 +684,11 @@ def _summary_lines(s: dict[str, Any]) -> list[str]:
         lines.append(
             f"bench     tilt {s['tilt_deg'][0]:+.4f} deg in the plane of inclination, {s['tilt_deg'][1]:+.4f} across"
         )
-    for zone in s["zones"]:
-        lines.append(
-            f"zone      {zone['name']}: {zone['from_deg']:.2f} to {zone['to_deg']:.2f} deg, condition {zone['condition']:.3g}"
-        )
+    lines += [
+        f"zone      {zone['name']}: {zone['from_deg']:.2f} to {zone['to_deg']:.2f} deg,"
+        f" condition {zone['condition']:.3g}"
+        for zone in s["zones"]
+    ]
     if s["fallback"]:
         lines.append(f"elsewhere {s['fallback']}")
     for closure in s["closures"]:
@@ -697,11 +698,11 @@ def _summary_lines(s: dict[str, Any]) -> list[str]:
         )
     if s["uncertainty"]:
         lines.append("accuracy  (one standard deviation, the calibration alone)")
-        for row in s["uncertainty"]:
-            lines.append(
-                f"          I {row['inc_deg']:5.1f} deg: I {row['inc_std_deg']:.4f}, T {row['tf_std_deg']:.4f} deg"
-                f"  ({row['zone']})"
-            )
+        lines += [
+            f"          I {row['inc_deg']:5.1f} deg: I {row['inc_std_deg']:.4f}, T {row['tf_std_deg']:.4f} deg"
+            f"  ({row['zone']})"
+            for row in s["uncertainty"]
+        ]
     lines += [f"{'refused' if remark['refused'] else 'note':<10}{remark['text']}" for remark in s["remarks"]]
     return lines
 

@@ -39,7 +39,7 @@ MIN_ID_PREFIX = 6
 
 @dataclass(frozen=True, slots=True)
 class Activation:
-    """One entry of the history. `action`: "activate" or "rollback"; `undoes`: the number that a roll back takes back."""
+    """One entry of the history. `action`: "activate" or "rollback"; `undoes`: number that a roll back takes back."""
 
     number: int
     tool_id: str
