@@ -281,7 +281,7 @@ def to_markdown(studies: list[Study]) -> str:
             lines += [f"| {name} | {v[0]:.4f} | {v[1]:.3f} | {v[2]:.4f} |" for name, v in ordered]
             lines.append("")
         lines += [
-            "| inclination, deg | I rms | I / Cramer-Rao | T rms | T / Cramer-Rao | T / limit | I in 95 % | T in 95 % |",
+            "| inclination, deg | I rms | I / bound | T rms | T / bound | T / limit | I in 95 % | T in 95 % |",
             "|---|---|---|---|---|---|---|---|",
         ]
         for k, value in enumerate(np.rad2deg(ASCENDING)):

@@ -376,7 +376,7 @@ def find_still_intervals(
     windows = a[:, : blocks * width].reshape(3, blocks, width)
     scatter = windows.std(axis=2, ddof=1)
     mean = windows.mean(axis=2)
-    noise = _noise_floor(scatter, width)
+    noise = _noise_floor(_detrended_scatter(windows, mean))
     still = np.all(scatter <= _SCATTER_FACTOR * noise[:, None], axis=0)
     # the mean of a window scatters by noise / sqrt(width) if white; low-frequency noise of real sensors adds to it
     step = np.abs(np.diff(mean, axis=1))
@@ -412,8 +412,17 @@ _SAME_ATTITUDE = 1.5
 """In units of the noise of one reading."""
 
 
-def _noise_floor(scatter: Array, width: int) -> Array:
-    """Noise of one reading (3,): the low end of the scatter of all windows, corrected for being the low end."""
+def _detrended_scatter(windows: Array, mean: Array) -> Array:
+    """Standard deviation within each window about its own straight line: a steady turn is no noise. (3, windows)."""
+    width = windows.shape[2]
+    ramp = np.arange(width) - 0.5 * (width - 1)
+    slope = windows @ ramp / (ramp @ ramp)
+    rest = windows - mean[:, :, None] - slope[:, :, None] * ramp
+    return np.sqrt(np.sum(rest**2, axis=2) / (width - 2))
+
+
+def _noise_floor(scatter: Array) -> Array:
+    """Noise of one reading (3,): the median scatter of the calm windows, those near the low end of all."""
     low = np.quantile(scatter, 0.2, axis=1)
     calm = scatter <= 1.6 * np.maximum(low, 1e-12)[:, None]
     return np.array([max(float(np.median(row[keep])), 1e-12) for row, keep in zip(scatter, calm, strict=True)])
