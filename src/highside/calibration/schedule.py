@@ -80,36 +80,34 @@ class Window:
         key: FloatArray,
         out: FloatArray | None = None,
         work: FloatArray | None = None,
-        *,
-        falls_only: bool = False,
+        bounds: tuple[float, float] = (0.0, 2.0),
     ) -> FloatArray:
-        """Weights at keys (N,); `out` and `work` (N,) may be given. NaN stays NaN.
+        """Weights at keys (N,); `out` and `work` (N,) may be given. NaN may become 1.
 
-        `falls_only` says that all keys are beyond the centre.
+        `bounds` of the keys, where known, spare the sides of the window that do not matter.
         """
+        least, most = bounds
         x = np.empty_like(key) if out is None else out
         other = np.empty_like(key) if work is None else work
-        if falls_only:
-            np.subtract(self.high, key, out=x)
-            np.multiply(x, 1.0 / self.fall, out=x)
-        else:
-            self._both_sides(key, x, other)
+        rises = self.rise > 0.0 and least < self.low + self.rise
+        falls = self.fall > 0.0 and most > self.high - self.fall
+        if rises:
+            np.subtract(key, self.low, out=x)
+            np.multiply(x, 1.0 / self.rise, out=x)
+        if falls:
+            side = other if rises else x
+            np.subtract(self.high, key, out=side)
+            np.multiply(side, 1.0 / self.fall, out=side)
+            if rises:
+                np.minimum(x, side, out=x)
+        if not rises and not falls:
+            x.fill(1.0)
+            return x
         np.clip(x, 0.0, 1.0, out=x)
         np.multiply(x, -2.0, out=other)
         np.add(other, 3.0, out=other)
         np.multiply(other, x, out=other)
         return np.multiply(other, x, out=x)
-
-    def _both_sides(self, key: FloatArray, x: FloatArray, other: FloatArray) -> None:
-        if self.rise > 0.0:
-            np.subtract(key, self.low, out=x)
-            np.multiply(x, 1.0 / self.rise, out=x)
-        else:
-            x.fill(1.0)
-        if self.fall > 0.0:
-            np.subtract(self.high, key, out=other)
-            np.multiply(other, 1.0 / self.fall, out=other)
-            np.minimum(x, other, out=x)
 
     def touches(self, least: float, most: float) -> bool:
         """Whether the weight is more than zero anywhere in a range."""
@@ -314,7 +312,8 @@ class ScheduledCorrection:
 class _AffineBlocks:
     """Corrects blocks of readings by a schedule of affine corrections; one of it a thread, for it keeps its arrays.
 
-    A blend is taken as `base + sum w (part - base)`, with the matrices of guide, base and differences in one product.
+    A blend is taken as `base + sum w (part - base)`. The matrices of guide, base and differences are one product, made
+    on the assumption that a piece needs the corrections that the one before it needed.
     """
 
     def __init__(self, schedule: ScheduledCorrection, a: FloatArray) -> None:
@@ -323,9 +322,9 @@ class _AffineBlocks:
         self._parts = [_matrix(part) for part in schedule.zones]
         self._fallback = None if schedule.fallback is None else _matrix(schedule.fallback)
         self._guide = np.eye(3, 4) if schedule._guide is None else _matrix(schedule._guide)
-        self._products = np.empty((9, _PIECE))
+        self._products = np.empty((12, _PIECE))
         self._key, self._w, self._work, self._total = np.empty((4, _PIECE))
-        self._held: tuple[int, ...] | None = None
+        self._held: tuple[int | None, tuple[int, ...]] | None = None
         self._stack = self._guide
 
     def fill(self, low: int, high: int, out: FloatArray) -> None:
@@ -336,42 +335,46 @@ class _AffineBlocks:
 
     def _fill(self, raw: FloatArray, out: FloatArray) -> None:
         n = raw.shape[1]
-        # the corrections of the piece before are most likely those of this one too: one product for all
         rows = self._products[: len(self._stack), :n]
         _affine(self._stack, raw, rows)
-        key, work = self._key[:n], self._work[:n]
+        key, w, work, total = self._key[:n], self._w[:n], self._work[:n], self._total[:n]
         _keys(rows[:3], key, work)
         least, most = float(key.min()), float(key.max())
         if math.isnan(least):
             least, most = 0.0, 2.0
         active = tuple(k for k, window in enumerate(self._windows) if window.touches(least, most))
+        one = len(active) == 1 and self._windows[active[0]].is_full(least, most)
         pair = len(active) == 2 and self._sum_to_one(active[0], least, most)
-        if pair or (self._fallback is not None and len(active) <= 1):
-            if active != self._held:
-                self._prepare(active, pair)
-                rows = self._products[: len(self._stack), :n]
-                _affine(self._stack, raw, rows)
-            if len(rows) == 3:
-                out[:] = rows
-            elif self._windows[active[0]].is_full(least, most):
-                np.add(rows[3:6], rows[6:9], out=out)
-            else:
-                w = self._windows[active[0]].weights(key, self._w[:n], work, falls_only=pair)
-                np.multiply(rows[6:9], w, out=out)
-                np.add(out, rows[3:6], out=out)
+        if one or pair or (self._fallback is None and len(active) == 2):
+            base, others = active[-1], active[:-1]
+        elif self._fallback is not None and len(active) <= 2:
+            base, others = None, active
+        else:
+            self._blend(active, raw, key, out)
             return
-        self._blend(active, raw, key, out)
+        if self._held != (base, others):
+            self._prepare(base, others)
+            rows = self._products[: len(self._stack), :n]
+            _affine(self._stack, raw, rows)
+        if not others:
+            out[:] = rows[3:6]
+            return
+        for place, k in enumerate(others):
+            self._windows[k].weights(key, w, work, (least, most))
+            if base is not None and not pair:
+                # two zones that share the weight, but do not sum to one
+                np.add(self._windows[base].weights(key, total, work, (least, most)), w, out=total)
+                np.divide(w, total, out=w)  # 0/0 is NaN: neither holds
+            difference = rows[6 + 3 * place : 9 + 3 * place]
+            np.multiply(difference, w, out=difference)
+            np.add(difference, out if place else rows[3:6], out=out)
 
-    def _prepare(self, active: tuple[int, ...], pair: bool) -> None:
-        """Stack the matrices for one or two corrections that share the whole weight."""
-        self._held = active
-        if not active:
-            assert self._fallback is not None
-            self._stack = self._fallback
-            return
-        base = self._parts[active[1]] if pair else self._fallback
-        assert base is not None
-        self._stack = np.vstack([self._guide, base, self._parts[active[0]] - base])
+    def _prepare(self, base: int | None, others: tuple[int, ...]) -> None:
+        """Stack guide, base (None: the fallback) and the differences of the others from it."""
+        self._held = (base, others)
+        matrix = self._fallback if base is None else self._parts[base]
+        assert matrix is not None
+        self._stack = np.vstack([self._guide, matrix, *(self._parts[k] - matrix for k in others)])
 
     def _blend(self, active: tuple[int, ...], raw: FloatArray, key: FloatArray, out: FloatArray) -> None:
         """Any number of corrections; without a fallback the weights are made to sum to one."""
