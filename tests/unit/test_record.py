@@ -175,7 +175,9 @@ def test_a_record_with_a_part_missing_is_malformed(part: str) -> None:
     assert reason_of(lambda: parse_record(text)) is RecordReason.MALFORMED
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"a": NaN}', "null", '{"id": "x"}', '{"id":1,"id":2}'])
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", "{}", '{"a": NaN}', "null", '{"id": "x"}', '{"id":1,"id":2}', "[" * 100000]
+)
 def test_what_is_no_record_is_wrong_input(text: str) -> None:
     with pytest.raises(InputError, match=r"file\.json"):
         parse_record(text, where="file.json")
@@ -415,3 +417,28 @@ def test_a_file_that_is_not_there_or_not_text_is_wrong_input(tmp_path: Path) -> 
     with pytest.raises(InputError, match="not text"):
         read_record(tmp_path / "binary.json")
     assert [path.name for path in tmp_path.iterdir()] == ["binary.json"]
+
+
+def test_a_record_of_nonsense_with_a_right_hash_is_refused_and_never_a_crash() -> None:
+    """Values of other types and sizes anywhere in a record: refused by name, or still a usable record."""
+    text = make("balance", fallback="conventional").to_json()
+    rng = np.random.default_rng(4)
+    paths = [path for path in _paths(json.loads(text)) if path and path[0] != "id"]
+    wrong: list[Any] = [None, True, -1.0, 0, 1e308, "", "text", [], {}, [[]], {"a": 1}]
+    refused = 0
+    for trial in range(400):
+        data = json.loads(text)
+        del data["id"]
+        path = paths[rng.integers(len(paths))]
+        *way, last = path[: rng.integers(1, len(path) + 1)]
+        place = data
+        for key in way:
+            place = place[key]
+        place[last] = wrong[trial % len(wrong)]
+        try:
+            record = parse_record(json.dumps({"id": content_id(data), **data}))
+            verify(record, tool_id="tool-7", serial="42", now_s=NOW)
+            correction_from_record(record).correct((0.1, 0.2, 0.97), temp_c=25.0)
+        except (RecordError, InputError):
+            refused += 1
+    assert refused > 200

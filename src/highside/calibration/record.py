@@ -20,7 +20,7 @@ from enum import StrEnum
 from typing import Any
 
 from highside import __version__
-from highside.calibration.correction import Correction, LinearCorrection, TemperatureTrust
+from highside.calibration.correction import OUTSIDE_ZONE, Correction, LinearCorrection, TemperatureTrust
 from highside.calibration.poses import PoseSet
 from highside.calibration.result import BenchAccuracy, CalibrationResult
 from highside.calibration.schedule import ScheduledCorrection
@@ -243,7 +243,7 @@ def parse_record(text: str, *, where: str | None = None) -> CalibrationRecord:
     """
     try:
         data = json.loads(text, parse_constant=_no_constant, object_pairs_hook=_no_repeated_keys)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(
             f"is no calibration record ({error})", where=where, remedy="give a file made by calibrate solve"
         ) from error
@@ -260,8 +260,14 @@ def parse_record(text: str, *, where: str | None = None) -> CalibrationRecord:
             f"{at}its content has the hash {found[:12]}, not {str(stated)[:12]}; use the original file",
         )
     if data.get("units") != UNITS:
-        wrong = sorted(set(UNITS.items()) ^ set((data.get("units") or {}).items()))
-        raise RecordError(RecordReason.UNIT_MISMATCH, f"{at}units {wrong}; readings must be in g, angles in rad")
+        units = data.get("units")
+        found_units = units if isinstance(units, dict) else {}
+        wrong = [
+            f"{name} in {found_units.get(name)!r} where {unit!r} is read"
+            for name, unit in UNITS.items()
+            if found_units.get(name) != unit
+        ]
+        raise RecordError(RecordReason.UNIT_MISMATCH, f"{at}{', '.join(wrong) or 'unknown quantities'}")
     return _typed(found, data, at)
 
 
@@ -276,8 +282,10 @@ def _typed(record_id: str, content: Mapping[str, Any], at: str = "") -> Calibrat
         )
         # the views that are made on demand must work too
         _ = (record.tool_id, record.serial, record.created_s, record.valid_from_s, record.expires_s, record.request)
-        correction_from_record(record)
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, InputError) as error:
+        trial = correction_from_record(record).correct((0.1, 0.2, 0.97))
+        if OUTSIDE_ZONE not in trial.flags and not all(map(math.isfinite, (*trial[:3], *trial.cov))):
+            raise ValueError("a corrected reading is no number")
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError, InputError) as error:
         detail = f"{type(error).__name__}: {error}"
         raise RecordError(
             RecordReason.MALFORMED, f"{at}parts are missing or contradict one another ({detail})"

@@ -1,0 +1,68 @@
+"""Bulk inclination and toolface through a schedule of balance zones, beside the C loop of `bulk_attitude`.
+
+    python tests/bench/bulk_schedule.py [--samples N] [--pairs K]
+
+The log is a well: inclination from 0.3 to 60 deg, the tool turning. The C loop applies one matrix and no schedule.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from bulk_attitude import compile_loop, seconds
+
+from highside.calibration.balance import balance
+from highside.calibration.conventional import conventional
+from highside.calibration.correction import LinearCorrection
+from highside.calibration.poses import PoseSet, gravity
+from highside.calibration.schedule import ScheduledCorrection
+
+RINGS_DEG = (0.612, 1.206, 3.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0)
+
+
+def schedule(A: np.ndarray, b: np.ndarray) -> ScheduledCorrection:
+    """Nine zones and a global fallback."""
+    inc = np.deg2rad(np.repeat(RINGS_DEG, 4))
+    tf = np.deg2rad(np.tile([45.0, 135.0, 225.0, 315.0], len(RINGS_DEG)))
+    poses = PoseSet.build(A @ gravity(inc, tf) + b[:, None], inc_ref_rad=inc, tf_ref_rad=tf, n=1000.0, std=5e-4)
+    zones = tuple(LinearCorrection(zone, guarded=False) for zone in balance(poses).zones)
+    return ScheduledCorrection(zones, fallback=LinearCorrection(conventional(poses).main))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--samples", type=int, default=10_000_000)
+    parser.add_argument("--pairs", type=int, default=7)
+    options = parser.parse_args()
+    n = options.samples
+    rng = np.random.default_rng(0)
+    A, b = np.eye(3) + 3e-3 * rng.standard_normal((3, 3)), 2e-3 * rng.standard_normal(3)
+    inc, tf = np.deg2rad(np.linspace(0.3, 60.0, n)), 2.0 * np.pi * np.arange(n) / 300.0
+    raw = np.ascontiguousarray(A @ gravity(inc, tf) + b[:, None] + 3e-4 * rng.standard_normal((3, n)))
+    correction = schedule(A, b)
+    C = np.linalg.inv(A)
+    out = np.empty((2, n))
+    with tempfile.TemporaryDirectory() as folder:
+        loop = compile_loop(Path(folder))
+
+        def run_ours() -> None:
+            correction.attitude(raw, None, out[0], out[1])
+
+        def run_loop() -> None:
+            loop(raw, C, b, out[0], out[1])
+
+        run_loop(), run_ours()
+        times = [(seconds(run_ours), seconds(run_loop)) for _ in range(options.pairs)]
+        one = min(seconds(lambda: correction.attitude(raw, None, out[0], out[1], threads=1)) for _ in range(3))
+    ours, theirs = (statistics.median(t[k] for t in times) / n * 1e9 for k in (0, 1))
+    ratios = sorted(mine / other for mine, other in times)
+    print(f"{n:,} samples: schedule {ours:.1f} ns/sample (one thread {one / n * 1e9:.1f}), C loop {theirs:.1f}")
+    print(f"ratio {statistics.median(ratios):.2f} (from {ratios[0]:.2f} to {ratios[-1]:.2f})")
+
+
+if __name__ == "__main__":
+    main()
