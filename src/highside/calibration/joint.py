@@ -37,6 +37,8 @@ from highside.calibration.balance import closure_remarks, closures_of, rings_of_
 from highside.calibration.forward import (
     BASE_NAMES,
     GROUPS,
+    PRIOR_MATRIX,
+    PRIOR_OFFSET_G,
     Variances,
     linearise,
     pose_covariance,
@@ -47,6 +49,7 @@ from highside.calibration.forward import (
 )
 from highside.calibration.poses import Array, Indices, PoseSet, gravity
 from highside.calibration.result import (
+    AXES,
     NOMINAL_BENCH,
     BenchAccuracy,
     CalibrationRefused,
@@ -62,6 +65,8 @@ ADMIT_LOG_BAYES = 5.0
 """A group is admitted when the data favour it by more than e^5, about 150 to 1."""
 BAD_POSE_SIGMA = 5.0
 MAX_BAD_SHARE = 0.1
+MAX_DEPARTURE = 6.0
+"""Elements of A and b may lie this many prior standard deviations from nominal."""
 MAX_SCATTER_RAD = float(np.deg2rad(0.5))
 """A session whose poses scatter by more than this is no calibration."""
 MIN_ENCODER_STATIONS = 8
@@ -119,6 +124,7 @@ def joint(
             variances = _estimate_variances(session, fit, variances, bench, used)
             fit = _solve(session, names, variances, used, fit.theta)
     _require_agreement(session, fit, variances)
+    _require_nominal(fit)
     away = _departure(session, fit, variances, used)
     again = used | (away <= BAD_POSE_SIGMA)
     if not np.array_equal(again, used) or away[used].max() > BAD_POSE_SIGMA:
@@ -529,15 +535,41 @@ def _log_bayes(fit: _Fit, group: tuple[str, ...]) -> float:
 
 
 def _require_agreement(session: _Session, fit: _Fit, variances: Variances) -> None:
-    scatter = float(np.sqrt(max(variances.pose_inc + variances.ring_inc, variances.pose_tf + variances.station_tf)))
+    """Refuse poses that scatter as if their settings had nothing to do with their readings."""
+    bench = max(variances.pose_inc + variances.ring_inc, variances.pose_tf + variances.station_tf)
+    reading = variances.reading * float(np.mean(session.noise**2))
+    scatter = float(np.sqrt(max(bench, reading)))
     if scatter > MAX_SCATTER_RAD:
         worst = tuple(session.poses.ids[i] for i in np.argsort(-np.abs(fit.left_over).max(axis=0))[:3])
         raise CalibrationRefused(
             Reason.TOO_MANY_BAD,
             f"the poses contradict one another by {np.rad2deg(scatter):.2g} deg (worst: {', '.join(worst)}); "
-            "check the toolface zero, the sign of the axes and the units, and measure again",
+            "check that readings and settings belong together, and measure again",
             worst,
         )
+
+
+def _require_nominal(fit: _Fit) -> None:
+    """Refuse a matrix or offset that no sensor of nominal scale has: axes, signs or units are confused."""
+    A = sensor_of(fit.names, fit.theta).A
+    if np.abs(A - np.eye(3)).max() > MAX_DEPARTURE * PRIOR_MATRIX:
+        rows = [f"{AXES[i]} reads {_axis_of(row)}" for i, row in enumerate(A)]
+        raise CalibrationRefused(
+            Reason.NOT_NOMINAL,
+            f"this is not a sensor of nominal axes and scale: {', '.join(rows)}, elements up to "
+            f"{np.abs(A - np.eye(3)).max():.2f} from nominal; check axes, signs, units and the toolface zero",
+        )
+    b = sensor_of(fit.names, fit.theta).b
+    if np.abs(b).max() > MAX_DEPARTURE * PRIOR_OFFSET_G:
+        raise CalibrationRefused(
+            Reason.NOT_NOMINAL, f"an offset of {np.abs(b).max():.2f} g is no accelerometer in order; check the units"
+        )
+
+
+def _axis_of(row: Array) -> str:
+    """Which axis of the tool a row of A mainly reads, with its sign."""
+    largest = int(np.argmax(np.abs(row)))
+    return ("-" if row[largest] < 0 else "+") + AXES[largest]
 
 
 def _departure(session: _Session, fit: _Fit, variances: Variances, used: NDArray[np.bool_]) -> Array:
@@ -695,12 +727,21 @@ def _observability_remarks(session: _Session, fit: _Fit) -> list[Remark]:
     ]
 
 
+MAX_READING_FACTOR = 2.0
 UNDETERMINED_SHARE = 0.5
 """A parameter whose standard deviation is still above this share of its prior's has not been measured."""
 
 
 def _scatter_remarks(variances: Variances, bench: BenchAccuracy) -> list[Remark]:
     remarks = []
+    if variances.reading > MAX_READING_FACTOR**2:
+        remarks.append(
+            Remark(
+                Reason.MISFIT,
+                f"the poses scatter {np.sqrt(variances.reading):.1f} times as much as their reading noise explains, "
+                "along gravity too, where the bench cannot: noise that is not white, or physics that is not modelled",
+            )
+        )
     for name, total in (
         ("inclination", variances.pose_inc + variances.ring_inc),
         ("toolface", variances.pose_tf + variances.station_tf),

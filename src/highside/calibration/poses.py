@@ -418,7 +418,7 @@ def _detrended_scatter(windows: Array, mean: Array) -> Array:
     ramp = np.arange(width) - 0.5 * (width - 1)
     slope = windows @ ramp / (ramp @ ramp)
     rest = windows - mean[:, :, None] - slope[:, :, None] * ramp
-    return np.sqrt(np.sum(rest**2, axis=2) / (width - 2))
+    return np.asarray(np.sqrt(np.sum(rest**2, axis=2) / (width - 2)))
 
 
 def _noise_floor(scatter: Array) -> Array:
