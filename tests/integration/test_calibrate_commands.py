@@ -370,6 +370,7 @@ def test_bad_readings_are_named_in_one_line(
         ("solve", "{poses}", "--method", "joint", "-o", "{tmp}/c.json", "--expires-days", "0"),
         ("solve", "{poses}", "--method", "joint", "-o", "{tmp}/c.json", "--pose-sigma-deg", "-1"),
         ("solve", "{poses}", "--method", "balance", "--triples", "1-3-2", "-o", "{tmp}/c.json"),
+        ("solve", "{poses}", "--method", "balance", "--reference", "magnitude", "-o", "{tmp}/c.json"),
         ("apply", "{poses}", "{poses}", "-o", "{tmp}/o.csv"),
         ("apply", "{tmp}/none.json", "{poses}", "-o", "{tmp}/o.csv"),
         ("show",),

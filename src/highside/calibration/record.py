@@ -399,6 +399,12 @@ def solve_poses(columns: PoseColumns, request: SolveRequest, *, where: str | Non
     poses = pose_set(columns, request, where=where)
     bench = BenchAccuracy(pose_rad=math.radians(request.pose_sigma_deg))
     if request.reference == "magnitude":
+        if request.method != "joint":
+            raise InputError(
+                f"method {request.method} needs the attitude of every pose",
+                field="--reference magnitude",
+                remedy="use --method joint",
+            )
         from highside.calibration.magnitude import magnitude
 
         return Solution(magnitude(poses))
