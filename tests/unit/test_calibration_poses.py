@@ -77,7 +77,7 @@ def test_a_row_copied_is_not_a_pose_repeated() -> None:
     for name in ("ax", "ay", "az"):
         columns[name] = np.asarray(columns[name])[[0, 1, 2, 1]]
     with pytest.raises(InputError, match=r"pose 2 .* and pose 4 .* are the same reading"):
-        PoseSet.from_columns(columns).require_distinct()  # type: ignore[arg-type]
+        PoseSet.from_columns(columns)  # type: ignore[arg-type]
 
 
 def test_settings_are_grouped_across_the_turn_of_toolface() -> None:

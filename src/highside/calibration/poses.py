@@ -207,7 +207,7 @@ class PoseSet:
             values = numbers(name) if reference == "pose" else None
             return None if values is None else np.deg2rad(values)
 
-        return cls.build(
+        poses = cls.build(
             np.stack([np.asarray(columns[name], dtype=float) for name in ("ax", "ay", "az")]),
             inc_ref_rad=radians("inc_ref_deg"),
             tf_ref_rad=radians("tf_ref_deg"),
@@ -218,6 +218,8 @@ class PoseSet:
             ids=[str(name) for name in columns["pose"]] if "pose" in columns else None,
             where=where,
         )
+        poses.require_distinct(where)
+        return poses
 
     def __len__(self) -> int:
         return int(self.a.shape[1])
@@ -279,6 +281,9 @@ class PoseSet:
         """Which toolface setting each pose belongs to (N,)."""
         return group_settings(self.reference()[1], modulo=2 * np.pi)
 
+    def _vertical(self, index: int) -> bool:
+        return self.inc_ref_rad is not None and abs(float(np.sin(self.inc_ref_rad[index]))) < 1e-9
+
     def label(self, index: int) -> str:
         """How a message names a pose."""
         if self.inc_ref_rad is None or self.tf_ref_rad is None:
@@ -287,11 +292,13 @@ class PoseSet:
         return f"pose {self.ids[index]} (inclination {inc:.3f}, toolface {tf:.3f} deg)"
 
     def require_distinct(self, where: str | None = None) -> None:
-        """Raise InputError if two poses have the very same readings: a row copied, not a pose repeated."""
+        """Raise InputError if two poses have the very same readings: a row copied, not a pose repeated.
+
+        (A vertical tool without noise, as simulated, does read the same at every toolface.)"""
         seen: dict[tuple[float, float, float], int] = {}
         for i, (x, y, z) in enumerate(self.a.T.tolist()):
             j = seen.setdefault((x, y, z), i)
-            if j != i:
+            if j != i and not (self._vertical(i) and self._vertical(j)):
                 raise InputError(
                     f"{self.label(j)} and {self.label(i)} are the same reading",
                     where=where,
