@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,9 +13,15 @@ from hypothesis import strategies as st
 from highside.attitude import attitude_with_std
 from highside.calibration.balance import balance
 from highside.calibration.conventional import conventional
-from highside.calibration.correction import OUTSIDE_ZONE, UPPER, LinearCorrection
+from highside.calibration.correction import (
+    OUTSIDE_ZONE,
+    TEMPERATURE_OUTSIDE,
+    UPPER,
+    LinearCorrection,
+    TemperatureTrust,
+)
 from highside.calibration.poses import PoseSet, gravity
-from highside.calibration.result import linear_parameters
+from highside.calibration.result import Parameters, TemperatureRange, linear_parameters
 from highside.calibration.schedule import ScheduledCorrection, Window, key_of, key_of_inclination, windows
 from highside.errors import InputError
 
@@ -123,6 +130,35 @@ def test_blocks_equal_single_readings(which: ScheduledCorrection, spread: str) -
         assert got_inc[k] == pytest.approx(expected, abs=1e-12, nan_ok=True)
         arc = math.remainder(got_tf[k] - math.atan2(one.gy, one.gx), 2 * math.pi) * math.sin(inc[k])
         assert math.isnan(arc) if math.isnan(one.gx) else abs(arc) < 1e-12
+
+
+def test_a_schedule_over_temperature_is_the_same_in_bulk() -> None:
+    """Offsets that drift with temperature: the bulk path takes every reading at its own."""
+    rng = np.random.default_rng(31)
+    window = TemperatureRange(75.0, 50.0, 25.0, 125.0)
+    drift = {"b_x@1": 3e-3, "b_y@1": -2e-3, "b_z@1": 1e-3}
+
+    def heated(part: LinearCorrection, *, guarded: bool) -> LinearCorrection:
+        p = part.zone.parameters
+        covariance = np.zeros((len(p.names) + 3,) * 2)
+        covariance[:-3, :-3] = p.covariance
+        names, values = (*p.names, *drift), np.concatenate([p.values, list(drift.values())])
+        zone = replace(part.zone, parameters=Parameters(names, values, covariance), temperature=window)
+        return LinearCorrection(zone, trust=TemperatureTrust(25.0, 125.0), guarded=guarded)
+
+    assert WITH.fallback is not None
+    hot = ScheduledCorrection(tuple(heated(z, guarded=False) for z in WITH.zones), heated(WITH.fallback, guarded=True))
+    temps = rng.uniform(20.0, 130.0, 300)
+    inc, tf = rng.uniform(0.0, 1.0, 300), rng.uniform(0.0, 6.0, 300)
+    shift = np.outer(list(drift.values()), (temps - 75.0) / 50.0)
+    readings = A @ gravity(inc, tf) + B[:, None] + shift
+    got_inc, got_tf = hot.attitude(readings, temps)
+    for k in range(300):
+        one = hot.correct(tuple(readings[:, k].tolist()), temp_c=float(temps[k]))
+        assert got_inc[k] == pytest.approx(math.atan2(math.hypot(one.gx, one.gy), one.gz), abs=1e-12)
+        assert abs(math.remainder(got_tf[k] - math.atan2(one.gy, one.gx), 2 * math.pi)) * math.sin(inc[k]) < 1e-12
+        assert got_inc[k] == pytest.approx(inc[k], abs=3e-4)
+        assert (TEMPERATURE_OUTSIDE in one.flags) == (not 25.0 <= temps[k] <= 125.0)
 
 
 def test_bulk_does_not_depend_on_how_the_readings_are_cut() -> None:
