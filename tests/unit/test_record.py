@@ -250,6 +250,14 @@ def test_activate_history_and_rollback(tmp_path: Path) -> None:
     assert load_active(store.directory, tool_id="tool-7", serial="42", now_s=NOW).cal_id == first.id
 
 
+def test_activating_twice_does_not_hide_what_was_before(tmp_path: Path) -> None:
+    store = CalibrationStore(tmp_path)
+    first, second = make(seed=1), make(seed=2)
+    for record in (first, second, second):
+        store.activate(record, now_s=NOW)
+    assert store.rollback("tool-7", now_s=NOW).record_id == first.id
+
+
 def test_tools_in_one_store_do_not_disturb_each_other(tmp_path: Path) -> None:
     store = CalibrationStore(tmp_path)
     one, other = make(), make(tool="tool-8")

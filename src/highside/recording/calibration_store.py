@@ -182,12 +182,12 @@ class CalibrationStore:
         return entries
 
     def _stack(self, tool_id: str) -> list[Activation]:
-        """Activations still standing: a roll back takes the last one away."""
+        """Activations still standing: a roll back takes the last one away. One repeated counts once."""
         stack: list[Activation] = []
         for entry in self.history(tool_id):
             if entry.action == "rollback":
                 stack.pop()
-            else:
+            elif not stack or stack[-1].record_id != entry.record_id:
                 stack.append(entry)
         return stack
 
