@@ -12,7 +12,7 @@ import sys
 import typer
 
 from highside import __version__
-from highside.cli import calibrate, decode, demo, detect, effects, replay, reproduce, run, simulate
+from highside.cli import calibrate, decode, demo, detect, diagnose, effects, replay, reproduce, rotation, run, simulate
 from highside.errors import HighsideError
 
 app = typer.Typer(
@@ -42,9 +42,11 @@ def _top(
 app.command()(decode.decode)
 app.command()(demo.demo)
 app.command()(detect.detect)
+app.command()(diagnose.diagnose)
 app.command()(replay.replay)
 app.add_typer(calibrate.app)
 app.add_typer(reproduce.app)
+app.add_typer(rotation.app)
 app.command()(run.run)
 app.command()(simulate.simulate)
 app.command()(effects.effects)

@@ -1,0 +1,293 @@
+"""`highside rotation ...`: fit an error against the rotor angle, take it off, and compare the methods."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from highside.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from highside.recording.table import Recording
+    from highside.rotation.curve import Curve
+    from highside.rotation.samples import Samples
+
+    Floats = NDArray[np.float64]
+
+app = typer.Typer(
+    name="rotation", no_args_is_help=True, help="Errors that repeat with the rotor angle: fit, apply, compare."
+)
+
+CHANNELS = ("roll", "pitch", "heading")
+LARGEST_ERROR_ARCMIN = 1800.0
+LARGEST_STEP_DEG = 720.0
+
+
+class MethodName(StrEnum):
+    """How the error is fitted."""
+
+    SINE = "sine"
+    HARMONICS2 = "harmonics2"
+    POLYNOMIAL9 = "polynomial9"
+    NETWORK = "network"
+    AUTO = "auto"
+
+
+class InputName(StrEnum):
+    """What the network sees of the angle."""
+
+    SCALED = "scaled"
+    PERIODIC = "periodic"
+
+
+RecordingArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="REC",
+        help="Recording (CSV): t_s, rotor_deg, and any of d_roll_arcmin, d_pitch_arcmin, d_heading_arcmin.",
+    ),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print as JSON.")]
+Output = Annotated[Path, typer.Option("-o", "--output", help="File to write.")]
+
+
+@app.command("fit")
+def fit_command(
+    recording: RecordingArgument,
+    output: Output,
+    method: Annotated[MethodName, typer.Option(help="How to fit.")] = MethodName.AUTO,
+    rate_terms: Annotated[int, typer.Option(help="Powers of the rotor rate, 0 to 2 (polynomial9, auto).")] = 0,
+    network_input: Annotated[InputName, typer.Option(help="For the network.")] = InputName.SCALED,
+    seed: Annotated[int, typer.Option(help="For the network: its first weights.")] = 0,
+    inclination_deg: Annotated[float | None, typer.Option(help="Inclination at which it was recorded.")] = None,
+    roll_deg: Annotated[float | None, typer.Option(help="Roll of the vehicle at which it was recorded.")] = None,
+    pitch_deg: Annotated[float | None, typer.Option(help="Pitch of the vehicle at which it was recorded.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Fit each error of a recording against the rotor angle and write a compensation."""
+    import hashlib
+
+    from highside.recording.files import read_bytes, write_whole
+    from highside.rotation import Compensation, FitOptions, Method, NetworkInput, Validity, fit
+
+    table = _read(recording)
+    options = FitOptions(rate_terms, NetworkInput(network_input.value), seed)
+    curves = {
+        channel: fit(samples, Method(method.value), options) for channel, samples in _samples(table, rate_terms > 0)
+    }
+    compensation = Compensation(
+        curves,
+        Validity(inclination_deg, roll_deg, pitch_deg),
+        recording.name,
+        hashlib.sha256(read_bytes(recording)).hexdigest(),
+    )
+    write_whole(output, compensation.to_json().encode())
+    described = {name: _described(curve) for name, curve in curves.items()}
+    if as_json:
+        typer.echo(json.dumps({"output": str(output), "id": compensation.id, "curves": described}))
+        return
+    typer.echo(f"{output}: {method.value} of {table.n} rows, {compensation.id[:12]}")
+    for name, one in described.items():
+        held_out = "" if one["held_out_rms_arcmin"] is None else f", held out {one['held_out_rms_arcmin']:.4f}'"
+        typer.echo(
+            f"  {name:<8} order {one['order']:<2} noise {one['noise_arcmin']:.4f}', amplitude"
+            f" {one['half_range_arcmin']:.4f}'{held_out}"
+        )
+    for name, curve in curves.items():
+        for remark in curve.remarks:
+            typer.echo(f"{name}: {remark}", err=True)
+
+
+@app.command()
+def apply(
+    compensation_file: Annotated[Path, typer.Argument(metavar="COMP", help="Compensation (JSON) of rotation fit.")],
+    recording: RecordingArgument,
+    output: Output,
+    as_json: JsonOption = False,
+) -> None:
+    """Take the fitted errors off: adds d_roll_comp_arcmin, ... = measured - fitted."""
+    import numpy as np
+
+    from highside.recording.files import read_bytes
+    from highside.rotation import Compensation
+
+    text = read_bytes(compensation_file).decode("utf-8", errors="replace")
+    compensation = Compensation.from_json(text, where=str(compensation_file))
+    table = _read(recording)
+    added: dict[str, Floats] = {}
+    left: dict[str, dict[str, float]] = {}
+    for channel, samples in _samples(table, any(c.rate is not None for c in compensation.curves.values())):
+        curve = compensation.curves.get(channel)
+        if curve is None:
+            continue
+        name = f"d_{channel}_arcmin"
+        kept = np.isfinite(table.columns[name]) & np.isfinite(table.columns["rotor_deg"])
+        out = np.full(table.n, np.nan)
+        out[kept] = samples.error - curve(samples.theta_rad, samples.rate_radps)
+        added[f"d_{channel}_comp_arcmin"] = out
+        left[channel] = {
+            "before_mean_abs_arcmin": float(np.mean(np.abs(samples.error))),
+            "after_mean_abs_arcmin": float(np.mean(np.abs(out[kept]))),
+        }
+    if not added:
+        raise InputError(
+            f"has none of the errors this compensation is for ({', '.join(compensation.curves)})",
+            where=str(recording),
+            remedy=f"give {' or '.join(f'd_{name}_arcmin' for name in compensation.curves)}",
+        )
+    table.with_columns(added).write(output)
+    if as_json:
+        typer.echo(json.dumps({"output": str(output), "id": compensation.id, "rows": table.n, "channels": left}))
+        return
+    typer.echo(f"{output}: {table.n} rows compensated by {compensation.id[:12]}")
+    for channel, one in left.items():
+        typer.echo(
+            f"  {channel:<8} mean absolute error {one['before_mean_abs_arcmin']:.4f}' ->"
+            f" {one['after_mean_abs_arcmin']:.4f}'"
+        )
+
+
+def _described(curve: Curve) -> dict[str, Any]:
+    import numpy as np
+
+    theta = np.linspace(0.0, 2.0 * np.pi, 721)
+    rate = None if curve.rate is None else np.full(theta.size, curve.rate.centre_radps)
+    values = curve(theta, rate)
+    return {
+        "method": curve.method.value,
+        "order": curve.order,
+        "noise_arcmin": curve.noise,
+        "half_range_arcmin": float(np.ptp(values) / 2.0),
+        "std_worst_arcmin": float(curve.std(theta, rate).max()),
+        "held_out_rms_arcmin": None if curve.held_out is None else curve.held_out.rms,
+        "coverage": curve.coverage.to_dict(),
+        "remarks": list(curve.remarks),
+    }
+
+
+def _read(path: Path) -> Recording:
+    """The recording, its angles checked to be degrees of one rotor in time order."""
+    import numpy as np
+
+    from highside.recording.table import read_recording
+
+    table = read_recording(path)
+    angle = table.require("rotor_deg")[0]
+    back = np.flatnonzero(np.diff(table.t_s) < 0)
+    if back.size:
+        raise InputError(
+            "time goes back", where=f"{path}: line {back[0] + 3}", field="t_s", remedy="sort the rows by time"
+        )
+    known = angle[np.isfinite(angle)]
+    if known.size >= 8 and float(np.abs(known).max()) <= 2.0 * np.pi * 1.001 and float(np.ptp(known)) > 1.0:
+        raise InputError(
+            f"no angle is beyond {np.abs(known).max():.2f}: these are radians", where=str(path), field="rotor_deg",
+            remedy="give degrees",
+        )  # fmt: skip
+    steps = np.abs(np.diff(known))
+    if steps.size and float(steps.max()) > LARGEST_STEP_DEG:
+        raise InputError(
+            f"jumps by {steps.max():.0f} between two rows: no degrees (counts of an encoder?)", where=str(path),
+            field="rotor_deg", remedy="give degrees",
+        )  # fmt: skip
+    turned = np.abs(np.mod(np.diff(known) + 180.0, 360.0) - 180.0)
+    if turned.size and float(np.median(turned)) > 90.0:
+        raise InputError(
+            "most rows lie more than a quarter turn from the row before: not in order, or sampled too slowly",
+            where=str(path), field="rotor_deg", remedy="sort by time, or record faster",
+        )  # fmt: skip
+    return table
+
+
+def _samples(table: Recording, with_rate: bool) -> list[tuple[str, Samples]]:
+    """The errors that the recording has, each with the rows in which it and the angle are known."""
+    import numpy as np
+
+    from highside.rotation import Samples
+
+    present = [channel for channel in CHANNELS if table.has(f"d_{channel}_arcmin")]
+    if not present:
+        raise InputError(
+            "has none of d_roll_arcmin, d_pitch_arcmin, d_heading_arcmin", where=table.source,
+            remedy=f"it has: {', '.join(table.order)}",
+        )  # fmt: skip
+    names = [f"d_{channel}_arcmin" for channel in present]
+    angle, *errors = table.require("rotor_deg", *names)
+    rate = table.require("rotor_rate_dps")[0] if with_rate else None
+    made: list[tuple[str, Samples]] = []
+    for channel, name, error in zip(present, names, errors, strict=True):
+        rows = np.isfinite(angle) & np.isfinite(error)
+        if rate is not None:
+            rows &= np.isfinite(rate)
+        worst = float(np.abs(error[rows]).max()) if rows.any() else 0.0
+        if worst > LARGEST_ERROR_ARCMIN:
+            raise InputError(
+                f"{worst:g} is no small error", where=table.source, field=name, remedy="give decoded - true in arcmin"
+            )
+        try:
+            samples = Samples.build(
+                np.radians(angle[rows]), error[rows], None if rate is None else np.radians(rate[rows])
+            )
+        except InputError as problem:
+            raise InputError(problem.what, where=table.source, field=name, remedy=problem.remedy) from None
+        made.append((channel, samples))
+    return made
+
+
+@app.command()
+def compare(
+    recording: RecordingArgument,
+    rate_terms: Annotated[int, typer.Option(help="Powers of the rotor rate for polynomial9 and auto.")] = 0,
+    network_input: Annotated[InputName, typer.Option(help="For the network.")] = InputName.SCALED,
+    seed: Annotated[int, typer.Option(help="For the network: its first weights.")] = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Fit all methods to the same rows: what each leaves, on whole turns it had not seen too, and relative to sine."""
+    from highside.rotation import FitOptions, NetworkInput
+    from highside.rotation.compare import compare as compare_methods
+
+    table = _read(recording)
+    options = FitOptions(rate_terms, NetworkInput(network_input.value), seed)
+    result: dict[str, Any] = {}
+    for channel, samples in _samples(table, rate_terms > 0):
+        comparison = compare_methods(samples, options=options)
+        result[channel] = {
+            "rows": samples.n,
+            "mean_abs_before_arcmin": float(abs(samples.error).mean()),
+            "methods": {
+                method.value: {
+                    "order": score.curve.order,
+                    "mean_arcmin": score.mean,
+                    "std_arcmin": score.std,
+                    "mean_abs_arcmin": score.mean_abs,
+                    "largest_arcmin": score.largest,
+                    "held_out_rms_arcmin": None if score.curve.held_out is None else score.curve.held_out.rms,
+                    "better_than_sine": comparison.better_than_sine(method),
+                    "remarks": list(score.curve.remarks),
+                }
+                for method, score in comparison.scores.items()
+            },
+            "refused": {method.value: why for method, why in comparison.refused.items()},
+        }
+    if as_json:
+        typer.echo(json.dumps({"recording": str(recording), "channels": result}))
+        return
+    for channel, one in result.items():
+        typer.echo(f"{channel}: {one['rows']} rows, mean absolute error {one['mean_abs_before_arcmin']:.4f}'")
+        typer.echo(f"  {'method':<12} order  mean |e|    largest  held out  better than sine")
+        for name, row in one["methods"].items():
+            held = "-" if row["held_out_rms_arcmin"] is None else f"{row['held_out_rms_arcmin']:.5f}'"
+            better = "-" if row["better_than_sine"] is None else f"{100 * row['better_than_sine']:.1f} %"
+            typer.echo(
+                f"  {name:<12} {row['order']:>5}  {row['mean_abs_arcmin']:.5f}'  {row['largest_arcmin']:.4f}'"
+                f"  {held:>9}  {better:>8}"
+            )
+        for name, why in one["refused"].items():
+            typer.echo(f"  {name}: {why}", err=True)

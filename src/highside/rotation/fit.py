@@ -1,0 +1,80 @@
+"""One door to all methods, and the honest score: errors on whole turns that the fit had not seen.
+
+Rows of one turn are not independent of each other (wobble that does not repeat, drift, temperature), so leaving out
+random rows flatters; whole turns are left out instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from highside.errors import InputError
+from highside.rotation.curve import Curve, HeldOut, Method, NetworkInput
+from highside.rotation.fourier import auto
+from highside.rotation.linear import harmonics2, polynomial9, sine
+from highside.rotation.network import network
+from highside.rotation.samples import Samples
+
+FOLDS = 5
+"""turns are dealt into at most so many folds"""
+
+
+@dataclass(frozen=True, slots=True)
+class FitOptions:
+    """What may be asked of the methods that know it."""
+
+    rate_terms: int = 0
+    network_input: NetworkInput = NetworkInput.SCALED
+    seed: int = 0
+
+
+DEFAULTS = FitOptions()
+
+
+def fit(samples: Samples, method: Method, options: FitOptions = DEFAULTS, *, held_out: bool = True) -> Curve:
+    """The curve of `method`, with its held-out error where there are two whole turns or more.
+
+    Raises InputError for an option the method does not have and Refused where the samples cannot carry the method.
+    """
+    if options.rate_terms and method not in (Method.POLYNOMIAL9, Method.AUTO):
+        raise InputError(f"{method.value} has no rate terms", field="--rate-terms", remedy="use polynomial9 or auto")
+    curve = _fit(samples, method, options)
+    return replace(curve, held_out=held_out_error(samples, method, options)) if held_out else curve
+
+
+def _fit(samples: Samples, method: Method, options: FitOptions) -> Curve:
+    if method is Method.SINE:
+        return sine(samples)
+    if method is Method.HARMONICS2:
+        return harmonics2(samples)
+    if method is Method.POLYNOMIAL9:
+        return polynomial9(samples, options.rate_terms)
+    if method is Method.NETWORK:
+        return network(samples, network_input=options.network_input, seed=options.seed)
+    if method is Method.AUTO:
+        return auto(samples, rate_terms=options.rate_terms)
+    raise InputError(f"{method.value} is not fitted to a recording", remedy="use OnlineFit")
+
+
+def held_out_error(samples: Samples, method: Method, options: FitOptions = DEFAULTS) -> HeldOut | None:
+    """Fit without each fold of whole turns in turn and score on it; None with fewer than two whole turns."""
+    whole = samples.whole_revolutions
+    if len(whole) < 2:
+        return None
+    folds = min(FOLDS, len(whole))
+    turn = samples.revolution
+    squares, rows, worst = 0.0, 0, 0.0
+    for fold in range(folds):
+        out = (turn % folds == fold) & (turn <= whole[-1])
+        if not out.any():
+            continue
+        seen = samples.select(~out)
+        curve = _fit(seen, method, options)
+        unseen = samples.select(out)
+        left = unseen.error - curve(unseen.theta_rad, unseen.rate_radps)
+        squares += float(left @ left)
+        rows += left.size
+        worst = max(worst, float(np.abs(left).max()))
+    return HeldOut(len(whole), float(np.sqrt(squares / rows)), worst)

@@ -1,0 +1,197 @@
+"""`auto`: a Fourier series that chooses its own order, holds outliers down and stays small where nothing was seen.
+
+1. One QR of the largest model with the errors as last column, [F y] = Q [R z]: the columns are nested, so the residual
+   sum of squares of every order k follows from it, RSS_k = y'y - sum_{j <= 2k} z_j^2.
+2. Huber's estimate (1.345 standard deviations, scale from the median absolute residual of the largest model) by
+   modified residuals: beta += (F'F)^-1 F' psi(r), with the same triangle R each time (Huber and Ronchetti, Robust
+   Statistics, section 7.8). The pseudo-values F beta + psi(r) are the errors with outliers pulled in.
+3. Order by BIC of the pseudo-values, n ln(RSS_k / n) + p_k ln n; then Huber's estimate of that order.
+4. Where part of the turn was not seen, no order is chosen: every harmonic gets the prior N(0, (s / k^2)^2), and s
+   (from the third harmonic on) is the one that makes the data most probable. The covariance then says how far the curve
+   may be off in the gap.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from highside.attitude.angles import TURN, wrap_positive
+from highside.errors import Refused
+from highside.rotation.bases import RateTerms, fourier_rows, triangle_of
+from highside.rotation.curve import Curve, Form, Method
+from highside.rotation.linear import identifiable_rate
+from highside.rotation.samples import Samples
+
+Floats = NDArray[np.float64]
+
+LARGEST_ORDER = 12
+HUBER = 1.345
+_MAD_TO_STD = 1.482602218505602
+_ROUNDS = 30
+_CONVERGED = 1e-5
+"""largest change of a parameter, in standard deviations of a row, at which the robust rounds end"""
+
+
+def auto(samples: Samples, *, rate_terms: int = 0, largest_order: int = LARGEST_ORDER, robust: bool = True) -> Curve:
+    """Fit. Raises Refused where less than half of the turn was seen or asked-for rate terms cannot be identified."""
+    samples.require_coverage()
+    order = _order_allowed(samples, largest_order)
+    rows = fourier_rows(samples.theta_rad, order)
+    rate: RateTerms | None = None
+    remarks: list[str] = []
+    if rate_terms:
+        rate, remarks = identifiable_rate(samples, rows, rate_terms)
+        # the rate's columns stand behind the constant, so that the harmonics stay nested
+        rows = np.vstack([rows[:1], rate.rows(np.asarray(samples.rate_radps)), rows[1:]])
+    extra = 0 if rate is None else len(rate.powers)
+    fit = _Fit(rows, samples.error)
+    full = rows.shape[0]
+    scale = _robust_std(fit.residual, full) if robust else float(np.sqrt(fit.rss(full) / max(1, samples.n - full)))
+    # errors that the curve reproduces to rounding have no scale of their own
+    scale = max(scale, 1e-13 * float(np.abs(samples.error).max()), 1e-300)
+    pseudo = fit.huber(full, scale) if robust else samples.error
+    if samples.coverage.has_gap:
+        solution, covariance = _shrunken(fit, pseudo, scale, order, extra)
+        used = order
+    else:
+        used = fit.order_by_bic(pseudo, order, extra)
+        count = 2 * used + 1 + extra
+        if robust:
+            fit.huber(count, scale)
+        else:
+            fit.least_squares(count)
+        solution, covariance = fit.beta, fit.covariance(count, scale if robust else np.inf)
+    count = solution.size
+    residual = samples.error - solution @ rows[:count]
+    bound = HUBER * scale if robust else np.inf
+    psi = np.clip(residual, -bound, bound)
+    noise = _robust_std(residual, count) if robust else float(np.sqrt(residual @ residual / max(1, samples.n - count)))
+    held_down = float(np.mean(np.abs(residual) > 4.0 * scale)) if robust else 0.0
+    if held_down > 0.01:
+        remarks.append(f"{100 * held_down:.1f} % of the rows lie more than four standard deviations off: held down")
+    if samples.coverage.warning:
+        remarks.append(samples.coverage.warning)
+    if used == largest_order and not samples.coverage.has_gap:
+        remarks.append(f"the highest order allowed ({used}) was taken: finer structure may be left")
+    weight = float(np.mean(np.where(residual == 0.0, 1.0, psi / np.where(residual == 0.0, 1.0, residual))))
+    places = np.concatenate([[0], np.arange(1 + extra, count), np.arange(1, 1 + extra)]).astype(int)
+    return Curve(
+        Method.AUTO, Form.FOURIER, used, solution[places], covariance[np.ix_(places, places)], noise, samples.coverage,
+        rate, robust_weight=weight, remarks=tuple(remarks),
+    )  # fmt: skip
+
+
+def _order_allowed(samples: Samples, largest: int) -> int:
+    """At most `largest`, a quarter of the rows, and half of the five-degree sectors that hold rows."""
+    sectors = np.unique((wrap_positive(samples.theta_rad) * (72 / TURN)).astype(np.int64)).size
+    order = min(largest, (samples.n // 4 - 1) // 2, (sectors - 1) // 2)
+    if order < 1:
+        raise Refused("the rotor stood at too few different angles for a curve over the turn")
+    return order
+
+
+def _robust_std(residual: Floats, parameters: int) -> float:
+    """Normal-consistent median absolute residual, widened for the parameters already spent."""
+    n = residual.size
+    middle = np.abs(residual)
+    middle.partition(n // 2)
+    return float(_MAD_TO_STD * middle[n // 2] * np.sqrt(n / max(1, n - parameters)))
+
+
+class _Fit:
+    """Nested least squares on rows (P, N) from one QR; `beta` is the estimate made last, `residual` what it leaves."""
+
+    def __init__(self, rows: Floats, y: Floats) -> None:
+        self.rows, self.y = rows, y
+        p = rows.shape[0]
+        triangle = triangle_of(rows, y)
+        self.R, self.z = triangle[:p, :p], triangle[:p, p]
+        if np.abs(np.diag(self.R)).min() < 1e-9 * np.abs(self.R[0, 0]):
+            raise Refused("the rotor stood at too few different angles for a curve over the turn")
+        self._rest = float(triangle[p, p] ** 2)
+        self.beta = self._solve(self.z)
+        self.residual = y - self.beta @ rows
+
+    def rss(self, count: int) -> float:
+        """Residual sum of squares of the first `count` columns."""
+        return self._rest + float(self.z[count:] @ self.z[count:])
+
+    def _solve(self, z: Floats) -> Floats:
+        return np.asarray(solve_triangular(self.R[: z.size, : z.size], z, check_finite=False))
+
+    def project(self, values: Floats, count: int) -> Floats:
+        """z = Q' values for the first `count` columns, by R'z = F' values."""
+        R = self.R[:count, :count]
+        return np.asarray(solve_triangular(R, self.rows[:count] @ values, trans="T", check_finite=False))
+
+    def least_squares(self, count: int) -> None:
+        """The ordinary estimate of the first `count` columns."""
+        self.beta = self._solve(self.z[:count])
+        self.residual = self.y - self.beta @ self.rows[:count]
+
+    def huber(self, count: int, scale: float) -> Floats:
+        """Huber's estimate of the first `count` columns; gives the pseudo-values (N,)."""
+        rows, bound = self.rows[:count], HUBER * scale
+        self.beta = self._solve(self.z[:count]) if self.beta.size != count else self.beta
+        # the triangle says how far a parameter moves a row: the step's size in rows is |R step| / sqrt(n)
+        R = self.R[:count, :count]
+        psi = self.y
+        for _ in range(_ROUNDS):
+            self.residual = self.y - self.beta @ rows
+            psi = np.clip(self.residual, -bound, bound)
+            step = self._solve(self.project(psi, count))
+            self.beta = self.beta + step
+            if np.linalg.norm(R @ step) <= _CONVERGED * scale * np.sqrt(self.y.size):
+                break
+        fitted = self.beta @ rows
+        self.residual = self.y - fitted
+        return np.asarray(fitted + np.clip(self.residual, -bound, bound))
+
+    def order_by_bic(self, values: Floats, largest: int, extra: int) -> int:
+        """The order with the least n ln(RSS / n) + p ln n, for the (pulled in) values."""
+        n = values.size
+        z = self.project(values, 2 * largest + 1 + extra)
+        total = float(values @ values)
+        counts = 2 * np.arange(0, largest + 1) + 1 + extra
+        rss = np.maximum(total - np.cumsum(z * z)[counts - 1], 1e-30 * max(total, 1e-300))
+        return int(np.argmin(n * np.log(rss / n) + counts * np.log(n)))
+
+    def covariance(self, count: int, scale: float) -> Floats:
+        """Asymptotic covariance of Huber's estimate: mean psi^2 / (mean psi')^2 (F'F)^-1."""
+        bound = HUBER * scale
+        inside = np.abs(self.residual) <= bound
+        psi = np.clip(self.residual, -bound, bound)
+        factor = float(psi @ psi) / max(1, psi.size - count) / max(float(np.mean(inside)), 0.1) ** 2
+        inverse = solve_triangular(self.R[:count, :count], np.eye(count), check_finite=False)
+        return np.asarray(factor * (inverse @ inverse.T))
+
+
+def _shrunken(fit: _Fit, values: Floats, scale: float, order: int, extra: int) -> tuple[Floats, Floats]:
+    """Posterior mean and covariance under N(0, (s / k^2)^2) on each harmonic, s by the probability of the data.
+
+    The constant, the rate terms and the first two harmonics get a prior as wide as the data themselves.
+    """
+    count = 2 * order + 1 + extra
+    z, R = fit.project(values, count), fit.R[:count, :count]
+    size = float(np.std(values)) + abs(float(np.mean(values)))
+    harmonic = np.repeat(np.arange(1, order + 1), 2)
+    wide = np.full(count, 10.0 * size)
+    wide[1 + extra :][harmonic <= 2] = 2.0 * size / harmonic[harmonic <= 2] ** 2
+
+    def posterior(s: float) -> tuple[float, Floats, Floats]:
+        prior = wide.copy()
+        prior[1 + extra :][harmonic > 2] = s / harmonic[harmonic > 2] ** 2
+        # z ~ N(0, R D R' + scale^2 I)
+        spread = (R * prior**2) @ R.T + scale**2 * np.eye(count)
+        chol = np.linalg.cholesky(spread)
+        white = np.asarray(solve_triangular(chol, z, lower=True, check_finite=False))
+        evidence = -0.5 * float(white @ white) - float(np.log(np.diag(chol)).sum())
+        gain = np.linalg.solve(spread, R * prior**2).T
+        covariance = np.diag(prior**2) - gain @ (R * prior**2)
+        return evidence, gain @ z, 0.5 * (covariance + covariance.T)
+
+    tried = [posterior(s) for s in size * np.geomspace(1e-3, 4.0, 19)]
+    _, mean, covariance = max(tried, key=lambda one: one[0])
+    return mean, covariance

@@ -1,0 +1,110 @@
+"""A Fourier curve that follows a drifting error, one row at a time: recursive least squares with forgetting.
+
+What was learnt is forgotten with the *way of the rotor*, not with time: the weight of a row falls to 1/e after
+`memory_turns`. A rotor that stands still therefore forgets nothing. A rotor that swings in a sector would forget the
+rest of the turn and its covariance would grow without end (wind-up); forgetting therefore stops while the trace of the
+covariance is at its first value, that of knowing nothing but the usual sizes. The memory should be at least a sixth of
+a turn, better one or more.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.errors import InputError
+from highside.rotation.curve import Curve, Form, Method
+from highside.rotation.samples import Coverage
+
+Floats = NDArray[np.float64]
+
+LEAST_MEMORY_TURNS = 1.0 / 6.0
+
+
+class OnlineFit:
+    """Feed `update` in time order; `predict` and `curve` give the present state.
+
+    `noise` is the standard deviation of one row, `amplitude` the size of a first harmonic that would not surprise (the
+    k-th: amplitude / k^2), both in the unit of the errors. Raises InputError for numbers that cannot be these.
+    """
+
+    def __init__(self, *, noise: float, amplitude: float, order: int = 4, memory_turns: float = 1.0) -> None:
+        if not (noise > 0.0 and amplitude > 0.0):
+            raise InputError("noise and amplitude must be more than 0")
+        if not 1 <= order <= 12:
+            raise InputError(f"order {order}", remedy="1 to 12")
+        if memory_turns < LEAST_MEMORY_TURNS * (1 - 1e-9):
+            raise InputError(f"a memory of {memory_turns:g} turns cannot hold the turn", remedy="1/6 or more")
+        self.order, self.noise = order, noise
+        self._decay_per_rad = 1.0 / (memory_turns * 2.0 * math.pi)
+        harmonic = np.repeat(np.arange(1, order + 1), 2)
+        prior = np.concatenate([[amplitude], amplitude / harmonic**2])
+        self._weights: Floats = np.zeros(prior.size)
+        # in units of the row's variance
+        self._P: Floats = np.diag((prior / noise) ** 2)
+        self._trace = self._largest_trace = float(np.trace(self._P))
+        self._phi: Floats = np.ones(prior.size)
+        self._outer: Floats = np.empty_like(self._P)
+        self._theta: float | None = None
+        self._first_theta = 0.0
+        self._travel = 0.0
+        self._rows = 0
+
+    @property
+    def covariance_trace(self) -> float:
+        """Sum of the variances of the parameters, in units of a row's variance; never above its first value."""
+        return self._trace
+
+    def update(self, theta_rad: float, error: float) -> float:
+        """Take one row in; gives the error left by what was known before. A row that is not finite gives NaN."""
+        if not (math.isfinite(theta_rad) and math.isfinite(error)):
+            return math.nan
+        phi = self._fill(theta_rad)
+        forget = 1.0
+        if self._theta is not None:
+            way = abs(math.remainder(theta_rad - self._theta, 2.0 * math.pi))
+            self._travel += way
+            if self._trace < self._largest_trace:
+                # never so much that the bound is passed
+                forget = max(math.exp(-way * self._decay_per_rad), self._trace / self._largest_trace)
+        self._theta = theta_rad
+        self._rows += 1
+        P = self._P
+        direction = P @ phi
+        gain = 1.0 / (forget + float(phi @ direction))
+        left = error - float(phi @ self._weights)
+        self._weights += (gain * left) * direction
+        np.multiply(direction[:, None], direction, out=self._outer)
+        self._outer *= gain
+        P -= self._outer
+        trace = self._trace - gain * float(direction @ direction)
+        if forget != 1.0:
+            P /= forget
+            trace /= forget
+        # the running trace loses a digit now and then
+        self._trace = trace if self._rows % 1024 else float(np.trace(P))
+        return left
+
+    def predict(self, theta_rad: float) -> float:
+        """The present curve at one angle."""
+        return float(self._fill(theta_rad) @ self._weights)
+
+    def curve(self) -> Curve:
+        """The present state as a curve like those of the other methods."""
+        coverage = Coverage(self._rows, self._travel / (2.0 * math.pi), 0.0 if self._travel > 2 * math.pi else
+                            max(0.0, 2 * math.pi - self._travel), (self._theta or 0.0) % (2 * math.pi))  # fmt: skip
+        return Curve(
+            Method.ONLINE, Form.FOURIER, self.order, self._weights.copy(), self.noise**2 * self._P, self.noise, coverage
+        )
+
+    def _fill(self, theta_rad: float) -> Floats:
+        phi = self._phi
+        s1, c1 = math.sin(theta_rad), math.cos(theta_rad)
+        s, c = s1, c1
+        phi[1], phi[2] = s, c
+        for k in range(3, phi.size, 2):
+            s, c = s * c1 + c * s1, c * c1 - s * s1
+            phi[k], phi[k + 1] = s, c
+        return phi
