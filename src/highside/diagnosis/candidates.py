@@ -1,0 +1,190 @@
+"""What could have been left out: the columns that each effect of the library would add to the readings, per unit.
+
+Effects are taken to first order at the fitted base model. A parameter that only shapes an effect (a time constant, a
+harmonic order, the time of a step) is tried at several values: the *variants* of the candidate.
+
+Beside the named effects stand *shadows*: unnamed products of temperature, time or direction of approach with powers of
+the load. They are there so that an interaction outside of the library is not given the name of the nearest effect
+inside it; a shadow that wins is reported as unknown, with its covariates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.physics.effect import Effect, Stage
+from highside.physics.effects import library
+from highside.physics.forward import ForwardModel
+from highside.physics.state import ChainState
+
+Array = NDArray[np.float64]
+
+CHANNELS = ("ax", "ay", "az")
+MAX_STEP_TIMES = 60
+_NEVER = {
+    "tone": "a tone averages out while a pose is held",
+    "aliased_vibration": "vibration in step with the rotation needs rotation",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """A candidate at one value of its shape: `columns` (k, 3, n), one for each amplitude."""
+
+    shape: dict[str, float]
+    columns: Array
+    label: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """An effect of the library, or a shadow (`effect` is None, each variant one product of covariates)."""
+
+    id: str
+    effect: Effect | None
+    amplitudes: tuple[str, ...]
+    variants: tuple[Variant, ...]
+
+    @property
+    def named(self) -> bool:
+        """Whether this has a name a report may give."""
+        return self.effect is not None
+
+    def unit(self) -> Array:
+        """(k,) a typical size of each amplitude; 1 for shadows."""
+        if self.effect is None:
+            return np.ones(len(self.amplitudes))
+        return np.array([p.typical for p in self.effect.parameters if not p.shape])
+
+
+@dataclass(frozen=True, slots=True)
+class Blind:
+    """An effect that the recording cannot show because what it follows is constant or not recorded."""
+
+    effect: Effect
+    why: str
+
+
+def pose_candidates(model: ForwardModel, state: ChainState, free: Sequence[str]) -> tuple[list[Candidate], list[Blind]]:
+    """Candidates among the library's effects for a session of poses, and those that leave no trace at all in it.
+
+    `free` are the effects that the base fit adjusts anyway. Gyro effects are no matter of the triad and left out.
+    """
+    wanted = [
+        effect
+        for effect in library().values()
+        if not effect.random and effect.stage is not Stage.GYRO and effect.id not in free
+    ]
+    plain = [effect for effect in wanted if len(effect.amplitudes) == len(effect.parameters)]
+    columns = _plain_columns(model, state, plain)
+    found: list[Candidate] = []
+    blind: list[Blind] = []
+    for effect in wanted:
+        names = tuple(effect.parameters[k].name for k in effect.amplitudes)
+        if effect.id in _NEVER:
+            blind.append(Blind(effect, _NEVER[effect.id]))
+            continue
+        variants = [Variant({}, columns[effect.id])] if effect in plain else _shaped(model, state, effect)
+        variants = [variant for variant in variants if np.any(np.abs(variant.columns) > 1e-12)]
+        if variants:
+            found.append(Candidate(effect.id, effect, names, tuple(variants)))
+        else:
+            blind.append(Blind(effect, _what_lacks(effect, state)))
+    return found, blind
+
+
+def columns_of(model: ForwardModel, state: ChainState, effect: Effect, shape: dict[str, float]) -> Array:
+    """(k, 3, n): change of the report with each amplitude of an effect at the given shape."""
+    start = dict(zip((p.name for p in effect.parameters), model.vector_of(effect.id).tolist(), strict=True))
+    for k in effect.amplitudes:
+        parameter = effect.parameters[k]
+        if not effect.complex_safe and parameter.gate[0] == 0.0 and start[parameter.name] == 0.0:
+            # a slack has no derivative at zero: its slope is taken where it has some size
+            start[parameter.name] = parameter.typical
+    names = [f"{effect.id}.{effect.parameters[k].name}" for k in effect.amplitudes]
+    return np.asarray(model.with_effects({effect.id: {**start, **shape}}).jacobian(state, names), dtype=float)
+
+
+def _plain_columns(model: ForwardModel, state: ChainState, effects: Sequence[Effect]) -> dict[str, Array]:
+    """Columns of effects without shapes: those that are smooth in one evaluation of the chain."""
+    smooth = [effect for effect in effects if effect.complex_safe]
+    every = np.asarray(model.jacobian(state, [effect.id for effect in smooth]), dtype=float)
+    result: dict[str, Array] = {}
+    at = 0
+    for effect in smooth:
+        size = len(effect.amplitudes)
+        result[effect.id] = every[at : at + size]
+        at += size
+    for effect in effects:
+        if effect.id not in result:
+            result[effect.id] = columns_of(model, state, effect, {})
+    return result
+
+
+def _shaped(model: ForwardModel, state: ChainState, effect: Effect) -> list[Variant]:
+    shapes = [parameter for parameter in effect.parameters if parameter.shape]
+    if len(shapes) != 1:
+        raise ValueError(f"effect '{effect.id}' has {len(shapes)} shape parameters, one is supported")
+    shape = shapes[0]
+    values = shape.grid or _step_times(state)
+    return [Variant({shape.name: v}, columns_of(model, state, effect, {shape.name: v})) for v in values]
+
+
+def _step_times(state: ChainState) -> tuple[float, ...]:
+    """Instants between poses, away from both ends, for a step that could be anywhere."""
+    elapsed = state.t_s - state.t_s[0]
+    between = (elapsed[:-1] + elapsed[1:]) / 2
+    inner = between[4:-4]
+    keep = np.unique(np.linspace(0, inner.size - 1, min(MAX_STEP_TIMES, inner.size)).round().astype(int))
+    return tuple(float(value) for value in inner[keep])
+
+
+def _what_lacks(effect: Effect, state: ChainState) -> str:
+    words = {
+        "temp_c": "the temperature does not change, or is not recorded",
+        "rotor_rate_radps": "the tool does not rotate while it is read",
+        "rotor_accel_radps2": "the rotation is not sped up or slowed down",
+        "vibration_rms_g": "vibration is not recorded, or there is none",
+        "direction": "the direction of approach is not recorded",
+        "t_s": "the recording has no length",
+    }
+    lacking = [words[name] for name in effect.needs if name in words and np.ptp(getattr(state, name)) == 0.0]
+    return lacking[0] if lacking else "the tool does not move while it is read"
+
+
+def shadows(state: ChainState, force: Array) -> list[Candidate]:
+    """Unnamed interactions; `force` (3, n) in g. Each variant is one column on one channel."""
+    x, y, z = force
+    linear = {"x": x, "y": y, "z": z}
+    square = {"x^2": x * x, "y^2": y * y, "z^2": z * z, "x y": x * y, "x z": x * z, "y z": y * z}
+    cubic = {"x^3": x**3, "y^3": y**3, "z^3": z**3, "|x|": abs(x), "|y|": abs(y), "|z|": abs(z), "x y z": x * y * z}
+    elapsed = state.t_s - state.t_s[0]
+    time = elapsed / max(float(elapsed[-1]), 1e-9)
+    found: list[Candidate] = []
+
+    def add(name: str, covariate: Array, terms: dict[str, Array], own_axis: bool = True) -> None:
+        variants = []
+        for channel, axis in enumerate("xyz"):
+            for label, term in terms.items():
+                if label == axis and not own_axis:
+                    continue
+                column = np.zeros((1, 3, state.n))
+                column[0, channel] = covariate * term
+                variants.append(Variant({}, column, f"{name} x {label} on {CHANNELS[channel]}"))
+        found.append(Candidate(f"shadow:{name}:{next(iter(terms))}", None, ("a",), tuple(variants)))
+
+    if np.ptp(state.temp_c) > 0.5:
+        warm = (state.temp_c - state.temp_c.mean()) / state.temp_c.std()
+        add("temperature", warm, linear, own_axis=False)
+        add("temperature", warm, square)
+        add("temperature", warm, cubic)
+        add("temperature^2", warm**2, linear)
+    add("time", time, linear)
+    add("time", time, square)
+    if np.ptp(state.direction) > 0:
+        add("direction of approach", np.asarray(state.direction), linear)
+    return found

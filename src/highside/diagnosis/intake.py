@@ -1,0 +1,274 @@
+"""Is the recording what it claims to be? Faults of the data that no physics explains and no fit should be asked about.
+
+These are exact detectors, not regressions: each counts something that a healthy recording does not have and gives the
+probability of that count by chance. A finding that spoils the data stops the diagnosis (`bad_data`): a fit would give
+the fault the name of some effect, and be very sure of it. Others are told and lived with.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.result import Finding
+from highside.physics.gravity import STANDARD_GRAVITY_MPS2, gravity_direction
+
+Array = NDArray[np.float64]
+
+CHANNELS = ("ax", "ay", "az")
+COLUMNS = ("ax_g", "ay_g", "az_g")
+UNITS = {"m/s2": STANDARD_GRAVITY_MPS2, "mg": 1e3, "ug": 1e6}
+STRAY = 1e-4
+"""Share of frames that a healthy link may lose, repeat or disorder."""
+SURE = 1e-6
+CLIPPED_SHARE = 0.2
+"""Where more of a channel is clipped, the rest says too little."""
+
+
+@dataclass(frozen=True, slots=True)
+class Intake:
+    """What was found, and whether it spoils the data. `clipped` are shares and limits (g) of channels with flat tops."""
+
+    findings: tuple[Finding, ...]
+    spoiled: bool
+    clipped: dict[int, tuple[float, float]]
+
+
+def check(columns: Mapping[str, Array], needed: Sequence[str], axes: Sequence[tuple[int, float]]) -> Intake:
+    """Check the columns (N,) of a recording. `needed` are those the diagnosis cannot do without.
+
+    `axes` says which channel, with which sign, is the tool's x, y and z.
+    """
+    missing = [name for name in (*COLUMNS, *needed) if name not in columns]
+    if missing:
+        return _spoiled([Finding("missing_column", tuple(missing), 0.0, f"record {', '.join(missing)} as well")])
+    held = ~np.isnan(columns["pose"]) if "pose" in columns else np.ones(columns["t_s"].size, dtype=bool)
+    holes = [name for name in (*COLUMNS, *needed) if np.isnan(columns[name][held]).any()]
+    if holes:
+        count = max(int(np.isnan(columns[name][held]).sum()) for name in holes)
+        words = f"{count} of {int(held.sum())} values are missing: repeat those poses or leave the rows out"
+        return _spoiled([Finding("missing_values", tuple(_short(name) for name in holes), 0.0, words)])
+    time = _time(columns, held)
+    accel = np.stack([columns[name][held] for name in COLUMNS])
+    still = [c for c in range(3) if np.ptp(accel[c]) == 0.0]
+    if still:
+        names = tuple(CHANNELS[c] for c in still)
+        return _spoiled([*time, Finding("constant_channel", names, _all_equal(accel.shape[1]), "check wire and codec")])
+    reference = _reference({name: column[held] for name, column in columns.items()})
+    unit = _unit(accel)
+    if unit:
+        return _spoiled([*time, unit])
+    expected = np.empty_like(reference)
+    for tool, (channel, sign) in enumerate(axes):
+        expected[channel] = sign * reference[tool]
+    clipped = {c: found for c in range(3) if (found := _clipping(accel[c], expected[c]))}
+    # a channel that is mostly flat follows no axis map
+    frames = [] if any(share >= CLIPPED_SHARE for share, _, _ in clipped.values()) else _axes(accel, reference, axes)
+    if frames:
+        return _spoiled([*time, *frames])
+    findings = [*time, *_duplicates(columns, held, accel)]
+    for c, (share, limit, p) in clipped.items():
+        words = f"{share:.1%} of the readings share the value {limit:g} g: use a larger range"
+        findings.append(Finding("clipping", (CHANNELS[c],), p, words))
+    stuck = [f for c in range(3) if c not in clipped and (f := _stuck_bit(accel[c], c))]
+    told = [f for c in range(3) if (f := _quantisation(accel[c], c))]
+    spoiled = bool(findings or stuck) and not (
+        clipped
+        and not stuck
+        and len(findings) == len(clipped)
+        and all(s < CLIPPED_SHARE for s, _, _ in clipped.values())
+    )
+    return Intake((*findings, *stuck, *told), spoiled, {c: (share, limit) for c, (share, limit, _) in clipped.items()})
+
+
+def _spoiled(findings: Sequence[Finding]) -> Intake:
+    return Intake(tuple(findings), True, {})
+
+
+def _short(name: str) -> str:
+    return name.removesuffix("_g") if name in COLUMNS else name
+
+
+def chance(count: int, of: int, rate: float) -> float:
+    """Probability of at least `count` among `of` where each happens with `rate`: an exact binomial tail."""
+    from scipy.special import bdtrc
+
+    return 1.0 if count <= 0 else float(bdtrc(count - 1, of, rate))
+
+
+def _all_equal(count: int) -> float:
+    """Probability that so many readings agree where two do with even odds."""
+    return float(2.0 ** -min(count - 1, 1000))
+
+
+def _time(columns: Mapping[str, Array], held: NDArray[np.bool_]) -> list[Finding]:
+    """Order, gaps and repetitions of the frames, from the times and the counter."""
+    steps = np.diff(columns["t_s"])
+    n = steps.size
+    back = int(np.sum(steps < 0))
+    if back > n / 2:
+        return [Finding("reversed_time", ("t_s",), chance(back, n, 0.5), "sort the rows by time")]
+    found: list[Finding] = []
+    if back:
+        p = chance(back, n, STRAY)
+        found.append(Finding("reordered_frames", ("t_s",), p, f"{back} rows are out of order: sort by time or counter"))
+    if "seq" in columns and not np.isnan(columns["seq"]).any():
+        jumps = np.diff(columns["seq"])
+        lost = int(np.sum(np.maximum(jumps[jumps > 0] - 1, 0)))
+    else:
+        # only within a stop: between stops a recording may pause
+        pose = columns.get("pose", np.zeros(n + 1))
+        inside = (pose[1:] == pose[:-1]) & held[1:] & held[:-1] & (steps > 0)
+        usual = float(np.median(steps[inside])) if inside.any() else 0.0
+        lost = int(np.sum(np.round(steps[inside] / usual) - 1)) if usual > 0 else 0
+    p = chance(lost, n + lost, STRAY)
+    if lost > 0 and p < SURE:
+        found.append(
+            Finding(
+                "dropped_frames", ("seq" if "seq" in columns else "t_s",), p, f"{lost} frames are lost: check the link"
+            )
+        )
+    return found
+
+
+def _duplicates(columns: Mapping[str, Array], held: NDArray[np.bool_], accel: Array) -> list[Finding]:
+    """Frames that arrived twice: equal counters, or neighbours equal in all channels more often than others are."""
+    n = accel.shape[1]
+    if "seq" in columns and not np.isnan(columns["seq"]).any():
+        twice = int(np.sum(np.diff(columns["seq"]) == 0))
+        p = chance(twice, n, STRAY)
+    else:
+        same = np.all(np.diff(accel, axis=1) == 0, axis=0)
+        apart = np.all(accel[:, 2:] == accel[:, :-2], axis=0)
+        twice, p = int(same.sum()), chance(int(same.sum()), n - 1, max(float(apart.mean()) * 1.5, STRAY))
+    if twice and p < SURE:
+        return [Finding("duplicated_frames", CHANNELS, p, f"{twice} frames are there twice: remove the copies")]
+    return []
+
+
+def _reference(columns: Mapping[str, Array]) -> Array:
+    """(3, N) gravity in the tool frame as the bench says."""
+    tf = columns["tf_ref_deg"] if "tf_ref_deg" in columns else columns["rotor_deg"]
+    return np.asarray(gravity_direction(np.radians(columns["inc_ref_deg"]), np.radians(tf)), dtype=float)
+
+
+def _unit(accel: Array) -> Finding | None:
+    """The size of gravity tells the unit."""
+    size = float(np.median(np.linalg.norm(accel, axis=0)))
+    if 0.7 < size < 1.4:
+        return None
+    guess = next((name for name, one in UNITS.items() if 0.8 < size / one < 1.25), None)
+    words = (
+        f"|a| is {size:.6g}: looks like {guess}, divide by {UNITS[guess]:g}"
+        if guess
+        else (f"|a| is {size:.6g} where gravity is 1: scale the readings to g")
+    )
+    away = int(np.sum(np.abs(np.linalg.norm(accel, axis=0) - 1) > 0.3))
+    return Finding("wrong_unit", CHANNELS, chance(away, accel.shape[1], STRAY), words)
+
+
+def _axes(accel: Array, reference: Array, axes: Sequence[tuple[int, float]]) -> list[Finding]:
+    """Search all 48 signed permutations of the channels for the one that follows the bench."""
+    tool = np.stack([sign * accel[channel] for channel, sign in axes])
+    now = np.sum((tool - reference) ** 2, axis=0)
+    best: tuple[float, tuple[int, ...], tuple[int, ...]] = (np.inf, (0, 1, 2), (1, 1, 1))
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1, -1), repeat=3):
+            misfit = float(np.sum((np.array(signs)[:, None] * tool[list(order)] - reference) ** 2))
+            best = min(best, (misfit, order, signs))
+    misfit, order, signs = best
+    n = accel.shape[1]
+    level = np.sqrt(now.mean())
+    if level < 0.2:
+        return []
+    better = np.sum((np.array(signs)[:, None] * tool[list(order)] - reference) ** 2, axis=0)
+    wins = int(np.sum(better < now))
+    p = chance(wins, n, 0.5)
+    if misfit / n > 0.2**2 or np.sqrt(misfit / n) > level / 3:
+        words = "the readings do not follow the bench's angles under any axis map: are these the right columns?"
+        return [Finding("not_gravity", CHANNELS, chance(int(np.sum(now > 0.04)), n, STRAY), words)]
+    found = []
+    letters = "xyz"
+    mapped = "".join(("-" if s < 0 else "") + letters[o] for o, s in zip(order, signs, strict=True))
+    swapped = tuple(CHANNELS[axes[i][0]] for i in range(3) if order[i] != i)
+    turned = tuple(CHANNELS[axes[i][0]] for i in range(3) if order[i] == i and signs[i] < 0)
+    if swapped:
+        words = f"the bench's angles are followed if the channels are read as {mapped}: check wiring or [tool] axes"
+        found.append(Finding("swapped_axis", swapped, p, words))
+    if turned:
+        words = f"the bench's angles are followed if the sign is turned ({mapped}): check [tool] axes"
+        found.append(Finding("inverted_axis", turned, p, words))
+    return found
+
+
+def _clipping(values: Array, expected: Array) -> tuple[float, float, float] | None:
+    """Share, limit (g) and p of a flat top: readings of one value where different loads are expected."""
+    best: tuple[float, float, float] | None = None
+    for extreme in (float(values.max()), float(values.min())):
+        at = values == extreme
+        count = int(at.sum())
+        loads = expected[at]
+        others = np.unique(values[~at]).size
+        if count < 3 or others < 3:
+            continue
+        # equal loads give equal readings on a coarse converter: count only loads that differ by more than its step
+        step = float(np.median(np.diff(np.unique(values[~at])))) if others > 1 else 0.0
+        apart = np.unique(np.round(loads / max(10 * step, 2e-3))).size
+        p = (1.0 / others) ** (apart - 1)
+        if apart >= 3 and p < SURE and np.ptp(loads) > 5e-3:
+            share = count / values.size + (best[0] if best else 0.0)
+            best = (share, abs(extreme), min(p, best[2] if best else 1.0))
+    return best
+
+
+def _codes(values: Array) -> tuple[NDArray[np.int64], float] | None:
+    """Whole numbers behind the readings and the step of the converter, if there is one."""
+    distinct = np.unique(values)
+    if distinct.size < 16:
+        return None
+    gaps = np.diff(distinct)
+    # sums of rounding errors are no steps
+    step = float(gaps[gaps > 1e-9].min())
+    step = float(np.ptp(distinct) / np.round(np.ptp(distinct) / step))
+    codes = values / step
+    if np.max(np.abs(codes - np.round(codes))) > 0.02:
+        return None
+    return np.round(codes).astype(np.int64), step
+
+
+def _stuck_bit(values: Array, channel: int) -> Finding | None:
+    """A binary digit that never changes although the readings pass through both of its states."""
+    found = _codes(values)
+    if found is None:
+        return None
+    codes, _ = found
+    distinct = np.unique(codes)
+    top = int(np.log2(max(int(np.ptp(distinct)), 1))) - 2
+    for bit in range(top):
+        held = (distinct >> bit) & 1
+        if np.ptp(held) == 0:
+            # every stretch of 2^(bit+1) codes that was visited had both states to choose from
+            visits = np.unique(distinct >> (bit + 1)).size
+            p = float(2.0 ** -min(visits - 1, 1000))
+            if p < SURE:
+                words = f"binary digit {bit} is always {int(held[0])}: the converter or its wire is broken"
+                return Finding("stuck_bit", (CHANNELS[channel],), p, words)
+    return None
+
+
+def _quantisation(values: Array, channel: int) -> Finding | None:
+    """A step of the converter so coarse that the noise does not smooth it."""
+    found = _codes(values)
+    if found is None:
+        return None
+    codes, step = found
+    # unchanged from row to row in most rows: the noise is well below the step
+    still = float(np.mean(np.diff(codes) == 0))
+    if still < 0.8:
+        return None
+    words = f"the converter's step of {step:.3g} g is coarser than the noise: errors of up to half of it stay in a mean"
+    return Finding("quantisation", (CHANNELS[channel],), _all_equal(int(np.sum(np.diff(codes) == 0))), words)

@@ -1,0 +1,184 @@
+"""How large a departure chance makes, estimated without swallowing the effect that is looked for.
+
+The scatter is taken from a *rich* residual: everything that any candidate or any smooth function of the covariates
+could explain is projected off first, and the lost degrees of freedom are counted. Components, pose by pose:
+
+    cov(pose) = diag(s_x^2, s_y^2, s_z^2) + s_I^2 t_I t_I' + s_T^2 t_T t_T'
+
+the three sensors' own scatter, and that of the bench's stops in inclination and toolface (t_I, t_T: change of the
+reading with the angle), which is common to the channels. The second part is kept only where the likelihood asks.
+
+A bias that wanders adds q s_c^2 min(t_i, t_j) (t in mean intervals between poses). q is found by restricted likelihood
+with base and present claims projected off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.regression import outside, span
+
+Array = NDArray[np.float64]
+
+TABLE_GAIN = 9.0
+"""Gain of -2 log likelihood from which the bench's own scatter is believed."""
+WANDER_GAIN = 12.0
+WALKS = np.array([0.0, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0])
+"""Variance of the walk between two poses in units of a reading's variance."""
+
+
+@dataclass(frozen=True)
+class PoseNoise:
+    """`sigma` (3,) in g, `inc`, `tf` in rad, and `whitening` (3, 3, n): W_i with W_i cov_i W_i' = 1."""
+
+    sigma: Array
+    inc: float
+    tf: float
+    whitening: Array
+    freedom: float
+    """residual degrees of freedom that this was estimated with"""
+    full: Array | None = None
+    """(3 n, 3 n) whitening of everything at once, where a bias wanders"""
+
+    def white(self, columns: Array) -> Array:
+        """(..., 3, n) in g -> (..., 3 n) in units of the noise."""
+        if self.full is not None:
+            return np.asarray(columns.reshape(*columns.shape[:-2], -1) @ self.full.T)
+        turned = np.einsum("ijn,...jn->...in", self.whitening, columns)
+        return np.asarray(turned.reshape(*columns.shape[:-2], -1))
+
+
+def estimate(residual: Array, rich: Array, tangents: Array) -> PoseNoise:
+    """Noise of a residual (3, n) after the rich columns (P, 3, n). `tangents` (2, 3, n): d reading / d(I, T) in g/rad."""
+    n = residual.shape[1]
+    sigma, inc, tf = np.full(3, max(float(residual.std()), 1e-12)), 0.0, 0.0
+    for _ in range(2):
+        whitening = _whitening(sigma, inc, tf, tangents)
+        draft = PoseNoise(sigma, inc, tf, whitening, 1.0)
+        space = span(draft.white(rich))
+        left = outside(space, draft.white(residual))
+        share = 1.0 - np.sum(space**2, axis=0)
+        # back to g, scaled up for what the projection took
+        swollen = (left / np.sqrt(np.maximum(share, 0.05))).reshape(3, n)
+        back = np.einsum("ijn,jn->in", np.linalg.inv(whitening.transpose(2, 0, 1)).transpose(1, 2, 0), swollen)
+        sigma, inc, tf = _components(back, tangents)
+    whitening = _whitening(sigma, inc, tf, tangents)
+    draft = PoseNoise(sigma, inc, tf, whitening, 1.0)
+    space = span(draft.white(rich))
+    freedom = residual.size - space.shape[0]
+    # the level to which F tests refer: mean square of the rich residual with its own degrees of freedom
+    level = float(np.sqrt(np.sum(outside(space, draft.white(residual)) ** 2) / freedom))
+    level = max(level, 1e-9)
+    return PoseNoise(sigma * level, inc * level, tf * level, whitening / level, float(freedom))
+
+
+def rich_residual(noise: PoseNoise, residual: Array, rich: Array) -> Array:
+    """Whitened residual (3 n,) outside of the rich columns, scaled to unit variance: what sign flips are made of."""
+    space = span(noise.white(rich))
+    left = outside(space, noise.white(residual))
+    return np.asarray(left / np.sqrt(np.maximum(1.0 - np.sum(space**2, axis=0), 0.05)))
+
+
+def _whitening(sigma: Array, inc: float, tf: float, tangents: Array) -> Array:
+    cov = _covariance(sigma, inc, tf, tangents)
+    lower = np.linalg.cholesky(cov)
+    return np.asarray(np.linalg.inv(lower).transpose(1, 2, 0))
+
+
+def _covariance(sigma: Array, inc: float, tf: float, tangents: Array) -> Array:
+    """(n, 3, 3)."""
+    by_inc, by_tf = tangents.transpose(0, 2, 1)
+    cov = np.zeros((by_inc.shape[0], 3, 3)) + np.diag(sigma**2)
+    cov += inc**2 * by_inc[:, :, None] * by_inc[:, None, :]
+    cov += tf**2 * by_tf[:, :, None] * by_tf[:, None, :]
+    return cov
+
+
+def _components(residual: Array, tangents: Array) -> tuple[Array, float, float]:
+    """Scatter of the sensors (3,) and of the bench's two angles by maximum likelihood, from (3, n)."""
+    from scipy.optimize import minimize
+
+    plain = np.maximum(residual.std(axis=1), 1e-12)
+    rows = residual.T
+    angle = float(plain.mean())
+
+    def deviance(logs: Array) -> float:
+        scale = np.exp(np.clip(logs, -12, 12))
+        cov = _covariance(plain * scale[:3], angle * scale[3], angle * scale[4], tangents)
+        _, logdet = np.linalg.slogdet(cov)
+        return float(np.sum(logdet) + np.einsum("ni,ni->", rows, np.linalg.solve(cov, rows[:, :, None])[:, :, 0]))
+
+    without = float(2 * residual.shape[1] * np.log(plain).sum() + residual.size)
+    found = minimize(deviance, np.array([-0.3, -0.3, -0.3, -0.5, -0.5]), method="L-BFGS-B",
+                     bounds=[(-6, 1)] * 3 + [(-6, 4)] * 2, options={"maxiter": 40})  # fmt: skip
+    if without - found.fun < TABLE_GAIN:
+        return plain, 0.0, 0.0
+    scale = np.exp(found.x)
+    return plain * scale[:3], float(angle * scale[3]), float(angle * scale[4])
+
+
+@dataclass(frozen=True)
+class Wander:
+    """Restricted likelihood of a walk in each channel: `gain` (3,) of -2 log likelihood, `q` (3,) at its best and at
+    the upper end of its 95 % interval."""
+
+    gain: Array
+    q: Array
+    q_upper: Array
+
+    @property
+    def found(self) -> bool:
+        """Whether any channel's bias wanders beyond doubt."""
+        return bool(np.max(self.gain) > WANDER_GAIN)
+
+
+def wander(residual: Array, fitted: Array, noise: PoseNoise, tangents: Array, t_s: Array) -> Wander:
+    """Look for a walk in a residual (3, n) with the columns (P, 3, n) of base and claims projected off."""
+    cov = _covariance(noise.sigma, noise.inc, noise.tf, tangents)
+    walk = walk_kernel(t_s)
+    gain, best, upper = np.zeros(3), np.zeros(3), np.zeros(3)
+    for c in range(3):
+        own = fitted[:, c][np.any(np.abs(fitted[:, c]) > 1e-12, axis=1)]
+        minus2l = np.array([_restricted(residual[c], own, np.diag(cov[:, c, c]) + q * noise.sigma[c] ** 2 * walk)
+                            for q in WALKS])  # fmt: skip
+        at = int(np.argmin(minus2l))
+        gain[c], best[c] = minus2l[0] - minus2l[at], WALKS[at]
+        upper[c] = WALKS[np.flatnonzero(minus2l <= minus2l[at] + 2.7)[-1]]
+    return Wander(gain, best, upper)
+
+
+def with_walk(noise: PoseNoise, q: Array, tangents: Array, t_s: Array) -> PoseNoise:
+    """The same noise with a walk of `q` (3,) added to each channel."""
+    n = t_s.size
+    cov = np.zeros((3, n, 3, n))
+    poses = np.arange(n)
+    cov[:, poses, :, poses] = _covariance(noise.sigma, noise.inc, noise.tf, tangents)
+    for c in range(3):
+        cov[c, :, c, :] += q[c] * noise.sigma[c] ** 2 * walk_kernel(t_s)
+    return replace(noise, full=np.linalg.inv(np.linalg.cholesky(cov.reshape(3 * n, 3 * n))))
+
+
+def walk_kernel(t_s: Array) -> Array:
+    """min(t_i, t_j), (n, n), in mean intervals between poses."""
+    elapsed = t_s - t_s[0]
+    steps = elapsed / max(float(elapsed[-1]) / max(elapsed.size - 1, 1), 1e-12)
+    return np.minimum(steps[:, None], steps[None, :])
+
+
+def _restricted(residual: Array, columns: Array, cov: Array) -> float:
+    from scipy.linalg import solve_triangular
+
+    lower = np.linalg.cholesky(cov)
+    both = solve_triangular(lower, np.vstack([residual, columns]).T, lower=True, check_finite=False).T
+    norm = np.linalg.norm(both[1:], axis=1, keepdims=True)
+    raw = np.linalg.norm(columns, axis=1, keepdims=True)
+    space = span(both[1:])
+    left = outside(space, both[0])
+    values = np.linalg.eigvalsh((both[1:] / raw) @ (both[1:] / raw).T) if norm.size else np.ones(1)
+    # the same directions count for every q: those that are independent among the columns themselves
+    logdet = float(np.sum(np.log(np.sort(values)[::-1][: space.shape[0]])))
+    freedom = residual.size - space.shape[0]
+    return float(freedom * np.log(left @ left / freedom) + 2 * np.log(np.diag(lower)).sum() + logdet)

@@ -1,0 +1,91 @@
+"""Linear algebra of the diagnosis: spaces spanned by columns, and the race of many candidates for one residual.
+
+Vectors are rows here: a set of P columns over N readings is (P, N), whitened (unit noise). A *space* is an orthonormal
+(r, N). All tests are of what lies outside of the space already explained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+VISIBLE = 0.005
+"""A direction of which less than this share stands out of the base fit is not seen: second-order terms reach it."""
+
+
+def span(columns: Array, tolerance: float = 1e-6) -> Array:
+    """Orthonormal basis (r, N) of columns (P, N); what depends on others to within `tolerance` is dropped."""
+    norm = np.linalg.norm(columns, axis=1)
+    kept = columns[norm > 0] / norm[norm > 0][:, None]
+    if kept.shape[0] == 0:
+        return np.empty((0, columns.shape[1]))
+    values, vectors = np.linalg.eigh(kept @ kept.T)
+    good = values > tolerance**2 * values[-1] + 1e-12
+    basis = (vectors[:, good] / np.sqrt(values[good])).T @ kept
+    # once more against rounding: the Gram matrix has the square of the condition number
+    q, _ = np.linalg.qr(basis.T)
+    return np.asarray(q.T)
+
+
+def outside(space: Array, columns: Array) -> Array:
+    """What of the columns (..., N) lies outside of a space (r, N)."""
+    return columns - (columns @ space.T) @ space
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """How well one variant of a candidate explains a residual: gain of chi-square and the directions used."""
+
+    gain: float
+    dof: int
+
+
+class Race:
+    """All variants of all candidates, whitened and normalised once, to be run against residuals of growing models.
+
+    `blocks` are the whitened columns (k, N) of each variant.
+    """
+
+    def __init__(self, blocks: Sequence[Array]) -> None:
+        self._groups: list[tuple[NDArray[np.intp], Array]] = []
+        self.count = len(blocks)
+        sizes = np.array([len(block) for block in blocks], dtype=int)
+        for size in np.unique(sizes):
+            members = np.flatnonzero(sizes == size)
+            stacked = np.stack([blocks[i] for i in members])
+            norm = np.linalg.norm(stacked, axis=2, keepdims=True)
+            self._groups.append((members, stacked / np.where(norm > 0, norm, 1.0)))
+
+    def run(self, space: Array, residuals: Array) -> tuple[Array, NDArray[np.intp]]:
+        """Gains (variants, B) of chi-square for residuals (B, N) outside of `space`, and directions used (variants,)."""
+        left = outside(space, residuals)
+        gains = np.zeros((self.count, left.shape[0]))
+        dof = np.zeros(self.count, dtype=np.intp)
+        for members, stacked in self._groups:
+            bare = outside(space, stacked)
+            gram = bare @ bare.transpose(0, 2, 1)
+            values, vectors = np.linalg.eigh(gram)
+            good = values > VISIBLE**2
+            inverse = np.where(good, 1.0 / np.sqrt(np.where(good, values, 1.0)), 0.0)
+            seen = inverse[:, :, None] * (vectors.transpose(0, 2, 1) @ (bare @ left.T))
+            gains[members] = np.sum(seen**2, axis=1)
+            dof[members] = good.sum(axis=1)
+        return gains, dof
+
+
+def log10_p(gain: Array, dof: Array, freedom: float, tries: Array | float = 1.0) -> Array:
+    """-log10 of the F test's p-value for a gain of chi-square with `dof` directions against unit noise.
+
+    The noise is known to `freedom` degrees of freedom; `tries` shapes were searched (Sidak).
+    """
+    from scipy.special import fdtrc
+
+    k = np.maximum(dof, 1)
+    p = np.where(dof > 0, fdtrc(k, freedom, np.maximum(gain, 0.0) / k), 1.0)
+    p = -np.expm1(np.asarray(tries) * np.log1p(-np.minimum(p, 1 - 1e-12)))
+    return -np.log10(np.maximum(p, 1e-300))

@@ -1,0 +1,223 @@
+"""Which candidates the data ask for: family-wise calibrated tests, forward steps by held-out likelihood, swaps, drops.
+
+A candidate passes where its F test is rarer than what the family of all candidates shows by chance in 1 % of sessions.
+That threshold is taken from the rich residual with the signs of contiguous blocks flipped (all channels of a block
+together, so that their correlation stays), and is never lower than Bonferroni's. Among those that pass, the best gain
+of likelihood on held-out blocks wins; then each member is compared with each non-member by BIC until nothing changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.candidates import Candidate
+from highside.diagnosis.regression import VISIBLE, Race, log10_p, outside
+
+Array = NDArray[np.float64]
+
+ALARM_RATE = 0.01
+FLIPS = 300
+BLOCK_POSES = 6
+MAX_CLAIMS = 4
+SHORTLIST = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A candidate at one of its variants."""
+
+    candidate: int
+    variant: int
+
+
+class Pool:
+    """All variants of all candidates in units of the noise."""
+
+    def __init__(self, candidates: Sequence[Candidate], blocks: Sequence[Array]) -> None:
+        self.candidates = list(candidates)
+        self.blocks = list(blocks)
+        self.members = [Member(i, j) for i, c in enumerate(candidates) for j in range(len(c.variants))]
+        self.owner = np.array([m.candidate for m in self.members], dtype=np.intp)
+        self.tries = np.bincount(self.owner, minlength=len(self.candidates)).astype(float)
+        self.race = Race(self.blocks)
+        self._index = {member: i for i, member in enumerate(self.members)}
+
+    def columns(self, member: Member) -> Array:
+        """(k, N), whitened."""
+        return self.blocks[self._index[member]]
+
+    def stack(self, members: Sequence[Member]) -> Array:
+        """Columns of several members, (K, N)."""
+        if not members:
+            return np.empty((0, self.blocks[0].shape[1]))
+        return np.vstack([self.columns(member) for member in members])
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Every candidate at its best variant after what is already explained; arrays (candidates,)."""
+
+    best: list[Member]
+    gain: Array
+    dof: Array
+    log_p: Array
+    """-log10 p with the number of shapes counted in"""
+    bic: Array
+    """gain of BIC from adding it; positive is better"""
+
+
+def standing(pool: Pool, space: Array, residual: Array, freedom: float) -> Standing:
+    """Run the race for one residual (N,) outside of `space`."""
+    gains, dof = pool.race.run(space, residual[None])
+    gain = gains[:, 0]
+    size = residual.size
+    score = gain - dof * np.log(size)
+    best: list[Member] = []
+    picked = np.zeros(len(pool.candidates), dtype=np.intp)
+    for k in range(len(pool.candidates)):
+        own = np.flatnonzero(pool.owner == k)
+        picked[k] = own[np.argmax(score[own])]
+        best.append(pool.members[picked[k]])
+    return Standing(
+        best,
+        gain[picked],
+        dof[picked].astype(float),
+        log10_p(gain[picked], dof[picked], freedom, pool.tries),
+        score[picked] - 2 * np.log(pool.tries),
+    )
+
+
+def threshold(
+    race: Race, owner: NDArray[np.intp], rich: Array, space: Array, freedom: float, rng: np.random.Generator
+) -> float:
+    """-log10 p that the family exceeds by chance in 1 % of sessions; `rich` (3 n,) whitened residual of nothing."""
+    n = rich.size // 3
+    block = np.arange(n) // BLOCK_POSES
+    signs = rng.choice([-1.0, 1.0], size=(FLIPS, int(block[-1]) + 1))[:, block]
+    gains, dof = race.run(space, rich * np.tile(signs, (1, 3)))
+    families = np.unique(owner)
+    worst = np.zeros(FLIPS)
+    for family in families:
+        own = owner == family
+        for k in np.unique(dof[own]):
+            same = own & (dof == k)
+            tries = float(own.sum())
+            worst = np.maximum(worst, log10_p(gains[same].max(axis=0), np.array(k), freedom, tries))
+    chance = float(np.quantile(worst, 1 - ALARM_RATE))
+    return max(chance, float(-np.log10(ALARM_RATE / families.size)))
+
+
+class HeldOut:
+    """Prediction of contiguous blocks from the rest, whitened; `base` (P, N) columns fitted always."""
+
+    def __init__(self, base: Array, residual: Array, folds: Sequence[NDArray[np.intp]]) -> None:
+        self._base, self._residual, self._folds = base, residual, folds
+
+    def errors(self, columns: Array) -> list[Array]:
+        """Prediction errors of each fold with these columns (K, N) fitted beside the base."""
+        every = np.vstack([self._base, columns])
+        norm = np.linalg.norm(every, axis=1, keepdims=True)
+        every = every / np.where(norm > 0, norm, 1.0)
+        gram, moment = every @ every.T, every @ self._residual
+        result = []
+        for fold in self._folds:
+            part = every[:, fold]
+            left = gram - part @ part.T
+            # what the other blocks hardly determine is not extrapolated
+            ridge = 1e-9 * np.eye(left.shape[0])
+            solution = np.linalg.solve(left + ridge, moment - part @ self._residual[fold])
+            result.append(self._residual[fold] - solution @ part)
+        return result
+
+    def gain(self, before: Array, after: Array) -> tuple[float, float]:
+        """Gain of log likelihood by going from columns `before` to `after`, and its standard error over blocks."""
+        pairs = zip(self.errors(before), self.errors(after), strict=True)
+        by_block = np.array([(b @ b - a @ a) / 2 for b, a in pairs])
+        return float(by_block.sum()), float(by_block.std(ddof=1) * np.sqrt(by_block.size))
+
+
+def pose_folds(n: int, count: int = 10) -> list[NDArray[np.intp]]:
+    """Contiguous blocks of poses, as indices into whitened vectors (3 n,)."""
+    return [np.concatenate([part, part + n, part + 2 * n]) for part in np.array_split(np.arange(n), min(count, n // 3))]
+
+
+@dataclass(frozen=True)
+class Selector:
+    """Everything that choosing needs: candidates, the base's space, the residual, the threshold."""
+
+    pool: Pool
+    base: Array
+    """(r, N) orthonormal"""
+    residual: Array
+    freedom: float
+    threshold: float
+    held_out: HeldOut
+
+    def space_with(self, members: Sequence[Member]) -> Array:
+        """Base and members."""
+        return span_with(self.base, self.pool.stack(members))
+
+    def standing(self, members: Sequence[Member]) -> Standing:
+        """All candidates after base and members."""
+        return standing(self.pool, self.space_with(members), self.residual, self.freedom)
+
+    def select(self) -> list[Member]:
+        """The claims, in the order in which they were found."""
+        members: list[Member] = []
+        while len(members) < MAX_CLAIMS:
+            step = self._forward(members)
+            if step is None:
+                break
+            members = self._settle([*members, step])
+        return members
+
+    def _forward(self, members: list[Member]) -> Member | None:
+        now = self.standing(members)
+        taken = {m.candidate for m in members}
+        passing = [k for k in np.argsort(-now.bic) if now.log_p[k] > self.threshold and k not in taken]
+        best: tuple[float, Member] | None = None
+        before = self.pool.stack(members)
+        for k in passing[:SHORTLIST]:
+            gain, error = self.held_out.gain(before, self.pool.stack([*members, now.best[k]]))
+            if gain > error and (best is None or gain > best[0]):
+                best = (gain, now.best[k])
+        return best[1] if best else None
+
+    def _settle(self, members: list[Member]) -> list[Member]:
+        """Swap a member for a better candidate, or drop it where it is not needed any more, until stable."""
+        for _ in range(8):
+            changed = False
+            for member in members:
+                others = [m for m in members if m != member]
+                now = self.standing(others)
+                taken = {m.candidate for m in others}
+                score = np.where(np.isin(np.arange(now.bic.size), list(taken)), -np.inf, now.bic)
+                k = int(np.argmax(score))
+                own = now.log_p[member.candidate]
+                if now.log_p[k] > self.threshold and score[k] > now.bic[member.candidate] + 1e-6:
+                    members, changed = [*others, now.best[k]], True
+                elif own <= self.threshold and len(members) > 1:
+                    members, changed = others, True
+                elif now.best[member.candidate] != member:
+                    members, changed = [*others, now.best[member.candidate]], True
+                if changed:
+                    break
+            if not changed:
+                break
+        return members
+
+
+def span_with(base: Array, columns: Array) -> Array:
+    """Orthonormal basis of an orthonormal base and further columns."""
+    if columns.shape[0] == 0:
+        return base
+    norm = np.linalg.norm(columns, axis=1, keepdims=True)
+    bare = outside(base, columns / np.where(norm > 0, norm, 1.0))
+    values, vectors = np.linalg.eigh(bare @ bare.T)
+    good = values > VISIBLE**2
+    added = (vectors[:, good] / np.sqrt(values[good])).T @ bare
+    return np.vstack([base, outside(base, added)])

@@ -1,0 +1,93 @@
+"""From the rows of a recording to the poses of a stepped session: one mean, and one state of the chain, for each stop.
+
+Rows are grouped by the recording's `pose` column; where it has none, the still intervals are found by the sensor's own
+noise. What happened on the way from pose to pose is left aside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.calibration.poses import find_still_intervals
+from highside.errors import InputError
+from highside.physics.state import ChainState
+
+Array = NDArray[np.float64]
+
+MIN_POSES = 16
+"""Twelve base parameters leave too little to judge by with fewer."""
+
+
+@dataclass(frozen=True)
+class PoseSession:
+    """n poses: `mean` (3, n) in g, tool frame; `count` (n,) rows of each; `state` with n rows in time order."""
+
+    mean: Array
+    count: Array
+    state: ChainState
+
+    @property
+    def n(self) -> int:
+        """Number of poses."""
+        return int(self.mean.shape[1])
+
+
+def pose_session(
+    columns: Mapping[str, Array],
+    accel_g: Array,
+    *,
+    gravity_mps2: float,
+    latitude_rad: float = 0.0,
+    azimuth_rad: float = 0.0,
+) -> PoseSession:
+    """The poses of a recording. `columns` (N,) as in the Recording format, `accel_g` (3, N) in the tool frame.
+
+    Raises InputError that names the column that is lacking, or says that there are too few poses.
+    """
+    for name in ("inc_ref_deg", "tf_ref_deg"):
+        if name not in columns and not (name == "tf_ref_deg" and "rotor_deg" in columns):
+            raise InputError("is missing", field=name, remedy="a pose reference needs inc_ref_deg and tf_ref_deg")
+    groups = _rows_of_poses(columns, accel_g)
+    if len(groups) < MIN_POSES:
+        raise InputError(f"{len(groups)} poses are too few for a diagnosis", remedy=f"at least {MIN_POSES} are needed")
+
+    def each(name: str, how: str) -> Array:
+        column = columns[name]
+        take = np.mean if how == "mean" else np.median
+        return np.array([float(take(column[rows])) for rows in groups])
+
+    hows = {
+        "t_s": "mean",
+        "inc_ref_deg": "median",
+        "tf_ref_deg": "median",
+        "rotor_deg": "median",
+        "direction": "median",
+        "temp_c": "mean",
+        "vibration_rms_g": "mean",
+    }
+    table = {name: each(name, how) for name, how in hows.items() if name in columns}
+    table["pose"] = np.arange(len(groups), dtype=float)
+    state = ChainState.from_columns(
+        table, gravity_mps2=gravity_mps2, latitude_rad=latitude_rad, azimuth_rad=azimuth_rad
+    )
+    mean = np.stack([accel_g[:, rows].mean(axis=1) for rows in groups], axis=1)
+    return PoseSession(mean, np.array([float(rows.size) for rows in groups]), state)
+
+
+def _rows_of_poses(columns: Mapping[str, Array], accel_g: Array) -> list[NDArray[np.intp]]:
+    """Row numbers of each stop, in time order."""
+    if "pose" in columns:
+        pose = columns["pose"]
+        held = np.flatnonzero(~np.isnan(pose))
+        borders = np.flatnonzero(np.diff(pose[held])) + 1
+        return [rows for rows in np.split(held, borders) if rows.size]
+    t_s = columns["t_s"]
+    rate_hz = 1.0 / float(np.median(np.diff(t_s)))
+    settings = np.round(columns["inc_ref_deg"], 3) * 1000 + np.round(
+        columns.get("tf_ref_deg", columns["inc_ref_deg"]), 3
+    )
+    return [interval.rows() for interval in find_still_intervals(accel_g, rate_hz, labels=settings)]
