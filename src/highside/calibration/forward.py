@@ -158,7 +158,7 @@ def pose_covariance(noise: Array, by_inc: Array, by_tf: Array, variances: Varian
     inc = by_inc.T
     tf = by_tf.T
     out = variances.pose_inc * inc[:, :, None] * inc[:, None, :] + variances.pose_tf * tf[:, :, None] * tf[:, None, :]
-    out[:, range(3), range(3)] += variances.reading * (noise**2).T
+    out[:, (0, 1, 2), (0, 1, 2)] += variances.reading * (noise**2).T
     return out
 
 

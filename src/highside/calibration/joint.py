@@ -200,9 +200,7 @@ def deviance_of(poses: PoseSet, thermal: ThermalTerms | None, bench: BenchAccura
     used = np.ones(len(poses), dtype=bool)
     start = _initial_variances(session, bench)
     fit = _solve(session, names, start, used, _rough_start(session, names))
-    reading, design, by_inc, by_tf = session.linearise(names, fit.theta)
-    y = poses.a - reading + design @ (fit.theta - prior_mean(names))
-    return _evaluate(session, design, by_inc, by_tf, y, fit.prior, start, used).deviance
+    return _evaluate(session, fit.design, fit.by_inc, fit.by_tf, fit.y, fit.prior, start, used).deviance
 
 
 def _require_enough(poses: PoseSet) -> None:
@@ -234,6 +232,10 @@ class _Fit:
     """(N, 3) whitened, of the poses used; ring and station parts taken out"""
     left_over: Array
     """(3, N) raw residual of all poses, in g, random parts not taken out"""
+    design: Array
+    """(3, N, P) derivatives of a reading by the parameters, where the model was linearised"""
+    y: Array
+    """(3, N) linearised readings: `y = design (theta - prior mean)` and errors"""
     by_inc: Array
     by_tf: Array
     """(3, N) derivatives of a reading by the pose's inclination and toolface"""
@@ -271,6 +273,8 @@ def _solve(session: _Session, names: tuple[str, ...], variances: Variances, used
         effects=system.solution[size:],
         residual=system.residual,
         left_over=y - design @ system.solution[:size],
+        design=design,
+        y=y,
         by_inc=by_inc,
         by_tf=by_tf,
     )
@@ -357,8 +361,6 @@ def _estimate_variances(
 ) -> Variances:
     """Restricted maximum likelihood of the variance components: minimises `log|V| + y' V^-1 y`, V with the parameters'
     priors in it (which accounts for their number), plus `_variance_penalty`."""
-    reading, design, by_inc, by_tf = session.linearise(fit.names, fit.theta)
-    y = session.poses.a - reading + design @ (fit.theta - prior_mean(fit.names))
     prior = _VariancePrior(
         bench.pose_rad**2, _READING_PRIOR_KNOWN if session.poses.std_known else _READING_PRIOR_ASSUMED
     )
@@ -366,21 +368,24 @@ def _estimate_variances(
     lowest = np.inf
     for _ in range(_MAX_REML_STEPS):
         v = np.exp(log_v)
-        system = _evaluate(session, design, by_inc, by_tf, y, fit.prior, Variances(*v.tolist()), used)
+        system = _evaluate(session, fit.design, fit.by_inc, fit.by_tf, fit.y, fit.prior, Variances(*v.tolist()), used)
         objective = system.deviance + prior.penalty(v)
         if objective > lowest + 1e-9:  # overshot
             log_v = 0.5 * (log_v + best)
             if np.max(np.abs(log_v - best)) < 0.01:
                 break
             continue
-        gain, lowest, best = lowest - objective, objective, log_v
-        if gain < _REML_TOLERANCE:
-            break
+        lowest, best = objective, log_v
         gradient, information = _information(session, system, len(fit.names), v)
         prior_gradient, prior_information = prior.derivatives(v)
-        step = -np.linalg.solve(information + prior_information + 1e-6 * np.eye(v.size), gradient + prior_gradient)
+        slope = gradient + prior_gradient
+        step = -np.linalg.solve(information + prior_information + 1e-6 * np.eye(v.size), slope)
         step *= min(1.0, 2.0 / (float(np.max(np.abs(step))) + 1e-300))
+        promised = -0.5 * float(slope @ step)
         log_v = np.maximum(log_v + step, np.log(bench.pose_rad**2) - 14.0)
+        if promised < _REML_TOLERANCE:
+            best = log_v
+            break
     return Variances(*np.exp(best).tolist())
 
 
@@ -759,7 +764,8 @@ def _scatter_remarks(variances: Variances, bench: BenchAccuracy) -> list[Remark]
 
 def _root_condition(fit: _Fit) -> float:
     """Condition number of the whitened design, each parameter in units of its prior."""
-    return float(np.sqrt(np.linalg.cond(fit.covariance / np.outer(fit.prior, fit.prior))))
+    sizes = np.linalg.eigvalsh(fit.covariance / np.outer(fit.prior, fit.prior))
+    return float(np.sqrt(sizes[-1] / sizes[0]))
 
 
 def _reading_noise(poses: PoseSet, variances: Variances) -> float:
