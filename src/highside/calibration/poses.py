@@ -413,6 +413,35 @@ def find_still_intervals(
     return kept
 
 
+def labelled_intervals(a: Array, labels: Array) -> list[StillInterval]:
+    """The poses of a recording `a` (3, N) whose rows carry a pose number (N,), negative for rows in no pose.
+
+    Each run of one number is a pose; rows in it that depart from its median by more than six times the noise of a
+    reading (the way in and out, a touch) are left out, and a run of which less than half remains was no pose. The noise
+    is that between neighbouring rows, median over all runs, so slow readings (one a second) do as well as fast ones.
+    """
+    borders = np.flatnonzero(np.diff(labels)) + 1
+    runs = [
+        run for run in pairwise([0, *borders.tolist(), labels.size]) if labels[run[0]] >= 0 and run[1] - run[0] >= 3
+    ]
+    if not runs:
+        raise InputError("no pose number has three rows", remedy="number the rows of each pose, or leave `pose` out")
+    steps = [np.diff(a[:, start:stop], axis=1).std(axis=1, ddof=1) for start, stop in runs]
+    noise = np.maximum(np.median(steps, axis=0) / np.sqrt(2.0), 1e-12)
+    out = []
+    for start, stop in runs:
+        part = a[:, start:stop]
+        good = np.all(np.abs(part - np.median(part, axis=1, keepdims=True)) <= 6.0 * noise[:, None], axis=0)
+        if 2 * np.count_nonzero(good) <= good.size:
+            continue
+        rows = np.flatnonzero(good) + start
+        gaps = [(int(lo) + 1, int(hi)) for lo, hi in pairwise(rows) if hi - lo > 1]
+        out.append(StillInterval(int(rows[0]), int(rows[-1]) + 1, tuple(gaps)))
+    if not out:
+        raise InputError("the tool moves in every numbered pose", remedy="number only rows at rest")
+    return out
+
+
 _SCATTER_FACTOR = 2.0
 _STEP_FACTOR = 8.0
 _SAME_ATTITUDE = 1.5

@@ -308,7 +308,7 @@ def _poses_of_recording(table: Table, min_s: float, window_s: float) -> tuple[di
     """Columns of the pose table, and what was left out and why."""
     import numpy as np
 
-    from highside.calibration.poses import find_still_intervals, poses_from_intervals
+    from highside.calibration.poses import find_still_intervals, labelled_intervals, poses_from_intervals
 
     a = table.complete("ax_g", "ay_g", "az_g")
     _require_g(a, table.source)
@@ -319,16 +319,16 @@ def _poses_of_recording(table: Table, min_s: float, window_s: float) -> tuple[di
     rate = 1.0 / float(np.median(steps))
     labels = table.columns["pose"] if table.has("pose") else None
     codes = None if labels is None else np.where(np.isnan(labels), -1.0, labels)
-    found = find_still_intervals(a, rate, min_s=min_s, window_s=window_s, labels=codes)
+    if codes is not None and bool((codes >= 0).any()):
+        found = labelled_intervals(a, codes)
+    else:
+        found = find_still_intervals(a, rate, min_s=min_s, window_s=window_s)
     dropped: list[str] = []
     kept = []
     has_reference = table.has("inc_ref_deg", "tf_ref_deg")
     for interval in found:
         rows = slice(interval.start, interval.stop)
         when = f"{t[interval.start]:.3f} to {t[interval.stop - 1]:.3f} s"
-        if codes is not None and codes[interval.start] < 0:
-            dropped.append(f"{when}: still, but no pose number")
-            continue
         if has_reference:
             inc, tf = table.columns["inc_ref_deg"][rows], table.columns["tf_ref_deg"][rows]
             if np.isnan(inc).any() or np.isnan(tf).any():
