@@ -2,9 +2,9 @@
 
 What was learnt is forgotten with the *way of the rotor*, not with time: the weight of a row falls to 1/e after
 `memory_turns`. A rotor that stands still therefore forgets nothing. A rotor that swings in a sector would forget the
-rest of the turn and its covariance would grow without end (wind-up); forgetting therefore stops while the trace of the
-covariance is at its first value, that of knowing nothing but the usual sizes. The memory should be at least a sixth of
-a turn, better one or more.
+rest of the turn and its covariance would grow without end (wind-up); forgetting therefore stops while the curve is as
+uncertain as a single row (trace of the covariance in units of a row's variance: 1). A memory of a sixth of a turn
+follows a fast drift, one turn or more averages better.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from highside.rotation.samples import Coverage
 Floats = NDArray[np.float64]
 
 LEAST_MEMORY_TURNS = 1.0 / 6.0
+MOST_UNCERTAIN = 1.0
+"""trace of the covariance, in units of a row's variance, above which nothing is forgotten"""
 
 
 class OnlineFit:
@@ -44,7 +46,7 @@ class OnlineFit:
         self._weights: Floats = np.zeros(prior.size)
         # in units of the row's variance
         self._P: Floats = np.diag((prior / noise) ** 2)
-        self._trace = self._largest_trace = float(np.trace(self._P))
+        self._trace = float(np.trace(self._P))
         self._phi: Floats = np.ones(prior.size)
         self._outer: Floats = np.empty_like(self._P)
         self._theta: float | None = None
@@ -54,7 +56,7 @@ class OnlineFit:
 
     @property
     def covariance_trace(self) -> float:
-        """Sum of the variances of the parameters, in units of a row's variance; never above its first value."""
+        """Sum of the variances of the parameters, in units of a row's variance."""
         return self._trace
 
     def update(self, theta_rad: float, error: float) -> float:
@@ -66,22 +68,22 @@ class OnlineFit:
         if self._theta is not None:
             way = abs(math.remainder(theta_rad - self._theta, 2.0 * math.pi))
             self._travel += way
-            if self._trace < self._largest_trace:
+            if self._trace < MOST_UNCERTAIN:
                 # never so much that the bound is passed
-                forget = max(math.exp(-way * self._decay_per_rad), self._trace / self._largest_trace)
+                forget = max(math.exp(-way * self._decay_per_rad), self._trace / MOST_UNCERTAIN)
         self._theta = theta_rad
         self._rows += 1
         P = self._P
-        direction = P @ phi
-        gain = 1.0 / (forget + float(phi @ direction))
-        left = error - float(phi @ self._weights)
+        direction = P.dot(phi)
+        gain = 1.0 / (forget + float(phi.dot(direction)))
+        left = error - float(phi.dot(self._weights))
         self._weights += (gain * left) * direction
-        np.multiply(direction[:, None], direction, out=self._outer)
-        self._outer *= gain
+        # P <- (P - gain d d') / forget, in place: of the ways to write it the one with the fewest calls
+        np.multiply(direction[:, None], (gain * direction), out=self._outer)
         P -= self._outer
-        trace = self._trace - gain * float(direction @ direction)
+        trace = self._trace - gain * float(direction.dot(direction))
         if forget != 1.0:
-            P /= forget
+            P *= 1.0 / forget
             trace /= forget
         # the running trace loses a digit now and then
         self._trace = trace if self._rows % 1024 else float(np.trace(P))

@@ -1,0 +1,112 @@
+"""The exact chain of a rotating sensor package, and what its faults do to roll, pitch and heading or to I and T.
+
+A package turns on a rotor in a case (a vehicle, a turntable). The decoder takes the turn back out with the angle that
+the encoder read, as if the axis were straight:
+
+    C(case -> nav) decoded = C(case -> nav) D(t)^T M^T D0(t),        D0(t) = Rz(t),  D(t) = Rz(t + dT) Rx(dE) Ry(dI)
+
+with D the true turn of the rotor (dI, dE, dT from the same effects that disturb a bench: wobble, encoder harmonics,
+cogging, non-orthogonality, each by its `delta` at the stage POSE) and M the mounting of the package on the rotor (stage
+MOUNTING). An axis tilt fixed in the case goes in between. Angles are those of aerospace, C = Rz(heading) Ry(pitch)
+Rx(roll), errors are decoded - true. On a bench the vertical (base tilt, stage GRAVITY) comes before the turn.
+
+To first order a rotation e = (ex, ey, ez) in the case's frame gives
+
+    d roll = ex + tan(pitch) (sin(roll) ey + cos(roll) ez),   d pitch = cos(roll) ey - sin(roll) ez,
+    d heading = (sin(roll) ey + cos(roll) ez) / cos(pitch):
+
+an encoder error is pure heading in a level vehicle, and a tilted one sees part of it in roll and pitch. Fitted curves
+therefore belong to the attitude at which they were fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from highside.attitude.angles import wrap_signed
+from highside.errors import InputError
+from highside.physics.effect import Stage
+from highside.physics.effects import get
+from highside.physics.gravity import Array, attitude_of, rotate_x, rotate_y, rotate_z, rotation_matrix, unit
+from highside.physics.state import ChainState
+
+Faults = Sequence[tuple[str, Mapping[str, float]]]
+"""effects by id with their parameters; one id may come several times (wobble at several harmonics)"""
+
+
+def attitude_errors(
+    theta_rad: Array,
+    faults: Faults = (),
+    *,
+    axis_tilt_rad: tuple[float, float] = (0.0, 0.0),
+    roll_rad: float = 0.0,
+    pitch_rad: float = 0.0,
+    heading_rad: float = 0.0,
+) -> Array:
+    """Errors of roll, pitch and heading, (3, N) rad, decoded - true, at rotor angles (N,) as the encoder reads them.
+
+    `axis_tilt_rad`: rotation of the rotor's axis about the case's x and y. Raises InputError for an effect that does
+    not act on a rotor.
+    """
+    theta = np.asarray(theta_rad, dtype=float)
+    pose, _, mounting = _faults(theta, np.zeros_like(theta), faults)
+    tilt = rotation_matrix(np.array([*axis_tilt_rad, 0.0]))
+    case = _from_angles(roll_rad, pitch_rad, heading_rad)
+    # columns of D(t)^T M^T D0(t): what the unit vectors of the case become
+    columns = []
+    for axis in np.eye(3):
+        rotor = mounting.T @ rotate_z(theta, axis[:, None])
+        turned = rotate_y(-pose[0], rotate_x(-pose[1], rotate_z(-theta - pose[2], rotor)))
+        columns.append(case @ tilt @ turned)
+    decoded = _angles(np.stack(columns, axis=1))
+    true = np.array([roll_rad, pitch_rad, heading_rad])[:, None]
+    return np.asarray(wrap_signed(decoded - true))
+
+
+def inclination_toolface_errors(theta_rad: Array, inc_rad: float, faults: Faults = ()) -> tuple[Array, Array]:
+    """Errors of I and T, each (N,) rad: what the package feels minus what the bench reads (I, T = theta).
+
+    Raises InputError for an effect that does not act on a rotor.
+    """
+    theta = np.asarray(theta_rad, dtype=float)
+    inc = np.full_like(theta, inc_rad)
+    pose, vertical, mounting = _faults(theta, inc, faults)
+    in_rotor = rotate_z(theta + pose[2], rotate_x(pose[1], rotate_y(inc + pose[0], vertical)))
+    felt_inc, felt_tf = attitude_of(mounting @ in_rotor)
+    return felt_inc - inc, np.asarray(wrap_signed(felt_tf - theta))
+
+
+def _faults(theta: Array, inc: Array, faults: Faults) -> tuple[Array, Array, Array]:
+    """Pose increments (3, N), vertical in the bench's frame (3, 1), mounting (3, 3): the faults summed by stage."""
+    state = ChainState.build(inc, theta)
+    pose, vertical, mounting = np.zeros((3, theta.size)), np.array([[0.0], [0.0], [1.0]]), np.zeros(3)
+    for name, values in faults:
+        effect = get(name)
+        p = effect.vector(values)
+        if effect.stage is Stage.POSE and not effect.random:
+            pose = pose + effect.delta(state, p, np.stack([inc, np.zeros_like(inc), theta]))
+        elif effect.stage is Stage.GRAVITY:
+            vertical = vertical + effect.delta(state, p, vertical)
+        elif effect.stage is Stage.MOUNTING:
+            mounting = mounting + effect.delta(state, p, np.zeros((3, 1)))[:, 0]
+        else:
+            raise InputError(
+                f"effect '{name}' does not act on a rotor", remedy="use effects of the bench or of mounting"
+            )
+    return pose, unit(vertical), rotation_matrix(mounting)
+
+
+def _from_angles(roll_rad: float, pitch_rad: float, heading_rad: float) -> Array:
+    """C = Rz(heading) Ry(pitch) Rx(roll), (3, 3)."""
+    identity = np.eye(3)
+    return rotate_z(np.asarray(heading_rad), rotate_y(np.asarray(pitch_rad), rotate_x(np.asarray(roll_rad), identity)))
+
+
+def _angles(C: Array) -> Array:
+    """Roll, pitch, heading (3, N) of matrices (3, 3, N)."""
+    roll = np.arctan2(C[2, 1], C[2, 2])
+    pitch = np.arctan2(-C[2, 0], np.hypot(C[2, 1], C[2, 2]))
+    heading = np.arctan2(C[1, 0], C[0, 0])
+    return np.stack([roll, pitch, heading])
