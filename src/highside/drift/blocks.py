@@ -1,0 +1,272 @@
+"""Samples gathered into blocks of a second: the relative rotation, what a bias does to it, and the mean gravity.
+
+Within a block the gyro rates are composed exactly, d = exp(w dt) for each sample. Three things are carried into the
+newest body frame as the block grows:
+
+    q  relative rotation from the start of the block
+    J  (3 x 3) the angle by which a unit bias turns the end of the block:  J <- D (J + dt/2 I) + dt/2 I
+    S  (3)     the same for a unit scale-factor error of the gyro along the tool axis
+    A  (3)     the sum of the accelerometer readings, so that a turning tool does not smear gravity
+
+with D = Cnb(d). A bias b, a scale error s and the Earth's rotation then act on the finished block at once, to second
+order in (b * 1 s): q_end = exp(-w_ie t) (x) q_start (x) q (x) exp(-J b - S s). For a constant rate J is the closed
+(Rodrigues) transition matrix of the error state; here it follows any motion.
+
+`advance` is plain arithmetic and nothing else. Given floats it is the online form (one sample of one block), given
+arrays it works on one sample of *all* blocks at once: the batch form. IEEE arithmetic makes both give the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Sums = tuple[Any, ...]
+"""q (4), J (9, by rows), S (3), A (3), then: dt, n, |a|-1, (|a|-1)^2, |a|^2, w (3), w^2 (3), squared differences of w"""
+
+EMPTY: Sums = (1.0,) + (0.0,) * 18 + (0.0,) * 12
+MAX_GAP_S = 0.5
+"""A longer hole between two rows is not integrated over: what the tool did in it is not known."""
+
+
+def advance(sums: Sums, dt: Any, w: tuple[Any, Any, Any], a: tuple[Any, Any, Any], norm: Any, rough: Any, one: Any) -> Sums:
+    """One more sample: rate w (rad/s) held over the dt (s) that end with it, reading a (g) of length `norm`.
+
+    `rough` is the squared difference of w from the sample before; `one` is 1, or 0 where the block has no such sample.
+    """
+    (q0, q1, q2, q3, j00, j01, j02, j10, j11, j12, j20, j21, j22, s0, s1, s2, a0, a1, a2,
+     time, n, e1, e2, f2, w0, w1, w2, v0, v1, v2, r) = sums  # fmt: skip
+    x, y, z = w
+    k = 0.5 * dt
+    hx, hy, hz = k * x, k * y, k * z
+    h = hx * hx + hy * hy + hz * hz
+    # cos and sin(h)/h as series: the half angle of one sample is small
+    c = 1.0 - h * (1 / 2 - h * (1 / 24 - h * (1 / 720 - h * (1 / 40320 - h * (1 / 3628800)))))
+    s = 1.0 - h * (1 / 6 - h * (1 / 120 - h * (1 / 5040 - h * (1 / 362880 - h * (1 / 39916800)))))
+    ux, uy, uz = s * hx, s * hy, s * hz
+    xx, yy, zz = ux * ux, uy * uy, uz * uz
+    xy, xz, yz = ux * uy, ux * uz, uy * uz
+    cx, cy, cz = c * ux, c * uy, c * uz
+    d00, d01, d02 = 1.0 - 2.0 * (yy + zz), 2.0 * (xy + cz), 2.0 * (xz - cy)
+    d10, d11, d12 = 2.0 * (xy - cz), 1.0 - 2.0 * (xx + zz), 2.0 * (yz + cx)
+    d20, d21, d22 = 2.0 * (xz + cy), 2.0 * (yz - cx), 1.0 - 2.0 * (xx + yy)
+    b00, b11, b22 = j00 + k, j11 + k, j22 + k
+    t1 = s1 + hy
+    ax, ay, az = a
+    e = one * (norm - 1.0)
+    return (
+        q0 * c - q1 * ux - q2 * uy - q3 * uz,
+        q0 * ux + q1 * c + q2 * uz - q3 * uy,
+        q0 * uy - q1 * uz + q2 * c + q3 * ux,
+        q0 * uz + q1 * uy - q2 * ux + q3 * c,
+        d00 * b00 + d01 * j10 + d02 * j20 + k,
+        d00 * j01 + d01 * b11 + d02 * j21,
+        d00 * j02 + d01 * j12 + d02 * b22,
+        d10 * b00 + d11 * j10 + d12 * j20,
+        d10 * j01 + d11 * b11 + d12 * j21 + k,
+        d10 * j02 + d11 * j12 + d12 * b22,
+        d20 * b00 + d21 * j10 + d22 * j20,
+        d20 * j01 + d21 * b11 + d22 * j21,
+        d20 * j02 + d21 * j12 + d22 * b22 + k,
+        d00 * s0 + d01 * t1 + d02 * s2,
+        d10 * s0 + d11 * t1 + d12 * s2 + hy,
+        d20 * s0 + d21 * t1 + d22 * s2,
+        d00 * a0 + d01 * a1 + d02 * a2 + one * ax,
+        d10 * a0 + d11 * a1 + d12 * a2 + one * ay,
+        d20 * a0 + d21 * a1 + d22 * a2 + one * az,
+        time + dt,
+        n + one,
+        e1 + e,
+        e2 + e * e,
+        f2 + one * (norm * norm),
+        w0 + one * x,
+        w1 + one * y,
+        w2 + one * z,
+        v0 + one * (x * x),
+        v1 + one * (y * y),
+        v2 + one * (z * z),
+        r + one * rough,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """One finished block in the body frame. `q` (4,), `J` (3, 3), `S` (3,), means over its `n` samples."""
+
+    q: FloatArray
+    J: FloatArray
+    S: FloatArray
+    accel: FloatArray
+    """(3,) mean reading in the body frame of the end, g"""
+    seconds: float
+    n: int
+    norm_error: float
+    """mean of |a| - 1, g"""
+    norm_std: float
+    """standard deviation of |a|, g"""
+    accel_std: float
+    """standard deviation of one axis of one reading about the (turning) mean, g"""
+    rate: FloatArray
+    """(3,) mean rate, rad/s"""
+    rate_std: FloatArray
+    """(3,) standard deviation of the rates, motion included, rad/s"""
+    rate_noise: float
+    """standard deviation of one rate reading from the differences of neighbours, so without slow motion, rad/s"""
+    gap_s: float = 0.0
+    """unrecorded time that was not integrated"""
+    start_s: float = 0.0
+    end_s: float = 0.0
+
+
+def block_of(sums: Sums, gap_s: float, start_s: float, end_s: float) -> Block:
+    """What the sums of a finished block say."""
+    n = max(sums[20], 1.0)
+    mean = sums[21] / n
+    accel = np.array(sums[16:19]) / n
+    rate = np.array(sums[24:27]) / n
+    spread = max(sums[23] / n - float(accel[0] ** 2 + accel[1] ** 2 + accel[2] ** 2), 0.0) / 3.0
+    return Block(
+        q=np.array(sums[:4]),
+        J=np.array(sums[4:13]).reshape(3, 3),
+        S=np.array(sums[13:16]),
+        accel=accel,
+        seconds=sums[19],
+        n=int(sums[20]),
+        norm_error=mean,
+        norm_std=math.sqrt(max(sums[22] / n - mean * mean, 0.0)),
+        accel_std=math.sqrt(spread),
+        rate=rate,
+        rate_std=np.sqrt(np.maximum(np.array(sums[27:30]) / n - rate * rate, 0.0)),
+        rate_noise=math.sqrt(sums[30] / n / 6.0),
+        gap_s=gap_s,
+        start_s=start_s,
+        end_s=end_s,
+    )
+
+
+class Gatherer:
+    """The online form: samples one by one, a `Block` whenever one is finished."""
+
+    def __init__(self, block_s: float = 1.0) -> None:
+        self._block_s = block_s
+        self._first = math.nan
+        self._number = 0
+        self._before: tuple[float, float, float, float] | None = None
+        self.sums: Sums = EMPTY
+        self.gap_s = 0.0
+        self._start = self._last = math.nan
+
+    def add(self, t_s: float, w: tuple[float, float, float], a: tuple[float, float, float]) -> Block | None:
+        """Take a sample of the body frame (rad/s, g); the block that it closes (itself not in it), if any."""
+        done = None
+        if self._before is None:
+            self._first = self._start = t_s
+            before = (t_s, *w)
+        else:
+            before = self._before
+        number = math.floor((t_s - self._first) / self._block_s + 1e-6)
+        if number != self._number:
+            done = self.finish()
+            self._number = number
+        dt = t_s - before[0]
+        if dt > MAX_GAP_S or dt < 0.0:
+            self.gap_s += abs(dt)
+            dt = 0.0
+        dx, dy, dz = w[0] - before[1], w[1] - before[2], w[2] - before[3]
+        norm = math.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+        self.sums = advance(self.sums, dt, w, a, norm, dx * dx + dy * dy + dz * dz, 1.0)
+        self._before = (t_s, *w)
+        self._last = t_s
+        return done
+
+    def finish(self) -> Block | None:
+        """Close the block under way."""
+        if self.sums is EMPTY:
+            return None
+        done = block_of(self.sums, self.gap_s, self._start, self._last)
+        self.sums, self.gap_s, self._start = EMPTY, 0.0, self._last
+        return done
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """All samples laid out by block: (places, blocks) arrays, `one` 0 where a block has no such sample."""
+
+    dt: FloatArray
+    w: tuple[FloatArray, FloatArray, FloatArray]
+    a: tuple[FloatArray, FloatArray, FloatArray]
+    norm: FloatArray
+    rough: FloatArray
+    one: FloatArray
+    gap: FloatArray
+    starts: FloatArray
+    ends: FloatArray
+    place: NDArray[np.intp]
+    """(N,) place of a sample in its block"""
+    number: NDArray[np.intp]
+    """(N,) block of a sample"""
+
+    @classmethod
+    def of(cls, t_s: FloatArray, w: FloatArray, a: FloatArray, block_s: float = 1.0) -> Batch:
+        """Lay out samples of the body frame: t_s (N,), w (3, N) rad/s, a (3, N) g."""
+        labels = np.floor((t_s - t_s[0]) / block_s + 1e-6)
+        new = np.flatnonzero(np.diff(labels, prepend=labels[:1] - 1.0) != 0.0)
+        number = np.searchsorted(new, np.arange(t_s.size), side="right") - 1
+        place = np.arange(t_s.size) - new[number]
+        shape = (int(place.max()) + 1, new.size)
+
+        def laid(values: FloatArray) -> FloatArray:
+            out = np.zeros(shape)
+            out[place, number] = values
+            return out
+
+        dt = np.diff(t_s, prepend=t_s[:1])
+        hole = (dt > MAX_GAP_S) | (dt < 0.0)
+        gap = np.zeros(new.size)
+        np.add.at(gap, number[hole], np.abs(dt[hole]))
+        dx, dy, dz = np.diff(w, axis=1, prepend=w[:, :1])
+        last = np.append(new[1:], t_s.size) - 1
+        return cls(
+            dt=laid(np.where(hole, 0.0, dt)),
+            w=(laid(w[0]), laid(w[1]), laid(w[2])),
+            a=(laid(a[0]), laid(a[1]), laid(a[2])),
+            norm=laid(np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])),
+            rough=laid(dx * dx + dy * dy + dz * dz),
+            one=laid(np.ones(t_s.size)),
+            gap=gap,
+            starts=np.append(t_s[:1], t_s[last[:-1]]),
+            ends=t_s[last],
+            place=place,
+            number=number,
+        )
+
+    def steps(self, first: int = 0, last: int | None = None) -> Any:
+        """The sums of all blocks (or blocks first..last) after each place in turn."""
+        part = slice(first, last)
+        count = self.gap[part].size
+        sums: Sums = (np.ones(count), *(np.zeros(count) for _ in EMPTY[1:]))
+        for j in range(self.dt.shape[0]):
+            sums = advance(
+                sums,
+                self.dt[j, part],
+                (self.w[0][j, part], self.w[1][j, part], self.w[2][j, part]),
+                (self.a[0][j, part], self.a[1][j, part], self.a[2][j, part]),
+                self.norm[j, part],
+                self.rough[j, part],
+                self.one[j, part],
+            )
+            yield sums
+
+    def blocks(self) -> list[Block]:
+        """All blocks."""
+        sums: Sums = EMPTY
+        for sums in self.steps():
+            pass
+        rows = np.array(sums).T.tolist()
+        sides = zip(rows, self.gap.tolist(), self.starts.tolist(), self.ends.tolist(), strict=True)
+        return [block_of(tuple(row), gap, start, end) for row, gap, start, end in sides]

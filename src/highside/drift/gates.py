@@ -1,0 +1,162 @@
+"""What the tool is doing, from the data alone: still, quiet, turning, vibrating (one verdict a second).
+
+    STILL      the gyro may be measured against the Earth's rotation (zero-rate update)
+    QUIET      gravity may be believed, but the tool is not known to stand
+    TURNING    gravity may be believed, the tool turns: never a zero-rate update
+    VIBRATING  the gyro carries the attitude; gravity counts by its scatter
+
+Quiet means: scatter of |a|, offset of |a| from the still record and scatter of the gyros are below thresholds, which
+are multiples of what the tool's own first still record showed. Entering takes `ENTER` times and a dwell of two
+seconds, leaving `LEAVE` times and is immediate. Still means quiet, and a mean rate that stays within 0.05 deg/s of
+that of the still record.
+
+A mean rate that small may still be a real, slow turn (a curved hole), and a zero-rate update would then take all of
+it for gyro bias. `StopTest` bounds that: it asks whether the rate seen since the stop began agrees with the bias as
+known before the stop. A declared stop is believed and not tested.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.drift.blocks import Block
+
+FloatArray = NDArray[np.float64]
+
+
+class Motion(IntEnum):
+    """Verdict on one block."""
+
+    VIBRATING = 0
+    TURNING = 1
+    QUIET = 2
+    STILL = 3
+
+
+ENTER, LEAVE = 2.5, 5.0
+DWELL_S = 2.0
+STILL_RATE_RADPS = math.radians(0.05)
+LEARN_S = 20.0
+"""length of the still record from which the thresholds are taken"""
+
+# what a first record may show and still be taken for a tool at rest
+_PLAUSIBLE_NORM_STD_G = 0.03
+_PLAUSIBLE_RATE_STD_RADPS = math.radians(1.0)
+_PLAUSIBLE_RATE_RADPS = math.radians(3.0)
+
+
+@dataclass(frozen=True, slots=True)
+class StillStatistics:
+    """What the tool shows at rest. Rates are of the body frame, rad/s."""
+
+    norm_std_g: float
+    norm_error_g: float
+    rate_std: float
+    rate: FloatArray
+    """(3,) mean: bias and Earth rate together"""
+
+    @classmethod
+    def of(cls, blocks: list[Block]) -> StillStatistics | None:
+        """From the blocks of a first record, or None if the tool cannot have been at rest in it."""
+        seconds = sum(block.seconds for block in blocks)
+        if not blocks or seconds <= 0.0:
+            return None
+        weights = np.array([block.n for block in blocks], dtype=float)
+        norm_std = float(np.average([block.norm_std for block in blocks], weights=weights))
+        rates = np.array([block.rate for block in blocks])
+        rate = np.average(rates, axis=0, weights=weights)
+        rate_std = float(np.average([float(block.rate_std.max()) for block in blocks], weights=weights))
+        wander = float(np.abs(rates - rate).max())
+        if (
+            norm_std > _PLAUSIBLE_NORM_STD_G
+            or rate_std > _PLAUSIBLE_RATE_STD_RADPS
+            or float(np.abs(rate).max()) > _PLAUSIBLE_RATE_RADPS
+            or wander > max(STILL_RATE_RADPS, 3.0 * rate_std)
+        ):
+            return None
+        error = float(np.average([block.norm_error for block in blocks], weights=weights))
+        return cls(norm_std, error, rate_std, rate)
+
+
+class Gate:
+    """The classifier: give it each block in turn. Before it has learned, only declared stops are known."""
+
+    def __init__(self, *, learn_s: float = LEARN_S) -> None:
+        self._learn_s = learn_s
+        self._record: list[Block] = []
+        self._recorded_s = 0.0
+        self._learned = False
+        self.still: StillStatistics | None = None
+        self._quiet = False
+        self._quiet_s = 0.0
+
+    def verdict(self, block: Block, *, declared: bool = False) -> Motion:
+        """What the tool did in this block. `declared`: the operator says that it stood."""
+        if not self._learned:
+            self._record.append(block)
+            self._recorded_s += block.seconds
+            if self._recorded_s >= self._learn_s:
+                self._learned = True
+                self.still = StillStatistics.of(self._record)
+                self._record = []
+        if declared:
+            return Motion.STILL
+        if self.still is None:
+            return Motion.VIBRATING if block.norm_std > _PLAUSIBLE_NORM_STD_G else Motion.TURNING
+        self._follow(block, self.still)
+        if not self._quiet:
+            return Motion.VIBRATING
+        if float(np.abs(block.rate - self.still.rate).max()) > STILL_RATE_RADPS:
+            self._quiet_s = 0.0
+            return Motion.TURNING
+        return Motion.STILL if self._quiet_s >= DWELL_S else Motion.QUIET
+
+    def _follow(self, block: Block, still: StillStatistics) -> None:
+        factor = LEAVE if self._quiet else ENTER
+        limit = factor * still.norm_std_g
+        self._quiet = (
+            block.norm_std < limit
+            and abs(block.norm_error - still.norm_error_g) < limit
+            and block.rate_noise < factor * still.rate_std
+            and block.gap_s == 0.0
+        )
+        steady = self._quiet and float(block.rate_std.max()) < factor * still.rate_std
+        self._quiet_s = self._quiet_s + block.seconds if steady else 0.0
+
+
+class StopTest:
+    """Whether a detected stop agrees with the bias known when it began.
+
+    The mean of the rate minus the Earth's, over the stop so far, is compared with the bias before it; the bound is
+    `SIGMAS` standard deviations of that difference in any axis.
+    """
+
+    SIGMAS = 4.0
+
+    def __init__(self) -> None:
+        self._known: tuple[FloatArray, FloatArray] | None = None
+        self._sum = np.zeros(3)
+        self._seconds = 0.0
+
+    def reset(self) -> None:
+        """The tool moves."""
+        self._known = None
+        self._sum = np.zeros(3)
+        self._seconds = 0.0
+
+    def agrees(self, rate: FloatArray, seconds: float, bias: FloatArray, variance: FloatArray, arw: float) -> bool:
+        """Add a block (`rate` without the Earth's, (3,) rad/s) of a stop; `bias`, `variance` as known before it."""
+        if self._known is None:
+            self._known = bias.copy(), variance.copy()
+        self._sum = self._sum + rate * seconds
+        self._seconds += seconds
+        known, var = self._known
+        if self._seconds <= 0.0:
+            return True
+        allowed = self.SIGMAS * np.sqrt(var + arw * arw / self._seconds)
+        return bool(np.all(np.abs(self._sum / self._seconds - known) <= allowed))
