@@ -347,3 +347,19 @@ def test_a_solution_takes_milliseconds() -> None:
     print(run.stdout)
     assert figures[44] < 50.0
     assert figures[132] < 200.0
+
+
+def test_structure_that_no_term_has_is_said_and_stands_in_the_uncertainty() -> None:
+    pulls = []
+    for seed in range(10):
+        rough = reference_scenario(seed, structure_g=1e-3)
+        result = joint(pose_set(rough))
+        assert Reason.MISFIT in reasons(result)
+        g = result.correct(rough.read(INC, TF))
+        std = result.predict_std(INC, TF, 0.0)[0]
+        pulls.append(np.mean(((np.arctan2(np.hypot(g[0], g[1]), g[2]) - INC) / std) ** 2))
+        assert not any(
+            name.startswith("misfit") and size
+            for name, size in joint(pose_set(reference_scenario(seed))).variance.items()
+        )
+    assert 0.5 < np.sqrt(np.mean(pulls)) < 1.6

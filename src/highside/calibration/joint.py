@@ -51,6 +51,7 @@ from highside.calibration.poses import Array, Indices, PoseSet, gravity
 from highside.calibration.result import (
     AXES,
     NOMINAL_BENCH,
+    OFFSET_NAMES,
     BenchAccuracy,
     CalibrationRefused,
     CalibrationResult,
@@ -639,12 +640,21 @@ def _result(
     # the closure is a property of an affine sensor: what is known of the other terms is taken out first
     affine = poses if sensor.is_linear else replace(poses, a=poses.a - sensor.nonlinear(sensor.correct(poses.a)))
     closures = closures_of(affine, fours, [sensor.A] * len(fours), pose_covariance=per_pose)
+    misfit = np.zeros(3)
+    covariance = fit.covariance
+    if variances.reading > MAX_READING_FACTOR**2:
+        # structure that no term has follows the attitude: it does not average out, and every later reading has it;
+        # its size is that of the residuals, of which the bench's part cannot be told apart
+        misfit = np.sqrt(np.mean(fit.left_over[:, used] ** 2, axis=1))
+        index = [fit.names.index(name) for name in OFFSET_NAMES]
+        covariance = covariance.copy()
+        covariance[index, index] += misfit**2
     zone = Zone(
         "global",
         None,
         0.0,
         float(np.pi),
-        Parameters(fit.names, fit.theta, fit.covariance),
+        Parameters(fit.names, fit.theta, covariance),
         _root_condition(fit),
     )
     return CalibrationResult(
@@ -664,6 +674,7 @@ def _result(
             "pose_tf_rad": float(np.sqrt(variances.pose_tf)),
             "ring_inc_rad": float(np.sqrt(variances.ring_inc)),
             "station_tf_rad": float(np.sqrt(variances.station_tf)),
+            **{f"misfit_{axis}_g": float(size) for axis, size in zip(AXES, misfit, strict=True)},
         },
         remarks=tuple(remarks + closure_remarks(closures)),
         toolface_zero_rad=toolface_zero_rad,
@@ -732,7 +743,7 @@ def _observability_remarks(session: _Session, fit: _Fit) -> list[Remark]:
     ]
 
 
-MAX_READING_FACTOR = 2.0
+MAX_READING_FACTOR = 3.0
 UNDETERMINED_SHARE = 0.5
 """A parameter whose standard deviation is still above this share of its prior's has not been measured."""
 

@@ -21,6 +21,7 @@ import numpy as np
 from highside.calibration.forward import Variances, pose_covariance
 from highside.calibration.poses import Array, Indices, PoseSet, gravity_derivatives
 from highside.calibration.result import (
+    AXES,
     MATRIX_NAMES,
     OFFSET_NAMES,
     CalibrationResult,
@@ -83,7 +84,12 @@ def _block(
     flat = covariance.reshape(3 * count, 3 * count) + np.outer(common, common)
     # the global sensor's own uncertainty moves all residuals of a ring together
     J = result.main.design(_ring_gravity(inc, tf, members)).transpose(2, 0, 1).reshape(3 * count, -1)
-    flat = flat + J @ result.main.parameters.covariance @ J.T
+    p = result.main.parameters
+    known = p.covariance.copy()
+    for axis, name in zip(AXES, OFFSET_NAMES, strict=True):
+        # what stands there for structure is what this module is after
+        known[p.names.index(name), p.names.index(name)] -= result.variance.get(f"misfit_{axis}_g", 0.0) ** 2
+    flat = flat + J @ known @ J.T
     return result.poses.residual_g[:, members].T.reshape(-1), _basis(tf[members]), flat
 
 
