@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import sys
 
+import click
 import typer
 
 from highside import __version__
@@ -56,8 +57,18 @@ app.command()(run.schema)
 
 def main() -> None:
     """Entry point of the console script."""
+    # our matrices are small: threads inside a product cost more than they bring (read when numpy is first imported)
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        app()
+        sys.exit(app(standalone_mode=False) or 0)
+    except click.ClickException as error:
+        # typer would draw a box of five lines
+        asked = getattr(error, "ctx", None)
+        remedy = f" (see {asked.command_path} --help)" if asked is not None else ""
+        print(f"highside: {' '.join(error.format_message().split())}{remedy}", file=sys.stderr)  # noqa: T201
+        sys.exit(error.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        sys.exit(130)
     except HighsideError as error:
         print(f"highside: {error}", file=sys.stderr)  # noqa: T201
         sys.exit(error.exit_status)
