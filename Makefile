@@ -40,6 +40,11 @@ $(VENV)/.test: requirements-test.lock pyproject.toml
 bench: $(VENV)/.test
 	for file in tests/bench/*.py; do case $$file in */test_*|*/conftest.py) ;; *) $(BIN)/python $$file || exit 1 ;; esac; done
 
+## evidence: the long Monte-Carlo runs and a minute of each soak, figures printed
+evidence: $(VENV)/.test
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/calibration_montecarlo.py --sensors 200
+	$(BIN)/python -m pytest -q -s tests/integration/test_soak.py tests/integration/test_mqtt_faults.py tests/integration/test_mqtt_sigkill.py
+
 ## lock: pin every dependency with its hashes (needs uv)
 lock:
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header --extra all --extra build pyproject.toml -o requirements.lock
