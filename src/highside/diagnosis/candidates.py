@@ -33,11 +33,16 @@ _NEVER = {
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """A candidate at one value of its shape: `columns` (k, 3, n), one for each amplitude."""
+    """A candidate at one value of its shape: `columns` (k, 3, n), one for each amplitude that is let act.
+
+    `whole` says that all amplitudes act; else only some do (one axis, one order of a polynomial), so that an effect
+    on one axis is not judged as if it had needed three.
+    """
 
     shape: dict[str, float]
     columns: Array
     label: str = ""
+    whole: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,12 +94,33 @@ def pose_candidates(model: ForwardModel, state: ChainState, free: Sequence[str])
             blind.append(Blind(effect, _NEVER[effect.id]))
             continue
         variants = [Variant({}, columns[effect.id])] if effect in plain else _shaped(model, state, effect)
-        variants = [variant for variant in variants if np.any(np.abs(variant.columns) > 1e-12)]
+        variants = [
+            Variant(v.shape, v.columns[list(part)], whole=len(part) == len(names))
+            for v in variants
+            for part in parts_of(names)
+            if np.any(np.abs(v.columns[list(part)]) > 1e-12)
+        ]
         if variants:
             found.append(Candidate(effect.id, effect, names, tuple(variants)))
         else:
             blind.append(Blind(effect, _what_lacks(effect, state)))
     return found, blind
+
+
+def parts_of(names: Sequence[str]) -> list[tuple[int, ...]]:
+    """Which amplitudes of an effect may act alone: all; those of one axis; those of one order; single ones of few."""
+    everything = tuple(range(len(names)))
+    parts = [everything]
+    for place in (2, 0):
+        # behind the last underscore stands the axis (or the product), before it the order (or the axis)
+        groups: dict[str, list[int]] = {}
+        for k, name in enumerate(names):
+            groups.setdefault(name.rpartition("_")[place] if "_" in name else "", []).append(k)
+        parts += [tuple(group) for group in groups.values()]
+    if len(names) <= 3 and not {"c", "s"} <= {name[0] for name in names}:
+        # a cosine and a sine are one amplitude and one phase, and stay together
+        parts += [(k,) for k in everything]
+    return sorted(set(parts), key=lambda part: (-len(part), part))
 
 
 def columns_of(model: ForwardModel, state: ChainState, effect: Effect, shape: dict[str, float]) -> Array:

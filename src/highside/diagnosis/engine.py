@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +17,7 @@ from highside.diagnosis import noise as noise_model
 from highside.diagnosis.candidates import CHANNELS, Blind, Candidate, Variant, pose_candidates, shadows
 from highside.diagnosis.fit import JointFit, base_fit, joint_fit
 from highside.diagnosis.location import Scan, locate, on_channel, pose_bases, scan_of
+from highside.diagnosis.memory import SUSPECT, Likelihoods, Memory, SlowEffect, SlowScore, slow_effects
 from highside.diagnosis.noise import PoseNoise
 from highside.diagnosis.regression import log10_p, outside, span
 from highside.diagnosis.result import Claim, Diagnosis, Fit, Location, Remainder, Rival, Verdict
@@ -37,7 +37,11 @@ Array = NDArray[np.float64]
 
 NAMED_SHARE = 0.85
 """Share of the excess misfit that names must explain to be given."""
-TIME_LIKE = frozenset({"bias_drift", "warmup", "thermal_lag", "bias_step", "thermal_hysteresis"})
+SLOW = ("bias_drift", "warmup", "thermal_lag", "bias_step", "thermal_hysteresis", "temperature_bias")
+"""Effects that are one function of time or temperature on each channel: a walk may look like any of them."""
+SLOW_TOO = frozenset({*SLOW, "temperature_bias_curvature"})
+ATTITUDE = ("gravity_direction", "tf_ref_deg", "direction", "direction x tf_ref_deg", "temp_c x gravity_direction")
+"""Covariates that no walk follows."""
 RICH_SHARE = 0.5
 """Of all readings, how many directions at most the rich model may take."""
 
@@ -86,13 +90,8 @@ def diagnose_poses(
 ) -> tuple[Diagnosis, Picture]:
     """Diagnose n poses against a model whose effects `free` may be refitted. The same seed gives the same answer."""
     scene = _prepare(session, model, tuple(free), seed)
-    judged = _judge(scene, scene.noise)
-    walk = _walk(scene, judged)
-    wanders = walk.found
-    if wanders:
-        # what was claimed must stand where the offsets may walk as far as the data allow
-        judged = _judge(scene, noise_model.with_walk(scene.noise, walk.q_upper, scene.tangents, session.state.t_s))
-    return _conclude(scene, judged, wanders, walk.gain, version)
+    suspicion = _suspect(scene)
+    return _conclude(scene, _judge(scene, suspicion), suspicion, version)
 
 
 def _prepare(session: PoseSession, model: ForwardModel, free: tuple[str, ...], seed: int) -> _Scene:
@@ -111,13 +110,13 @@ def _prepare(session: PoseSession, model: ForwardModel, free: tuple[str, ...], s
 
 def _rich(base: Array, candidates: Sequence[Candidate], session: PoseSession, force: Array) -> Array:
     """Columns (P, 3, n) of everything that could be systematic, as many as the session affords."""
-    named = [c for c in candidates if c.named]
-    parts = [base]
-    parts += [c.variants[0].columns for c in named if len(c.variants) == 1]
+    whole = [[v.columns for v in c.variants if v.whole] for c in candidates if c.named]
+    parts = [base, *(columns[0] for columns in whole if len(columns) == 1)]
     groups = [on_channel(b.functions, channel) for b in pose_bases(session.state, force) for channel in range(3)]
-    shaped = [c.variants[i].columns for c in named if len(c.variants) > 1 for i in _spread(len(c.variants), 5)]
+    shaped = [columns[i] for columns in whole if len(columns) > 1 for i in _spread(len(columns), 5)]
     room = int(RICH_SHARE * 3 * session.n)
-    kept, taken = [], 0
+    kept: list[Array] = []
+    taken = 0
     for part in [*parts, *shaped, *groups]:
         if taken + len(part) <= room or not kept:
             kept.append(part)
@@ -129,16 +128,63 @@ def _spread(count: int, want: int) -> list[int]:
     return sorted({round(x) for x in np.linspace(0, count - 1, min(want, count))})
 
 
-def _judge(scene: _Scene, noise: PoseNoise) -> _Judged:
-    """Choose claims under one noise model."""
+@dataclass(frozen=True)
+class _Suspicion:
+    """What is known of memory in the noise: whitening to judge by, whether offsets wander, slow effects that beat the
+    walk, and the ids of those that come near."""
+
+    noise: PoseNoise
+    memories: list[Memory]
+    wanders: bool
+    claimed: list[SlowScore]
+    near: tuple[str, ...]
+
+
+def _suspect(scene: _Scene) -> _Suspicion:
+    """Look for memory before anything is named: coloured noise, a walk, or something slow."""
+    state, candidates = scene.session.state, scene.candidates
+    force = np.asarray(scene.model.chain(state).force, dtype=float)
+    smooth = np.concatenate([b.functions[:12] for b in pose_bases(state, force) if b.covariate in ATTITUDE])
+    variance = noise_model.white_variance(scene.noise, scene.tangents)
+    channels = [
+        Likelihoods(scene.residual[c], variance[c], np.vstack([scene.base[:, c], smooth]), state.t_s) for c in range(3)
+    ]
+    memories = [channel.memory(np.empty((0, state.n))) for channel in channels]
+    if max(m.gain for m in memories) <= SUSPECT:
+        return _Suspicion(scene.noise, memories, False, [], ())
+    slow = [
+        SlowEffect(i, j, v.columns[0, 0])
+        for i, c in enumerate(candidates)
+        if c.id in SLOW
+        for j, v in enumerate(c.variants)
+        if v.whole
+    ]
+    tries = {i: sum(s.candidate == i for s in slow) for i in {s.candidate for s in slow}}
+    claimed, near = slow_effects(channels, slow, tries) if slow else ([], [])
+    functions = [score.effect.function for score in claimed]
+    after = [channel.memory(np.array(functions).reshape(-1, state.n)) for channel in channels]
+    if max(m.gain for m in after) <= SUSPECT:
+        return _Suspicion(scene.noise, after, False, [], ())
+    noise = noise_model.with_memory(scene.noise, after, scene.tangents, state.t_s)
+    if not any(m.walks for m in after):
+        return _Suspicion(noise, after, False, [], ())
+    names = tuple(dict.fromkeys(candidates[s.effect.candidate].id for s in near))
+    return _Suspicion(noise, after, True, claimed, names)
+
+
+def _judge(scene: _Scene, suspicion: _Suspicion) -> _Judged:
+    """Choose claims under the noise that is suspected."""
     rng = np.random.default_rng(scene.seed)
+    noise = suspicion.noise
     base = span(noise.white(scene.base))
     residual = outside(base, noise.white(scene.residual))
     pool = Pool(scene.candidates, [noise.white(v.columns) for c in scene.candidates for v in c.variants])
     rich = noise_model.rich_residual(noise, scene.residual, scene.rich)
     limit = threshold(pool.race, pool.owner, rich, base, noise.freedom, rng)
     held_out = HeldOut(noise.white(scene.base), noise.white(scene.residual), pose_folds(scene.session.n))
-    selector = Selector(pool, base, residual, noise.freedom, limit, held_out)
+    fixed = tuple(Member(score.effect.candidate, score.effect.variant) for score in suspicion.claimed)
+    banned = frozenset(i for i, c in enumerate(scene.candidates) if suspicion.wanders and _slow(c))
+    selector = Selector(pool, base, residual, noise.freedom, limit, held_out, fixed, banned)
     force = np.asarray(scene.model.chain(scene.session.state).force, dtype=float)
     bases = pose_bases(scene.session.state, force)
     cells = [(channel, b) for b in range(len(bases)) for channel in range(3)]
@@ -147,11 +193,8 @@ def _judge(scene: _Scene, noise: PoseNoise) -> _Judged:
     return _Judged(noise, selector, scan, scan_limit, selector.select())
 
 
-def _walk(scene: _Scene, judged: _Judged) -> noise_model.Wander:
-    claimed = [_variant(scene.candidates, m).columns for m in judged.members]
-    return noise_model.wander(
-        scene.residual, np.concatenate([scene.base, *claimed]), scene.noise, scene.tangents, scene.session.state.t_s
-    )
+def _slow(candidate: Candidate) -> bool:
+    return candidate.id in SLOW_TOO or candidate.id.startswith("shadow:time")
 
 
 def _variant(candidates: Sequence[Candidate], member: Member) -> Variant:
@@ -183,10 +226,8 @@ def _scan(judged: _Judged, members: Sequence[Member]) -> _Scanned:
     return _Scanned(log_p, loudest, excess, (group @ residual) @ group)
 
 
-def _conclude(
-    scene: _Scene, judged: _Judged, wanders: bool, walk_gain: Array, version: str
-) -> tuple[Diagnosis, Picture]:
-    members, selector = judged.members, judged.selector
+def _conclude(scene: _Scene, judged: _Judged, suspicion: _Suspicion, version: str) -> tuple[Diagnosis, Picture]:
+    members, selector, wanders = judged.members, judged.selector, suspicion.wanders
     named = [m for m in members if scene.candidates[m.candidate].named]
     after = _scan(judged, members)
     loud = float(after.log_p[after.loudest]) > judged.scan_threshold
@@ -209,7 +250,7 @@ def _conclude(
         else (),
         hints=_hints(scene, judged, after, loud, members, wanders),
         p=_as_p(after),
-        resembles=() if told else resembles,
+        resembles=() if told else (*resembles, *(n for n in suspicion.near if n not in resembles)),
     )
     lacking, smallest = what_shows(
         selector.pool, selector.base, judged.noise.freedom, selector.threshold, scene.blind, scene.free
@@ -220,7 +261,8 @@ def _conclude(
         "bench_inclination_rad": scene.noise.inc,
         "bench_toolface_rad": scene.noise.tf,
         "degrees_of_freedom": scene.noise.freedom,
-        "wander_evidence": [float(g) for g in walk_gain],
+        "memory_evidence": [m.gain for m in suspicion.memories],
+        "memory_poses": [m.length if m.share else 0.0 for m in suspicion.memories],
         "wanders": wanders,
         "threshold_log10_p": selector.threshold,
         "scan_threshold_log10_p": judged.scan_threshold,
@@ -256,8 +298,6 @@ def _verdict(
     candidates = scene.candidates
     if any(not candidates[m.candidate].named for m in members):
         return "unknown"
-    if wanders and all(candidates[m.candidate].id in TIME_LIKE for m in members):
-        return "wander"
     if fit.outside_gate:
         return "implausible_fit"
     for r in rivalries:
@@ -290,10 +330,11 @@ def _located(
 def _hints(
     scene: _Scene, judged: _Judged, after: _Scanned, loud: bool, members: Sequence[Member], wanders: bool
 ) -> tuple[str, ...]:
-    hints = []
-    for m in members:
-        if not scene.candidates[m.candidate].named:
-            hints.append(f"follows the product {_variant(scene.candidates, m).label}")
+    hints = [
+        f"follows the product {_variant(scene.candidates, m).label}"
+        for m in members
+        if not scene.candidates[m.candidate].named
+    ]
     if loud:
         channel, basis = judged.scan.cells[after.loudest]
         hints.append(f"{CHANNELS[channel]} follows {judged.scan.bases[basis].covariate}")

@@ -31,7 +31,7 @@ CLIPPED_SHARE = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Intake:
-    """What was found, and whether it spoils the data. `clipped` are shares and limits (g) of channels with flat tops."""
+    """What was found, whether it spoils the data, and the share and limit (g) of each channel with a flat top."""
 
     findings: tuple[Finding, ...]
     spoiled: bool

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,7 +139,7 @@ def _intervals(along: Array, energy: Array, bins: int = 24) -> tuple[tuple[float
         edges = [(float(v), float(v)) for v in values]
     else:
         cuts = np.quantile(along, np.linspace(0, 1, bins + 1))
-        edges = [(float(a), float(b)) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+        edges = [(float(a), float(b)) for a, b in pairwise(cuts.tolist())]
     mean = np.array([
         float(energy[(along >= low - 1e-6) & (along <= high + 1e-6)].mean()) for low, high in edges
     ])  # fmt: skip

@@ -8,26 +8,24 @@ could explain is projected off first, and the lost degrees of freedom are counte
 the three sensors' own scatter, and that of the bench's stops in inclination and toolface (t_I, t_T: change of the
 reading with the angle), which is common to the channels. The second part is kept only where the likelihood asks.
 
-A bias that wanders adds q s_c^2 min(t_i, t_j) (t in mean intervals between poses). q is found by restricted likelihood
-with base and present claims projected off.
+Scatter that remembers from pose to pose is the matter of `memory`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.memory import Memory, kernel
 from highside.diagnosis.regression import outside, span
 
 Array = NDArray[np.float64]
 
 TABLE_GAIN = 9.0
 """Gain of -2 log likelihood from which the bench's own scatter is believed."""
-WANDER_GAIN = 12.0
-WALKS = np.array([0.0, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0])
-"""Variance of the walk between two poses in units of a reading's variance."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,7 @@ class PoseNoise:
 
 
 def estimate(residual: Array, rich: Array, tangents: Array) -> PoseNoise:
-    """Noise of a residual (3, n) after the rich columns (P, 3, n). `tangents` (2, 3, n): d reading / d(I, T) in g/rad."""
+    """Noise of a residual (3, n) after the rich columns (P, 3, n). `tangents` (2, 3, n): d reading / d(I, T), g/rad."""
     n = residual.shape[1]
     sigma, inc, tf = np.full(3, max(float(residual.std()), 1e-12)), 0.0, 0.0
     for _ in range(2):
@@ -120,65 +118,20 @@ def _components(residual: Array, tangents: Array) -> tuple[Array, float, float]:
     return plain * scale[:3], float(angle * scale[3]), float(angle * scale[4])
 
 
-@dataclass(frozen=True)
-class Wander:
-    """Restricted likelihood of a walk in each channel: `gain` (3,) of -2 log likelihood, `q` (3,) at its best and at
-    the upper end of its 95 % interval."""
-
-    gain: Array
-    q: Array
-    q_upper: Array
-
-    @property
-    def found(self) -> bool:
-        """Whether any channel's bias wanders beyond doubt."""
-        return bool(np.max(self.gain) > WANDER_GAIN)
-
-
-def wander(residual: Array, fitted: Array, noise: PoseNoise, tangents: Array, t_s: Array) -> Wander:
-    """Look for a walk in a residual (3, n) with the columns (P, 3, n) of base and claims projected off."""
-    cov = _covariance(noise.sigma, noise.inc, noise.tf, tangents)
-    walk = walk_kernel(t_s)
-    gain, best, upper = np.zeros(3), np.zeros(3), np.zeros(3)
-    for c in range(3):
-        own = fitted[:, c][np.any(np.abs(fitted[:, c]) > 1e-12, axis=1)]
-        minus2l = np.array([_restricted(residual[c], own, np.diag(cov[:, c, c]) + q * noise.sigma[c] ** 2 * walk)
-                            for q in WALKS])  # fmt: skip
-        at = int(np.argmin(minus2l))
-        gain[c], best[c] = minus2l[0] - minus2l[at], WALKS[at]
-        upper[c] = WALKS[np.flatnonzero(minus2l <= minus2l[at] + 2.7)[-1]]
-    return Wander(gain, best, upper)
-
-
-def with_walk(noise: PoseNoise, q: Array, tangents: Array, t_s: Array) -> PoseNoise:
-    """The same noise with a walk of `q` (3,) added to each channel."""
+def with_memory(noise: PoseNoise, memories: Sequence[Memory], tangents: Array, t_s: Array) -> PoseNoise:
+    """The same noise with the memory of each channel added, as large as the data allow."""
     n = t_s.size
     cov = np.zeros((3, n, 3, n))
     poses = np.arange(n)
     cov[:, poses, :, poses] = _covariance(noise.sigma, noise.inc, noise.tf, tangents)
-    for c in range(3):
-        cov[c, :, c, :] += q[c] * noise.sigma[c] ** 2 * walk_kernel(t_s)
+    for c, memory in enumerate(memories):
+        if memory.share > 0:
+            level = float(np.mean(cov[c, poses, c, poses]))
+            cov[c, :, c, :] += memory.upper * level * kernel(t_s, memory.length)
     return replace(noise, full=np.linalg.inv(np.linalg.cholesky(cov.reshape(3 * n, 3 * n))))
 
 
-def walk_kernel(t_s: Array) -> Array:
-    """min(t_i, t_j), (n, n), in mean intervals between poses."""
-    elapsed = t_s - t_s[0]
-    steps = elapsed / max(float(elapsed[-1]) / max(elapsed.size - 1, 1), 1e-12)
-    return np.minimum(steps[:, None], steps[None, :])
-
-
-def _restricted(residual: Array, columns: Array, cov: Array) -> float:
-    from scipy.linalg import solve_triangular
-
-    lower = np.linalg.cholesky(cov)
-    both = solve_triangular(lower, np.vstack([residual, columns]).T, lower=True, check_finite=False).T
-    norm = np.linalg.norm(both[1:], axis=1, keepdims=True)
-    raw = np.linalg.norm(columns, axis=1, keepdims=True)
-    space = span(both[1:])
-    left = outside(space, both[0])
-    values = np.linalg.eigvalsh((both[1:] / raw) @ (both[1:] / raw).T) if norm.size else np.ones(1)
-    # the same directions count for every q: those that are independent among the columns themselves
-    logdet = float(np.sum(np.log(np.sort(values)[::-1][: space.shape[0]])))
-    freedom = residual.size - space.shape[0]
-    return float(freedom * np.log(left @ left / freedom) + 2 * np.log(np.diag(lower)).sum() + logdet)
+def white_variance(noise: PoseNoise, tangents: Array) -> Array:
+    """(3, n) variance of each reading, memory left aside."""
+    cov = _covariance(noise.sigma, noise.inc, noise.tf, tangents)
+    return np.asarray(np.diagonal(cov, axis1=1, axis2=2).T)

@@ -57,12 +57,12 @@ class Race:
         sizes = np.array([len(block) for block in blocks], dtype=int)
         for size in np.unique(sizes):
             members = np.flatnonzero(sizes == size)
-            stacked = np.stack([blocks[i] for i in members])
+            stacked = np.stack([blocks[int(i)] for i in members])
             norm = np.linalg.norm(stacked, axis=2, keepdims=True)
             self._groups.append((members, stacked / np.where(norm > 0, norm, 1.0)))
 
     def run(self, space: Array, residuals: Array) -> tuple[Array, NDArray[np.intp]]:
-        """Gains (variants, B) of chi-square for residuals (B, N) outside of `space`, and directions used (variants,)."""
+        """Gains (variants, B) of chi-square for residuals (B, N) outside of `space`; directions used (variants,)."""
         left = outside(space, residuals)
         gains = np.zeros((self.count, left.shape[0]))
         dof = np.zeros(self.count, dtype=np.intp)
@@ -78,7 +78,7 @@ class Race:
         return gains, dof
 
 
-def log10_p(gain: Array, dof: Array, freedom: float, tries: Array | float = 1.0) -> Array:
+def log10_p(gain: Array, dof: Array | NDArray[np.intp], freedom: float, tries: Array | float = 1.0) -> Array:
     """-log10 of the F test's p-value for a gain of chi-square with `dof` directions against unit noise.
 
     The noise is known to `freedom` degrees of freedom; `tries` shapes were searched (Sidak).
@@ -88,4 +88,4 @@ def log10_p(gain: Array, dof: Array, freedom: float, tries: Array | float = 1.0)
     k = np.maximum(dof, 1)
     p = np.where(dof > 0, fdtrc(k, freedom, np.maximum(gain, 0.0) / k), 1.0)
     p = -np.expm1(np.asarray(tries) * np.log1p(-np.minimum(p, 1 - 1e-12)))
-    return -np.log10(np.maximum(p, 1e-300))
+    return np.asarray(-np.log10(np.maximum(p, 1e-300)), dtype=float)

@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 SAME_CLASS_BIC = 6.0
 SAME_CLASS_EVIDENCE = 12.0
+RIVAL_LOG_P = 1.5
 POWER_80 = 0.8416
 """Standard normal quantile of 80 %."""
 
@@ -51,6 +52,9 @@ def rivalry(selector: Selector, members: Sequence[Member], claim: Member) -> Riv
     same = [claim.candidate]
     for k in np.argsort(delta):
         if k == claim.candidate or k in taken or not selector.pool.candidates[k].named:
+            continue
+        if now.log_p[k] < RIVAL_LOG_P:
+            # it explains nothing of this
             continue
         wider = span_with(space, selector.pool.columns(now.best[k]))
         beyond = float(np.sum(outside(wider, signal) ** 2))
@@ -79,7 +83,7 @@ def what_shows(
     for k, candidate in enumerate(pool.candidates):
         if candidate.effect is None:
             continue
-        variants = np.flatnonzero(pool.owner == k)
+        variants = [i for i in np.flatnonzero(pool.owner == k) if candidate.variants[pool.members[i].variant].whole]
         sizes = np.array([_smallest(pool.blocks[i], base, freedom, threshold) for i in variants])
         amplitudes = [p for p in candidate.effect.parameters if not p.shape]
         gates = np.array([max(abs(p.gate[0]), abs(p.gate[1])) for p in amplitudes])
@@ -175,4 +179,4 @@ def _beyond(grams: Array) -> Array:
     size = np.sqrt(np.maximum(np.einsum("bii->bi", inner), 1e-30))
     scaled = inner / (size[:, :, None] * size[:, None, :]) + 1e-9 * np.eye(inner.shape[1])
     solved = np.linalg.solve(scaled, (cross / size)[:, :, None])[:, :, 0]
-    return np.maximum(grams[:, 0, 0] - np.sum(solved * cross / size, axis=1), 0.0)
+    return np.asarray(np.maximum(grams[:, 0, 0] - np.sum(solved * cross / size, axis=1), 0.0))

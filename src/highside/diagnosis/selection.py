@@ -156,6 +156,10 @@ class Selector:
     freedom: float
     threshold: float
     held_out: HeldOut
+    fixed: tuple[Member, ...] = ()
+    """claims that were made before and stay"""
+    banned: frozenset[int] = frozenset()
+    """candidates that may not be chosen"""
 
     def space_with(self, members: Sequence[Member]) -> Array:
         """Base and members."""
@@ -167,7 +171,7 @@ class Selector:
 
     def select(self) -> list[Member]:
         """The claims, in the order in which they were found."""
-        members: list[Member] = []
+        members = list(self.fixed)
         while len(members) < MAX_CLAIMS:
             step = self._forward(members)
             if step is None:
@@ -177,7 +181,7 @@ class Selector:
 
     def _forward(self, members: list[Member]) -> Member | None:
         now = self.standing(members)
-        taken = {m.candidate for m in members}
+        taken = {m.candidate for m in members} | self.banned
         passing = [k for k in np.argsort(-now.bic) if now.log_p[k] > self.threshold and k not in taken]
         best: tuple[float, Member] | None = None
         before = self.pool.stack(members)
@@ -192,9 +196,11 @@ class Selector:
         for _ in range(8):
             changed = False
             for member in members:
+                if member in self.fixed:
+                    continue
                 others = [m for m in members if m != member]
                 now = self.standing(others)
-                taken = {m.candidate for m in others}
+                taken = {m.candidate for m in others} | self.banned
                 score = np.where(np.isin(np.arange(now.bic.size), list(taken)), -np.inf, now.bic)
                 k = int(np.argmax(score))
                 own = now.log_p[member.candidate]
