@@ -13,7 +13,7 @@ import click
 import typer
 
 from highside import __version__
-from highside.cli import calibrate, decode, demo, detect, diagnose, effects, replay, reproduce, rotation, run, simulate
+from highside.cli import calibrate, decode, demo, detect, diagnose, drift, effects, replay, reproduce, rotation, run, simulate
 from highside.errors import HighsideError
 
 app = typer.Typer(
@@ -43,6 +43,7 @@ def _top(
 app.command()(decode.decode)
 app.command()(demo.demo)
 app.command()(detect.detect)
+app.command()(drift.drift)
 app.command()(diagnose.diagnose)
 app.command()(replay.replay)
 app.add_typer(calibrate.app)

@@ -34,7 +34,9 @@ MAX_GAP_S = 0.5
 """A longer hole between two rows is not integrated over: what the tool did in it is not known."""
 
 
-def advance(sums: Sums, dt: Any, w: tuple[Any, Any, Any], a: tuple[Any, Any, Any], norm: Any, rough: Any, one: Any) -> Sums:
+def advance(
+    sums: Sums, dt: Any, w: tuple[Any, Any, Any], a: tuple[Any, Any, Any], norm: Any, rough: Any, one: Any
+) -> Sums:
     """One more sample: rate w (rad/s) held over the dt (s) that end with it, reading a (g) of length `norm`.
 
     `rough` is the squared difference of w from the sample before; `one` is 1, or 0 where the block has no such sample.

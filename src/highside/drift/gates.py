@@ -24,7 +24,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.drift.blocks import Block
+from highside.drift.blocks import Batch, Block
+from highside.drift.frames import to_body
 
 FloatArray = NDArray[np.float64]
 
@@ -160,3 +161,23 @@ class StopTest:
             return True
         allowed = self.SIGMAS * np.sqrt(var + arw * arw / self._seconds)
         return bool(np.all(np.abs(self._sum / self._seconds - known) <= allowed))
+
+
+def quiet_rows(t_s: FloatArray, rate: FloatArray, accel: FloatArray, rest: FloatArray) -> NDArray[np.bool_]:
+    """(N,) rows in which gravity may be believed, for the methods that know only yes and no. Tool frame.
+
+    Within `rest` (K, 2) if it is given; else by the gate, one block late so that no row knows its future. Where the
+    first record shows no tool at rest there is nothing to gate by, and all rows are believed.
+    """
+    if rest.size:
+        inside = np.zeros(t_s.size, dtype=bool)
+        for begin, end in rest:
+            inside |= (t_s >= begin) & (t_s <= end)
+        return inside
+    batch = Batch.of(t_s, to_body(rate), to_body(accel))
+    gate = Gate()
+    verdicts = [gate.verdict(block) for block in batch.blocks()]
+    if gate.still is None:
+        return np.ones(t_s.size, dtype=bool)
+    believed = np.array([True] + [verdict > Motion.VIBRATING for verdict in verdicts[:-1]])
+    return believed[batch.number]

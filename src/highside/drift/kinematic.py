@@ -286,6 +286,7 @@ class KinematicFilter:
             # the sum was turned with the raw rates; readings are half a block old on average
             turn = -(block.J @ state.bias + block.S * state.scale) - C @ self.earth * block.seconds
             a = a - 0.5 * np.cross(turn, a)
+        a = a - state.accel_bias
         size = math.sqrt(float(a @ a))
         if not 0.5 < size < 2.0:
             state.refused["gravity"] += 1
@@ -295,7 +296,7 @@ class KinematicFilter:
         level = np.eye(3) - p[:, None] * p
         H[:, :3] = cross_matrix(p)
         H[:, 7:] = level
-        self._update(state, "gravity", H, a / size - p - level @ state.accel_bias, variance, _GATE_GRAVITY)
+        self._update(state, "gravity", H, a / size - p, variance, _GATE_GRAVITY)
 
     def _zero_rate(self, state: State, block: Block, *, believed: bool) -> None:
         rate = direction_cosines(state.q) @ self.earth
@@ -341,7 +342,9 @@ def _as_sums(block: Block) -> FloatArray:
     return np.concatenate([block.q, block.J.ravel(), block.S, block.accel, [block.seconds]])
 
 
-def predicted(q: FloatArray, bias: FloatArray, scale: FloatArray | float, earth: FloatArray, sums: FloatArray) -> FloatArray:
+def predicted(
+    q: FloatArray, bias: FloatArray, scale: FloatArray | float, earth: FloatArray, sums: FloatArray
+) -> FloatArray:
     """Attitude (4,) or (4, M) after part of a block: exp(-w_ie t) (x) q (x) raw (x) exp(-J b - S s).
 
     `sums` (20, ...) are the first twenty of `blocks.Sums`, `earth` (3,) in East, North, Up.
@@ -443,9 +446,15 @@ def _notes(state: State, settings: Settings) -> tuple[str, ...]:
         if settings.latitude_rad is not None:
             notes.append("the level part of the Earth's rotation needs the azimuth and counts as gyro bias")
     if state.gap_s > 0.0:
-        notes.append(f"{state.gap_s:.1f} s in gaps were not integrated; the azimuth is uncertain by what may have happened")
+        notes.append(
+            f"{state.gap_s:.1f} s in gaps were not integrated; the azimuth is uncertain by what may have happened"
+        )
     for kind, count in state.refused.items():
         if count:
-            what = "detected stops refused as real, slow motion" if kind == "stop" else f"{kind} updates refused by their innovation"
+            what = (
+                "detected stops refused as real, slow motion"
+                if kind == "stop"
+                else f"{kind} updates refused by their innovation"
+            )
             notes.append(f"{count} s of {what}" if settings.block_s == 1.0 else f"{count} blocks of {what}")
     return tuple(notes)

@@ -106,9 +106,7 @@ def turntable(seconds: float = 3600.0, rate_hz: float = SAMPLE_RATE_HZ, triad: T
 
 def vibration_table(seconds: float = 3600.0, rate_hz: float = SAMPLE_RATE_HZ) -> Experiment:
     """S2: standing at elevation 45 deg, shaken all the time by 0.5 g rms."""
-    triad = Triad(
-        (24.049, -10.205, -0.616), vibration_rms_g=0.5, gyro_vibration_dps=0.025, rectification_dph_g2=0.3
-    )
+    triad = Triad((24.049, -10.205, -0.616), vibration_rms_g=0.5, gyro_vibration_dps=0.025, rectification_dph_g2=0.3)
     still = _steady("vibration table", seconds, (45.0, 20.0, 60.0), triad, np.array([[0.0, seconds]]), rate_hz)
     return _shaken(still, np.ones(still.t_s.size, dtype=bool))
 
