@@ -205,6 +205,12 @@ class DbcCodecConfig(_CodecTable):
         _only_measured(fields or {})
         return fields
 
+    @model_validator(mode="after")
+    def _emit_on_needs_fields(self) -> Self:
+        if self.emit_on is not None and self.fields is None:
+            raise ValueError("emit_on: belongs to a mapping in `fields`; the tool's own messages need none")
+        return self
+
     @property
     def carries(self) -> Literal["can"]:
         return "can"
@@ -225,6 +231,15 @@ class DbcCodecConfig(_CodecTable):
 CodecConfig = Annotated[
     ToolCodecConfig | Vn100CodecConfig | DelimitedCodecConfig | DbcCodecConfig, Field(discriminator="name")
 ]
+
+
+def speaks_as_the_tool(codec: CodecConfig) -> bool:
+    """Whether the codec reads what the tool itself sends, over a serial line or a CAN bus."""
+    return isinstance(codec, ToolCodecConfig) or (
+        isinstance(codec, DbcCodecConfig) and codec.dbc is None and codec.fields is None
+    )
+
+
 CODEC_NAMES = ("tool", "vn100", "delimited", "dbc")
 NEEDS_CONFIG = frozenset({"delimited"})
 """codecs that cannot be built from their name alone"""

@@ -22,6 +22,7 @@ from highside.link.serial import SerialSettings, SerialTransport
 from highside.link.socketcan import SocketCanSettings, SocketCanTransport
 from highside.link.wire import CanWire, PtyWire
 from highside.physics.motion import demo, still
+from highside.recording.wire import WireKind, detect_kind
 
 Carries = Literal["bytes", "can"]
 CanId = Annotated[int, Field(ge=0, le=0x1FFFFFFF)]
@@ -31,12 +32,12 @@ InterfaceName = Annotated[str, Field(min_length=1, max_length=15, pattern=r"^[^\
 class _Link(BaseModel):
     """What all links have: their supervisor's settings."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     wait_at_start: bool = Field(
         default=False,
-        description="A link that cannot be opened when the service starts is waited for; false: the service ends at once"
-        " and says why. Later failures are always waited out.",
+        description="A link that cannot be opened when the service starts is waited for; false: the service ends at"
+        " once and says why. Later failures are always waited out.",
     )
     backoff_initial_s: float = Field(default=0.1, gt=0, le=60, description="Pause before the first new attempt.")
     backoff_max_s: float = Field(default=5.0, gt=0, le=3600, description="Longest pause between two attempts.")
@@ -157,7 +158,10 @@ class ReplayLink(_Link):
 
     @property
     def carries(self) -> Carries | None:
-        return None
+        """As the file's beginning tells; None for an empty one. Raises InputError if it cannot be read."""
+        if self.path.stat().st_size == 0:
+            return None
+        return "can" if detect_kind(self.path) is WireKind.CANDUMP else "bytes"
 
     @field_validator("path")
     @classmethod

@@ -17,7 +17,7 @@ CREDENTIAL_NAME = "mqtt_password"
 class TlsSettings(BaseModel):
     """The table `[mqtt.tls]`; present, even if empty: the connection is encrypted and the broker's name checked."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     ca: Path | None = Field(default=None, description="Certificates that are trusted; the system's where absent.")
     cert: Path | None = Field(default=None, description="Our own certificate (PEM).")
@@ -33,7 +33,7 @@ class TlsSettings(BaseModel):
 class OutboxSettings(BaseModel):
     """The table `[mqtt.outbox]`: what is kept on disk until the broker has it. Beyond a cap the oldest is dropped."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     max_rows: int = Field(default=2_000_000, ge=100, description="Messages kept.")
     max_bytes: int = Field(default=512 * 1024 * 1024, ge=65_536, description="Bytes of payload and topic kept.")
@@ -46,7 +46,7 @@ class OutboxSettings(BaseModel):
 class MqttSettings(BaseModel):
     """The whole table."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     host: str = Field(default="127.0.0.1", min_length=1, description="Broker; for `unix` the path of its socket.")
     port: int = Field(default=1883, ge=1, le=65_535)

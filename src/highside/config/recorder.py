@@ -12,7 +12,7 @@ MEBIBYTE = 1 << 20
 class RecorderSettings(BaseModel):
     """Wire-level recording below the state directory. The defaults keep 1 GiB: 3 h of a full serial line."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     enabled: bool = Field(default=True, description="Whether the wire is recorded.")
     segment_max_bytes: int = Field(

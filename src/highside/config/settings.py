@@ -11,14 +11,14 @@ import difflib
 import os
 import tomllib
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
 from highside.calibration.rebalance import RebalanceSettings
-from highside.config.codecs import CodecConfig
+from highside.config.codecs import CodecConfig, speaks_as_the_tool
 from highside.config.links import LinkConfig
 from highside.config.mqtt import MqttSettings
 from highside.config.recorder import RecorderSettings
@@ -30,7 +30,7 @@ ENVIRONMENT_PREFIX = "HIGHSIDE__"
 class Table(BaseModel):
     """A table of the file: unknown fields are refused, values are fixed once read."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class ToolSettings(Table):
@@ -56,7 +56,10 @@ class PipelineSettings(Table):
         default=10.0, gt=0, le=100, description="Attitude messages per second of device time."
     )
     averaging_s: float | None = Field(
-        default=None, gt=0, le=60, description="Readings averaged into one attitude; the output period where absent."
+        default=None,
+        gt=0,
+        le=60,
+        description="Readings averaged into one attitude; where absent the output period, at most 60 s.",
     )
     g_tolerance: float = Field(
         default=0.02, gt=0, description="An attitude whose |g| differs from 1 by more is flagged `g_total`."
@@ -64,7 +67,7 @@ class PipelineSettings(Table):
 
     @property
     def window_s(self) -> float:
-        return self.averaging_s or 1.0 / self.output_rate_hz
+        return self.averaging_s or min(1.0 / self.output_rate_hz, 60.0)
 
 
 class MonitorSettings(Table):
@@ -180,6 +183,8 @@ class Settings(BaseSettings):
                 f"link.kind {self.link.kind!r} carries {carries}, but codec.name {self.codec.name!r} decodes"
                 f" {self.codec.carries}"
             )
+        if self.link.kind == "simulated" and not speaks_as_the_tool(self.codec):
+            raise ValueError("link.kind 'simulated' speaks as the tool itself: codec.name 'tool', or 'dbc' as shipped")
         return self
 
 
@@ -204,8 +209,12 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError("is a directory", where=str(path), remedy="give the path of a TOML file") from None
     except PermissionError:
         raise InputError("cannot be read by this user", where=str(path), remedy="check its permissions") from None
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}", where=str(path)) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"is not valid TOML: {error}", where=str(path), remedy="mend that line") from None
+    except RecursionError:
+        raise InputError("is not valid TOML: nested too deep", where=str(path), remedy="take brackets away") from None
 
 
 def parse_overrides(overrides: list[str]) -> dict[str, Any]:
@@ -217,9 +226,10 @@ def parse_overrides(overrides: list[str]) -> dict[str, Any]:
         if not separator or not all(keys):
             raise InputError("is not of the form key.path=value", where="--set", field=item)
         try:
-            value = tomllib.loads(f"v = {text}")["v"]
-        except tomllib.TOMLDecodeError:
-            value = text
+            parsed = tomllib.loads(f"v = {text}")
+        except (tomllib.TOMLDecodeError, RecursionError):
+            parsed = {}
+        value = parsed["v"] if set(parsed) == {"v"} else text
         table = tables
         for key in keys[:-1]:
             table = table.setdefault(key, {})
@@ -246,14 +256,27 @@ def validate(tables: dict[str, Any], *, where: str, overrides: list[str] | None 
     class FileSettings(Settings):
         file_tables: ClassVar[dict[str, Any]] = tables
 
+    given = parse_overrides(overrides or [])
+    _known_environment(where)
     try:
-        return FileSettings(**parse_overrides(overrides or []))
+        return FileSettings(**given)
     except ValidationError as error:
-        raise _input_error(error, where) from None
+        raise _input_error(error, where, given) from None
     except InputError:
         raise
     except ValueError as error:
         raise InputError(" ".join(str(error).split()), where=where, remedy="mend the environment variable") from None
+
+
+def _known_environment(where: str) -> None:
+    """Refuse a variable of ours that names no table: it would have no effect, and nobody would know."""
+    for name in sorted(os.environ):
+        if name.upper().startswith(ENVIRONMENT_PREFIX):
+            table = name[len(ENVIRONMENT_PREFIX) :].lower().split("__")[0]
+            if table not in Settings.model_fields:
+                raise InputError(
+                    "is not a known table", where=f"{where} with the environment", field=name, remedy=_nearest([table])
+                )
 
 
 PATH_FIELDS = {
@@ -283,13 +306,25 @@ def _anchor_paths(tables: dict[str, Any], base: Path) -> None:
             table[keys[-1]] = str(base / value)
 
 
-def _input_error(error: ValidationError, where: str) -> InputError:
+def _input_error(error: ValidationError, where: str, overrides: dict[str, Any]) -> InputError:
     details = error.errors(include_url=False)
     first = details[0]
     field, what, remedy = _explain(first)
     if len(details) > 1:
         remedy = f"{remedy} ({len(details) - 1} more field{'s' if len(details) > 2 else ''} to mend)".strip()
-    return InputError(what, where=where, field=field or None, remedy=remedy or None)
+    return InputError(what, where=_source(field, overrides) or where, field=field or None, remedy=remedy or None)
+
+
+def _source(field: str, overrides: dict[str, Any]) -> str | None:
+    """Where a field was given, if not in the file."""
+    keys = field.split(".")
+    table: Any = overrides
+    for key in keys:
+        table = table.get(key) if isinstance(table, dict) else None
+    if table is not None:
+        return "--set"
+    wanted = (ENVIRONMENT_PREFIX + "__".join(keys)).upper()
+    return f"environment variable {wanted}" if wanted in {name.upper() for name in os.environ} else None
 
 
 def _explain(detail: ErrorDetails) -> tuple[str, str, str]:
@@ -310,17 +345,34 @@ def _explain(detail: ErrorDetails) -> tuple[str, str, str]:
     if kind == "union_tag_not_found":
         tag = str(context.get("discriminator", "")).strip("'")
         return f"{field}.{tag}", "is missing", "add it: it says which kind the table describes"
+    if kind in ("model_type", "model_attributes_type", "dict_type"):
+        return field, "must be a table", ""
     message = detail["msg"].removeprefix("Value error, ")
     shown = "" if isinstance(given, dict | list) or given is None or kind == "value_error" else f" (given {given!r})"
     return field, message[0].lower() + message[1:] + shown, ""
 
 
 def _nearest(keys: list[str]) -> str:
-    known: dict[str, Any] | list[str] = list(Settings.model_fields)
-    if len(keys) > 1:
-        model = Settings.model_fields[keys[0]].annotation if keys[0] in Settings.model_fields else None
-        known = list(model.model_fields) if isinstance(model, type) and issubclass(model, BaseModel) else []
-    near = difflib.get_close_matches(keys[-1], list(known), n=1)
+    """What may have been meant by an unknown field: the nearest, or all that its table allows."""
+    known = _fields_of(Settings, keys[:-1])
+    near = difflib.get_close_matches(keys[-1], known, n=1)
     if near:
         return f"did you mean {near[0]!r}?"
     return f"allowed: {', '.join(known)}" if known else "remove it"
+
+
+def _fields_of(model: type[BaseModel], keys: list[str]) -> list[str]:
+    """Names of the fields of the table `keys`; of all its kinds where it has several."""
+    if not keys:
+        return list(model.model_fields)
+    found: dict[str, None] = {}
+    if keys[0] in model.model_fields:
+        for part in _models_in(model.model_fields[keys[0]].annotation):
+            found |= dict.fromkeys(_fields_of(part, keys[1:]))
+    return list(found)
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models_in(part)]
