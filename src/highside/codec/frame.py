@@ -85,6 +85,8 @@ class Counts:
     bytes_pending: int = 0
     """held back: the start of a frame that is not complete yet"""
     frames_good: int = 0
+    frames_held: int = 0
+    """of the good ones: not handed out yet, because what belongs to it (its time) may still come"""
     frames_bad: int = 0
     """candidates refused by CRC, length, version or range"""
     frames_ignored: int = 0

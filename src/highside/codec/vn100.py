@@ -80,6 +80,7 @@ class Vn100Codec(SyncStream):
         frame = Frame(None, None, t_mono, ax, ay, az, gx, gy, gz, values[9], extra=values[:14])
         if self._time_line:
             self._held = frame
+            self.counts.frames_held = 1
         else:
             out.append(frame)
         return True
@@ -89,6 +90,7 @@ class Vn100Codec(SyncStream):
         if self._held is not None:
             out.append(self._held if t_s is None else self._held._replace(t_s=t_s))
             self._held = None
+            self.counts.frames_held = 0
         self._behind = b""
 
     def _pass_by(self, chunk: bytes, out: list[Frame]) -> None:

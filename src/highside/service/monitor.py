@@ -64,6 +64,10 @@ class Monitor:
         self._repeats = [0, 0, 0]
         self.stuck_axes: tuple[str, ...] = ()
 
+    def apply(self, *, range_g: float, stuck_frames: int) -> None:
+        """Take new limits; the order and the counts go on."""
+        self._range, self._stuck_frames = range_g, stuck_frames
+
     def check(self, frame: Frame) -> bool:
         """Count the frame; True if it is to be used."""
         counts = self.counts

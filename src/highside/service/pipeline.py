@@ -257,6 +257,7 @@ class Pipeline:
         self._due: float | None = None
         self._last_t: float | None = None
         self._last_step = 0.0
+        self._device_has_time = False
 
     @property
     def correction(self) -> Correction:
@@ -274,6 +275,13 @@ class Pipeline:
         self._noise = NoiseEstimate(tool.noise_g)
         self._stillness = Stillness(survey)
         self._due = None
+
+    def apply_limits(self, monitor: MonitorSettings, rebalance: RebalanceTable) -> None:
+        """Take new limits; the monitor's counters and order go on, the re-balance begins anew."""
+        self.monitor.apply(range_g=monitor.range_g, stuck_frames=monitor.stuck_frames)
+        self._rebalance_applied = rebalance.apply
+        self.rebalancer = Rebalancer(rebalance.build())
+        self._block = _Block()
 
     def on_batch(self, batch: Batch) -> int:
         """Decode and process a batch; returns the number of frames in it."""
@@ -303,9 +311,13 @@ class Pipeline:
             return
         t = frame.t_s
         last = self._last_t
-        if t is None:
-            # the codec's device time failed for this frame, or the device sends none at all
-            t = frame.t_mono if last is None or self._last_step == 0.0 else last + self._last_step
+        if t is not None:
+            self._device_has_time = True
+        elif self._device_has_time and last is not None:
+            # this frame's time was damaged: the tool goes on at its pace
+            t = last + self._last_step
+        else:
+            t = frame.t_mono
         if last is not None:
             step = t - last
             if step < 0.0:
@@ -318,7 +330,10 @@ class Pipeline:
         self._last_t = t
         a = (frame.ax, frame.ay, frame.az)
         self._noise.add(a)
-        self._window.append(Row(t, a, frame.temp_c))
+        window, oldest = self._window, t - self._settings.window_s
+        while window and window[0].t < oldest:
+            window.popleft()
+        window.append(Row(t, a, frame.temp_c))
         self._fresh += 1
         self._block.add(t, a, frame.temp_c)
         if self._block.t - self._block.start >= REBALANCE_BLOCK_S:
