@@ -6,6 +6,7 @@ import asyncio
 import json
 import logging
 import os
+import signal
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -21,15 +22,26 @@ SetOption = Annotated[
 def run(config: ConfigOption, overrides: SetOption = None) -> None:
     """Run the service: frames in, corrected inclination and toolface out over MQTT, day and night."""
     from highside.config.settings import load
+    from highside.errors import InputError
     from highside.service.app import Service
 
     settings = load(config, overrides)
     start_logging(settings.service.log_level)
 
     async def serve() -> None:
-        await Service(settings, reload=lambda: load(config, overrides)).run()
+        try:
+            await Service(settings, reload=lambda: load(config, overrides)).run()
+        finally:
+            # all is on disk; a late reload or an impatient second signal must not spoil the exit status
+            for number in (signal.SIGHUP, signal.SIGTERM, signal.SIGINT):
+                signal.signal(number, signal.SIG_IGN)
 
-    asyncio.run(serve())
+    try:
+        asyncio.run(serve())
+    except InputError as error:
+        if error.where is not None:
+            raise
+        raise InputError(error.what, where=str(config), field=error.field, remedy=error.remedy) from None
 
 
 def check(
@@ -37,15 +49,17 @@ def check(
     overrides: SetOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the effective configuration as JSON.")] = False,
 ) -> None:
-    """Validate a configuration without running it: fields, codec, calibration record."""
+    """Validate a configuration without running it: fields, codec, secrets, calibration record."""
     from highside.config.settings import load
     from highside.service.app import correction_of
+    from highside.service.publisher import check_secrets
 
     settings = load(config, overrides)
     settings.codec.build()
+    check_secrets(settings.mqtt)
     correction = correction_of(settings)
     if as_json:
-        typer.echo(settings.model_dump_json(indent=2))
+        typer.echo(settings.model_dump_json())
         return
     typer.echo(
         f"{config}: good. Tool {settings.tool.id}, link {settings.link.kind}, codec {settings.codec.name},"

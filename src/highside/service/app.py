@@ -18,13 +18,14 @@ import logging
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from dataclasses import asdict
 from pathlib import Path
 from typing import IO, Any
 
 from highside import __version__
 from highside.calibration.correction import Correction, IdentityCorrection
+from highside.codec.frame import ByteCodec, CanCodec
 from highside.config.settings import Settings
 from highside.errors import HighsideError, InputError
 from highside.link.base import Batch, LinkReason, LinkState, LinkSupervisor
@@ -34,7 +35,7 @@ from highside.service.clock import LoopLag, clock_synced
 from highside.service.notify import Notifier
 from highside.service.outbox import Outbox
 from highside.service.pipeline import Attitude, Pipeline, Survey
-from highside.service.publisher import Publisher
+from highside.service.publisher import Publisher, check_secrets
 from highside.service.recorder import Recorder, RecorderState
 
 log = logging.getLogger("highside")
@@ -62,13 +63,12 @@ class Service:
         self._calibration_error: str | None = None
         self._reloads = 0
         self._stopping = asyncio.Event()
-        self._link_ended = False
         self._refused_link: str | None = None
         self._link_task: asyncio.Task[None] | None = None
         self._publisher_task: asyncio.Task[None] | None = None
-        self._topic_attitude = settings.mqtt.topic(settings.tool.id, "attitude")
-        self._topic_survey = settings.mqtt.topic(settings.tool.id, "survey")
-        self._topic_health = settings.mqtt.topic(settings.tool.id, "health")
+        self._leaving: set[asyncio.Task[None]] = set()
+        """tasks that a reload has replaced and that still give back what they hold"""
+        self._name_topics()
         keep = settings.mqtt.outbox
         self.outbox = Outbox(
             self.state_dir / "outbox.sqlite",
@@ -93,14 +93,20 @@ class Service:
 
     # --- parts -------------------------------------------------------------------------------------------------
 
+    def _name_topics(self) -> None:
+        tool, mqtt = self.settings.tool.id, self.settings.mqtt
+        self._topic_attitude = mqtt.topic(tool, "attitude")
+        self._topic_survey = mqtt.topic(tool, "survey")
+        self._topic_health = mqtt.topic(tool, "health")
+
     def _make_publisher(self) -> Publisher:
         settings = self.settings
         return Publisher(settings.mqtt, self.outbox, tool_id=settings.tool.id)
 
-    def _make_pipeline(self, correction: Correction) -> Pipeline:
+    def _make_pipeline(self, correction: Correction, codec: ByteCodec | CanCodec | None = None) -> Pipeline:
         settings = self.settings
         pipeline = Pipeline(
-            codec=settings.codec.build(),
+            codec=codec or settings.codec.build(),
             tool=settings.tool,
             pipeline=settings.pipeline,
             monitor=settings.monitor,
@@ -114,7 +120,8 @@ class Service:
 
     def _make_supervisor(self) -> LinkSupervisor:
         link = self.settings.link
-        return LinkSupervisor(link.transport, self, link.supervisor())
+        self._tap = _Tap(self)
+        return LinkSupervisor(link.transport, self._tap, link.supervisor())
 
     def _extra_flags(self) -> tuple[str, ...]:
         return ("calibration_refused",) if self._calibration_error else ()
@@ -144,7 +151,6 @@ class Service:
                 self._refused_link = message
                 self.stop()
         elif state is LinkState.ENDED:
-            self._link_ended = True
             self.pipeline.finish()
         self._publish_health()
 
@@ -179,7 +185,7 @@ class Service:
         age = None if link.last_data_mono is None else round(time.monotonic() - link.last_data_mono, 3)
         balance = {
             "bytes": codec.balanced(),
-            "frames": monitor.balanced() and codec.frames_good == monitor.received,
+            "frames": monitor.balanced() and codec.frames_good == monitor.received + codec.frames_held,
             "messages": outbox.balanced(),
         }
         alarms = [f"balance_{name}" for name, good in balance.items() if not good]
@@ -245,9 +251,10 @@ class Service:
     async def run(self) -> None:
         """Run until SIGTERM or SIGINT, or until a replayed recording has ended and is delivered.
 
-        Raises InputError if the state directory cannot be used or another daemon uses it, or if the link cannot be
-        opened at the start and is not to be waited for.
+        Raises InputError if the state directory cannot be used or another daemon uses it, if a file with a password
+        or a certificate cannot be used, or if the link cannot be opened at the start and is not to be waited for.
         """
+        await asyncio.to_thread(check_secrets, self.settings.mqtt)
         self._take_state_dir()
         loop = asyncio.get_running_loop()
         for number, handler in (
@@ -270,11 +277,12 @@ class Service:
         try:
             await self._until_stopped(others)
         finally:
-            for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-                loop.remove_signal_handler(number)
             self._notifier.stopping("leaving")
             await self._shut_down(others)
             self._notifier.close()
+            # only now: an impatient second signal must not end the process before the outbox is committed
+            for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+                loop.remove_signal_handler(number)
         if self._refused_link is not None:
             raise InputError(
                 self._refused_link,
@@ -292,9 +300,7 @@ class Service:
         try:
             while True:
                 assert self._link_task is not None and self._publisher_task is not None
-                watched: set[asyncio.Task[Any]] = {stopping, self._publisher_task, *others}
-                if not self._link_ended:
-                    watched.add(self._link_task)
+                watched: set[asyncio.Task[Any]] = {stopping, self._link_task, self._publisher_task, *others}
                 done, _ = await asyncio.wait(watched, return_when=asyncio.FIRST_COMPLETED)
                 if stopping in done:
                     return
@@ -313,13 +319,17 @@ class Service:
         """A replay has ended: give the broker time to take what was made of it."""
         log.info("the recording has ended")
         while self.outbox.stats.queued and not self._stopping.is_set():
+            assert self._publisher_task is not None
+            if self._publisher_task.done():
+                self._publisher_task.result()  # it died: raises why
+                return
             await asyncio.sleep(0.05)
 
     async def _shut_down(self, others: list[asyncio.Task[None]]) -> None:
         deadline = time.monotonic() + STOP_BUDGET_S
         if self._link_task is not None:
             await _cancel(self._link_task)
-        for task in others:
+        for task in (*others, *self._leaving):
             await _cancel(task)
         # close what the disk must not lose before the network is given the rest of the time
         await asyncio.to_thread(self.recorder.stop, max(deadline - time.monotonic() - 4.0, 1.0))
@@ -364,6 +374,8 @@ class Service:
 
     def request_reload(self) -> None:
         """SIGHUP: read the configuration again, and the active calibration."""
+        if self._stopping.is_set():
+            return
         self._notifier.reloading("reloading")
         try:
             self._reload()
@@ -386,31 +398,54 @@ class Service:
                 raise InputError(
                     "cannot change while running", field=f"{table}.{why}", remedy="restart the service instead"
                 )
+        for field in ("outbox", "historical_after_s"):
+            if getattr(new.mqtt, field) != getattr(old.mqtt, field):
+                raise InputError(
+                    "cannot change while running", field=f"mqtt.{field}", remedy="restart the service instead"
+                )
         # everything that can fail is made before anything is swapped
-        codec_changed = (new.codec, new.monitor, new.rebalance) != (old.codec, old.monitor, old.rebalance)
-        if codec_changed:
-            new.codec.build()
+        codec = new.codec.build() if new.codec != old.codec else None
+        if new.mqtt != old.mqtt:
+            check_secrets(new.mqtt)
         self.settings = new
         correction = self._correction(new)
-        if codec_changed:
-            self.pipeline = self._make_pipeline(correction)
+        if codec is not None:
+            self.pipeline = self._make_pipeline(correction, codec)
         else:
             self.pipeline.correction = correction
             self.pipeline.extra_flags = self._extra_flags()
             if (new.tool, new.pipeline, new.survey) != (old.tool, old.pipeline, old.survey):
                 self.pipeline.apply(new.tool, new.pipeline, new.survey)
+            if (new.monitor, new.rebalance) != (old.monitor, old.rebalance):
+                # the codec and its counters go on: not a byte is lost for a new limit
+                self.pipeline.apply_limits(new.monitor, new.rebalance)
         if new.link != old.link and self._link_task is not None:
-            self._link_task.cancel()
+            self._tap.close()
+            if codec is None:
+                self.pipeline.on_link_reopened()  # what the old link began, the new one does not complete
             self.supervisor = self._make_supervisor()
-            self._link_task = asyncio.create_task(_after(self._link_task, self.supervisor.run), name="link")
+            self._link_task = self._replace(self._link_task, self.supervisor.run, "link")
         if new.mqtt != old.mqtt and self._publisher_task is not None:
-            self._publisher_task.cancel()
+            self._name_topics()
             self.publisher = self._make_publisher()
-            self._publisher_task = asyncio.create_task(
-                _after(self._publisher_task, self.publisher.run), name="publisher"
-            )
+            self._publisher_task = self._replace(self._publisher_task, self.publisher.run, "publisher")
         if new.recorder != old.recorder:
             self.recorder.apply(new.recorder)
+
+    def _replace(
+        self, old: asyncio.Task[None], run: Callable[[], Coroutine[Any, Any, None]], name: str
+    ) -> asyncio.Task[None]:
+        """Cancel a task and start its successor when it, and those replaced before it, have given everything back."""
+        old.cancel()
+        self._leaving.add(old)
+        old.add_done_callback(self._leaving.discard)
+        before = {task for task in self._leaving if task.get_name() == name}
+
+        async def after() -> None:
+            await asyncio.wait(before)
+            await run()
+
+        return asyncio.create_task(after(), name=name)
 
     # --- the state directory -----------------------------------------------------------------------------------
 
@@ -438,6 +473,24 @@ class Service:
                 remedy="stop it, or give this one its own",
             ) from None
         self._lock = lock
+
+
+class _Tap:
+    """What a link's supervisor speaks to; closed when another link takes over, whose data may be of another kind."""
+
+    def __init__(self, service: Service) -> None:
+        self._service: Service | None = service
+
+    def close(self) -> None:
+        self._service = None
+
+    def on_batch(self, batch: Batch) -> None:
+        if self._service is not None:
+            self._service.on_batch(batch)
+
+    def on_state(self, state: LinkState, reason: LinkReason | None, message: str) -> None:
+        if self._service is not None:
+            self._service.on_state(state, reason, message)
 
 
 class Progress:
@@ -486,10 +539,3 @@ async def _cancel(task: asyncio.Task[Any]) -> None:
     task.cancel()
     with contextlib.suppress(asyncio.CancelledError, Exception):
         await task
-
-
-async def _after(before: asyncio.Task[None], then: Callable[[], Any]) -> None:
-    """Run `then` once the task it replaces has given everything back."""
-    with contextlib.suppress(asyncio.CancelledError):
-        await asyncio.wait({before})
-    await then()

@@ -155,7 +155,7 @@ class Publisher:
         text = f"{lost.reason}: {lost}"
         if text != self.last_error:
             # a broker that is away for a day is worth one line, not one a second
-            log.warning("mqtt: %s", text)
+            log.log(logging.INFO if lost.reason == "stopped" else logging.WARNING, "mqtt: %s", text)
         self.last_error = text
 
     # -- one connection --------------------------------------------------------------------------------------------
@@ -398,11 +398,42 @@ def _reset(client: aiomqtt.Client) -> None:
         client._disconnected.set_result(None)
 
 
+def check_secrets(mqtt: MqttSettings) -> None:
+    """Read the files with password and certificates once. Raises `InputError` that names the file and the field."""
+    mqtt.read_password()
+    tls = mqtt.tls
+    if tls is None:
+        return
+    for name, path in (("ca", tls.ca), ("cert", tls.cert), ("key", tls.key)):
+        if path is not None:
+            try:
+                path.read_bytes()
+            except OSError as error:
+                raise InputError(
+                    f"cannot be read ({error.strerror})",
+                    where=str(path),
+                    field=f"mqtt.tls.{name}",
+                    remedy="name a file that this user may read",
+                ) from None
+    try:
+        _tls_context(tls)
+    except OSError as error:
+        # ssl does not say which of the files it could not understand
+        named = [str(path) for path in (tls.ca, tls.cert, tls.key) if path is not None]
+        raise InputError(
+            f"is no certificate or key that can be used ({error.strerror or error})",
+            where=" or ".join(named) or None,
+            field="mqtt.tls",
+            remedy="give PEM files that belong together",
+        ) from None
+
+
 def _tls_context(tls: TlsSettings) -> ssl.SSLContext:
     context = ssl.create_default_context(cafile=str(tls.ca) if tls.ca is not None else None)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     if tls.cert is not None and tls.key is not None:
-        context.load_cert_chain(tls.cert, tls.key)
+        # an encrypted key is refused: without this word OpenSSL would ask for one at the terminal
+        context.load_cert_chain(tls.cert, tls.key, password="")
     return context
 
 
