@@ -62,6 +62,8 @@ def decode(
         "torn_bytes": decoded.torn_bytes,
         "bad_lines": decoded.bad_lines,
     }
+    if frames:
+        write_recording(output, from_frames(frames, times, decoder.extra_columns))
     if as_json:
         typer.echo(json.dumps(summary))
     typer.echo(_for_people(file, decoded, decoder.counts, len(frames), source), err=True)
@@ -72,7 +74,6 @@ def decode(
             f"{file}: its frames carry no time, and raw bytes have no times of arrival; nothing was written"
             " (record the wire with highside, or with candump -L)"
         )
-    write_recording(output, from_frames(frames, times, decoder.extra_columns))
 
 
 def _decode_bytes(path: Path, codec: ByteCodec | CanCodec) -> _Decoded:

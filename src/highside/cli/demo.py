@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import sys
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,8 +28,11 @@ def demo(
     from rich.console import Console
     from rich.live import Live
 
+    from highside.errors import InputError
     from highside.service.demo import run_demo
 
+    if seconds is not None and not math.isfinite(seconds):
+        raise InputError(f"{seconds} is no finite number", where="--seconds", remedy="give a number such as 10")
     console = Console(stderr=as_json)
     if console.is_terminal:
         with Live(console=console, refresh_per_second=8, transient=False) as live:

@@ -13,7 +13,20 @@ import click
 import typer
 
 from highside import __version__
-from highside.cli import calibrate, decode, demo, detect, diagnose, drift, effects, replay, reproduce, rotation, run, simulate
+from highside.cli import (
+    calibrate,
+    decode,
+    demo,
+    detect,
+    diagnose,
+    drift,
+    effects,
+    replay,
+    reproduce,
+    rotation,
+    run,
+    simulate,
+)
 from highside.errors import HighsideError
 
 app = typer.Typer(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -35,6 +36,9 @@ def replay(
     from highside.link.replay import Played, events
     from highside.recording.wire import WireKind, detect_kind
 
+    for option, value in (("--speed", speed), ("--byte-rate", byte_rate)):
+        if not math.isfinite(value):
+            raise InputError(f"{value} is no finite number", where=option, remedy="give a number such as 1.0")
     kind = detect_kind(file)
     wire = _wire(to, link)
     if (kind is WireKind.CANDUMP) != to.startswith("can:"):

@@ -48,7 +48,8 @@ def read_bytes(path: Path) -> bytes:
 def write_whole(path: Path, data: bytes) -> None:
     """Write beside, fsync, rename: the file is the old one or the new one, whatever happens.
 
-    A name that ends in `.gz` is gzipped without name and time, so that equal content gives equal bytes. Raises
+    A name that ends in `.gz` is gzipped without name and time, so that equal content gives equal bytes. What is no
+    regular file (`/dev/stdout`, a pipe) is written to, never replaced; behind a symbolic link its target is. Raises
     InputError where the place cannot be written.
     """
     if path.suffix == ".gz":
@@ -60,7 +61,11 @@ def write_whole(path: Path, data: bytes) -> None:
     try:
         if path.is_dir():
             raise InputError("is a directory, not a file", where=str(path))
-        descriptor, beside = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        if path.exists() and not path.is_file():
+            path.write_bytes(data)
+            return
+        target = path.resolve()
+        descriptor, beside = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
         with os.fdopen(descriptor, "wb") as file:
             file.write(data)
             file.flush()
@@ -68,15 +73,17 @@ def write_whole(path: Path, data: bytes) -> None:
         umask = os.umask(0)
         os.umask(umask)
         Path(beside).chmod(0o666 & ~umask)
-        Path(beside).replace(path)
+        Path(beside).replace(target)
         beside = None
-        directory = os.open(path.parent, os.O_RDONLY)
+        directory = os.open(target.parent, os.O_RDONLY)
         try:
             os.fsync(directory)
         finally:
             os.close(directory)
     except OSError as error:
-        raise InputError(f"cannot be written: {error.strerror}", where=str(path)) from None
+        raise InputError(
+            f"cannot be written: {error.strerror}", where=str(path), remedy="name a place that this user may write"
+        ) from None
     finally:
         if beside is not None:
             with contextlib.suppress(OSError):
