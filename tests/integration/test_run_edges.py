@@ -141,6 +141,22 @@ def test_impatient_signals_do_not_cut_the_orderly_end_short(tmp_path, broker, su
         wait_for(lambda: [m for m in subscriber.drain() if m[1] == b"offline"], 3, "offline")
 
 
+def test_the_retained_health_of_a_daemon_that_left_has_the_final_counts(tmp_path, broker, subscriber, line):
+    path = tmp_path / "highside.toml"
+    path.write_text(text(tmp_path, line.path, broker.port).replace("health_interval_s = 0.1", "health_interval_s = 60"))
+    with running(path) as daemon:
+        wait_for(lambda: is_held(line.path), 10, "the link to open", daemon)
+        line.write_all(stream(0, 200))
+        wait_for(lambda: len(subscriber.payloads("attitude")) >= 19, 10, "attitudes", daemon)
+        assert daemon.terminate(10) == 0
+    late = Subscriber(broker.port, "highside/t1/health")
+    kept = wait_for(lambda: late.drain(), 5, "the retained health")
+    late.close()
+    health = json.loads(kept[-1][1])
+    assert health["monitor"]["good"] == 200
+    assert all(health["balance"].values()), health["balance"]
+
+
 def test_new_limits_in_the_middle_of_a_frame_lose_nothing(tmp_path, broker, subscriber, line):
     path = tmp_path / "highside.toml"
     content = text(tmp_path, line.path, broker.port)

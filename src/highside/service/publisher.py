@@ -282,14 +282,17 @@ class Publisher:
                 raise self._lost
             if self._stopping.is_set():
                 return
+            self._send_changed(client)
             self._fill_window(client)
             await self._wake.wait()
 
-    def _fill_window(self, client: aiomqtt.Client) -> None:
-        settings = self._settings
+    def _send_changed(self, client: aiomqtt.Client) -> None:
         for topic in list(self._changed):
             del self._changed[topic]
             self._start(self._send_retained(client, topic, self._retained[topic]))
+
+    def _fill_window(self, client: aiomqtt.Client) -> None:
+        settings = self._settings
         # the backlog may fill half of the window: a live message then never waits for a slot
         backlog_slots = max(settings.in_flight // 2, 1)
         self._grow_allowance(backlog_slots)
@@ -357,6 +360,7 @@ class Publisher:
             raise LostConnection("refused by client", str(error)) from error
 
     async def _farewell(self, client: aiomqtt.Client) -> None:
+        self._send_changed(client)  # the last health, with the final counts
         loop = asyncio.get_running_loop()
         left_s = self._stop_deadline_s - loop.time()
         if self._pending and left_s > 0.0:
