@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.errors import InputError
-from highside.rotation.bases import RateTerms, chebyshev_rows, fourier_rows, fourier_sum, scaled_angle
+from highside.rotation.bases import RateTerms, chebyshev_rows, combined, fourier_rows, fourier_sum, scaled_angle
 from highside.rotation.samples import Coverage
 
 Floats = NDArray[np.float64]
@@ -107,7 +107,7 @@ class Curve:
             value = forward(angle_part, self.network_input.rows(theta), self.order, self.hidden_bias)
             value = self.target_centre + self.target_scale * value
         if self._rate_count:
-            value = value + self.parameters[angle_part.size :] @ self._rate_rows(rate_radps)
+            value = value + combined(self.parameters[angle_part.size :], self._rate_rows(rate_radps))
         return value
 
     def std(self, theta_rad: Floats, rate_radps: Floats | None = None) -> Floats:

@@ -19,7 +19,7 @@ from scipy.linalg import solve_triangular
 
 from highside.attitude.angles import TURN, wrap_positive
 from highside.errors import Refused
-from highside.rotation.bases import RateTerms, fourier_rows, triangle_of
+from highside.rotation.bases import RateTerms, combined, fourier_rows, projected, triangle_of
 from highside.rotation.curve import Curve, Form, Method
 from highside.rotation.linear import identifiable_rate
 from highside.rotation.samples import Samples
@@ -64,7 +64,7 @@ def auto(samples: Samples, *, rate_terms: int = 0, largest_order: int = LARGEST_
             fit.least_squares(count)
         solution, covariance = fit.beta, fit.covariance(count, scale if robust else np.inf)
     count = solution.size
-    residual = samples.error - solution @ rows[:count]
+    residual = samples.error - combined(solution, rows[:count])
     bound = HUBER * scale if robust else np.inf
     psi = np.clip(residual, -bound, bound)
     noise = _robust_std(residual, count) if robust else float(np.sqrt(residual @ residual / max(1, samples.n - count)))
@@ -112,7 +112,7 @@ class _Fit:
             raise Refused("the rotor stood at too few different angles for a curve over the turn")
         self._rest = float(triangle[p, p] ** 2)
         self.beta = self._solve(self.z)
-        self.residual = y - self.beta @ rows
+        self.residual = y - combined(self.beta, rows)
 
     def rss(self, count: int) -> float:
         """Residual sum of squares of the first `count` columns."""
@@ -124,12 +124,12 @@ class _Fit:
     def project(self, values: Floats, count: int) -> Floats:
         """z = Q' values for the first `count` columns, by R'z = F' values."""
         R = self.R[:count, :count]
-        return np.asarray(solve_triangular(R, self.rows[:count] @ values, trans="T", check_finite=False))
+        return np.asarray(solve_triangular(R, projected(self.rows[:count], values), trans="T", check_finite=False))
 
     def least_squares(self, count: int) -> None:
         """The ordinary estimate of the first `count` columns."""
         self.beta = self._solve(self.z[:count])
-        self.residual = self.y - self.beta @ self.rows[:count]
+        self.residual = self.y - combined(self.beta, self.rows[:count])
 
     def huber(self, count: int, scale: float) -> Floats:
         """Huber's estimate of the first `count` columns; gives the pseudo-values (N,)."""
@@ -139,13 +139,13 @@ class _Fit:
         R = self.R[:count, :count]
         psi = self.y
         for _ in range(_ROUNDS):
-            self.residual = self.y - self.beta @ rows
+            self.residual = self.y - combined(self.beta, rows)
             psi = np.clip(self.residual, -bound, bound)
             step = self._solve(self.project(psi, count))
             self.beta = self.beta + step
             if np.linalg.norm(R @ step) <= _CONVERGED * scale * np.sqrt(self.y.size):
                 break
-        fitted = self.beta @ rows
+        fitted = combined(self.beta, rows)
         self.residual = self.y - fitted
         return np.asarray(fitted + np.clip(self.residual, -bound, bound))
 
@@ -155,7 +155,9 @@ class _Fit:
         z = self.project(values, 2 * largest + 1 + extra)
         total = float(values @ values)
         counts = 2 * np.arange(0, largest + 1) + 1 + extra
-        rss = np.maximum(total - np.cumsum(z * z)[counts - 1], 1e-30 * max(total, 1e-300))
+        # below rounding of the sums no order is better than another
+        floor = max(1e-15 * total, 1e-300)
+        rss = np.maximum(total - np.cumsum(z * z)[counts - 1], floor)
         return int(np.argmin(n * np.log(rss / n) + counts * np.log(n)))
 
     def covariance(self, count: int, scale: float) -> Floats:
@@ -164,7 +166,7 @@ class _Fit:
         inside = np.abs(self.residual) <= bound
         psi = np.clip(self.residual, -bound, bound)
         factor = float(psi @ psi) / max(1, psi.size - count) / max(float(np.mean(inside)), 0.1) ** 2
-        inverse = solve_triangular(self.R[:count, :count], np.eye(count), check_finite=False)
+        inverse = np.linalg.inv(self.R[:count, :count])
         return np.asarray(factor * (inverse @ inverse.T))
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from highside.errors import InputError, Refused
 from highside.rotation.bases import RateTerms, chebyshev_rows, fourier_rows, triangle_of
@@ -87,7 +86,7 @@ def _solved(
             f"the rotor stood at too few different angles for the {p} parameters of {method.value};"
             " record a turning rotor or use another method"
         )
-    inverse = solve_triangular(R, np.eye(p), check_finite=False)
+    inverse = np.linalg.inv(R)
     noise = float(np.sqrt(rss / (n - p)))
     warning = samples.coverage.warning
     return Curve(

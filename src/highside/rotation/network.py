@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.rotation.bases import combined, gram, projected
 from highside.rotation.curve import Curve, Form, Method, NetworkInput
 from highside.rotation.samples import Samples
 
@@ -65,13 +66,20 @@ def network(
 def forward(weights: Floats, inputs: Floats, hidden: int, hidden_bias: bool = True) -> Floats:
     """Outputs (N,) on the standardised scale for inputs (d, N)."""
     w1, b1, w2, b2 = _split(weights, inputs.shape[0], hidden, hidden_bias)
-    return np.asarray(w2 @ np.tanh(w1 @ inputs + b1[:, None]) + b2)
+    return combined(w2, _hidden(w1, inputs, b1)) + b2
 
 
 def jacobian_rows(weights: Floats, inputs: Floats, hidden: int, hidden_bias: bool = True) -> Floats:
     """(P, N): derivative of the outputs by each weight."""
     w1, b1, w2, _ = _split(weights, inputs.shape[0], hidden, hidden_bias)
-    return _jacobian(inputs, np.tanh(w1 @ inputs + b1[:, None]), w2, hidden_bias)
+    return _jacobian(inputs, _hidden(w1, inputs, b1), w2, hidden_bias)
+
+
+def _hidden(w1: Floats, inputs: Floats, b1: Floats) -> Floats:
+    """Q = tanh(W1 P + b1), (hidden, N)."""
+    total = np.einsum("hd,dn->hn", w1, inputs)
+    total += b1[:, None]
+    return np.asarray(np.tanh(total, out=total))
 
 
 def _split(weights: Floats, d: int, hidden: int, hidden_bias: bool) -> tuple[Floats, Floats, Floats, float]:
@@ -112,17 +120,17 @@ def _train(
 
     def at(w: Floats) -> tuple[Floats, Floats, float]:
         w1, b1, w2, b2 = _split(w, d, hidden, hidden_bias)
-        q = np.tanh(w1 @ inputs + b1[:, None])
-        residual = targets - (w2 @ q + b2)
+        q = _hidden(w1, inputs, b1)
+        residual = targets - (combined(w2, q) + b2)
         return q, residual, float(residual @ residual)
 
     q, residual, cost = at(weights)
     rows = _jacobian(inputs, q, _split(weights, d, hidden, hidden_bias)[2], hidden_bias)
-    normal = rows @ rows.T
+    normal = gram(rows)
     used = 0
     while used < iterations:
         used += 1
-        gradient = rows @ residual
+        gradient = projected(rows, residual)
         accepted = False
         while damping <= 1e10:
             step = np.linalg.solve(normal + damping * np.eye(weights.size), gradient)
@@ -136,7 +144,7 @@ def _train(
         decrease = (cost - tried) / cost
         weights, q, residual, cost = weights + step, tried_q, tried_residual, tried
         rows = _jacobian(inputs, q, _split(weights, d, hidden, hidden_bias)[2], hidden_bias)
-        normal = rows @ rows.T
+        normal = gram(rows)
         damping = max(damping / 10.0, 1e-15)
         if decrease < SMALLEST_DECREASE:
             break

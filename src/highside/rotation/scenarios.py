@@ -61,8 +61,7 @@ def draw(scenario: Scenario, seed: int, channel: int, *, rows: int = 6000, turns
     coefficients = np.zeros(17)
     coefficients[0] = _CONSTANT[channel]
     waves = [(1, _FIRST[channel], _FIRST_PHASE[channel]), (2, scenario.second[channel], _SECOND_PHASE[channel])]
-    sizes, phases = rng.uniform(0.5, 1.0, 6), rng.uniform(0.0, TURN, 6)
-    waves += [(k, scenario.irregular * sizes[k - 3] / k**2, phases[k - 3]) for k in range(3, 9)]
+    waves += [(k, scenario.irregular * rng.uniform(0.5, 1.0) / k**2, rng.uniform(0.0, TURN)) for k in range(3, 9)]
     for k, size, phase in waves:
         coefficients[2 * k - 1], coefficients[2 * k] = size * np.cos(phase), size * np.sin(phase)
     truth = fourier_sum(theta, coefficients)
