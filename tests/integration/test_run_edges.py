@@ -319,6 +319,13 @@ def test_wrong_usage_is_one_line_and_exit_status_2(arguments):
     assert run.stderr.startswith("highside: ")
 
 
+def test_the_environment_of_a_service_does_not_reach_the_demonstration():
+    run = command("demo", "--seconds", "1", "--json", env={"HIGHSIDE__MQTT__PORT": "9", "HIGHSIDE__TOOL__ID": "other"})
+    assert run.returncode == 0, run.stderr
+    summary = json.loads(run.stdout)
+    assert (summary["published"] > 0, summary["lost"]) == (True, 0)
+
+
 def test_a_decoded_file_that_cannot_be_written_is_one_line_and_leaves_nothing(tmp_path):
     raw = tmp_path / "raw.bin"
     raw.write_bytes(stream(0, 20))

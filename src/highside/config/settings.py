@@ -151,6 +151,7 @@ class Settings(BaseSettings):
 
     file_tables: ClassVar[dict[str, Any]] = {}
     """the parsed file, lowest in precedence; set by `validate`"""
+    reads_environment: ClassVar[bool] = True
 
     tool: ToolSettings = ToolSettings()
     link: LinkConfig
@@ -173,7 +174,9 @@ class Settings(BaseSettings):
         dotenv_settings: PydanticBaseSettingsSource,
         file_secret_settings: PydanticBaseSettingsSource,
     ) -> tuple[PydanticBaseSettingsSource, ...]:
-        return init_settings, env_settings, _FileSource(settings_cls)
+        file = _FileSource(settings_cls)
+        reads_environment = settings_cls.reads_environment  # type: ignore[attr-defined]
+        return (init_settings, env_settings, file) if reads_environment else (init_settings, file)
 
     @model_validator(mode="after")
     def _codec_fits_link(self) -> Self:
@@ -250,14 +253,18 @@ def load(path: Path, overrides: list[str] | None = None) -> Settings:
     return validate(tables, where=str(path), overrides=overrides)
 
 
-def validate(tables: dict[str, Any], *, where: str, overrides: list[str] | None = None) -> Settings:
+def validate(
+    tables: dict[str, Any], *, where: str, overrides: list[str] | None = None, environment: bool = True
+) -> Settings:
     """Validate tables as `load` does; `where` names their source in errors."""
 
     class FileSettings(Settings):
         file_tables: ClassVar[dict[str, Any]] = tables
+        reads_environment: ClassVar[bool] = environment
 
     given = parse_overrides(overrides or [])
-    _known_environment(where)
+    if environment:
+        _known_environment(where)
     try:
         return FileSettings(**given)
     except ValidationError as error:

@@ -247,4 +247,5 @@ def _settings(directory: Path, port: str, broker_port: int) -> Settings:
             "service": {"state_dir": str(directory / "state"), "health_interval_s": 1.0, "log_level": "error"},
         },
         where="the demonstration's settings",
+        environment=False,
     )
