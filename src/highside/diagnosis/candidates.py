@@ -123,14 +123,23 @@ def parts_of(names: Sequence[str]) -> list[tuple[int, ...]]:
     return sorted(set(parts), key=lambda part: (-len(part), part))
 
 
-def columns_of(model: ForwardModel, state: ChainState, effect: Effect, shape: dict[str, float]) -> Array:
-    """(k, 3, n): change of the report with each amplitude of an effect at the given shape."""
+def columns_of(
+    model: ForwardModel, state: ChainState, effect: Effect, shape: dict[str, float], force: Array | None = None
+) -> Array:
+    """(k, 3, n): change of the report with each amplitude of an effect at the given shape.
+
+    `force` (3, n), the model's specific force where it is known already, saves the evaluation of the chain.
+    """
     start = dict(zip((p.name for p in effect.parameters), model.vector_of(effect.id).tolist(), strict=True))
     for k in effect.amplitudes:
         parameter = effect.parameters[k]
         if not effect.complex_safe and parameter.gate[0] == 0.0 and start[parameter.name] == 0.0:
             # a slack has no derivative at zero: its slope is taken where it has some size
             start[parameter.name] = parameter.typical
+    if effect.stage in (Stage.SENSOR, Stage.THERMAL) and force is not None:
+        # at the end of the chain: what the effect adds is what the report changes by
+        vector = effect.vector({**start, **shape})
+        return np.asarray(effect.derivative(state, vector, force), dtype=float)[list(effect.amplitudes)]
     names = [f"{effect.id}.{effect.parameters[k].name}" for k in effect.amplitudes]
     return np.asarray(model.with_effects({effect.id: {**start, **shape}}).jacobian(state, names), dtype=float)
 
@@ -157,7 +166,8 @@ def _shaped(model: ForwardModel, state: ChainState, effect: Effect) -> list[Vari
         raise ValueError(f"effect '{effect.id}' has {len(shapes)} shape parameters, one is supported")
     shape = shapes[0]
     values = shape.grid or _step_times(state)
-    return [Variant({shape.name: v}, columns_of(model, state, effect, {shape.name: v})) for v in values]
+    force = np.asarray(model.chain(state).force, dtype=float)
+    return [Variant({shape.name: v}, columns_of(model, state, effect, {shape.name: v}, force)) for v in values]
 
 
 def _step_times(state: ChainState) -> tuple[float, ...]:

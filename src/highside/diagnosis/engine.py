@@ -8,7 +8,7 @@ intervals and a check that the values are plausible, 7. proof on held-out blocks
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,16 @@ from highside.diagnosis import noise as noise_model
 from highside.diagnosis.candidates import CHANNELS, Blind, Candidate, Variant, pose_candidates, shadows
 from highside.diagnosis.fit import JointFit, base_fit, joint_fit
 from highside.diagnosis.location import Scan, locate, on_channel, pose_bases, scan_of
-from highside.diagnosis.memory import SUSPECT, Likelihoods, Memory, SlowEffect, SlowScore, slow_effects
+from highside.diagnosis.memory import (
+    SUSPECT,
+    Likelihoods,
+    Memory,
+    SlowEffect,
+    SlowScore,
+    SlowStage,
+    beats_the_walk,
+    slow_effects,
+)
 from highside.diagnosis.noise import PoseNoise
 from highside.diagnosis.regression import log10_p, outside, span
 from highside.diagnosis.result import Claim, Diagnosis, Fit, Location, Remainder, Rival, Verdict
@@ -37,11 +46,17 @@ Array = NDArray[np.float64]
 
 NAMED_SHARE = 0.85
 """Share of the excess misfit that names must explain to be given."""
-SLOW = ("bias_drift", "warmup", "thermal_lag", "bias_step", "thermal_hysteresis", "temperature_bias")
-"""Effects that are one function of time or temperature on each channel: a walk may look like any of them."""
-SLOW_TOO = frozenset({*SLOW, "temperature_bias_curvature"})
-ATTITUDE = ("gravity_direction", "tf_ref_deg", "direction", "direction x tf_ref_deg", "temp_c x gravity_direction")
-"""Covariates that no walk follows."""
+SLOW = (
+    "bias_drift",
+    "warmup",
+    "thermal_lag",
+    "bias_step",
+    "thermal_hysteresis",
+    "temperature_bias",
+    "temperature_bias_curvature",
+)
+"""Effects that are functions of time or temperature alone: a walk may look like any of them."""
+SLOW_COVARIATES = frozenset({"t_s", "temp_c"})
 RICH_SHARE = 0.5
 """Of all readings, how many directions at most the rich model may take."""
 
@@ -90,8 +105,15 @@ def diagnose_poses(
 ) -> tuple[Diagnosis, Picture]:
     """Diagnose n poses against a model whose effects `free` may be refitted. The same seed gives the same answer."""
     scene = _prepare(session, model, tuple(free), seed)
-    suspicion = _suspect(scene)
-    return _conclude(scene, _judge(scene, suspicion), suspicion, version)
+    # first what does not follow time; then, beside that, whether anything slow beats a walk
+    judged = _judge(scene, _Suspicion(scene.noise, [], False, [], (), frozenset()))
+    doubted = _doubted(scene, judged)
+    if doubted:
+        judged = _judge(scene, _Suspicion(scene.noise, [], False, [], (), frozenset(), doubted))
+    suspicion = _suspect(scene, judged.members)
+    if suspicion.admitted or suspicion.noise is not scene.noise:
+        judged = _judge(scene, replace(suspicion, doubted=doubted))
+    return _conclude(scene, judged, suspicion, version)
 
 
 def _prepare(session: PoseSession, model: ForwardModel, free: tuple[str, ...], seed: int) -> _Scene:
@@ -138,20 +160,37 @@ class _Suspicion:
     wanders: bool
     claimed: list[SlowScore]
     near: tuple[str, ...]
+    admitted: frozenset[str]
+    """slow effects that beat a walk and may be claimed"""
+    doubted: frozenset[int] = frozenset()
+    """candidates that a walk explains as well"""
 
 
-def _suspect(scene: _Scene) -> _Suspicion:
-    """Look for memory before anything is named: coloured noise, a walk, or something slow."""
-    state, candidates = scene.session.state, scene.candidates
-    force = np.asarray(scene.model.chain(state).force, dtype=float)
-    smooth = np.concatenate([b.functions[:12] for b in pose_bases(state, force) if b.covariate in ATTITUDE])
+def _doubted(scene: _Scene, judged: _Judged) -> frozenset[int]:
+    """Members that are not needed where the noise has memory: a walk may run like an effect along the rings."""
+    channels = _likelihoods(scene, scene.base)
+    found = set()
+    for m in judged.members:
+        others = [_variant(scene.candidates, o).columns for o in judged.members if o != m]
+        now = judged.selector.standing([o for o in judged.members if o != m])
+        stack = np.concatenate(others) if others else np.empty((0, 3, scene.session.n))
+        block = _variant(scene.candidates, m).columns
+        if not beats_the_walk(channels, stack, block, int(now.dof[m.candidate])):
+            found.add(m.candidate)
+    return frozenset(found)
+
+
+def _likelihoods(scene: _Scene, explained: Array) -> list[Likelihoods]:
     variance = noise_model.white_variance(scene.noise, scene.tangents)
-    channels = [
-        Likelihoods(scene.residual[c], variance[c], np.vstack([scene.base[:, c], smooth]), state.t_s) for c in range(3)
-    ]
-    memories = [channel.memory(np.empty((0, state.n))) for channel in channels]
-    if max(m.gain for m in memories) <= SUSPECT:
-        return _Suspicion(scene.noise, memories, False, [], ())
+    t_s = scene.session.state.t_s
+    return [Likelihoods(scene.residual[c], variance[c], explained[:, c], t_s) for c in range(3)]
+
+
+def _suspect(scene: _Scene, members: Sequence[Member]) -> _Suspicion:
+    """Look for memory beside the base and what was claimed so far: coloured noise, a walk, or something slow."""
+    state, candidates = scene.session.state, scene.candidates
+    explained = np.concatenate([scene.base, *(_variant(candidates, m).columns for m in members)])
+    channels = _likelihoods(scene, explained)
     slow = [
         SlowEffect(i, j, v.columns[0, 0])
         for i, c in enumerate(candidates)
@@ -160,16 +199,19 @@ def _suspect(scene: _Scene) -> _Suspicion:
         if v.whole
     ]
     tries = {i: sum(s.candidate == i for s in slow) for i in {s.candidate for s in slow}}
-    claimed, near = slow_effects(channels, slow, tries) if slow else ([], [])
-    functions = [score.effect.function for score in claimed]
-    after = [channel.memory(np.array(functions).reshape(-1, state.n)) for channel in channels]
-    if max(m.gain for m in after) <= SUSPECT:
-        return _Suspicion(scene.noise, after, False, [], ())
-    noise = noise_model.with_memory(scene.noise, after, scene.tangents, state.t_s)
-    if not any(m.walks for m in after):
-        return _Suspicion(noise, after, False, [], ())
-    names = tuple(dict.fromkeys(candidates[s.effect.candidate].id for s in near))
-    return _Suspicion(noise, after, True, claimed, names)
+    found = slow_effects(channels, slow, tries) if slow else SlowStage([], [], [])
+    functions = np.array([score.effect.function for score in found.claimed]).reshape(-1, state.n)
+    memories = [channel.memory(functions) for channel in channels]
+    near = tuple(dict.fromkeys(candidates[s.effect.candidate].id for s in found.near))
+    admitted = frozenset(candidates[s.effect.candidate].id for s in found.admitted)
+    if "temperature_bias" in admitted:
+        admitted |= {"temperature_bias_curvature"}
+    if max(m.gain for m in memories) <= SUSPECT:
+        return _Suspicion(scene.noise, memories, False, [], near, admitted)
+    noise = noise_model.with_memory(scene.noise, memories, scene.tangents, state.t_s)
+    if any(m.walks for m in memories):
+        return _Suspicion(noise, memories, True, found.claimed, near, frozenset())
+    return _Suspicion(noise, memories, False, [], near, admitted)
 
 
 def _judge(scene: _Scene, suspicion: _Suspicion) -> _Judged:
@@ -183,7 +225,11 @@ def _judge(scene: _Scene, suspicion: _Suspicion) -> _Judged:
     limit = threshold(pool.race, pool.owner, rich, base, noise.freedom, rng)
     held_out = HeldOut(noise.white(scene.base), noise.white(scene.residual), pose_folds(scene.session.n))
     fixed = tuple(Member(score.effect.candidate, score.effect.variant) for score in suspicion.claimed)
-    banned = frozenset(i for i, c in enumerate(scene.candidates) if suspicion.wanders and _slow(c))
+    banned = suspicion.doubted | frozenset(
+        i
+        for i, c in enumerate(scene.candidates)
+        if (c.id in SLOW and c.id not in suspicion.admitted) or (suspicion.wanders and c.id.startswith("shadow:time"))
+    )
     selector = Selector(pool, base, residual, noise.freedom, limit, held_out, fixed, banned)
     force = np.asarray(scene.model.chain(scene.session.state).force, dtype=float)
     bases = pose_bases(scene.session.state, force)
@@ -191,10 +237,6 @@ def _judge(scene: _Scene, suspicion: _Suspicion) -> _Judged:
     scan = scan_of(bases, [noise.white(on_channel(bases[b].functions, c)) for c, b in cells], cells)
     scan_limit = threshold(scan.race, np.arange(len(cells)), rich, base, noise.freedom, rng)
     return _Judged(noise, selector, scan, scan_limit, selector.select())
-
-
-def _slow(candidate: Candidate) -> bool:
-    return candidate.id in SLOW_TOO or candidate.id.startswith("shadow:time")
 
 
 def _variant(candidates: Sequence[Candidate], member: Member) -> Variant:
@@ -219,9 +261,8 @@ def _scan(judged: _Judged, members: Sequence[Member]) -> _Scanned:
     log_p = log10_p(gains[:, 0], dof, judged.noise.freedom)
     loudest = int(np.argmax(log_p))
     over = np.maximum(gains[:, 0] - dof, 0.0)
-    excess = np.array([
-        max((over[i] for i, (channel, _) in enumerate(judged.scan.cells) if channel == c), default=0.0) for c in range(3)
-    ])  # fmt: skip
+    # the cells of one basis stand together, channel by channel
+    excess = over.reshape(-1, 3).max(axis=0)
     group = span(outside(space, judged.scan.white[loudest]), tolerance=5e-3)
     return _Scanned(log_p, loudest, excess, (group @ residual) @ group)
 
@@ -236,6 +277,10 @@ def _conclude(scene: _Scene, judged: _Judged, suspicion: _Suspicion, version: st
     explained = _gain(selector, members)
     left = float(after.excess[after.log_p.reshape(-1, 3).max(axis=0) > judged.scan_threshold].sum()) if loud else 0.0
     share = explained / (explained + left) if explained + left > 0 else 1.0
+    if loud and not members:
+        # nothing but time or temperature is followed, and no slow effect beat the walk
+        passing = np.flatnonzero(after.log_p > judged.scan_threshold)
+        wanders |= all(judged.scan.bases[judged.scan.cells[i][1]].covariate in SLOW_COVARIATES for i in passing)
     verdict = _verdict(scene, members, rivalries, fit, wanders, loud, share)
 
     resembles = tuple(

@@ -215,11 +215,13 @@ def _clipping(values: Array, expected: Array) -> tuple[float, float, float] | No
         others = np.unique(values[~at]).size
         if count < 3 or others < 3:
             continue
-        # equal loads give equal readings on a coarse converter: count only loads that differ by more than its step
-        step = float(np.median(np.diff(np.unique(values[~at])))) if others > 1 else 0.0
+        # equal loads give equal readings on a coarse converter: count loads that differ by more than its step, and
+        # compare the number of equal readings with how often neighbours agree elsewhere
+        step = float(np.median(np.diff(np.unique(values[~at]))))
         apart = np.unique(np.round(loads / max(10 * step, 2e-3))).size
-        p = (1.0 / others) ** (apart - 1)
-        if apart >= 3 and p < SURE and np.ptp(loads) > 5e-3:
+        agree = max(float(np.mean(np.diff(values[~at]) == 0)), 1.0 / values.size)
+        p = min((1.0 / others) ** (apart - 1), agree ** (count - apart))
+        if apart >= 2 and p < SURE and np.ptp(loads) > max(20 * step, 5e-3):
             share = count / values.size + (best[0] if best else 0.0)
             best = (share, abs(extreme), min(p, best[2] if best else 1.0))
     return best

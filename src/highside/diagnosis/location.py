@@ -51,6 +51,8 @@ def pose_bases(state: ChainState, force: Array) -> list[Basis]:
     rings = np.unique(state.ring).size
     if rings > 1:
         add("inc_ref_deg", inc_deg, [f(k * inc) for k in range(1, min(4, rings)) for f in (np.cos, np.sin)])
+        if orders:
+            add("inc_ref_deg x tf_ref_deg", inc_deg, [z * f(k * tf) for k in orders[:4] for f in (np.cos, np.sin)])
     square = [x * x, y * y, x * y, x * z, y * z]
     cubic = [x**3, y**3, z**3, x * x * y, x * x * z, y * y * z, x * y * z]
     add("gravity_direction", inc_deg, [*square, *cubic])
@@ -58,10 +60,12 @@ def pose_bases(state: ChainState, force: Array) -> list[Basis]:
         d = np.asarray(state.direction)
         add("direction", d, [d])
         add("direction x tf_ref_deg", tf_deg, [d * np.cos(tf), d * np.sin(tf)])
+        add("direction x gravity_direction", inc_deg, [d * z, *(d * term for term in square)])
     if np.ptp(state.temp_c) > 0.5:
         q = (state.temp_c - state.temp_c.mean()) / state.temp_c.std()
         add("temp_c", state.temp_c, [q, q**2, q**3])
-        add("temp_c x tf_ref_deg", state.temp_c, [q * np.cos(tf), q * np.sin(tf)])
+        if orders:
+            add("temp_c x tf_ref_deg", state.temp_c, [q * f(k * tf) for k in orders[:4] for f in (np.cos, np.sin)])
         add("temp_c x gravity_direction", state.temp_c, [q * x, q * y, q * z, *(q * term for term in square)])
     if np.ptp(state.vibration_rms_g) > 0:
         add("vibration_rms_g", state.vibration_rms_g, [state.vibration_rms_g, state.vibration_rms_g**2])

@@ -1,4 +1,4 @@
-"""Noise with memory: is the scatter from pose to pose coloured, do the zero offsets wander, or did something slow happen?
+"""Noise with memory: is the scatter from pose to pose coloured, do offsets wander, or did something slow happen?
 
 Each channel's scatter is taken as s^2 (I + q K): white plus a part K with memory, either exp(-|i - j| / l) (coloured
 noise, l poses long) or min(i, j) (a walk without end). q and K are chosen by restricted likelihood, with the base and
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 FOUND = 12.0
 """Gain of -2 log likelihood of a channel from which memory is believed."""
 SUSPECT = 8.0
-SLOW_LOG_P = 3.5
+SLOW_LOG_P = 2.8
 REMAINING = 15.0
 """A slow effect beside which more evidence of memory than this remains is not the whole story."""
 LENGTHS = (1.5, 4.0, np.inf)
@@ -68,6 +68,15 @@ class SlowScore:
     score: float
 
 
+@dataclass(frozen=True, slots=True)
+class SlowStage:
+    """`claimed` in the order found, `admitted` all that beat the walk by themselves, `near` those that come near."""
+
+    claimed: list[SlowScore]
+    admitted: list[SlowScore]
+    near: list[SlowScore]
+
+
 def kernel(t_s: Array, length: float) -> Array:
     """K (n, n) of poses at times `t_s`, in mean intervals between poses."""
     steps = (t_s - t_s[0]) / max(float(t_s[-1] - t_s[0]) / max(t_s.size - 1, 1), 1e-12)
@@ -89,11 +98,11 @@ class Likelihoods:
         self._white: list[tuple[Array, Array, float]] = []
         for length, q in self.settings:
             cov = np.diag(variance) + (q * level * kernel(t_s, length) if q else 0.0)
-            lower = np.linalg.cholesky(cov)
+            lower: Array = np.asarray(np.linalg.cholesky(cov), dtype=float)
             turned = solve_triangular(lower, space.T, lower=True, check_finite=False)
             q_, r_ = np.linalg.qr(turned)
             logdet = 2 * float(np.log(np.diag(lower)).sum() + np.log(np.abs(np.diag(r_))).sum())
-            self._white.append((lower, q_, logdet))
+            self._white.append((lower, np.asarray(q_, dtype=float), logdet))
         self._residual = residual
         self._freedom = residual.size - space.shape[0]
 
@@ -104,6 +113,23 @@ class Likelihoods:
     def with_each(self, columns: Array, functions: Array) -> Array:
         """-2 log likelihood (settings, F) with columns (K, n) projected off and each function of (F, n) fitted."""
         return self._evaluate(columns, functions)[:, 1:]
+
+    def with_block(self, columns: Array, block: Array) -> Array:
+        """-2 log likelihood (settings,) with columns (K, n) projected off and a block of columns (B, n) fitted."""
+        freedom = self._freedom - len(columns)
+        own: Array = _basis(block)
+        stack = np.vstack([self._residual[None], columns, own]).T
+        result = np.empty(len(self._white))
+        for k, (lower, q, logdet) in enumerate(self._white):
+            turned: Array = np.asarray(solve_triangular(lower, stack, lower=True, check_finite=False))
+            turned = turned - q @ (q.T @ turned)
+            left = turned[:, 0]
+            if len(columns) + len(own):
+                others = np.linalg.qr(turned[:, 1:])[0]
+                left = left - others @ (others.T @ left)
+            energy = float(left @ left)
+            result[k] = freedom * np.log(energy / freedom) + logdet
+        return result
 
     def _evaluate(self, columns: Array, functions: Array) -> Array:
         result = np.empty((len(self._white), 1 + len(functions)))
@@ -133,6 +159,19 @@ class Likelihoods:
         return Memory(float(minus2l[0] - minus2l[at]), share, length, max([*allowed, share]))
 
 
+def beats_the_walk(channels: Sequence[Likelihoods], others: Array, block: Array, dof: int) -> bool:
+    """Whether a claim of `dof` directions, block (B, 3, n), is still needed where the noise may have any memory.
+
+    The memory is chosen anew with and without it; `others` (K, 3, n) are the other claims.
+    """
+    gain = 0.0
+    for c, channel in enumerate(channels):
+        nothing = np.empty((0, block.shape[2]))
+        plain = channel.with_block(nothing, others[:, c]) if len(others) else channel.without(nothing)
+        gain += float(plain.min() - channel.with_block(nothing, np.concatenate([others[:, c], block[:, c]])).min())
+    return bool(-np.log10(max(float(chdtrc(dof, max(gain, 0.0))), 1e-300)) > SLOW_LOG_P)
+
+
 def _basis(columns: Array) -> Array:
     """Rows that span columns (P, n), well conditioned."""
     norm = np.linalg.norm(columns, axis=1)
@@ -145,15 +184,15 @@ def _basis(columns: Array) -> Array:
 
 def slow_effects(
     channels: Sequence[Likelihoods], slow: Sequence[SlowEffect], tries: dict[int, int], limit: int = 2
-) -> tuple[list[SlowScore], list[SlowScore]]:
-    """The slow effects that beat the walk, in the order found, and all those that come near the first (the class)."""
+) -> SlowStage:
+    """Test each slow effect against the walk, then again beside the first that is claimed."""
     claimed: list[SlowScore] = []
+    admitted: list[SlowScore] = []
     near: list[SlowScore] = []
     functions = np.stack([e.function for e in slow])
-    for _ in range(limit):
-        columns = _stack([score.effect.function for score in claimed], functions.shape[1])
-        gain = np.zeros(len(slow))
-        remaining = np.zeros(len(slow))
+    for turn in range(limit):
+        columns = np.array([score.effect.function for score in claimed]).reshape(-1, functions.shape[1])
+        gain, remaining = np.zeros(len(slow)), np.zeros(len(slow))
         for channel in channels:
             plain = float(channel.without(columns).min())
             tested = channel.with_each(columns, functions)
@@ -162,18 +201,17 @@ def slow_effects(
         count = np.array([float(tries[e.candidate]) for e in slow])
         log_p = -np.log10(np.maximum(chdtrc(len(channels), np.maximum(gain, 0.0)), 1e-300)) - np.log10(count)
         score = gain - 2 * np.log(count)
-        scores = [SlowScore(e, *map(float, three)) for e, three in
-                  zip(slow, zip(log_p, remaining, score, strict=True), strict=True)]  # fmt: skip
+        scores = [
+            SlowScore(e, float(log_p[k]), float(remaining[k]), float(score[k])) for k, e in enumerate(slow)
+        ]  # fmt: skip
         taken = {c.effect.candidate for c in claimed}
-        passing = [s for s in scores if s.log_p > SLOW_LOG_P and s.remaining < REMAINING
-                   and s.effect.candidate not in taken]  # fmt: skip
-        if not claimed:
+        passing = [
+            s for s in scores if s.log_p > SLOW_LOG_P and s.remaining < REMAINING and s.effect.candidate not in taken
+        ]
+        if turn == 0:
             near = [s for s in scores if s.log_p > 1.0]
+        admitted += passing
         if not passing:
             break
         claimed.append(max(passing, key=lambda s: s.score))
-    return claimed, near
-
-
-def _stack(functions: Sequence[Array], n: int) -> Array:
-    return np.stack(functions) if functions else np.empty((0, n))
+    return SlowStage(claimed, admitted, near)

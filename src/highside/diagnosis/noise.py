@@ -103,15 +103,29 @@ def _components(residual: Array, tangents: Array) -> tuple[Array, float, float]:
     rows = residual.T
     angle = float(plain.mean())
 
-    def deviance(logs: Array) -> float:
-        scale = np.exp(np.clip(logs, -12, 12))
-        cov = _covariance(plain * scale[:3], angle * scale[3], angle * scale[4], tangents)
-        _, logdet = np.linalg.slogdet(cov)
-        return float(np.sum(logdet) + np.einsum("ni,ni->", rows, np.linalg.solve(cov, rows[:, :, None])[:, :, 0]))
+    def deviance(logs: Array) -> tuple[float, Array]:
+        """-2 log likelihood and its gradient by the logarithms of the five sizes."""
+        scale = np.exp(logs)
+        sigma, inc, tf = plain * scale[:3], angle * scale[3], angle * scale[4]
+        cov = _covariance(sigma, inc, tf, tangents)
+        inverse = np.linalg.inv(cov)
+        left = np.einsum("nij,nj->ni", inverse, rows)
+        by_cov = inverse - left[:, :, None] * left[:, None, :]
+        by_angle = [np.einsum("ni,nij,nj->", t, by_cov, t) for t in tangents.transpose(0, 2, 1)]
+        gradient = 2 * np.array([
+            *(np.einsum("nii->i", by_cov) * sigma**2), by_angle[0] * inc**2, by_angle[1] * tf**2
+        ])  # fmt: skip
+        return float(np.sum(np.linalg.slogdet(cov)[1]) + np.sum(left * rows)), gradient
 
     without = float(2 * residual.shape[1] * np.log(plain).sum() + residual.size)
-    found = minimize(deviance, np.array([-0.3, -0.3, -0.3, -0.5, -0.5]), method="L-BFGS-B",
-                     bounds=[(-6, 1)] * 3 + [(-6, 4)] * 2, options={"maxiter": 40})  # fmt: skip
+    found = minimize(
+        deviance,
+        np.array([-0.3, -0.3, -0.3, -0.5, -0.5]),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(-6, 1)] * 3 + [(-6, 4)] * 2,
+        options={"maxiter": 40, "ftol": 1e-7},
+    )
     if without - found.fun < TABLE_GAIN:
         return plain, 0.0, 0.0
     scale = np.exp(found.x)
