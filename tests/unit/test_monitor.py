@@ -99,11 +99,18 @@ def test_one_stuck_axis_is_named_once_and_released():
     assert watch.stuck_axes == ()
 
 
-def test_a_device_that_repeats_all_axes_while_still_is_not_called_stuck():
+def test_a_device_that_repeats_all_axes_is_frozen_until_it_moves_again():
     watch = monitor()
     for i in range(500):
         watch.check(frame(i, a=(0.1, 0.2, 0.97)))
     assert watch.stuck_axes == ()
+    assert watch.frozen
+    assert watch.counts.frozen == 1
+    watch.check(frame(500))
+    assert not watch.frozen
+    for i in range(501, 520):
+        watch.check(frame(i, a=(0.1, 0.2, 0.97)))
+    assert not watch.frozen
 
 
 @given(

@@ -115,6 +115,14 @@ def test_a_still_tool_gives_one_survey_and_another_after_it_has_moved():
     assert surveys[0].attitude.inc_std_deg == pytest.approx(math.degrees(1e-3 / math.sqrt(500)), rel=0.2)
 
 
+def test_a_dead_converter_behind_a_living_counter_gives_no_survey_and_is_flagged():
+    pipeline, out = make()
+    for f in frames(2000, lambda t: (20.0, 90.0), noise_g=0.0):
+        pipeline.on_frame(f)
+    assert not [o for o in out if isinstance(o, Survey)]
+    assert all("frozen" in o.flags for o in out if isinstance(o, Attitude) and o.t_device_s > 3.0)
+
+
 def test_a_slow_creep_is_never_a_survey():
     pipeline, out = make()
     for f in frames(6000, lambda t: (20.0, 90.0 + 0.5 * t)):

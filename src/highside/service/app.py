@@ -202,6 +202,8 @@ class Service:
         if self._reload_error:
             alarms.append("reload_refused")
         alarms.extend(f"stuck_{axis}" for axis in pipeline.monitor.stuck_axes)
+        if pipeline.monitor.frozen:
+            alarms.append("frozen")
         return messages.HealthMessage(
             t=round(time.time(), 6),
             clock_synced=self._clock_synced,

@@ -33,6 +33,8 @@ class MonitorCounts:
     """a reading without all three accelerations"""
     stuck: dict[str, int] = field(default_factory=lambda: {"ax": 0, "ay": 0, "az": 0})
     """times an axis was found to repeat one value while others moved"""
+    frozen: int = 0
+    """times all three axes were found to repeat their values: a converter that died behind a living counter"""
 
     @property
     def expected(self) -> int:
@@ -62,7 +64,9 @@ class Monitor:
         self._period: float | None = None
         self._last = (0.0, 0.0, 0.0)
         self._repeats = [0, 0, 0]
+        self._frozen_for = 0
         self.stuck_axes: tuple[str, ...] = ()
+        self.frozen = False
 
     def apply(self, *, range_g: float, stuck_frames: int) -> None:
         """Take new limits; the order and the counts go on."""
@@ -89,8 +93,8 @@ class Monitor:
             return False
         if a[0] == self._last[0] or a[1] == self._last[1] or a[2] == self._last[2] or self.stuck_axes:
             self._watch_repeats(a)
-        elif any(self._repeats):
-            self._repeats = [0, 0, 0]
+        elif any(self._repeats) or self._frozen_for:
+            self._repeats, self._frozen_for, self.frozen = [0, 0, 0], 0, False
         self._last = a
         counts.good += 1
         return True
@@ -159,6 +163,10 @@ class Monitor:
     def _watch_repeats(self, a: tuple[float, float, float]) -> None:
         same = [value == before for value, before in zip(a, self._last, strict=True)]
         moving = not all(same)
+        self._frozen_for = 0 if moving else self._frozen_for + 1
+        if self._frozen_for >= self._stuck_frames and not self.frozen:
+            self.counts.frozen += 1
+        self.frozen = self._frozen_for >= self._stuck_frames
         found = []
         for axis, (name, equal) in enumerate(zip(("ax", "ay", "az"), same, strict=True)):
             if not equal:

@@ -397,6 +397,9 @@ class Pipeline:
             return
         still.reported = True
         mean, variance, n, temp = still.mean()
+        if not any(variance):
+            # not one bit of noise in all that time: a dead converter, not a still tool
+            return
         noise = tuple(v / n for v in variance)
         corrected = self._in_force().correct(mean, (noise[0], 0.0, 0.0, noise[1], 0.0, noise[2]), temp)
         attitude = self._attitude(corrected, frame, t, n, duration, temp, [])
@@ -426,6 +429,8 @@ class Pipeline:
         if abs(g_total - 1.0) > self._settings.g_tolerance:
             flags.append("g_total")
         flags.extend(f"stuck_{axis}" for axis in self.monitor.stuck_axes)
+        if self.monitor.frozen:
+            flags.append("frozen")
         return Attitude(
             t_device_s=t,
             t_mono=frame.t_mono,
