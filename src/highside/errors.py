@@ -14,7 +14,10 @@ class HighsideError(Exception):
 
 
 class InputError(HighsideError):
-    """Wrong usage or unreadable input. `where` names the file (and line or table), `field` what in it, `remedy` what to do."""
+    """Wrong usage or unreadable input.
+
+    `where` names the file (and line or table), `field` what in it, `remedy` what to do.
+    """
 
     exit_status = 2
 
@@ -27,7 +30,7 @@ class InputError(HighsideError):
         super().__init__(" ".join(f"{line}; {remedy}".split()) if remedy else " ".join(line.split()))
 
 
-class Refused(HighsideError):
+class Refused(HighsideError):  # noqa: N818 - an answer, not a failure
     """The input was read and understood, and the answer is no (a pose set, a record, a survey)."""
 
     exit_status = 1
