@@ -22,7 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.attitude.block import attitude_by, correct_and_attitude
-from highside.calibration.result import CROSS_PAIRS, MATRIX_NAMES, OFFSET_NAMES, SensorModel, Zone, is_sensor_parameter
+from highside.calibration.result import (
+    BENCH_NAMES,
+    CROSS_PAIRS,
+    MATRIX_NAMES,
+    OFFSET_NAMES,
+    SensorModel,
+    Zone,
+    is_sensor_parameter,
+)
 from highside.errors import InputError
 
 Vector = tuple[float, float, float]
@@ -196,6 +204,9 @@ class _Coefficients:
     """C b"""
     form: tuple[Form, ...]
     """for each element of the covariance the factors of xx, xy, xz, yy, yz, zz, x, y, z, 1"""
+    common: FloatArray | None
+    """(2, 3, 4): error of the vector, by (gx, gy, gz, 1), that one standard deviation of either tilt of the bench makes
+    and that all corrections of a session share; None where the zone does not say"""
     nonlinear: _Nonlinear | None
     flags: tuple[str, ...]
 
@@ -407,6 +418,7 @@ class LinearCorrection:
             c=tuple(C.ravel().tolist()),
             o=(float(o[0]), float(o[1]), float(o[2])),
             form=tuple(tuple(row) for row in form.tolist()),
+            common=_common(zone),
             nonlinear=nonlinear,
             flags=flags,
         )
@@ -463,6 +475,21 @@ def _at_temperature(zone: Zone, temp_c: float | None) -> tuple[FloatArray, tuple
         base, _, power = name.partition("@")
         B[bases.index(base), j] = by_power.get(int(power), 0.0) if power else 1.0
     return np.asarray(B @ zone.parameters.covariance[np.ix_(index, index)] @ B.T), bases
+
+
+def _common(zone: Zone) -> FloatArray | None:
+    """`_Coefficients.common`: regression of the parameters' errors on the bench's tilt (at the reference temperature:
+    a matrix near unity does not care)."""
+    p, C = zone.parameters, zone.model().C
+    if not all(name in p for name in BENCH_NAMES + MATRIX_NAMES + OFFSET_NAMES):
+        return None
+    index = [p.names.index(name) for name in MATRIX_NAMES + OFFSET_NAMES]
+    levers = []
+    for name in BENCH_NAMES:
+        std = p.std(name)
+        moved = p.covariance[index, p.names.index(name)] / std if std > 0.0 else np.zeros(12)
+        levers.append(np.asarray(C @ np.column_stack([moved[:9].reshape(3, 3), moved[9:]])))
+    return np.stack(levers)
 
 
 def _beyond_temperature(zone: Zone, model: SensorModel, temp_c: float | None) -> FloatArray:

@@ -37,6 +37,9 @@ CROSS_PAIRS = ((0, 1), (0, 2), (1, 2))
 CROSS_NAMES = tuple(f"KX_{i}_{AXES[j]}{AXES[k]}" for i in AXES for j, k in CROSS_PAIRS)
 TILT_NAMES = ("tilt_x", "tilt_y")
 """Bench tilt in the plane of inclination and across it."""
+BENCH_NAMES = ("bench_x", "bench_y")
+"""The same tilt where a method takes it for zero: its covariance with the sensor's parameters says how far it moves
+them, and hence what several zones of one session have in common."""
 
 
 class Reason(StrEnum):
@@ -621,7 +624,8 @@ def linear_covariance(
     offset_std_g: float,
     offset_weights: Array | None = None,
 ) -> Array:
-    """Covariance (12, 12) of the errors of (A row by row, b) for an estimator that is linear in the pose means.
+    """Covariance (14, 14) of the errors of (A row by row, b) and the bench's tilt `BENCH_NAMES`, which is taken for zero,
+    for an estimator that is linear in the pose means.
 
     `A_hat = S weights` with `weights` (N, 3); where the offset is estimated too, `b_hat = S offset_weights` (N,), else
     it is taken as known with standard deviation `offset_std_g` in each axis, the same offset that stands in every
@@ -637,9 +641,8 @@ def linear_covariance(
     per_pose[:, range(3), range(3)] += mean_var.T
     # cov[(i,k),(j,l)] = sum_n Sigma_n[i,j] lever[n,k] lever[n,l]
     cov = np.einsum("nij,nk,nl->ikjl", per_pose, lever, lever)
-    for direction in (by_inc, by_ty):
-        common = np.einsum("in,nk->ik", direction, lever) * bench.tilt_rad
-        cov += np.einsum("ik,jl->ikjl", common, common)
+    by_tilt = np.stack([np.einsum("in,nk->ik", direction, lever) for direction in (by_inc, by_ty)])
+    cov += np.einsum("tik,tjl->ikjl", by_tilt, by_tilt) * bench.tilt_rad**2
     if offset_weights is None and offset_std_g > 0:
         taken_up = lever.sum(axis=0) * offset_std_g  # what the matrix swallows of the offset
         taken_up[3] = -offset_std_g  # and what the model then lacks
@@ -647,9 +650,16 @@ def linear_covariance(
             cov[i, :, i, :] += np.outer(taken_up, taken_up)
     flat = cov.reshape(12, 12)
     order = [4 * i + k for i in range(3) for k in range(3)] + [4 * i + 3 for i in range(3)]
-    return np.asarray(flat[np.ix_(order, order)])
+    out = bench.tilt_rad**2 * np.eye(14)
+    out[:12, :12] = flat[np.ix_(order, order)]
+    out[12:, :12] = by_tilt.reshape(2, 12)[:, order] * bench.tilt_rad**2
+    out[:12, 12:] = out[12:, :12].T
+    return out
 
 
 def linear_parameters(A: Array, b: Array, covariance: Array) -> Parameters:
-    """Parameters of an affine sensor from A (3, 3), b (3,) and their covariance (12, 12)."""
-    return Parameters(MATRIX_NAMES + OFFSET_NAMES, np.concatenate([A.ravel(), b]), covariance)
+    """Parameters of an affine sensor from A (3, 3), b (3,) and their covariance (12, 12), or (14, 14) with the tilt of
+    the bench that was taken for zero."""
+    unknown = BENCH_NAMES[: len(covariance) - 12]
+    values = np.concatenate([A.ravel(), b, np.zeros(len(unknown))])
+    return Parameters(MATRIX_NAMES + OFFSET_NAMES + unknown, values, covariance)

@@ -10,9 +10,21 @@ The weights depend on the inclination that *one* correction, the guide, gives to
 there is one). It is continuous in the reading, so are the weights, and so is the blended vector; there is no memory and
 hence no hysteresis.
 
-Covariance of the blend: the zones' errors come from the same bench and tool and are correlated in a way that nobody
-knows. Whatever it is, `Cov(sum w x) <= sum w Cov(x)` (as matrices, for weights that sum to one): the right side
-is stated, equal to the truth where the errors are the same and never below it.
+Covariance of the blend of local corrections `z_i` (weights w_i) and the fallback f, all solved from one session:
+
+- the tilt of a bench that was taken for level moves them together, each by its own lever; these errors add with their
+  signs, `E = sum w e`;
+- apart from it the global solution makes the best of all poses, so that any other solution errs by what f errs by and
+  by something uncorrelated with it (Gauss and Markov: `Cov(z, f) = Cov(f)`); between rings, which share no reading,
+  that something is independent. Hence `sum w_i^2 R_i + (1 - sum w_i^2) R_f` with R the covariance without the tilt, sums
+  over the zones. It is exact for the zones of the joint estimator (the global sensor and a change), and a little too
+  large for balance zones (by the share of R_f in their product). A fallback from other poses only makes it larger;
+- without a fallback, `sum w_i^2 R_i`;
+- the reading's noise is one and the same in all.
+
+A zone that does not say what it has in common with the others (`BENCH_NAMES` or `TILT_NAMES` among its parameters) may
+be correlated with them in any way. Whatever it is, `Cov(sum w x) <= sum w Cov(x)` (as matrices, for weights that sum to
+one): then the right side is stated.
 """
 
 from __future__ import annotations
@@ -27,6 +39,7 @@ from numpy.typing import NDArray
 
 from highside.attitude.block import attitude_by
 from highside.calibration.correction import (
+    UPPER,
     ZERO_COVARIANCE,
     BlockCorrected,
     Corrected,
@@ -34,9 +47,10 @@ from highside.calibration.correction import (
     FloatArray,
     LinearCorrection,
     Vector,
+    carry,
     refused,
 )
-from highside.calibration.result import Zone
+from highside.calibration.result import BENCH_NAMES, TILT_NAMES, Zone
 from highside.errors import InputError
 
 Value = TypeVar("Value", FloatArray, float, FloatArray | float, FloatArray | float | None)
@@ -168,6 +182,8 @@ class ScheduledCorrection:
     guide: LinearCorrection | None = None
     _guide: LinearCorrection | None = field(init=False, repr=False, compare=False)
     _windows: tuple[Window, ...] = field(init=False, repr=False, compare=False)
+    _unknown: bool = field(init=False, repr=False, compare=False)
+    """whether a part does not say what it has in common with the others"""
 
     def __post_init__(self) -> None:
         if not self.zones and self.fallback is None:
@@ -182,6 +198,9 @@ class ScheduledCorrection:
         object.__setattr__(self, "zones", ordered)
         object.__setattr__(self, "_guide", self.guide or self.fallback)
         object.__setattr__(self, "_windows", windows([part.zone for part in ordered]))
+        names = BENCH_NAMES + TILT_NAMES if self.fallback is not None else BENCH_NAMES
+        parts = (*ordered, self.fallback) if self.fallback is not None else ordered
+        object.__setattr__(self, "_unknown", any(not set(names) & set(part.zone.parameters.names) for part in parts))
 
     def weights(self, a: Vector, temp_c: float | None = None) -> list[tuple[LinearCorrection, float]]:
         """The corrections that take part at a raw reading, with weights that sum to one; empty where none holds."""
@@ -207,16 +226,33 @@ class ScheduledCorrection:
             return parts[0][0].correct(a, cov, temp_c)
         if not parts:
             return refused()
+        ones = [part.correct(a, ZERO_COVARIANCE, temp_c) for part, _ in parts]
         x = y = z = 0.0
-        total = [0.0] * 6
+        total, common = [0.0] * 6, [0.0] * 6
         flags: dict[str, None] = {}
-        for part, w in parts:
-            one = part.correct(a, cov, temp_c)
+        for (part, w), one in zip(parts, ones, strict=True):
             x, y, z = x + w * one.gx, y + w * one.gy, z + w * one.gz
+            noise = carry(part.coefficients(temp_c).c, cov)
             for i in range(6):
-                total[i] += w * one.cov[i]
+                total[i] += w * noise[i]
             flags.update(dict.fromkeys(one.flags))
         name = " + ".join(part.name for part, _ in parts)
+        own = [w if self._unknown else w * w for _, w in parts]
+        if self.fallback is not None and not self._unknown:
+            if parts[-1][0] is not self.fallback:
+                parts, own = [*parts, (self.fallback, 0.0)], [*own, 0.0]
+                ones.append(self.fallback.correct(a, ZERO_COVARIANCE, temp_c))
+            own[-1] = 1.0 - sum(own[:-1])
+        for (part, w), one, v in zip(parts, ones, own, strict=True):
+            e = None if self._unknown else _tilted(part, one)
+            for i, (j, k) in enumerate(UPPER):
+                total[i] += v * one.cov[i]
+                if e is not None:
+                    total[i] -= v * (e[j] * e[k] + e[j + 3] * e[k + 3])
+            if e is not None:
+                common = [sum_of + w * value for sum_of, value in zip(common, e, strict=True)]
+        for i, (j, k) in enumerate(UPPER):
+            total[i] += common[j] * common[k] + common[j + 3] * common[k + 3]
         return Corrected(x, y, z, (total[0], total[1], total[2], total[3], total[4], total[5]), name, tuple(flags))
 
     def correct_block(self, a: FloatArray, temp_c: FloatArray | float | None = None) -> FloatArray:
@@ -238,16 +274,32 @@ class ScheduledCorrection:
         """Correct readings `a` (3, N) whose own standard deviation is `noise_g` (one, or (N,)) in each axis."""
         count = a.shape[1]
         g, cov = np.zeros_like(a), np.zeros((6, count))
+        common, own_left = np.zeros((6, count)), np.ones(count)
         zone, most = np.full(count, -1, dtype=np.intp), np.zeros(count)
         outside = np.zeros(count, dtype=bool)
         shares = self._shares(a, temp_c)
         for k, (part, rows, w) in enumerate(shares):
-            one = part.corrected_block(a[:, rows], _of_rows(noise_g, rows), _of_rows(temp_c, rows))
-            g[:, rows] += one.g * w
-            cov[:, rows] += one.cov * w
-            outside[rows] |= one.temperature_outside
+            temps = _of_rows(temp_c, rows)
+            one = part.correct_block(a[:, rows], temps)
+            g[:, rows] += one * w
+            cov[:, rows] += part.reading_covariance(temps) * np.square(_of_rows(noise_g, rows)) * w
+            outside[rows] |= part.temperature_outside(temps, rows.size)
             more = w > most[rows]
             zone[rows[more]], most[rows[more]] = k, w[more]
+            if self._unknown:
+                cov[:, rows] += part.covariance_block(one, temps) * w
+            else:
+                e = _tilted_block(part, one)
+                common[:, rows] += e * w
+                if part is not self.fallback:
+                    cov[:, rows] += (part.covariance_block(one, temps) - _outer(e)) * w**2
+                    own_left[rows] -= w**2
+        if self.fallback is not None and not self._unknown:
+            rows = np.flatnonzero(own_left > 1.0 - _WHOLE)
+            one = self.fallback.correct_block(a[:, rows], temps := _of_rows(temp_c, rows))
+            own = self.fallback.covariance_block(one, temps) - _outer(_tilted_block(self.fallback, one))
+            cov[:, rows] += own * own_left[rows]
+        cov += _outer(common)
         g[:, zone < 0] = np.nan
         cov[:, zone < 0] = np.nan
         return BlockCorrected(g, cov, zone, tuple(part.name for part, _, _ in shares), outside)
@@ -402,6 +454,29 @@ class _AffineBlocks:
         one, other = self._windows[k], self._windows[k + 1]
         meet = one.high == other.center and other.low == one.center and one.fall == other.rise
         return meet and least >= one.center and most <= other.center
+
+
+def _tilted(part: LinearCorrection, one: Corrected) -> list[float] | None:
+    """Error of a corrected vector by one standard deviation of either tilt of the bench: three elements and three."""
+    common = part.coefficients(None).common
+    if common is None:
+        return None
+    out: list[float] = (common.reshape(6, 4) @ (one.gx, one.gy, one.gz, 1.0)).tolist()
+    return out
+
+
+def _tilted_block(part: LinearCorrection, g: FloatArray) -> FloatArray:
+    """`_tilted` of vectors (3, N), as (6, N)."""
+    common = part.coefficients(None).common
+    if common is None:
+        return np.zeros((6, g.shape[1]))
+    levers = common.reshape(6, 4)
+    return np.asarray(levers[:, :3] @ g + levers[:, 3:])
+
+
+def _outer(e: FloatArray) -> FloatArray:
+    """Covariance (6, N) of errors `e` (6, N) of two independent sources."""
+    return np.stack([e[j] * e[k] + e[j + 3] * e[k + 3] for j, k in UPPER])
 
 
 def _matrix(part: LinearCorrection) -> FloatArray:

@@ -1,0 +1,140 @@
+"""Coverage of the stated 95 % intervals of I and T through schedules: at, between and beyond their zones.
+
+    python tests/bench/schedule_coverage.py [--sensors N] [--only KIND]
+
+Every sensor is calibrated on a bench of its own and read at known attitudes, one reading a row of the table. A bench's
+tilt is normal with the standard deviation that the method is told: a uniform one has no tails, and wherever it dominates
+every interval of 1.96 standard deviations holds the truth. Tilts are stratified (each two-hundredth, say, of the normal
+distribution has one of two hundred sensors), because one draw of tilt decides over all readings of its sensor.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from statistics import NormalDist
+
+import numpy as np
+
+from highside.attitude.block import attitude_std_block
+from highside.calibration.balance import balance
+from highside.calibration.conventional import conventional
+from highside.calibration.correction import LinearCorrection
+from highside.calibration.joint import joint
+from highside.calibration.poses import Array, PoseSet
+from highside.calibration.result import BenchAccuracy
+from highside.calibration.schedule import ScheduledCorrection
+from highside.calibration.zones import refine
+from highside.physics.forward import ForwardModel
+from highside.physics.scenario import reference_scenario
+
+PLACES_DEG = (0.2, 0.4, 0.612, 0.9, 1.0, 1.6, 2.0, 2.5, 4.0, 7.0, 10.0, 20.0, 25.0, 37.0, 50.0, 68.0, 82.0, 90.0, 100.0)
+"""0.612 is the centre of a zone; 0.9, 1.6, 2.5, 4.0, 10, 25 and 37 lie in blends; 90 and 100 beyond balance zones."""
+READINGS = 6
+"""Readings of each sensor at each place, at toolfaces of their own; they share one calibration."""
+
+Solver = Callable[[PoseSet, BenchAccuracy], ScheduledCorrection]
+
+
+def balance_and_conventional(poses: PoseSet, bench: BenchAccuracy) -> ScheduledCorrection:
+    zones = tuple(LinearCorrection(zone, guarded=False) for zone in balance(poses, bench=bench).zones)
+    return ScheduledCorrection(zones, fallback=LinearCorrection(conventional(poses, bench=bench).main))
+
+
+def balance_and_joint(poses: PoseSet, bench: BenchAccuracy) -> ScheduledCorrection:
+    zones = tuple(LinearCorrection(zone, guarded=False) for zone in balance(poses, bench=bench).zones)
+    return ScheduledCorrection(zones, fallback=LinearCorrection(joint(poses, bench=bench).main))
+
+
+def joint_refined(poses: PoseSet, bench: BenchAccuracy) -> ScheduledCorrection:
+    result = refine(joint(poses, bench=bench), poses)
+    zones = tuple(LinearCorrection(zone, guarded=False) for zone in result.zones if zone.is_local)
+    return ScheduledCorrection(zones, fallback=LinearCorrection(result.main))
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A bench, an instrument and a way to solve. Sizes of errors in deg: of the tilt one standard deviation, of the
+    others half-widths of uniform distributions."""
+
+    solve: Solver
+    tilt_deg: float = 0.03 / math.sqrt(3.0)
+    pose_deg: float = 0.009
+    ring_deg: float = 0.0
+    station_deg: float = 0.0
+    structure_g: float = 0.0
+
+
+KINDS = {
+    "balance+conventional": Kind(balance_and_conventional),
+    "balance+conventional, nominal tilt": Kind(balance_and_conventional, tilt_deg=0.05),
+    "balance+conventional, level bench": Kind(balance_and_conventional, tilt_deg=0.002),
+    "balance+conventional, ring, station": Kind(
+        balance_and_conventional, pose_deg=0.0, ring_deg=0.009, station_deg=0.009
+    ),
+    "balance+joint": Kind(balance_and_joint),
+    "joint+zones": Kind(joint_refined),
+    "joint+zones, structure": Kind(joint_refined, structure_g=3e-4),
+    "joint+zones, ring, station": Kind(joint_refined, pose_deg=0.0, ring_deg=0.009, station_deg=0.009),
+}
+
+
+def held(kind: Kind, seed: int, tilt: Array) -> tuple[Array, int]:
+    """Whether I and T lie in their stated intervals (2, places, READINGS) for one sensor on a bench out of level by
+    `tilt` (2,) rad, and its number of zones."""
+    rng = np.random.default_rng([seed, 77])
+    scenario = reference_scenario(seed, structure_g=kind.structure_g)
+    bench = ForwardModel.of(
+        {
+            "base_tilt": {"tilt_x": float(tilt[0]), "tilt_y": float(tilt[1])},
+            "pose_error": {
+                "inc_pose": math.radians(kind.pose_deg),
+                "tf_pose": math.radians(kind.pose_deg),
+                "inc_ring": math.radians(kind.ring_deg),
+                "tf_station": math.radians(kind.station_deg),
+            },
+        }
+    )
+    data = replace(scenario, bench=bench).measure(scenario.poses.inc_ref, scenario.poses.tf_ref, rng)
+    poses = PoseSet.build(
+        data.mean, inc_ref_rad=data.inc_ref, tf_ref_rad=data.tf_ref, n=data.n.astype(float), std=data.std
+    )
+    correction = kind.solve(poses, BenchAccuracy(tilt_rad=math.radians(kind.tilt_deg)))
+    inc = np.deg2rad(np.repeat(PLACES_DEG, READINGS))
+    tf = rng.uniform(0.0, 2.0 * np.pi, inc.size)
+    out = correction.corrected_block(scenario.read(inc, tf, rng), scenario.reading_sigma_g)
+    inc_std, tf_std, _ = attitude_std_block(out.g, out.cov)
+    error_inc = np.arctan2(np.hypot(out.g[0], out.g[1]), out.g[2]) - inc
+    error_tf = np.angle(np.exp(1j * (np.arctan2(out.g[1], out.g[0]) - tf)))
+    inside = np.stack([np.abs(error_inc) < 1.96 * inc_std, np.abs(error_tf) < 1.96 * tf_std])
+    return inside.reshape(2, len(PLACES_DEG), READINGS), len(correction.zones)
+
+
+def coverage(kind: Kind, sensors: int, first_seed: int = 0) -> tuple[Array, float]:
+    """Shares (2, places) of intervals of I and T that hold the truth, and the mean number of zones."""
+    middles = [NormalDist().inv_cdf((k + 0.5) / sensors) for k in range(sensors)]
+    rng = np.random.default_rng(first_seed)
+    tilts = np.deg2rad(kind.tilt_deg) * np.stack([rng.permutation(middles) for _ in range(2)], axis=1)
+    found = [held(kind, first_seed + k, tilt) for k, tilt in enumerate(tilts)]
+    return np.mean([inside for inside, _ in found], axis=(0, 3)), float(np.mean([zones for _, zones in found]))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--sensors", type=int, default=300)
+    parser.add_argument("--only", choices=sorted(KINDS))
+    options = parser.parse_args()
+    print("| " + " | ".join(["kind", "", *(f"{place:g}" for place in PLACES_DEG), "mean", "zones"]) + " |")
+    print("|" + "---|" * (len(PLACES_DEG) + 4))
+    for name, kind in KINDS.items():
+        if options.only in (None, name):
+            share, zones = coverage(kind, options.sensors)
+            for label, row in zip("IT", share, strict=True):
+                cells = [f"{100 * value:.1f}" for value in (*row, row.mean())]
+                print("| " + " | ".join([name, label, *cells, f"{zones:.1f}"]) + " |")
+
+
+if __name__ == "__main__":
+    main()
