@@ -37,7 +37,7 @@ class PoseNoise:
     tf: float
     whitening: Array
     freedom: float
-    """residual degrees of freedom that this was estimated with"""
+    """residual degrees of freedom that one component was estimated with"""
     full: Array | None = None
     """(3 n, 3 n) whitening of everything at once, where a bias wanders"""
 
@@ -70,7 +70,9 @@ def estimate(residual: Array, rich: Array, tangents: Array) -> PoseNoise:
     # the level to which F tests refer: mean square of the rich residual with its own degrees of freedom
     level = float(np.sqrt(np.sum(outside(space, draft.white(residual)) ** 2) / freedom))
     level = max(level, 1e-9)
-    return PoseNoise(sigma * level, inc * level, tf * level, whitening / level, float(freedom))
+    # a test leans on the one component that its effect runs along, which is known to a share of this only
+    components = 5 if inc or tf else 3
+    return PoseNoise(sigma * level, inc * level, tf * level, whitening / level, freedom / components)
 
 
 def rich_residual(noise: PoseNoise, residual: Array, rich: Array) -> Array:

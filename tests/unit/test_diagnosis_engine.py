@@ -1,0 +1,163 @@
+"""The engine on stepped sessions: what is left out is named, nothing is invented, and what cannot be seen is said."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from highside.diagnosis.engine import diagnose_poses
+from highside.diagnosis.result import Diagnosis
+from highside.diagnosis.session import PoseSession, pose_session
+from highside.errors import InputError
+from highside.physics.forward import ForwardModel
+from highside.physics.state import ChainState
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "bench"))
+
+import diagnosis_deck as deck
+
+STATE = deck.design()
+
+
+def at(inclinations: list[float], toolfaces: list[float], repeats: int = 1) -> ChainState:
+    """Poses from one side, at constant temperature."""
+    inc, tf = (np.tile(a.ravel(), repeats) for a in np.meshgrid(inclinations, toolfaces, indexing="ij"))
+    return ChainState.build(np.radians(inc), np.radians(tf), t_s=60.0 * np.arange(inc.size), row_seconds=60.0)
+
+
+def simulated(state: ChainState, effects: dict[str, dict[str, float]], seed: int) -> PoseSession:
+    rng = np.random.default_rng(seed)
+    sensor, _ = deck.sensor_and_base(state, rng)
+    mean = sensor.with_effects(effects).predict(state) + deck.white_noise(state, rng)
+    return PoseSession(mean, np.ones(state.n), state)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        "base_tilt",
+        "encoder_first_harmonic",
+        "backlash",
+        "sag",
+        "cubic",
+        "temperature_scale",
+        "temperature_bias",
+        "cogging",
+    ],
+)
+def test_a_single_effect_is_named_and_its_size_is_found(effect: str) -> None:
+    session, truth = deck.single(STATE, effect, 400.0, seed=11)
+    found = deck.diagnosed(session)
+    assert found.verdict in ("named", "named_plus")
+    assert effect in {name for claim in found.claims for name in claim.equivalence_class}
+    assert [claim.effect for claim in found.claims] == [effect]
+    for name, parameter in found.claims[0].parameters.items():
+        assert abs(parameter.value - truth[name]) <= max(4.5 * parameter.std, 0.02 * abs(truth[name]))
+    assert found.claims[0].p_familywise < 1e-6
+    assert found.fit is not None
+    assert found.fit.heldout_rmse_before is not None and found.fit.heldout_rmse_after is not None
+    assert found.fit.heldout_rmse_after < found.fit.heldout_rmse_before
+
+
+def test_two_effects_at_once_are_both_named() -> None:
+    effects = {"sag": {"s": 3e-4}, "backlash": {"h_tf": 1.5e-4, "h_inc": 0.0}}
+    found = deck.diagnosed(simulated(STATE, effects, 4))
+    assert found.verdict in ("named", "named_plus")
+    assert {claim.effect for claim in found.claims} == set(effects)
+
+
+@pytest.mark.parametrize("kind", ["white", "one bad channel x4", "table jitter", "heavy tails", "coloured AR(0.5)"])
+@pytest.mark.parametrize("seed", [100, 101])
+def test_noise_alone_is_given_no_name(kind: str, seed: int) -> None:
+    found = deck.diagnosed(deck.null(STATE, kind, seed))
+    assert found.claims == ()
+    if kind in ("white", "one bad channel x4", "table jitter"):
+        assert found.verdict == "nothing_left_out"
+
+
+@pytest.mark.parametrize("seed", [100, 101, 102])
+def test_a_wandering_bias_is_called_wander_and_not_given_a_cause(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    sensor, _ = deck.sensor_and_base(STATE, rng)
+    walk = 0.4 * deck.SIGMA_G * np.cumsum(rng.standard_normal((3, STATE.n)), axis=1)
+    mean = sensor.predict(STATE) + walk + deck.white_noise(STATE, rng)
+    found = deck.diagnosed(PoseSession(mean, np.ones(STATE.n), STATE))
+    assert found.claims == ()
+    assert found.verdict in ("wander", "unknown")
+
+
+@pytest.mark.parametrize("name", ["temperature x z^2", "temperature x cos 3T", "bump at one toolface"])
+def test_what_the_library_does_not_have_is_refused_a_name(name: str) -> None:
+    found = deck.diagnosed(deck.outsider(STATE, name, 400.0, seed=21))
+    assert found.claims == ()
+    assert found.verdict in ("unknown", "partial")
+    assert found.remainder.hints or found.remainder.resembles
+
+
+def test_an_effect_that_one_inclination_cannot_show_is_said_to_be_untestable() -> None:
+    state = at([60.0], list(range(0, 360, 15)), repeats=4)
+    found = deck.diagnosed(simulated(state, {"sag": {"s": 1e-3}}, 1))
+    assert {"sag", "backlash", "temperature_bias"} <= {entry.effect for entry in found.not_testable}
+    assert "sag" not in {claim.effect for claim in found.claims}
+    assert all(entry.why and entry.needs for entry in found.not_testable)
+
+
+def test_the_smallest_size_that_would_show_does_show_four_times_in_five() -> None:
+    smallest = deck.diagnosed(simulated(STATE, {}, 1)).minimum_detectable["sag"]
+    assert smallest.unit == "rad"
+    seen = [deck.diagnosed(simulated(STATE, {"sag": {"s": smallest.value}}, seed)).verdict for seed in range(8)]
+    assert sum(verdict != "nothing_left_out" for verdict in seen) >= 4
+    larger = [deck.diagnosed(simulated(STATE, {"sag": {"s": 2 * smallest.value}}, seed)).verdict for seed in range(3)]
+    assert all(verdict != "nothing_left_out" for verdict in larger)
+
+
+def test_quadratic_and_asymmetry_are_one_class_where_the_poses_do_not_split_them() -> None:
+    state = at([30.0, 90.0, 150.0], [0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0], repeats=3)
+    found = deck.diagnosed(simulated(state, {"quadratic": {"k2_x": 1.5e-4}}, 3))
+    (claim,) = found.claims
+    assert {"quadratic", "asymmetry"} <= set(claim.equivalence_class)
+    assert claim.next_manoeuvre
+
+
+def test_the_location_names_channel_and_covariate() -> None:
+    state = STATE
+    found = deck.diagnosed(simulated(state, {"temperature_bias": {"bt_y": 1e-5}}, 2))
+    (location,) = found.location
+    assert location.channels == ("ay",)
+    assert location.covariate == "temp_c"
+    assert location.p < 1e-6
+
+
+def test_the_same_seed_gives_the_same_answer() -> None:
+    session, _ = deck.single(STATE, "wobble", 100.0, seed=1)
+    first, second = (deck.diagnosed(session).to_dict() for _ in range(2))
+    assert json.dumps(first) == json.dumps(second)
+
+
+def test_the_answer_has_the_fields_of_the_schema_and_only_finite_numbers() -> None:
+    session, _ = deck.single(STATE, "sag", 100.0, seed=1)
+    plain = deck.diagnosed(session).to_dict()
+    assert list(plain) == [
+        "schema", "verdict", "location", "claims", "fit", "intake", "remainder", "not_testable", "minimum_detectable",
+        "noise", "seed", "version",
+    ]  # fmt: skip
+    assert plain["schema"] == "highside.diagnosis/1"
+    json.loads(json.dumps(plain, allow_nan=False))
+    assert Diagnosis("bad_data").to_dict()["fit"] is None
+
+
+def test_a_misalignment_that_may_not_be_refitted_is_found() -> None:
+    session = simulated(STATE, {}, 5)
+    found, _ = diagnose_poses(session, ForwardModel.of({}), ("bias", "scale"))
+    assert found.claims[0].effect in ("misalignment", "mounting")
+    assert "misalignment" in {name for claim in found.claims for name in claim.equivalence_class}
+
+
+def test_few_poses_are_refused_with_the_number_needed() -> None:
+    columns = {name: np.zeros(12) for name in ("t_s", "inc_ref_deg", "tf_ref_deg")} | {"pose": np.arange(12.0)}
+    with pytest.raises(InputError, match=r"12 poses are too few.*16"):
+        pose_session(columns, np.zeros((3, 12)), gravity_mps2=9.81)
