@@ -9,7 +9,8 @@ direction of Up (what an accelerometer at rest reports, in g) seen from the tool
     psi    azimuth of the down-hole axis, clockwise from North
     q = q_z(-psi) (x) q_x(theta) (x) q_y(phi)
 
-The tool frame of the product (z up-hole, x at the high side) is (x, y, z)_tool = (z, -x, -y)_body: `to_tool`, `to_body`.
+The tool frame of the product (z up-hole, x at the high side) is (x, y, z)_tool = (z, -x, -y)_body: `to_tool`,
+`to_body`.
 
 Equation numbers are those of Yang and Yang, Chinese Journal of Sensors and Actuators 30(8), 2017, 1187-1192.
 """

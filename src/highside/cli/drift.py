@@ -1,4 +1,4 @@
-"""`highside drift`: attitude with azimuth, gyro biases and where the azimuth comes from, from a Recording with gyros."""
+"""`highside drift`: attitude, azimuth and gyro biases of a Recording with gyros, and what the azimuth rests on."""
 
 from __future__ import annotations
 
@@ -127,7 +127,8 @@ def drift(
     clipped = saturated_rows(rate)
     if clipped:
         typer.echo(
-            f"note: a gyro stands at its limit in {clipped} rows: turns beyond its range are lost, and the azimuth with them",
+            f"note: a gyro stands at its limit in {clipped} rows: turns beyond its range are lost, "
+            "and the azimuth with them",
             err=True,
         )
 

@@ -52,3 +52,80 @@ def balance(
         typer.echo(f"  its own tables   {statement['published']}\n  this simulation  {statement['ours']}")
         typer.echo(f"  why              {statement['reason']}\n")
     typer.echo(f"Tables and figures: {folder}/balance.html")
+
+
+@app.command()
+def rotation(
+    as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON object.")] = False,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Folder for rotation.html and rotation.json.")
+    ] = None,
+) -> None:
+    """Tables 1 to 3 and figures 5 to 10 of the rotor-angle paper in kind, from simulated rotors, and ours beside them.
+
+    Without --json the page and the numbers are written to a folder (reproduce-rotation, if -o names no other).
+    """
+    from highside.errors import InputError
+    from highside.recording.files import write_whole
+    from highside.report.reproduce_rotation import as_dict, page_of, run_experiment
+
+    experiment = run_experiment()
+    result = as_dict(experiment)
+    folder = output if output is not None or as_json else Path("reproduce-rotation")
+    if folder is not None:
+        page = page_of(experiment)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"cannot be made a folder: {error.strerror}", where=str(folder), field="-o") from None
+        write_whole(folder / "rotation.html", page.encode())
+        write_whole(folder / "rotation.json", (json.dumps(result, indent=1) + "\n").encode())
+    if as_json:
+        typer.echo(json.dumps(result))
+        return
+    for statement in result["statements"]:
+        typer.echo(f"{statement['topic']}\n  the paper says  {statement['paper_says']}")
+        typer.echo(f"  these rotors    {statement['ours']}\n  why             {statement['reason']}\n")
+    typer.echo(f"Tables and figures: {folder}/rotation.html")
+
+
+@app.command()
+def drift(
+    as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON object.")] = False,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder for drift.html and drift.json.")] = None,
+) -> None:
+    """The three experiments of the gravity-quaternion paper, simulated: its drifts beside those of every method.
+
+    Takes a minute or two. Without --json the page and the numbers are written to a folder (reproduce-drift, if -o
+    names no other).
+    """
+    from highside.errors import InputError
+    from highside.recording.files import write_whole
+    from highside.report.reproduce_drift import as_dict, page_of, run_experiments
+
+    told = run_experiments()
+    result = as_dict(told)
+    folder = output if output is not None or as_json else Path("reproduce-drift")
+    if folder is not None:
+        page = page_of(told)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"cannot be made a folder: {error.strerror}", where=str(folder), field="-o") from None
+        write_whole(folder / "drift.html", page.encode())
+        write_whole(folder / "drift.json", (json.dumps(result, indent=1) + "\n").encode())
+    if as_json:
+        typer.echo(json.dumps(result))
+        return
+    for experiment in result["experiments"]:
+        paper = {
+            angle: f"{pair['before']} -> {pair['after']}" if pair else "not given"
+            for angle, pair in experiment["paper_deg_per_hour"].items()
+        }
+        typer.echo(f"{experiment['experiment']}, deg/h (inclination, toolface, azimuth)")
+        typer.echo(f"  the paper: {paper['inc']}, {paper['tf']}, {paper['azi']}")
+        for row in experiment["methods"]:
+            drifts = ", ".join(f"{row[f'{angle}_deg_per_hour']:.3f}" for angle in ("inc", "tf", "azi"))
+            typer.echo(f"  {row['method']}: {drifts}")
+        typer.echo("")
+    typer.echo(f"Tables, figures and assumptions: {folder}/drift.html")

@@ -19,6 +19,8 @@ arrays it works on one sample of *all* blocks at once: the batch form. IEEE arit
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +29,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 Sums = tuple[Any, ...]
-"""q (4), J (9, by rows), S (3), A (3), then: dt, n, |a|-1, (|a|-1)^2, |a|^2, w (3), w^2 (3), squared differences of w"""
+"""q (4), J (9, by rows), S (3), A (3), then: dt, n, |a|-1, (|a|-1)^2, |a|^2, w (3), w^2 (3), squared steps of w"""
 
 EMPTY: Sums = (1.0,) + (0.0,) * 18 + (0.0,) * 12
 MAX_GAP_S = 0.5
@@ -247,28 +249,25 @@ class Batch:
             number=number,
         )
 
-    def steps(self, first: int = 0, last: int | None = None) -> Any:
-        """The sums of all blocks (or blocks first..last) after each place in turn."""
-        part = slice(first, last)
-        count = self.gap[part].size
+    def steps(self) -> Iterator[Sums]:
+        """The sums of all blocks after each place in turn."""
+        count = self.gap.size
         sums: Sums = (np.ones(count), *(np.zeros(count) for _ in EMPTY[1:]))
         for j in range(self.dt.shape[0]):
             sums = advance(
                 sums,
-                self.dt[j, part],
-                (self.w[0][j, part], self.w[1][j, part], self.w[2][j, part]),
-                (self.a[0][j, part], self.a[1][j, part], self.a[2][j, part]),
-                self.norm[j, part],
-                self.rough[j, part],
-                self.one[j, part],
+                self.dt[j],
+                (self.w[0][j], self.w[1][j], self.w[2][j]),
+                (self.a[0][j], self.a[1][j], self.a[2][j]),
+                self.norm[j],
+                self.rough[j],
+                self.one[j],
             )
             yield sums
 
     def blocks(self) -> list[Block]:
         """All blocks."""
-        sums: Sums = EMPTY
-        for sums in self.steps():
-            pass
+        sums = deque(self.steps(), maxlen=1)[0]
         rows = np.array(sums).T.tolist()
         sides = zip(rows, self.gap.tolist(), self.starts.tolist(), self.ends.tolist(), strict=True)
         return [block_of(tuple(row), gap, start, end) for row, gap, start, end in sides]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,7 @@ def check_units(t_s: FloatArray, rate: FloatArray, accel: FloatArray, where: str
     # the turn of gravity from one block to the next, against what the gyros say it should be
     seen = said = 0.0
     blocks = Batch.of(t_s, to_body(rate), to_body(accel), 0.5).blocks()
-    for before, after in zip(blocks, blocks[1:], strict=False):
+    for before, after in pairwise(blocks):
         if after.gap_s > 0.0 or max(before.accel_std, after.accel_std) > 0.1:
             continue
         g0, g1 = (block.accel / (math.sqrt(float(block.accel @ block.accel)) or 1.0) for block in (before, after))

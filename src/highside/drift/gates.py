@@ -45,6 +45,8 @@ STILL_RATE_RADPS = math.radians(0.05)
 LEARN_S = 20.0
 """length of the still record from which the thresholds are taken"""
 
+_ACCEL_BIAS_G = 0.01
+
 # what a first record may show and still be taken for a tool at rest
 _PLAUSIBLE_NORM_STD_G = 0.03
 _PLAUSIBLE_RATE_STD_RADPS = math.radians(1.0)
@@ -122,7 +124,8 @@ class Gate:
         limit = factor * still.norm_std_g
         self._quiet = (
             block.norm_std < limit
-            and abs(block.norm_error - still.norm_error_g) < limit
+            # its own bias changes |a| with the toolface
+            and abs(block.norm_error - still.norm_error_g) < limit + _ACCEL_BIAS_G
             and block.rate_noise < factor * still.rate_std
             and block.gap_s == 0.0
         )
@@ -131,36 +134,35 @@ class Gate:
 
 
 class StopTest:
-    """Whether a detected stop agrees with the bias known when it began.
+    """Whether what the gyros show at a detected stop agrees with the bias as it is known.
 
-    The mean of the rate minus the Earth's, over the stop so far, is compared with the bias before it; the bound is
-    `SIGMAS` standard deviations of that difference in any axis.
+    The mean over the last `MEMORY_S` (fading) of the rate less bias and Earth rate is compared with its standard
+    deviation; beyond `SIGMAS` in any axis the tool is taken to move slowly, and goes on being so until the mean agrees
+    again. What stays below is the bound of the error: a slower motion would be taken for bias.
     """
 
     SIGMAS = 4.0
+    MEMORY_S = 20.0
 
     def __init__(self) -> None:
-        self._known: tuple[FloatArray, FloatArray] | None = None
-        self._sum = np.zeros(3)
-        self._seconds = 0.0
+        self.reset()
 
     def reset(self) -> None:
-        """The tool moves."""
-        self._known = None
+        """The tool moves visibly: what was seen before says nothing about the next stop."""
         self._sum = np.zeros(3)
         self._seconds = 0.0
+        self._squares = 0.0
 
-    def agrees(self, rate: FloatArray, seconds: float, bias: FloatArray, variance: FloatArray, arw: float) -> bool:
-        """Add a block (`rate` without the Earth's, (3,) rad/s) of a stop; `bias`, `variance` as known before it."""
-        if self._known is None:
-            self._known = bias.copy(), variance.copy()
-        self._sum = self._sum + rate * seconds
-        self._seconds += seconds
-        known, var = self._known
-        if self._seconds <= 0.0:
+    def agrees(self, innovation: FloatArray, seconds: float, variance: FloatArray, arw: float) -> bool:
+        """Add a block: `innovation` (3,) rad/s, `variance` (3,) of bias and Earth rate, `arw` rad/sqrt(s)."""
+        if seconds <= 0.0:
             return True
-        allowed = self.SIGMAS * np.sqrt(var + arw * arw / self._seconds)
-        return bool(np.all(np.abs(self._sum / self._seconds - known) <= allowed))
+        fade = math.exp(-seconds / self.MEMORY_S)
+        self._sum = self._sum * fade + innovation * seconds
+        self._seconds = self._seconds * fade + seconds
+        self._squares = self._squares * fade * fade + seconds
+        noise = arw * arw * self._squares / self._seconds**2
+        return bool(np.all(np.abs(self._sum / self._seconds) <= self.SIGMAS * np.sqrt(variance + noise)))
 
 
 def quiet_rows(t_s: FloatArray, rate: FloatArray, accel: FloatArray, rest: FloatArray) -> NDArray[np.bool_]:

@@ -86,6 +86,8 @@ class Settings:
     """of each accelerometer, constant"""
     scale_std: float = 1e-3
     """prior of the axial scale-factor error; 0 leaves the state out"""
+    rectification_std: float = 0.2 * DEG_PER_HOUR
+    """bias that vibration makes, rad/s per g^2: no state, but it widens the azimuth's uncertainty"""
     straight_hole_std_rad: float | None = None
     """standard deviation of "the azimuth is that of the start"; None: the hole may turn"""
     gravity_while_moving: bool = True
@@ -107,6 +109,8 @@ class State:
     still_s: float = 0.0
     turned_rad: float = 0.0
     moved_s: float = 0.0
+    shaken_g2s: float = 0.0
+    """time integral of the squared vibration while moving"""
     gap_s: float = 0.0
     refused: dict[str, int] = field(default_factory=lambda: {"gravity": 0, "zero rate": 0, "stop": 0})
 
@@ -239,7 +243,8 @@ class KinematicFilter:
             return False
         C = direction_cosines(state.q)
         variance = np.diag(state.P)[3:6] + self._unmodelled_rate() ** 2
-        believed = self._stop.agrees(block.rate - C @ self.earth, block.seconds, state.bias, variance, self._arw(block))
+        innovation = block.rate - C @ self.earth - state.bias
+        believed = self._stop.agrees(innovation, block.seconds, variance, self._arw(block))
         if not believed:
             state.refused["stop"] += 1
         return believed
@@ -276,6 +281,7 @@ class KinematicFilter:
         state.q = normalised(predicted(state.q, state.bias, state.scale, self.earth, _as_sums(block)))
         state.turned_rad += abs(float(block.rate[1])) * block.seconds if state.motion is Motion.TURNING else 0.0
         state.moved_s += block.seconds
+        state.shaken_g2s += block.accel_std**2 * block.seconds
 
     def _gravity(self, state: State, block: Block) -> None:
         s = self.settings
@@ -395,11 +401,12 @@ def _rows(t_s: FloatArray, batch: Batch, states: list[State], engine: KinematicF
     motion = np.array([int(state.motion) for state in states], dtype=np.int8)
     before = np.maximum(np.arange(count) - 1, 0)
     q_start, b_start, s_start = q_end[:, before], bias[:, before], scale[before]
-    frozen = motion == Motion.STILL
-    frozen[0] = True
+    # what the tool does in a block is known at its end; until then it goes on as before
+    frozen = motion[before] == Motion.STILL
     q = np.empty((4, *batch.dt.shape))
     for j, sums in enumerate(batch.steps()):
         q[:, j] = np.where(frozen, q_start, predicted(q_start, b_start, s_start, engine.earth, np.array(sums[:20])))
+    q[:, :, 0] = q_end[:, :1]
     rows = q[:, batch.place, batch.number]
     last = np.append(np.flatnonzero(np.diff(batch.number)), t_s.size - 1)
     rows[:, last] = q_end
@@ -409,7 +416,10 @@ def _rows(t_s: FloatArray, batch: Batch, states: list[State], engine: KinematicF
     known = np.maximum(known, 0)
     moved = np.array([state.moved_s for state in states])
     unmodelled = EARTH_RATE_RADPS if engine.settings.latitude_rad is None else 0.0
-    azi_std = np.sqrt(azi_var + (unmodelled * moved) ** 2)
+    shaken = engine.settings.rectification_std * np.array([state.shaken_g2s for state in states])
+    if engine.settings.straight_hole_std_rad is not None:
+        shaken = np.zeros(count)
+    azi_std = np.sqrt(azi_var + (unmodelled * moved) ** 2 + shaken**2)
     final = states[-1]
     return DriftResult(
         t_s=t_s,

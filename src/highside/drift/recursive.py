@@ -1,4 +1,4 @@
-"""The light filter: tilt error and bias error with one scalar covariance for all axes, so a PI loop whose gains are derived.
+"""The light filter: tilt and bias error with one scalar covariance for all axes: a PI loop whose gains are derived.
 
     predict   w = w_meas - b - C w_ie;   p11 += -2 T p12 + T^2 p22 + N^2 T,  p12 -= T p22,  p22 += K^2 T
     update    e = g x p (+ the azimuth held, along Up);  k = p11/(p11 + s^2), kb = -p12/(p11 + s^2)

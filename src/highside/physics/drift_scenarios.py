@@ -51,6 +51,7 @@ class Triad:
     """white, each axis, each sample, while vibrating"""
     gyro_vibration_dps: float = 0.0
     rectification_dph_g2: float = 0.0
+    """bias that vibration makes, on the gyro across the tool (x of the body frame)"""
 
 
 PERFECT = Triad((0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -203,8 +204,8 @@ def record(experiment: Experiment, seed: int) -> DriftData:
     rate[1] *= 1.0 + triad.axial_scale_ppm * 1e-6
     noise = np.full(n, triad.arw_deg_sqrt_h * np.pi / 180 / 60 / np.sqrt(interval))
     noise = np.hypot(noise, np.radians(triad.gyro_vibration_dps) * e.vibrating)
-    rectified = triad.rectification_dph_g2 * DEG_PER_HOUR * triad.vibration_rms_g**2 * e.vibrating
-    rate = rate + bias + walk + rectified + noise * rng.standard_normal((3, n))
+    rate[0] += triad.rectification_dph_g2 * DEG_PER_HOUR * triad.vibration_rms_g**2 * e.vibrating
+    rate = rate + bias + walk + noise * rng.standard_normal((3, n))
     shake = np.hypot(triad.accel_noise_g, triad.vibration_rms_g * e.vibrating)
     offset = triad.accel_bias_g * rng.standard_normal((3, 1))
     accel = up + offset + shake * rng.standard_normal((3, n))
