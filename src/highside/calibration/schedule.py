@@ -61,6 +61,8 @@ TAPER = 0.5
 _EDGE_OF_RANGE = 1e-9
 _PIECE = 32768
 """Readings that are blended at a time. Fewer fit the cache better, but make two threads wait for each other."""
+_PRODUCT = 4096
+"""Columns a matrix product: the BLAS library starts threads of its own for larger ones (12 rows), against ours."""
 _WHOLE = 1.0 - 1e-9
 """Weights that sum to this leave nothing for the fallback; the jump is 1e-9 of a difference of some 1e-4 g."""
 
@@ -117,7 +119,10 @@ class Window:
         if not rises and not falls:
             x.fill(1.0)
             return x
-        np.clip(x, 0.0, 1.0, out=x)
+        if not self.low <= least or not most <= self.high or (rises and falls):
+            np.clip(x, 0.0, 1.0, out=x)
+        elif (rises and most > self.low + self.rise) or (falls and least < self.high - self.fall):
+            np.minimum(x, 1.0, out=x)
         np.multiply(x, -2.0, out=other)
         np.add(other, 3.0, out=other)
         np.multiply(other, x, out=other)
@@ -376,6 +381,7 @@ class _AffineBlocks:
         self._guide = np.eye(3, 4) if schedule._guide is None else _matrix(schedule._guide)
         self._products = np.empty((12, _PIECE))
         self._key, self._w, self._work, self._total = np.empty((4, _PIECE))
+        self._raw = np.ones((4, _PIECE))  # readings, and a row of ones that the offsets multiply
         self._held: tuple[int | None, tuple[int, ...]] | None = None
         self._stack = self._guide
 
@@ -385,8 +391,10 @@ class _AffineBlocks:
             upto = min(at + _PIECE, high)
             self._fill(self._a[:, at:upto], out[:, at - low : upto - low])
 
-    def _fill(self, raw: FloatArray, out: FloatArray) -> None:
-        n = raw.shape[1]
+    def _fill(self, readings: FloatArray, out: FloatArray) -> None:
+        n = readings.shape[1]
+        raw = self._raw[:, :n]
+        raw[:3] = readings
         rows = self._products[: len(self._stack), :n]
         _affine(self._stack, raw, rows)
         key, w, work, total = self._key[:n], self._w[:n], self._work[:n], self._total[:n]
@@ -486,8 +494,8 @@ def _matrix(part: LinearCorrection) -> FloatArray:
 
 
 def _affine(matrix: FloatArray, raw: FloatArray, out: FloatArray) -> None:
-    np.matmul(matrix[:, :3], raw, out=out)
-    np.add(out, matrix[:, 3:], out=out)
+    for at in range(0, raw.shape[1], _PRODUCT):
+        np.matmul(matrix, raw[:, at : at + _PRODUCT], out=out[:, at : at + _PRODUCT])
 
 
 def _keys(g: FloatArray, out: FloatArray, work: FloatArray) -> None:
