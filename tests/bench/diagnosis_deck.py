@@ -188,11 +188,15 @@ def outcome(diagnosis: Diagnosis, truth: str) -> dict[str, bool]:
     }
 
 
+def in_words(diagnosis: Diagnosis) -> str:
+    """Verdict with what was named, or what it resembles."""
+    names = [c.effect for c in diagnosis.claims] or diagnosis.remainder.resembles or diagnosis.remainder.hints
+    return f"{diagnosis.verdict}:{'+'.join(names)}"
+
+
 def singles_table(runs: int, strengths: list[float], seed: int) -> None:
     state = design()
-    print(
-        f"{'effect':28s}{'strength':>9s}{'detected':>9s}{'exact':>7s}{'class':>7s}{'wrong':>7s}{'refused':>8s}   answers"
-    )
+    print(f"{'effect':28s}{'strength':>9s}" + "".join(f"{key:>{width}s}" for key, width in WIDTHS) + "   answers")
     for strength in strengths:
         totals: dict[str, list[bool]] = {}
         errors, inside = [], []
@@ -202,9 +206,7 @@ def singles_table(runs: int, strengths: list[float], seed: int) -> None:
                 session, truth = single(state, effect_id, strength, seed + run)
                 diagnosis = diagnosed(session)
                 rows.append(outcome(diagnosis, effect_id))
-                answers.append(
-                    f"{diagnosis.verdict}:{'+'.join(c.effect for c in diagnosis.claims) or '+'.join(diagnosis.remainder.resembles)}"
-                )
+                answers.append(in_words(diagnosis))
                 if rows[-1]["exact"]:
                     fitted = diagnosis.claims[0].parameters
                     amplitudes = [p.name for p in library.get(effect_id).parameters if not p.shape]
@@ -238,10 +240,7 @@ def nulls_table(runs: int, seed: int) -> None:
         found = [diagnosed(null(state, kind, seed + run)) for run in range(runs)]
         alarms = [d for d in found if d.verdict != "nothing_left_out"]
         named = [d for d in alarms if d.claims]
-        words = "; ".join(
-            f"{d.verdict}:{'+'.join(c.effect for c in d.claims) or '+'.join(d.remainder.resembles or d.remainder.hints)}"
-            for d in alarms[:8]
-        )
+        words = "; ".join(in_words(d) for d in alarms[:8])
         print(f"{kind:28s}{runs:6d}{100 * len(alarms) / runs:9.1f}{100 * len(named) / runs:9.1f}   {words}")
 
 

@@ -105,15 +105,22 @@ def diagnose_poses(
 ) -> tuple[Diagnosis, Picture]:
     """Diagnose n poses against a model whose effects `free` may be refitted. The same seed gives the same answer."""
     scene = _prepare(session, model, tuple(free), seed)
-    # first what does not follow time; then, beside that, whether anything slow beats a walk
-    judged = _judge(scene, _Suspicion(scene.noise, [], False, [], (), frozenset()))
-    doubted = _doubted(scene, judged)
-    if doubted:
-        judged = _judge(scene, _Suspicion(scene.noise, [], False, [], (), frozenset(), doubted))
-    suspicion = _suspect(scene, judged.members)
-    if suspicion.admitted or suspicion.noise is not scene.noise:
-        judged = _judge(scene, replace(suspicion, doubted=doubted))
-    return _conclude(scene, judged, suspicion, version)
+    judged = _judge(scene, scene.noise)
+    channels = _likelihoods(scene, scene.base)
+    slow = frozenset(i for i, c in enumerate(scene.candidates) if c.id in SLOW)
+    unnamed = frozenset(i for i, c in enumerate(scene.candidates) if not c.named)
+    # first what has a name and does not follow time; then, beside that, whether anything slow beats a walk
+    first = _choose(scene, judged, channels, slow | unnamed)
+    suspicion = _suspect(scene, first.members)
+    if suspicion.noise is not scene.noise:
+        judged = _judge(scene, suspicion.noise)
+    fixed = tuple(Member(score.effect.candidate, score.effect.variant) for score in suspicion.claimed)
+    barred = frozenset(
+        i
+        for i, c in enumerate(scene.candidates)
+        if (i in slow and c.id not in suspicion.admitted) or (suspicion.wanders and c.id.startswith("shadow:time"))
+    )
+    return _conclude(scene, _choose(scene, judged, channels, barred, fixed), suspicion, version)
 
 
 def _prepare(session: PoseSession, model: ForwardModel, free: tuple[str, ...], seed: int) -> _Scene:
@@ -162,22 +169,37 @@ class _Suspicion:
     near: tuple[str, ...]
     admitted: frozenset[str]
     """slow effects that beat a walk and may be claimed"""
-    doubted: frozenset[int] = frozenset()
-    """candidates that a walk explains as well"""
 
 
-def _doubted(scene: _Scene, judged: _Judged) -> frozenset[int]:
-    """Members that are not needed where the noise has memory: a walk may run like an effect along the rings."""
-    channels = _likelihoods(scene, scene.base)
-    found = set()
-    for m in judged.members:
-        others = [_variant(scene.candidates, o).columns for o in judged.members if o != m]
-        now = judged.selector.standing([o for o in judged.members if o != m])
-        stack = np.concatenate(others) if others else np.empty((0, 3, scene.session.n))
-        block = _variant(scene.candidates, m).columns
-        if not beats_the_walk(channels, stack, block, int(now.dof[m.candidate])):
-            found.add(m.candidate)
-    return frozenset(found)
+def _choose(
+    scene: _Scene,
+    judged: _Judged,
+    channels: Sequence[Likelihoods],
+    banned: frozenset[int],
+    fixed: tuple[Member, ...] = (),
+) -> _Judged:
+    """Select among the candidates that are not banned; a named one that a walk explains as well is not believed.
+
+    A walk may run like an effect of attitude where the session goes through the rings in order.
+    """
+    selector = replace(judged.selector, banned=banned, fixed=fixed)
+    members = selector.select()
+    doubted = set()
+    for m in members:
+        candidate = scene.candidates[m.candidate]
+        if not candidate.named or candidate.id in SLOW:
+            continue
+        others = [o for o in members if o != m]
+        stack = np.concatenate(
+            [np.empty((0, 3, scene.session.n)), *(_variant(scene.candidates, o).columns for o in others)]
+        )
+        dof = int(selector.standing(others).dof[m.candidate])
+        if not beats_the_walk(channels, stack, _variant(scene.candidates, m).columns, dof):
+            doubted.add(m.candidate)
+    if doubted:
+        selector = replace(selector, banned=banned | doubted)
+        members = selector.select()
+    return replace(judged, selector=selector, members=members)
 
 
 def _likelihoods(scene: _Scene, explained: Array) -> list[Likelihoods]:
@@ -214,29 +236,22 @@ def _suspect(scene: _Scene, members: Sequence[Member]) -> _Suspicion:
     return _Suspicion(noise, memories, False, [], near, admitted)
 
 
-def _judge(scene: _Scene, suspicion: _Suspicion) -> _Judged:
-    """Choose claims under the noise that is suspected."""
+def _judge(scene: _Scene, noise: PoseNoise) -> _Judged:
+    """Prepare the race and the scan under a noise model, with their thresholds; nothing is chosen yet."""
     rng = np.random.default_rng(scene.seed)
-    noise = suspicion.noise
     base = span(noise.white(scene.base))
     residual = outside(base, noise.white(scene.residual))
     pool = Pool(scene.candidates, [noise.white(v.columns) for c in scene.candidates for v in c.variants])
     rich = noise_model.rich_residual(noise, scene.residual, scene.rich)
     limit = threshold(pool.race, pool.owner, rich, base, noise.freedom, rng)
     held_out = HeldOut(noise.white(scene.base), noise.white(scene.residual), pose_folds(scene.session.n))
-    fixed = tuple(Member(score.effect.candidate, score.effect.variant) for score in suspicion.claimed)
-    banned = suspicion.doubted | frozenset(
-        i
-        for i, c in enumerate(scene.candidates)
-        if (c.id in SLOW and c.id not in suspicion.admitted) or (suspicion.wanders and c.id.startswith("shadow:time"))
-    )
-    selector = Selector(pool, base, residual, noise.freedom, limit, held_out, fixed, banned)
+    selector = Selector(pool, base, residual, noise.freedom, limit, held_out)
     force = np.asarray(scene.model.chain(scene.session.state).force, dtype=float)
     bases = pose_bases(scene.session.state, force)
     cells = [(channel, b) for b in range(len(bases)) for channel in range(3)]
     scan = scan_of(bases, [noise.white(on_channel(bases[b].functions, c)) for c, b in cells], cells)
     scan_limit = threshold(scan.race, np.arange(len(cells)), rich, base, noise.freedom, rng)
-    return _Judged(noise, selector, scan, scan_limit, selector.select())
+    return _Judged(noise, selector, scan, scan_limit, [])
 
 
 def _variant(candidates: Sequence[Candidate], member: Member) -> Variant:
