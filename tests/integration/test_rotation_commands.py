@@ -92,6 +92,14 @@ def test_apply_gives_measured_minus_fitted(folder: Path, fitted: dict[str, Any])
         assert np.sqrt(np.mean((measured - left - truth) ** 2)) < 0.0002
 
 
+def test_apply_far_from_the_inclination_of_the_fit_says_so(folder: Path, fitted: dict[str, Any]) -> None:
+    for inclination, warned in ((32.0, False), (50.0, True)):
+        Recording(columns() | {"inc_ref_deg": np.full(3000, inclination)}).write(folder / "inc.csv")
+        done = highside("rotation", "apply", "comp.json", "inc.csv", "-o", "inc-out.csv", cwd=folder)
+        assert done.returncode == 0
+        assert ("3000 of 3000 rows lie up to 20.0 deg from the inclination of 30 deg" in done.stderr) == warned
+
+
 @pytest.mark.parametrize("method", ["sine", "harmonics2", "polynomial9", "network"])
 def test_every_method_fits_and_applies(folder: Path, method: str) -> None:
     few = columns(rows=600, turns=1.0)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from highside.recording.table import Recording
+    from highside.rotation import Compensation
     from highside.rotation.curve import Curve
     from highside.rotation.samples import Samples
 
@@ -145,8 +146,12 @@ def apply(
             remedy=f"give {' or '.join(f'd_{name}_arcmin' for name in compensation.curves)}",
         )
     table.with_columns(added).write(output)
+    warning = _beyond_validity(table, compensation)
+    if warning:
+        typer.echo(warning, err=True)
     if as_json:
-        typer.echo(json.dumps({"output": str(output), "id": compensation.id, "rows": table.n, "channels": left}))
+        said = {"output": str(output), "id": compensation.id, "rows": table.n, "channels": left, "warning": warning}
+        typer.echo(json.dumps(said))
         return
     typer.echo(f"{output}: {table.n} rows compensated by {compensation.id[:12]}")
     for channel, one in left.items():
@@ -154,6 +159,23 @@ def apply(
             f"  {channel:<8} mean absolute error {one['before_mean_abs_arcmin']:.4f}' ->"
             f" {one['after_mean_abs_arcmin']:.4f}'"
         )
+
+
+def _beyond_validity(table: Recording, compensation: Compensation) -> str | None:
+    """A line if the recording says that it was made far from the inclination at which the compensation was fitted."""
+    import numpy as np
+
+    validity = compensation.validity
+    if validity.inclination_deg is None or not table.has("inc_ref_deg"):
+        return None
+    off = np.abs(table.columns["inc_ref_deg"] - validity.inclination_deg)
+    beyond = int(np.sum(off > validity.within_deg))
+    if not beyond:
+        return None
+    return (
+        f"{beyond} of {table.n} rows lie up to {np.nanmax(off):.1f} deg from the inclination of"
+        f" {validity.inclination_deg:g} deg at which the compensation was fitted: its coefficients change with attitude"
+    )
 
 
 def _described(curve: Curve) -> dict[str, Any]:

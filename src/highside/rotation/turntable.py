@@ -87,5 +87,6 @@ def fit_turntable(
     half = 2 * order + 1
     rows = fourier_rows(theta, order)
     triangle = triangle_of(rows, inclination_error_rad)
-    along = np.linalg.solve(triangle[:half, :half], triangle[:half, half])
-    return TurntableCurve(order, solution[:half], solution[half:], along, variance * cofactor, float(np.sqrt(variance)))
+    along = np.asarray(np.linalg.solve(triangle[:half, :half], triangle[:half, half]), dtype=float)
+    covariance = np.asarray(variance * cofactor, dtype=float)
+    return TurntableCurve(order, solution[:half], solution[half:], along, covariance, float(np.sqrt(variance)))
