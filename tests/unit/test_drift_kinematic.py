@@ -87,6 +87,18 @@ def test_online_and_batch_are_equal_bit_for_bit() -> None:
         assert state.motion == result.motion[row]
 
 
+def test_gravity_alone_at_rest_finds_the_azimuth_through_the_earths_rotation_and_no_better() -> None:
+    # the bias (24 deg/h) exceeds the Earth's rotation: an error propagated with it in place would run away
+    experiment = turntable(3600.0, 20.0)
+    for seed in (0, 2):
+        result, data = _run(experiment, seed, settings=NO_STOPS)
+        std = np.degrees(result.azi_std_rad[-1])
+        assert 1.2 < std < 2.2
+        assert np.degrees(abs(wrap_signed(float(result.azi_rad[-1] - experiment.psi[-1])))) < 3 * std
+        assert np.all(np.abs(result.bias_radps[:, -1] - data.bias_end) < 3 * result.bias_std_radps[:, -1])
+        assert result.basis == (AzimuthBasis.NOTHING,)
+
+
 def test_turntable_with_rest_declared_for_seven_minutes() -> None:
     drifts = []
     for seed in range(3):

@@ -262,7 +262,9 @@ class KinematicFilter:
 
     def _propagate(self, state: State, block: Block) -> None:
         s = self.settings
-        C = direction_cosines(block.q)
+        # a bias of 15 deg/h is as large as the Earth's rotation: what turns the error is the rate without it
+        unbiased = from_rotation_vector(-(block.J @ state.bias + block.S * state.scale))
+        C = direction_cosines(multiply(block.q, unbiased))
         F = np.eye(_STATES)
         F[:3, :3] = C
         F[:3, 3:6] = -block.J

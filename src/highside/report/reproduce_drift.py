@@ -86,11 +86,15 @@ class Told:
 
 def run_experiments(shorten: float = 1.0, seed: int = SEED) -> tuple[Told, ...]:
     """All three experiments; `shorten` < 1 cuts their durations (for checks of the page, not of the figures)."""
-    legs = {"leg_s": 1800.0 * shorten, "stop_s": max(120.0 * shorten, 5.0)}
     experiments = (
         turntable(3600.0 * shorten),
         vibration_table(3600.0 * shorten),
-        drilling(10800.0 * shorten, start_s=max(50.0 * shorten, 10.0), **legs),
+        drilling(
+            10800.0 * shorten,
+            start_s=max(50.0 * shorten, 10.0),
+            leg_s=1800.0 * shorten,
+            stop_s=max(120.0 * shorten, 5.0),
+        ),
     )
     return tuple(_told(experiment, seed, shorten) for experiment in experiments)
 
@@ -195,8 +199,8 @@ def _page_of(told: tuple[Told, ...]) -> str:
     page = Page("Gyro drift from gravity: the paper's three experiments, simulated")
     page.paragraph(
         "Yang and Yang (2017) estimate gyro drift by comparing the attitude of the gyros with that of gravity, and "
-        "report what is left on a turntable, on a vibration table and in simulated drilling. The same three experiments are "
-        "simulated here and every method of highside is run on the same readings."
+        "report what is left on a turntable, on a vibration table and in simulated drilling. The same three "
+        "experiments are simulated here and every method of highside is run on the same readings."
     )
     page.heading("What was assumed")
     page.bullets(ASSUMPTIONS)
