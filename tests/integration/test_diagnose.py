@@ -105,6 +105,19 @@ def test_nothing_is_said_to_be_left_out_of_a_complete_model(tmp_path: Path) -> N
     assert found["minimum_detectable"]["base_tilt"]["unit"] == "rad"
 
 
+def test_a_little_clipping_is_named_as_such_and_not_as_a_cubic_term(tmp_path: Path) -> None:
+    recording = simulate(tmp_path, {})
+    rows = read_recording(recording)
+    clipped = {**rows.columns, "ax_g": np.minimum(rows.columns["ax_g"], 0.8)}
+    write_recording(recording, Recording(clipped))
+    status, found = diagnose(tmp_path, recording)
+    assert status == 0
+    assert found["verdict"] == "named"
+    assert [claim["effect"] for claim in found["claims"]] == ["clipping"]
+    assert found["claims"][0]["parameters"]["limit_x"]["value"] == pytest.approx(0.8)
+    assert found["intake"][0]["check"] == "clipping"
+
+
 def corrupt(recording: Path, kind: str) -> None:
     """Spoil a recording the way a bench or a link does."""
     rows = read_recording(recording)

@@ -53,6 +53,7 @@ def _diagnose(rows: Recording, knows: Model, seed: int) -> tuple[Diagnosis, Pict
     import numpy as np
 
     from highside import __version__
+    from highside.diagnosis.clipped import with_clipping, without_clipped_poses
     from highside.diagnosis.engine import diagnose_poses
     from highside.diagnosis.intake import check
     from highside.diagnosis.result import Diagnosis
@@ -66,7 +67,8 @@ def _diagnose(rows: Recording, knows: Model, seed: int) -> tuple[Diagnosis, Pict
         )  # fmt: skip
     axes = knows.tool.map
     toolface = "rotor_deg" if "rotor_deg" in rows.columns and "tf_ref_deg" not in rows.columns else "tf_ref_deg"
-    found = check(rows.columns, ("inc_ref_deg", toolface), list(zip(axes.order, axes.signs, strict=True)))
+    signed = list(zip(axes.order, axes.signs, strict=True))
+    found = check(rows.columns, ("inc_ref_deg", toolface), signed)
     if found.spoiled:
         return Diagnosis("bad_data", intake=found.findings, seed=seed, version=__version__), None
     if "pose" not in rows.columns and _moves(rows):
@@ -75,17 +77,17 @@ def _diagnose(rows: Recording, knows: Model, seed: int) -> tuple[Diagnosis, Pict
             remedy="give a session of poses that are held, with a column pose",
         )  # fmt: skip
     raw = rows.accel()
-    accel = np.stack([sign * raw[channel] for channel, sign in zip(axes.order, axes.signs, strict=True)])
+    accel = np.stack([sign * raw[channel] for channel, sign in signed])
     site = knows.site.site
     try:
         session = pose_session(
-            rows.columns, accel, gravity_mps2=site.gravity_mps2, latitude_rad=site.latitude_rad,
-            azimuth_rad=site.azimuth_rad,
+            without_clipped_poses(rows.columns, raw, found), accel, gravity_mps2=site.gravity_mps2,
+            latitude_rad=site.latitude_rad, azimuth_rad=site.azimuth_rad,
         )  # fmt: skip
     except InputError as error:
         raise InputError(error.what, where=rows.source, field=error.field, remedy=error.remedy) from None
     diagnosis, picture = diagnose_poses(session, knows.forward(), knows.sensor.free, seed=seed, version=__version__)
-    return replace(diagnosis, intake=found.findings), picture
+    return with_clipping(replace(diagnosis, intake=found.findings), found, signed), picture
 
 
 def _moves(rows: Recording) -> bool:

@@ -38,6 +38,7 @@ AXIS_NAMES = {
     "t_s": "time, s",
     "direction": "direction of approach",
     "vibration_rms_g": "vibration, g rms",
+    "reading_g": "reading, g",
 }
 
 
@@ -61,8 +62,9 @@ def _page_of(diagnosis: Diagnosis, picture: Picture | None, recording: str) -> s
         page.paragraph(
             f"Misfit {1e6 * fit.rmse_before:.1f} ug before, {1e6 * fit.rmse_after:.1f} ug after (noise "
             f"{1e6 * fit.noise_floor:.1f} ug); on readings that the fit had not seen"
-            f" {1e6 * (fit.heldout_rmse_before or 0):.1f} and {1e6 * (fit.heldout_rmse_after or 0):.1f} ug: {fit.heldout_gain_low:.0%} to"
-            f" {fit.heldout_gain_high:.0%} of the mean square removed ({fit.how_held_out})."
+            f" {1e6 * (fit.heldout_rmse_before or 0):.1f} and {1e6 * (fit.heldout_rmse_after or 0):.1f} ug:"
+            f" {fit.heldout_gain_low:.0%} to {fit.heldout_gain_high:.0%} of the mean square removed "
+            f"({fit.how_held_out})."
         )
     if diagnosis.intake:
         page.heading("Faults of the data")
@@ -73,7 +75,8 @@ def _page_of(diagnosis: Diagnosis, picture: Picture | None, recording: str) -> s
         )
     if picture is not None:
         page.heading("Where the mismatch sits")
-        for location in diagnosis.location or (Location(CHANNELS, "t_s", (), None, 0.0, 1.0),):
+        drawn = tuple(place for place in diagnosis.location if place.covariate != "reading_g")
+        for location in drawn or (Location(CHANNELS, "t_s", (), None, 0.0, 1.0),):
             page.figure(_residuals(picture, location), _caption(location))
     for claim in diagnosis.claims:
         _rivals(page, claim)
