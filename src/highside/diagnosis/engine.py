@@ -322,7 +322,7 @@ def _conclude(scene: _Scene, judged: _Judged, suspicion: _Suspicion, version: st
         "bench_toolface_rad": scene.noise.tf,
         "degrees_of_freedom": scene.noise.freedom,
         "memory_evidence": [m.gain for m in suspicion.memories],
-        "memory_poses": [m.length if m.share else 0.0 for m in suspicion.memories],
+        "memory_poses": ["walk" if np.isinf(m.length) else m.length for m in suspicion.memories],
         "wanders": wanders,
         "threshold_log10_p": selector.threshold,
         "scan_threshold_log10_p": judged.scan_threshold,
