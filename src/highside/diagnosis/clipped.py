@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 def without_clipped_poses(columns: Mapping[str, Array], raw: Array, found: Intake) -> dict[str, Array]:
-    """The columns with `pose` emptied where any reading (3, N) of the pose is at a limit. Raises InputError without poses."""
+    """The columns with `pose` emptied where any reading (3, N) of it is at a limit. Raises InputError without poses."""
     if not found.clipped:
         return dict(columns)
     if "pose" not in columns:
