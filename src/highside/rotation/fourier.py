@@ -7,8 +7,8 @@
    Statistics, section 7.8). The pseudo-values F beta + psi(r) are the errors with outliers pulled in.
 3. Order by BIC of the pseudo-values, n ln(RSS_k / n) + p_k ln n; then Huber's estimate of that order.
 4. Where part of the turn was not seen, no order is chosen: every harmonic gets the prior N(0, (s / k^2)^2), and s
-   (from the third harmonic on) is the one that makes the data most probable. The covariance then says how far the curve
-   may be off in the gap.
+   (from the third harmonic on) is averaged over, each value by how probable it makes the data. The covariance then says
+   how far the curve may be off in the gap.
 """
 
 from __future__ import annotations
@@ -171,7 +171,7 @@ class _Fit:
 
 
 def _shrunken(fit: _Fit, values: Floats, scale: float, order: int, extra: int) -> tuple[Floats, Floats]:
-    """Posterior mean and covariance under N(0, (s / k^2)^2) on each harmonic, s by the probability of the data.
+    """Posterior mean and covariance under N(0, (s / k^2)^2) on each harmonic, averaged over s.
 
     The constant, the rate terms and the first two harmonics get a prior as wide as the data themselves.
     """
@@ -194,6 +194,13 @@ def _shrunken(fit: _Fit, values: Floats, scale: float, order: int, extra: int) -
         covariance = np.diag(prior**2) - gain @ (R * prior**2)
         return evidence, gain @ z, 0.5 * (covariance + covariance.T)
 
+    # no single s is believed: each counts by the probability it gives the data; their spread adds to the covariance
     tried = [posterior(s) for s in size * np.geomspace(1e-3, 4.0, 19)]
-    _, mean, covariance = max(tried, key=lambda one: one[0])
-    return mean, covariance
+    evidence = np.array([one[0] for one in tried])
+    share = np.exp(evidence - evidence.max())
+    share /= share.sum()
+    means = np.stack([one[1] for one in tried])
+    mean = share @ means
+    off = means - mean
+    within = np.tensordot(share, np.stack([one[2] for one in tried]), 1)
+    return mean, within + (share[:, None] * off).T @ off
