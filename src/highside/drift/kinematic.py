@@ -293,7 +293,7 @@ class KinematicFilter:
         if state.motion is not Motion.STILL:
             # the sum was turned with the raw rates; readings are half a block old on average
             turn = -(block.J @ state.bias + block.S * state.scale) - C @ self.earth * block.seconds
-            a = a - 0.5 * np.cross(turn, a)
+            a = a - 0.5 * (cross_matrix(turn) @ a)
         a = a - state.accel_bias
         size = math.sqrt(float(a @ a))
         if not 0.5 < size < 2.0:
