@@ -3,7 +3,7 @@
     python tests/bench/schedule_coverage.py [--sensors N] [--only KIND]
 
 Every sensor is calibrated on a bench of its own and read at known attitudes, one reading a row of the table. A bench's
-tilt is normal with the standard deviation that the method is told: a uniform one has no tails, and wherever it dominates
+tilt is normal with the standard deviation that the method is told: a uniform one has no tails, and where it dominates
 every interval of 1.96 standard deviations holds the truth. Tilts are stratified (each two-hundredth, say, of the normal
 distribution has one of two hundred sensors), because one draw of tilt decides over all readings of its sensor.
 """
@@ -28,7 +28,7 @@ from highside.calibration.result import BenchAccuracy
 from highside.calibration.schedule import ScheduledCorrection
 from highside.calibration.zones import refine
 from highside.physics.forward import ForwardModel
-from highside.physics.scenario import reference_scenario
+from highside.physics.scenario import BALANCE_TOOLFACES_DEG, reference_scenario
 
 PLACES_DEG = (0.2, 0.4, 0.612, 0.9, 1.0, 1.6, 2.0, 2.5, 4.0, 7.0, 10.0, 20.0, 25.0, 37.0, 50.0, 68.0, 82.0, 90.0, 100.0)
 """0.612 is the centre of a zone; 0.9, 1.6, 2.5, 4.0, 10, 25 and 37 lie in blends; 90 and 100 beyond balance zones."""
@@ -65,6 +65,7 @@ class Kind:
     ring_deg: float = 0.0
     station_deg: float = 0.0
     structure_g: float = 0.0
+    toolfaces_deg: tuple[float, ...] = BALANCE_TOOLFACES_DEG
 
 
 KINDS = {
@@ -77,6 +78,9 @@ KINDS = {
     "balance+joint": Kind(balance_and_joint),
     "joint+zones": Kind(joint_refined),
     "joint+zones, structure": Kind(joint_refined, structure_g=3e-4),
+    "joint+zones, structure, 132 poses": Kind(
+        joint_refined, structure_g=1e-3, toolfaces_deg=tuple(15.0 + 30.0 * k for k in range(12))
+    ),
     "joint+zones, ring, station": Kind(joint_refined, pose_deg=0.0, ring_deg=0.009, station_deg=0.009),
 }
 
@@ -85,7 +89,7 @@ def held(kind: Kind, seed: int, tilt: Array) -> tuple[Array, int]:
     """Whether I and T lie in their stated intervals (2, places, READINGS) for one sensor on a bench out of level by
     `tilt` (2,) rad, and its number of zones."""
     rng = np.random.default_rng([seed, 77])
-    scenario = reference_scenario(seed, structure_g=kind.structure_g)
+    scenario = reference_scenario(seed, structure_g=kind.structure_g, toolfaces_deg=kind.toolfaces_deg)
     bench = ForwardModel.of(
         {
             "base_tilt": {"tilt_x": float(tilt[0]), "tilt_y": float(tilt[1])},

@@ -163,3 +163,22 @@ def test_the_rational_arctangent_meets_the_exact_one() -> None:
         poles = sum((Decimal(c) / (w + Decimal(e)) for c, e in block.ATAN_POLES), Decimal(block.ATAN_CONSTANT))
         signs.append(poles * w.sqrt() > exact_arctangent(w.sqrt()))
     assert sum(a != b for a, b in pairwise(signs)) >= 9
+
+
+@pytest.mark.parametrize("inc_deg", [0.0, 0.3, 1.0, 89.9, 178.5, 179.9])
+@pytest.mark.parametrize("degrees", [False, True])
+def test_a_block_near_one_inclination_is_as_exact_as_any(inc_deg: float, degrees: bool) -> None:
+    """Logs take a series in place of the second arc tangent; one reading elsewhere in the block must not mislead it."""
+    rng = np.random.default_rng(5)
+    inc = np.clip(np.deg2rad(inc_deg) + 0.004 * rng.uniform(-1.0, 1.0, 5001), 0.0, np.pi)
+    tf = rng.uniform(0.0, 2.0 * np.pi, inc.size)
+    for stray in (None, np.pi - np.deg2rad(inc_deg), np.deg2rad(inc_deg) + 0.5 * np.pi, np.nan):
+        at = inc.copy()
+        if stray is not None:
+            at[1234] = stray
+        g = 1.01 * np.stack([np.sin(at) * np.cos(tf), np.sin(at) * np.sin(tf), np.cos(at)])
+        got, _ = attitude_block(g, degrees=degrees, threads=1)
+        expected = np.arctan2(np.hypot(g[0], g[1]), g[2])
+        scale = 180.0 / np.pi if degrees else 1.0
+        assert np.allclose(got, expected * scale, rtol=0, atol=8e-15 * scale, equal_nan=True)
+        assert np.all((got >= 0.0) | np.isnan(got))

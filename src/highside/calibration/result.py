@@ -624,8 +624,8 @@ def linear_covariance(
     offset_std_g: float,
     offset_weights: Array | None = None,
 ) -> Array:
-    """Covariance (14, 14) of the errors of (A row by row, b) and the bench's tilt `BENCH_NAMES`, which is taken for zero,
-    for an estimator that is linear in the pose means.
+    """Covariance (14, 14) of the errors of (A row by row, b) and of the bench's tilt `BENCH_NAMES`, taken for zero, for
+    an estimator that is linear in the pose means.
 
     `A_hat = S weights` with `weights` (N, 3); where the offset is estimated too, `b_hat = S offset_weights` (N,), else
     it is taken as known with standard deviation `offset_std_g` in each axis, the same offset that stands in every

@@ -16,9 +16,9 @@ Covariance of the blend of local corrections `z_i` (weights w_i) and the fallbac
   signs, `E = sum w e`;
 - apart from it the global solution makes the best of all poses, so that any other solution errs by what f errs by and
   by something uncorrelated with it (Gauss and Markov: `Cov(z, f) = Cov(f)`); between rings, which share no reading,
-  that something is independent. Hence `sum w_i^2 R_i + (1 - sum w_i^2) R_f` with R the covariance without the tilt, sums
-  over the zones. It is exact for the zones of the joint estimator (the global sensor and a change), and a little too
-  large for balance zones (by the share of R_f in their product). A fallback from other poses only makes it larger;
+  that something is independent. Hence `sum w_i^2 R_i + (1 - sum w_i^2) R_f` with R the covariance without the tilt,
+  sums over the zones. It is exact for the zones of the joint estimator (the global sensor and a change), and a little
+  too large for balance zones (they have no R_f in common) and for a fallback from other poses;
 - without a fallback, `sum w_i^2 R_i`;
 - the reading's noise is one and the same in all.
 
