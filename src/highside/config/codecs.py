@@ -235,9 +235,8 @@ CodecConfig = Annotated[
 
 def speaks_as_the_tool(codec: CodecConfig) -> bool:
     """Whether the codec reads what the tool itself sends, over a serial line or a CAN bus."""
-    return isinstance(codec, ToolCodecConfig) or (
-        isinstance(codec, DbcCodecConfig) and codec.dbc is None and codec.fields is None
-    )
+    # a DBC file without a mapping is read as one of the tool's own messages (a copy of ours, say)
+    return isinstance(codec, ToolCodecConfig) or (isinstance(codec, DbcCodecConfig) and codec.fields is None)
 
 
 CODEC_NAMES = ("tool", "vn100", "delimited", "dbc")

@@ -187,7 +187,9 @@ class Settings(BaseSettings):
                 f" {self.codec.carries}"
             )
         if self.link.kind == "simulated" and not speaks_as_the_tool(self.codec):
-            raise ValueError("link.kind 'simulated' speaks as the tool itself: codec.name 'tool', or 'dbc' as shipped")
+            raise ValueError(
+                "link.kind 'simulated' speaks as the tool itself: codec.name 'tool', or 'dbc' without fields"
+            )
         return self
 
 
