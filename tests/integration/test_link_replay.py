@@ -260,7 +260,10 @@ def test_the_command_takes_its_link_away_when_it_is_stopped(tmp_path: Path, sign
         process.stdout.readline()
         time.sleep(0.5)  # it waits for a reader
         process.send_signal(sign)
-        _, errors = process.communicate(timeout=30)
+        try:
+            _, errors = process.communicate(timeout=30)
+        finally:
+            process.kill()
     assert process.returncode == 130
     assert "Traceback" not in errors
     assert not link.is_symlink()

@@ -39,7 +39,7 @@ def diagnose(
     write_whole(out / "diagnosis.json", (json.dumps(diagnosis.to_dict(), indent=1) + "\n").encode())
     write_whole(out / "report.html", page.encode())
     named = ", ".join(claim.effect for claim in diagnosis.claims)
-    typer.echo(f"{diagnosis.verdict}{': ' + named if named else ''} - {VERDICTS[diagnosis.verdict]}")
+    typer.echo(f"{diagnosis.verdict} - {VERDICTS[diagnosis.verdict]}{': ' + named if named else ''}")
     for finding in diagnosis.intake:
         typer.echo(f"{finding.check} ({', '.join(finding.channels)}): {finding.remedy}")
     if diagnosis.verdict == "bad_data":
