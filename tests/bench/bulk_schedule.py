@@ -8,6 +8,7 @@ The log is a well: inclination from 0.3 to 60 deg, the tool turning. The C loop 
 from __future__ import annotations
 
 import argparse
+import json
 import statistics
 import tempfile
 import time
@@ -78,8 +79,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--samples", type=int, default=10_000_000)
     parser.add_argument("--pairs", type=int, default=7)
+    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     r = compare(options.samples, options.pairs)
+    if options.json:
+        print(json.dumps(r))
+        return
     print(f"{options.samples:,} samples: schedule {r['ns']:.1f} ns/sample, C loop {r['ns_c']:.1f}")
     print(f"one thread {r['ns_one_thread']:.1f} ns/sample, of the processor {r['cpu_ns_one_thread']:.1f}")
     print(f"ratio {r['ratio']:.2f} (from {r['ratio_min']:.2f} to {r['ratio_max']:.2f})")
