@@ -11,11 +11,11 @@ import pytest
 from highside.errors import InputError
 from highside.physics import effects
 from highside.physics.effect import Effect, RandomEffect, Stage
+from highside.physics.effects_page import markdown
 from highside.physics.forward import ForwardModel
-from highside.physics.library_page import markdown
 from highside.physics.state import ChainState
 
-LIBRARY = list(effects.library().values())
+LIBRARY = list(effects.all_effects().values())
 by_id = pytest.mark.parametrize("effect", LIBRARY, ids=lambda effect: effect.id)
 
 
@@ -208,10 +208,10 @@ def test_an_effect_is_found_by_its_file_alone(tmp_path: Path, monkeypatch: pytes
     source = (Path(effects.__path__[0]) / "sag.py").read_text()
     (tmp_path / "droop.py").write_text(source.replace('"sag"', '"droop"').replace("Sag", "Droop"))
     monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
-    effects.library.cache_clear()
+    effects.all_effects.cache_clear()
     try:
         assert effects.get("droop").stage is Stage.POSE
         assert ForwardModel.of({"droop": {"s": 1e-3}}).ids == ("droop",)
     finally:
-        effects.library.cache_clear()
+        effects.all_effects.cache_clear()
         sys.modules.pop("highside.physics.effects.droop", None)

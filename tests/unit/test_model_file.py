@@ -72,7 +72,7 @@ def test_parameters_may_be_written_in_the_units_of_the_bench(
 
 
 def test_every_effect_of_the_library_may_be_included_with_its_typical_size() -> None:
-    for effect in effects.library().values():
+    for effect in effects.all_effects().values():
         table = "\n".join(f"{p.name} = {p.typical!r}" for p in effect.parameters)
         knows = model(f'[effects]\nincluded = ["{effect.id}"]\n[effects.{effect.id}]\n{table}')
         assert knows.forward().parameters()[effect.id] == {p.name: p.typical for p in effect.parameters}

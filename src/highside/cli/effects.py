@@ -7,6 +7,6 @@ import typer
 
 def effects() -> None:
     """Print the page of the library of effects (Markdown): stories, formulas, parameters, ranges, confounders."""
-    from highside.physics.library_page import markdown
+    from highside.physics.effects_page import markdown
 
     typer.echo(markdown(), nl=False)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.physics.effect import Effect, Stage
-from highside.physics.effects import library
+from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
 
@@ -81,7 +81,7 @@ def pose_candidates(model: ForwardModel, state: ChainState, free: Sequence[str])
     """
     wanted = [
         effect
-        for effect in library().values()
+        for effect in all_effects().values()
         if not effect.random and effect.stage is not Stage.GYRO and effect.id not in free
     ]
     plain = [effect for effect in wanted if len(effect.amplitudes) == len(effect.parameters)]

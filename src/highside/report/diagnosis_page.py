@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.engine import Picture
 from highside.diagnosis.result import Claim, Diagnosis, Location
-from highside.physics.effects import library
+from highside.physics.effects import all_effects
 from highside.report.page import Page, new_figure, plotting
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def page_of(diagnosis: Diagnosis, picture: Picture | None, recording: str) -> st
 
 
 def _page_of(diagnosis: Diagnosis, picture: Picture | None, recording: str) -> str:
-    effects = library()
+    effects = all_effects()
     words = VERDICTS[diagnosis.verdict]
     titles = [effects[claim.effect].title.lower() for claim in diagnosis.claims]
     page = Page(f"{words.rstrip('.')}: {' and '.join(titles)}" if titles else words)

@@ -16,7 +16,7 @@ from highside.physics.effect import Effect, Stage
 
 
 @cache
-def library() -> dict[str, Effect]:
+def all_effects() -> dict[str, Effect]:
     """All effects by id, in the order of the chain and then of their names."""
     order = list(Stage)
     found: list[Effect] = []
@@ -31,7 +31,7 @@ def library() -> dict[str, Effect]:
 
 def get(effect_id: str) -> Effect:
     """The effect of that id. Raises InputError that names the nearest ids."""
-    effects = library()
+    effects = all_effects()
     if effect_id not in effects:
         near = difflib.get_close_matches(effect_id, effects, n=3, cutoff=0.4)
         remedy = f"did you mean {' or '.join(near)}?" if near else f"known are: {', '.join(effects)}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from highside.physics import effects as library
+from highside.physics import effects as package
 from highside.physics.effect import Effect, RandomEffect, Stage
 
 STAGES = {
@@ -30,7 +30,7 @@ def markdown() -> str:
         "effect its shape, the others its size.",
         "",
     ]
-    effects = list(library.library().values())
+    effects = list(package.all_effects().values())
     for stage, heading in STAGES.items():
         lines += [f"## {heading}", ""]
         for effect in (e for e in effects if e.stage is stage):
