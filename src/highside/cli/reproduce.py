@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -14,6 +14,19 @@ app = typer.Typer(name="reproduce", no_args_is_help=True, help="The papers' tabl
 @app.callback()
 def _group() -> None:
     """The papers' tables beside ours."""
+
+
+def _write(folder: Path, name: str, page: str, result: dict[str, Any]) -> None:
+    """Write `name`.html and `name`.json into a folder, which is made if it is not there."""
+    from highside.errors import InputError
+    from highside.recording.files import write_whole
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot be made a folder: {error.strerror}", where=str(folder), field="-o") from None
+    write_whole(folder / f"{name}.html", page.encode())
+    write_whole(folder / f"{name}.json", (json.dumps(result, indent=1) + "\n").encode())
 
 
 @app.command()
@@ -27,8 +40,6 @@ def balance(
 
     Without --json the page and the numbers are written to a folder (reproduce-balance, if -o names no other).
     """
-    from highside.errors import InputError
-    from highside.recording.files import write_whole
     from highside.report.reproduce_balance import as_dict, run_experiment
 
     experiment = run_experiment()
@@ -38,12 +49,7 @@ def balance(
         from highside.report.reproduce_balance_page import page_of
 
         page = page_of(experiment)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"cannot be made a folder: {error.strerror}", where=str(folder), field="-o") from None
-        write_whole(folder / "balance.html", page.encode())
-        write_whole(folder / "balance.json", (json.dumps(result, indent=1) + "\n").encode())
+        _write(folder, "balance", page, result)
     if as_json:
         typer.echo(json.dumps(result))
         return
@@ -65,8 +71,6 @@ def rotation(
 
     Without --json the page and the numbers are written to a folder (reproduce-rotation, if -o names no other).
     """
-    from highside.errors import InputError
-    from highside.recording.files import write_whole
     from highside.report.reproduce_rotation import as_dict, page_of, run_experiment
 
     experiment = run_experiment()
@@ -74,12 +78,7 @@ def rotation(
     folder = output if output is not None or as_json else Path("reproduce-rotation")
     if folder is not None:
         page = page_of(experiment)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"cannot be made a folder: {error.strerror}", where=str(folder), field="-o") from None
-        write_whole(folder / "rotation.html", page.encode())
-        write_whole(folder / "rotation.json", (json.dumps(result, indent=1) + "\n").encode())
+        _write(folder, "rotation", page, result)
     if as_json:
         typer.echo(json.dumps(result))
         return
@@ -99,8 +98,6 @@ def drift(
     Takes a minute or two. Without --json the page and the numbers are written to a folder (reproduce-drift, if -o
     names no other).
     """
-    from highside.errors import InputError
-    from highside.recording.files import write_whole
     from highside.report.reproduce_drift import as_dict, page_of, run_experiments
 
     told = run_experiments()
@@ -108,12 +105,7 @@ def drift(
     folder = output if output is not None or as_json else Path("reproduce-drift")
     if folder is not None:
         page = page_of(told)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"cannot be made a folder: {error.strerror}", where=str(folder), field="-o") from None
-        write_whole(folder / "drift.html", page.encode())
-        write_whole(folder / "drift.json", (json.dumps(result, indent=1) + "\n").encode())
+        _write(folder, "drift", page, result)
     if as_json:
         typer.echo(json.dumps(result))
         return
