@@ -1,0 +1,35 @@
+"""What drives a session for its faces: the interface between them and whoever owns link, journal and session.
+
+Terminal, web page and MQTT face hold nothing but a `SessionDriver`. All of them may be used at the same time on one
+session; the driver serialises their commands, and a command is on the disk before its reply is given. `subscribe` never
+queues: a slow viewer sees the newest snapshot when it asks again and misses those in between, so that no viewer can
+hold acquisition up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from typing import Protocol
+
+from highside.session.snapshot import Command, Reply, Snapshot
+
+
+class SessionDriver(Protocol):
+    """Implemented by `highside.service.bench.BenchDriver`."""
+
+    def snapshot(self) -> Snapshot:
+        """The present state, at once."""
+        ...
+
+    def subscribe(self, max_rate_hz: float = 10.0) -> AsyncIterator[Snapshot]:
+        """The present state, then every newer one, at most `max_rate_hz` a second; ends some time after the session."""
+        ...
+
+    async def command(self, command: Command) -> Reply:
+        """Do what an operator asks, or say why not. Never raises for what a command contains."""
+        ...
+
+    @property
+    def journal_path(self) -> str | None:
+        """Where the session is written down; None where it is not kept."""
+        ...

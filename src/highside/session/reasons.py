@@ -1,0 +1,105 @@
+"""Why a pose was not taken, why a command was refused, what is wrong at the moment: enums, each with its sentence.
+
+Every text is for the person at the bench: what happened, then what to do. Programs use the member's value.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class _Said(StrEnum):
+    """A member is its code; `text` is what a person reads."""
+
+    text: str
+
+    def __new__(cls, code: str, text: str) -> _Said:
+        member = str.__new__(cls, code)
+        member._value_ = code
+        member.text = text
+        return member
+
+
+class Rejection(_Said):
+    """Why a pose was not accepted, or has to be taken again."""
+
+    MOVED = "moved", "The tool moved while it was being measured. Keep hands off; it is measured again by itself."
+    SHAKEN = "shaken", "The readings shook more than this sensor does at rest. Look for vibration near the bench."
+    CREEPING = "creeping", "The reading drifted during the hold: clamp the table, then wait until it has settled."
+    WRONG_POSE = "wrong_pose", "The tool left the pose it was asked for before the measurement was done."
+    REPEATED = "repeated", "This pose has been measured already. Turn to the pose shown, or choose `redo`."
+    TOO_SHORT = "too_short", "The hold was too short to average. Leave the tool until the bar is full."
+    DATA_LOST = "data_lost", "The tool's data stopped during the hold. Check the cable; the pose is measured again."
+    FROZEN = (
+        "frozen",
+        "The readings do not change at all: the sensor or its converter is stuck. Power the tool off and on.",
+    )
+    GAP = "gap", "Readings were lost or reordered during the hold. The pose is measured again."
+    NOT_ONE_G = (
+        "not_one_g",
+        "The readings at rest are far from 1 g. Check the units and the axis mapping in the configuration.",
+    )
+    MIRRORED = (
+        "mirrored",
+        "Rate sensors and accelerometers turn opposite ways: two axes are swapped or one sign is wrong.",
+    )
+    TEMPERATURE = "temperature", "The temperature left the step during the hold. Wait until it is steady again."
+    OUTLIER = (
+        "outlier",
+        "The reading contradicts the other poses. Set the pose again and look at table, clamp and scale.",
+    )
+    CLOSURE = "closure", "The four readings of this ring contradict one another. Set this pose again with care."
+    LEFT_OUT = "left_out", "The solution had to leave this pose out. Set it again with care."
+    OPERATOR = "operator", "Taken back by the operator."
+    INTERRUPTED = "interrupted", "The session was interrupted during this pose. It is measured again."
+
+
+class Refusal(_Said):
+    """Why a command was refused."""
+
+    NOT_NOW = "not_now", "That cannot be done at this step."
+    HELD_BY_OTHER = "held_by_other", "Another operator holds this session. Ask them, or let them pause it."
+    UNKNOWN_POSE = "unknown_pose", "There is no pose of that name in this plan."
+    NOTHING_TO_UNDO = "nothing_to_undo", "There is nothing left to take back."
+    NOT_STILL = "not_still", "The tool is not still, or not at an open pose."
+    NO_OPERATOR = "no_operator", "Say who you are: a command needs an operator's name."
+    NOT_SOLVED = "not_solved", "There is no solution to accept. Measure the poses asked for, or reject the session."
+    STORAGE = "storage", "The journal cannot be written. Free the disk; nothing was changed."
+
+
+class Fault(_Said):
+    """What is wrong now and goes away by itself when it is mended; nothing fails because of it."""
+
+    NO_DATA = "no_data", "No data from the tool. Check power and cable; the session waits."
+    LINK_DOWN = "link_down", "The link is down and is being tried again. The session waits."
+    NOT_STILL = "not_still", "The tool does not come to rest. Keep hands off and look for vibration near the bench."
+    LOST_FRAMES = (
+        "lost_frames",
+        "Readings are being lost on the way from the tool. Look at the cable and the baud rate.",
+    )
+    AXES_SUSPECT = (
+        "axes_suspect",
+        "The reading fits no open pose, but it would fit with axes swapped or signs changed. Check the axis mapping.",
+    )
+    MIRRORED = "mirrored", Rejection.MIRRORED.text
+    NOT_ONE_G = "not_one_g", Rejection.NOT_ONE_G.text
+    FROZEN = "frozen", Rejection.FROZEN.text
+    NOT_AS_ASKED = (
+        "not_as_asked",
+        "Another pose than the one asked for was recognised. That is allowed; if the table does stand at the pose "
+        "that was asked for, the axes are swapped: abort and check the axis mapping.",
+    )
+    WAITING_LONG = "waiting_long", "Nothing has happened for a long time. The session waits; pause it if you leave."
+    TEMPERATURE = "temperature", "The temperature is not yet steady at this step. The session waits."
+    NO_TEMPERATURE = (
+        "no_temperature",
+        "The plan goes by temperature, but the tool sends none. Abort and choose another plan.",
+    )
+    CONTRADICTION = (
+        "contradiction",
+        "The poses still contradict one another after being repeated. Accept only if you know why.",
+    )
+    CLOCK_STEP = (
+        "clock_step",
+        "The computer's clock was set during the session. Times in the record follow the new clock.",
+    )

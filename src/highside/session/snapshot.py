@@ -1,0 +1,254 @@
+"""What a session shows and what it can be told: the contract with every face (terminal, web page, MQTT).
+
+`Snapshot` is the whole public state in one message, schema `highside.session/1`; a face needs nothing else, and one
+that missed a hundred of them loses nothing by reading only the newest. `Command` is what a face sends, `Reply` the
+answer. Angles in degrees, accelerations in g, times in seconds. JSON knows no NaN: what is not known is null.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+SCHEMA: Literal["highside.session/1"] = "highside.session/1"
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
+
+
+class State(StrEnum):
+    """The step a session is in. `machine` holds what leads from one to the next."""
+
+    IDLE = "idle"
+    """not begun: waits for `start`"""
+    SOAKING = "soaking"
+    """waits for the temperature of this step to be reached and steady"""
+    GUIDING = "guiding"
+    """the tool is not at an open pose: the prompt leads it there"""
+    SETTLING = "settling"
+    """at an open pose, not still yet"""
+    CAPTURING = "capturing"
+    """still at an open pose: readings are averaged"""
+    CHECKING = "checking"
+    """a pose has been averaged and is compared with the others (takes no time that a face could see)"""
+    SOLVING = "solving"
+    """all poses are done: the calibration is computed"""
+    REVIEW = "review"
+    """there is a result: waits for `accept` or `reject`"""
+    PAUSED = "paused"
+    NO_DATA = "no_data"
+    """nothing comes from the tool: waits, and goes on where it was"""
+    ACCEPTED = "accepted"
+    REJECTED = "rejected"
+    ABORTED = "aborted"
+
+    @property
+    def ended(self) -> bool:
+        return self in (State.ACCEPTED, State.REJECTED, State.ABORTED)
+
+
+class CommandName(StrEnum):
+    """What an operator may ask for."""
+
+    START = "start"
+    CAPTURE = "capture"
+    """end the hold now and take what has been averaged (at least the plan's shortest hold)"""
+    REDO = "redo"
+    """measure a pose again; without `pose` the last one taken"""
+    SKIP = "skip"
+    """leave a pose out; without `pose` the one asked for"""
+    UNDO = "undo"
+    """take the last decision back: a pose taken, skipped or opened again"""
+    PAUSE = "pause"
+    RESUME = "resume"
+    """go on; while paused any operator may, and then holds the session"""
+    ABORT = "abort"
+    """end without a result; what was measured stays in the journal"""
+    ACCEPT = "accept"
+    """in review: keep the result. While measuring with a plan of no fixed length: that was the last pose"""
+    REJECT = "reject"
+    """in review: end without keeping the result"""
+
+
+class PoseState(StrEnum):
+    OPEN = "open"
+    DONE = "done"
+    SKIPPED = "skipped"
+    AGAIN = "again"
+    """asked for a second time: see `reason`"""
+
+
+class Attitude(_Model):
+    """Where the tool is now, by its nominal or provisionally corrected readings."""
+
+    inc_deg: float
+    tf_deg: float | None = Field(description="null where it is not defined (vertical).")
+    g_total: float
+
+
+class Target(_Model):
+    """The pose asked for."""
+
+    pose: str
+    inc_deg: float = Field(description="Setting of the bench; negative: the table turned the other way.")
+    tf_deg: float
+    temp_c: float | None = None
+
+
+class Deviation(_Model):
+    """What is missing to the target: positive values are to be added to the present setting."""
+
+    inc_deg: float = Field(description="To be added to the inclination; positive: more inclined.")
+    tf_deg: float | None = Field(description="To turn; positive: clockwise looking down-hole. null: vertical, any.")
+    angle_deg: float = Field(ge=0, description="Angle between the gravity directions: the radius of a bull's-eye.")
+    tolerance_deg: float = Field(gt=0, description="Within this the pose is taken.")
+
+
+class Stillness(_Model):
+    """How still the tool is, in units of what its own noise allows: `value` <= `limit` is still."""
+
+    value: float = Field(ge=0)
+    limit: float = Field(default=1.0, gt=0)
+    still: bool
+    noise_g: tuple[float, float, float] | None = Field(description="Noise of one reading at rest, each axis.")
+    trace: list[float] = Field(description="The last values, oldest first.")
+    trace_step_s: float = Field(gt=0)
+
+
+class Capture(_Model):
+    """The hold under way."""
+
+    progress: float = Field(ge=0, le=1)
+    elapsed_s: float = Field(ge=0)
+    readings: int = Field(ge=0)
+    std_error_g: float | None = Field(description="Standard error of the mean so far (worst axis), coloured noise in.")
+    target_std_error_g: float | None
+
+
+class PoseRow(_Model):
+    """One pose of the plan, or one found."""
+
+    pose: str
+    inc_deg: float | None = Field(description="The bench's setting; null in a session without reference.")
+    tf_deg: float | None
+    temp_c: float | None = Field(default=None, description="Temperature asked for, or measured.")
+    stage: int = Field(default=0, ge=0)
+    state: PoseState
+    attempts: int = Field(ge=0, description="Times it has been taken or refused.")
+    std_error_g: float | None = None
+    readings: int = 0
+    sigmas: float | None = Field(default=None, description="Departure from what the other poses predict.")
+    reason: str | None = Field(default=None, description="Code of the last rejection (`reasons.Rejection`).")
+    text: str | None = Field(default=None, description="The same as a sentence.")
+
+
+class Uncertainty(_Model):
+    """Standard deviation of I and T by the calibration from the poses taken so far, over the inclinations of use."""
+
+    inc_deg: list[float]
+    inc_std_deg: list[float]
+    tf_std_deg: list[float]
+    rms_inc_std_deg: float
+    rms_tf_std_deg: float
+
+
+class ClosureState(_Model):
+    """The closure of a ring of four."""
+
+    inc_deg: float
+    size_g: float
+    p: float
+    good: bool
+    poses: list[str]
+    worst: str = ""
+
+
+class FaultState(_Model):
+    code: str
+    text: str
+    since_s: float = Field(description="Seconds of session time at which it began.")
+    detail: str = ""
+
+
+class ResultState(_Model):
+    """The solution under review, or kept."""
+
+    method: str
+    record_id: str | None = Field(description="Id of the record; its content is fixed when the session is accepted.")
+    inc_std_deg: float | None
+    tf_std_deg: float | None
+    poses: int
+    retaken: int
+    refused: list[str] = Field(description="What the solver refused, one sentence each; empty is good.")
+    remarks: list[str] = Field(default_factory=list)
+
+
+class PlanState(_Model):
+    kind: str
+    title: str
+    method: str
+    poses: int | None = Field(description="null: of no fixed length.")
+    done: int
+    skipped: int
+    stage: int = 0
+    stages: int = 1
+    stage_temp_c: float | None = None
+
+
+class Snapshot(_Model):
+    """The whole public state of a session."""
+
+    schema_: Literal["highside.session/1"] = Field(default=SCHEMA, alias="schema")
+    seq: int = Field(ge=0, description="Grows with every change; a smaller one is older.")
+    session: str = Field(description="Id of the session, the name of its journal.")
+    tool: str
+    serial: str | None = None
+    state: State
+    back_to: State | None = Field(default=None, description="While paused or without data: where it goes on.")
+    plan: PlanState
+    prompt: str = Field(description="What to do next, one sentence.")
+    target: Target | None
+    attitude: Attitude | None
+    deviation: Deviation | None
+    stillness: Stillness | None
+    capture: Capture | None
+    temp_c: float | None
+    poses: list[PoseRow]
+    uncertainty: Uncertainty | None
+    closures: list[ClosureState]
+    faults: list[FaultState]
+    last_rejection: str | None = Field(default=None, description="Sentence of the last rejection, until the next pose.")
+    operator: str | None = Field(description="Who holds the session.")
+    allowed: list[CommandName] = Field(description="Commands that would not be refused now.")
+    result: ResultState | None
+    elapsed_s: float = Field(ge=0, description="Session time: that of the tool's own clock while data came.")
+
+    def to_json(self) -> str:
+        return self.model_dump_json(by_alias=True)
+
+
+Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\x00-\x1f\x7f]+$")]
+
+
+class Command(_Model):
+    """What a face sends. A command whose `request_id` was seen before is answered as before and not done twice."""
+
+    name: CommandName
+    request_id: Name
+    operator: Name
+    pose: Name | None = Field(default=None, description="For redo and skip.")
+    note: str | None = Field(default=None, max_length=500, description="Kept in the journal.")
+
+
+class Reply(_Model):
+    """The answer to one command."""
+
+    request_id: str
+    accepted: bool
+    reason: str | None = Field(default=None, description="Code of the refusal (`reasons.Refusal`).")
+    text: str
+    state: State
+    seq: int
