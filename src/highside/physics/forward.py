@@ -198,17 +198,11 @@ class ForwardModel:
         """
         names = _split(self.free_names(free))
         sampled = self._sampled(state, {})
+        rates = tool_rates(sampled)
         by_effect: dict[str, Array] = {}
         for effect_id in dict.fromkeys(effect_id for effect_id, _ in names):
             effect, p = self.effect(effect_id), self.vector_of(effect_id)
-            if effect.stage is Stage.TIMING:
-                h = 1e-5
-                by_time = (self.gyro(state.shifted(h)) - self.gyro(state.shifted(-h))) / (2 * h)
-                by_effect[effect_id] = by_time * effect.derivative(state, p, _reading(state))
-            elif effect.stage is Stage.GYRO:
-                by_effect[effect_id] = effect.derivative(sampled, p, tool_rates(sampled))
-            else:
-                by_effect[effect_id] = np.zeros((len(effect.parameters), 3, state.n))
+            by_effect[effect_id] = self._gyro_columns(state, sampled, rates, effect, p)
         return np.stack([by_effect[e][self._index(e, p)] for e, p in names]) if names else np.empty((0, 3, state.n))
 
     def _sampled(self, state: ChainState, draws: Draws) -> ChainState:
@@ -273,15 +267,46 @@ class ForwardModel:
         sensitivity = self.sensitivity(state, chain)
         by_effect: dict[str, Array] = {}
         for effect_id in dict.fromkeys(effect_id for effect_id, _ in names):
-            by_effect[effect_id] = self._columns(state, chain, sensitivity, self.effect(effect_id))
+            effect, p = self.effect(effect_id), self.vector_of(effect_id)
+            by_effect[effect_id] = self._columns(state, chain, sensitivity, effect, p)
         return np.stack([by_effect[e][self._index(e, p)] for e, p in names]) if names else np.empty((0, 3, state.n))
+
+    def derivatives(
+        self, state: ChainState, wanted: Sequence[tuple[Effect, Array]], *, gyros: bool = False
+    ) -> list[Array]:
+        """d(report)/d(parameters) of each (effect, vector) beside this model, from one evaluation of the chain.
+
+        Each (K, 3, N); with `gyros` (K, 6, N), the rates in rad/s below the readings in g. The vectors say where the
+        derivative is taken; the chain itself is that of the model as it is.
+        """
+        chain = self.chain(state)
+        sensitivity = self.sensitivity(state, chain)
+        sampled = chain.state
+        rates = tool_rates(sampled)
+        result = []
+        for effect, p in wanted:
+            columns = self._columns(state, chain, sensitivity, effect, p)
+            if gyros:
+                of_gyros = self._gyro_columns(state, sampled, rates, effect, p)
+                columns = np.concatenate([np.broadcast_to(columns, of_gyros.shape), of_gyros], axis=1)
+            result.append(columns)
+        return result
+
+    def _gyro_columns(self, state: ChainState, sampled: ChainState, rates: Array, effect: Effect, p: Array) -> Array:
+        """(K, 3, N): change of the reported rates with each parameter of one effect."""
+        if effect.stage is Stage.TIMING:
+            h = 1e-5
+            by_time = (self.gyro(state.shifted(h)) - self.gyro(state.shifted(-h))) / (2 * h)
+            return by_time * effect.derivative(state, p, _reading(state))
+        if effect.stage is Stage.GYRO:
+            return effect.derivative(sampled, p, rates)
+        return np.zeros((len(effect.parameters), 3, state.n))
 
     def _index(self, effect_id: str, parameter: str) -> int:
         return [p.name for p in self.effect(effect_id).parameters].index(parameter)
 
-    def _columns(self, state: ChainState, chain: Chain, sensitivity: Array, effect: Effect) -> Array:
+    def _columns(self, state: ChainState, chain: Chain, sensitivity: Array, effect: Effect, p: Array) -> Array:
         """(K, 3, N): change of the report with each parameter of one effect."""
-        p = self.vector_of(effect.id)
         if effect.stage is Stage.TIMING:
             h = 1e-5
             by_time = (self.chain(state.shifted(h)).reported - self.chain(state.shifted(-h)).reported) / (2 * h)
