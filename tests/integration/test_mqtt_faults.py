@@ -33,7 +33,9 @@ TOOL = "rig7"
 PREFIX = f"highside/{TOOL}"
 TOPIC = f"{PREFIX}/attitude"
 RATE_HZ = 100.0
-ATTITUDE = Attitude(0.0, 0.0, 12.5, 0.01, 271.5, 0.2, 1.0001, "identity", "", ("uncalibrated",), 10, 0.1, 25.0)
+ATTITUDE = Attitude(
+    0.0, 0.0, 12.5, 0.01, 271.5, 0.2, 271.5, 0.0, 1.0001, 1e-4, "identity", "", ("uncalibrated",), 10, 0.1, 25.0
+)
 
 pytestmark = pytest.mark.slow
 

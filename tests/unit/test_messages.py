@@ -19,9 +19,11 @@ from highside.service.messages import (
     health_payload,
     mark_historical,
     schemas,
+    survey_dict,
     survey_payload,
 )
 from highside.service.pipeline import Attitude, Survey
+from highside.service.surveys import SurveyReason, Verdict
 
 ATTITUDE = Attitude(
     t_device_s=1.0,
@@ -30,7 +32,10 @@ ATTITUDE = Attitude(
     inc_std_deg=0.0123,
     tf_deg=271.5,
     tf_std_deg=0.25,
+    toolface_deg=281.5,
+    toolface_offset_deg=10.0,
     g_total=1.00012,
+    g_total_std=1e-4,
     cal_id="identity",
     zone="",
     flags=("uncalibrated",),
@@ -52,7 +57,10 @@ def attitudes(draw: st.DrawFn) -> Attitude:
         inc_std_deg=draw(st.floats(0, 200)),
         tf_deg=draw(degrees),
         tf_std_deg=draw(stds),
+        toolface_deg=draw(degrees),
+        toolface_offset_deg=draw(degrees),
         g_total=draw(st.floats(0, 20)),
+        g_total_std=draw(stds),
         cal_id=draw(st.text(max_size=20)),
         zone=draw(st.text(max_size=10)),
         flags=tuple(draw(st.lists(st.text(max_size=10), max_size=3))),
@@ -60,6 +68,16 @@ def attitudes(draw: st.DrawFn) -> Attitude:
         window_s=0.1,
         temp_c=draw(st.one_of(st.none(), st.floats(-80, 250))),
     )
+
+
+verdicts = st.builds(
+    Verdict,
+    accepted=st.booleans(),
+    reasons=st.lists(st.sampled_from(list(SurveyReason)), unique=True).map(tuple),
+    g_error_mg=st.one_of(st.floats(-1e4, 1e4), st.just(math.nan)),
+    g_std_mg=st.one_of(st.floats(0, 100), st.just(math.nan)),
+    shock_g=st.floats(0, 100),
+)
 
 
 def as_model(model: type[AttitudeMessage] | type[SurveyMessage], payload: bytes) -> dict[str, Any]:
@@ -101,15 +119,21 @@ def test_the_quick_way_writes_what_the_model_writes(
 
 
 @settings(max_examples=100, deadline=None, derandomize=True)
-@given(attitude=attitudes(), duration_s=st.floats(0, 1e5), g_std=st.floats(0, 1))
-def test_a_survey_carries_its_quality(attitude: Attitude, duration_s: float, g_std: float) -> None:
-    payload = survey_payload(3, 1e9, 5.0, True, Survey(attitude, duration_s, g_std))
+@given(attitude=attitudes(), duration_s=st.floats(0, 1e5), g_std=st.floats(0, 1), verdict=verdicts)
+def test_a_survey_carries_its_quality(attitude: Attitude, duration_s: float, g_std: float, verdict: Verdict) -> None:
+    payload = survey_payload(3, 1e9, 5.0, True, Survey(attitude, duration_s, g_std, verdict))
     message = SurveyMessage.model_validate_json(payload, strict=True)
     assert json.loads(payload) == json.loads(message.model_dump_json(exclude_unset=True))
     assert message.n == attitude.n
     assert message.duration_s == pytest.approx(duration_s, abs=5.1e-4)
     assert message.g_std == pytest.approx(g_std, abs=5.1e-10)
     assert (message.temp_c is None) == (attitude.temp_c is None)
+    assert (message.accepted, tuple(message.reasons)) == (verdict.accepted, verdict.reasons)
+    assert (message.g_error_mg is None) == math.isnan(verdict.g_error_mg)
+    assert message.shock_g == pytest.approx(verdict.shock_g, abs=5.1e-5)
+    kept = survey_dict(3, 1e9, Survey(attitude, duration_s, g_std, verdict))
+    assert set(SurveyMessage.model_fields) - set(kept) >= {"t_mono", "clock_synced", "historical"}
+    assert kept["reasons"] == list(verdict.reasons)
 
 
 def test_a_late_message_is_marked_and_otherwise_the_same() -> None:
@@ -147,6 +171,10 @@ def test_health_reads_back() -> None:
             | {"dropped": {}, "storage_ok": True, "storage_errors": 0, "storage_error": "", "corrupt_files": 0},
             "broker": {"connected": True, "connects": 1, "failures": {}, "last_error": ""},
             "pipeline": {"attitudes": 2},
+            "surveys": {"accepted": 1},
+            "vibration": {},
+            "toolface": {},
+            "wits": [],
             "calibration": {"cal_id": "identity"},
             "rebalance": {},
             "reload": {},

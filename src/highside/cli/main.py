@@ -26,6 +26,7 @@ from highside.cli import (
     rotation,
     run,
     simulate,
+    toolface,
 )
 from highside.errors import HighsideError
 
@@ -65,6 +66,7 @@ app.add_typer(rotation.app)
 app.command()(run.run)
 app.command()(simulate.simulate)
 app.command()(effects.effects)
+app.add_typer(toolface.app)
 app.command()(run.check)
 app.command()(run.schema)
 

@@ -22,6 +22,15 @@ from highside.config.codecs import CodecConfig, speaks_as_the_tool
 from highside.config.links import LinkConfig
 from highside.config.mqtt import MqttSettings
 from highside.config.recorder import RecorderSettings
+from highside.config.rig import (
+    AcceptSettings,
+    HomeAssistantSettings,
+    MetricsSettings,
+    SiteSettings,
+    ToolfaceSettings,
+    VibrationSettings,
+    WitsConfig,
+)
 from highside.errors import InputError
 
 ENVIRONMENT_PREFIX = "HIGHSIDE__"
@@ -86,6 +95,7 @@ class SurveySettings(Table):
     still_s: float = Field(default=10.0, gt=0.5, description="Seconds of device time without motion.")
     sigma: float = Field(default=6.0, gt=1, description="A mean that departs by more of its own sigmas is motion.")
     floor_g: float = Field(default=5e-4, ge=0, description="Departures below this are never motion.")
+    accept: AcceptSettings = AcceptSettings()
 
 
 class CalibrationSettings(Table):
@@ -163,6 +173,12 @@ class Settings(BaseSettings):
     rebalance: RebalanceTable = RebalanceTable()
     mqtt: MqttSettings = MqttSettings()
     recorder: RecorderSettings = RecorderSettings()
+    site: SiteSettings = SiteSettings()
+    toolface: ToolfaceSettings = ToolfaceSettings()
+    vibration: VibrationSettings = VibrationSettings()
+    wits: tuple[WitsConfig, ...] = ()
+    metrics: MetricsSettings | None = None
+    home_assistant: HomeAssistantSettings | None = None
     service: ServiceSettings = ServiceSettings()
 
     @classmethod
@@ -341,6 +357,8 @@ def _explain(detail: ErrorDetails) -> tuple[str, str, str]:
     # the tag of a discriminated union stands in the location but not in the file
     if len(keys) > 1 and keys[0] in ("link", "codec"):
         keys = [keys[0], *keys[2:]]
+    if len(keys) > 2 and keys[0] == "wits":
+        keys = [*keys[:2], *keys[3:]]
     field = ".".join(keys)
     kind, context = detail["type"], detail.get("ctx", {})
     given = detail.get("input")

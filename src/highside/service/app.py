@@ -32,11 +32,13 @@ from highside.link.base import Batch, LinkReason, LinkState, LinkSupervisor
 from highside.recording.calibration_store import load_active, load_record_file
 from highside.service import messages
 from highside.service.clock import LoopLag, clock_synced
+from highside.service.home_assistant import discovery
 from highside.service.notify import Notifier
 from highside.service.outbox import Outbox
 from highside.service.pipeline import Attitude, Pipeline, Survey
 from highside.service.publisher import Publisher, check_secrets
 from highside.service.recorder import Recorder, RecorderState
+from highside.service.rig import Rig
 
 log = logging.getLogger("highside")
 
@@ -86,6 +88,7 @@ class Service:
             meta={"codec": settings.codec.name, "link": settings.link.kind},
             channel=str(getattr(settings.link, "interface", None) or "can0"),
         )
+        self.rig = Rig(settings, self.state_dir, self.health)
         self.pipeline = self._make_pipeline(self._correction(settings))
         self.supervisor = self._make_supervisor()
         self.on_output: Callable[[Attitude | Survey, int], None] | None = None
@@ -114,8 +117,13 @@ class Service:
             correction=correction,
             rebalance=settings.rebalance,
             emit=self._on_output,
+            vibration=settings.vibration,
+            toolface=settings.toolface,
         )
         pipeline.extra_flags = self._extra_flags()
+        pipeline.gravity = self.rig.gravity(correction.cal_id)
+        if self.rig.offset is not None:
+            pipeline.toolface_offset_deg = self.rig.offset.offset_deg
         return pipeline
 
     def _make_supervisor(self) -> LinkSupervisor:
@@ -164,10 +172,12 @@ class Service:
             topic = self._topic_survey
             seq = self.outbox.next_seq(topic)
             payload = messages.survey_payload(seq, t_wall, attitude.t_mono, self._clock_synced, output)
+            self.rig.on_survey(output, seq, t_wall)
         else:
             topic = self._topic_attitude
             seq = self.outbox.next_seq(topic)
             payload = messages.attitude_payload(seq, t_wall, attitude.t_mono, self._clock_synced, output)
+            self.rig.on_attitude(output, t_wall)
         self.outbox.put(topic, payload, created_s=now_wall)
         if self.on_output is not None:
             self.on_output(output, seq)
@@ -204,6 +214,7 @@ class Service:
         alarms.extend(f"stuck_{axis}" for axis in pipeline.monitor.stuck_axes)
         if pipeline.monitor.frozen:
             alarms.append("frozen")
+        alarms.extend(self.rig.alarms())
         return messages.HealthMessage(
             t=round(time.time(), 6),
             clock_synced=self._clock_synced,
@@ -225,6 +236,10 @@ class Service:
                 "lag_max_ms": round(self._lag.max_s * 1e3, 3),
             },
             pipeline={"attitudes": pipeline.attitudes, "surveys": pipeline.surveys},
+            surveys=self.rig.survey_health(),
+            vibration=pipeline.shock.as_dict(),
+            toolface=self.rig.toolface_health(),
+            wits=self.rig.wits_health(),
             calibration={"cal_id": pipeline.correction.cal_id, "refused": self._calibration_error},
             rebalance=self._rebalance_health(),
             reload={"count": self._reloads, "refused": self._reload_error},
@@ -244,6 +259,12 @@ class Service:
             "std_ug": None if offset is None else round(max(offset.std_g) * 1e6, 2),
             "applied": self.settings.rebalance.apply and offset is not None,
         }
+
+    def _announce(self) -> None:
+        settings = self.settings
+        if settings.home_assistant is not None:
+            tool = settings.tool
+            self.publisher.retained(*discovery(tool.id, tool.serial, settings.mqtt, settings.home_assistant))
 
     def _publish_health(self) -> None:
         self.publisher.retained(self._topic_health, messages.health_payload(self.health()))
@@ -265,8 +286,10 @@ class Service:
             (signal.SIGHUP, self.request_reload),
         ):
             loop.add_signal_handler(number, handler)
+        self.rig.start(lambda: self.pipeline, self._publish_health)
         self.outbox.start()
         self.recorder.start()
+        self._announce()
         self._publisher_task = asyncio.create_task(self.publisher.run(), name="publisher")
         self._link_task = asyncio.create_task(self.supervisor.run(), name="link")
         others = [
@@ -334,6 +357,7 @@ class Service:
         for task in (*others, *self._leaving):
             await _cancel(task)
         # close what the disk must not lose before the network is given the rest of the time
+        await self.rig.stop(1.0)
         await asyncio.to_thread(self.recorder.stop, max(deadline - time.monotonic() - 4.0, 1.0))
         self._publish_health()
         await self.publisher.stop(max(min(deadline - time.monotonic() - 2.0, 4.0), 0.5))
@@ -409,12 +433,16 @@ class Service:
         codec = new.codec.build() if new.codec != old.codec else None
         if new.mqtt != old.mqtt:
             check_secrets(new.mqtt)
+        self.rig.apply(new)
         self.settings = new
         correction = self._correction(new)
         if codec is not None:
             self.pipeline = self._make_pipeline(correction, codec)
         else:
             self.pipeline.correction = correction
+            self.pipeline.gravity = self.rig.gravity(correction.cal_id)
+            if (new.vibration, new.toolface) != (old.vibration, old.toolface):
+                self.pipeline.apply_rig(new.vibration, new.toolface)
             self.pipeline.extra_flags = self._extra_flags()
             if (new.tool, new.pipeline, new.survey) != (old.tool, old.pipeline, old.survey):
                 self.pipeline.apply(new.tool, new.pipeline, new.survey)
@@ -431,6 +459,8 @@ class Service:
             self._name_topics()
             self.publisher = self._make_publisher()
             self._publisher_task = self._replace(self._publisher_task, self.publisher.run, "publisher")
+        if new.home_assistant != old.home_assistant or new.mqtt != old.mqtt:
+            self._announce()
         if new.recorder != old.recorder:
             self.recorder.apply(new.recorder)
 

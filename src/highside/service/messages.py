@@ -43,6 +43,8 @@ class _Reading(_Payload):
     inc_std_deg: float | None = Field(ge=0, description="Standard deviation of `inc_deg`.")
     tf_deg: float | None = Field(ge=0, le=360, description="Gravity toolface; null where it is not defined.")
     tf_std_deg: float | None = Field(ge=0, description="Standard deviation of `tf_deg`; null: unknown.")
+    toolface_deg: float | None = Field(ge=0, le=360, description="Toolface of the bend: `tf_deg` plus the offset.")
+    toolface_offset_deg: float = Field(ge=0, le=360, description="From the sensor's scribe line to the bend.")
     azi_deg: float | None = Field(default=None, ge=0, le=360, description="Azimuth of the hole; absent without gyros.")
     azi_std_deg: float | None = Field(default=None, ge=0)
     g_total: float | None = Field(description="Magnitude of the corrected acceleration in local g; 1 at rest.")
@@ -64,6 +66,11 @@ class SurveyMessage(_Reading):
     n: Count = Field(description="Readings averaged.")
     g_std: float = Field(ge=0, description="Standard deviation of one reading, g, root mean square over the axes.")
     temp_c: float | None
+    accepted: bool = Field(description="Whether the survey may be used.")
+    reasons: list[str] = Field(description="Why it may not; empty if it may.")
+    g_error_mg: float | None = Field(description="Gtotal minus the site's gravity, mg of standard gravity.")
+    g_error_std_mg: float | None = Field(ge=0, description="Its standard deviation: survey, calibration, gravities.")
+    shock_g: float = Field(ge=0, description="Greatest peak of shaking during the survey.")
     historical: bool = Field(description="Sent late, after an outage.")
 
 
@@ -107,6 +114,10 @@ class HealthMessage(_Payload):
     recorder: dict[str, Any] | None = Field(default=None, description="Bytes written and dropped; null: not recording.")
     loop: dict[str, float] = Field(default_factory=dict, description="Stalls of the event loop.")
     pipeline: dict[str, Count] = Field(description="Attitudes and surveys made.")
+    surveys: dict[str, Any] = Field(description="Accepted, refused by reason, kept on disk, and the trend of Gtotal.")
+    vibration: dict[str, Any] = Field(description="Rms and peak of each axis, seconds and shocks by level.")
+    toolface: dict[str, Any] = Field(description="The offset in force, who set it and when.")
+    wits: list[dict[str, Any]] = Field(description="Each WITS output: peers, records made, sent and dropped.")
     calibration: dict[str, Any] = Field(description="`cal_id` in force, and why a configured record was refused.")
     rebalance: dict[str, Any] = Field(description="Cross-axis offset of this power-up, and whether it is taken off.")
     reload: dict[str, Any] = Field(description="Reloads taken, and why the last one was refused (null: it was not).")
@@ -161,8 +172,23 @@ def survey_payload(
         f'"duration_s":{_number(survey.duration_s, 3)},"n":{attitude.n},"g_std":{_number(survey.g_std, 9)},'
         f'"temp_c":{_number(attitude.temp_c, 3)},'
     )
+    verdict = survey.verdict
+    reasons = ",".join(map(_string, verdict.reasons))
+    quality += (
+        f'"accepted":{"true" if verdict.accepted else "false"},"reasons":[{reasons}],'
+        f'"g_error_mg":{_number(verdict.g_error_mg, 4)},"g_error_std_mg":{_number(verdict.g_std_mg, 4)},'
+        f'"shock_g":{_number(verdict.shock_g, 4)},'
+    )
     reading = _reading(seq, t, t_mono, clock_synced, attitude, azi_deg, azi_std_deg)
     return b"{" + reading + quality.encode() + _FRESH_END
+
+
+def survey_dict(seq: int, t: float, survey: Survey) -> dict[str, Any]:
+    """A survey as it is kept on disk: what is published, without what belongs to the publishing."""
+    found: dict[str, Any] = json.loads(survey_payload(seq, t, survey.attitude.t_mono, False, survey))
+    for name in ("t_mono", "clock_synced", "historical"):
+        del found[name]
+    return found
 
 
 def health_payload(health: HealthMessage) -> bytes:
@@ -192,7 +218,9 @@ def _reading(
         f'"seq":{seq},"t":{t:.6f},"t_mono":{t_mono:.6f},"clock_synced":{"true" if clock_synced else "false"},'
         f'"t_device_s":{attitude.t_device_s:.6f},"window_s":{attitude.window_s:.6f},'
         f'"inc_deg":{_number(attitude.inc_deg, 6)},"inc_std_deg":{_number(attitude.inc_std_deg, 6)},'
-        f'"tf_deg":{_angle(attitude.tf_deg)},"tf_std_deg":{_number(attitude.tf_std_deg, 6)},{azimuth}'
+        f'"tf_deg":{_angle(attitude.tf_deg)},"tf_std_deg":{_number(attitude.tf_std_deg, 6)},'
+        f'"toolface_deg":{_angle(attitude.toolface_deg)},'
+        f'"toolface_offset_deg":{_angle(attitude.toolface_offset_deg)},{azimuth}'
         f'"g_total":{_number(attitude.g_total, 8)},"cal_id":{_string(attitude.cal_id)},'
         f'"zone":{_string(attitude.zone)},"flags":[{flags}],'
     ).encode()

@@ -23,9 +23,12 @@ from highside.attitude.scalar import attitude_with_std
 from highside.calibration.correction import Corrected, Correction, Vector
 from highside.calibration.rebalance import Rebalancer
 from highside.codec.frame import ByteCodec, CanCodec, Frame
+from highside.config.rig import ToolfaceSettings, VibrationSettings
 from highside.config.settings import MonitorSettings, PipelineSettings, RebalanceTable, SurveySettings, ToolSettings
 from highside.link.base import Batch, Chunk
 from highside.service.monitor import Monitor
+from highside.service.shock import ShockMeter
+from highside.service.surveys import Gravity, Verdict, judge
 
 MIN_OWN_SCATTER = 8
 """Readings in a window from which its own scatter is used instead of the running estimate of the noise."""
@@ -54,7 +57,12 @@ class Attitude:
     inc_std_deg: float
     tf_deg: float
     tf_std_deg: float
+    toolface_deg: float
+    """of the bend: that of the sensor and the offset, in [0, 360)"""
+    toolface_offset_deg: float
     g_total: float
+    g_total_std: float
+    """of the reading and of the correction, g"""
     cal_id: str
     zone: str
     flags: tuple[str, ...]
@@ -71,6 +79,18 @@ class Survey:
     duration_s: float
     g_std: float
     """standard deviation of one reading, root mean square over the axes"""
+    verdict: Verdict
+
+
+class Cut(NamedTuple):
+    """A stop that motion ended: what had been collected until then."""
+
+    duration_s: float
+    mean: Vector
+    variance: Vector
+    """of one reading, g^2"""
+    n: int
+    temp_c: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,13 +152,23 @@ class Stillness:
         self._sum2 = [0.0, 0.0, 0.0]
         self._reference: Vector = (0.0, 0.0, 0.0)
         self._temp_sum, self._temp_n = 0.0, 0
-        self._start_s = 0.0
+        self._start_s = self._end_s = 0.0
         self._quiet_variance: float | None = None
         self.reported = False
 
     def forget(self) -> None:
-        """Motion, a gap or a device reset: stillness begins anew."""
+        """A gap or a device reset: stillness begins anew."""
         self._restart()
+
+    def again(self) -> None:
+        """The stop goes on, but what was collected is not to be used: collect anew."""
+        quiet = self._quiet_variance
+        self._restart()
+        self._quiet_variance = quiet
+
+    def cut(self) -> Cut | None:
+        """What is collected, to be kept before motion takes it away; None: nothing."""
+        return Cut(self._end_s - self._start_s, *self.mean()) if self._n else None
 
     def add(self, window: Window, frames: list[Row]) -> float:
         """Take a window and the frames that are new in it; returns the seconds of stillness so far (0: it moved)."""
@@ -176,7 +206,8 @@ class Stillness:
                 self._temp_n += 1
         self._n += len(frames)
         self._windows += 1
-        return frames[-1].t - self._start_s
+        self._end_s = frames[-1].t
+        return self._end_s - self._start_s
 
     def mean(self) -> tuple[Vector, Vector, int, float | None]:
         """Mean (g), variance of one reading (g^2), number of readings, mean temperature."""
@@ -234,6 +265,8 @@ class Pipeline:
         correction: Correction,
         rebalance: RebalanceTable,
         emit: Callable[[Attitude | Survey], None],
+        vibration: VibrationSettings | None = None,
+        toolface: ToolfaceSettings | None = None,
     ) -> None:
         self.codec = codec
         self._correction = correction
@@ -243,6 +276,13 @@ class Pipeline:
         self.monitor = Monitor(
             seq_modulus=codec.seq_modulus, range_g=monitor.range_g, stuck_frames=monitor.stuck_frames
         )
+        self.shock = ShockMeter(vibration or VibrationSettings())
+        self.gravity = Gravity(1.0, 0.0, 1e3)
+        """what Gtotal should be at this site; the service knows"""
+        self.toolface_offset_deg = 0.0
+        self._toolface = toolface or ToolfaceSettings()
+        self._refusals = 0
+        """surveys refused at this stop: the next one waits the longer"""
         self.attitudes = 0
         self.surveys = 0
         self.extra_flags: tuple[str, ...] = ()
@@ -276,6 +316,11 @@ class Pipeline:
         self._stillness = Stillness(survey)
         self._due = None
 
+    def apply_rig(self, vibration: VibrationSettings, toolface: ToolfaceSettings) -> None:
+        """Take new levels of shaking, whose counts begin anew, and a new limit of toolface."""
+        self.shock = ShockMeter(vibration)
+        self._toolface = toolface
+
     def apply_limits(self, monitor: MonitorSettings, rebalance: RebalanceTable) -> None:
         """Take new limits; the monitor's counters and order go on, the re-balance begins anew."""
         self.monitor.apply(range_g=monitor.range_g, stuck_frames=monitor.stuck_frames)
@@ -307,7 +352,10 @@ class Pipeline:
 
     def on_frame(self, frame: Frame) -> None:
         """Process one frame."""
+        beyond = self.monitor.counts.out_of_range
         if not self.monitor.check(frame):
+            if self.monitor.counts.out_of_range != beyond:
+                self.shock.add(frame.t_mono if frame.t_s is None else frame.t_s, frame.ax, frame.ay, frame.az)
             return
         t = frame.t_s
         last = self._last_t
@@ -330,6 +378,7 @@ class Pipeline:
         self._last_t = t
         a = (frame.ax, frame.ay, frame.az)
         self._noise.add(a)
+        self.shock.add(t, *a)
         window, oldest = self._window, t - self._settings.window_s
         while window and window[0].t < oldest:
             window.popleft()
@@ -391,20 +440,40 @@ class Pipeline:
         return self.rebalancer.wrap(self._correction) if self._rebalance_applied else self._correction
 
     def _watch_stillness(self, window: Window, fresh: list[Row], frame: Frame, t: float) -> None:
-        still = self._stillness
+        still, settings = self._stillness, self._survey_settings
+        before = None if still.reported else still.cut()
         duration = still.add(window, fresh)
-        if duration < self._survey_settings.still_s or still.reported:
+        if duration <= 0.0:
+            if before is not None and before.duration_s >= settings.accept.min_still_s and not self._refusals:
+                self._survey(before, frame, t, complete=False)
+            self._refusals = 0
+            self.shock.begin_watch()
             return
-        still.reported = True
-        mean, variance, n, temp = still.mean()
+        # after a refusal the stop is given another chance, then another after twice the wait, and so on
+        if still.reported or duration < settings.still_s * 2.0 ** min(max(self._refusals - 1, 0), 8):
+            return
+        stop = still.cut()
+        if stop is None or self._survey(stop, frame, t, complete=True):
+            still.reported = True
+        else:
+            self._refusals += 1
+            still.again()
+            self.shock.begin_watch()
+
+    def _survey(self, stop: Cut, frame: Frame, t: float, *, complete: bool) -> bool:
+        """Make a survey of a stop; returns whether nothing more is to be had of it."""
+        duration, mean, variance, n, temp = stop
         if not any(variance):
             # not one bit of noise in all that time: a dead converter, not a still tool
-            return
+            return True
         noise = tuple(v / n for v in variance)
         corrected = self._in_force().correct(mean, (noise[0], 0.0, 0.0, noise[1], 0.0, noise[2]), temp)
         attitude = self._attitude(corrected, frame, t, n, duration, temp, [])
+        accept = self._survey_settings.accept
+        verdict = judge(attitude, self.gravity, accept, max(self.shock.since_g), complete=complete)
         self.surveys += 1
-        self._emit(Survey(attitude, duration, math.sqrt(sum(variance) / 3.0)))
+        self._emit(Survey(attitude, duration, math.sqrt(sum(variance) / 3.0), verdict))
+        return verdict.accepted
 
     def _attitude(
         self,
@@ -418,14 +487,21 @@ class Pipeline:
     ) -> Attitude:
         gx, gy, gz = corrected.gx, corrected.gy, corrected.gz
         g_total = math.sqrt(gx * gx + gy * gy + gz * gz)
+        g_total_std = math.nan
         if math.isnan(g_total):
             # no correction holds here (its flag says so): no angle, rather than a wrong one
             inc = inc_std = tf = tf_std = math.nan
         else:
+            xx, xy, xz, yy, yz, zz = corrected.cov
+            along = gx * gx * xx + gy * gy * yy + gz * gz * zz + 2.0 * (gx * gy * xy + gx * gz * xz + gy * gz * yz)
+            g_total_std = math.sqrt(max(along, 0.0)) / g_total if g_total > 0.0 else math.nan
             result = attitude_with_std(gx, gy, gz, corrected.cov)
             inc, inc_std, tf, tf_std = result.inc_rad, result.inc_std_rad, result.tf_rad, result.tf_std_rad
             if result.toolface_undefined:
                 flags.append("toolface_undefined")
+            low = self._toolface.low_inclination_deg
+            if not low <= math.degrees(inc) <= 180.0 - low:
+                flags.append("low_inclination")
         if abs(g_total - 1.0) > self._settings.g_tolerance:
             flags.append("g_total")
         flags.extend(f"stuck_{axis}" for axis in self.monitor.stuck_axes)
@@ -438,7 +514,10 @@ class Pipeline:
             inc_std_deg=math.degrees(inc_std),
             tf_deg=math.degrees(tf),
             tf_std_deg=math.degrees(tf_std),
+            toolface_deg=(math.degrees(tf) + self.toolface_offset_deg) % 360.0,
+            toolface_offset_deg=self.toolface_offset_deg,
             g_total=g_total,
+            g_total_std=g_total_std,
             cal_id=self._correction.cal_id,
             zone=corrected.zone,
             flags=(*corrected.flags, *flags, *self.extra_flags),

@@ -1,0 +1,175 @@
+"""The tables around I and T that a rig expects: job site, toolface, survey acceptance, shocks, WITS, metrics.
+
+`[site]`, `[toolface]`, `[survey.accept]`, `[vibration]`, `[[wits]]`, `[metrics]`, `[home_assistant]`.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+STANDARD_GRAVITY_MPS2 = 9.80665
+
+Level = Annotated[float, Field(gt=0, le=100_000)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class SiteSettings(_Table):
+    """The table `[site]`: gravity where the tool works."""
+
+    gravity_mps2: float | None = Field(
+        default=None, gt=9.6, lt=10.0, description="Local gravity in m/s2; unknown where absent."
+    )
+    gravity_std_mps2: float = Field(default=0.0005, ge=0, lt=0.1, description="Its standard deviation, m/s2.")
+
+
+class ToolfaceSettings(_Table):
+    """The table `[toolface]`: toolface as the rig means it. The offset itself is set by `highside toolface`."""
+
+    low_inclination_deg: float = Field(
+        default=3.0, ge=0, le=90, description="Below this (and above 180 minus this) toolface is flagged."
+    )
+
+
+class AcceptSettings(_Table):
+    """The table `[survey.accept]`: what a survey must keep to be accepted."""
+
+    g_total_mg: float = Field(
+        default=3.0, gt=0, description="Largest departure of Gtotal from the site's gravity, uncertainty aside."
+    )
+    min_temp_c: float = Field(default=-40.0, description="Coldest at which surveys are accepted.")
+    max_temp_c: float = Field(default=175.0, description="Hottest at which surveys are accepted.")
+    shock_g: float = Field(default=1.0, gt=0, description="A peak above this during the survey refuses it.")
+    max_inc_std_deg: float | None = Field(default=None, gt=0, description="Largest standard deviation of I.")
+    min_still_s: float = Field(
+        default=3.0, ge=0, description="A stop shorter than `survey.still_s` but longer than this is kept as refused."
+    )
+
+    @model_validator(mode="after")
+    def _order(self) -> Self:
+        if self.max_temp_c <= self.min_temp_c:
+            raise ValueError("`max_temp_c` must be above `min_temp_c`")
+        return self
+
+
+class VibrationSettings(_Table):
+    """The table `[vibration]`: shock and vibration counted from the raw stream, gravity and turning taken off."""
+
+    corner_hz: float = Field(default=5.0, gt=0, le=1000, description="What is slower is gravity and turning.")
+    rms_levels_g: tuple[Level, ...] = Field(
+        default=(0.1, 0.5, 1.0, 2.0, 5.0), description="Seconds at or above each of these are counted, an axis each."
+    )
+    shock_levels_g: tuple[Level, ...] = Field(
+        default=(1.0, 5.0, 10.0, 25.0, 50.0), description="Shocks at or above each of these are counted, an axis each."
+    )
+    shock_gap_s: float = Field(default=0.1, ge=0, le=10, description="Peaks closer than this are one shock.")
+
+    @model_validator(mode="after")
+    def _rising(self) -> Self:
+        for name in ("rms_levels_g", "shock_levels_g"):
+            levels = getattr(self, name)
+            if list(levels) != sorted(set(levels)):
+                raise ValueError(f"`{name}` must rise")
+        return self
+
+
+WitsValue = Literal[
+    "inc_deg",
+    "azi_deg",
+    "toolface_deg",
+    "tf_deg",
+    "g_total",
+    "temp_c",
+    "inc_std_deg",
+    "tf_std_deg",
+    "azi_std_deg",
+    "depth",
+    "date",
+    "time",
+]
+
+
+class WitsItem(_Table):
+    """One item of a record."""
+
+    code: str = Field(pattern=r"^[0-9]{4}$", description="Record type and item, four digits.")
+    value: WitsValue
+    source: Literal["attitude", "survey"] = Field(
+        default="attitude", description="The latest attitude, or the last accepted survey."
+    )
+    digits: int = Field(default=2, ge=0, le=6, description="Decimals.")
+
+
+DEFAULT_ITEMS = (
+    WitsItem(code="0705", value="date"),
+    WitsItem(code="0706", value="time"),
+    WitsItem(code="0708", value="depth"),
+    WitsItem(code="0713", value="inc_deg"),
+    WitsItem(code="0715", value="azi_deg"),
+    WitsItem(code="0717", value="toolface_deg", digits=1),
+)
+
+
+class _Wits(_Table):
+    interval_s: float = Field(default=5.0, ge=0.1, le=3600, description="Seconds between two records.")
+    items: tuple[WitsItem, ...] = Field(default=DEFAULT_ITEMS, min_length=1, description="What a record holds.")
+    depth_codes: tuple[str, ...] = Field(
+        default=("0110", "0108"), description="Items in which the rig tells us the depth, first wins."
+    )
+    greeting: tuple[tuple[str, str], ...] = Field(
+        default=(), description='Items sent once to a new peer, as some rigs ask for: [["1984", "..."]].'
+    )
+    stale_after_s: float = Field(default=30.0, gt=0, description="Older readings are not sent any more.")
+
+    @model_validator(mode="after")
+    def _once(self) -> Self:
+        codes = [item.code for item in self.items]
+        if len(set(codes)) != len(codes):
+            raise ValueError("an item code is given twice")
+        return self
+
+
+class WitsSerial(_Wits):
+    """WITS over a serial line."""
+
+    kind: Literal["serial"]
+    port: str = Field(min_length=1, description="Device, best below /dev/serial/by-id.")
+    baud: int = Field(default=9600, gt=0, le=4_000_000)
+    parity: Literal["N", "E", "O"] = "N"
+
+
+class WitsServer(_Wits):
+    """Rigs connect to us."""
+
+    kind: Literal["tcp_server"]
+    host: str = Field(default="127.0.0.1", min_length=1, description="Address listened on; loopback unless given.")
+    port: int = Field(ge=0, le=65_535)
+    max_peers: int = Field(default=8, ge=1, le=256)
+
+
+class WitsClient(_Wits):
+    """We connect to the rig."""
+
+    kind: Literal["tcp_client"]
+    host: str = Field(min_length=1)
+    port: int = Field(ge=1, le=65_535)
+
+
+WitsConfig = Annotated[WitsSerial | WitsServer | WitsClient, Field(discriminator="kind")]
+
+
+class MetricsSettings(_Table):
+    """The table `[metrics]`: figures for Prometheus; present, even if empty: they are served."""
+
+    host: str = Field(default="127.0.0.1", min_length=1, description="Address listened on; loopback unless given.")
+    port: int = Field(default=9479, ge=0, le=65_535)
+
+
+class HomeAssistantSettings(_Table):
+    """The table `[home_assistant]`; present, even if empty: the tool announces itself."""
+
+    prefix: str = Field(default="homeassistant", pattern=r"^[A-Za-z0-9_/-]+$", description="Discovery prefix.")

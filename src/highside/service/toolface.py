@@ -1,0 +1,137 @@
+"""The toolface offset: from the sensor's scribe line to the bend, who set it and when.
+
+It is measured clockwise looking down-hole, as toolface is, and added: toolface of the bend = toolface of the sensor +
+offset. Each setting is one line appended to `toolface.jsonl` in the state directory; the last one is in force. Nothing
+is ever overwritten, so the file is also the log of who changed what.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from highside.errors import InputError
+
+FILE_NAME = "toolface.jsonl"
+
+
+@dataclass(frozen=True, slots=True)
+class ToolfaceOffset:
+    """One setting."""
+
+    offset_deg: float
+    author: str
+    t: float
+    """UTC epoch seconds"""
+    note: str = ""
+    previous_deg: float = 0.0
+
+    def as_dict(self) -> dict[str, Any]:
+        """The line of the file."""
+        return {
+            "t": self.t,
+            "offset_deg": self.offset_deg,
+            "author": self.author,
+            "note": self.note,
+            "previous_deg": self.previous_deg,
+        }
+
+
+class ToolfaceLog:
+    """The file of settings. Reading tolerates a torn last line (power loss); anything else wrong is named."""
+
+    def __init__(self, directory: Path) -> None:
+        self.path = directory / FILE_NAME
+        self._stamp: tuple[int, int] | None = None
+
+    def history(self) -> list[ToolfaceOffset]:
+        """All settings, oldest first. Raises InputError that names the line that is no setting."""
+        try:
+            data = self.path.read_bytes()
+        except FileNotFoundError:
+            return []
+        except OSError as error:
+            raise InputError(f"cannot be read: {error.strerror}", where=str(self.path)) from None
+        lines = data.split(b"\n")
+        found = []
+        for number, line in enumerate(lines, 1):
+            if not line.strip():
+                continue
+            try:
+                found.append(_setting(line))
+            except (ValueError, KeyError, TypeError):
+                if number == len(lines):
+                    break  # torn: it was never confirmed
+                raise InputError(
+                    "is no toolface setting", where=f"{self.path}: line {number}", remedy="mend or remove that line"
+                ) from None
+        return found
+
+    def current(self) -> ToolfaceOffset | None:
+        """The setting in force; None: never set, the offset is zero."""
+        settings = self.history()
+        return settings[-1] if settings else None
+
+    def changed(self) -> bool:
+        """Whether the file has changed since this was last asked."""
+        stamp = None
+        with contextlib.suppress(OSError):
+            status = self.path.stat()
+            stamp = (status.st_mtime_ns, status.st_size)
+        before, self._stamp = self._stamp, stamp
+        return stamp != before
+
+    def set(self, offset_deg: float, author: str, now_s: float, note: str = "") -> ToolfaceOffset:
+        """Append a setting, synced to the disk. Raises InputError for a value or an author that cannot be."""
+        if not math.isfinite(offset_deg) or not -360.0 <= offset_deg <= 360.0:
+            raise InputError(f"{offset_deg} is no angle", field="offset", remedy="give degrees, -360 to 360")
+        if not author.strip():
+            raise InputError("is empty", field="author", remedy="say who sets the offset")
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with self.path.open("a+b") as file:
+                fcntl.flock(file, fcntl.LOCK_EX)
+                before = self.current()
+                setting = ToolfaceOffset(
+                    round(offset_deg % 360.0, 6) % 360.0,
+                    " ".join(author.split()),
+                    round(now_s, 3),
+                    " ".join(note.split()),
+                    before.offset_deg if before else 0.0,
+                )
+                file.seek(0, os.SEEK_END)
+                _end_torn_line(file)
+                file.write(json.dumps(setting.as_dict()).encode() + b"\n")
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise InputError(
+                f"cannot be written: {error.strerror}", where=str(self.path), remedy="run as the user of the service"
+            ) from None
+        return setting
+
+
+def _end_torn_line(file: Any) -> None:
+    """A power cut may have left half a line: take it away, it was never confirmed."""
+    size = file.tell()
+    file.seek(0)
+    data = file.read()
+    if size and not data.endswith(b"\n"):
+        file.truncate(data.rfind(b"\n") + 1)
+    file.seek(0, os.SEEK_END)
+
+
+def _setting(line: bytes) -> ToolfaceOffset:
+    data = json.loads(line)
+    setting = ToolfaceOffset(
+        float(data["offset_deg"]), str(data["author"]), float(data["t"]), str(data["note"]), float(data["previous_deg"])
+    )
+    if not 0.0 <= setting.offset_deg < 360.0:
+        raise ValueError
+    return setting
