@@ -13,7 +13,7 @@ class _Said(StrEnum):
 
     text: str
 
-    def __new__(cls, code: str, text: str) -> _Said:
+    def __new__(cls, code: str, text: str = "") -> _Said:
         member = str.__new__(cls, code)
         member._value_ = code
         member.text = text

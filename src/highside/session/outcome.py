@@ -1,0 +1,177 @@
+"""From a complete session to its result: solve, judge what the solver says, make the record.
+
+The record follows from the journal alone: poses from their raw readings, the time from the journal's last line, so that
+the same journal gives the same record with the same id.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from highside.calibration.poses import gravity
+from highside.calibration.record import (
+    CalibrationRecord,
+    SolveRequest,
+    Solution,
+    build_record,
+    solve_poses,
+)
+from highside.calibration.result import CalibrationResult, Reason
+from highside.errors import HighsideError
+from highside.session.journal import Header
+from highside.session.ledger import Ledger
+from highside.session.plans import Kind
+from highside.session.reasons import Rejection
+
+DAY_S = 86_400.0
+ALL_INC_DEG = (3.0, 177.0)
+"""Toolface has no finite mean square error over all attitudes: it is left out within 3 deg of vertical."""
+ALL_COUNT = 400
+
+_ASK_AGAIN = {
+    Reason.CLOSURE: Rejection.CLOSURE,
+    Reason.BAD_POSE: Rejection.LEFT_OUT,
+    Reason.SWAPPED_POSES: Rejection.LEFT_OUT,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Solved:
+    """What came out. `solution` None: nothing follows from these poses, and `why` says it; or a session that
+    calibrates nothing (verification) whose poses are complete (`why` empty)."""
+
+    revision: int
+    solution: Solution | None
+    why: str
+    again: tuple[tuple[str, Rejection, str], ...]
+    """poses that the solution contradicts, the worst first: name, reason, sentence"""
+    inc_std_deg: float | None
+    tf_std_deg: float | None
+    refused: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def may_be_accepted(self) -> bool:
+        return self.solution is not None or not self.why
+
+
+def solve(ledger: Ledger) -> Solved:
+    """Solve the poses of a ledger as its plan says. Takes milliseconds to seconds; touches nothing."""
+    plan = ledger.plan
+    revision = ledger.revision
+    if plan.kind in (Kind.VERIFICATION, Kind.ROLL_TEST):
+        return Solved(revision, None, "" if ledger.done else "no pose was taken", (), None, None, (), ())
+    if len(ledger.done) < max(plan.min_poses, 1):
+        why = f"{len(ledger.done)} poses were taken, {max(plan.min_poses, 1)} are needed"
+        return Solved(revision, None, why, (), None, None, (why,), ())
+    try:
+        solution = solve_poses(ledger.pose_columns(), ledger.request())
+    except HighsideError as error:
+        why = str(error)
+        return Solved(revision, None, why, (), None, None, (why,), ())
+    result = solution.result
+    inc_std, tf_std = stated_uncertainty(solution)
+    return Solved(
+        revision=revision,
+        solution=solution,
+        why="",
+        again=_contradicted(result),
+        inc_std_deg=inc_std,
+        tf_std_deg=tf_std,
+        refused=tuple(remark.text for remark in result.remarks if remark.refused),
+        remarks=tuple(remark.text for remark in result.remarks if not remark.refused),
+    )
+
+
+def _contradicted(result: CalibrationResult) -> tuple[tuple[str, Rejection, str], ...]:
+    """The poses to measure again: what the solver left out first, then the worst of each ring that does not close."""
+    found: dict[str, tuple[Rejection, str]] = {}
+    for remark in result.remarks:
+        if remark.refused and remark.reason in (Reason.BAD_POSE, Reason.SWAPPED_POSES):
+            for pose in remark.poses:
+                found.setdefault(pose, (_ASK_AGAIN[remark.reason], remark.text))
+    if not found and any(remark.reason is Reason.CLOSURE and remark.refused for remark in result.remarks):
+        for closure in result.closures:
+            text = next((r.text for r in result.remarks if r.reason is Reason.CLOSURE and r.poses == closure.poses), "")
+            if text:
+                for pose in suspects(closure.worst_pose, closure.poses):
+                    found.setdefault(pose, (Rejection.CLOSURE, text))
+    return tuple((pose, reason, text) for pose, (reason, text) in found.items())
+
+
+def suspects(worst: str, poses: tuple[str, ...]) -> tuple[str, ...]:
+    """The poses that `Closure.worst_pose` names ("3", "1 or 3"), or all of the ring where it cannot tell."""
+    return tuple(worst.split(" or ")) if worst else poses
+
+
+def attitudes_of_use(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
+    """Inclinations and toolfaces (rad), evenly over the sphere where the calibration holds (see `ALL_INC_DEG`)."""
+    k = np.arange(ALL_COUNT) + 0.5
+    low, high = np.cos(np.deg2rad(ALL_INC_DEG))
+    inc = np.arccos(low + (high - low) * k / ALL_COUNT)
+    tf = np.mod(k * np.pi * (3.0 - np.sqrt(5.0)), 2.0 * np.pi)
+    if any(not zone.is_local for zone in solution.result.zones) or solution.fallback is not None:
+        return inc, tf
+    rings = [zone.inc_center_rad for zone in solution.result.zones if zone.inc_center_rad is not None]
+    around = np.deg2rad(np.arange(0.0, 360.0, 5.0))
+    return np.repeat(rings, around.size), np.tile(around, len(rings))
+
+
+def stated_uncertainty(solution: Solution) -> tuple[float, float]:
+    """Standard deviations of I and T in degrees by the calibration alone, rms over the attitudes of use."""
+    inc, tf = attitudes_of_use(solution)
+    var_inc, var_tf = np.zeros(inc.size), np.zeros(inc.size)
+    result, fallback = solution.result, solution.fallback
+    for i in range(inc.size):
+        zone = result.zone_at(float(inc[i]))
+        source = result
+        if zone is None and fallback is not None:
+            source, zone = fallback, fallback.main
+        one_inc, one_tf = source.predict_std(inc[i : i + 1], tf[i : i + 1], 0.0, zone=zone)
+        var_inc[i], var_tf[i] = one_inc[0] ** 2, one_tf[0] ** 2
+    return float(np.rad2deg(np.sqrt(var_inc.mean()))), float(np.rad2deg(np.sqrt(var_tf.mean())))
+
+
+def errors_against(record: CalibrationRecord, matrix: np.ndarray, offset: np.ndarray) -> tuple[float, float]:
+    """Rms errors of I and T in degrees against a sensor whose truth is known (`m = matrix g + offset`), without
+    reading noise, over the attitudes of use. What the simulated bench is judged by."""
+    from highside.attitude.block import attitude_block
+    from highside.calibration.correction import LinearCorrection
+    from highside.calibration.record import correction_from_record
+    from highside.calibration.schedule import ScheduledCorrection
+
+    inc, tf = attitudes_of_use(Solution(record.result, record.fallback, record.guide))
+    raw = matrix @ gravity(inc, tf) + offset[:, None]
+    correction = correction_from_record(record)
+    if not isinstance(correction, LinearCorrection | ScheduledCorrection):
+        raise TypeError(f"{type(correction).__name__} cannot be applied in blocks")
+    found_inc, found_tf = attitude_block(correction.corrected_block(raw, 0.0, None).g)
+    d_tf = np.mod(found_tf - tf + np.pi, 2.0 * np.pi) - np.pi
+    return (
+        float(np.rad2deg(np.sqrt(np.nanmean((found_inc - inc) ** 2)))),
+        float(np.rad2deg(np.sqrt(np.nanmean(d_tf**2)))),
+    )
+
+
+def make_record(header: Header, ledger: Ledger, solved: Solved, t_wall_s: float) -> CalibrationRecord:
+    """The record of an accepted session."""
+    if solved.solution is None:
+        raise ValueError("there is no solution to keep")
+    request: SolveRequest = ledger.request()
+    environment = header.environment
+    return build_record(
+        tool_id=header.tool_id,
+        serial=header.serial,
+        request=request,
+        result=solved.solution.result,
+        fallback=solved.solution.fallback,
+        guide=solved.solution.guide,
+        pose_columns=ledger.pose_columns(),
+        raw_sha256=ledger.raw_sha256(),
+        raw_name=f"session {header.session}",
+        environment=environment,
+        now_s=t_wall_s,
+        expires_s=None if header.expires_days is None else t_wall_s + header.expires_days * DAY_S,
+    )

@@ -1,0 +1,311 @@
+"""Which poses a session takes, in stages, and how it is solved: plans for each way to calibrate a tool.
+
+A plan is a list of poses, each in a *stage*. Most plans have one stage. An oven soak has one for every step of
+temperature: its poses are open only while the tool is at that temperature, and steady; a heated roll goes by
+temperature alone, without waiting. Within a stage the poses may be taken in any order; they are listed so that the
+table turns one way and the inclination changes seldom.
+
+`reference` "none" is the session without a bench: the operator lays the tool down in as many attitudes as can be, poses
+are found by themselves, and |g| alone calibrates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from enum import StrEnum
+from typing import Any, Literal
+
+import numpy as np
+
+from highside.calibration.advice import CANDIDATE_INC_RAD, CANDIDATE_TF_RAD, next_best_poses
+from highside.calibration.conventional import position_plan
+from highside.calibration.result import BenchAccuracy
+from highside.errors import InputError
+
+
+class Kind(StrEnum):
+    """What a session is for."""
+
+    BALANCE = "balance"
+    CONVENTIONAL = "conventional"
+    JOINT = "joint"
+    OVEN = "oven"
+    HEATED_ROLL = "heated_roll"
+    CUSTOM = "custom"
+    UNGUIDED = "unguided"
+    VERIFICATION = "verification"
+    ROLL_TEST = "roll_test"
+
+    @property
+    def calibrates(self) -> bool:
+        """Whether it ends in a calibration record (else in a verdict on an existing one)."""
+        return self not in (Kind.VERIFICATION, Kind.ROLL_TEST)
+
+
+BALANCE_TOOLFACES_DEG = (45.0, 135.0, 225.0, 315.0)
+ROLL_TEST_MIN_TOOLFACES = 8
+MAX_POSES = 2000
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedPose:
+    """A pose to take: the bench's settings in degrees (negative inclination: the table turned the other way)."""
+
+    id: str
+    inc_deg: float
+    tf_deg: float
+    stage: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """A step of temperature. `temp_c` None: whatever it is. `steady`: wait until it does not change any more."""
+
+    temp_c: float | None = None
+    steady: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """When a pose is good enough, and what is known of the sensor before it is measured.
+
+    `std_error_g`: the hold ends when the standard error of the mean (worst axis) is below this, not before `min_hold_s`
+    and not after `max_hold_s`. `align_deg`: what may be missing to a pose beside what the sensor's own errors explain;
+    these are taken from `prior_offset_g` and `prior_matrix` (one standard deviation each) until poses tell more.
+    `retakes`: how often one pose is asked for again before its contradiction is left to the operator. Temperature:
+    within `temp_tolerance_c` of the step, and changing by less than `temp_rate_c_min`, for `soak_s`.
+    """
+
+    std_error_g: float = 15e-6
+    min_hold_s: float = 3.0
+    max_hold_s: float = 20.0
+    align_deg: float = 0.3
+    pose_sigma_deg: float = 0.0052
+    prior_offset_g: float = 3e-3
+    prior_matrix: float = 4e-3
+    outlier_sigmas: float = 5.0
+    retakes: int = 2
+    temp_tolerance_c: float = 1.5
+    temp_rate_c_min: float = 0.2
+    soak_s: float = 120.0
+    remind_s: float = 120.0
+    """waiting longer than this is said"""
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            if not np.isfinite(value) or value < 0 or (value == 0 and name not in ("retakes", "soak_s")):
+                raise InputError(f"{value!r} cannot be", field=f"session.{name}", remedy="give a positive number")
+        if self.max_hold_s < self.min_hold_s:
+            raise InputError("is less than min_hold_s", field="session.max_hold_s")
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A whole session as planned. `poses` is empty, and `open_ended` true, where poses are found by themselves."""
+
+    kind: Kind
+    title: str
+    method: str
+    poses: tuple[PlannedPose, ...]
+    stages: tuple[Stage, ...] = (Stage(),)
+    limits: Limits = field(default_factory=Limits)
+    reference: Literal["pose", "magnitude"] = "pose"
+    triples: str = "average"
+    fallback: str = "none"
+    min_poses: int = 1
+
+    def __post_init__(self) -> None:
+        if self.open_ended:
+            return
+        if not self.poses:
+            raise InputError("the plan has no poses", field="plan", remedy="give at least one inclination and toolface")
+        if len(self.poses) > MAX_POSES:
+            raise InputError(f"{len(self.poses)} poses", field="plan", remedy=f"at most {MAX_POSES}")
+        if len({pose.id for pose in self.poses}) != len(self.poses):
+            raise InputError("two poses have the same name", field="plan")
+        for pose in self.poses:
+            if not (np.isfinite(pose.inc_deg) and abs(pose.inc_deg) <= 180.0 and np.isfinite(pose.tf_deg)):
+                raise InputError(f"inclination {pose.inc_deg:g}, toolface {pose.tf_deg:g} deg", field=f"pose {pose.id}")
+            if not 0 <= pose.stage < len(self.stages):
+                raise InputError(f"stage {pose.stage} of {len(self.stages)}", field=f"pose {pose.id}")
+
+    @property
+    def open_ended(self) -> bool:
+        return self.kind is Kind.UNGUIDED
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for the journal; every float comes back exactly."""
+        return asdict(self) | {"kind": self.kind.value}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Plan:
+        return cls(
+            **(
+                dict(data)
+                | {
+                    "kind": Kind(data["kind"]),
+                    "poses": tuple(PlannedPose(**pose) for pose in data["poses"]),
+                    "stages": tuple(Stage(**stage) for stage in data["stages"]),
+                    "limits": Limits(**data["limits"]),
+                }
+            )
+        )
+
+
+def balance_plan(inclinations_deg: Sequence[float], limits: Limits | None = None, *, triples: str = "average") -> Plan:
+    """Four toolfaces in the middles of the quadrants at each inclination."""
+    for inc in inclinations_deg:
+        if abs(inc - 90.0) < 0.6 or abs(inc) < 0.06 or abs(inc) > 179.9:
+            raise InputError(
+                f"balance is not determined at an inclination of {inc:g} deg",
+                field="plan.inclinations_deg",
+                remedy="choose others, or the joint method",
+            )
+    poses = _grid(inclinations_deg, BALANCE_TOOLFACES_DEG)
+    rings = ", ".join(f"{inc:g}" for inc in inclinations_deg)
+    return Plan(Kind.BALANCE, f"balance at {rings} deg", "balance", poses, limits=limits or Limits(), triples=triples)
+
+
+def conventional_plan(positions: int, limits: Limits | None = None) -> Plan:
+    """3, 6, 8, 12 or 24 positions."""
+    try:
+        inc, tf = position_plan(positions)
+    except ValueError as error:
+        raise InputError(str(error), field="plan.positions") from None
+    attitudes = zip(np.rad2deg(inc).tolist(), np.rad2deg(tf).tolist(), strict=True)
+    poses = tuple(PlannedPose(str(k + 1), i, t) for k, (i, t) in enumerate(attitudes))
+    return Plan(
+        Kind.CONVENTIONAL, f"conventional, {positions} positions", "conventional", poses, limits=limits or Limits()
+    )
+
+
+def joint_plan(
+    count: int = 24,
+    limits: Limits | None = None,
+    *,
+    inclinations_deg: Sequence[float] | None = None,
+    toolfaces_deg: Sequence[float] | None = None,
+) -> Plan:
+    """`count` poses chosen one by one so that each lowers the final uncertainty the most (see `calibration.advice`).
+
+    The bench's travel is what is allowed: inclinations (negative ones for a table that turns the other way) and
+    toolfaces. They are then put in an order that moves the inclination stage seldom.
+    """
+    limits = limits or Limits()
+    inc_allowed = CANDIDATE_INC_RAD if inclinations_deg is None else np.deg2rad(np.asarray(inclinations_deg, float))
+    tf_allowed = CANDIDATE_TF_RAD if toolfaces_deg is None else np.deg2rad(np.asarray(toolfaces_deg, float))
+    if count < 5:
+        raise InputError(f"{count} poses", field="plan.poses", remedy="the joint method needs at least 5")
+    if inc_allowed.size * tf_allowed.size < count:
+        raise InputError("fewer settings than poses", field="plan.inclinations_deg", remedy="allow more of them")
+    bench = BenchAccuracy(pose_rad=float(np.deg2rad(limits.pose_sigma_deg)))
+    first = (np.array([inc_allowed[np.argmin(np.abs(inc_allowed - np.pi / 4))]]), tf_allowed[:1])
+    chosen = [(float(first[0][0]), float(first[1][0]))]
+    taken = set(chosen)
+    inc, tf = first
+    while len(chosen) < count:
+        advice = next_best_poses(
+            (inc, tf),
+            bench=bench,
+            noise_g=limits.std_error_g,
+            count=1,
+            inc_candidates_rad=inc_allowed,
+            tf_candidates_rad=tf_allowed,
+        )
+        best = (advice[0].inc_rad, advice[0].tf_rad)
+        if best in taken:  # the same setting again tells less of the bench than its neighbour
+            free = [(float(i), float(t)) for i in inc_allowed for t in tf_allowed if (float(i), float(t)) not in taken]
+            best = min(free, key=lambda pose: abs(pose[0] - best[0]) + abs(np.sin(0.5 * (pose[1] - best[1]))))
+        taken.add(best)
+        chosen.append(best)
+        inc, tf = np.append(inc, best[0]), np.append(tf, best[1])
+    ordered = sorted(chosen)
+    poses = tuple(
+        PlannedPose(str(k + 1), round(float(np.rad2deg(i)), 9), round(float(np.rad2deg(t)), 9))
+        for k, (i, t) in enumerate(ordered)
+    )
+    return Plan(Kind.JOINT, f"joint, {count} poses by advice", "joint", poses, limits=limits)
+
+
+def soak_plan(
+    temperatures_c: Sequence[float],
+    inclinations_deg: Sequence[float],
+    toolfaces_deg: Sequence[float],
+    limits: Limits | None = None,
+) -> Plan:
+    """The poses repeated at each step of an oven cycle (list the way up and the way down), each time when steady."""
+    return _over_temperature(
+        Kind.OVEN, "oven soak", temperatures_c, inclinations_deg, toolfaces_deg, limits, steady=True
+    )
+
+
+def heated_roll_plan(
+    temperatures_c: Sequence[float],
+    inclination_deg: float,
+    toolfaces_deg: Sequence[float],
+    limits: Limits | None = None,
+) -> Plan:
+    """The tool is rolled at one inclination while it warms or cools: a turn of poses at each temperature passed."""
+    return _over_temperature(
+        Kind.HEATED_ROLL, "heated roll", temperatures_c, (inclination_deg,), toolfaces_deg, limits, steady=False
+    )
+
+
+def _over_temperature(
+    kind: Kind,
+    name: str,
+    temperatures_c: Sequence[float],
+    inclinations_deg: Sequence[float],
+    toolfaces_deg: Sequence[float],
+    limits: Limits | None,
+    *,
+    steady: bool,
+) -> Plan:
+    if len(temperatures_c) < 2:
+        raise InputError("a cycle has at least two steps", field="plan.temperatures_c")
+    stages = tuple(Stage(float(temp), steady) for temp in temperatures_c)
+    poses = tuple(
+        replace(pose, id=f"{s + 1}.{pose.id}", stage=s)
+        for s in range(len(stages))
+        for pose in _grid(inclinations_deg, toolfaces_deg)
+    )
+    steps = " ".join(f"{temp:g}" for temp in temperatures_c)
+    return Plan(kind, f"{name} at {steps} C", "joint", poses, stages, limits or Limits())
+
+
+def custom_plan(
+    poses: Sequence[tuple[float, float]], method: str = "joint", limits: Limits | None = None, *, title: str = "custom"
+) -> Plan:
+    """Any poses (inclination, toolface) in degrees, in the order given."""
+    if method not in ("joint", "conventional", "balance"):
+        raise InputError(f"{method!r} is none of joint, conventional, balance", field="plan.method")
+    planned = tuple(PlannedPose(str(k + 1), float(i), float(t)) for k, (i, t) in enumerate(poses))
+    return Plan(Kind.CUSTOM, title, method, planned, limits=limits or Limits())
+
+
+def unguided_plan(limits: Limits | None = None, *, min_poses: int = 10) -> Plan:
+    """No bench: as many attitudes as can be, found by themselves; |g| alone calibrates. Ended by `accept`."""
+    limits = limits or replace(Limits(), min_hold_s=1.5, max_hold_s=60.0)
+    return Plan(
+        Kind.UNGUIDED, "attitudes by hand", "joint", (), limits=limits, reference="magnitude", min_poses=min_poses
+    )
+
+
+def verification_plan(poses: Sequence[tuple[float, float]], limits: Limits | None = None) -> Plan:
+    """A few poses to judge an existing calibration by ("as found")."""
+    return replace(custom_plan(poses, "joint", limits, title="verification"), kind=Kind.VERIFICATION, method="none")
+
+
+def roll_test_plan(inclination_deg: float, toolfaces: int = 8, limits: Limits | None = None) -> Plan:
+    """The field roll test: toolfaces all around at one inclination."""
+    if toolfaces < ROLL_TEST_MIN_TOOLFACES:
+        raise InputError(f"{toolfaces} toolfaces", field="plan.toolfaces", remedy=f"at least {ROLL_TEST_MIN_TOOLFACES}")
+    poses = _grid((inclination_deg,), tuple(360.0 * k / toolfaces for k in range(toolfaces)))
+    return Plan(Kind.ROLL_TEST, f"roll test at {inclination_deg:g} deg", "none", poses, limits=limits or Limits())
+
+
+def _grid(inclinations_deg: Sequence[float], toolfaces_deg: Sequence[float]) -> tuple[PlannedPose, ...]:
+    """Ring by ring, all toolfaces of one inclination before the next."""
+    settings = [(float(inc), float(tf)) for inc in inclinations_deg for tf in toolfaces_deg]
+    return tuple(PlannedPose(str(k + 1), inc, tf) for k, (inc, tf) in enumerate(settings))
