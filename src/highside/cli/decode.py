@@ -17,6 +17,7 @@ import typer
 
 if TYPE_CHECKING:
     from highside.codec.frame import ByteCodec, CanCodec, Counts, Frame
+    from highside.recording.table import Recording
 
 _CHUNK_BYTES = 1 << 16
 _FRAMES_AT_ONCE = 4096
@@ -74,6 +75,25 @@ def decode(
             f"{file}: its frames carry no time, and raw bytes have no times of arrival; nothing was written"
             " (record the wire with highside, or with candump -L)"
         )
+
+
+def decode_recording(file: Path, codec: str | None, config: Path | None) -> Recording:
+    """The Recording that `decode` would write. Raises InputError or Refused as it does."""
+    from highside.config.codecs import codec_from_file, codec_from_name
+    from highside.errors import InputError, Refused
+    from highside.recording.table import from_frames
+
+    if codec is None:
+        raise InputError("is missing", field="--codec", remedy="name the codec of the wire recording")
+    settings = codec_from_name(codec) if config is None else codec_from_file(config, codec)
+    decoder = settings.build()
+    decoded = _decode_can(file, decoder) if settings.carries == "can" else _decode_bytes(file, decoder)
+    frames, times, _ = _timed(decoded)
+    if not frames:
+        raise Refused(f"{file}: codec {codec!r} found no frame with a time in it; see `highside decode`")
+    recording = from_frames(frames, times, decoder.extra_columns)
+    recording.source = str(file)
+    return recording
 
 
 def _decode_bytes(path: Path, codec: ByteCodec | CanCodec) -> _Decoded:

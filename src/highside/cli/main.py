@@ -21,6 +21,7 @@ from highside.cli import (
     diagnose,
     drift,
     effects,
+    export,
     replay,
     reproduce,
     rotation,
@@ -66,6 +67,7 @@ app.add_typer(rotation.app)
 app.command()(run.run)
 app.command()(simulate.simulate)
 app.command()(effects.effects)
+app.command()(export.export)
 app.add_typer(toolface.app)
 app.command()(run.check)
 app.command()(run.schema)
