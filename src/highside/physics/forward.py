@@ -54,6 +54,20 @@ class Chain:
     """g"""
 
 
+@dataclass(frozen=True, slots=True)
+class Linearisation:
+    """A forward model and its first derivatives at one set of parameters; N rows."""
+
+    reported: Array
+    """(3, N) g"""
+    columns: Array
+    """(P, 3, N): change of the report with each parameter"""
+    by_pose: Array
+    """(3, 3, N) g/rad: change of the report with I, E and T, as [:, 0], [:, 1] and [:, 2]"""
+    force: Array
+    """(3, N) g: what the sensor effects act on"""
+
+
 @dataclass(frozen=True)
 class ForwardModel:
     """A set of effects with their parameters. `effects` are pairs (effect, vector); make one with `ForwardModel.of`."""
@@ -210,7 +224,7 @@ class ForwardModel:
         late: Array | None = draws.get(Stage.TIMING)
         for effect, p in self.effects:
             if effect.stage is Stage.TIMING:
-                delta = effect.delta(state, p, _reading(state))
+                delta = effect.delta(state, p, state.reading)
                 late = delta if late is None else late + delta
         return state if late is None else state.shifted(late.reshape(-1))
 
@@ -226,7 +240,7 @@ class ForwardModel:
             return result + draws[stage] if stage in draws else result
 
         state = self._sampled(state, draws)
-        reading = _reading(state)
+        reading = state.reading
         pose = total(Stage.POSE, reading, reading)
         level = np.array([[0.0], [0.0], [1.0]])
         lab = total(Stage.GRAVITY, level, level)
@@ -254,7 +268,7 @@ class ForwardModel:
     def pose_sensitivity(self, state: ChainState, chain: Chain | None = None) -> Array:
         """dm/d(I, E, T), (3, 3, N) in g/rad: [:, 0] and [:, 2] are what an error of inclination or toolface does."""
         chain = chain or self.chain(state)
-        return _apply(self.sensitivity(state, chain), np.tensordot(chain.rotation, _pose_tangents(chain), 1))
+        return _apply(self.sensitivity(state, chain), _turned(chain.rotation, _pose_tangents(chain)))
 
     def jacobian(self, state: ChainState, free: Sequence[str] | None = None) -> Array:
         """dm/d(free parameters), (P, 3, N), in the order of `free_names(free)`.
@@ -292,12 +306,27 @@ class ForwardModel:
             result.append(columns)
         return result
 
+    def linearise(self, state: ChainState, effects: Sequence[Effect]) -> Linearisation:
+        """Prediction and first derivatives by every parameter of these effects and by the pose, from one evaluation."""
+        chain = self.chain(state)
+        sensitivity = self.sensitivity(state, chain)
+        by_pose = _apply(sensitivity, _turned(chain.rotation, _pose_tangents(chain)))
+        columns = [
+            _through(by_pose, effect.derivative(chain.state, self.vector_of(effect.id), chain.state.reading))
+            if effect.stage is Stage.POSE
+            else self._columns(state, chain, sensitivity, effect, self.vector_of(effect.id))
+            for effect in effects
+        ]
+        return Linearisation(
+            chain.reported, np.concatenate(columns) if columns else np.empty((0, 3, state.n)), by_pose, chain.force
+        )
+
     def _gyro_columns(self, state: ChainState, sampled: ChainState, rates: Array, effect: Effect, p: Array) -> Array:
         """(K, 3, N): change of the reported rates with each parameter of one effect."""
         if effect.stage is Stage.TIMING:
             h = 1e-5
             by_time = (self.gyro(state.shifted(h)) - self.gyro(state.shifted(-h))) / (2 * h)
-            return by_time * effect.derivative(state, p, _reading(state))
+            return by_time * effect.derivative(state, p, state.reading)
         if effect.stage is Stage.GYRO:
             return effect.derivative(sampled, p, rates)
         return np.zeros((len(effect.parameters), 3, state.n))
@@ -310,7 +339,7 @@ class ForwardModel:
         if effect.stage is Stage.TIMING:
             h = 1e-5
             by_time = (self.chain(state.shifted(h)).reported - self.chain(state.shifted(-h)).reported) / (2 * h)
-            return by_time * effect.derivative(state, p, _reading(state))
+            return by_time * effect.derivative(state, p, state.reading)
         state = chain.state
         if effect.stage in (Stage.SENSOR, Stage.THERMAL, Stage.NOISE, Stage.DIGITAL):
             return effect.derivative(state, p, chain.force)
@@ -319,8 +348,8 @@ class ForwardModel:
         if effect.stage is Stage.KINEMATIC:
             return _through(sensitivity, effect.derivative(state, p, chain.gravity))
         if effect.stage is Stage.POSE:
-            reading = _reading(state)
-            tangents = np.tensordot(chain.rotation, _pose_tangents(chain), 1)
+            reading = state.reading
+            tangents = _turned(chain.rotation, _pose_tangents(chain))
             return _through(_apply(sensitivity, tangents), effect.derivative(state, p, reading))
         if effect.stage is Stage.GRAVITY:
             change = effect.derivative(state, p, np.array([[0.0], [0.0], [1.0]]))
@@ -328,8 +357,8 @@ class ForwardModel:
             # derivative of v / |v|: the part along v is taken away
             change = (change - chain.vertical * np.sum(chain.vertical * change, axis=1, keepdims=True)) / norm
             inc, cross, tf = chain.pose
-            turned = np.stack([rotate_z(tf, rotate_x(cross, rotate_y(inc, column))) for column in change])
-            return _through(sensitivity, np.einsum("ij,kjn->kin", chain.rotation, turned))
+            turned = rotate_z(tf, rotate_x(cross, rotate_y(inc, change.transpose(1, 0, 2))))
+            return _through(sensitivity, _turned(chain.rotation, turned).transpose(1, 0, 2))
         change = effect.derivative(state, p, np.zeros((3, 1)))[:, :, 0]
         vector = sum(
             (e.delta(state, q, np.zeros((3, 1)))[:, 0] for e, q in self.effects if e.stage is Stage.MOUNTING),
@@ -349,11 +378,6 @@ def tool_rates(state: ChainState) -> Array:
     return np.stack([inc_rate * np.sin(tf), -inc_rate * np.cos(tf), -state.rotor_rate_radps])
 
 
-def _reading(state: ChainState) -> Array:
-    """What the bench's encoders say, as I, E, T: (3, N) rad."""
-    return np.stack([state.inc_rad, np.zeros(state.n), state.tf_rad])
-
-
 def _pose_tangents(chain: Chain) -> Array:
     """d gravity / d(I, E, T), (3, 3, N) in 1/rad: a rotation about an axis moves a vector v by (axis x v)."""
     _, cross, tf = chain.pose
@@ -363,6 +387,11 @@ def _pose_tangents(chain: Chain) -> Array:
     by_cross = rotate_z(tf, np.stack([zero, -v[2], v[1]]))
     by_tf = np.stack([-w[1], w[0], zero])
     return np.stack([by_inc, by_cross, by_tf], axis=1)
+
+
+def _turned(rotation: Array, v: Array) -> Array:
+    """(3, 3) applied to (3, ..., N)."""
+    return np.asarray((rotation @ v.reshape(3, -1)).reshape(v.shape))
 
 
 def _apply(matrices: Array, others: Array) -> Array:

@@ -48,21 +48,27 @@ def attitude_of(vector: Array) -> tuple[Array, Array]:
 
 
 def rotate_x(angle: Array, v: Array) -> Array:
-    """Rx(angle) v, actively, right-handed; angle (N,) or scalar rad, v (3, N)."""
+    """Rx(angle) v, actively, right-handed; angle (N,) or scalar rad, v (3, ..., N)."""
     c, s = np.cos(angle), np.sin(angle)
-    return np.stack(np.broadcast_arrays(v[0], c * v[1] - s * v[2], s * v[1] + c * v[2]))
+    return _stacked(v[0], c * v[1] - s * v[2], s * v[1] + c * v[2])
 
 
 def rotate_y(angle: Array, v: Array) -> Array:
     """Ry(angle) v."""
     c, s = np.cos(angle), np.sin(angle)
-    return np.stack(np.broadcast_arrays(c * v[0] + s * v[2], v[1], c * v[2] - s * v[0]))
+    return _stacked(c * v[0] + s * v[2], v[1], c * v[2] - s * v[0])
 
 
 def rotate_z(angle: Array, v: Array) -> Array:
     """Rz(angle) v."""
     c, s = np.cos(angle), np.sin(angle)
-    return np.stack(np.broadcast_arrays(c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]))
+    return _stacked(c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
+
+
+def _stacked(x: Array, y: Array, z: Array) -> Array:
+    out = np.empty((3, *np.broadcast(x, y, z).shape), dtype=np.result_type(x, y, z))
+    out[0], out[1], out[2] = x, y, z
+    return out
 
 
 def rotation_matrix(rotation_vector: Array) -> Array:

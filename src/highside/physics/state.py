@@ -136,6 +136,11 @@ class ChainState:
             azimuth_rad=azimuth_rad,
         )
 
+    @cached_property
+    def reading(self) -> Array:
+        """What the bench's encoders say, as I, E, T: (3, N) rad."""
+        return np.stack([self.inc_rad, np.zeros(self.n), self.tf_rad])
+
     @property
     def n(self) -> int:
         """Number of rows."""

@@ -21,10 +21,10 @@ class Bias(AxisEffect):
     depends_on_input = False
 
     def term(self, state: ChainState, f: Array) -> Array:
-        return np.ones((3, state.n))
+        return np.ones(f.shape)
 
     def slope(self, state: ChainState, f: Array) -> Array:
-        return np.zeros((3, state.n))
+        return np.zeros(f.shape)
 
 
 EFFECT = Bias()

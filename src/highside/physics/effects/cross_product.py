@@ -31,5 +31,16 @@ class CrossProduct(LinearEffect):
             basis[k, i] = x[a] * x[b]
         return basis
 
+    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        return np.asarray(p.reshape(3, 3) @ np.stack([x[a] * x[b] for a, b in PRODUCTS]))
+
+    def input_jacobian(self, state: ChainState, p: Array, x: Array) -> Array:
+        xy, xz, yz = p.reshape(3, 3).T[:, :, None]
+        jacobian = np.empty((3, 3, x.shape[1]))
+        jacobian[:, 0] = xy * x[1] + xz * x[2]
+        jacobian[:, 1] = xy * x[0] + yz * x[2]
+        jacobian[:, 2] = xz * x[0] + yz * x[1]
+        return jacobian
+
 
 EFFECT = CrossProduct()

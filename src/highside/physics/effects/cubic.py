@@ -18,10 +18,10 @@ class Cubic(AxisEffect):
     splitter = "poses at intermediate loads (near 0.58 g the cubic differs most from a scale error)"
 
     def term(self, state: ChainState, f: Array) -> Array:
-        return f**3
+        return f * f * f
 
     def slope(self, state: ChainState, f: Array) -> Array:
-        return 3 * f**2
+        return 3 * f * f
 
 
 EFFECT = Cubic()

@@ -9,6 +9,7 @@ from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 PAIRS = [(i, j) for i in range(3) for j in range(3) if i != j]
+ROWS, COLUMNS = (list(indices) for indices in zip(*PAIRS, strict=True))
 
 
 class Misalignment(LinearEffect):
@@ -30,11 +31,17 @@ class Misalignment(LinearEffect):
             basis[k, i] = x[j]
         return basis
 
+    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        return np.asarray(_matrix(p) @ x)
+
     def input_jacobian(self, state: ChainState, p: Array, x: Array) -> Array:
-        matrix = np.zeros((3, 3))
-        for value, (i, j) in zip(p, PAIRS, strict=True):
-            matrix[i, j] = value
-        return np.broadcast_to(matrix[:, :, None], (3, 3, x.shape[1]))
+        return np.broadcast_to(_matrix(p)[:, :, None], (3, 3, x.shape[1]))
+
+
+def _matrix(p: Array) -> Array:
+    matrix = np.zeros((3, 3), dtype=p.dtype)
+    matrix[ROWS, COLUMNS] = p
+    return matrix
 
 
 EFFECT = Misalignment()
