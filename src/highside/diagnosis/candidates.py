@@ -35,8 +35,9 @@ _NEVER = {
 class Variant:
     """A candidate at one value of its shape: `columns` (k, 3, n), one for each amplitude that is let act.
 
-    `whole` says that all amplitudes act; else only some do (one axis, one order of a polynomial), so that an effect
-    on one axis is not judged as if it had needed three.
+    For a long recording `columns` (k,) are their numbers in the `Design` instead. `whole` says that all amplitudes act;
+    else only some do (one axis, one order of a polynomial), so that an effect on one axis is not judged as if it had
+    needed three.
     """
 
     shape: dict[str, float]
@@ -53,6 +54,8 @@ class Candidate:
     effect: Effect | None
     amplitudes: tuple[str, ...]
     variants: tuple[Variant, ...]
+    searched: int = 0
+    """how many values of a shape were looked through to find the variants, where these are only the best"""
 
     @property
     def named(self) -> bool:
@@ -103,7 +106,7 @@ def pose_candidates(model: ForwardModel, state: ChainState, free: Sequence[str])
         if variants:
             found.append(Candidate(effect.id, effect, names, tuple(variants)))
         else:
-            blind.append(Blind(effect, _what_lacks(effect, state)))
+            blind.append(Blind(effect, what_lacks(effect, state)))
     return found, blind
 
 
@@ -111,7 +114,7 @@ def parts_of(names: Sequence[str]) -> list[tuple[int, ...]]:
     """Which amplitudes of an effect may act alone: all; those of one axis; those of one order; single ones of few."""
     everything = tuple(range(len(names)))
     parts = [everything]
-    for place in (2, 0):
+    for place in (2,) if {"c", "s"} <= {name[0] for name in names} else (2, 0):
         # behind the last underscore stands the axis (or the product), before it the order (or the axis)
         groups: dict[str, list[int]] = {}
         for k, name in enumerate(names):
@@ -179,7 +182,8 @@ def _step_times(state: ChainState) -> tuple[float, ...]:
     return tuple(float(value) for value in inner[keep])
 
 
-def _what_lacks(effect: Effect, state: ChainState) -> str:
+def what_lacks(effect: Effect, state: ChainState) -> str:
+    """Why an effect leaves no trace at all."""
     words = {
         "temp_c": "the temperature does not change, or is not recorded",
         "rotor_rate_radps": "the tool does not rotate while it is read",
@@ -189,6 +193,8 @@ def _what_lacks(effect: Effect, state: ChainState) -> str:
         "t_s": "the recording has no length",
     }
     lacking = [words[name] for name in effect.needs if name in words and np.ptp(getattr(state, name)) == 0.0]
+    if effect.stage is Stage.GYRO and not lacking:
+        return "gyros are not recorded, or do not respond to it here"
     return lacking[0] if lacking else "the tool does not move while it is read"
 
 

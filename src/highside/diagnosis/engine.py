@@ -214,7 +214,7 @@ def _suspect(scene: _Scene, members: Sequence[Member]) -> _Suspicion:
     explained = np.concatenate([scene.base, *(_variant(candidates, m).columns for m in members)])
     channels = _likelihoods(scene, explained)
     slow = [
-        SlowEffect(i, j, v.columns[0, 0])
+        SlowEffect(i, j, np.broadcast_to(v.columns[0, 0], (3, state.n)))
         for i, c in enumerate(candidates)
         if c.id in SLOW
         for j, v in enumerate(c.variants)
@@ -222,8 +222,8 @@ def _suspect(scene: _Scene, members: Sequence[Member]) -> _Suspicion:
     ]
     tries = {i: sum(s.candidate == i for s in slow) for i in {s.candidate for s in slow}}
     found = slow_effects(channels, slow, tries) if slow else SlowStage([], [], [])
-    functions = np.array([score.effect.function for score in found.claimed]).reshape(-1, state.n)
-    memories = [channel.memory(functions) for channel in channels]
+    functions = np.array([score.effect.function for score in found.claimed]).reshape(-1, 3, state.n)
+    memories = [channel.memory(functions[:, c]) for c, channel in enumerate(channels)]
     near = tuple(dict.fromkeys(candidates[s.effect.candidate].id for s in found.near))
     admitted = frozenset(candidates[s.effect.candidate].id for s in found.admitted)
     if "temperature_bias" in admitted:

@@ -14,11 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 from scipy.special import chdtrc
+
+from highside.diagnosis.markov import LevelNoise
 
 Array = NDArray[np.float64]
 
@@ -51,11 +53,12 @@ class Memory:
 
 @dataclass(frozen=True, slots=True)
 class SlowEffect:
-    """A candidate of the slow stage: its index among the candidates, its variant, and its function of time (n,)."""
+    """A candidate of the slow stage: its index among the candidates, its variant, and its function of time on each
+    channel, (C, n) or its number (C,)."""
 
     candidate: int
     variant: int
-    function: Array
+    function: NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,96 +80,107 @@ class SlowStage:
     near: list[SlowScore]
 
 
-def kernel(t_s: Array, length: float) -> Array:
-    """K (n, n) of poses at times `t_s`, in mean intervals between poses."""
-    steps = (t_s - t_s[0]) / max(float(t_s[-1] - t_s[0]) / max(t_s.size - 1, 1), 1e-12)
-    if np.isinf(length):
-        return np.asarray(np.minimum(steps[:, None], steps[None, :]))
-    return np.asarray(np.exp(-np.abs(steps[:, None] - steps[None, :]) / length))
+def intervals(t_s: Array) -> Array:
+    """(n,) times of poses in mean intervals between poses, from 0."""
+    return np.asarray((t_s - t_s[0]) / max(float(t_s[-1] - t_s[0]) / max(t_s.size - 1, 1), 1e-12))
 
 
 class Likelihoods:
     """Restricted likelihood of a channel under each noise with memory, prepared once for many regressors.
 
-    `residual` (n,), `variance` (n,) of the white part, `nuisance` (P, n), all of one channel.
+    `residual` (n,), `variance` (n,) of the white part, `nuisance` (P, n), all of one channel; `t_s` (n,).
     """
 
     def __init__(self, residual: Array, variance: Array, nuisance: Array, t_s: Array) -> None:
-        self.settings = [(0.0, 0.0)] + [(length, q) for length in LENGTHS for q in SHARES[length]]
-        level = float(variance.mean())
+        self.settings = settings()
+        lengths, shares = np.array(self.settings).T
+        self._noise = LevelNoise.of(variance, intervals(t_s), shares * float(variance.mean()), lengths)
         space = _basis(nuisance)
-        self._white: list[tuple[Array, Array, float]] = []
-        for length, q in self.settings:
-            cov = np.diag(variance) + (q * level * kernel(t_s, length) if q else 0.0)
-            lower: Array = np.asarray(np.linalg.cholesky(cov), dtype=float)
-            turned = solve_triangular(lower, space.T, lower=True, check_finite=False)
-            q_, r_ = np.linalg.qr(turned)
-            logdet = 2 * float(np.log(np.diag(lower)).sum() + np.log(np.abs(np.diag(r_))).sum())
-            self._white.append((lower, np.asarray(q_, dtype=float), logdet))
-        self._residual = residual
+        turned = self._noise.white(np.vstack([residual[None], space]))
+        q, r = np.linalg.qr(turned[:, 1:].transpose(0, 2, 1))
+        self._space = q.transpose(0, 2, 1)
+        diagonal = np.abs(np.diagonal(r, axis1=1, axis2=2))
+        self._logdet = self._noise.log_determinant + 2 * np.log(diagonal).sum(axis=1)
+        self._residual = self._outside(turned[:, :1])[:, 0]
         self._freedom = residual.size - space.shape[0]
+
+    def _outside(self, turned: Array) -> Array:
+        """What of innovations (S, K, n) the nuisance does not explain."""
+        return np.asarray(turned - (turned @ self._space.transpose(0, 2, 1)) @ self._space)
+
+    def _prepared(self, columns: Array) -> Array:
+        return self._outside(self._noise.white(columns))
 
     def without(self, columns: Array) -> Array:
         """-2 log likelihood (settings,) with further columns (K, n) projected off."""
-        return self._evaluate(columns, np.empty((0, self._residual.size)))[:, 0]
+        return self.with_each(columns, columns[:0], include_none=True)[:, 0]
 
-    def with_each(self, columns: Array, functions: Array) -> Array:
-        """-2 log likelihood (settings, F) with columns (K, n) projected off and each function of (F, n) fitted."""
-        return self._evaluate(columns, functions)[:, 1:]
+    def with_each(self, columns: Array, functions: Array, *, include_none: bool = False) -> Array:
+        """-2 log likelihood (settings, F) with columns (K, n) projected off and each function of (F, n) fitted.
+
+        With `include_none` first that of no function at all.
+        """
+        freedom = self._freedom - len(columns)
+        turned = self._prepared(np.vstack([columns, functions]))
+        left, tested = self._residual, turned[:, len(columns) :]
+        if len(columns):
+            q, _ = np.linalg.qr(turned[:, : len(columns)].transpose(0, 2, 1))
+            left = left - np.einsum("snk,sk->sn", q, np.einsum("snk,sn->sk", q, left))
+            tested = tested - (tested @ q) @ q.transpose(0, 2, 1)
+        energy = np.sum(left**2, axis=1)[:, None]
+        norm = np.sum(tested**2, axis=2)
+        gained = np.einsum("sfn,sn->sf", tested, left) ** 2 / np.where(norm > 1e-12, norm, np.inf)
+        gained = np.concatenate([np.zeros_like(energy), gained], axis=1) if include_none else gained
+        return np.asarray(
+            freedom * np.log(np.maximum(energy - gained, 1e-30) / freedom) + self._logdet[:, None]
+        )  # fmt: skip
 
     def with_block(self, columns: Array, block: Array) -> Array:
         """-2 log likelihood (settings,) with columns (K, n) projected off and a block of columns (B, n) fitted."""
         freedom = self._freedom - len(columns)
-        own: Array = _basis(block)
-        stack = np.vstack([self._residual[None], columns, own]).T
-        result = np.empty(len(self._white))
-        for k, (lower, q, logdet) in enumerate(self._white):
-            turned: Array = np.asarray(solve_triangular(lower, stack, lower=True, check_finite=False))
-            turned = turned - q @ (q.T @ turned)
-            left = turned[:, 0]
-            if len(columns) + len(own):
-                others = np.linalg.qr(turned[:, 1:])[0]
-                left = left - others @ (others.T @ left)
-            energy = float(left @ left)
-            result[k] = freedom * np.log(energy / freedom) + logdet
-        return result
-
-    def _evaluate(self, columns: Array, functions: Array) -> Array:
-        result = np.empty((len(self._white), 1 + len(functions)))
-        freedom = self._freedom - len(columns)
-        stack = np.vstack([self._residual[None], columns, functions]).T
-        for k, (lower, q, logdet) in enumerate(self._white):
-            turned = solve_triangular(lower, stack, lower=True, check_finite=False)
-            turned -= q @ (q.T @ turned)
-            if len(columns):
-                own, _ = np.linalg.qr(turned[:, 1 : 1 + len(columns)])
-                turned -= own @ (own.T @ turned)
-            left, tested = turned[:, 0], turned[:, 1 + len(columns) :]
-            energy = float(left @ left)
-            norm = np.sum(tested**2, axis=0)
-            gained = np.where(norm > 1e-12, (left @ tested) ** 2 / np.where(norm > 1e-12, norm, 1.0), 0.0)
-            result[k, 0] = freedom * np.log(energy / freedom) + logdet
-            result[k, 1:] = freedom * np.log(np.maximum(energy - gained, 1e-30) / freedom) + logdet
-        return result
+        turned = self._prepared(np.vstack([columns, _basis(block)]))
+        left = self._residual
+        if turned.shape[1]:
+            q, _ = np.linalg.qr(turned.transpose(0, 2, 1))
+            left = left - np.einsum("snk,sk->sn", q, np.einsum("snk,sn->sk", q, left))
+        return np.asarray(freedom * np.log(np.sum(left**2, axis=1) / freedom) + self._logdet)
 
     def memory(self, columns: Array) -> Memory:
         """The memory that the data ask for with columns (K, n) projected off."""
-        minus2l = self.without(columns)
-        at = int(np.argmin(minus2l))
-        length, share = self.settings[at]
-        allowed = [q for (one, q), value in zip(self.settings, minus2l, strict=True)
-                   if one == length and value <= minus2l[at] + 2.7]  # fmt: skip
-        return Memory(float(minus2l[0] - minus2l[at]), share, length, max([*allowed, share]))
+        return memory_of(self.settings, self.without(columns))
 
 
-def beats_the_walk(channels: Sequence[Likelihoods], others: Array, block: Array, dof: int) -> bool:
-    """Whether a claim of `dof` directions, block (B, 3, n), is still needed where the noise may have any memory.
+def settings() -> list[tuple[float, float]]:
+    """(length, share) of each noise that is tried, white noise first."""
+    return [(1.0, 0.0)] + [(length, q) for length in LENGTHS for q in SHARES[length]]
 
-    The memory is chosen anew with and without it; `others` (K, 3, n) are the other claims.
+
+def memory_of(tried: Sequence[tuple[float, float]], minus2l: Array) -> Memory:
+    """The memory that -2 log likelihoods (settings,) ask for; the first setting is white noise."""
+    at = int(np.argmin(minus2l))
+    length, share = tried[at]
+    allowed = [q for (one, q), value in zip(tried, minus2l, strict=True)
+               if one == length and value <= minus2l[at] + 2.7]  # fmt: skip
+    return Memory(float(minus2l[0] - minus2l[at]), share, length, max([*allowed, share]))
+
+
+class Channel(Protocol):
+    """The likelihood of one channel, whatever stands for columns: arrays (K, n) or their numbers (K,)."""
+
+    def without(self, columns: Any) -> Array: ...
+    def with_each(self, columns: Any, functions: Any) -> Array: ...
+    def with_block(self, columns: Any, block: Any) -> Array: ...
+    def memory(self, columns: Any) -> Memory: ...
+
+
+def beats_the_walk(channels: Sequence[Channel], others: NDArray[Any], block: NDArray[Any], dof: int) -> bool:
+    """Whether a claim of `dof` directions, block (B, C, ...), is still needed where the noise may have any memory.
+
+    The memory is chosen anew with and without it; `others` (K, C, ...) are the other claims.
     """
     gain = 0.0
     for c, channel in enumerate(channels):
-        nothing = np.empty((0, block.shape[2]))
+        nothing = block[:0, c]
         plain = channel.with_block(nothing, others[:, c]) if len(others) else channel.without(nothing)
         gain += float(plain.min() - channel.with_block(nothing, np.concatenate([others[:, c], block[:, c]])).min())
     return bool(-np.log10(max(float(chdtrc(dof, max(gain, 0.0))), 1e-300)) > SLOW_LOG_P)
@@ -183,7 +197,7 @@ def _basis(columns: Array) -> Array:
 
 
 def slow_effects(
-    channels: Sequence[Likelihoods], slow: Sequence[SlowEffect], tries: dict[int, int], limit: int = 2
+    channels: Sequence[Channel], slow: Sequence[SlowEffect], tries: dict[int, int], limit: int = 2
 ) -> SlowStage:
     """Test each slow effect against the walk, then again beside the first that is claimed."""
     claimed: list[SlowScore] = []
@@ -191,11 +205,11 @@ def slow_effects(
     near: list[SlowScore] = []
     functions = np.stack([e.function for e in slow])
     for turn in range(limit):
-        columns = np.array([score.effect.function for score in claimed]).reshape(-1, functions.shape[1])
+        columns = np.stack([score.effect.function for score in claimed]) if claimed else functions[:0]
         gain, remaining = np.zeros(len(slow)), np.zeros(len(slow))
-        for channel in channels:
-            plain = float(channel.without(columns).min())
-            tested = channel.with_each(columns, functions)
+        for c, channel in enumerate(channels):
+            plain = float(channel.without(columns[:, c]).min())
+            tested = channel.with_each(columns[:, c], functions[:, c])
             gain += plain - tested.min(axis=0)
             remaining += tested[0] - tested.min(axis=0)
         count = np.array([float(tries[e.candidate]) for e in slow])

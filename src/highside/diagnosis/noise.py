@@ -19,7 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.memory import Memory, kernel
+from highside.diagnosis.markov import VectorNoise
+from highside.diagnosis.memory import Memory, intervals
 from highside.diagnosis.regression import outside, span
 
 Array = NDArray[np.float64]
@@ -38,13 +39,13 @@ class PoseNoise:
     whitening: Array
     freedom: float
     """residual degrees of freedom that one component was estimated with"""
-    full: Array | None = None
-    """(3 n, 3 n) whitening of everything at once, where a bias wanders"""
+    full: VectorNoise | None = None
+    """whitening in time order, where the scatter has a memory"""
 
     def white(self, columns: Array) -> Array:
         """(..., 3, n) in g -> (..., 3 n) in units of the noise."""
         if self.full is not None:
-            return np.asarray(columns.reshape(*columns.shape[:-2], -1) @ self.full.T)
+            return self.full.white(columns)
         turned = np.einsum("ijn,...jn->...in", self.whitening, columns)
         return np.asarray(turned.reshape(*columns.shape[:-2], -1))
 
@@ -136,15 +137,11 @@ def _components(residual: Array, tangents: Array) -> tuple[Array, float, float]:
 
 def with_memory(noise: PoseNoise, memories: Sequence[Memory], tangents: Array, t_s: Array) -> PoseNoise:
     """The same noise with the memory of each channel added, as large as the data allow."""
-    n = t_s.size
-    cov = np.zeros((3, n, 3, n))
-    poses = np.arange(n)
-    cov[:, poses, :, poses] = _covariance(noise.sigma, noise.inc, noise.tf, tangents)
-    for c, memory in enumerate(memories):
-        if memory.share > 0:
-            level = float(np.mean(cov[c, poses, c, poses]))
-            cov[c, :, c, :] += memory.upper * level * kernel(t_s, memory.length)
-    return replace(noise, full=np.linalg.inv(np.linalg.cholesky(cov.reshape(3 * n, 3 * n))))
+    cov = _covariance(noise.sigma, noise.inc, noise.tf, tangents)
+    level = np.diagonal(cov, axis1=1, axis2=2).mean(axis=0)
+    shares = level * [m.upper if m.share > 0 else 0.0 for m in memories]
+    lengths = np.array([m.length for m in memories])
+    return replace(noise, full=VectorNoise.of(cov, intervals(t_s), shares, lengths))
 
 
 def white_variance(noise: PoseNoise, tangents: Array) -> Array:

@@ -42,7 +42,9 @@ class Pool:
         self.blocks = list(blocks)
         self.members = [Member(i, j) for i, c in enumerate(candidates) for j in range(len(c.variants))]
         self.owner = np.array([m.candidate for m in self.members], dtype=np.intp)
-        self.tries = np.bincount(self.owner, minlength=len(self.candidates)).astype(float)
+        self.tries = np.maximum(
+            np.bincount(self.owner, minlength=len(self.candidates)), [c.searched for c in candidates]
+        ).astype(float)
         self.race = Race(self.blocks)
         self._index = {member: i for i, member in enumerate(self.members)}
 

@@ -1,0 +1,110 @@
+"""Noise with memory in state-space form: readings = level + white, the level a walk or one that forgets exponentially.
+
+A pass of the Kalman filter turns readings and any number of columns into independent unit innovations in O(n), where
+the covariance matrix would take O(n^3). The filter's gains depend on the times and variances alone, so all settings of
+the level and all columns go through it together. -2 log likelihood = sum of squared innovations + log determinant
+(the prediction error decomposition; Durbin and Koopman, Time Series Analysis by State Space Methods, section 7.2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LevelNoise:
+    """S settings of a level over n readings; arrays (S, n): innovations' variance, gain, and decay to the next row."""
+
+    variance: Array
+    gain: Array
+    decay: Array
+
+    @classmethod
+    def of(cls, white: Array, steps: Array, shares: Array, lengths: Array) -> LevelNoise:
+        """`white` (n,) variances of the white part, `steps` (n,) rising places of the readings, and for each setting the
+        share of the level (a variance: a walk's for each unit of `steps`, a forgetful level's at any time) and its
+        length (infinite: a walk, 0 at the first place)."""
+        settings, n = shares.size, white.size
+        walk = np.isinf(lengths)
+        apart = np.diff(steps, prepend=steps[:1])
+        decay = np.where(walk[:, None], 1.0, np.exp(-apart[None] / np.where(walk, 1.0, lengths)[:, None]))
+        drive = np.where(walk[:, None], shares[:, None] * apart, shares[:, None] * (1 - decay**2))
+        variance, gain = np.empty((settings, n)), np.empty((settings, n))
+        level = np.where(walk, 0.0, shares)
+        for t in range(n):
+            if t:
+                level = decay[:, t] ** 2 * level + drive[:, t]
+            total = level + white[t]
+            variance[:, t] = total
+            gain[:, t] = level / total
+            level = level * (1 - gain[:, t])
+        after = np.ones((settings, n))
+        after[:, :-1] = decay[:, 1:]
+        return cls(variance, gain, after)
+
+    @property
+    def log_determinant(self) -> Array:
+        """(S,) logarithm of the determinant of the covariance."""
+        return np.asarray(np.log(self.variance).sum(axis=1))
+
+    def white(self, columns: Array) -> Array:
+        """(S, K, n) independent unit innovations of columns (K, n)."""
+        settings, n = self.variance.shape
+        result = np.empty((n, settings, columns.shape[0]))
+        level = np.zeros((settings, columns.shape[0]))
+        gain, decay = self.gain.T[:, :, None], self.decay.T[:, :, None]
+        for t, reading in enumerate(np.ascontiguousarray(columns.T)):
+            left = np.subtract(reading, level, out=result[t])
+            level = (level + gain[t] * left) * decay[t]
+        result /= np.sqrt(self.variance.T)[:, :, None]
+        return np.asarray(result.transpose(1, 2, 0))
+
+
+@dataclass(frozen=True)
+class VectorNoise:
+    """As `LevelNoise` for three channels whose white part hangs together: one setting, levels of their own."""
+
+    root: Array
+    """(n, 3, 3) inverse of the Cholesky factor of the innovations' covariance"""
+    gain: Array
+    """(n, 3, 3)"""
+    decay: Array
+    """(n, 3)"""
+
+    @classmethod
+    def of(cls, white: Array, steps: Array, shares: Array, lengths: Array) -> VectorNoise:
+        """`white` (n, 3, 3) covariances, `steps` (n,), `shares` and `lengths` (3,) of each channel's level."""
+        n = steps.size
+        walk = np.isinf(lengths)
+        apart = np.diff(steps, prepend=steps[:1])
+        decay = np.where(walk, 1.0, np.exp(-apart[:, None] / np.where(walk, 1.0, lengths)))
+        drive = np.where(walk, shares * apart[:, None], shares * (1 - decay**2))
+        root, gain = np.empty((n, 3, 3)), np.empty((n, 3, 3))
+        level = np.diag(np.where(walk, 0.0, shares))
+        for t in range(n):
+            if t:
+                level = level * np.outer(decay[t], decay[t]) + np.diag(drive[t])
+            total = level + white[t]
+            root[t] = np.linalg.inv(np.linalg.cholesky(total))
+            gain[t] = level @ root[t].T @ root[t]
+            level = level - gain[t] @ level
+        after = np.ones((n, 3))
+        after[:-1] = decay[1:]
+        return cls(root, gain, after)
+
+    def white(self, columns: Array) -> Array:
+        """(..., 3, n) -> (..., 3 n) independent unit innovations."""
+        n = columns.shape[-1]
+        readings = np.ascontiguousarray(columns.reshape(-1, 3, n).transpose(2, 1, 0))
+        result = np.empty_like(readings)
+        level = np.zeros(readings.shape[1:])
+        for t in range(n):
+            left = readings[t] - level
+            result[t] = self.root[t] @ left
+            level = (level + self.gain[t] @ left) * self.decay[t][:, None]
+        return np.asarray(result.transpose(2, 1, 0).reshape(*columns.shape[:-2], 3 * n))

@@ -1,0 +1,241 @@
+"""Functions of the covariates of a rotating recording: groups that locate a mismatch, and unnamed products (shadows).
+
+A long recording is worked through in chunks of rows, so a group is a recipe: a function from a chunk to (k, n). What it
+needs of the whole recording (means, spans) is settled when it is made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.physics.gravity import gravity_direction
+from highside.physics.state import ChainState
+
+Array = NDArray[np.float64]
+
+HARMONICS = 8
+TIME_WAVES = 12
+WARM_SPAN_C = 0.5
+"""A temperature that changes by less says nothing."""
+
+
+@dataclass
+class Rows:
+    """A chunk of rows from row `first` on, with what many recipes share: harmonics of the toolface and the load."""
+
+    state: ChainState
+    first: int = 0
+    _harmonics: dict[int, tuple[Array, Array]] = field(default_factory=dict)
+    _force: Array | None = None
+
+    def harmonic(self, k: int) -> tuple[Array, Array]:
+        """cos kT, sin kT, each (n,)."""
+        if k not in self._harmonics:
+            if k == 1:
+                self._harmonics[1] = np.cos(self.state.tf_rad), np.sin(self.state.tf_rad)
+            else:
+                (c, s), (c1, s1) = self.harmonic(k - 1), self.harmonic(1)
+                self._harmonics[k] = c * c1 - s * s1, s * c1 + c * s1
+        return self._harmonics[k]
+
+    def harmonics(self, first: int, last: int) -> list[Array]:
+        """cos and sin of the harmonics from first to last."""
+        return [part for k in range(first, last + 1) for part in self.harmonic(k)]
+
+    @property
+    def force(self) -> Array:
+        """(3, n) nominal gravity in the tool frame."""
+        if self._force is None:
+            self._force = np.asarray(gravity_direction(self.state.inc_rad, self.state.tf_rad), dtype=float)
+        return self._force
+
+
+Recipe = Callable[[Rows], list[Array]]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Functions of a covariate: `make` gives (k,) arrays (n,) for a chunk. `slow` groups vary over seconds at least."""
+
+    covariate: str
+    along: Array
+    """(N,) of the whole recording, in the units intervals are given in"""
+    make: Recipe
+    harmonics: tuple[int, ...] = ()
+    slow: bool = False
+
+
+def rotation_groups(state: ChainState) -> list[Group]:
+    """Groups for the covariates that vary in a recording."""
+    found: list[Group] = []
+    tf_deg = np.mod(np.degrees(state.tf_rad), 360.0)
+    rate = np.asarray(state.rotor_rate_radps, dtype=float)
+    rate_dps = np.degrees(rate)
+    top = max(float(np.abs(rate).max()), 1e-9)
+    start, length = float(state.t_s[0]), max(float(np.ptp(state.t_s)), 1e-9)
+    orders = tuple(range(1, HARMONICS + 1))
+    turns = float(np.ptp(state.tf_rad)) > 2 * np.pi
+    varied = float(np.ptp(rate)) > 0.02 * top
+
+    def speed(rows: Rows) -> Array:
+        return np.asarray(rows.state.rotor_rate_radps / top, dtype=float)
+
+    if turns:
+        found.append(Group("tf_ref_deg", tf_deg, lambda rows: rows.harmonics(1, HARMONICS), orders))
+    if np.ptp(np.degrees(state.inc_rad)) > 0.1:
+        found.append(Group("inc_ref_deg", np.degrees(state.inc_rad), _of_inclination, slow=True))
+        found.append(Group("gravity_direction", np.degrees(state.inc_rad), _monomials))
+    if varied:
+        found.append(Group("rotor_rate_dps", rate_dps, lambda rows: _powers(speed(rows)), slow=True))
+        found.append(
+            Group("rotor_rate_dps x tf_ref_deg", rate_dps, lambda rows: [
+                f(speed(rows)) * part for f in (_same, np.square, np.abs, np.sign) for part in rows.harmonics(1, 1)
+            ])
+        )  # fmt: skip
+        found.append(
+            Group("rotor_rate_dps x 2 tf_ref_deg", rate_dps, lambda rows: [
+                f(speed(rows)) * part for f in (_same, np.square, np.sign) for part in rows.harmonics(2, 3)
+            ])
+        )  # fmt: skip
+    accel = np.asarray(state.rotor_accel_radps2, dtype=float)
+    if np.ptp(accel) > 1e-6 * top:
+        most = float(np.abs(accel).max())
+
+        def spin_up(rows: Rows) -> list[Array]:
+            a = np.asarray(rows.state.rotor_accel_radps2 / most, dtype=float)
+            return [a, *(a * part for part in rows.harmonics(1, 1))]
+
+        found.append(Group("rotor_accel_dps2", np.degrees(accel), spin_up))
+    vibration = np.asarray(state.vibration_rms_g, dtype=float)
+    if np.ptp(vibration) > 0:
+        largest = float(vibration.max())
+
+        def shaken(rows: Rows) -> list[Array]:
+            v = np.asarray(rows.state.vibration_rms_g / largest, dtype=float)
+            return [v, v * v]
+
+        found.append(Group("vibration_rms_g", vibration, shaken, slow=True))
+        found.append(
+            Group("vibration_rms_g x tf_ref_deg", vibration, lambda rows: [
+                shaken(rows)[1] * part for part in rows.harmonics(1, 2)
+            ])
+        )  # fmt: skip
+    if np.ptp(state.temp_c) > WARM_SPAN_C:
+        warm = _warmth(state)
+        found.append(Group("temp_c", np.asarray(state.temp_c), lambda rows: _cubic(warm(rows)), slow=True))
+        found.append(
+            Group("temp_c x tf_ref_deg", np.asarray(state.temp_c), lambda rows: [
+                warm(rows) * part for part in rows.harmonics(1, 4)
+            ])
+        )  # fmt: skip
+        found.append(
+            Group("temp_c^2 x tf_ref_deg", np.asarray(state.temp_c), lambda rows: [
+                warm(rows) ** 2 * part for part in rows.harmonics(1, 2)
+            ])
+        )  # fmt: skip
+
+    def waves(rows: Rows) -> list[Array]:
+        u = (rows.state.t_s - start) / length
+        return [np.asarray(np.cos(np.pi * k * u)) for k in range(1, TIME_WAVES + 1)]
+
+    found.append(Group("t_s", np.asarray(state.t_s), waves, slow=True))
+    found.append(
+        Group("t_s x tf_ref_deg", np.asarray(state.t_s), lambda rows: [
+            (2 * (rows.state.t_s - start) / length - 1) * part for part in rows.harmonics(1, 3)
+        ])
+    )  # fmt: skip
+    return found
+
+
+@dataclass(frozen=True)
+class ShadowGroup:
+    """Unnamed products: labels and the functions (k,) of a chunk, each a column on one channel."""
+
+    name: str
+    labels: tuple[str, ...]
+    make: Recipe
+    off_axis: bool = False
+    """only on channels other than the one the label names: the own axis is an effect of the library"""
+
+
+def rotation_shadows(state: ChainState) -> list[ShadowGroup]:
+    """Products of temperature, time and sense of rotation with powers of the load, as those of a pose session."""
+    found: list[ShadowGroup] = []
+    start, length = float(state.t_s[0]), max(float(np.ptp(state.t_s)), 1e-9)
+
+    def time(rows: Rows) -> Array:
+        return np.asarray((rows.state.t_s - start) / length)
+
+    def times(covariate: Callable[[Rows], Array], terms: Recipe) -> Recipe:
+        def make(rows: Rows) -> list[Array]:
+            by = covariate(rows)
+            return [by * term for term in terms(rows)]
+
+        return make
+
+    if np.ptp(state.temp_c) > WARM_SPAN_C:
+        warm = _warmth(state)
+        found.append(ShadowGroup("temperature", LINEAR, times(warm, _linear), off_axis=True))
+        found.append(ShadowGroup("temperature", SQUARE, times(warm, _square)))
+        found.append(ShadowGroup("temperature", CUBIC, times(warm, _cubes)))
+        found.append(ShadowGroup("temperature^2", LINEAR, times(lambda rows: warm(rows) ** 2, _linear)))
+    found.append(ShadowGroup("time", LINEAR, times(time, _linear)))
+    found.append(ShadowGroup("time", SQUARE, times(time, _square)))
+    if np.ptp(state.direction) > 0:
+        found.append(
+            ShadowGroup("sense of rotation", LINEAR, times(lambda rows: np.asarray(rows.state.direction), _linear))
+        )
+        found.append(
+            ShadowGroup("sense of rotation", SQUARE, times(lambda rows: np.asarray(rows.state.direction), _square))
+        )
+    return found
+
+
+LINEAR = ("x", "y", "z")
+SQUARE = ("x^2", "y^2", "z^2", "x y", "x z", "y z")
+CUBIC = ("x^3", "y^3", "z^3", "|x|", "|y|", "|z|", "x y z")
+
+
+def _linear(rows: Rows) -> list[Array]:
+    return list(rows.force)
+
+
+def _square(rows: Rows) -> list[Array]:
+    x, y, z = rows.force
+    return [x * x, y * y, z * z, x * y, x * z, y * z]
+
+
+def _cubes(rows: Rows) -> list[Array]:
+    x, y, z = rows.force
+    return [x**3, y**3, z**3, abs(x), abs(y), abs(z), x * y * z]
+
+
+def _monomials(rows: Rows) -> list[Array]:
+    x, y, z = rows.force
+    return [x * x, y * y, x * y, x * z, y * z, x**3, y**3, z**3, x * x * y, x * x * z, y * y * z, x * y * z]
+
+
+def _of_inclination(rows: Rows) -> list[Array]:
+    return [np.asarray(f(k * rows.state.inc_rad)) for k in range(1, 4) for f in (np.cos, np.sin)]
+
+
+def _powers(speed: Array) -> list[Array]:
+    return [speed, speed * speed, np.abs(speed), np.sign(speed)]
+
+
+def _cubic(q: Array) -> list[Array]:
+    return [q, q * q, q**3]
+
+
+def _same(values: Array) -> Array:
+    return values
+
+
+def _warmth(state: ChainState) -> Callable[[Rows], Array]:
+    """Standardised temperature of a chunk."""
+    mean, std = float(np.mean(state.temp_c)), float(np.std(state.temp_c))
+    return lambda rows: np.asarray((rows.state.temp_c - mean) / std)

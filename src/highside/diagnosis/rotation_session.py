@@ -1,0 +1,103 @@
+"""Rows of a continuously rotating recording with a known reference: readings of all channels, and the chain's state.
+
+Nothing is averaged: what a rotating tool shows is in the single rows. Gyros, where recorded, are further channels
+beside the accelerometers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.errors import InputError
+from highside.physics.state import ChainState
+
+Array = NDArray[np.float64]
+
+ACCEL = ("ax", "ay", "az")
+GYROS = ("gx", "gy", "gz")
+MIN_ROWS = 1000
+"""Fewer rows are too short a stretch for a noise with memory to be known."""
+RATE_GROUPS = 12
+
+
+@dataclass(frozen=True)
+class RotationSession:
+    """n rows: `readings` (C, n), accelerometers in g and below them gyros in rad/s, tool frame; `state` n rows."""
+
+    readings: Array
+    state: ChainState
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return int(self.readings.shape[1])
+
+    @property
+    def gyros(self) -> bool:
+        """Whether rates were recorded."""
+        return self.readings.shape[0] > 3
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels, in their order."""
+        return ACCEL + GYROS if self.gyros else ACCEL
+
+    @property
+    def step_s(self) -> float:
+        """Time from row to row."""
+        return self.state.row_seconds
+
+    @cached_property
+    def rate_group(self) -> NDArray[np.intp]:
+        """(n,) number of the steady rate a row belongs to; -1 on ramps. At most `RATE_GROUPS`, of like rates."""
+        rate = self.state.rotor_rate_radps
+        steady = np.abs(self.state.rotor_accel_radps2) < 0.02 * max(float(np.ptp(rate)), 1e-9)
+        group = np.full(self.n, -1, dtype=np.intp)
+        if np.ptp(rate) == 0 or not steady.any():
+            return group
+        levels = np.round(rate / (0.02 * max(float(np.abs(rate).max()), 1e-9)))
+        found, number, count = np.unique(levels[steady], return_inverse=True, return_counts=True)
+        large = np.flatnonzero(count > 0.01 * self.n)
+        if large.size < 2:
+            return group
+        order = np.full(found.size, -1, dtype=np.intp)
+        order[large] = np.arange(large.size) * min(RATE_GROUPS, large.size) // large.size
+        group[steady] = order[number.reshape(-1)]
+        return group
+
+
+def rotation_session(
+    columns: Mapping[str, Array],
+    accel_g: Array,
+    gyro_radps: Array | None = None,
+    *,
+    gravity_mps2: float,
+    latitude_rad: float = 0.0,
+    azimuth_rad: float = 0.0,
+) -> RotationSession:
+    """The rows of a recording. `columns` (N,) as in the Recording format, `accel_g`, `gyro_radps` (3, N), tool frame.
+
+    Raises InputError that names the column that is lacking, or says that there are too few rows.
+    """
+    for name in ("inc_ref_deg", "tf_ref_deg"):
+        if name not in columns and not (name == "tf_ref_deg" and "rotor_deg" in columns):
+            raise InputError(
+                "is missing", field=name, remedy="a rotation needs inc_ref_deg and tf_ref_deg or rotor_deg"
+            )
+    if accel_g.shape[1] < MIN_ROWS:
+        raise InputError(
+            f"{accel_g.shape[1]} rows are too few to diagnose a rotation", remedy=f"at least {MIN_ROWS} are needed"
+        )
+    state = ChainState.from_columns(
+        {name: values for name, values in columns.items() if name != "pose"},
+        gravity_mps2=gravity_mps2,
+        latitude_rad=latitude_rad,
+        azimuth_rad=azimuth_rad,
+    )
+    readings = accel_g if gyro_radps is None else np.concatenate([accel_g, gyro_radps])
+    return RotationSession(np.ascontiguousarray(readings, dtype=float), state)
