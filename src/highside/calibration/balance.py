@@ -20,16 +20,9 @@ import math
 
 import numpy as np
 
+from highside.physics.gravity import (gravity_direction, gravity_jacobians)
 from highside.calibration.conventional import DEFAULT_OFFSET_STD_G, MAX_CONDITION
-from highside.calibration.poses import (
-    SAME_TEMPERATURE_C,
-    Array,
-    Indices,
-    PoseSet,
-    gravity,
-    gravity_derivatives,
-    group_settings,
-)
+from highside.calibration.poses import (SAME_TEMPERATURE_C, Array, Indices, PoseSet, group_settings)
 from highside.calibration.result import (
     NOMINAL_BENCH,
     BenchAccuracy,
@@ -135,10 +128,13 @@ def balance(
 
 
 def balance_matrix(S: Array, W: Array, triples: str = "average") -> Array:
-    """C (3, 3) from the four columns S (3, 4), offset subtracted, and W (3, 4), both in the order of the quadrants."""
+    """C (..., 3, 3) from the four columns S (..., 3, 4), offset subtracted, and W (3, 4), in the order of the quadrants.
+
+    Leading dimensions of S are sessions of their own.
+    """
     if triples in TRIPLES:
         pick = list(TRIPLES[triples])
-        return np.asarray(W[:, pick] @ np.linalg.inv(S[:, pick]))
+        return np.asarray(W[..., pick] @ np.linalg.inv(S[..., pick]))
     if triples == "average":
         return np.asarray(np.mean([balance_matrix(S, W, name) for name in TRIPLES], axis=0))
     return np.asarray(W @ np.linalg.pinv(S))
@@ -182,7 +178,7 @@ def closures_of(
         return []
     inc, tf = poses.reference()
     index = np.stack(fours)
-    W = gravity(inc[index], tf[index]).transpose(1, 0, 2)
+    W = gravity_direction(inc[index], tf[index]).transpose(1, 0, 2)
     null = np.linalg.svd(W)[2][:, 3]
     null = null / np.max(np.abs(null), axis=1, keepdims=True) * np.sign(null[:, :1])
     value = np.einsum("irk,rk->ri", poses.a[:, index], null)
@@ -327,7 +323,7 @@ def _solve_ring(
     """The zone of one ring, and the readings (offset subtracted) that its model gives for the poses used."""
     inc, tf = poses.reference()
     use = members if triples == "least-squares" else four
-    W = gravity(inc[use], tf[use])
+    W = gravity_direction(inc[use], tf[use])
     S = poses.a[:, use] - offset[:, None]
     determined = W[:, list(TRIPLES[triples])] if triples in TRIPLES else W
     sizes = np.linalg.svd(determined, compute_uv=False)

@@ -1,0 +1,233 @@
+"""How a published error table comes about, simulated whole: the bench, the sensor, the correction's own poses on the
+same bench, a revolution of readings at each inclination, and the four figures that are told of it.
+
+A table of means and peak-to-peaks is data *after* a correction. Effects that the correction takes up leave no trace in
+it, others come back changed, and chance enters three times: in the readings of the revolution, in those of the
+correction's poses, and in where the bench stopped. Mean and peak-to-peak of an angle are no linear functions of an
+effect, so they are simulated with the same random draws for every set of parameters: smooth in the parameters, with
+exact derivatives, and with the covariance that the draws show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.attitude import wrap_signed
+from highside.calibration.balance import balance_matrix
+from highside.calibration.conventional import position_plan
+from highside.physics.effect import Stage
+from highside.physics.forward import ForwardModel
+from highside.physics.gravity import gravity_direction
+from highside.physics.scenario import BALANCE_TOOLFACES_DEG
+from highside.physics.state import ChainState
+
+Array = NDArray[np.float64]
+
+Correction = Literal["conventional3", "balance-average", "none"]
+CORRECTIONS: tuple[Correction, ...] = get_args(Correction)
+CELLS = ("d_inc_mean_deg", "d_inc_pp_deg", "d_tf_mean_deg", "d_tf_pp_deg")
+HORIZONTAL_RAD = np.radians(0.6)
+"""Nearer to 90 deg than this the balance matrix is degenerate: its inclination is exact by construction."""
+_CHUNK = 32
+
+
+@dataclass(frozen=True, slots=True)
+class Procedure:
+    """What was done for each row: the correction, stations a revolution (0 and 360 deg both counted), readings each."""
+
+    corrected_by: Correction
+    stations: int = 73
+    readings: int = 4
+
+
+@dataclass(frozen=True)
+class Sessions:
+    """All poses of a table's measurement: R revolutions of S stations, then the poses of the correction."""
+
+    procedure: Procedure
+    inc_rad: Array
+    """(R,)"""
+    state: ChainState
+    """R S poses of the revolutions, then the correction's"""
+
+    @classmethod
+    def of(cls, inc_rad: Array, procedure: Procedure) -> Sessions:
+        """The sessions behind rows at these inclinations (R,)."""
+        stations = np.radians(np.linspace(0.0, 360.0, procedure.stations))
+        inc, tf = [np.repeat(inc_rad, stations.size)], [np.tile(stations, inc_rad.size)]
+        if procedure.corrected_by == "conventional3":
+            own_inc, own_tf = position_plan(3)
+            inc, tf = [*inc, own_inc], [*tf, own_tf]
+        elif procedure.corrected_by == "balance-average":
+            four = np.radians(np.array(BALANCE_TOOLFACES_DEG))
+            inc, tf = [*inc, np.repeat(inc_rad, 4)], [*tf, np.tile(four, inc_rad.size)]
+        state = ChainState.build(np.concatenate(inc), np.concatenate(tf))
+        return cls(procedure, inc_rad, state)
+
+    @property
+    def turns(self) -> int:
+        """Number of poses that belong to revolutions."""
+        return self.inc_rad.size * self.procedure.stations
+
+    def corrected(self, readings: Array) -> Array:
+        """Means (..., 3, N) of all poses -> corrected gravity (..., 3, R, S) at the stations."""
+        turns = readings[..., : self.turns].reshape(*readings.shape[:-1], self.inc_rad.size, -1)
+        return self.apply(self.matrices(readings), turns)
+
+    def matrices(self, readings: Array) -> Array:
+        """The correction (..., R or 1, 3, 3) that the correction's own poses give."""
+        own = readings[..., self.turns :]
+        if self.procedure.corrected_by == "none":
+            return np.broadcast_to(np.eye(3), (*readings.shape[:-2], 1, 3, 3))
+        state = self.state
+        W = np.asarray(gravity_direction(state.inc_rad[self.turns :], state.tf_rad[self.turns :]), dtype=float)
+        if self.procedure.corrected_by == "conventional3":
+            return np.asarray(W @ np.linalg.inv(own))[..., None, :, :]
+        rings = [slice(4 * r, 4 * r + 4) for r in range(self.inc_rad.size)]
+        return np.stack([balance_matrix(own[..., r], W[:, r]) for r in rings], axis=-3)
+
+    @staticmethod
+    def apply(matrices: Array, turns: Array) -> Array:
+        """(..., R or 1, 3, 3) to (..., 3, R, S)."""
+        return np.asarray(np.moveaxis(matrices @ np.moveaxis(turns, -3, -2), -2, -3))
+
+    def degenerate(self) -> NDArray[np.bool_]:
+        """(R,) rows where the correction has no meaning."""
+        if self.procedure.corrected_by != "balance-average":
+            return np.zeros(self.inc_rad.size, dtype=bool)
+        return np.asarray(np.abs(self.inc_rad - np.pi / 2) < HORIZONTAL_RAD)
+
+
+@dataclass(frozen=True)
+class Draws:
+    """M realisations of chance, as what they add to the corrected gravity (g).
+
+    `readings` (M, 3, R, S, K): of the K readings for a noise of 1 g, those of the correction's poses included;
+    `bench` (M, 3, R, S): of where the bench stopped.
+    """
+
+    readings: Array
+    bench: Array
+
+
+def draw(sessions: Sessions, model: ForwardModel, count: int, seed: int, noise_g: float) -> Draws:
+    """Realisations at a model whose random effects move the bench; `noise_g` is the size at which the noise of the
+    correction's poses is linearised."""
+    rng = np.random.default_rng(seed)
+    state, procedure = sessions.state, sessions.procedure
+    rows, stations = sessions.inc_rad.size, procedure.stations
+    clean = np.asarray(model.predict(state), dtype=float)
+    tangents = np.asarray(model.pose_sensitivity(state), dtype=float)
+    matrices = sessions.matrices(clean)
+    start = sessions.corrected(clean)
+    moved = np.empty((count, 3, rows, stations))
+    noise = np.empty((count, 3, rows, stations, procedure.readings))
+    turned = (count, 3, rows, stations, procedure.readings)
+    own = state.n - sessions.turns
+    for k in range(count):
+        stops = model.draw(state, rng).get(Stage.POSE, np.zeros((3, state.n)))
+        moved[k] = sessions.corrected(clean + np.einsum("ijn,jn->in", tangents, stops)) - start
+        by_matrix = np.zeros((3, rows, stations))
+        if own:
+            trembling = np.zeros((3, state.n))
+            trembling[:, sessions.turns :] = rng.standard_normal((3, own)) / np.sqrt(procedure.readings)
+            by_matrix = (sessions.corrected(clean + noise_g * trembling) - start) / noise_g
+        own_readings = rng.standard_normal(turned[1:])
+        flat = np.moveaxis(own_readings, 0, -2).reshape(rows, stations, 3, -1)
+        through = np.einsum("rij,rsjk->irsk", np.broadcast_to(matrices, (rows, 3, 3)), flat)
+        noise[k] = through + by_matrix[..., None]
+    return Draws(noise, moved)
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Corrected gravity about one set of parameters: `start` (3, R, S) and `columns` (P, 3, R, S) per unit."""
+
+    sessions: Sessions
+    start: Array
+    columns: Array
+
+    @classmethod
+    def about(cls, sessions: Sessions, model: ForwardModel, columns: Array) -> Linear:
+        """`columns` (P, 3, N): what one unit of each parameter adds to the readings of all poses at the model."""
+        clean = np.asarray(model.predict(sessions.state), dtype=float)
+        return cls(sessions, sessions.corrected(clean), through(sessions, clean, columns))
+
+    def field(self, values: Array) -> Array:
+        """(3, R, S) corrected gravity for values (P,) of the parameters, counted from `start`."""
+        return np.asarray(self.start + np.tensordot(values, self.columns, 1))
+
+
+def through(sessions: Sessions, clean: Array, columns: Array) -> Array:
+    """What columns (P, 3, N) of the readings become after the correction, (P, 3, R, S)."""
+    if not len(columns):
+        return np.empty((0, 3, sessions.inc_rad.size, sessions.procedure.stations))
+    size = np.max(np.abs(columns), axis=(1, 2), keepdims=True)
+    step = 1e-6 / np.where(size > 0, size, 1.0)
+    up, down = sessions.corrected(clean + step * columns), sessions.corrected(clean - step * columns)
+    return np.asarray((up - down) / (2 * step[..., None]))
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What a table says of corrected readings: cells (M, R, 4) in deg of each draw, and the derivatives of their mean.
+
+    `slope` (P + 1, R, 4): by the parameters and by the noise (deg a unit).
+    """
+
+    cells: Array
+    slope: Array
+
+
+def tell(linear: Linear, values: Array, noise_g: float, draws: Draws, *, slopes: bool = True) -> Told:
+    """Mean and peak-to-peak of I and T over each revolution, in every draw."""
+    sessions = linear.sessions
+    field = linear.field(values)
+    rows, stations, readings = sessions.inc_rad.size, sessions.procedure.stations, sessions.procedure.readings
+    count, size = len(draws.bench), stations * readings
+    columns = linear.columns
+    cells = np.empty((count, rows, 4))
+    slope = np.zeros((len(columns) + 1, rows, 4))
+    inc_ref = sessions.inc_rad[:, None]
+    tf_ref = np.tile(np.repeat(sessions.state.tf_rad[:stations], readings), rows).reshape(rows, size)
+    row = np.arange(rows)
+    for first in range(0, count, _CHUNK):
+        noise = draws.readings[first : first + _CHUNK]
+        g = (field + draws.bench[first : first + _CHUNK])[..., None] + noise_g * noise
+        x, y, z = np.moveaxis(g.reshape(len(noise), 3, rows, size), 1, 0)
+        across = np.hypot(x, y)
+        inc = np.arctan2(across, z) - inc_ref
+        tf = wrap_signed(np.arctan2(y, x) - tf_ref)
+        norm2 = across**2 + z**2
+        for which, angle in ((0, inc), (2, tf)):
+            cells[first : first + _CHUNK, :, which] = angle.mean(axis=-1)
+            top, low = angle.argmax(axis=-1), angle.argmin(axis=-1)
+            cells[first : first + _CHUNK, :, which + 1] = np.ptp(angle, axis=-1)
+            if not slopes:
+                continue
+            if which == 0:
+                by = np.stack([x * z / (across * norm2), y * z / (across * norm2), -across / norm2], axis=1)
+            else:
+                by = np.stack([-y / across**2, x / across**2, np.zeros_like(x)], axis=1)
+            # by: (m, 3, R, size); the mean over readings, then the two extremes
+            over = by.reshape(len(noise), 3, rows, stations, readings)
+            slope[:-1, :, which] += np.einsum("pirs,irs->pr", columns, over.sum(axis=(0, 4))) / size
+            slope[-1, :, which] += np.einsum("mirsk,mirsk->r", over, noise) / size
+            drawn = np.arange(len(noise))[:, None]
+            flat_noise = noise.reshape(len(noise), 3, rows, size)
+            for sign, at in ((1.0, top), (-1.0, low)):
+                weight = by[drawn, :, row, at]  # (m, R, 3)
+                shape = columns[:, :, row[None, :], at // readings]  # (P, 3, m, R)
+                slope[:-1, :, which + 1] += sign * np.einsum("mri,pimr->pr", weight, shape)
+                slope[-1, :, which + 1] += sign * np.einsum("mri,mri->r", weight, flat_noise[drawn, :, row, at])
+    return Told(np.degrees(cells), np.degrees(slope / count))
+
+
+def row_names(inclinations_deg: Sequence[float]) -> list[str]:
+    """How a report names the rows."""
+    return [f"{value:g} deg" for value in inclinations_deg]
