@@ -52,6 +52,8 @@ class DeviceSettings:
     temp_c: float | None = 25.0
     seed: int = 1
     tick_s: float = 0.01
+    speed: float = 1.0
+    """how much faster than the wall's the tool's clock runs"""
 
     @property
     def noise_g(self) -> float:
@@ -232,17 +234,18 @@ class SimulatedDevice:
     def _ticks(self) -> Iterator[float]:
         """Work off what is due, and say how long to wait until the next tick."""
         settings = self.settings
+        rate_hz = settings.rate_hz * settings.speed
         start, base = time.monotonic(), self.produced
         # slow tools send on the beat of their frames, fast ones several frames a tick
-        frames_a_tick = max(1, round(settings.rate_hz * settings.tick_s))
+        frames_a_tick = max(1, round(rate_hz * settings.tick_s))
         while True:
-            due = int((time.monotonic() - start) * settings.rate_hz) + base - self.produced
-            if due > max(1.0, MAX_CATCH_UP_S * settings.rate_hz):
+            due = int((time.monotonic() - start) * rate_hz) + base - self.produced
+            if due > max(1.0, MAX_CATCH_UP_S * rate_hz):
                 start, base = time.monotonic(), self.produced
                 due = 1
             if due > 0 or self.wire.pending:
                 self.step(due)
-            wait_s = start + (self.produced - base + frames_a_tick) / settings.rate_hz - time.monotonic()
+            wait_s = start + (self.produced - base + frames_a_tick) / rate_hz - time.monotonic()
             yield max(0.0, min(wait_s, settings.tick_s) if self.wire.pending else wait_s)
 
     async def run(self) -> None:

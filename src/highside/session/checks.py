@@ -18,6 +18,8 @@ from highside.session.plans import Limits, Plan
 from highside.session.snapshot import Uncertainty
 
 MIN_POSES_FOR_FIT = 6
+MEDIAN_DEPARTURE = 1.538
+"""median of chi with three degrees of freedom"""
 DEFAULT_USE_DEG = (1.0, 5.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 
 
@@ -33,6 +35,7 @@ class Agreement:
     sigmas: float | None
     is_worst: bool
     worst: str | None
+    worst_sigmas: float | None = None
 
 
 def agreement(poses: PoseSet, newest: str, limits: Limits) -> Agreement:
@@ -43,9 +46,11 @@ def agreement(poses: PoseSet, newest: str, limits: Limits) -> Agreement:
         fit = joint(poses, bench=bench_of(limits), nonlinear="none", encoder="none", estimate_variances=False).poses
     except (CalibrationRefused, InputError, np.linalg.LinAlgError):
         return Agreement(None, False, None)  # the end of the session says what is wrong with all of them together
-    worst = int(np.argmax(fit.studentised))
+    # a session that scatters more than was stated is measured by itself
+    away = fit.studentised / max(1.0, float(np.median(fit.studentised)) / MEDIAN_DEPARTURE)
+    worst = int(np.argmax(away))
     index = fit.ids.index(newest)
-    return Agreement(float(fit.studentised[index]), worst == index, fit.ids[worst])
+    return Agreement(float(away[index]), worst == index, fit.ids[worst], float(away[worst]))
 
 
 def ring_closures(poses: PoseSet, limits: Limits) -> list[Closure]:

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from highside.attitude.scalar import attitude
-from highside.calibration.poses import Array, gravity
+from highside.calibration.poses import Array
+from highside.physics.gravity import gravity_direction
 from highside.session.plans import Limits
 from highside.session.snapshot import Attitude, Deviation
 
@@ -46,11 +47,11 @@ class Provisional:
         precision = np.diag([limits.prior_matrix**-2] * 3 + [limits.prior_offset_g**-2])
         nominal = np.eye(3, 4)
         if len(inc_deg) == 0:
-            return cls(np.eye(3), np.zeros(3), np.linalg.inv(precision))
-        rows = np.vstack([gravity(np.deg2rad(inc_deg), np.deg2rad(tf_deg)), np.ones(len(inc_deg))])
+            return cls(np.eye(3), np.zeros(3), np.asarray(np.linalg.inv(precision), dtype=np.float64))
+        rows = np.vstack([gravity_direction(np.deg2rad(inc_deg), np.deg2rad(tf_deg)), np.ones(len(inc_deg))])
         spread = math.radians(limits.pose_sigma_deg)
         weight = 1.0 / (FIT_FLOOR_G**2 + spread**2)
-        covariance = np.linalg.inv(precision + weight * rows @ rows.T)
+        covariance: Array = np.asarray(np.linalg.inv(precision + weight * rows @ rows.T), dtype=np.float64)
         estimate = nominal + weight * ((a - nominal @ rows) @ rows.T) @ covariance
         return cls(estimate[:, :3], estimate[:, 3], covariance)
 
@@ -75,7 +76,9 @@ class Candidate:
 
     def direction(self) -> Array:
         """Gravity (3,) in the tool frame."""
-        return np.asarray(gravity(np.array([math.radians(self.inc_deg)]), np.array([math.radians(self.tf_deg)]))[:, 0])
+        return np.asarray(
+            gravity_direction(np.array([math.radians(self.inc_deg)]), np.array([math.radians(self.tf_deg)]))[:, 0]
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -174,6 +174,8 @@ class PoseLine:
     asked_again: int = 0
     reason: Rejection | None = None
     detail: str = ""
+    contradicted: Readings | None = None
+    """the last readings that were refused because they contradict the other poses"""
 
     @property
     def open(self) -> bool:
@@ -212,11 +214,17 @@ class Ledger:
                 self.began, self.operator = True, operator
             case Taken():
                 self._take(entry)
-            case Refused(pose, reason, detail):
+            case Refused(pose, reason, detail, readings):
                 self.refused[reason] = self.refused.get(reason, 0) + 1
                 line = self.lines.get(pose) if pose is not None else None
-                if line is not None:
-                    self.lines[line.id] = replace(line, attempts=line.attempts + 1, reason=reason, detail=detail)
+                if line is not None and line.open:
+                    self.lines[line.id] = replace(
+                        line,
+                        attempts=line.attempts + 1,
+                        reason=reason,
+                        detail=detail,
+                        contradicted=readings if reason is Rejection.OUTLIER else line.contradicted,
+                    )
             case Skipped(pose):
                 self._change(replace(self.lines[pose], state=PoseState.SKIPPED))
             case Reopened(pose, reason, detail, operator):
@@ -225,7 +233,9 @@ class Ledger:
                 self._change(
                     replace(
                         line,
-                        state=PoseState.AGAIN if line.readings is not None else PoseState.OPEN,
+                        # what an operator skipped is open as if it had never been
+                        state=PoseState.AGAIN if line.state is not PoseState.SKIPPED else PoseState.OPEN,
+                        contradicted=None,
                         reason=reason,
                         detail=detail,
                         asked_again=line.asked_again + by_itself,
@@ -251,7 +261,7 @@ class Ledger:
     def _take(self, entry: Taken) -> None:
         before = self.lines.get(entry.pose)
         line = before or PoseLine(entry.pose, entry.inc_deg, entry.tf_deg, entry.stage)
-        self.retaken += line.readings is not None
+        self.retaken += line.state is PoseState.AGAIN
         self._change(
             replace(
                 line,

@@ -10,16 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from highside.calibration.poses import gravity
 from highside.calibration.record import (
     CalibrationRecord,
-    SolveRequest,
     Solution,
+    SolveRequest,
     build_record,
     solve_poses,
 )
 from highside.calibration.result import CalibrationResult, Reason
 from highside.errors import HighsideError
+from highside.physics.gravity import gravity_direction
 from highside.session.journal import Header
 from highside.session.ledger import Ledger
 from highside.session.plans import Kind
@@ -143,7 +143,7 @@ def errors_against(record: CalibrationRecord, matrix: np.ndarray, offset: np.nda
     from highside.calibration.schedule import ScheduledCorrection
 
     inc, tf = attitudes_of_use(Solution(record.result, record.fallback, record.guide))
-    raw = matrix @ gravity(inc, tf) + offset[:, None]
+    raw = matrix @ gravity_direction(inc, tf) + offset[:, None]
     correction = correction_from_record(record)
     if not isinstance(correction, LinearCorrection | ScheduledCorrection):
         raise TypeError(f"{type(correction).__name__} cannot be applied in blocks")

@@ -50,6 +50,7 @@ class Rejection(_Said):
     )
     CLOSURE = "closure", "The four readings of this ring contradict one another. Set this pose again with care."
     LEFT_OUT = "left_out", "The solution had to leave this pose out. Set it again with care."
+    STORAGE = "storage", "The pose could not be written to the disk. Free the disk; it is measured again."
     OPERATOR = "operator", "Taken back by the operator."
     INTERRUPTED = "interrupted", "The session was interrupted during this pose. It is measured again."
 
@@ -99,6 +100,7 @@ class Fault(_Said):
         "contradiction",
         "The poses still contradict one another after being repeated. Accept only if you know why.",
     )
+    STORAGE = "storage", "The journal cannot be written; nothing is taken until the disk is free again."
     CLOCK_STEP = (
         "clock_step",
         "The computer's clock was set during the session. Times in the record follow the new clock.",

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from highside.calibration.poses import Array
+from highside.session.reasons import Rejection
 
 WINDOW_S = 0.1
 MIN_WINDOW_READINGS = 5
@@ -157,6 +158,8 @@ class Stillness:
         self.allan = allan
         self.value = 0.0
         self.still = False
+        self.cause = Rejection.MOVED
+        """what kept the last window from being still"""
         self._recent: deque[Window] = deque(maxlen=LOOK_BACK)
 
     def forget(self) -> None:
@@ -188,6 +191,7 @@ class Stillness:
             level = 2.0 * np.maximum(white / LOOK_BACK, self.allan.variance_of_mean(LOOK_BACK, white))
             values.append(np.max(np.abs(means.mean(axis=0) - hold) / np.sqrt(level)) / STEP_LIMIT)
         self.value = float(max(values))
+        self.cause = Rejection.SHAKEN if values[0] >= self.value else Rejection.MOVED
         self.still = self.value <= 1.0
         return self.value
 

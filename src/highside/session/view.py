@@ -1,0 +1,253 @@
+"""The public picture of a session: its `Snapshot`, and the sentence that says what to do next."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from highside.session import checks
+from highside.session.guidance import Candidate, attitude_of, deviation_of, instruction, setting
+from highside.session.ledger import PoseLine
+from highside.session.outcome import Solved
+from highside.session.reasons import Fault
+from highside.session.session import BenchSession
+from highside.session.snapshot import (
+    Attitude,
+    Capture,
+    ClosureState,
+    Deviation,
+    FaultState,
+    PlanState,
+    PoseRow,
+    ResultState,
+    Snapshot,
+    State,
+    Stillness,
+    Target,
+    Uncertainty,
+)
+
+
+class View:
+    """Makes snapshots of one session; keeps what changes only with the poses."""
+
+    def __init__(self, session: BenchSession) -> None:
+        self._session = session
+        self._revision = -1
+        self._uncertainty: Uncertainty | None = None
+        self._closures: list[ClosureState] = []
+
+    def snapshot(self) -> Snapshot:
+        session = self._session
+        ledger, header, plan = session.ledger, session.header, session.plan
+        self._refresh()
+        target = session.target
+        attitude, deviation = self._where(target)
+        stage = plan.stages[ledger.stage]
+        refused = session.last_rejection
+        return Snapshot(
+            seq=session.seq,
+            session=header.session,
+            tool=header.tool_id,
+            serial=header.serial,
+            state=session.state,
+            back_to=session.back_to,
+            plan=PlanState(
+                kind=plan.kind.value,
+                title=plan.title,
+                method=plan.method,
+                poses=None if plan.open_ended else len(plan.poses),
+                done=len(ledger.done),
+                skipped=ledger.skipped,
+                stage=ledger.stage,
+                stages=len(plan.stages),
+                stage_temp_c=stage.temp_c,
+            ),
+            prompt=prompt(session, target, deviation),
+            target=None
+            if target is None
+            else Target(pose=target.id, inc_deg=target.inc_deg, tf_deg=target.tf_deg, temp_c=stage.temp_c),
+            attitude=attitude,
+            deviation=deviation,
+            stillness=self._stillness(),
+            capture=self._capture(),
+            temp_c=session.tracker.temp_c,
+            poses=[_row(line, plan.stages[line.stage].temp_c) for line in ledger.lines.values()],
+            uncertainty=self._uncertainty,
+            closures=self._closures,
+            faults=[
+                FaultState(code=fault.value, text=fault.text, since_s=max(0.0, since), detail=detail)
+                for fault, (since, detail) in session.faults.items()
+            ],
+            last_rejection=None if refused is None else refused[1],
+            operator=ledger.operator,
+            allowed=session.allowed(),
+            result=None if session.solved is None else _result(session, session.solved),
+            elapsed_s=0.0 if session.started_s is None else max(0.0, session.now_s - session.started_s),
+        )
+
+    def _refresh(self) -> None:
+        ledger = self._session.ledger
+        if ledger.revision == self._revision:
+            return
+        self._revision = ledger.revision
+        self._uncertainty = checks.uncertainty_so_far(ledger)
+        limit = checks.closure_limit(ledger.plan)
+        closures = checks.ring_closures(ledger.pose_set(), ledger.plan.limits) if ledger.done else []
+        self._closures = [
+            ClosureState(
+                inc_deg=math.degrees(c.inc_rad),
+                size_g=float(np.linalg.norm(c.value)),
+                p=c.p,
+                good=c.p >= limit,
+                poses=list(c.poses),
+                worst=c.worst_pose,
+            )
+            for c in closures
+        ]
+
+    def _where(self, target: Candidate | None) -> tuple[Attitude | None, Deviation | None]:
+        session = self._session
+        window = session.tracker.latest
+        if window is None or Fault.NO_DATA in session.faults:
+            return None, None
+        deviation = None
+        if target is not None:
+            deviation = deviation_of(window.mean, session.model, target, session.plan.limits)
+        return attitude_of(window.mean, session.model), deviation
+
+    def _stillness(self) -> Stillness | None:
+        tracker = self._session.tracker
+        if not tracker.trace:
+            return None
+        noise = tracker.floor.value
+        return Stillness(
+            value=round(tracker.trace[-1], 4),
+            still=tracker.stillness.still,
+            noise_g=None if noise is None else (float(noise[0]), float(noise[1]), float(noise[2])),
+            trace=[round(value, 3) for value in tracker.trace],
+            trace_step_s=tracker.window_s,
+        )
+
+    def _capture(self) -> Capture | None:
+        hold = self._session.hold
+        if hold is None:
+            return None
+        target = self._session.plan.limits.std_error_g
+        if not hold.windows:
+            return Capture(progress=0.0, elapsed_s=0.0, readings=0, std_error_g=None, target_std_error_g=target)
+        return Capture(
+            progress=hold.progress(),
+            elapsed_s=hold.elapsed_s,
+            readings=hold.readings,
+            std_error_g=float(np.max(hold.std_error())),
+            target_std_error_g=target,
+        )
+
+
+def _row(line: PoseLine, temp_c: float | None) -> PoseRow:
+    readings = line.readings
+    measured = readings.temp_c if readings is not None else None
+    text = line.reason.text if line.reason is not None else None
+    return PoseRow(
+        pose=line.id,
+        inc_deg=line.inc_deg,
+        tf_deg=line.tf_deg,
+        temp_c=temp_c if temp_c is not None else measured,
+        stage=line.stage,
+        state=line.state,
+        attempts=line.attempts,
+        std_error_g=None if readings is None else max(readings.std_error_g),
+        readings=0 if readings is None else readings.n,
+        sigmas=line.sigmas,
+        reason=None if line.reason is None else line.reason.value,
+        text=text if not line.detail or text is None else f"{text} ({line.detail})",
+    )
+
+
+def _result(session: BenchSession, solved: Solved) -> ResultState:
+    ended = session.ledger.ended
+    return ResultState(
+        method=session.plan.method,
+        record_id=ended.record if ended is not None else None,
+        inc_std_deg=solved.inc_std_deg,
+        tf_std_deg=solved.tf_std_deg,
+        poses=len(session.ledger.done),
+        retaken=session.ledger.retaken,
+        refused=list(solved.refused),
+        remarks=list(solved.remarks),
+    )
+
+
+_ENDED = {
+    State.ACCEPTED: "Done: the result is accepted and kept.",
+    State.REJECTED: "Ended: the result was rejected. The journal keeps what was measured.",
+    State.ABORTED: "Aborted. The journal keeps what was measured.",
+}
+
+
+def prompt(session: BenchSession, target: Candidate | None, deviation: Deviation | None) -> str:
+    """What to do next, in one sentence."""
+    state = session.state
+    if state in _ENDED:
+        return _ENDED[state]
+    if state is State.IDLE:
+        return f"Clamp the tool, check that the table is level, then choose start ({session.plan.title})."
+    if state is State.PAUSED:
+        return "Paused: choose resume to go on; what has been measured is kept."
+    for fault in (Fault.STORAGE, Fault.LINK_DOWN, Fault.NO_DATA, Fault.FROZEN, Fault.MIRRORED, Fault.NO_TEMPERATURE):
+        if fault in session.faults:
+            return fault.text
+    match state:
+        case State.SOAKING:
+            return _soak(session)
+        case State.CAPTURING:
+            return f"Hands off: measuring{_name(target)}."
+        case State.SETTLING:
+            return f"At the pose{_name(target)}: let it come to rest."
+        case State.GUIDING if session.plan.open_ended:
+            done = len(session.ledger.done)
+            more = max(0, session.plan.min_poses - done)
+            rest = f"{more} more are needed" if more else "accept when you have enough"
+            return f"Lay the tool down in an attitude that is new, and let go; {done} taken, {rest}."
+        case State.GUIDING if target is not None:
+            return _guide(session, target, deviation)
+        case State.REVIEW:
+            return _review(session)
+        case _:
+            return "One moment: the calibration is being computed."
+
+
+def _name(target: Candidate | None) -> str:
+    return "" if target is None else f" {target.id} ({setting(target.inc_deg, target.tf_deg)})"
+
+
+def _guide(session: BenchSession, target: Candidate, deviation: Deviation | None) -> str:
+    what = f"Set{_name(target)}"
+    if session.must_leave == target.id:
+        return f"{what} again: turn away from it first, then set it with care."
+    if deviation is None:
+        return f"{what}."
+    return f"{what}: {instruction(deviation)}."
+
+
+def _soak(session: BenchSession) -> str:
+    stage = session.plan.stages[session.ledger.stage]
+    now = session.tracker.temp_c
+    here = "" if now is None else f", now {now:.1f}"
+    if stage.temp_c is None:
+        return "One moment."
+    return f"Bring the tool to {stage.temp_c:g} deg C{here}; the session goes on by itself once that is steady."
+
+
+def _review(session: BenchSession) -> str:
+    solved = session.solved
+    if solved is None or not solved.may_be_accepted:
+        why = solved.why if solved is not None else "not solved"
+        return f"No calibration follows: {why}. Measure the poses named again, or reject."
+    if Fault.CONTRADICTION in session.faults:
+        return "The poses still contradict one another: look at the list, then accept, redo a pose, or reject."
+    if not session.plan.kind.calibrates:
+        return "All poses are taken: look at the verdict, then accept or reject."
+    return f"All poses are taken and agree: I within {solved.inc_std_deg or 0:.4f} deg (1 sigma); accept or reject."
