@@ -20,8 +20,9 @@ from bulk_attitude import compile_loop, seconds
 from highside.calibration.balance import balance
 from highside.calibration.conventional import conventional
 from highside.calibration.correction import LinearCorrection
-from highside.calibration.poses import PoseSet, gravity
+from highside.calibration.poses import PoseSet
 from highside.calibration.schedule import ScheduledCorrection
+from highside.physics.gravity import gravity_direction
 
 RINGS_DEG = (0.612, 1.206, 3.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0)
 
@@ -30,7 +31,9 @@ def schedule(A: np.ndarray, b: np.ndarray) -> ScheduledCorrection:
     """Nine zones and a global fallback."""
     inc = np.deg2rad(np.repeat(RINGS_DEG, 4))
     tf = np.deg2rad(np.tile([45.0, 135.0, 225.0, 315.0], len(RINGS_DEG)))
-    poses = PoseSet.build(A @ gravity(inc, tf) + b[:, None], inc_ref_rad=inc, tf_ref_rad=tf, n=1000.0, std=5e-4)
+    poses = PoseSet.build(
+        A @ gravity_direction(inc, tf) + b[:, None], inc_ref_rad=inc, tf_ref_rad=tf, n=1000.0, std=5e-4
+    )
     zones = tuple(LinearCorrection(zone, guarded=False) for zone in balance(poses).zones)
     return ScheduledCorrection(zones, fallback=LinearCorrection(conventional(poses).main))
 
@@ -42,7 +45,7 @@ def compare(samples: int, pairs: int) -> dict[str, float]:
     rng = np.random.default_rng(0)
     A, b = np.eye(3) + 3e-3 * rng.standard_normal((3, 3)), 2e-3 * rng.standard_normal(3)
     inc, tf = np.deg2rad(np.linspace(0.3, 60.0, n)), 2.0 * np.pi * np.arange(n) / 300.0
-    raw = np.ascontiguousarray(A @ gravity(inc, tf) + b[:, None] + 3e-4 * rng.standard_normal((3, n)))
+    raw = np.ascontiguousarray(A @ gravity_direction(inc, tf) + b[:, None] + 3e-4 * rng.standard_normal((3, n)))
     correction = schedule(A, b)
     C = np.linalg.inv(A)
     out = np.empty((2, n))

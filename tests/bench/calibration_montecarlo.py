@@ -28,8 +28,10 @@ from highside.calibration.conventional import conventional, least_squares, posit
 from highside.calibration.forward import BASE_NAMES, GROUPS, Variances
 from highside.calibration.joint import joint
 from highside.calibration.magnitude import magnitude
-from highside.calibration.poses import Array, PoseSet, gravity
-from highside.calibration.result import CalibrationResult, SensorModel
+from highside.calibration.poses import Array, PoseSet
+from highside.calibration.result import CalibrationResult
+from highside.calibration.sensor import SensorModel
+from highside.physics.gravity import gravity_direction
 from highside.physics.scenario import (
     BALANCE_TOOLFACES_DEG,
     PUBLISHED_INCLINATIONS_DEG,
@@ -168,7 +170,7 @@ def run(
                 pair = _errors(corrected, inc, tf)
                 squares.setdefault(name, []).append(np.stack(pair).reshape(2, *cells) ** 2)
             squares.setdefault("joint with tilt", []).append(np.stack([d_inc, d_tf]).reshape(2, *cells) ** 2)
-            ideal = gravity(inc, tf) + scenario.reading_sigma_g * rng.standard_normal((3, inc.size))
+            ideal = gravity_direction(inc, tf) + scenario.reading_sigma_g * rng.standard_normal((3, inc.size))
             pair = _errors(ideal, inc, tf)
             squares.setdefault("limit: perfect calibration", []).append(np.stack(pair).reshape(2, *cells) ** 2)
     F = plan_information(
@@ -245,7 +247,7 @@ def _by_zone(result: CalibrationResult, reading: Array, inc: Array) -> Array:
 def _aligned(poses: PoseSet) -> SensorModel:
     """Calibrated by |g| alone, then turned as a whole to the attitudes of the bench (orthogonal Procrustes)."""
     model = magnitude(poses).main.model()
-    U, _, Vt = np.linalg.svd(gravity(*poses.reference()) @ model.correct(poses.a).T)
+    U, _, Vt = np.linalg.svd(gravity_direction(*poses.reference()) @ model.correct(poses.a).T)
     R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
     return SensorModel(model.A @ R.T, model.b)
 

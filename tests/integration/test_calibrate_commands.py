@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from highside.calibration.poses import gravity
 from highside.cli.main import main
+from highside.physics.gravity import bench_gravity, gravity_direction
 from highside.recording.calibration_store import CalibrationStore, load_active, read_record
 
 Run = Callable[..., tuple[int, str, str]]
@@ -49,7 +49,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
 
 def measured(inc_deg: np.ndarray, tf_deg: np.ndarray, seed: int = 0, noise_g: float = 0.0) -> np.ndarray:
     noise = noise_g * np.random.default_rng(seed).standard_normal((3, np.size(inc_deg)))
-    return SENSOR @ gravity(np.deg2rad(inc_deg), np.deg2rad(tf_deg)) + OFFSET[:, None] + noise
+    return SENSOR @ gravity_direction(np.deg2rad(inc_deg), np.deg2rad(tf_deg)) + OFFSET[:, None] + noise
 
 
 def write_csv(path: Path, columns: dict[str, Any]) -> Path:
@@ -407,7 +407,7 @@ def test_the_bench_frame_gives_back_the_benchs_own_angles(run: Run, tmp_path: Pa
     inc, tf = np.repeat(rings, 8), np.tile(ALL_ROUND, len(rings))
     tilt = np.deg2rad([0.04, -0.03])
     noise = NOISE_G / np.sqrt(READINGS) * np.random.default_rng(3).standard_normal((3, inc.size))
-    a = SENSOR @ gravity(np.deg2rad(inc), np.deg2rad(tf), *tilt) + OFFSET[:, None] + noise
+    a = SENSOR @ bench_gravity(np.deg2rad(inc), np.deg2rad(tf), *tilt) + OFFSET[:, None] + noise
     columns = pose_columns(rings, ALL_ROUND) | {"ax": a[0], "ay": a[1], "az": a[2]}
     table, record = write_csv(tmp_path / "poses.csv", columns), tmp_path / "cal.json"
     assert run("solve", table, "--method", "joint", "-o", record)[0] == 0

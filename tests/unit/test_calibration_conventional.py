@@ -9,9 +9,10 @@ import pytest
 
 from highside.calibration.balance import TRIPLES, balance, balance_matrix, closures_of, zone_limits
 from highside.calibration.conventional import conventional, least_squares, position_plan
-from highside.calibration.poses import Array, PoseSet, gravity
+from highside.calibration.poses import Array, PoseSet
 from highside.calibration.result import BenchAccuracy, CalibrationRefused, CalibrationResult, Reason
 from highside.errors import InputError
+from highside.physics.gravity import gravity_direction
 from highside.physics.scenario import pose_grid, reference_scenario
 
 QUADRANTS = (45.0, 135.0, 225.0, 315.0)
@@ -30,7 +31,7 @@ EXACT = BenchAccuracy(tilt_rad=0.0, pose_rad=0.0)
 
 
 def measured(A: Array, b: Array, inc: Array, tf: Array, noise: Array | None = None) -> PoseSet:
-    m = A @ gravity(inc, tf) + b[:, None]
+    m = A @ gravity_direction(inc, tf) + b[:, None]
     return PoseSet.build(m if noise is None else m + noise, inc_ref_rad=inc, tf_ref_rad=tf, n=10, std=30e-6)
 
 
@@ -41,7 +42,7 @@ def sensor(seed: int) -> tuple[Array, Array]:
 
 def test_three_poses_give_the_inverse_of_the_papers_example() -> None:
     inc, tf = position_plan(3)
-    assert np.allclose(gravity(inc, tf), np.eye(3), atol=1e-15)
+    assert np.allclose(gravity_direction(inc, tf), np.eye(3), atol=1e-15)
     result = conventional(PoseSet.build(PAPER_S, inc_ref_rad=inc, tf_ref_rad=tf))
     assert np.allclose(result.C @ PAPER_S, np.eye(3), atol=1e-14)
     assert np.allclose(result.C, PAPER_C, atol=6e-8)
@@ -60,7 +61,7 @@ def test_the_matrix_printed_in_the_paper_is_not_an_inverse() -> None:
 def test_six_and_more_positions_find_matrix_and_offset_exactly(count: int) -> None:
     A, b = sensor(1)
     inc, tf = position_plan(count)
-    assert len({tuple(np.round(w, 9)) for w in gravity(inc, tf).T}) == count
+    assert len({tuple(np.round(w, 9)) for w in gravity_direction(inc, tf).T}) == count
     result = conventional(measured(A, b, inc, tf))
     assert np.allclose(result.A, A, atol=1e-12)
     assert np.allclose(result.b, b, atol=1e-12)
@@ -72,7 +73,7 @@ def test_three_positions_say_that_the_offset_is_not_seen_and_carry_it_in_the_unc
     inc, tf = position_plan(3)
     result = conventional(measured(A, b, inc, tf), bench=EXACT, offset_std_g=2e-3)
     assert [remark.reason for remark in result.remarks] == [Reason.OFFSET_NOT_OBSERVABLE]
-    up, down = gravity(np.array([0.0]), np.array([0.0]))[:, 0], np.array([0.0, 0.0, -1.0])
+    up, down = gravity_direction(np.array([0.0]), np.array([0.0]))[:, 0], np.array([0.0, 0.0, -1.0])
     assert np.sqrt(result.covariance_of(up)[2, 2]) < 50e-6  # a pose of the calibration: the offset is in the matrix
     assert np.sqrt(result.covariance_of(down)[2, 2]) == pytest.approx(4e-3, rel=0.02)  # there it counts twice
     error = result.correct(A @ down + b) - down
@@ -103,7 +104,7 @@ def test_linear_methods_state_the_scatter_that_they_have() -> None:
     pulls: dict[str, list[Array]] = {"conventional": [], "balance": []}
     stated = BenchAccuracy(np.deg2rad(0.03) / np.sqrt(3), np.deg2rad(0.009) / np.sqrt(3))
     attitude = np.deg2rad(np.array([45.0])), np.array([1.0])
-    truth = gravity(*attitude)
+    truth = gravity_direction(*attitude)
     for seed in range(300):
         scenario = reference_scenario(seed)
         reading = scenario.read(*attitude)
@@ -125,14 +126,14 @@ def test_linear_methods_state_the_scatter_that_they_have() -> None:
 
 def test_every_triple_the_average_and_least_squares_recover_a_sensor_without_offset() -> None:
     A, _ = sensor(4)
-    W = gravity(*pose_grid([30.0], QUADRANTS))
+    W = gravity_direction(*pose_grid([30.0], QUADRANTS))
     for name in (*TRIPLES, "average", "least-squares"):
         assert np.allclose(balance_matrix(A @ W, W, name) @ A, np.eye(3), atol=1e-12)
 
 
 def test_the_average_of_the_triples_is_least_squares_to_second_order() -> None:
     A, _ = sensor(5)
-    W = gravity(*pose_grid([5.004], QUADRANTS))
+    W = gravity_direction(*pose_grid([5.004], QUADRANTS))
     noise = np.random.default_rng(0).standard_normal((3, 4))
     apart = []
     for size in (2e-4, 1e-4):
@@ -149,12 +150,15 @@ def test_an_offset_vanishes_at_the_zones_inclination_and_comes_back_away_from_it
     center = np.deg2rad(45.0)
     result = balance(measured(A, A @ d, *pose_grid([45.0], QUADRANTS)))
     for inc in np.deg2rad([40.0, 45.0, 50.0, 80.0]):
-        g = gravity(np.array([inc]), np.array([0.7]))
+        g = gravity_direction(np.array([inc]), np.array([0.7]))
         error = (result.correct(A @ (g + d[:, None])) - g)[:, 0]
         # first order in the offset; the matrix also scales it by 1 + d
         assert np.allclose(error, d * (1.0 - np.cos(inc) / np.cos(center)), atol=1e-5)
         assert np.allclose(result.zones[0].outside_error(inc, 1e-3), 1e-3 * abs(1 - np.cos(inc) / np.cos(center)))
-    stated = [np.sqrt(result.covariance_of(gravity(np.array([i]), np.array([0.7]))[:, 0])[0, 0]) for i in (center, 1.4)]
+    stated = [
+        np.sqrt(result.covariance_of(gravity_direction(np.array([i]), np.array([0.7]))[:, 0])[0, 0])
+        for i in (center, 1.4)
+    ]
     assert stated[1] > 1e-3 > stated[0]
 
 
@@ -162,7 +166,7 @@ def test_balance_refuses_90_deg_and_says_why() -> None:
     A, b = sensor(7)
     poses = measured(A, b, *pose_grid([90.0], QUADRANTS))
     # the trap: S is invertible, and the corrected gz is identically zero whatever the tool does
-    W = gravity(*poses.reference())
+    W = gravity_direction(*poses.reference())
     W[2] = 0.0
     C = balance_matrix(poses.a, W, "1-2-3")
     assert np.all(C[2] == 0.0)
@@ -230,7 +234,7 @@ def test_a_result_survives_json_float_by_float(method: object) -> None:
     result: CalibrationResult = method(measured(A, b, *pose_grid([5.0, 45.0], QUADRANTS)))  # type: ignore[operator]
     back = CalibrationResult.from_dict(json.loads(json.dumps(result.to_dict())))
     assert json.dumps(back.to_dict()) == json.dumps(result.to_dict())
-    g = gravity(np.array([0.3]), np.array([2.0]))
+    g = gravity_direction(np.array([0.3]), np.array([2.0]))
     assert np.array_equal(back.correct(g), result.correct(g))
     assert np.array_equal(back.predict_std(0.3, 2.0)[1], result.predict_std(0.3, 2.0)[1])
 

@@ -5,39 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from highside.calibration.poses import (
-    Array,
-    PoseSet,
-    find_still_intervals,
-    gravity,
-    gravity_derivatives,
-    group_settings,
-    poses_from_intervals,
-)
+from highside.calibration.poses import Array, PoseSet, find_still_intervals, group_settings, poses_from_intervals
 from highside.errors import InputError
 from highside.physics.gravity import gravity_direction
 
 
 def table(**changes: object) -> dict[str, object]:
     inc, tf = np.array([5.0, 45.0, 90.0, 90.0]), np.array([45.0, 135.0, 0.0, 90.0])
-    w = gravity(np.deg2rad(inc), np.deg2rad(tf))
+    w = gravity_direction(np.deg2rad(inc), np.deg2rad(tf))
     columns: dict[str, object] = {"inc_ref_deg": inc, "tf_ref_deg": tf, "ax": w[0], "ay": w[1], "az": w[2]}
     return {k: v for k, v in {**columns, **changes}.items() if v is not None}
-
-
-def test_gravity_is_that_of_the_physics_and_its_derivatives_are_right() -> None:
-    inc, tf = np.deg2rad(np.array([0.5, 30.0, -45.0, 120.0])), np.deg2rad(np.array([10.0, 100.0, 200.0, 300.0]))
-    assert np.allclose(gravity(np.abs(inc), tf), gravity_direction(np.abs(inc), tf), atol=1e-15)
-    assert np.allclose(gravity(-inc, tf), gravity(inc, tf + np.pi), atol=1e-15)  # the table turned the other way
-    tx, ty, h = 3e-4, -2e-4, 1e-6
-    by_inc, by_tf, by_ty = gravity_derivatives(inc, tf, tx, ty)
-    for found, plus, minus in (
-        (by_inc, gravity(inc + h, tf, tx, ty), gravity(inc - h, tf, tx, ty)),
-        (by_inc, gravity(inc, tf, tx + h, ty), gravity(inc, tf, tx - h, ty)),
-        (by_tf, gravity(inc, tf + h, tx, ty), gravity(inc, tf - h, tx, ty)),
-        (by_ty, gravity(inc, tf, tx, ty + h), gravity(inc, tf, tx, ty - h)),
-    ):
-        assert np.allclose(found, (plus - minus) / (2 * h), atol=1e-9)
 
 
 def test_a_table_in_degrees_becomes_a_pose_set() -> None:
@@ -91,7 +68,7 @@ def test_noise_is_pooled_but_a_rough_pose_keeps_its_own() -> None:
     rng = np.random.default_rng(0)
     std = 50e-6 * np.sqrt(rng.chisquare(9, (3, 40)) / 9)
     std[:, 7] = 500e-6
-    w = gravity(np.linspace(0.1, 3.0, 40), np.linspace(0.0, 6.0, 40))
+    w = gravity_direction(np.linspace(0.1, 3.0, 40), np.linspace(0.0, 6.0, 40))
     noise = PoseSet.build(w, n=10, std=std).noise_of_mean() * np.sqrt(10)
     assert np.allclose(noise[:, 0], 50e-6, rtol=0.12)
     assert np.all(noise[:, :7] == noise[:, [0]])
@@ -100,7 +77,7 @@ def test_noise_is_pooled_but_a_rough_pose_keeps_its_own() -> None:
 
 def session(noise_g: float, rng: np.random.Generator) -> tuple[Array, list[tuple[int, int]]]:
     """Ten poses of 6 s with turns of 2 s between them at 100 Hz, and where the poses are."""
-    attitudes = gravity(rng.uniform(0.2, 2.8, 10), rng.uniform(0.0, 6.0, 10))
+    attitudes = gravity_direction(rng.uniform(0.2, 2.8, 10), rng.uniform(0.0, 6.0, 10))
     parts, places, at = [], [], 0
     for k in range(10):
         places.append((at, at + 600))
@@ -141,7 +118,7 @@ def test_a_disturbed_pose_stays_one_pose_and_the_disturbance_is_left_out() -> No
 
 
 def test_nothing_still_is_said() -> None:
-    turning = gravity(np.linspace(0.0, 3.0, 3000), np.linspace(0.0, 60.0, 3000))
+    turning = gravity_direction(np.linspace(0.0, 3.0, 3000), np.linspace(0.0, 60.0, 3000))
     with pytest.raises(InputError, match="still"):
         find_still_intervals(turning + 1e-4 * np.random.default_rng(0).standard_normal(turning.shape), 100.0)
     with pytest.raises(InputError, match="too few"):

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from highside.calibration.magnitude import magnitude
-from highside.calibration.poses import Array, PoseSet, gravity
+from highside.calibration.poses import Array, PoseSet
 from highside.calibration.result import CalibrationRefused, CalibrationResult, Reason
 from highside.calibration.temperature import joint_over_temperature, legs
 from highside.errors import InputError
+from highside.physics.gravity import bench_gravity, gravity_direction
 from highside.physics.scenario import BALANCE_TOOLFACES_DEG, pose_grid
 
 CYCLE_C = (25.0, 75.0, 125.0, 150.0, 125.0, 75.0, 25.0)
@@ -43,7 +44,7 @@ class Oven:
         means = []
         for k, temp in enumerate(cycle):
             jitter = np.deg2rad(0.009)
-            w = gravity(
+            w = bench_gravity(
                 inc + self.rng.uniform(-jitter, jitter, 13), tf + self.rng.uniform(-jitter, jitter, 13), *self.tilt
             )
             means.append(self.read(w, temp, 1.0 if k <= top else -1.0) + 11e-6 * self.rng.standard_normal(w.shape))
@@ -59,7 +60,7 @@ class Oven:
 
 def pulls(result: CalibrationResult, oven: Oven, temp_c: float) -> Array:
     """Error of a corrected vector at a temperature in stated standard deviations (3,)."""
-    g = gravity(np.array([0.6]), np.array([1.0]))
+    g = gravity_direction(np.array([0.6]), np.array([1.0]))
     error = (result.correct(oven.read(g, temp_c), temp_c) - g)[:, 0]
     return np.asarray(error / np.sqrt(np.diag(result.covariance_of(g[:, 0], temp_c))))
 
@@ -81,8 +82,8 @@ def test_readings_at_temperatures_between_are_corrected_within_the_stated_uncert
     spread = np.sqrt(np.mean(np.square(values)))
     assert 0.6 < spread < 1.25
     # without temperature in the model the same readings are out by mg
-    plain = oven.read(gravity(np.array([0.6]), np.array([1.0])), 145.0) - oven.read(
-        gravity(np.array([0.6]), np.array([1.0])), 60.0
+    plain = oven.read(gravity_direction(np.array([0.6]), np.array([1.0])), 145.0) - oven.read(
+        gravity_direction(np.array([0.6]), np.array([1.0])), 60.0
     )
     assert np.abs(plain).max() > 1e-3
 
@@ -92,7 +93,7 @@ def test_hysteresis_is_reported_and_enters_the_uncertainty() -> None:
     assert [r.reason for r in with_loop.remarks] == [Reason.TEMPERATURE_HYSTERESIS]
     assert with_loop.options["hyst_x"] == pytest.approx(300e-6, abs=4 * float(with_loop.options["hyst_x_std"]))
     assert abs(float(without.options["hyst_x"])) < 4 * float(without.options["hyst_x_std"])
-    g = gravity(np.array([0.6]), np.array([1.0]))[:, 0]
+    g = gravity_direction(np.array([0.6]), np.array([1.0]))[:, 0]
     stated = [np.sqrt(result.covariance_of(g, 80.0)[0, 0]) for result in (without, with_loop)]
     assert stated[0] < 30e-6 < 140e-6 < stated[1]
     # the same orders: the loop does not pass for a bend
@@ -102,7 +103,7 @@ def test_hysteresis_is_reported_and_enters_the_uncertainty() -> None:
 def test_outside_of_the_range_the_uncertainty_grows_without_a_jump_of_the_value() -> None:
     oven = Oven(4)
     result = joint_over_temperature(oven.session())
-    g = gravity(np.array([0.6]), np.array([1.0]))[:, 0]
+    g = gravity_direction(np.array([0.6]), np.array([1.0]))[:, 0]
     m = oven.read(g[:, None], 150.0)[:, 0]
     stds = [np.sqrt(np.trace(result.covariance_of(g, temp))) for temp in (150.0, 155.0, 165.0, 185.0)]
     assert np.all(np.diff(stds) > 0) and stds[-1] > 10 * stds[0]
@@ -140,7 +141,7 @@ def test_legs_follow_the_steps_of_the_oven_and_not_its_flutter() -> None:
 def test_a_result_over_temperature_survives_json_float_by_float() -> None:
     result = joint_over_temperature(Oven(8).session())
     back = CalibrationResult.from_dict(json.loads(json.dumps(result.to_dict())))
-    m = Oven(8).read(gravity(np.array([0.6]), np.array([1.0])), 33.3)
+    m = Oven(8).read(gravity_direction(np.array([0.6]), np.array([1.0])), 33.3)
     assert np.array_equal(back.correct(m, 33.3), result.correct(m, 33.3))
     assert json.dumps(back.to_dict()) == json.dumps(result.to_dict())
 
@@ -175,7 +176,7 @@ def test_the_gauge_is_stated_and_the_unseen_rotation_is_in_the_uncertainty() -> 
 
 def test_attitudes_that_do_not_cover_the_sphere_are_refused() -> None:
     rng = np.random.default_rng(0)
-    w = gravity(rng.uniform(0.0, 0.15, 20), rng.uniform(0.0, 6.0, 20))
+    w = gravity_direction(rng.uniform(0.0, 0.15, 20), rng.uniform(0.0, 6.0, 20))
     with pytest.raises(CalibrationRefused, match="do not cover the sphere"):
         magnitude(PoseSet.build(w + 1e-4 * rng.standard_normal(w.shape), n=100, std=1e-3))
     with pytest.raises(CalibrationRefused, match="nine unknowns"):

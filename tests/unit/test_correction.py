@@ -17,18 +17,10 @@ from highside.calibration.correction import (
     LinearCorrection,
     TemperatureTrust,
 )
-from highside.calibration.poses import gravity
-from highside.calibration.result import (
-    CROSS_NAMES,
-    CUBIC_NAMES,
-    MATRIX_NAMES,
-    OFFSET_NAMES,
-    QUADRATIC_NAMES,
-    Parameters,
-    TemperatureRange,
-    Zone,
-)
+from highside.calibration.result import Parameters, TemperatureRange, Zone
+from highside.calibration.sensor import CROSS_NAMES, CUBIC_NAMES, MATRIX_NAMES, OFFSET_NAMES, QUADRATIC_NAMES
 from highside.errors import InputError
+from highside.physics.gravity import gravity_direction
 
 NOISE: Covariance = (1e-10, 2e-11, -1e-11, 3e-10, 4e-11, 2e-10)
 EVERYTHING = MATRIX_NAMES + OFFSET_NAMES + QUADRATIC_NAMES + CUBIC_NAMES + CROSS_NAMES
@@ -55,7 +47,7 @@ def zone_of(
 
 def directions(count: int, seed: int = 2) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    return gravity(np.arccos(rng.uniform(-1, 1, count)), rng.uniform(0, 2 * np.pi, count))
+    return gravity_direction(np.arccos(rng.uniform(-1, 1, count)), rng.uniform(0, 2 * np.pi, count))
 
 
 def matrix(six: Covariance) -> np.ndarray:
@@ -97,7 +89,7 @@ def test_covariance_is_that_of_the_parameters_plus_the_reading_carried_through(n
 def test_stated_covariance_is_the_scatter_over_sensors_drawn_from_it() -> None:
     zone = zone_of(MATRIX_NAMES + OFFSET_NAMES, size=1e-3)
     rng = np.random.default_rng(5)
-    g = gravity(np.array([0.3]), np.array([1.1]))[:, 0]
+    g = gravity_direction(np.array([0.3]), np.array([1.1]))[:, 0]
     correction = LinearCorrection(zone)
     root = np.linalg.cholesky(zone.parameters.covariance + 1e-16 * np.eye(12))
     got = []
@@ -138,7 +130,7 @@ def test_bulk_attitude_equals_single_readings() -> None:
 def test_a_local_correction_gives_no_vector_outside_of_its_zone() -> None:
     zone = zone_of(MATRIX_NAMES + OFFSET_NAMES, center=0.02, limits=(0.0, 0.04))
     correction = LinearCorrection(zone)
-    inside, outside = gravity(np.array([0.03, 1.5]), np.array([1.0, 1.0])).T
+    inside, outside = gravity_direction(np.array([0.03, 1.5]), np.array([1.0, 1.0])).T
     assert correction.correct(vector(zone.model().forward(inside))).flags == ()
     out = correction.correct(vector(zone.model().forward(outside)))
     assert out.flags == (OUTSIDE_ZONE,)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from highside.calibration.correction import LinearCorrection
-from highside.calibration.poses import gravity
 from highside.calibration.rebalance import Reason, Rebalancer, RebalanceSettings, State
 from highside.calibration.result import Zone, linear_parameters
 from highside.errors import InputError
+from highside.physics.gravity import gravity_direction
 
 RATE_HZ = 100.0
 NOISE_G = 50e-6 * math.sqrt(RATE_HZ / 2.0)
@@ -40,7 +40,7 @@ def turning(
     rate = rpm * 2.0 * math.pi / 60.0
     turned = np.minimum(rate * t, stop_after_turns * 2.0 * math.pi)
     tf = rng.uniform(0.0, 2.0 * math.pi) + turned + wobble_rad * np.sin(2.0 * math.pi * 0.7 * t)
-    g = gravity(np.deg2rad(inc_deg + drift_deg_s * t), tf) + noise_g * rng.standard_normal((3, t.size))
+    g = gravity_direction(np.deg2rad(inc_deg + drift_deg_s * t), tf) + noise_g * rng.standard_normal((3, t.size))
     moving = turned < stop_after_turns * 2.0 * math.pi
     for axis in range(2):
         # the sensor is accelerated towards the axis of rotation
@@ -70,7 +70,11 @@ def test_after_three_turns_toolface_is_within_a_third_of_the_noise_limit() -> No
         assert rebalancer.offset is not None, (seed, rebalancer.state, rebalancer.reason)
         correction = rebalancer.wrap(identity)
         tf = float(rng.uniform(0.0, 2.0 * math.pi))
-        m = gravity(np.array([inc]), np.array([tf]))[:, 0] + np.array([*BIAS, 0.0]) + averaged * rng.standard_normal(3)
+        m = (
+            gravity_direction(np.array([inc]), np.array([tf]))[:, 0]
+            + np.array([*BIAS, 0.0])
+            + averaged * rng.standard_normal(3)
+        )
         out = correction.correct((float(m[0]), float(m[1]), float(m[2])))
         assert out.flags == ("rebalanced",)
         errors.append(math.remainder(math.atan2(out.gy, out.gx) - tf, 2 * math.pi))
@@ -158,7 +162,7 @@ def test_less_than_three_turns_are_not_enough() -> None:
 
 def test_rocking_to_and_fro_is_declined() -> None:
     t = np.arange(3000) / RATE_HZ
-    g = gravity(np.full(t.size, math.radians(3.0)), 2.0 * np.sin(t))
+    g = gravity_direction(np.full(t.size, math.radians(3.0)), 2.0 * np.sin(t))
     out = fed(t, g + 1e-5)
     assert out.offset is None
     assert out.reason is Reason.PARTIAL_TURN

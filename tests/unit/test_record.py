@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from highside.calibration.correction import LinearCorrection
-from highside.calibration.poses import gravity
 from highside.calibration.record import (
     CalibrationRecord,
     Environment,
@@ -35,6 +34,7 @@ from highside.calibration.record import (
 )
 from highside.calibration.schedule import ScheduledCorrection
 from highside.errors import InputError
+from highside.physics.gravity import gravity_direction
 from highside.recording.calibration_store import CalibrationStore, load_active, load_record_file, read_record
 
 NOW = from_utc("2026-11-21T12:00:00Z")
@@ -46,7 +46,7 @@ def columns(seed: int = 0, rings: tuple[float, ...] = RINGS, **more: list[float]
     inc = np.repeat(rings, 8)
     tf = np.tile(np.arange(0.0, 360.0, 45.0), len(rings))
     A = np.eye(3) + 2e-3 * rng.standard_normal((3, 3))
-    m = A @ gravity(np.deg2rad(inc), np.deg2rad(tf)) + 1e-3 + 1e-5 * rng.standard_normal((3, inc.size))
+    m = A @ gravity_direction(np.deg2rad(inc), np.deg2rad(tf)) + 1e-3 + 1e-5 * rng.standard_normal((3, inc.size))
     names = ("ax", "ay", "az")
     out: dict[str, Any] = {"inc_ref_deg": inc.tolist(), "tf_ref_deg": tf.tolist(), "n": [100.0] * inc.size}
     return out | {name: row.tolist() for name, row in zip(names, m, strict=True)} | more

@@ -20,10 +20,11 @@ from highside.calibration.correction import (
     LinearCorrection,
     TemperatureTrust,
 )
-from highside.calibration.poses import PoseSet, gravity
+from highside.calibration.poses import PoseSet
 from highside.calibration.result import Parameters, TemperatureRange, linear_parameters
 from highside.calibration.schedule import ScheduledCorrection, Window, key_of, key_of_inclination, windows
 from highside.errors import InputError
+from highside.physics.gravity import bench_gravity, gravity_direction
 
 RINGS_DEG = (0.612, 1.206, 3.0, 5.0, 10.0, 20.0, 30.0, 45.0)
 A = np.eye(3) + 3e-3 * np.random.default_rng(7).standard_normal((3, 3))
@@ -31,7 +32,7 @@ B = np.array([1.5e-3, -0.8e-3, 2e-3])
 
 
 def reading(inc_rad: float, tf_rad: float) -> tuple[float, float, float]:
-    x, y, z = (A @ gravity(np.array([inc_rad]), np.array([tf_rad]))[:, 0] + B).tolist()
+    x, y, z = (A @ gravity_direction(np.array([inc_rad]), np.array([tf_rad]))[:, 0] + B).tolist()
     return x, y, z
 
 
@@ -39,7 +40,9 @@ def session(rings_deg: tuple[float, ...] = RINGS_DEG) -> PoseSet:
     inc = np.deg2rad(np.repeat(rings_deg, 4))
     tf = np.deg2rad(np.tile([45.0, 135.0, 225.0, 315.0], len(rings_deg)))
     noise = 5e-5 * np.random.default_rng(3).standard_normal((3, inc.size))
-    return PoseSet.build(A @ gravity(inc, tf) + B[:, None] + noise, inc_ref_rad=inc, tf_ref_rad=tf, n=100.0, std=5e-4)
+    return PoseSet.build(
+        A @ gravity_direction(inc, tf) + B[:, None] + noise, inc_ref_rad=inc, tf_ref_rad=tf, n=100.0, std=5e-4
+    )
 
 
 def schedule(*, with_fallback: bool, rings_deg: tuple[float, ...] = RINGS_DEG) -> ScheduledCorrection:
@@ -68,7 +71,7 @@ def test_a_small_step_of_the_reading_makes_a_small_step_of_the_vector(
 
 def test_no_jump_of_inclination_or_toolface_over_a_sweep_through_all_zones() -> None:
     inc = np.linspace(np.deg2rad(0.4), np.deg2rad(47.0), 40001)
-    readings = A @ gravity(inc, np.full_like(inc, 1.0)) + B[:, None]
+    readings = A @ gravity_direction(inc, np.full_like(inc, 1.0)) + B[:, None]
     for one in (WITH, schedule(with_fallback=False, rings_deg=(0.612, 1.206, 2.0, 3.0, 5.0))):
         got_inc, got_tf = one.attitude(readings)
         held = np.isfinite(got_inc[:-1]) & np.isfinite(got_inc[1:])
@@ -116,7 +119,7 @@ def test_blocks_equal_single_readings(which: ScheduledCorrection, spread: str) -
     rng = np.random.default_rng(11)
     count = 3000
     inc = np.linspace(0.001, 0.9, count) if spread == "log" else np.arccos(rng.uniform(-1.0, 1.0, count))
-    readings = A @ gravity(inc, rng.uniform(0.0, 2 * np.pi, count)) + B[:, None]
+    readings = A @ gravity_direction(inc, rng.uniform(0.0, 2 * np.pi, count)) + B[:, None]
     block = which.corrected_block(readings, 1e-5)
     plain = which.correct_block(readings)
     got_inc, got_tf = which.attitude(readings)
@@ -151,7 +154,7 @@ def test_a_schedule_over_temperature_is_the_same_in_bulk() -> None:
     temps = rng.uniform(20.0, 130.0, 300)
     inc, tf = rng.uniform(0.0, 1.0, 300), rng.uniform(0.0, 6.0, 300)
     shift = np.outer(list(drift.values()), (temps - 75.0) / 50.0)
-    readings = A @ gravity(inc, tf) + B[:, None] + shift
+    readings = A @ gravity_direction(inc, tf) + B[:, None] + shift
     got_inc, got_tf = hot.attitude(readings, temps)
     for k in range(300):
         one = hot.correct(tuple(readings[:, k].tolist()), temp_c=float(temps[k]))
@@ -165,7 +168,7 @@ def test_bulk_does_not_depend_on_how_the_readings_are_cut() -> None:
     rng = np.random.default_rng(12)
     count = 40000
     inc = np.concatenate([np.linspace(0.005, 0.05, count // 2), rng.uniform(0.0, 1.5, count - count // 2)])
-    readings = A @ gravity(inc, rng.uniform(0.0, 2 * np.pi, count)) + B[:, None]
+    readings = A @ gravity_direction(inc, rng.uniform(0.0, 2 * np.pi, count)) + B[:, None]
     for which in (WITH, WITHOUT):
         whole = which.attitude(readings)
         parts = [which.attitude(np.ascontiguousarray(readings[:, lo : lo + 1777])) for lo in range(0, count, 1777)]
@@ -176,7 +179,7 @@ def test_bulk_does_not_depend_on_how_the_readings_are_cut() -> None:
 
 
 def test_a_missing_reading_spoils_only_itself() -> None:
-    readings = A @ gravity(np.full(100, 0.03), np.linspace(0, 6, 100)) + B[:, None]
+    readings = A @ gravity_direction(np.full(100, 0.03), np.linspace(0, 6, 100)) + B[:, None]
     broken = readings.copy()
     broken[1, 40] = np.nan
     for which in (WITH, WITHOUT):
@@ -191,7 +194,7 @@ def test_the_covariance_of_a_blend_is_never_below_its_true_scatter() -> None:
     rng = np.random.default_rng(21)
     low, high = (part.zone for part in schedule(with_fallback=False, rings_deg=(3.0, 5.0)).zones)
     inc = math.radians(4.0)
-    g = gravity(np.array([inc]), np.array([0.7]))[:, 0]
+    g = gravity_direction(np.array([inc]), np.array([0.7]))[:, 0]
     root = np.linalg.cholesky(1e-9 * np.eye(12))
     flat = linear_parameters(np.eye(3), np.zeros(3), root @ root.T)
     parts = [
@@ -215,7 +218,7 @@ def test_the_covariance_of_a_blend_is_never_below_its_true_scatter() -> None:
 
 @given(inc=st.floats(0.0, math.pi), tf=st.floats(0.0, 6.3), size=st.floats(0.9, 1.1))
 def test_the_key_orders_readings_as_inclination_does(inc: float, tf: float, size: float) -> None:
-    x, y, z = (size * gravity(np.array([inc]), np.array([tf]))[:, 0]).tolist()
+    x, y, z = (size * gravity_direction(np.array([inc]), np.array([tf]))[:, 0]).tolist()
     assert key_of(x, y, z) == pytest.approx(key_of_inclination(inc), abs=1e-12)
     assert key_of_inclination(min(inc + 1e-3, math.pi)) >= key_of_inclination(inc) - 1e-15
 
@@ -250,7 +253,7 @@ def test_stated_intervals_hold_the_truth_within_between_and_beyond_the_zones() -
     for _ in range(sensors):
         A, b = np.eye(3) + 3e-3 * rng.standard_normal((3, 3)), 2e-3 * rng.standard_normal(3)
         errors = pose * rng.standard_normal((2, inc.size))
-        a = A @ gravity(inc + errors[0], tf + errors[1], *(tilt * rng.standard_normal(2))) + b[:, None]
+        a = A @ bench_gravity(inc + errors[0], tf + errors[1], *(tilt * rng.standard_normal(2))) + b[:, None]
         a += noise / 10.0 * rng.standard_normal(a.shape)
         poses = PoseSet.build(a, inc_ref_rad=inc, tf_ref_rad=tf, n=100.0, std=noise)
         zones = tuple(LinearCorrection(zone, guarded=False) for zone in balance(poses).zones)
@@ -258,7 +261,11 @@ def test_stated_intervals_hold_the_truth_within_between_and_beyond_the_zones() -
         for row, place in enumerate(places):
             for _ in range(readings):
                 truth = math.radians(place), rng.uniform(0.0, 2.0 * math.pi)
-                m = A @ gravity(np.array([truth[0]]), np.array([truth[1]]))[:, 0] + b + noise * rng.standard_normal(3)
+                m = (
+                    A @ gravity_direction(np.array([truth[0]]), np.array([truth[1]]))[:, 0]
+                    + b
+                    + noise * rng.standard_normal(3)
+                )
                 out = blend.correct((float(m[0]), float(m[1]), float(m[2])), (noise**2, 0, 0, noise**2, 0, noise**2))
                 got = attitude_with_std(out.gx, out.gy, out.gz, out.cov)
                 hits[row, 0] += abs(got.inc_rad - truth[0]) < 1.96 * got.inc_std_rad

@@ -11,7 +11,7 @@ import pytest
 from highside.attitude import attitude_block, wrap_signed
 from highside.calibration import theory
 from highside.calibration.balance import TRIPLES, balance_matrix
-from highside.calibration.poses import gravity
+from highside.physics.gravity import gravity_direction
 
 TURN = np.radians(np.arange(2.5, 360.0, 5.0))  # avoids T = 0 and 180 deg, where the printed forms are singular
 INCLINATIONS = np.radians([0.612, 5.004, 30.006, 45.0, 75.006, 90.0])
@@ -72,7 +72,7 @@ def test_the_determinant_turns_the_diagonal_of_the_matrix_error_to_minus_dSr() -
 @pytest.mark.parametrize("inc", INCLINATIONS)
 def test_corrected_conventional_prediction_meets_monte_carlo_and_the_printed_one_does_not(inc: float) -> None:
     rng = np.random.default_rng(11)
-    readings = gravity(np.full_like(TURN, inc), TURN)
+    readings = gravity_direction(np.full_like(TURN, inc), TURN)
     worst_corrected, worst_printed, size = 0.0, 0.0, 0.0
     for _ in range(40):
         dSr, dS0 = rng.normal(0.0, 1e-6, 2)
@@ -99,7 +99,7 @@ def test_scatter_of_a_calibration_with_independent_errors_follows_the_matrix_err
     # all nine readings wrong by themselves: covariance of dI and dT by dC = -C dS C against re-solved calibrations
     rng = np.random.default_rng(12)
     inc, tf, sigma = np.radians(20.0), np.radians(70.0), 1e-5
-    g = gravity(np.array([inc]), np.array([tf]))
+    g = gravity_direction(np.array([inc]), np.array([tf]))
     d_inc, d_tf = [], []
     for _ in range(4000):
         i, t = attitude_block(np.linalg.inv(np.eye(3) + rng.normal(0.0, sigma, (3, 3))) @ g)
@@ -114,7 +114,7 @@ def test_scatter_of_a_calibration_with_independent_errors_follows_the_matrix_err
 def test_the_factor_four_is_two_on_the_papers_own_premises() -> None:
     # its dC has +2 dSr on the diagonal and -dS0 elsewhere; its dI comes from gz, its dT from gx and that dI
     inc, dSr, dS0 = np.radians(30.0), 1e-4, 3e-5
-    G = gravity(np.full_like(TURN, inc), TURN)
+    G = gravity_direction(np.full_like(TURN, inc), TURN)
     dG = 2.0 * dSr * G - dS0 * (G.sum(axis=0) - G)
     d_inc = -dG[2] / np.sin(inc)
     d_tf = (np.cos(inc) * np.cos(TURN) * d_inc - dG[0]) / (np.sin(inc) * np.sin(TURN))
@@ -142,7 +142,7 @@ def test_printed_statistics_are_those_of_the_printed_formula_for_inclination() -
 
 def test_without_its_minus_signs_the_reference_matrix_of_a_triple_is_singular() -> None:
     center = np.radians(1.206)
-    W = gravity(np.full(4, center), RING)
+    W = gravity_direction(np.full(4, center), RING)
     for pick in TRIPLES.values():
         triple = W[:, list(pick)]
         assert np.linalg.matrix_rank(triple, tol=1e-9) == 3
@@ -154,7 +154,7 @@ def test_without_its_minus_signs_the_reference_matrix_of_a_triple_is_singular() 
 def test_corrected_balance_prediction_meets_monte_carlo(triples: str, center_deg: float) -> None:
     rng = np.random.default_rng(13)
     center = np.radians(center_deg)
-    W = gravity(np.full(4, center), RING)
+    W = gravity_direction(np.full(4, center), RING)
     for _ in range(10):
         dSm, dSz = rng.normal(0.0, 1e-7, 2)
         d = np.array([dSm, dSm, dSz])
@@ -165,7 +165,7 @@ def test_corrected_balance_prediction_meets_monte_carlo(triples: str, center_deg
             atol=1e-4 * np.abs(d).max() / np.cos(center),
         )
         for inc in (center, np.radians(2.0), np.radians(45.0), np.radians(80.0)):
-            G = gravity(np.full_like(TURN, inc), TURN)
+            G = gravity_direction(np.full_like(TURN, inc), TURN)
             for in_reading in (True, False):
                 d_inc, d_tf = angle_errors(C, inc, G + d[:, None] * in_reading)
                 said = theory.corrected_balance_error(np.array(inc), TURN, center, dSm, dSz, in_reading=in_reading)
@@ -192,10 +192,10 @@ def test_printed_balance_toolface_is_what_its_own_vector_gives_by_gx_and_not_wha
     printed = theory.printed_balance_error(inc, TURN, center, dSm, dSz)
     # gx = sin I cos T with dI = 0
     np.testing.assert_allclose(printed.tf_rad, -dG[0] / (np.sin(inc) * np.sin(TURN)), rtol=1e-12)
-    W = gravity(np.full(4, center), RING)
+    W = gravity_direction(np.full(4, center), RING)
     d = np.array([dSm, dSm, dSz])
     C = balance_matrix(W + d[:, None], W)
-    _, d_tf = angle_errors(C, inc, gravity(np.full_like(TURN, inc), TURN) + d[:, None])
+    _, d_tf = angle_errors(C, inc, gravity_direction(np.full_like(TURN, inc), TURN) + d[:, None])
     assert np.abs(printed.tf_rad - d_tf).max() > 10 * np.abs(d_tf).max()
 
 

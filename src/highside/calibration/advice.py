@@ -19,15 +19,11 @@ from typing import Literal
 import numpy as np
 
 from highside.calibration.forward import BASE_NAMES, Variances, linearise, prior_mean, prior_std, whiten
-from highside.calibration.poses import Array, PoseSet, gravity, group_settings
-from highside.calibration.result import (
-    NOMINAL_BENCH,
-    UNIFORM_ANGLE_STD_RAD,
-    BenchAccuracy,
-    angle_std,
-    design_row,
-    is_sensor_parameter,
-)
+from highside.calibration.poses import Array, PoseSet, group_settings
+from highside.calibration.result import NOMINAL_BENCH, UNIFORM_ANGLE_STD_RAD, BenchAccuracy, angle_std
+from highside.calibration.sensor import sensor_columns, sensor_of
+from highside.physics.gravity import gravity_direction
+from highside.physics.state import ChainState
 
 DEFAULT_MEAN_NOISE_G = 50e-6 / np.sqrt(2.0 * 10.0)
 """Noise of a pose averaged for 10 s at 50 ug/sqrt(Hz)."""
@@ -70,7 +66,7 @@ def plan_information(
     """Fisher information (P, P) of a plan of poses (N,). `noise_g`: of a pose's mean, one number or (3, N)."""
     v = split_equally(bench) if variances is None else variances
     at = prior_mean(names) if theta is None else theta
-    _, design, by_inc, by_tf = linearise(names, at, inc_rad, tf_rad)
+    _, design, by_inc, by_tf = linearise(names, at, ChainState.build(inc_rad, tf_rad))
     noise = np.array(np.broadcast_to(np.asarray(noise_g, dtype=float), (3, inc_rad.size)))
     stacked = np.concatenate([design, by_inc[:, :, None], by_tf[:, :, None]], axis=2).transpose(1, 0, 2)
     white, _ = whiten(stacked, noise, by_inc, by_tf, v)
@@ -107,15 +103,11 @@ def bound_of_angles(
 ) -> tuple[Array, Array]:
     """Standard deviations (N,) of I and T (rad) that parameters with `covariance` (P, P) and a reading noise leave:
     `sqrt(noise^2 + J F^-1 J')`."""
-    from highside.calibration.forward import sensor_of
 
     at = prior_mean(names) if theta is None else theta
     C = sensor_of(names, at).C
-    g = gravity(inc_rad, tf_rad)
-    J = np.zeros((inc_rad.size, 3, len(names)))
-    for j, name in enumerate(names):
-        if is_sensor_parameter(name):
-            J[:, :, j] = (C @ design_row(name, g)).T
+    g = gravity_direction(inc_rad, tf_rad)
+    J = (C @ sensor_columns(names, g)).transpose(2, 1, 0)
     cov = J @ covariance @ J.transpose(0, 2, 1) + noise_g**2 * (C @ C.T)
     return angle_std(inc_rad, tf_rad, cov)
 

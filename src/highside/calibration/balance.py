@@ -20,9 +20,8 @@ import math
 
 import numpy as np
 
-from highside.physics.gravity import (gravity_direction, gravity_jacobians)
 from highside.calibration.conventional import DEFAULT_OFFSET_STD_G, MAX_CONDITION
-from highside.calibration.poses import (SAME_TEMPERATURE_C, Array, Indices, PoseSet, group_settings)
+from highside.calibration.poses import SAME_TEMPERATURE_C, Array, Indices, PoseSet, group_settings
 from highside.calibration.result import (
     NOMINAL_BENCH,
     BenchAccuracy,
@@ -36,6 +35,7 @@ from highside.calibration.result import (
     linear_covariance,
     linear_parameters,
 )
+from highside.physics.gravity import gravity_direction, gravity_jacobians
 
 TRIPLES: dict[str, tuple[int, int, int]] = {
     "1-2-3": (0, 1, 2),
@@ -128,7 +128,7 @@ def balance(
 
 
 def balance_matrix(S: Array, W: Array, triples: str = "average") -> Array:
-    """C (..., 3, 3) from the four columns S (..., 3, 4), offset subtracted, and W (3, 4), in the order of the quadrants.
+    """C (..., 3, 3) from the four columns S (..., 3, 4), offset subtracted, and W (3, 4), both in order of quadrants.
 
     Leading dimensions of S are sessions of their own.
     """
@@ -184,7 +184,7 @@ def closures_of(
     value = np.einsum("irk,rk->ri", poses.a[:, index], null)
     if pose_covariance is None:
         matrices = np.stack(A)
-        by_inc, by_tf, _ = (np.einsum("rij,jrk->rki", matrices, d) for d in gravity_derivatives(inc[index], tf[index]))
+        by_inc, by_tf = (np.einsum("rij,jrk->rki", matrices, d) for d in gravity_jacobians(inc[index], tf[index]))
         sigma = by_inc[..., :, None] * by_inc[..., None, :] + by_tf[..., :, None] * by_tf[..., None, :]
         sigma = sigma * pose_rad**2
         sigma[..., (0, 1, 2), (0, 1, 2)] += np.moveaxis(poses.noise_of_mean()[:, index] ** 2, 0, -1)
@@ -210,7 +210,7 @@ def _chi2_3_tail(chi2: float) -> float:
 def _closure_suspects(poses: PoseSet, four: Indices, A: Array, null: Array, value: Array, inverse: Array) -> str:
     """Which pose, displaced in both angles, would explain the closure best ("1 or 3" where two do alike)."""
     inc, tf = poses.reference()
-    by_inc, by_tf, _ = (A @ d for d in gravity_derivatives(inc[four], tf[four]))
+    by_inc, by_tf = (A @ d for d in gravity_jacobians(inc[four], tf[four]))
     explained = []
     for k in range(4):
         G = np.stack([by_inc[:, k], by_tf[:, k]], axis=1) * null[k]

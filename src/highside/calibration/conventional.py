@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.calibration.poses import Array, PoseSet, gravity, gravity_derivatives
+from highside.calibration.poses import Array, PoseSet
 from highside.calibration.result import (
     NOMINAL_BENCH,
     BenchAccuracy,
@@ -23,6 +23,7 @@ from highside.calibration.result import (
     linear_covariance,
     linear_parameters,
 )
+from highside.physics.gravity import gravity_direction, gravity_jacobians
 
 MAX_CONDITION = 1e3
 """Above this the readings do not determine the matrix: noise is multiplied by as much."""
@@ -67,7 +68,7 @@ def conventional(
     do not determine the matrix.
     """
     inc, tf = poses.reference()
-    W = gravity(inc, tf)
+    W = gravity_direction(inc, tf)
     count = len(poses)
     if count < 3:
         raise CalibrationRefused(
@@ -154,7 +155,7 @@ def _condition(rows: Array) -> float:
 def _studentised(residual: Array, rows: Array, A: Array, poses: PoseSet, bench: BenchAccuracy) -> Array:
     """Residual of each pose over its standard deviation, the pose itself left out (largest of the three axes)."""
     inc, tf = poses.reference()
-    by_inc, by_tf, _ = (A @ d for d in gravity_derivatives(inc, tf))
+    by_inc, by_tf = (A @ d for d in gravity_jacobians(inc, tf))
     variance = poses.noise_of_mean() ** 2 + bench.pose_rad**2 * (by_inc**2 + by_tf**2)
     hat = np.clip(np.einsum("kn,nk->n", rows, np.linalg.pinv(rows)), 0.0, 1.0 - 1e-9)
     return np.asarray(np.max(np.abs(residual) / np.sqrt(variance * (1.0 - hat)), axis=0))

@@ -22,15 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.attitude.block import attitude_by, correct_and_attitude
-from highside.calibration.result import (
-    BENCH_NAMES,
-    CROSS_PAIRS,
-    MATRIX_NAMES,
-    OFFSET_NAMES,
-    SensorModel,
-    Zone,
-    is_sensor_parameter,
-)
+from highside.calibration.result import BENCH_NAMES, Zone
+from highside.calibration.sensor import CROSS_PAIRS, MATRIX_NAMES, OFFSET_NAMES, SensorModel, is_sensor_parameter
 from highside.errors import InputError
 
 Vector = tuple[float, float, float]

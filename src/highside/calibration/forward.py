@@ -2,26 +2,34 @@
 
 A session's unknowns are the sensor (A, b and, where admitted, K2, K3, KX) and the bench (tilt, harmonics of the
 toolface encoder). A pose's own errors dI and dT are weights, not unknowns: `Variances` says how large they are.
+
+The model is `physics.forward.ForwardModel` of the very effects that simulate and diagnose; this module only knows which
+effect stands behind which name of a calibration, and what was known of each beforehand.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from highside.calibration.poses import Array, gravity, gravity_derivatives
-from highside.calibration.result import (
+from highside.calibration.poses import Array
+from highside.calibration.result import TILT_NAMES, BenchAccuracy
+from highside.calibration.sensor import (
     CROSS_NAMES,
     CUBIC_NAMES,
     MATRIX_NAMES,
     OFFSET_NAMES,
     QUADRATIC_NAMES,
-    TILT_NAMES,
-    BenchAccuracy,
-    SensorModel,
-    design_row,
+    effect_parameter,
+    is_sensor_parameter,
+    nominal,
 )
+from highside.physics import effects as library
+from highside.physics.effect import Effect, LinearEffect, Modulated
+from highside.physics.forward import ForwardModel
+from highside.physics.state import ChainState
 
 ENCODER_NAMES = ("enc_c1", "enc_s1", "enc_c2", "enc_s2")
 """Harmonics of the toolface encoder: `dT = c1 cos T + s1 sin T + c2 cos 2T + s2 sin 2T` (rad)."""
@@ -66,7 +74,7 @@ class Variances:
 
 def prior_mean(names: tuple[str, ...]) -> Array:
     """Prior means (P,): the nominal sensor on a level bench."""
-    return np.array([1.0 if name in ("A_xx", "A_yy", "A_zz") else 0.0 for name in names])
+    return nominal(names)
 
 
 def prior_std(names: tuple[str, ...], bench: BenchAccuracy) -> Array:
@@ -84,73 +92,81 @@ def prior_std(names: tuple[str, ...], bench: BenchAccuracy) -> Array:
     )
 
 
-def sensor_of(names: tuple[str, ...], theta: Array) -> SensorModel:
-    """The sensor within a vector of parameters."""
-    value = dict(zip(names, theta.tolist(), strict=True))
+@dataclass(frozen=True, slots=True)
+class _Term:
+    """An effect of the model, its parameters among the names of a calibration, and what modulates it: nothing, a power
+    of reduced temperature (1, 2, ...), or the leg of the oven's cycle (0)."""
 
-    def block(keys: tuple[str, ...]) -> Array:
-        return np.array([value.get(key, 0.0) for key in keys])
+    effect: Effect
+    places: tuple[int, ...]
+    """among the names"""
+    indices: tuple[int, ...]
+    """among the effect's parameters"""
+    power: int | None
 
-    return SensorModel(
-        block(MATRIX_NAMES).reshape(3, 3),
-        block(OFFSET_NAMES),
-        block(QUADRATIC_NAMES),
-        block(CUBIC_NAMES),
-        block(CROSS_NAMES).reshape(3, 3),
+
+def _behind(name: str) -> tuple[Effect, int, int | None]:
+    """Effect, parameter and modulation behind a name of a calibration."""
+    base, _, power = name.partition("@")
+    if is_sensor_parameter(base):
+        effect, index = effect_parameter(base)
+        return effect, index, int(power) if power else None
+    if base in HYSTERESIS_NAMES:
+        return library.get("bias"), HYSTERESIS_NAMES.index(base), 0
+    if base in TILT_NAMES:
+        return library.get("base_tilt"), TILT_NAMES.index(base), None
+    order = ("first", "second")[int(base[-1]) - 1]
+    encoder = library.get(f"encoder_{order}_harmonic")
+    return encoder, [parameter.name for parameter in encoder.parameters].index(base[-2:]), None
+
+
+@lru_cache(maxsize=64)
+def _terms(names: tuple[str, ...]) -> tuple[_Term, ...]:
+    groups: dict[tuple[str, int | None], tuple[Effect, list[int], list[int]]] = {}
+    for place, name in enumerate(names):
+        effect, index, power = _behind(name)
+        group = groups.setdefault((effect.id, power), (effect, [], []))
+        group[1].append(place)
+        group[2].append(index)
+    return tuple(
+        _Term(effect, tuple(places), tuple(indices), power) for (_, power), (effect, places, indices) in groups.items()
     )
 
 
-def encoder_harmonics(tf_rad: Array) -> Array:
-    """The four harmonics (4, N) that `ENCODER_NAMES` multiply."""
-    return np.stack([np.cos(tf_rad), np.sin(tf_rad), np.cos(2 * tf_rad), np.sin(2 * tf_rad)])
+@lru_cache(maxsize=64)
+def _order(names: tuple[str, ...]) -> tuple[int, ...]:
+    """Where in the columns of the model, effect by effect, each name's column stands."""
+    first, out = 0, [0] * len(names)
+    for term in _terms(names):
+        for place, index in zip(term.places, term.indices, strict=True):
+            out[place] = first + index
+        first += len(term.effect.parameters)
+    return tuple(out)
 
 
 def linearise(
-    names: tuple[str, ...],
-    theta: Array,
-    inc: Array,
-    tf: Array,
-    u: Array | None = None,
-    leg: Array | None = None,
+    names: tuple[str, ...], theta: Array, state: ChainState, u: Array | None = None, leg: Array | None = None
 ) -> tuple[Array, Array, Array, Array]:
-    """The forward model at `theta` for poses (N,): readings (3, N), their derivatives by the parameters (3, N, P), by
+    """The forward model at `theta` for N poses: readings (3, N), their derivatives by the parameters (3, N, P), by
     inclination (3, N) and by toolface (3, N).
 
     `u` (N,): reduced temperature, `leg` (N,): +1 on the way up in temperature, -1 on the way down; needed only where
     `names` ask for them."""
-    value = dict(zip(names, theta.tolist(), strict=True))
-    sensor = sensor_of(names, theta)
-    tx, ty = value.get("tilt_x", 0.0), value.get("tilt_y", 0.0)
-    harmonics = encoder_harmonics(tf)
-    turned = tf + np.array([value.get(name, 0.0) for name in ENCODER_NAMES]) @ harmonics
-    w = gravity(inc, turned, tx, ty)
-    by_inc, by_tf, by_ty = (sensor.A @ d for d in gravity_derivatives(inc, turned, tx, ty))
-    design = np.zeros((3, inc.size, len(names)))
-    affine = MATRIX_NAMES + OFFSET_NAMES
-    if names[:12] == affine:
-        for i in range(3):
-            design[i, :, 3 * i : 3 * i + 3] = w.T
-            design[i, :, 9 + i] = 1.0
-        rest = range(12, len(names))
-    else:
-        rest = range(len(names))
-    for j in rest:
-        name = names[j]
-        if name == "tilt_x":
-            design[:, :, j] = by_inc
-        elif name == "tilt_y":
-            design[:, :, j] = by_ty
-        elif name in ENCODER_NAMES:
-            design[:, :, j] = by_tf * harmonics[ENCODER_NAMES.index(name)]
-        elif name in HYSTERESIS_NAMES:
-            design[HYSTERESIS_NAMES.index(name), :, j] = 0.0 if leg is None else 0.5 * leg
-        else:
-            design[:, :, j] = design_row(name, w, 0.0 if u is None else u)
-    reading = sensor.forward(w)
-    extra = [j for j, name in enumerate(names) if "@" in name or name in HYSTERESIS_NAMES]
-    if extra:
-        reading = reading + design[:, :, extra] @ theta[extra]
-    return reading, design, by_inc, by_tf
+    values = theta - prior_mean(names)
+    pairs: list[tuple[Effect, Array]] = []
+    for term in _terms(names):
+        p = np.zeros(len(term.effect.parameters))
+        p[list(term.indices)] = values[list(term.places)]
+        effect = term.effect
+        if term.power is not None:
+            assert isinstance(effect, LinearEffect)
+            known = leg if term.power == 0 else u
+            factor = np.zeros(state.n) if known is None else 0.5 * known if term.power == 0 else known**term.power
+            effect = Modulated(effect, factor)
+        pairs.append((effect, p))
+    found = ForwardModel(tuple(pairs)).linearise(state)
+    design = found.columns.transpose(1, 2, 0)[:, :, _order(names)]
+    return found.reported, design, found.by_pose[:, 0], found.by_pose[:, 2]
 
 
 def pose_covariance(noise: Array, by_inc: Array, by_tf: Array, variances: Variances) -> Array:

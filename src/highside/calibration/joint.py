@@ -44,14 +44,11 @@ from highside.calibration.forward import (
     pose_covariance,
     prior_mean,
     prior_std,
-    sensor_of,
     whiten,
 )
-from highside.calibration.poses import Array, Indices, PoseSet, gravity
+from highside.calibration.poses import Array, Indices, PoseSet
 from highside.calibration.result import (
-    AXES,
     NOMINAL_BENCH,
-    OFFSET_NAMES,
     BenchAccuracy,
     CalibrationRefused,
     CalibrationResult,
@@ -61,6 +58,10 @@ from highside.calibration.result import (
     Remark,
     Zone,
 )
+from highside.calibration.sensor import OFFSET_NAMES, sensor_of
+from highside.physics.effect import AXES
+from highside.physics.gravity import gravity_direction
+from highside.physics.state import ChainState
 
 ADMIT_LOG_BAYES = 5.0
 """A group is admitted when the data favour it by more than e^5, about 150 to 1."""
@@ -150,8 +151,8 @@ class _Session:
     """What of a session does not change between solutions: N poses with R rings and S stations."""
 
     poses: PoseSet
-    inc: Array
-    tf: Array
+    state: ChainState
+    """the bench's settings"""
     noise: Array
     """(3, N) of the means"""
     ring_of: Array
@@ -168,8 +169,7 @@ class _Session:
         inc, tf = poses.reference()
         return cls(
             poses=poses,
-            inc=inc,
-            tf=tf + toolface_zero_rad,
+            state=ChainState.build(inc, tf + toolface_zero_rad),
             noise=poses.noise_of_mean(),
             ring_of=_indicator(poses.rings()),
             station_of=_indicator(poses.stations()),
@@ -180,8 +180,8 @@ class _Session:
     def linearise(self, names: tuple[str, ...], theta: Array) -> tuple[Array, Array, Array, Array]:
         """`forward.linearise` at the poses of the session."""
         if self.thermal is None:
-            return linearise(names, theta, self.inc, self.tf)
-        return linearise(names, theta, self.inc, self.tf, self.thermal.u, self.thermal.leg)
+            return linearise(names, theta, self.state)
+        return linearise(names, theta, self.state, self.thermal.u, self.thermal.leg)
 
 
 def _indicator(groups: Indices) -> Array:
@@ -247,7 +247,7 @@ class _Fit:
 
 def _rough_start(session: _Session, names: tuple[str, ...]) -> Array:
     """Where to linearise first: matrix and offset by plain least squares, drawn a little to the nominal sensor."""
-    rows = np.vstack([gravity(session.inc, session.tf), np.ones(len(session.poses))])
+    rows = np.vstack([gravity_direction(session.state.inc_rad, session.state.tf_rad), np.ones(len(session.poses))])
     nominal = np.eye(3, 4)
     normal = rows @ rows.T + 1e-3 * np.eye(4)
     estimate = nominal + np.linalg.solve(normal, rows @ (session.poses.a - nominal @ rows).T).T
@@ -508,7 +508,8 @@ def _leave_out_bad(
     while True:
         away = _studentised(trial, keep)
         worst = int(np.argmax(away))
-        scale = max(1.0, float(np.median(away[keep])) / _MEDIAN_DEPARTURE)
+        typical = np.sort(away[keep])[int(keep.sum()) // 2]
+        scale = max(1.0, float(typical) / _MEDIAN_DEPARTURE)
         if away[worst] <= BAD_POSE_SIGMA * scale:
             return keep, trial
         keep[worst] = False
@@ -595,7 +596,7 @@ def _raw_columns(session: _Session, fit: _Fit, variances: Variances, i: int, noi
     """Columns (3, P + R + S) of pose `i` and its own covariance (3, 3), with the reading noise of pose `noise_of`."""
     one = slice(i, i + 1)
     u, leg = (None, None) if session.thermal is None else (session.thermal.u[one], session.thermal.leg[one])
-    design, by_inc, by_tf = linearise(fit.names, fit.theta, session.inc[one], session.tf[one], u, leg)[1:]
+    design, by_inc, by_tf = linearise(fit.names, fit.theta, session.state.rows(one), u, leg)[1:]
     columns = np.concatenate([design[:, 0], by_inc * session.ring_of[i], by_tf * session.station_of[i]], axis=1)
     return columns, pose_covariance(session.noise[:, [noise_of]], by_inc, by_tf, variances)[0]
 

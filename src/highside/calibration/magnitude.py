@@ -19,22 +19,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.calibration.forward import GROUPS, sensor_of
+from highside.calibration.forward import GROUPS
 from highside.calibration.poses import Array, PoseSet
-from highside.calibration.result import (
-    AXES,
-    MATRIX_NAMES,
-    OFFSET_NAMES,
-    CalibrationRefused,
-    CalibrationResult,
-    Parameters,
-    PoseFit,
-    Reason,
-    Remark,
-    SensorModel,
-    Zone,
-    design_row,
-)
+from highside.calibration.result import CalibrationRefused, CalibrationResult, Parameters, PoseFit, Reason, Remark, Zone
+from highside.calibration.sensor import MATRIX_NAMES, OFFSET_NAMES, SensorModel, sensor_columns, sensor_of
+from highside.physics.effect import AXES
 
 Gauge = Literal["symmetric", "upper"]
 
@@ -195,7 +184,7 @@ def _linearise(
     g = sensor.correct(poses.a)
     size = np.linalg.norm(g, axis=0)
     along = sensor.C.T @ (g / size)
-    jacobian = np.stack([-np.sum(along * design_row(name, g), axis=0) for name in names], axis=1) @ expand
+    jacobian = -np.sum(along * sensor_columns(names, g), axis=1).T @ expand
     return size - 1.0, jacobian, np.sum((along * noise) ** 2, axis=0)
 
 

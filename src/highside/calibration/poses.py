@@ -4,9 +4,8 @@ A *pose* is an interval in which the tool lay still: the mean of its readings, t
 bench the turntable says where the tool was (`inc_ref_rad`, `tf_ref_rad`); in a hand session nothing does, and only the
 magnitude of gravity is known.
 
-Gravity in the tool frame at inclination I and toolface T is `[sin I cos T, sin I sin T, cos I]` (equation 1 of the
-balance-correction paper). A bench that is not level adds a tilt `tx` in the plane of inclination and `ty` across it:
-`w = R_z(T) [sin(I + tx) cos ty, sin ty, cos(I + tx) cos ty]`. A negative I is the table turned the other way.
+Gravity in the tool frame at inclination I and toolface T is `physics.gravity.gravity_direction`; a bench that is not
+level adds a tilt (`physics.effects.base_tilt`). A negative I is the table turned the other way.
 
 Still intervals are found by the sensor's own noise: the scatter of short windows has a floor that is the noise at rest;
 an interval is still where all windows stay near that floor and do not step from one to the next. No threshold in g is
@@ -36,29 +35,6 @@ SAME_SETTING_RAD = float(np.deg2rad(0.02))
 
 SAME_TEMPERATURE_C = 3.0
 """Poses within this of one another belong to one step of an oven cycle."""
-
-
-def gravity(inc_rad: Array, tf_rad: Array, tilt_x_rad: float = 0.0, tilt_y_rad: float = 0.0) -> Array:
-    """Gravity direction in the tool frame (3, N) at the bench's inclination and toolface (N,), bench tilt included."""
-    s, c = np.sin(inc_rad + tilt_x_rad), np.cos(inc_rad + tilt_x_rad)
-    across, along = np.sin(tilt_y_rad), np.cos(tilt_y_rad)
-    cos_t, sin_t = np.cos(tf_rad), np.sin(tf_rad)
-    radial = s * along
-    return np.stack([radial * cos_t - across * sin_t, radial * sin_t + across * cos_t, c * along])
-
-
-def gravity_derivatives(
-    inc_rad: Array, tf_rad: Array, tilt_x_rad: float = 0.0, tilt_y_rad: float = 0.0
-) -> tuple[Array, Array, Array]:
-    """Derivatives (3, N) of `gravity` by inclination (and by `tilt_x`, which is the same), toolface and `tilt_y`."""
-    s, c = np.sin(inc_rad + tilt_x_rad), np.cos(inc_rad + tilt_x_rad)
-    across, along = np.sin(tilt_y_rad), np.cos(tilt_y_rad)
-    cos_t, sin_t = np.cos(tf_rad), np.sin(tf_rad)
-    by_inc = np.stack([c * along * cos_t, c * along * sin_t, -s * along])
-    radial = s * along
-    by_tf = np.stack([-radial * sin_t - across * cos_t, radial * cos_t - across * sin_t, np.zeros_like(s)])
-    by_tilt_y = np.stack([-s * across * cos_t - along * sin_t, -s * across * sin_t + along * cos_t, -c * across])
-    return by_inc, by_tf, by_tilt_y
 
 
 def group_settings(values: Array, *, modulo: float | None = None, tolerance: float = SAME_SETTING_RAD) -> Indices:

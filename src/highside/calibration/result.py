@@ -15,26 +15,31 @@ outside.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.calibration.poses import DEFAULT_NOISE_G, Array, PoseSet, gravity, gravity_derivatives
+from highside.calibration.poses import DEFAULT_NOISE_G, Array, PoseSet
+from highside.calibration.sensor import (
+    MATRIX_NAMES,
+    OFFSET_NAMES,
+    UNITS,
+    SensorModel,
+    sensor_columns,
+    sensor_of,
+)
 from highside.errors import InputError, Refused
+from highside.physics import effects as library
+from highside.physics.forward import ForwardModel
+from highside.physics.gravity import gravity_direction, gravity_jacobians
+from highside.physics.state import ChainState
 
-AXES = "xyz"
 UNIFORM_ANGLE_STD_RAD = float(np.pi / np.sqrt(3.0))
 """Standard deviation of an angle of which nothing is known: 103.9 deg."""
 
-MATRIX_NAMES = tuple(f"A_{i}{j}" for i in AXES for j in AXES)
-OFFSET_NAMES = tuple(f"b_{i}" for i in AXES)
-QUADRATIC_NAMES = tuple(f"K2_{i}" for i in AXES)
-CUBIC_NAMES = tuple(f"K3_{i}" for i in AXES)
-CROSS_PAIRS = ((0, 1), (0, 2), (1, 2))
-CROSS_NAMES = tuple(f"KX_{i}_{AXES[j]}{AXES[k]}" for i in AXES for j, k in CROSS_PAIRS)
 TILT_NAMES = ("tilt_x", "tilt_y")
 """Bench tilt in the plane of inclination and across it."""
 BENCH_NAMES = ("bench_x", "bench_y")
@@ -123,8 +128,7 @@ class Parameters:
         return float(np.sqrt(max(self.covariance[i, i], 0.0)))
 
     def unit(self, name: str) -> str:
-        head = name.partition("_")[0]
-        return {"A": "1", "b": "g", "K2": "1/g", "K3": "1/g^2", "KX": "1/g", "K": "1/g"}.get(head, "rad")
+        return UNITS.get(name.partition("_")[0], "rad")
 
     def block(self, names: tuple[str, ...]) -> Array:
         """Values of `names`, zero where absent."""
@@ -159,86 +163,6 @@ class TemperatureRange:
 
     def inside(self, temp_c: float) -> bool:
         return self.min_c <= temp_c <= self.max_c
-
-
-@dataclass(frozen=True, slots=True)
-class SensorModel:
-    """The sensor's forward model at one temperature: `m = A g + b + K2 g^2 + K3 g^3 + KX (g_j g_k)`.
-
-    `A` (3, 3), `b` (3,), `K2` and `K3` (3,): own-axis quadratic and cubic, `KX` (3, 3): channel by product
-    (xy, xz, yz). All in units of g.
-    """
-
-    A: Array
-    b: Array
-    K2: Array = field(default_factory=lambda: np.zeros(3))
-    K3: Array = field(default_factory=lambda: np.zeros(3))
-    KX: Array = field(default_factory=lambda: np.zeros((3, 3)))
-
-    @property
-    def C(self) -> Array:  # noqa: N802 - the name of the matrix in the paper
-        """Correction matrix, the inverse of A (equation 5)."""
-        return np.asarray(np.linalg.inv(self.A), dtype=np.float64)
-
-    @property
-    def is_linear(self) -> bool:
-        return not (self.K2.any() or self.K3.any() or self.KX.any())
-
-    def nonlinear(self, g: Array) -> Array:
-        """The quadratic, cubic and cross terms (3, ...) at true gravity `g` (3, ...)."""
-        wide = (slice(None),) + (None,) * (g.ndim - 1)
-        products = np.stack([g[j] * g[k] for j, k in CROSS_PAIRS])
-        return np.asarray(self.K2[wide] * g**2 + self.K3[wide] * g**3 + np.tensordot(self.KX, products, axes=1))
-
-    def forward(self, g: Array) -> Array:
-        """What the sensor reads (3, ...) where gravity in the tool frame is `g` (3, ...)."""
-        wide = (slice(None),) + (None,) * (g.ndim - 1)
-        linear = np.tensordot(self.A, g, axes=1) + self.b[wide]
-        return linear if self.is_linear else linear + self.nonlinear(g)
-
-    def correct(self, m: Array) -> Array:
-        """Gravity in the tool frame (3, ...) from raw readings `m` (3, ...): equation 5, iterated over the small
-        nonlinear terms (each pass gains a factor of about 100)."""
-        wide = (slice(None),) + (None,) * (m.ndim - 1)
-        C = self.C
-        linear = np.tensordot(C, m - self.b[wide], axes=1)
-        if self.is_linear:
-            return linear
-        g = linear
-        for _ in range(8):
-            after = linear - np.tensordot(C, self.nonlinear(g), axes=1)
-            if np.all(np.abs(after - g) < 1e-13):
-                return after
-            g = after
-        return g
-
-
-def design_row(name: str, g: Array, u: Array | float = 0.0) -> Array:
-    """Derivative (3, N) of the reading by the sensor parameter `name` at gravity `g` (3, N)
-    and reduced temperature `u`."""
-    base, _, power = name.partition("@")
-    factor = u ** int(power) if power else 1.0
-    kind, _, index = base.partition("_")
-    out = np.zeros_like(g)
-    row = AXES.index(index[0])
-    if kind == "A":
-        out[row] = g[AXES.index(index[1])]
-    elif kind == "b":
-        out[row] = 1.0
-    elif kind == "K2":
-        out[row] = g[row] ** 2
-    elif kind == "K3":
-        out[row] = g[row] ** 3
-    elif kind == "KX":
-        out[row] = g[AXES.index(index[2])] * g[AXES.index(index[3])]
-    else:
-        raise InputError(f"{name} is not a parameter of the sensor")
-    return np.asarray(out * factor)
-
-
-def is_sensor_parameter(name: str) -> bool:
-    """Whether `name` belongs to the sensor (else to the bench)."""
-    return name.partition("_")[0] in ("A", "b", "K2", "K3", "KX")
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,13 +201,7 @@ class Zone:
                 values = values + weight * p.block(tuple(f"{name}@{power}" for name in names))
             return values.reshape(shape)
 
-        return SensorModel(
-            A=block(MATRIX_NAMES, (3, 3)),
-            b=block(OFFSET_NAMES, (3,)),
-            K2=p.block(QUADRATIC_NAMES),
-            K3=p.block(CUBIC_NAMES),
-            KX=p.block(CROSS_NAMES).reshape(3, 3),
-        )
+        return replace(sensor_of(p.names, p.values), A=block(MATRIX_NAMES, (3, 3)), b=block(OFFSET_NAMES, (3,)))
 
     def max_power(self) -> int:
         """Highest power of temperature among the parameters."""
@@ -302,12 +220,11 @@ class Zone:
 
     def design(self, g: Array, temp_c: float | None = None) -> Array:
         """Derivative (3, P, N) of a reading at gravity `g` (3, N) by the parameters; zero columns for the bench's."""
-        weights = dict(self._temperature_weights(temp_c))
-        out = np.zeros((3, len(self.parameters.names), g.shape[1]))
-        for j, name in enumerate(self.parameters.names):
-            if is_sensor_parameter(name):
-                base, _, power = name.partition("@")
-                out[:, j] = design_row(base, g) * (weights.get(int(power), 0.0) if power else 1.0)
+        out = sensor_columns(self.parameters.names, g).transpose(1, 0, 2)
+        if self.max_power():
+            weights = dict(self._temperature_weights(temp_c))
+            powers = [name.partition("@")[2] for name in self.parameters.names]
+            out = out * np.array([weights.get(int(power), 0.0) if power else 1.0 for power in powers])[:, None]
         return out
 
     def covariance_of(self, g: Array, temp_c: float | None = None) -> Array:
@@ -523,7 +440,7 @@ class CalibrationResult:
         correlation."""
         inc, tf = np.broadcast_arrays(np.atleast_1d(np.asarray(inc_rad, dtype=float)), np.asarray(tf_rad, dtype=float))
         use = zone or self.main
-        g = gravity(inc, tf)
+        g = gravity_direction(inc, tf)
         C = use.model(temp_c).C
         noise = self.reading_noise_g if noise_g is None else noise_g
         J = np.einsum("ij,jpn->nip", C, use.design(g, temp_c))
@@ -632,7 +549,9 @@ def linear_covariance(
     column of S. Errors of S: reading noise, pose repeatability, the bench's tilt (common to all poses).
     """
     inc, tf = poses.reference()
-    by_inc, by_tf, by_ty = (A @ d for d in gravity_derivatives(inc, tf))
+    by_inc, by_tf = (A @ d for d in gravity_jacobians(inc, tf))
+    tilt = library.get("base_tilt")
+    level = ForwardModel(((tilt, tilt.vector()),)).linearise(ChainState.build(inc, tf))
     # lever of an error at each pose on the 12 parameters, for one axis: (N, 4)
     lever = np.column_stack([weights, np.zeros(len(poses)) if offset_weights is None else offset_weights])
     mean_var = poses.noise_of_mean() ** 2
@@ -641,7 +560,7 @@ def linear_covariance(
     per_pose[:, range(3), range(3)] += mean_var.T
     # cov[(i,k),(j,l)] = sum_n Sigma_n[i,j] lever[n,k] lever[n,l]
     cov = np.einsum("nij,nk,nl->ikjl", per_pose, lever, lever)
-    by_tilt = np.stack([np.einsum("in,nk->ik", direction, lever) for direction in (by_inc, by_ty)])
+    by_tilt = np.stack([np.einsum("in,nk->ik", direction, lever) for direction in A @ level.columns])
     cov += np.einsum("tik,tjl->ikjl", by_tilt, by_tilt) * bench.tilt_rad**2
     if offset_weights is None and offset_std_g > 0:
         taken_up = lever.sum(axis=0) * offset_std_g  # what the matrix swallows of the offset

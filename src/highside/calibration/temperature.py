@@ -20,9 +20,7 @@ from highside.calibration.forward import HYSTERESIS_NAMES
 from highside.calibration.joint import Selection, ThermalTerms, deviance_of, joint
 from highside.calibration.poses import SAME_TEMPERATURE_C, Array, PoseSet, group_settings
 from highside.calibration.result import (
-    MATRIX_NAMES,
     NOMINAL_BENCH,
-    OFFSET_NAMES,
     BenchAccuracy,
     CalibrationResult,
     Parameters,
@@ -31,6 +29,7 @@ from highside.calibration.result import (
     TemperatureRange,
     Zone,
 )
+from highside.calibration.sensor import MATRIX_NAMES, OFFSET_NAMES
 from highside.errors import InputError
 
 MIN_SPAN_C = 10.0

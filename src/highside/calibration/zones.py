@@ -19,15 +19,11 @@ from dataclasses import replace
 import numpy as np
 
 from highside.calibration.forward import Variances, pose_covariance
-from highside.calibration.poses import Array, Indices, PoseSet, gravity_derivatives
-from highside.calibration.result import (
-    AXES,
-    MATRIX_NAMES,
-    OFFSET_NAMES,
-    CalibrationResult,
-    Parameters,
-    Zone,
-)
+from highside.calibration.poses import Array, Indices, PoseSet
+from highside.calibration.result import CalibrationResult, Parameters, Zone
+from highside.calibration.sensor import MATRIX_NAMES, OFFSET_NAMES
+from highside.physics.effect import AXES
+from highside.physics.gravity import gravity_jacobians
 
 ADMIT_LOG_LIKELIHOOD = 8.0
 """Gain in log likelihood for two variances before structure is believed."""
@@ -71,7 +67,7 @@ def _block(
 ) -> tuple[Array, Array, Array]:
     """Residuals (3 M,), basis (3 M, 9) and covariance (3 M, 3 M) of a ring of M poses."""
     A = result.A
-    by_inc, by_tf, _ = (A @ d for d in gravity_derivatives(inc[members], tf[members]))
+    by_inc, by_tf = (A @ d for d in gravity_jacobians(inc[members], tf[members]))
     # structure inflates the estimated scatter of the bench: no more than was stated is put down to it
     stated = np.deg2rad(float(result.options["pose_sigma_deg"]))
     v = {name: min(value, stated) for name, value in result.variance.items()}

@@ -190,6 +190,28 @@ class AxisEffect(LinearEffect):
         return on_own_axis(p[:, None] * self.slope(state, x))
 
 
+class Modulated(LinearEffect):
+    """An effect of the sensor whose parameters follow a known quantity: `factor` (N,) times the effect at each row."""
+
+    id = "modulated"
+    title = "An effect that follows a known quantity"
+    stage = Stage.THERMAL
+    formula = "factor times the effect"
+    story = "A parameter of the sensor is not constant but in proportion to something known, such as temperature."
+
+    def __init__(self, effect: LinearEffect, factor: Array) -> None:
+        self._effect, self._factor = effect, factor
+
+    def basis(self, state: ChainState, x: Array) -> Array:
+        return self._factor * self._effect.basis(state, x)
+
+    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        return self._factor * self._effect.delta(state, p, x)
+
+    def input_jacobian(self, state: ChainState, p: Array, x: Array) -> Array:
+        return self._factor * self._effect.input_jacobian(state, p, x)
+
+
 class RandomEffect(Effect):
     """Drawn, not predicted. The parameters are sizes of scatter; `draws_at` is the stage it disturbs."""
 

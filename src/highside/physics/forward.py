@@ -61,11 +61,9 @@ class Linearisation:
     reported: Array
     """(3, N) g"""
     columns: Array
-    """(P, 3, N): change of the report with each parameter"""
+    """(P, 3, N): change of the report with each parameter, effect by effect"""
     by_pose: Array
     """(3, 3, N) g/rad: change of the report with I, E and T, as [:, 0], [:, 1] and [:, 2]"""
-    force: Array
-    """(3, N) g: what the sensor effects act on"""
 
 
 @dataclass(frozen=True)
@@ -306,20 +304,18 @@ class ForwardModel:
             result.append(columns)
         return result
 
-    def linearise(self, state: ChainState, effects: Sequence[Effect]) -> Linearisation:
-        """Prediction and first derivatives by every parameter of these effects and by the pose, from one evaluation."""
+    def linearise(self, state: ChainState) -> Linearisation:
+        """Prediction, and first derivatives by every parameter of all effects and by the pose, from one evaluation."""
         chain = self.chain(state)
         sensitivity = self.sensitivity(state, chain)
         by_pose = _apply(sensitivity, _turned(chain.rotation, _pose_tangents(chain)))
         columns = [
-            _through(by_pose, effect.derivative(chain.state, self.vector_of(effect.id), chain.state.reading))
+            _through(by_pose, effect.derivative(chain.state, p, chain.state.reading))
             if effect.stage is Stage.POSE
-            else self._columns(state, chain, sensitivity, effect, self.vector_of(effect.id))
-            for effect in effects
+            else self._columns(state, chain, sensitivity, effect, p)
+            for effect, p in self.effects
         ]
-        return Linearisation(
-            chain.reported, np.concatenate(columns) if columns else np.empty((0, 3, state.n)), by_pose, chain.force
-        )
+        return Linearisation(chain.reported, np.concatenate(columns) if columns else np.empty((0, 3, state.n)), by_pose)
 
     def _gyro_columns(self, state: ChainState, sampled: ChainState, rates: Array, effect: Effect, p: Array) -> Array:
         """(K, 3, N): change of the reported rates with each parameter of one effect."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Self
 
 import numpy as np
@@ -43,6 +43,12 @@ class ChainState:
     gravity_mps2: float = STANDARD_GRAVITY_MPS2
     latitude_rad: float = 0.0
     azimuth_rad: float = 0.0
+
+    @classmethod
+    @cache
+    def nowhere(cls) -> Self:
+        """A state without rows, for effects that follow the load alone."""
+        return cls.build(np.empty(0), np.empty(0))
 
     @classmethod
     def build(

@@ -30,9 +30,10 @@ from highside.attitude import attitude_block, wrap_signed
 from highside.calibration.balance import TRIPLES, balance, balance_matrix
 from highside.calibration.conventional import conventional, position_plan
 from highside.calibration.joint import joint
-from highside.calibration.poses import Array, PoseSet, gravity
+from highside.calibration.poses import Array, PoseSet
 from highside.calibration.result import CalibrationResult, Reason, Zone
 from highside.physics.forward import ForwardModel
+from highside.physics.gravity import gravity_direction
 from highside.physics.scenario import BALANCE_TOOLFACES_DEG, PUBLISHED_INCLINATIONS_DEG, pose_grid
 from highside.physics.state import ChainState
 
@@ -154,7 +155,7 @@ class Experiment:
         """The average matrix at 90 deg taken all the same, as the paper did."""
         inc, tf = self.poses.reference()
         ring = np.flatnonzero(np.abs(np.degrees(inc) - 90.0) < 1e-3)
-        C = balance_matrix(self.poses.a[:, ring], gravity(inc[ring], tf[ring]))
+        C = balance_matrix(self.poses.a[:, ring], gravity_direction(inc[ring], tf[ring]))
         return self.turns[90.0].summary(C, np.zeros(3))
 
 
