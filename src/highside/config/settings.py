@@ -10,6 +10,7 @@ from __future__ import annotations
 import difflib
 import os
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self, get_args
 
@@ -267,7 +268,7 @@ def load(path: Path, overrides: list[str] | None = None) -> Settings:
     paths inside the file are relative to the directory of the file.
     """
     tables = read_toml(path)
-    _anchor_paths(tables, path.resolve().parent)
+    anchor_paths(tables, path.resolve().parent)
     return validate(tables, where=str(path), overrides=overrides)
 
 
@@ -286,7 +287,7 @@ def validate(
     try:
         return FileSettings(**given)
     except ValidationError as error:
-        raise _input_error(error, where, given) from None
+        raise input_error(error, where, given) from None
     except InputError:
         raise
     except ValueError as error:
@@ -300,7 +301,10 @@ def _known_environment(where: str) -> None:
             table = name[len(ENVIRONMENT_PREFIX) :].lower().split("__")[0]
             if table not in Settings.model_fields:
                 raise InputError(
-                    "is not a known table", where=f"{where} with the environment", field=name, remedy=_nearest([table])
+                    "is not a known table",
+                    where=f"{where} with the environment",
+                    field=name,
+                    remedy=_nearest([table], Settings),
                 )
 
 
@@ -318,8 +322,9 @@ PATH_FIELDS = {
 """Fields that name files; relative ones are taken from the configuration's own directory."""
 
 
-def _anchor_paths(tables: dict[str, Any], base: Path) -> None:
-    for keys in PATH_FIELDS:
+def anchor_paths(tables: dict[str, Any], base: Path, fields: Iterable[tuple[str, ...]] = PATH_FIELDS) -> None:
+    """Take relative file names of the `fields` from the directory `base`, in place."""
+    for keys in fields:
         table: Any = tables
         for key in keys[:-1]:
             table = table.get(key) if isinstance(table, dict) else None
@@ -331,10 +336,13 @@ def _anchor_paths(tables: dict[str, Any], base: Path) -> None:
             table[keys[-1]] = str(base / value)
 
 
-def _input_error(error: ValidationError, where: str, overrides: dict[str, Any]) -> InputError:
+def input_error(
+    error: ValidationError, where: str, overrides: dict[str, Any], root: type[BaseModel] | None = None
+) -> InputError:
+    """One line for what pydantic found: source, field, what is allowed. `root` is the model of the whole file."""
     details = error.errors(include_url=False)
     first = details[0]
-    field, what, remedy = _explain(first)
+    field, what, remedy = _explain(first, root or Settings)
     if len(details) > 1:
         remedy = f"{remedy} ({len(details) - 1} more field{'s' if len(details) > 2 else ''} to mend)".strip()
     return InputError(what, where=_source(field, overrides) or where, field=field or None, remedy=remedy or None)
@@ -352,10 +360,10 @@ def _source(field: str, overrides: dict[str, Any]) -> str | None:
     return f"environment variable {wanted}" if wanted in {name.upper() for name in os.environ} else None
 
 
-def _explain(detail: ErrorDetails) -> tuple[str, str, str]:
+def _explain(detail: ErrorDetails, root: type[BaseModel]) -> tuple[str, str, str]:
     keys = [str(key) for key in detail["loc"]]
     # the tag of a discriminated union stands in the location but not in the file
-    if len(keys) > 1 and keys[0] in ("link", "codec"):
+    if len(keys) > 1 and keys[0] in ("link", "codec", "plan"):
         keys = [keys[0], *keys[2:]]
     if len(keys) > 2 and keys[0] == "wits":
         keys = [*keys[:2], *keys[3:]]
@@ -365,7 +373,7 @@ def _explain(detail: ErrorDetails) -> tuple[str, str, str]:
     if kind == "missing":
         return field, "is missing", "add it"
     if kind == "extra_forbidden":
-        return field, "is not a known field", _nearest(keys)
+        return field, "is not a known field", _nearest(keys, root)
     if kind == "union_tag_invalid":
         tag = str(context.get("discriminator", "")).strip("'")
         return f"{field}.{tag}", f"{context.get('tag')!r} is unknown", f"allowed: {context.get('expected_tags')}"
@@ -379,9 +387,9 @@ def _explain(detail: ErrorDetails) -> tuple[str, str, str]:
     return field, message[0].lower() + message[1:] + shown, ""
 
 
-def _nearest(keys: list[str]) -> str:
+def _nearest(keys: list[str], root: type[BaseModel]) -> str:
     """What may have been meant by an unknown field: the nearest, or all that its table allows."""
-    known = _fields_of(Settings, keys[:-1])
+    known = _fields_of(root, keys[:-1])
     near = difflib.get_close_matches(keys[-1], known, n=1)
     if near:
         return f"did you mean {near[0]!r}?"

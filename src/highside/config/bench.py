@@ -1,0 +1,223 @@
+"""The configuration of a bench session: one TOML file for `highside calibrate bench --config FILE`.
+
+Where the tool is read from (`[link]`, `[codec]`, as for the service; or `[simulated]`, a whole bench inside the
+process), which poses are taken (`[plan]`), when a pose is good enough (`[session]`), what the record must say of the
+bench (`[bench]`), and where journal and records are kept (`[store]`). Errors name the field and what is allowed.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from highside.config.codecs import CodecConfig, ToolCodecConfig
+from highside.config.links import LinkConfig
+from highside.config.settings import Table, ToolSettings, anchor_paths, input_error, parse_overrides, read_toml
+from highside.errors import InputError
+
+Inclination = Annotated[float, Field(ge=-180, le=180)]
+Toolface = Annotated[float, Field(ge=-360, le=360)]
+Celsius = Annotated[float, Field(ge=-100, le=400)]
+
+
+class BalancePlan(Table):
+    """Four toolfaces (45, 135, 225, 315 deg) at each inclination."""
+
+    kind: Literal["balance"]
+    inclinations_deg: tuple[Inclination, ...] = Field(min_length=1)
+    triples: Literal["1-2-3", "2-3-4", "3-4-1", "4-1-2", "average", "least-squares"] = "average"
+    fallback: Literal["none", "conventional", "joint"] = "none"
+
+
+class ConventionalPlan(Table):
+    """Every axis in turn along gravity."""
+
+    kind: Literal["conventional"]
+    positions: Literal[3, 6, 8, 12, 24] = 12
+
+
+class JointPlan(Table):
+    """Poses chosen by advice, solved with the bench's own errors."""
+
+    kind: Literal["joint"]
+    poses: int = Field(default=24, ge=5, le=500, description="How many.")
+    inclinations_deg: tuple[Inclination, ...] | None = Field(
+        default=None, description="What the bench can set; negative: turned the other way. Absent: -120 to 150."
+    )
+    toolfaces_deg: tuple[Toolface, ...] | None = Field(default=None, description="Absent: every 45 deg.")
+
+
+class OvenPlan(Table):
+    """The poses repeated at each step of temperature, when it is steady."""
+
+    kind: Literal["oven"]
+    temperatures_c: tuple[Celsius, ...] = Field(min_length=2, description="The way up and the way down.")
+    inclinations_deg: tuple[Inclination, ...] = (5.0, 45.0, 90.0)
+    toolfaces_deg: tuple[Toolface, ...] = (45.0, 135.0, 225.0, 315.0)
+
+
+class HeatedRollPlan(Table):
+    """The tool rolled at one inclination while it warms or cools."""
+
+    kind: Literal["heated_roll"]
+    temperatures_c: tuple[Celsius, ...] = Field(min_length=2)
+    inclination_deg: Inclination = 90.0
+    toolfaces_deg: tuple[Toolface, ...] = (0.0, 90.0, 180.0, 270.0)
+
+
+class CustomPlan(Table):
+    """Poses from a table (CSV with inc_ref_deg, tf_ref_deg)."""
+
+    kind: Literal["custom"]
+    file: Path
+    method: Literal["joint", "conventional", "balance"] = "joint"
+
+
+class UnguidedPlan(Table):
+    """No bench: attitudes by hand, found by themselves, calibrated by |g|."""
+
+    kind: Literal["unguided"]
+    min_poses: int = Field(default=12, ge=10, le=1000)
+
+
+class VerificationPlan(Table):
+    """A few poses to judge an existing calibration by."""
+
+    kind: Literal["verification"]
+    inclinations_deg: tuple[Inclination, ...] = Field(default=(5.0, 45.0, 90.0), min_length=1)
+    toolfaces_deg: tuple[Toolface, ...] = Field(default=(20.0, 140.0, 260.0), min_length=1)
+
+
+class RollTestPlan(Table):
+    """The field roll test: toolfaces all around at one inclination."""
+
+    kind: Literal["roll_test"]
+    inclination_deg: Inclination = 90.0
+    toolfaces: int = Field(default=8, ge=8, le=72)
+
+
+PlanConfig = Annotated[
+    BalancePlan
+    | ConventionalPlan
+    | JointPlan
+    | OvenPlan
+    | HeatedRollPlan
+    | CustomPlan
+    | UnguidedPlan
+    | VerificationPlan
+    | RollTestPlan,
+    Field(discriminator="kind"),
+]
+
+
+class SessionTable(Table):
+    """When a pose is good enough, and what is known of the sensor beforehand. Absent fields: as the plan has them."""
+
+    std_error_g: float | None = Field(default=None, gt=0, description="A hold ends when its mean is this certain.")
+    min_hold_s: float | None = Field(default=None, gt=0, le=600)
+    max_hold_s: float | None = Field(default=None, gt=0, le=3600)
+    align_deg: float | None = Field(default=None, gt=0, le=10)
+    prior_offset_g: float | None = Field(default=None, gt=0, description="Offset of the sensor, 1 sigma.")
+    prior_matrix: float | None = Field(default=None, gt=0, description="Scale and misalignment, 1 sigma.")
+    outlier_sigmas: float | None = Field(default=None, gt=2)
+    retakes: int | None = Field(default=None, ge=0, le=20)
+    temp_tolerance_c: float | None = Field(default=None, gt=0)
+    temp_rate_c_min: float | None = Field(default=None, gt=0)
+    soak_s: float | None = Field(default=None, ge=0)
+    remind_s: float | None = Field(default=None, gt=0)
+
+
+class BenchTable(Table):
+    """What the record must say of the bench."""
+
+    name: str | None = Field(default=None, max_length=100)
+    pose_sigma_deg: float = Field(default=0.0052, gt=0, lt=10, description="Standard deviation of one setting, deg.")
+    gravity_mps2: float | None = Field(default=None, gt=9.7, lt=9.9)
+    gravity_std_mps2: float = Field(default=1e-4, ge=0)
+    temp_c: Celsius | None = Field(default=None, description="Where the tool itself tells none.")
+
+
+class StoreTable(Table):
+    """Where things are kept."""
+
+    directory: Path = Field(default=Path("state/calibrations"), description="The calibration store.")
+    sessions: Path = Field(default=Path("state/sessions"), description="The journals, one file a session.")
+    expires_days: float | None = Field(default=None, gt=0)
+
+
+class SimulatedTable(Table):
+    """A bench inside the process: sensor, table and hands. The tool still speaks through a pty."""
+
+    rate_hz: float = Field(default=100.0, ge=5, le=2000)
+    speed: float = Field(default=1.0, gt=0, le=500, description="How much faster than the clock it runs.")
+    seed: int = Field(default=1, ge=0)
+    matrix: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]] = (
+        (0.9991, 0.0038, -0.0007),
+        (-0.0019, 0.9989, 0.0001),
+        (0.0009, 0.0003, 0.9982),
+    )
+    offset_g: tuple[float, float, float] = (0.0012, -0.0008, 0.0015)
+    offset_per_c: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    noise_density_g: float = Field(default=20e-6, ge=0, description="g per root hertz.")
+    temp_c: Celsius = 25.0
+    oven_tau_s: float = Field(default=60.0, gt=0)
+    tilt_deg: tuple[float, float] = (0.02, -0.01)
+    pose_sigma_deg: float = Field(default=0.0052, ge=0)
+    overshoot_deg: float = Field(default=0.6, ge=0, le=10)
+    shake_g: float = Field(default=0.002, ge=0, le=0.5)
+    turn_rate_dps: float = Field(default=45.0, gt=0, le=360)
+    axes: str = Field(default="xyz", description="Order in which the axes come out: a wrong mapping, if not xyz.")
+    mistakes: dict[str, str] = Field(
+        default_factory=dict,
+        description="What the operator of --auto does wrong at the n-th pose set: wrong_tf, knock, tremor, move, ...",
+    )
+
+
+class BenchFile(Table):
+    """The whole file."""
+
+    tool: ToolSettings = ToolSettings()
+    link: LinkConfig | None = None
+    simulated: SimulatedTable | None = None
+    codec: CodecConfig = ToolCodecConfig(name="tool")
+    plan: PlanConfig
+    session: SessionTable = SessionTable()
+    bench: BenchTable = BenchTable()
+    store: StoreTable = StoreTable()
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.link is None) == (self.simulated is None):
+            raise ValueError("give either [link] (a real tool) or [simulated], not both and not neither")
+        if self.link is not None and self.link.carries is not None and self.link.carries != self.codec.carries:
+            raise ValueError(
+                f"link.kind {self.link.kind!r} carries {self.link.carries}, but codec.name {self.codec.name!r} decodes"
+                f" {self.codec.carries}"
+            )
+        return self
+
+
+PATHS = (("plan", "file"), ("codec", "dbc"), ("link", "path"), ("store", "directory"), ("store", "sessions"))
+
+
+def load_bench(path: Path, overrides: list[str] | None = None) -> BenchFile:
+    """Read and validate a session's file; `overrides` are `key.path=value`. Raises InputError in one line."""
+    tables = read_toml(path)
+    anchor_paths(tables, path.resolve().parent, PATHS)
+    given = parse_overrides(overrides or [])
+    try:
+        return BenchFile.model_validate(_merged(tables, given))
+    except ValidationError as error:
+        raise input_error(error, str(path), given, BenchFile) from None
+    except InputError as error:
+        raise InputError(error.what, where=str(path), field=error.field, remedy=error.remedy) from None
+
+
+def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    out = dict(below)
+    for key, value in above.items():
+        old = out.get(key)
+        out[key] = _merged(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+    return out
