@@ -23,9 +23,10 @@ from numpy.typing import NDArray
 from highside.attitude.angles import wrap_signed
 from highside.attitude.quaternion import to_angles
 from highside.drift.blocks import Batch
+from highside.drift.filter import Settings
 from highside.drift.frames import to_body
 from highside.drift.gates import Gate, Motion
-from highside.drift.kinematic import Settings, kinematic
+from highside.drift.kinematic import kinematic
 from highside.drift.literal import AzimuthPolicy, literal
 from highside.drift.recursive import recursive
 from highside.physics.drift_scenarios import (

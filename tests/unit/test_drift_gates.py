@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from highside.drift.blocks import Batch, Block
+from highside.drift.core import agrees
 from highside.drift.frames import DEG_PER_HOUR, to_body
-from highside.drift.gates import DWELL_S, LEARN_S, Gate, Motion, StopTest, quiet_rows
+from highside.drift.gates import DWELL_S, LEARN_S, Gate, Motion, quiet_rows
 from highside.physics.drift_scenarios import Experiment, drilling, record, rotating_table, turntable, vibration_table
 
 
@@ -48,7 +47,7 @@ def test_a_turning_table_is_turning_and_never_still() -> None:
     gate = Gate()
     for block in _blocks(still, 1):
         gate.verdict(block)
-    verdicts = [gate.verdict(replace(block, gap_s=0.0)) for block in _blocks(turning, 1)]
+    verdicts = [gate.verdict(block) for block in _blocks(turning, 1)]
     assert set(verdicts) <= {Motion.TURNING}
 
 
@@ -73,7 +72,10 @@ def test_the_gate_leaves_at_once_and_returns_after_the_dwell() -> None:
     for block in blocks[:30]:
         last = gate.verdict(block)
     assert last is Motion.STILL
-    assert gate.verdict(replace(blocks[30], norm_std=0.5)) is Motion.VIBRATING
+    shaken = blocks[30].vector.copy()
+    shaken[22] = 0.5
+    assert Block(shaken).norm_std == 0.5
+    assert gate.verdict(Block(shaken)) is Motion.VIBRATING
     after = [gate.verdict(block) for block in blocks[31:36]]
     assert after[0] is Motion.QUIET
     assert after[-1] is Motion.STILL
@@ -81,12 +83,14 @@ def test_the_gate_leaves_at_once_and_returns_after_the_dwell() -> None:
 
 def test_the_stop_test_refuses_a_slow_real_turn_and_forgives_when_it_ends() -> None:
     rng = np.random.default_rng(1)
-    arw, variance = 3e-5, np.full(3, (0.5 * DEG_PER_HOUR) ** 2)
-    test = StopTest()
-    slow = np.array([0.0, 0.0, 30.0 * DEG_PER_HOUR])
-    at_rest = [test.agrees(arw * rng.standard_normal(3), 1.0, variance, arw) for _ in range(500)]
-    moving = [test.agrees(slow + arw * rng.standard_normal(3), 1.0, variance, arw) for _ in range(100)]
-    after = [test.agrees(arw * rng.standard_normal(3), 1.0, variance, arw) for _ in range(200)]
+    arw, known = 3e-5, ((0.5 * DEG_PER_HOUR) ** 2,) * 3
+    stop = [0.0] * 5
+
+    def seen(rate_dph: float, seconds: int) -> list[bool]:
+        turn = np.array([0.0, 0.0, rate_dph * DEG_PER_HOUR])
+        return [agrees(stop, tuple(turn + arw * rng.standard_normal(3)), 1.0, known, arw) for _ in range(seconds)]
+
+    at_rest, moving, after = seen(0.0, 500), seen(30.0, 100), seen(0.0, 200)
     assert all(at_rest)
     assert moving.index(False) < 20
     assert not any(moving[20:])

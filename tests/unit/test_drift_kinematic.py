@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from highside.attitude.angles import wrap_signed
+from highside.drift.filter import KinematicFilter, Settings
 from highside.drift.frames import attitude, to_body
 from highside.drift.gates import Motion
-from highside.drift.kinematic import KinematicFilter, Settings, kinematic
+from highside.drift.kinematic import kinematic
 from highside.drift.result import AzimuthBasis, DriftResult
 from highside.physics.drift_scenarios import (
     LATITUDE_RAD,
@@ -203,8 +204,8 @@ def test_rows_know_nothing_of_later_ones() -> None:
     experiment = drilling(120.0, 50.0, leg_s=60.0, stop_s=20.0, start_s=30.0)
     data = record(experiment, 1)
     whole = kinematic(experiment.t_s, data.rate, data.accel, SETTINGS)
-    part = kinematic(experiment.t_s[:4000], data.rate[:, :4000], data.accel[:, :4000], SETTINGS)
-    assert np.array_equal(whole.azi_rad[:4000], part.azi_rad)
-    assert np.array_equal(whole.bias_radps[:, :4000], part.bias_radps)
+    part = kinematic(experiment.t_s[:5500], data.rate[:, :5500], data.accel[:, :5500], SETTINGS)
+    assert np.array_equal(whole.azi_rad[:5500], part.azi_rad)
+    assert np.array_equal(whole.bias_radps[:, :5500], part.bias_radps)
     assert whole.motion is not None
     assert (whole.motion == Motion.STILL).any()

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from highside.attitude.quaternion import from_angles, up_direction
+from highside.drift.filter import Settings
 from highside.drift.frames import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, to_body
-from highside.drift.kinematic import Settings
 from highside.drift.recursive import RecursiveFilter, Scalar, recursive, steady_gains
 from highside.drift.result import AzimuthBasis
 from highside.physics.drift_scenarios import LATITUDE_RAD, Triad, record, turntable

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from highside.drift.kinematic import Settings
+    from highside.drift.filter import Settings
     from highside.drift.result import DriftResult
 
     Column = NDArray[np.float64]
@@ -159,8 +159,8 @@ def _settings(
 ) -> Settings:
     import math
 
+    from highside.drift.filter import Settings
     from highside.drift.frames import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
-    from highside.drift.kinematic import Settings
 
     return Settings(
         latitude_rad=None if latitude_deg is None else math.radians(latitude_deg),

@@ -100,57 +100,96 @@ def advance(
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """One finished block in the body frame. `q` (4,), `J` (3, 3), `S` (3,), means over its `n` samples."""
+    """One finished block in the body frame: (34,) as `finished` lays it out, by name."""
 
-    q: FloatArray
-    J: FloatArray
-    S: FloatArray
-    accel: FloatArray
-    """(3,) mean reading in the body frame of the end, g"""
-    seconds: float
-    n: int
-    norm_error: float
-    """mean of |a| - 1, g"""
-    norm_std: float
-    """standard deviation of |a|, g"""
-    accel_std: float
-    """standard deviation of one axis of one reading about the (turning) mean, g"""
-    rate: FloatArray
-    """(3,) mean rate, rad/s"""
-    rate_std: FloatArray
-    """(3,) standard deviation of the rates, motion included, rad/s"""
-    rate_noise: float
-    """standard deviation of one rate reading from the differences of neighbours, so without slow motion, rad/s"""
-    gap_s: float = 0.0
-    """unrecorded time that was not integrated"""
-    start_s: float = 0.0
-    end_s: float = 0.0
+    vector: FloatArray
+
+    @property
+    def q(self) -> FloatArray:
+        """(4,) relative rotation"""
+        return self.vector[:4]
+
+    @property
+    def J(self) -> FloatArray:  # noqa: N802 - the letter of the formula
+        """(3, 3) what a unit bias turns its end by"""
+        return self.vector[4:13].reshape(3, 3)
+
+    @property
+    def S(self) -> FloatArray:  # noqa: N802
+        """(3,) the same for a unit scale error along the tool axis"""
+        return self.vector[13:16]
+
+    @property
+    def accel(self) -> FloatArray:
+        """(3,) mean reading in the body frame of the end, g"""
+        return self.vector[16:19]
+
+    @property
+    def seconds(self) -> float:
+        return float(self.vector[19])
+
+    @property
+    def n(self) -> int:
+        return int(self.vector[20])
+
+    @property
+    def norm_error(self) -> float:
+        """mean of |a| - 1, g"""
+        return float(self.vector[21])
+
+    @property
+    def norm_std(self) -> float:
+        """standard deviation of |a|, g"""
+        return float(self.vector[22])
+
+    @property
+    def accel_std(self) -> float:
+        """standard deviation of one axis of one reading about the (turning) mean, g"""
+        return float(self.vector[23])
+
+    @property
+    def rate(self) -> FloatArray:
+        """(3,) mean rate, rad/s"""
+        return self.vector[24:27]
+
+    @property
+    def rate_std(self) -> FloatArray:
+        """(3,) standard deviation of the rates, motion included, rad/s"""
+        return self.vector[27:30]
+
+    @property
+    def rate_noise(self) -> float:
+        """standard deviation of one rate reading from the differences of neighbours, so without slow motion, rad/s"""
+        return float(self.vector[30])
+
+    @property
+    def gap_s(self) -> float:
+        """unrecorded time that was not integrated"""
+        return float(self.vector[31])
+
+    @property
+    def start_s(self) -> float:
+        return float(self.vector[32])
+
+    @property
+    def end_s(self) -> float:
+        return float(self.vector[33])
 
 
-def block_of(sums: Sums, gap_s: float, start_s: float, end_s: float) -> Block:
-    """What the sums of a finished block say."""
-    n = max(sums[20], 1.0)
-    mean = sums[21] / n
-    accel = np.array(sums[16:19]) / n
-    rate = np.array(sums[24:27]) / n
-    spread = max(sums[23] / n - float(accel[0] ** 2 + accel[1] ** 2 + accel[2] ** 2), 0.0) / 3.0
-    return Block(
-        q=np.array(sums[:4]),
-        J=np.array(sums[4:13]).reshape(3, 3),
-        S=np.array(sums[13:16]),
-        accel=accel,
-        seconds=sums[19],
-        n=int(sums[20]),
-        norm_error=mean,
-        norm_std=math.sqrt(max(sums[22] / n - mean * mean, 0.0)),
-        accel_std=math.sqrt(spread),
-        rate=rate,
-        rate_std=np.sqrt(np.maximum(np.array(sums[27:30]) / n - rate * rate, 0.0)),
-        rate_noise=math.sqrt(sums[30] / n / 6.0),
-        gap_s=gap_s,
-        start_s=start_s,
-        end_s=end_s,
-    )
+def finished(sums: FloatArray, gap_s: Any, start_s: Any, end_s: Any) -> FloatArray:
+    """What the sums (31,) or (31, M) of finished blocks say: (34,) or (34, M), laid out as `Block` names it."""
+    n = np.maximum(sums[20], 1.0)
+    out = np.empty((34, *sums.shape[1:]))
+    out[:16], out[19:21] = sums[:16], sums[19:21]
+    accel, rate, mean = sums[16:19] / n, sums[24:27] / n, sums[21] / n
+    out[16:19], out[24:27], out[21] = accel, rate, mean
+    out[22] = np.sqrt(np.maximum(sums[22] / n - mean * mean, 0.0))
+    size2 = accel[0] * accel[0] + accel[1] * accel[1] + accel[2] * accel[2]
+    out[23] = np.sqrt(np.maximum(sums[23] / n - size2, 0.0) / 3.0)
+    out[27:30] = np.sqrt(np.maximum(sums[27:30] / n - rate * rate, 0.0))
+    out[30] = np.sqrt(sums[30] / n / 6.0)
+    out[31], out[32], out[33] = gap_s, start_s, end_s
+    return out
 
 
 class Gatherer:
@@ -192,7 +231,7 @@ class Gatherer:
         """Close the block under way."""
         if self.sums is EMPTY:
             return None
-        done = block_of(self.sums, self.gap_s, self._start, self._last)
+        done = Block(finished(np.array(self.sums), self.gap_s, self._start, self._last))
         self.sums, self.gap_s, self._start = EMPTY, 0.0, self._last
         return done
 
@@ -265,9 +304,11 @@ class Batch:
             )
             yield sums
 
+    def table(self) -> FloatArray:
+        """All blocks, (34, M) as of `finished`."""
+        sums = np.array(deque(self.steps(), maxlen=1)[0])
+        return finished(sums, self.gap, self.starts, self.ends)
+
     def blocks(self) -> list[Block]:
         """All blocks."""
-        sums = deque(self.steps(), maxlen=1)[0]
-        rows = np.array(sums).T.tolist()
-        sides = zip(rows, self.gap.tolist(), self.starts.tolist(), self.ends.tolist(), strict=True)
-        return [block_of(tuple(row), gap, start, end) for row, gap, start, end in sides]
+        return [Block(row) for row in np.ascontiguousarray(self.table().T)]

@@ -11,7 +11,7 @@ seconds, leaving `LEAVE` times and is immediate. Still means quiet, and a mean r
 that of the still record.
 
 A mean rate that small may still be a real, slow turn (a curved hole), and a zero-rate update would then take all of
-it for gyro bias. `StopTest` bounds that: it asks whether the rate seen since the stop began agrees with the bias as
+it for gyro bias. `core.agrees` bounds that: it asks whether the rate seen since the stop began agrees with the bias as
 known before the stop. A declared stop is believed and not tested.
 """
 
@@ -131,38 +131,6 @@ class Gate:
         )
         steady = self._quiet and float(block.rate_std.max()) < factor * still.rate_std
         self._quiet_s = self._quiet_s + block.seconds if steady else 0.0
-
-
-class StopTest:
-    """Whether what the gyros show at a detected stop agrees with the bias as it is known.
-
-    The mean over the last `MEMORY_S` (fading) of the rate less bias and Earth rate is compared with its standard
-    deviation; beyond `SIGMAS` in any axis the tool is taken to move slowly, and goes on being so until the mean agrees
-    again. What stays below is the bound of the error: a slower motion would be taken for bias.
-    """
-
-    SIGMAS = 4.0
-    MEMORY_S = 20.0
-
-    def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """The tool moves visibly: what was seen before says nothing about the next stop."""
-        self._sum = np.zeros(3)
-        self._seconds = 0.0
-        self._squares = 0.0
-
-    def agrees(self, innovation: FloatArray, seconds: float, variance: FloatArray, arw: float) -> bool:
-        """Add a block: `innovation` (3,) rad/s, `variance` (3,) of bias and Earth rate, `arw` rad/sqrt(s)."""
-        if seconds <= 0.0:
-            return True
-        fade = math.exp(-seconds / self.MEMORY_S)
-        self._sum = self._sum * fade + innovation * seconds
-        self._seconds = self._seconds * fade + seconds
-        self._squares = self._squares * fade * fade + seconds
-        noise = arw * arw * self._squares / self._seconds**2
-        return bool(np.all(np.abs(self._sum / self._seconds) <= self.SIGMAS * np.sqrt(variance + noise)))
 
 
 def quiet_rows(t_s: FloatArray, rate: FloatArray, accel: FloatArray, rest: FloatArray) -> NDArray[np.bool_]:

@@ -27,8 +27,9 @@ from highside.attitude.quaternion import (
     up_direction,
 )
 from highside.drift.blocks import Batch, Block, Gatherer
+from highside.drift.filter import Settings, predicted
 from highside.drift.frames import EARTH_RATE_RADPS, attitude, earth_rate, to_body, to_tool
-from highside.drift.kinematic import Settings, declared_blocks, predicted
+from highside.drift.kinematic import declared_blocks
 from highside.drift.literal import aligned
 from highside.drift.result import AzimuthBasis, DriftResult
 
@@ -100,7 +101,7 @@ class RecursiveFilter:
         if self.q is None:
             self.q = np.array(aligned(block.accel, self._psi0))
             return
-        sums = np.concatenate([block.q, block.J.ravel(), block.S, block.accel, [block.seconds]])
+        sums = block.vector[:20]
         self.q = normalised(predicted(self.q, self.bias, 0.0, self.earth, sums))
         arw = max(s.arw, block.rate_noise * math.sqrt(block.seconds / max(block.n, 1)))
         self.level.predict(block.seconds, arw, s.rrw)

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.attitude.angles import wrap_signed
-from highside.drift.kinematic import Settings, kinematic
+from highside.drift.filter import Settings
+from highside.drift.kinematic import kinematic
 from highside.drift.literal import AzimuthPolicy, literal
 from highside.drift.recursive import recursive
 from highside.drift.result import DriftResult

@@ -1,0 +1,165 @@
+"""Long recordings sample by sample in machine code: gathering into blocks, the filter over them, the rows between.
+
+Optional (extra `fast`): without numba, or for recordings whose interpretation takes less time than loading a compiler,
+`kernels` gives None and numpy does the same by other loops. The functions are those of `blocks` and `core`, compiled
+from the same source with all they call; `gather` and `follow` add the loops over samples. IEEE arithmetic, nothing
+fused or reordered: the states at the ends of blocks are the same bits, rows between them differ by the last digit.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import types
+from collections.abc import Callable
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.drift import core
+from highside.drift.blocks import EMPTY, MAX_GAP_S, advance
+from highside.drift.core import times, turning
+
+FloatArray = NDArray[np.float64]
+
+LEAST_ROWS = 600_000
+"""below, loading the compiled code (0.7 s, and 8 s to make it the first time) takes longer than doing without"""
+LOADED_LEAST_ROWS = 5_000
+"""the same once it is loaded"""
+
+
+class Kernels(NamedTuple):
+    """The compiled functions."""
+
+    gather: Callable[..., int]
+    follow: Callable[..., None]
+    run: Callable[..., None]
+
+
+def gather(
+    t_s: FloatArray, rate: FloatArray, accel: FloatArray, block_s: float, number: NDArray[np.intp], sums: FloatArray,
+    edges: FloatArray,
+) -> int:  # fmt: skip
+    """Sums of all blocks, `blocks.Gatherer` for rows of the tool frame: t_s (N,), rate, accel (3, N).
+
+    Fills number (N,), sums (31, M) and edges (3, M): gap, start, end. Returns the number of blocks, at most M.
+    """
+    at = EMPTY
+    block, label, start, gap = 0, 0.0, t_s[0], 0.0
+    before, bx, by, bz = t_s[0], -rate[1, 0], -rate[2, 0], rate[0, 0]
+    last = t_s[0]
+    for i in range(t_s.size):
+        t = t_s[i]
+        x, y, z = -rate[1, i], -rate[2, i], rate[0, i]
+        ax, ay, az = -accel[1, i], -accel[2, i], accel[0, i]
+        own = math.floor((t - t_s[0]) / block_s + 1e-6)
+        if own != label:
+            for j in range(31):
+                sums[j, block] = at[j]
+            edges[0, block], edges[1, block], edges[2, block] = gap, start, last
+            at, gap, start, label = EMPTY, 0.0, last, own
+            block += 1
+        dt = t - before
+        if dt > MAX_GAP_S or dt < 0.0:
+            gap += abs(dt)
+            dt = 0.0
+        dx, dy, dz = x - bx, y - by, z - bz
+        norm = math.sqrt(ax * ax + ay * ay + az * az)
+        at = advance(at, dt, (x, y, z), (ax, ay, az), norm, dx * dx + dy * dy + dz * dz, 1.0)
+        before, bx, by, bz = t, x, y, z
+        last = t
+        number[i] = block
+    for j in range(31):
+        sums[j, block] = at[j]
+    edges[0, block], edges[1, block], edges[2, block] = gap, start, last
+    return block + 1
+
+
+def follow(
+    t_s: FloatArray, rate: FloatArray, accel: FloatArray, number: NDArray[np.intp], q: FloatArray, bias: FloatArray,
+    scale: FloatArray, frozen: NDArray[np.bool_], leap: FloatArray, edges: FloatArray, q_end: FloatArray,
+    earth: FloatArray, angles: FloatArray,
+) -> None:  # fmt: skip
+    """Angles (3, N) (inclination, toolface, azimuth) of the rows between the ends of blocks.
+
+    By block: attitude q (M, 4), bias (M, 3), scale (M,) at its start, whether it stands, `leap` (M, 3) the rotation
+    that a smoother adds until its end (given out evenly), edges (3, M) as of `gather`, q_end (M, 4) as known at its
+    end.
+    """
+    at = EMPTY
+    count = t_s.size
+    before = t_s[0]
+    for i in range(count):
+        k = number[i]
+        if i > 0 and k != number[i - 1]:
+            at = EMPTY
+        t = t_s[i]
+        dt = t - before
+        before = t
+        if dt > MAX_GAP_S or dt < 0.0:
+            dt = 0.0
+        at = advance(at, dt, (-rate[1, i], -rate[2, i], rate[0, i]), (0.0, 0.0, 0.0), 0.0, 0.0, 1.0)
+        if i == count - 1 or number[i + 1] != k or k == 0:
+            a, b, c, d = q_end[k, 0], q_end[k, 1], q_end[k, 2], q_end[k, 3]
+        else:
+            now = (q[k, 0], q[k, 1], q[k, 2], q[k, 3])
+            if not frozen[k]:
+                b0, b1, b2, s, seconds = bias[k, 0], bias[k, 1], bias[k, 2], scale[k], at[19]
+                small = turning(
+                    -(at[4] * b0 + at[5] * b1 + at[6] * b2 + at[13] * s),
+                    -(at[7] * b0 + at[8] * b1 + at[9] * b2 + at[14] * s),
+                    -(at[10] * b0 + at[11] * b1 + at[12] * b2 + at[15] * s),
+                )
+                earths = turning(-earth[0] * seconds, -earth[1] * seconds, -earth[2] * seconds)
+                now = times(times(earths, now), times((at[0], at[1], at[2], at[3]), small))
+            if leap[k, 0] != 0.0 or leap[k, 1] != 0.0 or leap[k, 2] != 0.0:
+                share = (t - edges[1, k]) / (edges[2, k] - edges[1, k])
+                now = times(now, turning(share * leap[k, 0], share * leap[k, 1], share * leap[k, 2]))
+            a, b, c, d = now
+        up = 2 * (c * d + a * b)
+        angles[0, i] = math.asin(min(max(up, -1.0), 1.0)) + 0.5 * math.pi
+        angles[1, i] = math.atan2(-2 * (b * d - a * c), a * a - b * b - c * c + d * d) % (2 * math.pi)
+        angles[2, i] = math.atan2(2 * (b * c - a * d), a * a - b * b + c * c - d * d) % (2 * math.pi)
+
+
+_CORE = (
+    "times", "turning", "cosines", "attitude_of", "store", "earth_in_body", "azimuth_of", "azimuth_row",
+    "azimuth_variance", "turn_left", "random_walk_of", "agrees", "motion_of", "spread", "predict", "innovation_row",
+    "take", "gravity", "zero_rate", "straight", "correct", "run",
+)  # fmt: skip
+"""each after those that it calls"""
+
+
+@cache
+def _compile() -> Kernels | None:
+    if importlib.util.find_spec("numba") is None:
+        return None
+    import numba
+
+    def compiled(function: Any, names: dict[str, Any]) -> Any:
+        # the same code, seeing the compiled forms of what it calls
+        copy = types.FunctionType(function.__code__, names, function.__name__, function.__defaults__)
+        copy.__module__, copy.__qualname__ = function.__module__, function.__qualname__
+        try:
+            return numba.njit(copy, cache=True, error_model="numpy")
+        except RuntimeError:
+            # nowhere to keep it: compiled anew in each process
+            return numba.njit(copy, error_model="numpy")
+
+    names = dict(vars(core))
+    for name in _CORE:
+        names[name] = compiled(names[name], names)
+    own = dict(globals())
+    own |= {name: names[name] for name in ("times", "turning")}
+    own["advance"] = compiled(advance, dict(advance.__globals__))
+    for name in ("gather", "follow"):
+        own[name] = compiled(own[name], own)
+    return Kernels(own["gather"], own["follow"], names["run"])
+
+
+def kernels(rows: int) -> Kernels | None:
+    """The compiled functions, if they can be had and are worth loading for so many rows."""
+    loaded = _compile.cache_info().currsize > 0
+    return _compile() if rows >= (LOADED_LEAST_ROWS if loaded else LEAST_ROWS) else None

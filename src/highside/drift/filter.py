@@ -1,0 +1,329 @@
+"""The error-state filter on gravity kinematics: attitude, gyro biases, axial scale factor, accelerometer biases.
+
+State (10): attitude error dth in the body frame (q_true = q (x) [1, dth/2]), gyro bias b, scale error s of the gyro
+along the tool axis (w_true = w (1 - s) - b there), accelerometer bias a. From block to block
+
+    dth' = R^T dth - J db - S ds          (R, J, S of `blocks`: the Rodrigues transition, for any motion)
+
+with the *inertial* rate in R: that term is what lets a turning tool, or an hour at rest, see the Earth's rotation. What
+is measured, as far as the tool's motion allows it:
+
+    gravity     g = A/|A|;  g - p = [p x] dth + (I - p p^T) a,  p = Up as predicted. Nothing about a rotation around
+                Up. At rest a is one with the tilt, which stays as uncertain as it; on a turning tool a bias fixed to
+                the tool looks like a rate of a * w, and without its state the gyro biases would take it up.
+    zero rate   a tool at rest: mean(w) - b - C w_ie = [C w_ie x] dth + db. The attitude is then not propagated: one
+                noise must not count twice.
+    straight    optional: azimuth = azimuth at the start. A constraint, not a measurement; its weight never
+                exceeds its own standard deviation.
+
+Each update is gated by its innovation and applied in Joseph's form (`core`). Causal: a row knows nothing of later ones.
+
+How well it can do at best: a gyro noise of N turns the azimuth about Up by N sqrt(t), and gravity never shows it. On a
+table that turns about its axis at elevation theta the bias along the axis is known to N / (cos(theta) sqrt(t)) and acts
+with sin(theta), together N sqrt(t) / cos(theta): 0.10 deg in an hour at 0, 0.13 at 30, 0.24 at 60 deg for 0.1
+deg/sqrt(h). `physics.drift_bound` computes it for any motion; the filter reaches it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.attitude.quaternion import from_angles, from_rotation_vector, multiply, up_direction
+from highside.drift import core
+from highside.drift.blocks import Block, Gatherer
+from highside.drift.frames import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RADPS, earth_rate
+from highside.drift.gates import Gate, Motion
+from highside.drift.result import AzimuthBasis
+
+FloatArray = NDArray[np.float64]
+
+_LEAST_COS = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Priors and noise of the filter. Defaults are those of a tactical gyro (0.1 deg/sqrt(h), 0.1 deg/h/sqrt(h))."""
+
+    latitude_rad: float | None = None
+    azimuth_rad: float | None = None
+    """azimuth at the start; None: unknown, azimuths are relative to the start"""
+    azimuth_std_rad: float = math.radians(0.1)
+    tilt_std_rad: float = math.radians(2.0)
+    """of the start beyond what its gravity says: wide, so that gravity with its own errors decides"""
+    bias_std_radps: float = 20.0 * DEG_PER_HOUR
+    arw: float = 0.1 * DEG_PER_SQRT_HOUR
+    """angle random walk, rad/sqrt(s)"""
+    rrw: float = 0.1 * DEG_PER_HOUR / 60.0
+    """rate random walk, rad/s/sqrt(s)"""
+    accel_noise_g: float = 1e-3
+    """standard deviation of one reading at rest; the scatter within a block counts where it is greater"""
+    accel_floor_g: float = 5e-4
+    """error of a block's mean reading that does not average out within it (correlated vibration)"""
+    accel_bias_std_g: float = 3.2e-3
+    """of each accelerometer, constant"""
+    scale_std: float = 1e-3
+    """prior of the axial scale-factor error; 0 leaves the state out"""
+    rectification_std: float = 0.2 * DEG_PER_HOUR
+    """bias that vibration makes, rad/s per g^2: no state, but it widens the azimuth's uncertainty"""
+    straight_hole_std_rad: float | None = None
+    """standard deviation of "the azimuth is that of the start"; None: the hole may turn"""
+    gravity_while_moving: bool = True
+    detect_stops: bool = True
+    block_s: float = 1.0
+
+    @property
+    def earth_known(self) -> bool:
+        """Whether all of the Earth's rotation can be modelled."""
+        return self.latitude_rad is not None and self.azimuth_rad is not None
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """The filter at the end of a block."""
+
+    q: FloatArray
+    bias: FloatArray
+    """(3,) rad/s, body frame"""
+    scale: float
+    accel_bias: FloatArray
+    """(3,) g, body frame"""
+    P: FloatArray
+    time_s: float
+    motion: Motion
+    azimuth_std_rad: float
+    still_s: float
+    turned_rad: float
+    moved_s: float
+    gap_s: float
+    refused: dict[str, int]
+    """blocks in which a measurement was not believed: gravity, zero rate, stop"""
+
+    @property
+    def bias_std(self) -> FloatArray:
+        """(3,) rad/s"""
+        return np.sqrt(np.diag(self.P)[3:6])
+
+
+def azimuth_std(variance: FloatArray, moved_s: FloatArray, shaken: FloatArray, settings: Settings) -> FloatArray:
+    """Standard deviation of the azimuth: what the filter knows, and what it does not model."""
+    # turning an unknown East-North part away is in the filter; the part about Up is integrated
+    unmodelled = EARTH_RATE_RADPS if settings.latitude_rad is None else 0.0
+    rectified = 0.0 if settings.straight_hole_std_rad is not None else settings.rectification_std
+    total = np.sqrt(variance + (unmodelled * moved_s) ** 2 + (rectified * shaken) ** 2)
+    return np.asarray(np.minimum(total, math.pi / math.sqrt(3.0)))
+
+
+def azimuth_basis(settings: Settings, still_s: float, turned_rad: float) -> tuple[AzimuthBasis, ...]:
+    """Where an azimuth comes from that was reached by these settings, so long a rest and so much of a turn."""
+    found = []
+    if settings.straight_hole_std_rad is not None:
+        found.append(AzimuthBasis.CONSTRAINT)
+    if still_s > 0.0:
+        found.append(AzimuthBasis.ZERO_RATE)
+    if turned_rad > 2.0 * math.pi:
+        found.append(AzimuthBasis.ROTATION)
+    return tuple(found) or (AzimuthBasis.NOTHING,)
+
+
+def constants_of(settings: Settings) -> core.Constants:
+    """The settings as the arithmetic takes them."""
+    east, north, up = earth_rate(settings.latitude_rad, azimuth_known=settings.azimuth_rad is not None).tolist()
+    return core.Constants(
+        earth_e=east,
+        earth_n=north,
+        earth_u=up,
+        unmodelled_rate=0.0 if settings.earth_known else EARTH_RATE_RADPS,
+        arw=settings.arw,
+        rrw=settings.rrw,
+        accel_noise_g=settings.accel_noise_g,
+        accel_floor_g=settings.accel_floor_g,
+        straight_std=settings.straight_hole_std_rad or 0.0,
+        gravity_while_moving=settings.gravity_while_moving,
+        detect_stops=settings.detect_stops,
+    )
+
+
+def aligned(block: Block, settings: Settings) -> core.Memory:
+    """The first state: tilt from the block's mean gravity, azimuth from the settings."""
+    s = settings
+    g = block.accel / math.sqrt(float(block.accel @ block.accel))
+    theta = math.asin(min(max(float(g[1]), -1.0), 1.0))
+    phi = math.atan2(-float(g[0]), float(g[2]))
+    psi = s.azimuth_rad or 0.0
+    P = np.zeros((core.STATES, core.STATES))
+    tilt_std = math.hypot(s.tilt_std_rad, max(block.accel_std, s.accel_noise_g) / math.sqrt(max(block.n, 1)))
+    # elevation, toolface and azimuth are what is known independently; an error of the toolface is a rotation about the
+    # tool axis and so, in part, about Up
+    axes = np.array(
+        [
+            [math.cos(phi), 0.0, math.sin(phi) * math.cos(theta)],
+            [0.0, 1.0, -math.sin(theta)],
+            [math.sin(phi), 0.0, -math.cos(phi) * math.cos(theta)],
+        ]
+    ) * np.array([tilt_std, tilt_std / max(math.cos(theta), _LEAST_COS), s.azimuth_std_rad])
+    P[:3, :3] = axes @ axes.T
+    # what is not modelled of the Earth's rotation is a bias of its own
+    bias_var = s.bias_std_radps**2 + (0.0 if s.earth_known else EARTH_RATE_RADPS**2)
+    P[3:6, 3:6] = bias_var * np.eye(3)
+    P[6, 6] = s.scale_std**2
+    P[7:, 7:] = s.accel_bias_std_g**2 * np.eye(3)
+    return core.Memory(
+        q=from_angles(theta, phi, psi).tolist(),
+        bias=[0.0] * 3,
+        scale=[0.0],
+        accel_bias=[0.0] * 3,
+        P=P.ravel().tolist(),
+        psi0=[psi],
+        stop=[0.0] * 5,
+        tally=[0.0] * 10,
+        work=[0.0] * 120,
+    )
+
+
+class KinematicFilter:
+    """The filter; `step` takes one block, `update` single samples: the online form."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.constants = constants_of(settings)
+        self.memory: core.Memory | None = None
+        self.gate = Gate()
+        self.motion = Motion.VIBRATING
+        self.time_s = math.nan
+        self._gatherer = Gatherer(settings.block_s)
+
+    def update(self, t_s: float, rate: tuple[float, float, float], accel: tuple[float, float, float],
+               *, declared_still: bool = False) -> State | None:  # fmt: skip
+        """One sample in the *body* frame (rad/s, g); the state if this sample closed a block.
+
+        `declared_still` is the operator's word on the block that this sample closes.
+        """
+        block = self._gatherer.add(t_s, rate, accel)
+        return None if block is None else self.step(block, declared_still=declared_still)
+
+    def finish(self, *, declared_still: bool = False) -> State | None:
+        """Close the block under way (end of the data)."""
+        block = self._gatherer.finish()
+        return self.state if block is None else self.step(block, declared_still=declared_still)
+
+    def step(self, block: Block, *, declared_still: bool = False) -> State:
+        """Take a block in; returns the state at its end."""
+        self.take(block, declared_still=declared_still)
+        assert self.state is not None
+        return self.state
+
+    def take(self, block: Block, *, declared_still: bool = False) -> None:
+        """`step` without the state as an object."""
+        verdict = int(self.gate.verdict(block, declared=declared_still))
+        self.time_s = block.end_s
+        if self.memory is None:
+            # the first block gives the tilt: its motion is not integrated, its gravity is not used twice
+            self.memory = aligned(block, self.settings)
+            self.motion = Motion(verdict)
+            if declared_still:
+                core.zero_rate(block.vector.tolist(), True, self.memory, self.constants)
+            return
+        z, m, c = block.vector.tolist(), self.memory, self.constants
+        motion = core.motion_of(z, verdict, declared_still, m, c)
+        core.predict(z, motion, m, c)
+        core.correct(z, motion, declared_still, m, c)
+        self.motion = Motion(motion)
+
+    @property
+    def state(self) -> State | None:
+        """What is known at the end of the last block."""
+        m = self.memory
+        if m is None:
+            return None
+        tally = m.tally
+        return State(
+            q=np.array(m.q),
+            bias=np.array(m.bias),
+            scale=m.scale[0],
+            accel_bias=np.array(m.accel_bias),
+            P=np.array(m.P).reshape(core.STATES, core.STATES),
+            time_s=self.time_s,
+            motion=self.motion,
+            azimuth_std_rad=self.azimuth_std_rad,
+            still_s=tally[core.STILL_S],
+            turned_rad=tally[core.TURNED],
+            moved_s=tally[core.MOVED_S],
+            gap_s=tally[core.GAP_S],
+            refused=refused(tally),
+        )
+
+    @property
+    def azimuth_std_rad(self) -> float:
+        """At the end of the last block. Raises ValueError before the first."""
+        m = self._begun()
+        variance = np.array(core.azimuth_variance(m))
+        return float(azimuth_std(variance, m.tally[core.MOVED_S], m.tally[core.SHAKEN], self.settings))
+
+    def _begun(self) -> core.Memory:
+        if self.memory is None:
+            raise ValueError("no block is closed yet")
+        return self.memory
+
+    def attitude_now(self) -> FloatArray:
+        """Quaternion (4,) at the newest sample, predicted from the last closed block."""
+        m = self._begun()
+        if self.motion is Motion.STILL:
+            return np.array(m.q)
+        c = self.constants
+        earth = np.array([c.earth_e, c.earth_n, c.earth_u])
+        return predicted(np.array(m.q), np.array(m.bias), m.scale[0], earth, np.array(self._gatherer.sums[:20]))
+
+    def set_azimuth(self, azimuth_rad: float, std_rad: float) -> None:
+        """The azimuth is this from now on: turned about Up, so that tilt, toolface and biases stay.
+
+        The error of the old azimuth leaves the covariance. Biases found under another azimuth hold as much of the
+        Earth's rotation as that was wrong by, and become as uncertain. Raises ValueError before the first block.
+        """
+        m = self._begun()
+        q = core.attitude_of(m)
+        turn = azimuth_rad - core.azimuth_of(q)
+        turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
+        core.store(m, core.times(core.turning(0.0, 0.0, -turn), q))
+        up, row = up_direction(np.array(m.q)), np.array(core.azimuth_row(core.attitude_of(m)))
+        # the part of dth that is an azimuth error, taken out of attitude and of what goes with it
+        T = np.eye(core.STATES)
+        T[:3, :3] += np.outer(up, row)
+        P = T @ np.array(m.P).reshape(T.shape) @ T.T
+        P[:3, :3] += std_rad**2 * np.outer(up, up)
+        if self.settings.latitude_rad is not None:
+            level = EARTH_RATE_RADPS * math.cos(self.settings.latitude_rad)
+            wrong = 1.0 if self.settings.azimuth_rad is None else min(2.0 * math.sin(0.5 * abs(turn)), 1.0)
+            P[3:6, 3:6] += (wrong * level) ** 2 * np.eye(3)
+        m.P[:] = (0.5 * (P + P.T)).ravel().tolist()
+        m.psi0[0] = azimuth_rad
+        m.tally[core.MOVED_S] = m.tally[core.SHAKEN] = 0.0
+        if self.settings.azimuth_rad is None:
+            self.settings = replace(self.settings, azimuth_rad=azimuth_rad, azimuth_std_rad=std_rad)
+            self.constants = constants_of(self.settings)
+
+
+def refused(tally: core.Numbers) -> dict[str, int]:
+    """Blocks in which a measurement was not believed."""
+    places = {"gravity": core.NO_GRAVITY, "zero rate": core.NO_RATE, "stop": core.NO_STOP}
+    return {name: int(tally[place]) for name, place in places.items()}
+
+
+def predicted(
+    q: FloatArray, bias: FloatArray, scale: FloatArray | float, earth: FloatArray, sums: FloatArray
+) -> FloatArray:
+    """Attitude (4,) or (4, M) after part of a block: exp(-w_ie t) (x) q (x) raw (x) exp(-J b - S s).
+
+    `sums` (20, ...) are the first twenty of `blocks.Sums`, `earth` (3,) in East, North, Up.
+    """
+    J, S = sums[4:13], sums[13:16]
+    dx = -(J[0] * bias[0] + J[1] * bias[1] + J[2] * bias[2] + S[0] * scale)
+    dy = -(J[3] * bias[0] + J[4] * bias[1] + J[5] * bias[2] + S[1] * scale)
+    dz = -(J[6] * bias[0] + J[7] * bias[1] + J[8] * bias[2] + S[2] * scale)
+    small = from_rotation_vector(np.stack([dx, dy, dz]))
+    t = sums[19]
+    turned = from_rotation_vector(np.stack([-earth[0] * t, -earth[1] * t, -earth[2] * t]))
+    return multiply(multiply(turned, q), multiply(sums[:4], small))

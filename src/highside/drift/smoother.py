@@ -1,0 +1,101 @@
+"""Fixed-interval smoothing (Rauch, Tung and Striebel 1965) of the error-state filter: what a whole recording knows.
+
+From the end backwards, with P_k after and P-_k+1 before the update, and F the transition of the errors,
+
+    G = P_k F^T (P-_k+1)^-1;   dx_k = G dx_k+1;   P^s_k = P_k + G (P^s_k+1 - P-_k+1) G^T
+
+where dx_k+1 is the smoothed state less the *predicted* one, its attitude part the rotation between the two. A drift in
+azimuth between two events that show it (a stop, a turn) is given out over the time between them. At the end of the
+recording smoothed and causal are the same: a smoother does not make the last azimuth better.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.attitude.quaternion import (
+    conjugate,
+    direction_cosines,
+    from_rotation_vector,
+    multiply,
+    normalised,
+    to_rotation_vector,
+)
+from highside.drift import core
+
+FloatArray = NDArray[np.float64]
+
+_RANK = 1e-13
+"""eigenvalues of the correlation matrix below this are none: a direction that the filter holds for certain"""
+
+
+def smoothed(blocks: FloatArray, trace: core.Trace) -> tuple[core.Trace, FloatArray]:
+    """The trace with all that later blocks tell: blocks (M, 34), a trace with its covariances.
+
+    Also leap (M, 3): the rotation vector by which the smoothed end of a block differs from what its smoothed start
+    predicts, to be given out over its rows.
+    """
+    count = blocks.shape[0]
+    q, bias, scale, accel_bias = trace.q.copy(), trace.bias.copy(), trace.scale.copy(), trace.accel_bias.copy()
+    square = (count, core.STATES, core.STATES)
+    after, before = trace.P.reshape(square), trace.P_before.reshape(square)
+    P = after.copy()
+    leap = np.zeros((count, 3))
+    for k in range(count - 2, -1, -1):
+        F = _transition(blocks[k + 1], trace, k)
+        G = after[k] @ F.T @ _inverse(before[k + 1])
+        # the smoothed state one block on, less the one predicted from here
+        dx = np.concatenate(
+            [
+                to_rotation_vector(multiply(conjugate(trace.q_before[k + 1]), q[k + 1])),
+                bias[k + 1] - trace.bias[k],
+                [scale[k + 1] - trace.scale[k]],
+                accel_bias[k + 1] - trace.accel_bias[k],
+            ]
+        )
+        dx = G @ dx
+        q[k] = normalised(multiply(q[k], from_rotation_vector(dx[:3])))
+        bias[k] += dx[3:6]
+        scale[k] += dx[6]
+        accel_bias[k] += dx[7:]
+        own = after[k] + G @ (P[k + 1] - before[k + 1]) @ G.T
+        P[k] = 0.5 * (own + own.T)
+        # first order: the start's correction carried to the end, against the end as smoothed
+        start = np.concatenate([dx[:3], bias[k] - trace.bias[k], [scale[k] - trace.scale[k]], np.zeros(3)])
+        carried = multiply(trace.q_before[k + 1], from_rotation_vector((F @ start)[:3]))
+        leap[k + 1] = to_rotation_vector(multiply(conjugate(carried), q[k + 1]))
+    rows = np.array([core.azimuth_row(tuple(each)) for each in q.tolist()])
+    done = trace._replace(
+        q=q,
+        bias=bias,
+        scale=scale,
+        accel_bias=accel_bias,
+        P=P.reshape(count, -1),
+        bias_var=np.ascontiguousarray(np.maximum(np.diagonal(P, axis1=1, axis2=2)[:, 3:6], 0.0)),
+        azimuth_var=np.maximum(np.einsum("ki,kij,kj->k", rows, P[:, :3, :3], rows), 0.0),
+    )
+    return done, leap
+
+
+def _transition(block: FloatArray, trace: core.Trace, k: int) -> FloatArray:
+    """F over a block that begins with the state k."""
+    F = np.eye(core.STATES)
+    if trace.motion[k + 1] == core.STILL:
+        return F
+    J, S = block[4:13].reshape(3, 3), block[13:16]
+    small = from_rotation_vector(-(J @ trace.bias[k] + S * trace.scale[k]))
+    F[:3, :3] = direction_cosines(multiply(block[:4], small))
+    F[:3, 3:6] = -J
+    F[:3, 6] = -S
+    return F
+
+
+def _inverse(P: FloatArray) -> FloatArray:
+    """Of a covariance whose states differ by orders of magnitude and may be known for certain."""
+    size = np.sqrt(np.diag(P))
+    scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
+    values, vectors = np.linalg.eigh(P * scale[:, None] * scale)
+    kept = values > _RANK * values[-1]
+    inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
+    return np.asarray(inverse * scale[:, None] * scale)
