@@ -19,6 +19,7 @@ from highside.cli import (
     demo,
     detect,
     diagnose,
+    doctor,
     drift,
     effects,
     export,
@@ -60,6 +61,7 @@ app.command()(demo.demo)
 app.command()(detect.detect)
 app.command()(drift.drift)
 app.command()(diagnose.diagnose)
+app.command()(doctor.doctor)
 app.command()(replay.replay)
 app.add_typer(calibrate.app)
 app.add_typer(reproduce.app)

@@ -45,8 +45,8 @@ class AcceptSettings(_Table):
     max_temp_c: float = Field(default=175.0, description="Hottest at which surveys are accepted.")
     shock_g: float = Field(default=1.0, gt=0, description="A peak above this during the survey refuses it.")
     max_inc_std_deg: float | None = Field(default=None, gt=0, description="Largest standard deviation of I.")
-    min_still_s: float = Field(
-        default=3.0, ge=0, description="A stop shorter than `survey.still_s` but longer than this is kept as refused."
+    min_still_share: float = Field(
+        default=0.5, ge=0, le=1, description="Of `survey.still_s`: a stop cut short after that is kept as refused."
     )
 
     @model_validator(mode="after")

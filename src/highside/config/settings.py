@@ -96,6 +96,9 @@ class SurveySettings(Table):
     still_s: float = Field(default=10.0, gt=0.5, description="Seconds of device time without motion.")
     sigma: float = Field(default=6.0, gt=1, description="A mean that departs by more of its own sigmas is motion.")
     floor_g: float = Field(default=5e-4, ge=0, description="Departures below this are never motion.")
+    max_noise_g: float = Field(
+        default=0.02, gt=0, description="More scatter of one reading than this is never the sensor's own."
+    )
     accept: AcceptSettings = AcceptSettings()
 
 

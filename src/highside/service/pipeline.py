@@ -30,10 +30,16 @@ from highside.service.monitor import Monitor
 from highside.service.shock import ShockMeter
 from highside.service.surveys import Gravity, Verdict, judge
 
+SETTLED = 20
+"""Second differences from which the running estimate of the noise is a measure of it."""
 MIN_OWN_SCATTER = 8
 """Readings in a window from which its own scatter is used instead of the running estimate of the noise."""
 REBALANCE_BLOCK_S = 0.0095
 """Readings within this are averaged before the re-balance sees them: 1.1 deg of a turn at 20 rpm."""
+SHAKING = 16.0
+"""Variance in a window, in units of the sensor's own, from which the tool shakes or turns."""
+QUIET_MEMORY_S = 3600.0
+"""In about this time the sensor's own noise may be found to have grown."""
 NOISE_MEMORY = 0.02
 """Weight of a new second difference in the running estimate of the noise."""
 
@@ -103,6 +109,8 @@ class Window:
     """the steepest axis' change over the window, in units of its own standard deviation"""
     span: Vector
     """change over the window along the fitted line, g"""
+    scatter: Vector
+    """variance of one reading about that line, g^2"""
 
 
 class NoiseEstimate:
@@ -114,6 +122,22 @@ class NoiseEstimate:
         self._n = 0
         self._before: Vector | None = None
         self._last: Vector | None = None
+        self._quiet: list[float] | None = None
+        self._quiet_at = 0.0
+
+    def quiet(self, t: float) -> Vector:
+        """The sensor's own share of the variance: the least that was seen, forgotten slowly; ask at rising times."""
+        now = self.variance
+        if self._known is not None or self._n < SETTLED:
+            return now
+        if self._quiet is None:
+            self._quiet, self._quiet_at = list(now), t
+        share = min(max(t - self._quiet_at, 0.0) / QUIET_MEMORY_S, 1.0)
+        self._quiet_at = t
+        for axis in range(3):
+            before = self._quiet[axis]
+            self._quiet[axis] = min(now[axis], before + share * (now[axis] - before))
+        return (self._quiet[0], self._quiet[1], self._quiet[2])
 
     def add(self, a: Vector) -> None:
         before, last = self._before, self._last
@@ -153,7 +177,6 @@ class Stillness:
         self._reference: Vector = (0.0, 0.0, 0.0)
         self._temp_sum, self._temp_n = 0.0, 0
         self._start_s = self._end_s = 0.0
-        self._quiet_variance: float | None = None
         self.reported = False
 
     def forget(self) -> None:
@@ -162,17 +185,24 @@ class Stillness:
 
     def again(self) -> None:
         """The stop goes on, but what was collected is not to be used: collect anew."""
-        quiet = self._quiet_variance
         self._restart()
-        self._quiet_variance = quiet
 
     def cut(self) -> Cut | None:
         """What is collected, to be kept before motion takes it away; None: nothing."""
         return Cut(self._end_s - self._start_s, *self.mean()) if self._n else None
 
-    def add(self, window: Window, frames: list[Row]) -> float:
-        """Take a window and the frames that are new in it; returns the seconds of stillness so far (0: it moved)."""
+    def add(self, window: Window, frames: list[Row], own: Vector) -> float:
+        """Take a window and the frames that are new in it; returns the seconds of stillness so far (0: it moved).
+
+        `own` is the variance of one reading that is the sensor's own, g^2 an axis. A turning tool whose means stand
+        still (a whole turn in a window) betrays itself by more scatter than that.
+        """
         settings = self._settings
+        floor = settings.floor_g**2
+        for scatter, noise in zip(window.scatter, own, strict=True):
+            if scatter > max(SHAKING * noise, floor) or scatter > settings.max_noise_g**2:
+                self._restart()
+                return 0.0
         if self._n:
             n = self._n
             for axis in range(3):
@@ -181,13 +211,6 @@ class Stillness:
                 if departure > max(settings.sigma * sigma, settings.floor_g):
                     self._restart()
                     return 0.0
-            scatter = max(window.variance)
-            quiet = self._quiet_variance
-            if quiet is not None and scatter > 25.0 * quiet and scatter > settings.floor_g**2:
-                # the mean stands still but the tool shakes
-                self._restart()
-                return 0.0
-            self._quiet_variance = scatter if quiet is None else min(quiet, scatter)
         if window.slope_sigmas > settings.sigma and max(abs(s) for s in window.span) > settings.floor_g:
             self._restart()
             return 0.0
@@ -442,9 +465,15 @@ class Pipeline:
     def _watch_stillness(self, window: Window, fresh: list[Row], frame: Frame, t: float) -> None:
         still, settings = self._stillness, self._survey_settings
         before = None if still.reported else still.cut()
-        duration = still.add(window, fresh)
+        if max(self.shock.since_g) > settings.accept.shock_g:
+            # a jolt ends the average, whether or not the mean has moved
+            still.forget()
+            duration = 0.0
+        else:
+            duration = still.add(window, fresh, self._noise.quiet(t))
         if duration <= 0.0:
-            if before is not None and before.duration_s >= settings.accept.min_still_s and not self._refusals:
+            least = settings.still_s * settings.accept.min_still_share
+            if before is not None and before.duration_s >= least and not self._refusals:
                 self._survey(before, frame, t, complete=False)
             self._refusals = 0
             self.shock.begin_watch()
@@ -553,6 +582,7 @@ def window_statistics(rows: list[Row], noise_variance: Vector) -> Window:
             (own[0] / n, own[1] / n, own[2] / n),
             float(np.max(np.abs(slope) / sigma_slope)) if tt > 0.0 else 0.0,
             (float(span[0]), float(span[1]), float(span[2])),
+            (float(scatter[0]), float(scatter[1]), float(scatter[2])),
         )
     mean3 = [sum(row.a[axis] for row in rows) / n for axis in range(3)]
     span3 = [rows[-1].a[axis] - rows[0].a[axis] for axis in range(3)]
@@ -562,4 +592,5 @@ def window_statistics(rows: list[Row], noise_variance: Vector) -> Window:
         (noise_variance[0] / n, noise_variance[1] / n, noise_variance[2] / n),
         sigmas,
         (span3[0], span3[1], span3[2]),
+        noise_variance,
     )

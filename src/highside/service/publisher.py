@@ -227,26 +227,11 @@ class Publisher:
     async def _client(self) -> aiomqtt.Client:
         settings = self._settings
         try:
-            password = settings.read_password()
-            # reading the system's certificates takes tens of milliseconds
-            context = None if settings.tls is None else await asyncio.to_thread(_tls_context, settings.tls)
+            will = aiomqtt.Will(self._status_topic, OFFLINE, qos=1, retain=True)
+            client = await broker_client(settings, self._client_id, will=will)
         except (InputError, OSError) as error:
             # a certificate or a credential that is being exchanged: try again
             raise LostConnection("credentials", str(error)) from error
-        client = aiomqtt.Client(
-            settings.host,
-            settings.port,
-            transport=settings.transport,
-            identifier=self._client_id,
-            username=settings.username,
-            password=password.get_secret_value() if password is not None else None,
-            will=aiomqtt.Will(self._status_topic, OFFLINE, qos=1, retain=True),
-            clean_session=True,
-            keepalive=settings.keepalive_s,
-            timeout=settings.connect_timeout_s,
-            tls_context=context,
-            max_inflight_messages=settings.in_flight + 8,
-        )
         client.pending_calls_threshold = settings.in_flight + 8
         client._client.connect_timeout = settings.connect_timeout_s
         _notice_a_closed_door(client)
@@ -430,6 +415,29 @@ def check_secrets(mqtt: MqttSettings) -> None:
             field="mqtt.tls",
             remedy="give PEM files that belong together",
         ) from None
+
+
+async def broker_client(
+    settings: MqttSettings, identifier: str, *, will: aiomqtt.Will | None = None, clean_session: bool = True
+) -> aiomqtt.Client:
+    """A client of the configured broker, not yet connected. Raises InputError or OSError if a secret cannot be read."""
+    password = settings.read_password()
+    # reading the system's certificates takes tens of milliseconds
+    context = None if settings.tls is None else await asyncio.to_thread(_tls_context, settings.tls)
+    return aiomqtt.Client(
+        settings.host,
+        settings.port,
+        transport=settings.transport,
+        identifier=identifier,
+        username=settings.username,
+        password=password.get_secret_value() if password is not None else None,
+        will=will,
+        clean_session=clean_session,
+        keepalive=settings.keepalive_s,
+        timeout=settings.connect_timeout_s,
+        tls_context=context,
+        max_inflight_messages=settings.in_flight + 8,
+    )
 
 
 def _tls_context(tls: TlsSettings) -> ssl.SSLContext:

@@ -25,8 +25,11 @@ class ShockMeter:
     def __init__(self, settings: VibrationSettings) -> None:
         self._settings = settings
         self._tau = 1.0 / (2.0 * math.pi * settings.corner_hz)
-        self._slow: list[float] | None = None
-        self._slow2 = [0.0, 0.0, 0.0]
+        self._last: list[float] | None = None
+        """the last reading; None: the next one does not follow any"""
+        self._once = [0.0, 0.0, 0.0]
+        self._twice = [0.0, 0.0, 0.0]
+        """after one and after both high passes"""
         self._first_shock_g = settings.shock_levels_g[0] if settings.shock_levels_g else math.inf
         self._t = 0.0
         self._settled = 0.0
@@ -54,28 +57,27 @@ class ShockMeter:
 
     def forget(self) -> None:
         """The stream was interrupted: what comes next does not follow."""
-        self._slow = None
+        self._last = None
 
     def add(self, t: float, ax: float, ay: float, az: float) -> None:
         """One reading; a value that is not finite is left out."""
         if not (ax - ax == 0.0 and ay - ay == 0.0 and az - az == 0.0):
             return
-        slow = self._slow
+        last = self._last
         step = t - self._t
         self._t = t
-        if slow is None or step < 0.0 or step > 1.0:
-            self._slow, self._slow2 = [ax, ay, az], [0.0, 0.0, 0.0]
+        if last is None or step < 0.0 or step > 1.0:
+            self._last, self._once, self._twice = [ax, ay, az], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
             self._settled = t + SETTLING * self._tau
             self._restart_block(t)
             return
-        share = step / (self._tau + step)
-        slow2 = self._slow2
+        # the trapezoidal rule on tau y' + y = tau x', twice
+        half = step / (2.0 * self._tau)
+        gain, keep = 1.0 / (1.0 + half), (1.0 - half) / (1.0 + half)
         for axis, value in enumerate((ax, ay, az)):
-            # backward differences: y = (1 - share) (x - x_slow), twice
-            once = (1.0 - share) * (value - slow[axis])
-            slow[axis] = value - once
-            fast = (1.0 - share) * (once - slow2[axis])
-            slow2[axis] = once - fast
+            once = gain * (value - last[axis]) + keep * self._once[axis]
+            fast = gain * (once - self._once[axis]) + keep * self._twice[axis]
+            last[axis], self._once[axis], self._twice[axis] = value, once, fast
             if t < self._settled:
                 continue
             size = abs(fast)

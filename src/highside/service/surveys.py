@@ -120,9 +120,12 @@ class Verdict:
 
 
 def judge(attitude: Attitude, gravity: Gravity, limits: AcceptSettings, shock_g: float, *, complete: bool) -> Verdict:
-    """Decide. `shock_g` is the greatest peak during the survey, `complete` whether it stood still for long enough."""
+    """Decide. `shock_g` is the greatest peak until the survey ended, `complete` whether it was long enough.
+
+    What ended an average too soon is a shock, if there was one, else motion.
+    """
     reasons: list[SurveyReason] = []
-    if not complete:
+    if not complete and shock_g <= limits.shock_g:
         reasons.append(SurveyReason.MOVED)
     error = (attitude.g_total - gravity.expected) * gravity.unit_mg
     std = math.hypot(attitude.g_total_std * gravity.unit_mg, gravity.std_mg)

@@ -1,0 +1,51 @@
+"""`highside doctor`: what would keep the service from its work on this machine, and what to do about it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from typing import Annotated
+
+import typer
+
+from highside.cli.run import ConfigOption, SetOption
+
+
+def doctor(
+    config: ConfigOption,
+    overrides: SetOption = None,
+    queue: Annotated[
+        int, typer.Option("--queue", min=0, max=20_000, help="Messages to try the broker's queue.")
+    ] = 1200,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as one JSON object.")] = False,
+) -> None:
+    """Check permissions, ports, bus, broker, clock, disk and calibration. Exit status 1 if something fails."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    from highside.config.settings import load
+    from highside.service.doctor import Finding, Level, examine
+
+    settings = load(config, overrides)
+    settings.codec.build()
+    findings: list[Finding] = []
+
+    async def collect() -> None:
+        findings.extend([finding async for finding in examine(settings, queue_messages=queue)])
+
+    console = Console(stderr=True)
+    with console.status("examining"):
+        asyncio.run(collect())
+    failed = [finding for finding in findings if finding.level is Level.FAIL]
+    if as_json:
+        typer.echo(json.dumps({"config": str(config), "ok": not failed, "findings": [f.as_dict() for f in findings]}))
+    else:
+        colours = {Level.OK: "green", Level.WARN: "yellow", Level.FAIL: "bold red", Level.SKIP: "dim"}
+        table = Table(box=None, show_header=False, padding=(0, 1))
+        for f in findings:
+            text = escape(f.found + (f"\n-> {f.remedy}" if f.remedy and f.level is not Level.OK else ""))
+            table.add_row(f"[{colours[f.level]}]{f.level.value.upper()}[/]", f.check, text)
+        Console().print(table)
+    if failed:
+        raise typer.Exit(1)
