@@ -127,9 +127,15 @@ def parts_of(names: Sequence[str]) -> list[tuple[int, ...]]:
 
 
 def columns_of(
-    model: ForwardModel, state: ChainState, effect: Effect, shape: dict[str, float], force: Array | None = None
+    model: ForwardModel,
+    state: ChainState,
+    effect: Effect,
+    shape: dict[str, float],
+    force: Array | None = None,
+    *,
+    gyros: bool = False,
 ) -> Array:
-    """(k, 3, n): change of the report with each amplitude of an effect at the given shape.
+    """(k, 3, n): change of the report with each amplitude of an effect at the given shape; with `gyros` (k, 6, n).
 
     `force` (3, n), the model's specific force where it is known already, saves the evaluation of the chain.
     """
@@ -144,7 +150,11 @@ def columns_of(
         vector = effect.vector({**start, **shape})
         return np.asarray(effect.derivative(state, vector, force), dtype=float)[list(effect.amplitudes)]
     names = [f"{effect.id}.{effect.parameters[k].name}" for k in effect.amplitudes]
-    return np.asarray(model.with_effects({effect.id: {**start, **shape}}).jacobian(state, names), dtype=float)
+    with_it = model.with_effects({effect.id: {**start, **shape}})
+    found = with_it.jacobian(state, names)
+    if gyros:
+        found = np.concatenate([found, with_it.gyro_jacobian(state, names)], axis=1)
+    return np.asarray(found, dtype=float)
 
 
 def _plain_columns(model: ForwardModel, state: ChainState, effects: Sequence[Effect]) -> dict[str, Array]:

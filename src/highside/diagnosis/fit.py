@@ -9,48 +9,96 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.candidates import Candidate, columns_of
-from highside.diagnosis.noise import PoseNoise
 from highside.diagnosis.result import FittedParameter
 from highside.diagnosis.selection import Member
-from highside.diagnosis.session import PoseSession
+from highside.physics.effect import Effect
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
 
 STEPS = 4
+MANY = 3000
+"""Readings from which normal equations are formed."""
 
 
-def base_fit(
-    model: ForwardModel, state: ChainState, mean: Array, free: Sequence[str]
-) -> tuple[ForwardModel, Array, Array]:
-    """The model with its free effects fitted to means (3, n), their columns (P, 3, n), and the residual (3, n) in g."""
+class Whitening(Protocol):
+    """A noise, as a fit sees it."""
+
+    def white(self, columns: Array) -> Array:
+        """(..., C, n) readings -> (..., C n) in units of the noise."""
+        ...
+
+
+@dataclass(frozen=True)
+class Observed:
+    """Readings (C, n) at n states: accelerometers in g and, below them, gyros in rad/s if there are any."""
+
+    state: ChainState
+    readings: Array
+
+    @property
+    def gyros(self) -> bool:
+        """Whether rates are among the readings."""
+        return self.readings.shape[0] > 3
+
+    def residual(self, model: ForwardModel) -> Array:
+        """(C, n) readings minus prediction."""
+        predicted = model.predict(self.state)
+        if self.gyros:
+            predicted = np.concatenate([predicted, model.gyro(self.state)])
+        return np.asarray(self.readings - predicted, dtype=float)
+
+    def jacobian(self, model: ForwardModel, names: Sequence[str]) -> Array:
+        """(P, C, n) derivatives by the free parameters."""
+        if not names:
+            return np.empty((0, *self.readings.shape))
+        found = model.jacobian(self.state, names)
+        if self.gyros:
+            found = np.concatenate([found, model.gyro_jacobian(self.state, names)], axis=1)
+        return np.asarray(found, dtype=float)
+
+    def columns(self, model: ForwardModel, effect: Effect, shape: dict[str, float]) -> Array:
+        """(k, C, n) by the amplitudes of an effect."""
+        return columns_of(model, self.state, effect, shape, gyros=self.gyros)
+
+
+def base_fit(model: ForwardModel, seen: Observed, free: Sequence[str]) -> tuple[ForwardModel, Array, Array]:
+    """The model with its free effects fitted to n readings, their columns (P, C, n), and the residual (C, n)."""
     if not free:
-        return model, np.empty((0, 3, state.n)), np.asarray(mean - model.predict(state), dtype=float)
-    for _ in range(STEPS):
-        columns = np.asarray(model.jacobian(state, free), dtype=float)
-        step = _solve(columns.reshape(len(columns), -1), (mean - model.predict(state)).reshape(-1))
+        return model, seen.jacobian(model, ()), seen.residual(model)
+    # rates and accelerations have units of their own: each kind counts by the size of what it cannot explain
+    weight = np.ones((seen.readings.shape[0], 1))
+    for turn in range(STEPS):
+        columns, left = seen.jacobian(model, free), seen.residual(model)
+        step = _solve((columns * weight).reshape(len(columns), -1), (left * weight).reshape(-1))
         model = model.set_free(model.get_free(free) + step, free)
-        if np.max(np.abs(step), initial=0.0) < 1e-12:
+        if seen.gyros and turn == 0:
+            weight = 1 / np.maximum(seen.residual(model).std(axis=1, keepdims=True), 1e-12)
+        elif np.max(np.abs(step), initial=0.0) < 1e-12:
             break
-    columns = np.asarray(model.jacobian(state, free), dtype=float)
-    return model, columns, np.asarray(mean - model.predict(state), dtype=float)
+    return model, seen.jacobian(model, free), seen.residual(model)
 
 
 def _solve(columns: Array, residual: Array) -> Array:
+    """Least squares; of a long recording the normal equations, of few readings the columns themselves."""
     norm = np.linalg.norm(columns, axis=1)
     norm = np.where(norm > 0, norm, 1.0)
-    return np.asarray(np.linalg.lstsq((columns / norm[:, None]).T, residual, rcond=1e-10)[0] / norm)
+    scaled = columns / norm[:, None]
+    if columns.shape[1] > MANY:
+        return np.asarray(np.linalg.pinv(scaled @ scaled.T, rcond=1e-10, hermitian=True) @ (scaled @ residual) / norm)
+    return np.asarray(np.linalg.lstsq(scaled.T, residual, rcond=1e-10)[0] / norm)
 
 
 @dataclass(frozen=True)
 class JointFit:
-    """Fitted parameters of the claims by effect, residual (3, n) in g, and parameters outside of plausible ranges."""
+    """Fitted parameters of the claims by effect, residual (C, n), and parameters outside of plausible ranges."""
 
     parameters: dict[str, dict[str, FittedParameter]]
     residual: Array
@@ -59,17 +107,17 @@ class JointFit:
 
 def joint_fit(
     model: ForwardModel,
-    session: PoseSession,
+    seen: Observed,
     free: Sequence[str],
     candidates: Sequence[Candidate],
     members: Sequence[Member],
-    noise: PoseNoise,
+    noise: Whitening,
     freedom: float,
+    steps: int = 2 * STEPS,
 ) -> JointFit:
     """Refit base and members together, whitened by `noise`; intervals by Student's t with `freedom`."""
     from scipy.stats import t as student
 
-    state = session.state
     chosen = [(candidates[m.candidate], candidates[m.candidate].variants[m.variant]) for m in members]
     names = list(free)
     start: dict[str, dict[str, float]] = {}
@@ -92,22 +140,21 @@ def joint_fit(
     ]
 
     def columns(at: ForwardModel, which: Sequence[str]) -> Array:
-        base = np.asarray(at.jacobian(state, names), dtype=float) if names else np.empty((0, 3, state.n))
-        parts = [base]
+        parts = [seen.jacobian(at, names)]
         for candidate, variant in chosen:
             assert candidate.effect is not None
             shape = {p.name: at.parameters()[candidate.id][p.name] for p in candidate.effect.parameters if p.shape}
-            parts.append(columns_of(at, state, candidate.effect, shape or variant.shape))
+            parts.append(seen.columns(at, candidate.effect, shape or variant.shape))
         if which:
-            parts.append(np.asarray(at.jacobian(state, list(which)), dtype=float))
+            parts.append(seen.jacobian(at, list(which)))
         return np.concatenate(parts)
 
     every = [*now.free_names(names or []), *amplitude_names]
     inverse = np.zeros((len(every), len(every)))
-    for step_number in range(2 * STEPS):
+    for step_number in range(steps):
         which = shape_names if step_number >= 2 else []
         white = noise.white(columns(now, which))
-        step = _solve(white, noise.white(np.asarray(session.mean - now.predict(state), dtype=float)))
+        step = _solve(white, noise.white(seen.residual(now)))
         moved = [*every, *which]
         values = now.get_free(moved) + step if moved else step
         for k, name in enumerate(which, start=len(every)):
@@ -139,5 +186,4 @@ def joint_fit(
                 implausible.append(name)
         fitted[candidate.id] = table
         del variant
-    residual = np.asarray(session.mean - now.predict(state), dtype=float)
-    return JointFit(fitted, residual, tuple(implausible))
+    return JointFit(fitted, seen.residual(now), tuple(implausible))

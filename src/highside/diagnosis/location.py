@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,17 @@ from highside.physics.state import ChainState
 Array = NDArray[np.float64]
 
 HARMONICS = 8
+
+
+class Located(Protocol):
+    """A covariate with its values (n,), and the harmonics that its functions are."""
+
+    @property
+    def covariate(self) -> str: ...
+    @property
+    def along(self) -> Array: ...
+    @property
+    def harmonics(self) -> tuple[int, ...]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,46 +97,60 @@ def on_channel(functions: Array, channel: int) -> Array:
 class Scan:
     """All groups of a session, whitened: `cells` are (channel, basis) in the order of the race."""
 
-    bases: list[Basis]
+    bases: list[Located]
     cells: tuple[tuple[int, int], ...]
     race: Race
     white: tuple[Array, ...]
+    freedom: Array
+    """(cells,) degrees of freedom that the noise is known with where a cell looks"""
 
 
-def scan_of(bases: list[Basis], whitened: Sequence[Array], cells: Sequence[tuple[int, int]]) -> Scan:
+def scan_of(
+    bases: Sequence[Located], whitened: Sequence[Array], cells: Sequence[tuple[int, int]], freedom: Array | float
+) -> Scan:
     """`whitened` are the groups (k, 3 n) of `cells`."""
-    return Scan(bases, tuple(cells), Race(whitened), tuple(whitened))
+    known = np.broadcast_to(np.asarray(freedom, dtype=float), (len(cells),))
+    return Scan(list(bases), tuple(cells), Race(whitened), tuple(whitened), known)
 
 
 def locate(scan: Scan, signal: Array, base: Array, p: float, share: float) -> tuple[Location, ...]:
-    """Where a signal (3 n,), whitened and outside of the base space, sits: its channels and the covariate it follows.
-
-    The covariate is the simplest one that explains nine tenths of what the best explains.
-    """
-    n = signal.size // 3
-    by_channel = np.sum(signal.reshape(3, n) ** 2, axis=1)
-    total = float(by_channel.sum())
-    if total <= 0:
+    """Where a signal (3 n,) of poses, whitened and outside of the base space, sits."""
+    rows = signal.reshape(3, -1)
+    sought = followed(scan, signal, [slice(c * rows.shape[1], (c + 1) * rows.shape[1]) for c in range(3)], base)
+    if sought is None:
         return ()
-    channels = [c for c in range(3) if by_channel[c] > 0.1 * by_channel.max()]
-    explained = np.zeros(len(scan.bases))
-    for k in range(len(scan.bases)):
-        own = [scan.white[i] for i, (c, b) in enumerate(scan.cells) if b == k and c in channels]
-        explained[k] = float(np.sum((span(outside(base, np.vstack(own))) @ signal) ** 2)) / total
-    sizes = np.array([len(basis.functions) for basis in scan.bases])
-    good = np.flatnonzero(explained >= 0.9 * explained.max())
-    chosen = scan.bases[int(good[np.argmin(sizes[good])])]
-    energy = np.sum(signal.reshape(3, n)[channels] ** 2, axis=0)
+    channels, chosen = sought
+    assert isinstance(chosen, Basis)
     return (
         Location(
             channels=tuple(CHANNELS[c] for c in channels),
             covariate=chosen.covariate,
-            intervals=_intervals(chosen.along, energy),
-            harmonic=_harmonic(chosen, signal.reshape(3, n)[channels]),
+            intervals=intervals(chosen.along, np.sum(rows[channels] ** 2, axis=0)),
+            harmonic=_harmonic(chosen, rows[channels]),
             share_of_misfit=share,
             p=p,
         ),
     )
+
+
+def followed(scan: Scan, signal: Array, parts: Sequence[slice], base: Array) -> tuple[list[int], Located] | None:
+    """The channels that a whitened signal sits on, and the covariate it follows; `parts` are the channels' numbers.
+
+    The covariate is the simplest one that explains nine tenths of what the best explains.
+    """
+    by_channel = np.array([float(np.sum(signal[part] ** 2)) for part in parts])
+    total = float(by_channel.sum())
+    if total <= 0:
+        return None
+    channels = [c for c in range(len(parts)) if by_channel[c] > 0.1 * by_channel.max()]
+    explained, sizes = np.zeros(len(scan.bases)), np.full(len(scan.bases), np.inf)
+    for k in range(len(scan.bases)):
+        own = [scan.white[i] for i, (c, b) in enumerate(scan.cells) if b == k and c in channels]
+        if own:
+            explained[k] = float(np.sum((span(outside(base, np.vstack(own))) @ signal) ** 2)) / total
+            sizes[k] = len(own[0])
+    good = np.flatnonzero(explained >= 0.9 * explained.max())
+    return channels, scan.bases[int(good[np.argmin(sizes[good])])]
 
 
 def _harmonic(basis: Basis, signal: Array) -> int | None:
@@ -136,7 +162,7 @@ def _harmonic(basis: Basis, signal: Array) -> int | None:
     return basis.harmonics[int(np.argmax(by_order))]
 
 
-def _intervals(along: Array, energy: Array, bins: int = 24) -> tuple[tuple[float, float], ...]:
+def intervals(along: Array, energy: Array, bins: int = 24) -> tuple[tuple[float, float], ...]:
     """Ranges of a covariate where the mean energy is above a quarter of its largest."""
     values = np.unique(np.round(along, 6))
     if values.size <= bins:

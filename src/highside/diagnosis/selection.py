@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,11 +73,10 @@ class Standing:
     """gain of BIC from adding it; positive is better"""
 
 
-def standing(pool: Pool, space: Array, residual: Array, freedom: float) -> Standing:
-    """Run the race for one residual (N,) outside of `space`."""
+def standing(pool: Pool, space: Array, residual: Array, freedom: float, size: int) -> Standing:
+    """Run the race for one residual (N,) outside of `space`; `size` is the number of readings."""
     gains, dof = pool.race.run(space, residual[None])
     gain = gains[:, 0]
-    size = residual.size
     score = gain - dof * np.log(size)
     best: list[Member] = []
     picked = np.zeros(len(pool.candidates), dtype=np.intp)
@@ -93,24 +93,38 @@ def standing(pool: Pool, space: Array, residual: Array, freedom: float) -> Stand
     )
 
 
-def threshold(
-    race: Race, owner: NDArray[np.intp], rich: Array, space: Array, freedom: float, rng: np.random.Generator
-) -> float:
-    """-log10 p that the family exceeds by chance in 1 % of sessions; `rich` (3 n,) whitened residual of nothing."""
-    n = rich.size // 3
-    block = np.arange(n) // BLOCK_POSES
-    signs = rng.choice([-1.0, 1.0], size=(FLIPS, int(block[-1]) + 1))[:, block]
-    gains, dof = race.run(space, rich * np.tile(signs, (1, 3)))
+def threshold(race: Race, owner: NDArray[np.intp], chance: Array, space: Array, freedom: Array | float) -> float:
+    """-log10 p that the family exceeds by chance in 1 % of sessions; `chance` (B, N) are residuals of nothing.
+
+    `freedom` is one for all, or one for each variant.
+    """
+    gains, dof = race.run(space, chance)
+    each = np.broadcast_to(np.asarray(freedom, dtype=float), owner.shape)
     families = np.unique(owner)
-    worst = np.zeros(FLIPS)
+    worst = np.zeros(len(chance))
     for family in families:
         own = owner == family
         for k in np.unique(dof[own]):
             same = own & (dof == k)
             tries = float(own.sum())
-            worst = np.maximum(worst, log10_p(gains[same].max(axis=0), np.array(k), freedom, tries))
-    chance = float(np.quantile(worst, 1 - ALARM_RATE))
-    return max(chance, float(-np.log10(ALARM_RATE / families.size)))
+            worst = np.maximum(worst, log10_p(gains[same].max(axis=0), np.array(k), float(each[same].min()), tries))
+    return max(float(np.quantile(worst, 1 - ALARM_RATE)), float(-np.log10(ALARM_RATE / families.size)))
+
+
+def pose_flips(rich: Array, rng: np.random.Generator) -> Array:
+    """(FLIPS, 3 n) rich residuals (3 n,) with the signs of blocks of poses flipped."""
+    n = rich.size // 3
+    block = np.arange(n) // BLOCK_POSES
+    signs = rng.choice([-1.0, 1.0], size=(FLIPS, int(block[-1]) + 1))[:, block]
+    return np.asarray(rich * np.tile(signs, (1, 3)))
+
+
+class Gains(Protocol):
+    """Held-out likelihood of the claims."""
+
+    def gain(self, before: Sequence[Member], after: Sequence[Member]) -> tuple[float, float]:
+        """Gain of log likelihood by going from some members to others, and its standard error over blocks."""
+        ...
 
 
 class HeldOut:
@@ -135,11 +149,23 @@ class HeldOut:
             result.append(self._residual[fold] - solution @ part)
         return result
 
-    def gain(self, before: Array, after: Array) -> tuple[float, float]:
-        """Gain of log likelihood by going from columns `before` to `after`, and its standard error over blocks."""
-        pairs = zip(self.errors(before), self.errors(after), strict=True)
-        by_block = np.array([(b @ b - a @ a) / 2 for b, a in pairs])
-        return float(by_block.sum()), float(by_block.std(ddof=1) * np.sqrt(by_block.size))
+
+@dataclass(frozen=True)
+class PoseGains:
+    """Held-out likelihood of members of a pool, from their whitened columns."""
+
+    pool: Pool
+    held_out: HeldOut
+
+    def gain(self, before: Sequence[Member], after: Sequence[Member]) -> tuple[float, float]:
+        pairs = [self.held_out.errors(self.pool.stack(members)) for members in (before, after)]
+        return block_gain(*(np.array([float(e @ e) for e in errors]) for errors in pairs))
+
+
+def block_gain(before: Array, after: Array) -> tuple[float, float]:
+    """Gain of log likelihood and its standard error from the squared errors of each block."""
+    by_block = (before - after) / 2
+    return float(by_block.sum()), float(by_block.std(ddof=1) * np.sqrt(by_block.size))
 
 
 def pose_folds(n: int, count: int = 10) -> list[NDArray[np.intp]]:
@@ -157,7 +183,9 @@ class Selector:
     residual: Array
     freedom: float
     threshold: float
-    held_out: HeldOut
+    held_out: Gains
+    size: int
+    """number of readings, for BIC"""
     fixed: tuple[Member, ...] = ()
     """claims that were made before and stay"""
     banned: frozenset[int] = frozenset()
@@ -169,7 +197,7 @@ class Selector:
 
     def standing(self, members: Sequence[Member]) -> Standing:
         """All candidates after base and members."""
-        return standing(self.pool, self.space_with(members), self.residual, self.freedom)
+        return standing(self.pool, self.space_with(members), self.residual, self.freedom, self.size)
 
     def select(self) -> list[Member]:
         """The claims, in the order in which they were found."""
@@ -186,9 +214,8 @@ class Selector:
         taken = {m.candidate for m in members} | self.banned
         passing = [k for k in np.argsort(-now.bic) if now.log_p[k] > self.threshold and k not in taken]
         best: tuple[float, Member] | None = None
-        before = self.pool.stack(members)
         for k in passing[:SHORTLIST]:
-            gain, error = self.held_out.gain(before, self.pool.stack([*members, now.best[k]]))
+            gain, error = self.held_out.gain(members, [*members, now.best[k]])
             if gain > error and (best is None or gain > best[0]):
                 best = (gain, now.best[k])
         return best[1] if best else None

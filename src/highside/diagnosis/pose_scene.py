@@ -1,0 +1,183 @@
+"""A stepped session prepared for the diagnosis: columns and noise pose by pose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis import noise as noise_model
+from highside.diagnosis.candidates import CHANNELS, Candidate, pose_candidates, shadows
+from highside.diagnosis.fit import JointFit, Observed, base_fit, joint_fit
+from highside.diagnosis.location import locate, on_channel, pose_bases, scan_of
+from highside.diagnosis.memory import Channel, Likelihoods, Memory, SlowEffect
+from highside.diagnosis.noise import PoseNoise
+from highside.diagnosis.regression import outside, span
+from highside.diagnosis.result import Fit, Location
+from highside.diagnosis.rivals import Rivalry, next_poses
+from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
+from highside.diagnosis.selection import HeldOut, Member, Pool, PoseGains, Selector, pose_flips, pose_folds, threshold
+from highside.diagnosis.session import PoseSession
+from highside.physics.forward import ForwardModel
+
+Array = NDArray[np.float64]
+
+RICH_SHARE = 0.5
+"""Of all readings, how many directions at most the rich model may take."""
+
+
+@dataclass(frozen=True)
+class PoseScene(Scene):
+    """n poses with known attitudes."""
+
+    session: PoseSession
+    model: ForwardModel
+    base: Array
+    """(P, 3, n)"""
+    residual: Array
+    """(3, n) g after the base fit"""
+    tangents: Array
+    rich: Array
+    white_noise: PoseNoise
+    force: Array
+
+    @classmethod
+    def of(cls, session: PoseSession, model: ForwardModel, free: tuple[str, ...], seed: int) -> PoseScene:
+        """Fit the base, make the columns, learn the noise."""
+        state = session.state
+        model, base, residual = base_fit(model, Observed(state, session.mean), free)
+        tangents = np.asarray(model.pose_sensitivity(state), dtype=float)[:, [0, 2]].transpose(1, 0, 2)
+        candidates, blind = pose_candidates(model, state, free)
+        force = np.asarray(model.chain(state).force, dtype=float)
+        candidates += shadows(state, force)
+        rich = _rich(base, candidates, session, force)
+        noise = noise_model.estimate(residual, rich, tangents)
+        return cls(candidates, blind, free, seed, session, model, base, residual, tangents, rich, noise, force)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return CHANNELS
+
+    @property
+    def noise(self) -> PoseNoise:
+        return self.white_noise
+
+    def judge(self, noise: PoseNoise) -> Judged:
+        rng = np.random.default_rng(self.seed)
+        base = span(noise.white(self.base))
+        residual = outside(base, noise.white(self.residual))
+        pool = Pool(self.candidates, [noise.white(v.columns) for c in self.candidates for v in c.variants])
+        rich = noise_model.rich_residual(noise, self.residual, self.rich)
+        limit = threshold(pool.race, pool.owner, pose_flips(rich, rng), base, noise.freedom)
+        held_out = HeldOut(noise.white(self.base), noise.white(self.residual), pose_folds(self.session.n))
+        selector = Selector(pool, base, residual, noise.freedom, limit, PoseGains(pool, held_out), residual.size)
+        bases = pose_bases(self.session.state, self.force)
+        cells = [(channel, b) for b in range(len(bases)) for channel in range(3)]
+        scan = scan_of(bases, [noise.white(on_channel(bases[b].functions, c)) for c, b in cells], cells, noise.freedom)
+        scan_limit = threshold(scan.race, np.arange(len(cells)), pose_flips(rich, rng), base, noise.freedom)
+        return Judged(selector, scan, scan_limit, [], noise)
+
+    def likelihoods(self, members: Sequence[Member]) -> list[Channel]:
+        variance = noise_model.white_variance(self.noise, self.tangents)
+        explained = np.concatenate([self.base, self.block(members)])
+        t_s = self.session.state.t_s
+        return [Likelihoods(self.residual[c], variance[c], explained[:, c], t_s) for c in range(3)]
+
+    def block(self, members: Sequence[Member]) -> NDArray[Any]:
+        return np.concatenate([np.empty((0, 3, self.session.n)), *(self.variant(m).columns for m in members)])
+
+    def slow(self) -> list[SlowEffect]:
+        return [
+            SlowEffect(i, j, np.broadcast_to(v.columns[0, 0], (3, self.session.n)))
+            for i, c in enumerate(self.candidates)
+            if c.id in SLOW
+            for j, v in enumerate(c.variants)
+            if v.whole
+        ]
+
+    def with_memory(self, memories: Sequence[Memory]) -> PoseNoise:
+        return noise_model.with_memory(self.noise, memories, self.tangents, self.session.state.t_s)
+
+    def fit(self, members: Sequence[Member], noise: PoseNoise) -> JointFit:
+        seen = Observed(self.session.state, self.session.mean)
+        return joint_fit(self.model, seen, self.free, self.candidates, members, noise, self.noise.freedom)
+
+    def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
+        return locate(judged.scan, signal, space, p, share)
+
+    def advice(self, member: Member, r: Rivalry, fit: JointFit) -> str:
+        candidate = self.candidates[member.candidate]
+        assert candidate.effect is not None
+        rivals = [(self.candidates[k], self.variant(r.best[k]).shape) for k in r.same if k != member.candidate]
+        amplitude = np.array([fit.parameters[candidate.id][name].value for name in candidate.amplitudes])
+        advice = next_poses(
+            self.model, self.session.state, self.free,
+            (candidate, self.variant(member).shape, amplitude), rivals, self.base, 1.0 / self.noise.sigma,
+        )  # fmt: skip
+        if advice.after < max(2 * advice.before, 12.0):
+            return candidate.effect.splitter
+        words = ", ".join(f"({inc:g}, {tf:g}{', from the other side' if d < 0 else ''})" for inc, tf, d in advice.poses)
+        return f"measure these poses (inclination, toolface in deg): {words}; otherwise: {candidate.effect.splitter}"
+
+    def proof(self, members: Sequence[Member], fit: JointFit) -> Fit:
+        flat = self.residual.reshape(-1)
+        base = self.base.reshape(self.base.shape[0], -1)
+        folds = pose_folds(self.session.n)
+        plain = HeldOut(base, flat, folds)
+        claimed = self.block(members).reshape(-1, flat.size)
+        before = plain.errors(np.empty((0, flat.size)))
+        held = plain.errors(claimed)
+
+        def rms(parts: list[Array]) -> float:
+            return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+
+        by_block = np.array([np.mean(b**2) - np.mean(a**2) for b, a in zip(before, held, strict=True)])
+        relative = by_block / np.mean(np.concatenate(before) ** 2)
+        half = 1.96 * float(relative.std(ddof=1) / np.sqrt(relative.size))
+        return Fit(
+            unit="g",
+            rmse_before=float(np.sqrt(np.mean(self.residual**2))),
+            rmse_after=float(np.sqrt(np.mean(fit.residual**2))),
+            heldout_rmse_before=rms(before),
+            heldout_rmse_after=rms(held),
+            heldout_gain_low=float(relative.mean()) - half,
+            heldout_gain_high=float(relative.mean()) + half,
+            noise_floor=float(np.sqrt(np.mean(self.noise.sigma**2))),
+            how_held_out=f"{len(folds)} contiguous blocks of poses; gain = share of the held-out mean square removed",
+        )
+
+    def picture(self, fit: JointFit | None) -> Picture:
+        return Picture(self.session, self.residual, self.residual if fit is None else fit.residual)
+
+    def told_of_noise(self) -> dict[str, Any]:
+        noise = self.noise
+        return {
+            "model": "per channel and pose" if noise.inc or noise.tf else "per channel",
+            "sigma_g": [float(s) for s in noise.sigma],
+            "bench_inclination_rad": noise.inc,
+            "bench_toolface_rad": noise.tf,
+            "degrees_of_freedom": noise.freedom,
+        }
+
+
+def _rich(base: Array, candidates: Sequence[Candidate], session: PoseSession, force: Array) -> Array:
+    """Columns (P, 3, n) of everything that could be systematic, as many as the session affords."""
+    whole = [[v.columns for v in c.variants if v.whole] for c in candidates if c.named]
+    parts = [base, *(columns[0] for columns in whole if len(columns) == 1)]
+    groups = [on_channel(b.functions, channel) for b in pose_bases(session.state, force) for channel in range(3)]
+    shaped = [columns[i] for columns in whole if len(columns) > 1 for i in _spread(len(columns), 5)]
+    room = int(RICH_SHARE * 3 * session.n)
+    kept: list[Array] = []
+    taken = 0
+    for part in [*parts, *shaped, *groups]:
+        if taken + len(part) <= room or not kept:
+            kept.append(part)
+            taken += len(part)
+    return np.concatenate(kept)
+
+
+def _spread(count: int, want: int) -> list[int]:
+    return sorted({round(x) for x in np.linspace(0, count - 1, min(want, count))})

@@ -1,0 +1,135 @@
+"""A recording prepared for the diagnosis: what the procedure of `engine` needs to ask of it, whatever kind it is.
+
+Poses and rotation differ in how columns are made and whitened, how noise is learned and what a good next manoeuvre is.
+What is chosen, compared and told is the same, and sees only this.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.candidates import Blind, Candidate, Variant
+from highside.diagnosis.fit import JointFit
+from highside.diagnosis.location import Scan
+from highside.diagnosis.memory import Channel, Memory, SlowEffect
+from highside.diagnosis.result import Fit, Location
+from highside.diagnosis.rivals import Rivalry
+from highside.diagnosis.selection import Member, Selector
+from highside.physics.state import ChainState
+
+Array = NDArray[np.float64]
+
+SLOW = (
+    "bias_drift",
+    "warmup",
+    "thermal_lag",
+    "bias_step",
+    "thermal_hysteresis",
+    "temperature_bias",
+    "temperature_bias_curvature",
+)
+"""Effects that are functions of time or temperature alone: a walk may look like any of them."""
+
+
+class HasState(Protocol):
+    """A session of any kind."""
+
+    @property
+    def state(self) -> ChainState:
+        """Its n rows or poses."""
+        ...
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What a report draws: residuals (C, n) after the base fit alone, and with the claims; g, gyros rad/s."""
+
+    session: HasState
+    before: Array
+    after: Array
+    channels: tuple[str, ...] = ("ax", "ay", "az")
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What one noise model leads to: the race and the scan with their thresholds, and what was chosen."""
+
+    selector: Selector
+    scan: Scan
+    scan_threshold: float
+    members: list[Member]
+    noise: Any
+
+
+@dataclass(frozen=True)
+class Scene(ABC):
+    """All that is prepared before anything is chosen."""
+
+    candidates: list[Candidate]
+    blind: list[Blind]
+    free: tuple[str, ...]
+    seed: int
+
+    def variant(self, member: Member) -> Variant:
+        """The variant that a member stands for."""
+        return self.candidates[member.candidate].variants[member.variant]
+
+    @property
+    @abstractmethod
+    def channels(self) -> tuple[str, ...]:
+        """Names of the channels."""
+
+    @property
+    @abstractmethod
+    def noise(self) -> Any:
+        """The noise without any memory."""
+
+    @abstractmethod
+    def judge(self, noise: Any) -> Judged:
+        """Prepare the race and the scan under a noise model; nothing is chosen yet."""
+
+    @abstractmethod
+    def likelihoods(self, members: Sequence[Member]) -> list[Channel]:
+        """Each accelerometer channel's likelihood under noise with memory, base and members projected off."""
+
+    @abstractmethod
+    def block(self, members: Sequence[Member]) -> NDArray[Any]:
+        """(k, C, ...) what the likelihoods know the members' columns by."""
+
+    @abstractmethod
+    def slow(self) -> list[SlowEffect]:
+        """The slow candidates, as the likelihoods know them."""
+
+    @abstractmethod
+    def with_memory(self, memories: Sequence[Memory]) -> Any:
+        """The noise with the memory of each channel."""
+
+    @abstractmethod
+    def fit(self, members: Sequence[Member], noise: Any) -> JointFit:
+        """Base and named members refitted together."""
+
+    @abstractmethod
+    def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
+        """Where a whitened signal outside of a space sits."""
+
+    @abstractmethod
+    def advice(self, member: Member, r: Rivalry, fit: JointFit) -> str:
+        """What to measure next to split a claim's class, in words."""
+
+    @abstractmethod
+    def proof(self, members: Sequence[Member], fit: JointFit) -> Fit:
+        """In-sample and held-out misfit."""
+
+    @abstractmethod
+    def picture(self, fit: JointFit | None) -> Picture:
+        """Residuals before and after."""
+
+    @abstractmethod
+    def told_of_noise(self) -> dict[str, Any]:
+        """The noise in plain values."""
