@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from highside.cli import bench
 from highside.errors import InputError, Refused
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ app = typer.Typer(
     no_args_is_help=True,
     help="Calibrate the accelerometers: find poses, solve, apply, and keep the records.",
 )
+
+app.command()(bench.bench)
 
 DAY_S = 86400.0
 ROWS_AT_ONCE = 65536

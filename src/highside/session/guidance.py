@@ -158,14 +158,17 @@ def _turn(angle_deg: float) -> float:
     return 180.0 if turned == -180.0 else turned
 
 
-def instruction(deviation: Deviation) -> str:
-    """What to do: "turn 12 deg clockwise, raise 0.4 deg" (looking down-hole; raise: more inclined)."""
+def instruction(deviation: Deviation, *, reversed_side: bool = False) -> str:
+    """What to do: "turn 12 deg clockwise, raise 0.4 deg" (looking down-hole; raise: more inclined, on whichever side
+    of vertical the table is)."""
     parts = []
     coarse = 0.5 * deviation.tolerance_deg
     if deviation.tf_deg is not None and abs(deviation.tf_deg) >= 0.05:
         parts.append(f"turn {_amount(deviation.tf_deg)} deg {'' if deviation.tf_deg > 0 else 'counter'}clockwise")
     if abs(deviation.inc_deg) >= min(0.05, coarse):
-        parts.append(f"{'raise' if deviation.inc_deg > 0 else 'lower'} {_amount(deviation.inc_deg)} deg")
+        parts.append(
+            f"{'raise' if (deviation.inc_deg > 0) is not reversed_side else 'lower'} {_amount(deviation.inc_deg)} deg"
+        )
     return ", ".join(parts) if parts else "hold it there"
 
 

@@ -105,6 +105,14 @@ class Encoder:
     def entry(self, entry: Entry, t_wall_s: float) -> bytes:
         return self._line(_NAMES[type(entry)], asdict(entry), t_wall_s)
 
+    def mark(self) -> tuple[int, str]:
+        """Where the journal stands, for `back_to`."""
+        return self._count, self._chain
+
+    def back_to(self, mark: tuple[int, str]) -> None:
+        """The lines made since `mark` were not kept."""
+        self._count, self._chain = mark
+
     def _line(self, kind: str, data: Mapping[str, Any], t_wall_s: float) -> bytes:
         content = {"n": self._count, "e": kind, "d": data, "t": t_wall_s}
         text = json.dumps(content, separators=(",", ":"), allow_nan=False)

@@ -192,7 +192,6 @@ class Ledger:
         }
         self.operator: str | None = None
         self.began = False
-        self.paused = False
         self.closed = False
         self.stage = 0
         self.stage_ready = plan.stages[0].temp_c is None
@@ -248,13 +247,11 @@ class Ledger:
             case PlanClosed():
                 self.closed = True
                 self.revision += 1
-            case Paused():
-                self.paused = True
             case Resumed(operator):
-                self.paused, self.operator = operator is None and self.paused, operator
+                self.operator = operator
             case Ended():
                 self.ended = entry
-            case Noted():
+            case Paused() | Noted():
                 pass
         self._enter_stage()
 

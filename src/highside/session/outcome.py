@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from highside.calibration.poses import Array, gravity
 from highside.calibration.record import (
     CalibrationRecord,
     Solution,
@@ -18,9 +19,9 @@ from highside.calibration.record import (
     solve_poses,
 )
 from highside.calibration.result import CalibrationResult, Reason
-from highside.errors import HighsideError
+from highside.errors import HighsideError, InputError
 from highside.physics.gravity import gravity_direction
-from highside.session.journal import Header
+from highside.session.journal import Header, Journal
 from highside.session.ledger import Ledger
 from highside.session.plans import Kind
 from highside.session.reasons import Rejection
@@ -106,7 +107,7 @@ def suspects(worst: str, poses: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(worst.split(" or ")) if worst else poses
 
 
-def attitudes_of_use(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
+def attitudes_of_use(solution: Solution) -> tuple[Array, Array]:
     """Inclinations and toolfaces (rad), evenly over the sphere where the calibration holds (see `ALL_INC_DEG`)."""
     k = np.arange(ALL_COUNT) + 0.5
     low, high = np.cos(np.deg2rad(ALL_INC_DEG))
@@ -134,9 +135,11 @@ def stated_uncertainty(solution: Solution) -> tuple[float, float]:
     return float(np.rad2deg(np.sqrt(var_inc.mean()))), float(np.rad2deg(np.sqrt(var_tf.mean())))
 
 
-def errors_against(record: CalibrationRecord, matrix: np.ndarray, offset: np.ndarray) -> tuple[float, float]:
-    """Rms errors of I and T in degrees against a sensor whose truth is known (`m = matrix g + offset`), without
-    reading noise, over the attitudes of use. What the simulated bench is judged by."""
+def errors_against(
+    record: CalibrationRecord, matrix: Array, offset: Array, temp_c: float | None = None
+) -> tuple[float, float]:
+    """Rms errors of I and T in degrees against a sensor whose truth is known (`m = matrix g + offset`, at `temp_c`),
+    without reading noise, over the attitudes of use. What the simulated bench is judged by."""
     from highside.attitude.block import attitude_block
     from highside.calibration.correction import LinearCorrection
     from highside.calibration.record import correction_from_record
@@ -144,15 +147,35 @@ def errors_against(record: CalibrationRecord, matrix: np.ndarray, offset: np.nda
 
     inc, tf = attitudes_of_use(Solution(record.result, record.fallback, record.guide))
     raw = matrix @ gravity_direction(inc, tf) + offset[:, None]
+    temps = None if temp_c is None else np.full(inc.size, temp_c)
     correction = correction_from_record(record)
     if not isinstance(correction, LinearCorrection | ScheduledCorrection):
         raise TypeError(f"{type(correction).__name__} cannot be applied in blocks")
-    found_inc, found_tf = attitude_block(correction.corrected_block(raw, 0.0, None).g)
+    found_inc, found_tf = attitude_block(correction.corrected_block(raw, 0.0, temps).g)
     d_tf = np.mod(found_tf - tf + np.pi, 2.0 * np.pi) - np.pi
     return (
         float(np.rad2deg(np.sqrt(np.nanmean((found_inc - inc) ** 2)))),
         float(np.rad2deg(np.sqrt(np.nanmean(d_tf**2)))),
     )
+
+
+def replay(journal: Journal) -> tuple[Ledger, Solved, CalibrationRecord | None]:
+    """The session as its journal tells it: the ledger, its solution, and, if it was accepted, its record.
+
+    Raises InputError where an accepted session does not give the record that its last line names.
+    """
+    ledger = journal.ledger()
+    solved = solve(ledger)
+    ended = ledger.ended
+    if ended is None or ended.record is None:
+        return ledger, solved, None
+    record = make_record(journal.header, ledger, solved, ended.t_wall_s)
+    if record.id != ended.record:
+        raise InputError(
+            f"session {journal.header.session} gives the record {record.id[:12]}, not {ended.record[:12]} as written",
+            remedy=f"replay it with the version that made it ({journal.header.software})",
+        )
+    return ledger, solved, record
 
 
 def make_record(header: Header, ledger: Ledger, solved: Solved, t_wall_s: float) -> CalibrationRecord:

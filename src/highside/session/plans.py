@@ -286,7 +286,8 @@ def custom_plan(
 
 def unguided_plan(limits: Limits | None = None, *, min_poses: int = 10) -> Plan:
     """No bench: as many attitudes as can be, found by themselves; |g| alone calibrates. Ended by `accept`."""
-    limits = limits or replace(Limits(), min_hold_s=1.5, max_hold_s=60.0)
+    # sensors of hand sessions are uncalibrated as often as not
+    limits = limits or Limits(min_hold_s=1.5, max_hold_s=60.0, prior_offset_g=0.05, prior_matrix=0.05)
     return Plan(
         Kind.UNGUIDED, "attitudes by hand", "joint", (), limits=limits, reference="magnitude", min_poses=min_poses
     )

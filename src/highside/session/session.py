@@ -103,6 +103,9 @@ class BenchSession:
         """A journal was read back: wait, paused, for an operator to go on (or stay ended)."""
         ended = self.ledger.ended
         self.state = State(ended.how) if ended is not None else State.PAUSED
+        if ended is not None and ended.record is not None:
+            self.solved = outcome.solve(self.ledger)
+            self.record = outcome.make_record(self.header, self.ledger, self.solved, ended.t_wall_s)
         self._learn_again()
 
     # --- what comes in -----------------------------------------------------------------------------------------
@@ -192,6 +195,12 @@ class BenchSession:
         while len(self._replies) > REPLIES_KEPT:
             del self._replies[next(iter(self._replies))]
         return reply
+
+    def note_interruption(self) -> None:
+        """This journal is gone on with by a new process: an operator has to resume, and then holds the session."""
+        if not self.state.ended:
+            self._keep(entries.Noted("interrupted", "the process was started again"))
+            self._keep(entries.Resumed(None))
 
     def work(self) -> Callable[[], outcome.Solved] | None:
         """The job to be run now, once; its answer goes to `finish_work`."""

@@ -229,7 +229,7 @@ def _guide(session: BenchSession, target: Candidate, deviation: Deviation | None
         return f"{what} again: turn away from it first, then set it with care."
     if deviation is None:
         return f"{what}."
-    return f"{what}: {instruction(deviation)}."
+    return f"{what}: {instruction(deviation, reversed_side=target.inc_deg < 0)}."
 
 
 def _soak(session: BenchSession) -> str:

@@ -1,0 +1,143 @@
+"""`highside calibrate bench`: a guided calibration session, at the terminal and for all other faces."""
+
+from __future__ import annotations
+
+import asyncio
+import getpass
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from highside.errors import InputError
+
+if TYPE_CHECKING:
+    from highside.service.bench import BenchDriver
+    from highside.session.snapshot import Snapshot
+
+ConfigOption = Annotated[Path, typer.Option("--config", help="TOML file of the session; see config/bench-*.toml.")]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", help="Override one field: key.path=value. May be repeated.")
+]
+LOOK_S = 0.05
+
+
+def bench(
+    config: ConfigOption,
+    overrides: SetOption = None,
+    web: Annotated[bool, typer.Option("--web", help="Serve the bench page as well.")] = False,
+    auto: Annotated[
+        bool, typer.Option("--auto", help="A simulated operator does everything ([simulated] only).")
+    ] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the newest session that has not ended.")] = False,
+    plain: Annotated[
+        bool, typer.Option("--plain", help="Lines instead of a live picture, for serial consoles.")
+    ] = False,
+    operator: Annotated[str | None, typer.Option(help="Your name, for the record.")] = None,
+) -> None:
+    """Walk through a calibration session on the bench. Exit 1: it ended without a result that was accepted."""
+    from highside.config.bench import load_bench
+    from highside.service.bench import BenchDriver
+
+    settings = load_bench(config, overrides)
+    if auto and settings.simulated is None:
+        raise InputError(
+            "is not there, and only a simulated bench can be operated by itself",
+            where=str(config),
+            field="simulated",
+            remedy="leave --auto out, or use config/bench-simulated.toml",
+        )
+    who = operator or ("simulated" if auto else getpass.getuser())
+
+    async def session() -> BenchDriver:
+        driver = BenchDriver.go_on(settings) if resume else BenchDriver.begin(settings, operator=who)
+        await _run(driver, auto=auto, web=web, plain=plain or not sys.stdout.isatty(), operator=who)
+        return driver
+
+    driver = asyncio.run(session())
+    state = driver.session.state
+    if auto:
+        typer.echo(json.dumps(summary(driver)))
+    elif driver.stored is not None:
+        typer.echo(f"record {driver.stored}")
+    if state.value != "accepted":
+        raise typer.Exit(1)
+
+
+async def _run(driver: BenchDriver, *, auto: bool, web: bool, plain: bool, operator: str) -> None:
+    """The session and its faces, until it has ended."""
+    from highside.cli.bench_face import PlainFace, RichFace
+
+    face = PlainFace(driver, operator, listen=not auto) if plain else RichFace(driver, operator, listen=not auto)
+    tasks = [asyncio.create_task(face.run())]
+    if auto:
+        tasks.append(asyncio.create_task(_operate(driver)))
+    running = asyncio.create_task(driver.run())
+    try:
+        # the first to end is the session itself, or the fault of a face
+        while not running.done():
+            done, _ = await asyncio.wait({running, *tasks}, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                if task is not running:
+                    tasks.remove(task)
+                    await task
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        if not running.done():
+            running.cancel()
+            await asyncio.gather(running, return_exceptions=True)
+    await running
+
+
+async def _operate(driver: BenchDriver) -> None:
+    """The simulated operator at the simulated bench."""
+    from highside.service.bench_operator import SimulatedOperator
+    from highside.service.bench_setup import habits_of
+
+    table = driver.settings.simulated
+    if table is None or driver.bench is None:
+        return
+    person = SimulatedOperator(driver.bench, habits_of(table))
+    while not driver.session.state.ended:
+        for command in person.look(driver.snapshot()):
+            await driver.command(command)
+        await asyncio.sleep(max(0.005, LOOK_S * min(1.0, 10.0 / table.speed)))
+
+
+def summary(driver: BenchDriver) -> dict[str, Any]:
+    """The line of JSON that `--auto` ends with; errors are those against the simulated truth."""
+    import numpy as np
+
+    from highside.session.outcome import errors_against
+
+    session = driver.session
+    record, solved = session.record, session.solved
+    errors: tuple[float | None, float | None] = (None, None)
+    if record is not None and driver.bench is not None:
+        temp = session.ledger.mean_temp_c()
+        offset = driver.bench.true_offset(driver.bench.bench.temp_c if temp is None else temp)
+        errors = errors_against(record, np.array(driver.bench.settings.matrix), offset, temp)
+    return {
+        "record": None if driver.stored is None else str(driver.stored),
+        "inc_error_deg": errors[0],
+        "tf_error_deg": errors[1],
+        "inc_std_deg": None if solved is None else solved.inc_std_deg,
+        "tf_std_deg": None if solved is None else solved.tf_std_deg,
+        "poses": len(session.ledger.done),
+        "retaken": session.ledger.retaken,
+    }
+
+
+def describe(snapshot: Snapshot) -> str:
+    """One line of a session, for consoles that cannot draw."""
+    parts = [f"{snapshot.elapsed_s:7.1f} s", snapshot.state.value.ljust(9)]
+    total = snapshot.plan.poses
+    parts.append(f"{snapshot.plan.done}{'' if total is None else f'/{total}'} poses")
+    if snapshot.capture is not None:
+        error = snapshot.capture.std_error_g
+        parts.append(f"{100 * snapshot.capture.progress:3.0f} %" + ("" if error is None else f" {1e6 * error:.1f} ug"))
+    return "  ".join([*parts, snapshot.prompt])

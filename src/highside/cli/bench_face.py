@@ -1,0 +1,250 @@
+"""The terminal's faces of a session: a live picture, and plain lines for serial consoles.
+
+Both hold nothing but the session's driver, show its snapshots and send its commands; the web page and MQTT may be used
+at the same time. The picture takes single keys, the lines take words.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import sys
+import termios
+import tty
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from pydantic import ValidationError
+
+from highside.session.snapshot import Command, CommandName, PoseState, Snapshot
+
+if TYPE_CHECKING:
+    from rich.console import Group
+    from rich.table import Table
+
+    from highside.session.driver import SessionDriver
+
+KEYS = {
+    "s": CommandName.START,
+    " ": CommandName.CAPTURE,
+    "r": CommandName.REDO,
+    "k": CommandName.SKIP,
+    "u": CommandName.UNDO,
+    "p": CommandName.PAUSE,
+    "g": CommandName.RESUME,
+    "a": CommandName.ACCEPT,
+    "x": CommandName.REJECT,
+    "Q": CommandName.ABORT,
+}
+"""Letters of the live picture; abort is a capital, so that no glove hits it."""
+PLAIN_EVERY_S = 5.0
+BAR = 30
+
+
+class _Face:
+    """What both share: sending commands."""
+
+    def __init__(self, driver: SessionDriver, operator: str, *, listen: bool) -> None:
+        self.driver = driver
+        self.operator = operator
+        self.listen = listen
+        self.answer = ""
+        self._ids = itertools.count(1)
+
+    async def send(self, name: CommandName, pose: str | None = None) -> None:
+        try:
+            command = Command(
+                name=name, request_id=f"terminal-{next(self._ids)}", operator=self.operator, pose=pose or None
+            )
+        except ValidationError:
+            self.answer = f"{pose!r} is no name of a pose"
+            return
+        reply = await self.driver.command(command)
+        self.answer = f"{name.value}: {reply.text}"
+
+
+class PlainFace(_Face):
+    """Lines: one when something changes, one every few seconds while nothing does; words in (`redo 3`)."""
+
+    async def run(self) -> None:
+        reader = asyncio.create_task(self._words()) if self.listen else None
+        said, printed_s = None, -PLAIN_EVERY_S
+        try:
+            async for snapshot in self.driver.subscribe(5.0):
+                poses = tuple((row.pose, row.state, row.attempts) for row in snapshot.poses)
+                key = (snapshot.state, snapshot.target, poses, tuple(f.code for f in snapshot.faults))
+                if key != said or snapshot.elapsed_s - printed_s >= PLAIN_EVERY_S:
+                    said, printed_s = key, snapshot.elapsed_s
+                    self._print(snapshot)
+        finally:
+            if reader is not None:
+                reader.cancel()
+
+    def _print(self, snapshot: Snapshot) -> None:
+        from highside.cli.bench import describe
+
+        line = describe(snapshot)
+        if snapshot.last_rejection:
+            line += f"  [{snapshot.last_rejection}]"
+        for fault in snapshot.faults:
+            line += f"  [{fault.text}{' ' + fault.detail if fault.detail else ''}]"
+        print(line, flush=True)  # noqa: T201
+
+    async def _words(self) -> None:
+        loop = asyncio.get_running_loop()
+        lines: asyncio.Queue[str] = asyncio.Queue()
+        descriptor = sys.stdin.fileno()
+
+        def take() -> None:
+            line = sys.stdin.readline()
+            if not line:
+                loop.remove_reader(descriptor)
+            lines.put_nowait(line)
+
+        try:
+            loop.add_reader(descriptor, take)
+        except (OSError, ValueError):
+            return  # a file or nothing at all: nobody types there
+        try:
+            while True:
+                words = (await lines.get()).split()
+                if not words:
+                    continue
+                try:
+                    name = CommandName(words[0].lower())
+                except ValueError:
+                    print(f"? {words[0]}: one of {', '.join(CommandName)}", flush=True)  # noqa: T201
+                    continue
+                await self.send(name, words[1] if len(words) > 1 else None)
+                print(f"> {self.answer}", flush=True)  # noqa: T201
+        finally:
+            loop.remove_reader(descriptor)
+
+
+class RichFace(_Face):
+    """The live picture; single keys in."""
+
+    async def run(self) -> None:
+        from rich.console import Console
+        from rich.live import Live
+
+        keys = asyncio.create_task(self._keys()) if self.listen and sys.stdin.isatty() else None
+        try:
+            with Live(console=Console(), refresh_per_second=8, auto_refresh=False, transient=False) as live:
+                async for snapshot in self.driver.subscribe(8.0):
+                    live.update(picture(snapshot, self.answer), refresh=True)
+        finally:
+            if keys is not None:
+                keys.cancel()
+                with contextlib.suppress(asyncio.CancelledError):
+                    await keys
+
+    async def _keys(self) -> None:
+        loop = asyncio.get_running_loop()
+        pressed: asyncio.Queue[str] = asyncio.Queue()
+        descriptor = sys.stdin.fileno()
+        with _single_keys(descriptor):
+            loop.add_reader(descriptor, lambda: pressed.put_nowait(sys.stdin.read(1)))
+            try:
+                while True:
+                    key = await pressed.get()
+                    if key in KEYS:
+                        await self.send(KEYS[key])
+            finally:
+                loop.remove_reader(descriptor)
+
+
+@contextlib.contextmanager
+def _single_keys(descriptor: int) -> Iterator[None]:
+    """Keys come one by one and unechoed; Ctrl-C works as ever."""
+    before = termios.tcgetattr(descriptor)
+    try:
+        tty.setcbreak(descriptor)
+        yield
+    finally:
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
+
+def picture(snapshot: Snapshot, answer: str = "") -> Group:
+    """Everything a technician needs, drawn for a terminal of 80 columns."""
+    from rich.console import Group
+    from rich.panel import Panel
+    from rich.text import Text
+
+    head = Text()
+    total = snapshot.plan.poses
+    count = f"{snapshot.plan.done}{'' if total is None else f' of {total}'} poses"
+    head.append(f"{snapshot.tool}  {snapshot.plan.title}  {count}  {snapshot.elapsed_s:.0f} s\n", style="dim")
+    head.append(snapshot.prompt, style="bold")
+    if snapshot.last_rejection:
+        head.append(f"\n{snapshot.last_rejection}", style="yellow")
+    for fault in snapshot.faults:
+        head.append(f"\n{fault.text} {fault.detail}".rstrip(), style="red")
+    keys = "  ".join(
+        f"[{'space' if key == ' ' else key}] {name}" for key, name in KEYS.items() if name in snapshot.allowed
+    )
+    foot = Text(keys, style="dim")
+    if answer:
+        foot.append(f"\n{answer}")
+    return Group(Panel(head, title=f"highside  {snapshot.state.value}"), _gauges(snapshot), _poses(snapshot), foot)
+
+
+def _gauges(snapshot: Snapshot) -> Table:
+    from rich.table import Table
+
+    table = Table.grid(padding=(0, 2))
+    attitude, deviation = snapshot.attitude, snapshot.deviation
+    if attitude is not None:
+        tf = "undefined" if attitude.tf_deg is None else f"{attitude.tf_deg:8.3f}°"
+        table.add_row("now", f"I {attitude.inc_deg:8.3f}°   T {tf}   |g| {attitude.g_total:.5f}")
+    if deviation is not None:
+        table.add_row("off target", f"{deviation.angle_deg:.3f}° (taken within {deviation.tolerance_deg:.2f}°)")
+    if snapshot.stillness is not None:
+        share = min(1.0, snapshot.stillness.value / 2.0)
+        table.add_row("stillness", f"{_bar(share)} {'still' if snapshot.stillness.still else 'moving'}")
+    if snapshot.capture is not None:
+        error = snapshot.capture.std_error_g
+        text = "" if error is None else f" ± {1e6 * error:.1f} ug"
+        table.add_row("hold", f"{_bar(snapshot.capture.progress)} {snapshot.capture.readings} readings{text}")
+    if snapshot.temp_c is not None:
+        table.add_row("temperature", f"{snapshot.temp_c:.1f} deg C")
+    if snapshot.uncertainty is not None:
+        inc_std, tf_std = snapshot.uncertainty.rms_inc_std_deg, snapshot.uncertainty.rms_tf_std_deg
+        table.add_row("calibration", f"± {inc_std:.4f}° I, ± {tf_std:.4f}° T (1 sigma)")
+    return table
+
+
+def _bar(share: float) -> str:
+    full = round(BAR * max(0.0, min(1.0, share)))
+    return "█" * full + "░" * (BAR - full)
+
+
+_MARKS = {PoseState.OPEN: " ", PoseState.DONE: "✓", PoseState.SKIPPED: "-", PoseState.AGAIN: "↺"}
+SHOWN = 16
+
+
+def _poses(snapshot: Snapshot) -> Table:
+    """The poses round the one asked for; all of them are on the page and in the journal."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for name in ("", "pose", "I", "T", "readings", "± ug", "sigma", ""):
+        table.add_column(name, justify="right" if name in ("I", "T", "readings", "± ug", "sigma") else "left")
+    rows = snapshot.poses
+    at = next((k for k, row in enumerate(rows) if snapshot.target and row.pose == snapshot.target.pose), len(rows))
+    first = max(0, min(at - SHOWN // 2, len(rows) - SHOWN))
+    for row in rows[first : first + SHOWN]:
+        here = snapshot.target is not None and row.pose == snapshot.target.pose
+        table.add_row(
+            "▶" if here else _MARKS[row.state],
+            row.pose,
+            "" if row.inc_deg is None else f"{row.inc_deg:.3f}",
+            "" if row.tf_deg is None else f"{row.tf_deg:.3f}",
+            str(row.readings or ""),
+            "" if row.std_error_g is None else f"{1e6 * row.std_error_g:.1f}",
+            "" if row.sigmas is None else f"{row.sigmas:.1f}",
+            row.reason or "",
+            style="bold" if here else None,
+        )
+    return table

@@ -1,0 +1,236 @@
+"""A bench session live: link, codec, session, journal and store together, for any number of faces.
+
+One event loop; readings go from the link through codec and monitor into the session, which is synchronous and quick.
+What is slow runs in a thread (solving). Commands are done one after the other, as they come; a command is on the disk
+before its reply. Faces read snapshots: one is made when it is asked for and something has changed, and shared.
+
+The store gets the record when the session is accepted; after a crash in between, going on with the journal makes the
+same record again, with the same id.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+
+from highside.codec.frame import ByteCodec, CanCodec
+from highside.config.bench import BenchFile
+from highside.config.links import SerialLink
+from highside.errors import HighsideError, InputError
+from highside.link.base import Batch, Chunk, LinkReason, LinkState, LinkSupervisor, SupervisorSettings, Transport
+from highside.link.bench import SimulatedBench
+from highside.recording.calibration_store import CalibrationStore
+from highside.service.bench_journal import JournalFile, session_name, unfinished
+from highside.service.bench_setup import header_of, simulated_bench
+from highside.service.monitor import Monitor
+from highside.session import outcome
+from highside.session.ledger import Entry, Noted
+from highside.session.reasons import Refusal
+from highside.session.session import BenchSession
+from highside.session.snapshot import Command, Reply, Snapshot
+from highside.session.view import View
+
+log = logging.getLogger("highside")
+
+TICK_S = 0.2
+CLOCK_STEP_S = 2.0
+AFTER_END_S = 0.5
+"""Faces see the last snapshot for so long before `subscribe` ends."""
+
+
+class BenchDriver:
+    """One session. Make it with `begin` or `go_on`; `run` it; use it from any task of the same loop."""
+
+    def __init__(
+        self,
+        settings: BenchFile,
+        session: BenchSession,
+        journal: JournalFile,
+        bench: SimulatedBench | None,
+    ) -> None:
+        self.settings = settings
+        self.session = session
+        self.bench = bench
+        self._journal = journal
+        self._view = View(session)
+        self._codec: ByteCodec | CanCodec = settings.codec.build()
+        self._monitor = Monitor(range_g=20.0, stuck_frames=200, seq_modulus=self._codec.seq_modulus)
+        self._wall_offset = time.time() - time.monotonic()
+        self._cached: Snapshot | None = None
+        self._changed = asyncio.Event()
+        self._over = asyncio.Event()
+        self._commands = asyncio.Lock()
+        self.stored: Path | None = None
+        """the record in the store, once it is there"""
+
+    # --- making one --------------------------------------------------------------------------------------------
+
+    @classmethod
+    def begin(cls, settings: BenchFile, *, operator: str | None = None) -> BenchDriver:
+        """A new session with a new journal. Raises InputError."""
+        now = time.time()
+        directory = settings.store.sessions
+        header = header_of(settings, session_name(directory, settings.tool.id, now), now, operator)
+        journal = JournalFile.create(directory, header)
+        session = BenchSession(header, _keeper(journal), time.time, known_noise_g=settings.tool.noise_g)
+        return cls(settings, session, journal, _bench(settings, 0))
+
+    @classmethod
+    def go_on(cls, settings: BenchFile) -> BenchDriver:
+        """The newest session of this tool that has not ended. Raises InputError where there is none."""
+        path = unfinished(settings.store.sessions, settings.tool.id, _kept_by(settings.store.directory))
+        if path is None:
+            raise InputError(
+                f"there is no unfinished session of tool {settings.tool.id!r}",
+                where=str(settings.store.sessions),
+                remedy="begin one without --resume",
+            )
+        journal, read = JournalFile.reopen(path)
+        ledger = read.ledger()
+        attempt = 1 + sum(isinstance(entry, Noted) and entry.code == "interrupted" for entry in read.entries)
+        session = BenchSession(
+            read.header, _keeper(journal), time.time, ledger=ledger, known_noise_g=settings.tool.noise_g
+        )
+        if ledger.began:
+            session.note_interruption()
+        return cls(settings, session, journal, _bench(settings, attempt))
+
+    @property
+    def journal_path(self) -> str | None:
+        return str(self._journal.path)
+
+    # --- the sink of the link ----------------------------------------------------------------------------------
+
+    def on_batch(self, batch: Batch) -> None:
+        codec = self._codec
+        if isinstance(batch, Chunk):
+            frames = codec.receive(batch.data, batch.t_mono) if hasattr(codec, "receive") else []
+        else:
+            frames = codec.receive_can(batch) if hasattr(codec, "receive_can") else []
+        good = [frame for frame in frames if self._monitor.check(frame)]
+        if good:
+            self.session.readings(good, time.monotonic())
+            self._changed.set()
+
+    def on_state(self, state: LinkState, reason: LinkReason | None, message: str) -> None:
+        now = time.monotonic()
+        if state is LinkState.DOWN:
+            self._codec.reset()
+            self._monitor.link_reopened()
+            self.session.link_down(message, now)
+        elif state is LinkState.ENDED:
+            self.session.data_ended(now)
+        self._changed.set()
+
+    # --- what faces use ----------------------------------------------------------------------------------------
+
+    def snapshot(self) -> Snapshot:
+        if self._cached is None or self._cached.seq != self.session.seq:
+            self._cached = self._view.snapshot()
+        return self._cached
+
+    async def subscribe(self, max_rate_hz: float = 10.0) -> AsyncIterator[Snapshot]:
+        seen = -1
+        while True:
+            snapshot = self.snapshot()
+            if snapshot.seq != seen:
+                seen = snapshot.seq
+                yield snapshot
+            if self._over.is_set():
+                return
+            # a face looks again when it is ready to: nothing is kept for it meanwhile
+            await asyncio.sleep(1.0 / max_rate_hz)
+
+    async def command(self, command: Command) -> Reply:
+        async with self._commands:
+            reply = self.session.command(command, time.monotonic())
+            if reply.accepted and self.session.record is not None and self.stored is None:
+                try:
+                    await asyncio.to_thread(self._store)
+                except HighsideError as error:
+                    log.error("the record could not be stored: %s", error)
+                    text = f"{Refusal.STORAGE.text} ({error}) The journal has it: go on with --resume."
+                    reply = reply.model_copy(update={"text": text})
+        self._changed.set()
+        return reply
+
+    def _store(self) -> None:
+        record = self.session.record
+        assert record is not None
+        store = CalibrationStore(self.settings.store.directory)
+        store.add(record)
+        self.stored = self.settings.store.directory / "records" / f"{record.id}.json"
+
+    # --- running -----------------------------------------------------------------------------------------------
+
+    async def run(self) -> None:
+        """Run until the session has ended; link and journal are then closed."""
+        supervisor = LinkSupervisor(self._transport_factory(), self, self._supervisor_settings())
+        if self.bench is not None:
+            self.bench.start()
+        link = asyncio.create_task(supervisor.run())
+        try:
+            while not self.session.state.ended:
+                await self._turn()
+                if link.done() and (error := link.exception()) is not None:
+                    raise error
+            if self.session.record is not None and self.stored is None:
+                await asyncio.to_thread(self._store)
+            self._changed.set()
+            await asyncio.sleep(AFTER_END_S)
+        finally:
+            self._over.set()
+            link.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await link
+            if self.bench is not None:
+                await asyncio.to_thread(self.bench.stop)
+            self._journal.close()
+
+    async def _turn(self) -> None:
+        """One look at the clock, and the solver's work if there is some."""
+        now = time.monotonic()
+        offset = time.time() - now
+        if abs(offset - self._wall_offset) > CLOCK_STEP_S:
+            self.session.clock_stepped(offset - self._wall_offset, now)
+            self._wall_offset = offset
+        self.session.tick(now)
+        job = self.session.work()
+        if job is not None:
+            solved: outcome.Solved = await asyncio.to_thread(job)
+            self.session.finish_work(solved, time.monotonic())
+            self._changed.set()
+            return
+        self._changed.clear()
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._changed.wait(), TICK_S)
+
+    def _transport_factory(self) -> Callable[[], Transport]:
+        bench, link = self.bench, self.settings.link
+        if bench is not None:
+            # the port's name is asked for anew at each attempt: after an unplug it may be another
+            return lambda: SerialLink(kind="serial", port=bench.address or "unplugged").transport()
+        assert link is not None, "one of the two is configured"
+        return link.transport
+
+    def _supervisor_settings(self) -> SupervisorSettings:
+        link = self.settings.link
+        if link is not None:
+            return link.supervisor()
+        return SupervisorSettings(backoff_max_s=0.5)
+
+
+def _keeper(journal: JournalFile) -> Callable[[Entry], None]:
+    return lambda entry: journal.write(entry, time.time())
+
+
+def _kept_by(directory: Path) -> Callable[[str], bool]:
+    return lambda record: (directory / "records" / f"{record}.json").is_file()
+
+
+def _bench(settings: BenchFile, attempt: int) -> SimulatedBench | None:
+    return None if settings.simulated is None else simulated_bench(settings.simulated, attempt=attempt)

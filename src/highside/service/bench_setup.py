@@ -1,0 +1,130 @@
+"""From a session's configuration to its parts: plan, journal header, simulated bench."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+from highside import __version__
+from highside.calibration.record import Environment
+from highside.config import bench as config
+from highside.errors import InputError
+from highside.link.bench import BenchSettings, SimulatedBench
+from highside.link.device import DeviceSettings
+from highside.link.wire import PtyWire
+from highside.physics.motion import still
+from highside.recording.table import Table
+from highside.service.bench_operator import Habits, Mistake
+from highside.session import plans
+from highside.session.journal import Header
+
+
+def plan_of(settings: config.BenchFile) -> plans.Plan:
+    """The plan that the file asks for. Raises InputError for one that cannot be."""
+    limits = plans.Limits(pose_sigma_deg=settings.bench.pose_sigma_deg)
+    plan = _plan(settings.plan, limits)
+    given = {name: value for name, value in settings.session.model_dump().items() if value is not None}
+    changed = {field.name: given[field.name] for field in fields(plan.limits) if field.name in given}
+    return replace(plan, limits=replace(plan.limits, **changed)) if changed else plan
+
+
+def _plan(plan: config.PlanConfig, limits: plans.Limits) -> plans.Plan:
+    match plan:
+        case config.BalancePlan():
+            made = plans.balance_plan(plan.inclinations_deg, limits, triples=plan.triples)
+            return replace(made, fallback=plan.fallback)
+        case config.ConventionalPlan():
+            return plans.conventional_plan(plan.positions, limits)
+        case config.JointPlan():
+            return plans.joint_plan(
+                plan.poses, limits, inclinations_deg=plan.inclinations_deg, toolfaces_deg=plan.toolfaces_deg
+            )
+        case config.OvenPlan():
+            return plans.soak_plan(plan.temperatures_c, plan.inclinations_deg, plan.toolfaces_deg, limits)
+        case config.HeatedRollPlan():
+            return plans.heated_roll_plan(plan.temperatures_c, plan.inclination_deg, plan.toolfaces_deg, limits)
+        case config.CustomPlan():
+            columns = _reference_columns(plan)
+            return plans.custom_plan(columns, plan.method, limits, title=f"poses of {plan.file.name}")
+        case config.UnguidedPlan():
+            return plans.unguided_plan(min_poses=plan.min_poses)
+        case config.VerificationPlan():
+            poses = [(inc, tf) for inc in plan.inclinations_deg for tf in plan.toolfaces_deg]
+            return plans.verification_plan(poses, limits)
+        case config.RollTestPlan():
+            return plans.roll_test_plan(plan.inclination_deg, plan.toolfaces, limits)
+
+
+class _Settings(Table):
+    """A table of poses to set: only the bench's settings are asked for."""
+
+    mandatory = ("inc_ref_deg", "tf_ref_deg")
+    known = ("inc_ref_deg", "tf_ref_deg")
+    rows_are = "poses"
+
+
+def _reference_columns(plan: config.CustomPlan) -> list[tuple[float, float]]:
+    table = _Settings.read(plan.file)
+    inc, tf = table.complete("inc_ref_deg", "tf_ref_deg")
+    return list(zip(inc.tolist(), tf.tolist(), strict=True))
+
+
+def header_of(settings: config.BenchFile, name: str, t_wall_s: float, operator: str | None) -> Header:
+    """The first line of a new journal."""
+    bench = settings.bench
+    return Header(
+        session=name,
+        tool_id=settings.tool.id,
+        serial=settings.tool.serial,
+        plan=plan_of(settings),
+        environment=Environment(
+            bench.name,
+            operator,
+            bench.temp_c,
+            bench.gravity_mps2,
+            None if bench.gravity_mps2 is None else bench.gravity_std_mps2,
+        ),
+        expires_days=settings.store.expires_days,
+        software=__version__,
+        t_wall_s=t_wall_s,
+    )
+
+
+def simulated_bench(table: config.SimulatedTable, *, attempt: int = 0) -> SimulatedBench:
+    """The bench of `[simulated]`. `attempt` counts the times a session was gone on with: its noise is not repeated."""
+    device = DeviceSettings(
+        rate_hz=table.rate_hz,
+        motion=still(12.0, 20.0),
+        matrix=table.matrix,
+        offset_g=table.offset_g,
+        noise_density_g=table.noise_density_g,
+        temp_c=table.temp_c,
+        seed=table.seed + 1_000_003 * attempt,
+        speed=table.speed,
+    )
+    bench = BenchSettings(
+        tilt_deg=table.tilt_deg,
+        pose_sigma_deg=table.pose_sigma_deg,
+        overshoot_deg=table.overshoot_deg,
+        shake_g=table.shake_g,
+        turn_rate_dps=table.turn_rate_dps,
+        temp_c=table.temp_c,
+        oven_tau_s=table.oven_tau_s,
+        offset_per_c=table.offset_per_c,
+        axes=table.axes,
+        seed=table.seed,
+    )
+    return SimulatedBench(device, bench, PtyWire())
+
+
+def habits_of(table: config.SimulatedTable) -> Habits:
+    """The operator of `--auto`. Raises InputError for a mistake that nobody makes."""
+    found = []
+    for number, name in table.mistakes.items():
+        if not number.isdigit() or name not in set(Mistake):
+            raise InputError(
+                f"{number} = {name!r}",
+                field="simulated.mistakes",
+                remedy=f"a number of a pose and one of {', '.join(Mistake)}",
+            )
+        found.append((int(number), Mistake(name)))
+    return Habits(mistakes=tuple(found), seed=table.seed)
