@@ -187,7 +187,8 @@ class Design:
 
     def _step_times(self) -> list[float]:
         length = float(np.ptp(self.session.state.t_s))
-        return np.linspace(STEP_MARGIN * length, (1 - STEP_MARGIN) * length, MAX_STEP_TIMES).tolist()
+        times = np.linspace(STEP_MARGIN * length, (1 - STEP_MARGIN) * length, MAX_STEP_TIMES)
+        return [float(t) for t in times]
 
     def _vector(self, effect: Effect, shape: dict[str, float]) -> Array:
         vector = np.array(self.model.vector_of(effect.id), dtype=float)

@@ -20,12 +20,14 @@ from highside.diagnosis.pose_scene import PoseScene
 from highside.diagnosis.regression import log10_p, outside, span
 from highside.diagnosis.result import Claim, Diagnosis, Location, Remainder, Rival, Verdict
 from highside.diagnosis.rivals import Rivalry, rivalry, what_shows
+from highside.diagnosis.rotation_scene import RotationScene
+from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
 from highside.diagnosis.selection import Member, Selector
 from highside.diagnosis.session import PoseSession
 from highside.physics.forward import ForwardModel
 
-__all__ = ["Picture", "diagnose", "diagnose_poses"]
+__all__ = ["Picture", "diagnose", "diagnose_poses", "diagnose_rotation"]
 
 Array = NDArray[np.float64]
 
@@ -39,6 +41,13 @@ def diagnose_poses(
 ) -> tuple[Diagnosis, Picture]:
     """Diagnose n poses against a model whose effects `free` may be refitted. The same seed gives the same answer."""
     return diagnose(PoseScene.of(session, model, tuple(free), seed), version)
+
+
+def diagnose_rotation(
+    session: RotationSession, model: ForwardModel, free: Sequence[str], *, seed: int = 1, version: str = ""
+) -> tuple[Diagnosis, Picture]:
+    """As `diagnose_poses`, for the n rows of a continuous rotation."""
+    return diagnose(RotationScene.of(session, model, tuple(free), seed), version)
 
 
 def diagnose(scene: Scene, version: str = "") -> tuple[Diagnosis, Picture]:

@@ -46,7 +46,7 @@ class Observed:
     @property
     def gyros(self) -> bool:
         """Whether rates are among the readings."""
-        return self.readings.shape[0] > 3
+        return bool(self.readings.shape[0] > 3)
 
     def residual(self, model: ForwardModel) -> Array:
         """(C, n) readings minus prediction."""

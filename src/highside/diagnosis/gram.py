@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +73,8 @@ class Gram:
     """(m + 1, blocks) sums over blocks"""
     counts: Array
     """(blocks,) rows of each block that count"""
+    rows: dict[Key, float]
+    """rows of each part that count"""
 
     @property
     def total(self) -> Array:
@@ -87,6 +90,7 @@ def accumulate(design: Design, noise: RotationNoise, residual: Array) -> tuple[l
     blocks = int(segments.block[-1]) + 1
     sums = [np.zeros((m, blocks)) for m in sizes]
     key = (segments.fold * 64 + segments.rate + 1) * 2 + segments.core
+    rows: list[dict[Key, float]] = [{} for _ in sizes]
     for part in design.chunks():
         led = slice(max(0, part.start - noise.lead), part.stop)
         runs = _runs(key[part])
@@ -97,21 +101,25 @@ def accumulate(design: Design, noise: RotationNoise, residual: Array) -> tuple[l
                 row = part.start + start
                 name = (int(segments.fold[row]), int(segments.rate[row]), bool(segments.core[row]))
                 piece = white[:, start:stop]
+                counted = float(np.sum(noise.weight[c, row : part.start + stop] > 0))
+                rows[c][name] = rows[c].get(name, 0.0) + counted
                 if name in parts[c]:
                     parts[c][name] += piece @ piece.T
                 else:
                     parts[c][name] = piece @ piece.T
             for start, stop in edges:
                 sums[c][:, segments.block[part.start + start]] += white[:, start:stop].sum(axis=1)
-    counts = [np.bincount(segments.block, weights=w > 0, minlength=blocks) for w in noise.weight]
-    return [Gram(p, s, k) for p, s, k in zip(parts, sums, counts, strict=True)], segments
+    counts = [
+        np.bincount(segments.block, weights=(w > 0).astype(float), minlength=blocks).astype(float) for w in noise.weight
+    ]
+    return [Gram(*kept) for kept in zip(parts, sums, counts, rows, strict=True)], segments
 
 
 def _runs(values: NDArray[np.generic]) -> list[tuple[int, int]]:
     """(start, stop) of runs of equal values."""
     borders = np.flatnonzero(np.asarray(values[1:] != values[:-1])) + 1
     edges = [0, *borders.tolist(), values.shape[0]]
-    return list(zip(edges[:-1], edges[1:], strict=True))
+    return list(pairwise(edges))
 
 
 class WalkingChannel:
@@ -222,9 +230,14 @@ class Space:
             residual.append(self._lift[-1].T @ moment)
         sizes = [c.shape[1] for c in self.coordinates]
         ends = np.cumsum([0, *sizes])
-        self.channels = [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        self.channels = [slice(int(a), int(b)) for a, b in pairwise(ends)]
         self.size = int(ends[-1])
         self.residual = np.concatenate(residual)
+
+    @staticmethod
+    def of_channel(gram: Array) -> Array:
+        """(m,) weights of the functions that explain the residual best, from (m + 1, m + 1)."""
+        return _solved(gram[:-1, :-1], gram[:-1, -1])
 
     def columns(self, numbers: Ints) -> Array:
         """(k, R) of columns of the design."""
@@ -253,6 +266,7 @@ class HeldOutRows:
         self._grams = grams
         keys = sorted({key for gram in grams for key in gram.parts})
         self._keys = keys
+        self._rows = {key: sum(g.rows.get(key, 0.0) for g in grams) for key in keys}
         self.folds: list[Fold] = []
         for fold in range(FOLDS):
             own = [key for key in keys if key[0] == fold]
@@ -273,6 +287,10 @@ class HeldOutRows:
                 if key in gram.parts:
                     total[place] += gram.parts[key][np.ix_(picked, picked)]
         return total
+
+    def scored(self, fold: Fold) -> float:
+        """Readings that a fold scores."""
+        return float(sum(self._rows[key] for key in fold[1]))
 
     def energies(self, numbers: Ints, folds: Sequence[Fold]) -> Array:
         """(folds,) squared prediction error of what is scored, with columns (K,) fitted beside the base."""

@@ -26,8 +26,8 @@ class LevelNoise:
 
     @classmethod
     def of(cls, white: Array, steps: Array, shares: Array, lengths: Array) -> LevelNoise:
-        """`white` (n,) variances of the white part, `steps` (n,) rising places of the readings, and for each setting the
-        share of the level (a variance: a walk's for each unit of `steps`, a forgetful level's at any time) and its
+        """`white` (n,) variances of the white part, `steps` (n,) rising places of the readings; `shares` and `lengths`
+        (S,): the variance of the level (a walk's for each unit of `steps`, a forgetful level's at any time) and its
         length (infinite: a walk, 0 at the first place)."""
         settings, n = shares.size, white.size
         walk = np.isinf(lengths)

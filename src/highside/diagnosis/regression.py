@@ -78,7 +78,7 @@ class Race:
         return gains, dof
 
 
-def log10_p(gain: Array, dof: Array | NDArray[np.intp], freedom: float, tries: Array | float = 1.0) -> Array:
+def log10_p(gain: Array, dof: Array | NDArray[np.intp], freedom: Array | float, tries: Array | float = 1.0) -> Array:
     """-log10 of the F test's p-value for a gain of chi-square with `dof` directions against unit noise.
 
     The noise is known to `freedom` degrees of freedom; `tries` shapes were searched (Sidak).

@@ -81,7 +81,7 @@ def filtered(polynomial: Array, rows: Array, led: int) -> Array:
         skip = max(0, k - led)
         if skip < n:
             result[:, skip:] += polynomial[k] * rows[:, led - k + skip : led - k + n]
-    return np.asarray(result)
+    return np.asarray(result, dtype=float)
 
 
 @dataclass

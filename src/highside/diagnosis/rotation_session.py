@@ -40,7 +40,7 @@ class RotationSession:
     @property
     def gyros(self) -> bool:
         """Whether rates were recorded."""
-        return self.readings.shape[0] > 3
+        return bool(self.readings.shape[0] > 3)
 
     @property
     def channels(self) -> tuple[str, ...]:

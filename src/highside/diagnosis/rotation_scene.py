@@ -1,0 +1,285 @@
+"""A rotating recording prepared for the diagnosis: columns in chunks, noise with colour, choices among inner products."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.design import Design
+from highside.diagnosis.fit import JointFit, Observed, base_fit, joint_fit
+from highside.diagnosis.gram import FLIP_S, Fold, Gram, HeldOutRows, Segments, Space, WalkingChannel, accumulate
+from highside.diagnosis.location import followed, intervals, scan_of
+from highside.diagnosis.memory import Channel, Memory, SlowEffect
+from highside.diagnosis.regression import outside, span
+from highside.diagnosis.result import Fit, Location
+from highside.diagnosis.rivals import Rivalry
+from highside.diagnosis.rotation_bases import Group
+from highside.diagnosis.rotation_lines import found_lines
+from highside.diagnosis.rotation_noise import RotationNoise, estimate, with_walk
+from highside.diagnosis.rotation_session import RotationSession
+from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
+from highside.diagnosis.selection import FLIPS, Member, Pool, Selector, block_gain, threshold
+from highside.physics.forward import ForwardModel
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+SLOW_BAND_HZ = 0.23
+"""Below this, a group of slow functions is judged by as many degrees of freedom as the band has."""
+MANY_ROWS = 30_000
+"""A longer recording is refitted with fewer steps: the second one moves nothing that shows."""
+PLACES = 20_000
+"""Rows by which intervals of a covariate are found."""
+
+
+@dataclass(frozen=True)
+class RotationGains:
+    """Held-out likelihood of members of a pool, from inner products."""
+
+    pool: Pool
+    held_out: HeldOutRows
+
+    def gain(self, before: Sequence[Member], after: Sequence[Member]) -> tuple[float, float]:
+        energies = [
+            self.held_out.energies(numbers_of(self.pool, members), self.held_out.folds) for members in (before, after)
+        ]
+        return block_gain(*energies)
+
+
+def numbers_of(pool: Pool, members: Sequence[Member]) -> Ints:
+    """Numbers of the members' columns in the design."""
+    parts = [np.asarray(pool.candidates[m.candidate].variants[m.variant].columns, dtype=np.intp) for m in members]
+    return np.concatenate([np.empty(0, dtype=np.intp), *parts])
+
+
+@dataclass(frozen=True)
+class RotationScene(Scene):
+    """n rows of a rotation with known reference."""
+
+    session: RotationSession
+    model: ForwardModel
+    design: Design
+    residual: Array
+    """(C, n) after the base fit"""
+    coloured_noise: RotationNoise
+    grams: list[Gram]
+    segments: Segments
+    chance: list[Array]
+    """(flip blocks, m) on each channel: inner products of the functions with what is left of everything, by blocks"""
+
+    @classmethod
+    def of(cls, session: RotationSession, model: ForwardModel, free: tuple[str, ...], seed: int) -> RotationScene:
+        """Fit the base, learn the noise, pass over the rows."""
+        seen = Observed(session.state, session.readings)
+        model, _, residual = base_fit(model, seen, free)
+        design = Design(session, model, free, found_lines(session, residual))
+        noise = estimate(design, residual, seed)
+        grams, segments = accumulate(design, noise, residual)
+        chance = _chance(design, noise, residual, grams, segments)
+        return cls(
+            design.candidates,
+            design.blind,
+            free,
+            seed,
+            session,
+            model,
+            design,
+            residual,
+            noise,
+            grams,
+            segments,
+            chance,
+        )
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return self.session.channels
+
+    @property
+    def noise(self) -> RotationNoise:
+        return self.coloured_noise
+
+    def _channel(self, c: int) -> WalkingChannel:
+        where = self.design.where[self.design.base, c]
+        return WalkingChannel(self.grams[c], where[where >= 0])
+
+    def judge(self, noise: RotationNoise) -> Judged:
+        rng = np.random.default_rng(self.seed)
+        totals = []
+        for c, gram in enumerate(self.grams):
+            memory = noise.memories[c] if c < len(noise.memories) else None
+            if memory is None or memory.upper == 0.0:
+                totals.append(gram.total)
+            else:
+                channel = self._channel(c)
+                totals.append(channel.grams[channel.settings.index((np.inf, memory.upper))])
+        space = Space(self.design, totals)
+        base = span(space.columns(self.design.base))
+        residual = outside(base, space.residual)
+        pool = Pool(self.candidates, [space.columns(v.columns) for c in self.candidates for v in c.variants])
+        signs = rng.choice([-1.0, 1.0], size=(FLIPS, self.chance[0].shape[0]))
+        chance = space.moments([signs @ blocks for blocks in self.chance])
+        limit = threshold(pool.race, pool.owner, chance, base, noise.freedom)
+        gains = RotationGains(pool, HeldOutRows(self.design, self.grams))
+        size = sum(int(np.sum(w > 0)) for w in noise.weight)
+        selector = Selector(pool, base, residual, noise.freedom, limit, gains, size)
+        cells = self.design.cell_of
+        slow_freedom = 2 * SLOW_BAND_HZ * self.session.n * self.session.step_s
+        freedom = [slow_freedom if self.design.groups[b].slow else noise.freedom for _, b in cells]
+        scan = scan_of(
+            self.design.groups, [space.columns(numbers) for numbers in self.design.cells], cells, np.array(freedom)
+        )
+        scan_limit = threshold(scan.race, np.arange(len(cells)), chance, base, scan.freedom)
+        return Judged(selector, scan, scan_limit, [], _Judging(noise, space))
+
+    def likelihoods(self, members: Sequence[Member]) -> list[Channel]:
+        block = self.block(members)
+        found: list[Channel] = []
+        for c in range(3):
+            where = np.concatenate([self.design.where[self.design.base, c], block[:, c]])
+            found.append(WalkingChannel(self.grams[c], np.unique(where[where >= 0])))
+        return found
+
+    def block(self, members: Sequence[Member]) -> NDArray[Any]:
+        numbers = [np.asarray(self.variant(m).columns, dtype=np.intp) for m in members]
+        every = np.concatenate([np.empty(0, dtype=np.intp), *numbers])
+        return self.design.where[every[every >= 0]]
+
+    def slow(self) -> list[SlowEffect]:
+        found = []
+        for i, candidate in enumerate(self.candidates):
+            if candidate.id in SLOW:
+                for j, variant in enumerate(candidate.variants):
+                    if variant.whole:
+                        # the first three are the three axes of the first order
+                        own = [self.design.where[variant.columns[c], c] for c in range(3)]
+                        found.append(SlowEffect(i, j, np.array(own)))
+        return found
+
+    def with_memory(self, memories: Sequence[Memory]) -> RotationNoise:
+        return with_walk(self.noise, memories)
+
+    def fit(self, members: Sequence[Member], noise: Any) -> JointFit:
+        seen = Observed(self.session.state, self.session.readings)
+        steps = 8 if self.session.n < MANY_ROWS else 3
+        return joint_fit(self.model, seen, self.free, self.candidates, members, self.noise, self.noise.freedom, steps)
+
+    def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
+        coordinates: Space = judged.noise.space
+        sought = followed(judged.scan, signal, coordinates.channels, space)
+        if sought is None:
+            return ()
+        channels, chosen = sought
+        assert isinstance(chosen, Group)
+        weights = coordinates.weights(signal)
+        length = min(PLACES, self.session.n)
+        starts = np.linspace(0, self.session.n - length // 4, 4).astype(int)
+        parts = (
+            [slice(0, self.session.n)]
+            if self.session.n <= length
+            else [slice(int(s), int(s) + length // 4) for s in starts]
+        )
+        along, energy, power = [], [], np.zeros(len(chosen.harmonics))
+        for part in parts:
+            made = self.design.functions(part)
+            rows = np.stack([weights[c] @ made[c] for c in channels])
+            along.append(chosen.along[part])
+            energy.append(np.sum(rows**2, axis=0))
+            for i, k in enumerate(chosen.harmonics):
+                phase = k * self.session.state.tf_rad[part]
+                power[i] += float(np.sum((rows @ np.cos(phase)) ** 2 + (rows @ np.sin(phase)) ** 2))
+        return (
+            Location(
+                channels=tuple(self.channels[c] for c in channels),
+                covariate=chosen.covariate,
+                intervals=intervals(np.concatenate(along), np.concatenate(energy)),
+                harmonic=chosen.harmonics[int(np.argmax(power))] if chosen.harmonics else None,
+                share_of_misfit=share,
+                p=p,
+            ),
+        )
+
+    def advice(self, member: Member, r: Rivalry, fit: JointFit) -> str:
+        effect = self.candidates[member.candidate].effect
+        assert effect is not None
+        return effect.splitter
+
+    def proof(self, members: Sequence[Member], fit: JointFit) -> Fit:
+        held = HeldOutRows(self.design, self.grams)
+        parts = [np.asarray(self.variant(m).columns, dtype=np.intp) for m in members]
+        numbers = np.concatenate([np.empty(0, dtype=np.intp), *parts])
+        none = numbers[:0]
+        before, after = held.energies(none, held.folds), held.energies(numbers, held.folds)
+        rows = np.array([held.scored(fold) for fold in held.folds])
+        by_rate = [held.energies(n, held.by_rate).sum() for n in (none, numbers)] if len(held.by_rate) > 1 else [0, 0]
+        relative = (before - after) / rows / (before.sum() / rows.sum())
+        half = 1.96 * float(relative.std(ddof=1) / np.sqrt(relative.size))
+        # whitened errors, told in g: the innovations' size, and what the filter takes of slow signals
+        unit = float(np.sqrt(np.mean(self.noise.sigma[:3] ** 2)))
+        words = f"{len(held.folds)} contiguous stretches with gaps; whitened; gain = share of the mean square removed"
+        if by_rate[0] > 0:
+            words += f"; leaving out one steady rate at a time: {1 - by_rate[1] / by_rate[0]:.2%}"
+        return Fit(
+            unit="g",
+            rmse_before=float(np.sqrt(np.mean(self.residual[:3] ** 2))),
+            rmse_after=float(np.sqrt(np.mean(fit.residual[:3] ** 2))),
+            heldout_rmse_before=unit * float(np.sqrt(before.sum() / rows.sum())),
+            heldout_rmse_after=unit * float(np.sqrt(after.sum() / rows.sum())),
+            heldout_gain_low=float(relative.mean()) - half,
+            heldout_gain_high=float(relative.mean()) + half,
+            noise_floor=unit,
+            how_held_out=words,
+        )
+
+    def picture(self, fit: JointFit | None) -> Picture:
+        return Picture(self.session, self.residual, self.residual if fit is None else fit.residual, self.channels)
+
+    def told_of_noise(self) -> dict[str, Any]:
+        noise = self.noise
+        return {
+            "model": "autoregressive per channel",
+            "sigma_g": [float(s) for s in noise.sigma[:3]],
+            "sigma_radps": [float(s) for s in noise.sigma[3:]],
+            "filters": [[float(a) for a in f] for f in noise.filters],
+            "follows_vibration_evidence": [float(v) for v in noise.by_vibration],
+            "sampling_jitter_s": [float(v) for v in noise.jitter[:, 1]],
+            "sampling_jitter_evidence": [float(v) for v in noise.jitter[:, 0]],
+            "impulses": noise.impulses,
+            "degrees_of_freedom": noise.freedom,
+        }
+
+
+@dataclass(frozen=True)
+class _Judging:
+    """A noise and the coordinates that it gives."""
+
+    noise: RotationNoise
+    space: Space
+
+
+def _chance(
+    design: Design, noise: RotationNoise, residual: Array, grams: Sequence[Gram], segments: Segments
+) -> list[Array]:
+    """(flip blocks, m) on each channel: inner products of functions with the residual of everything, block by block."""
+    blocks = int(segments.flip[-1]) + 1
+    explained = []
+    for gram in grams:
+        space = Space.of_channel(gram.total)
+        explained.append(space)
+    result = [np.zeros((blocks, m)) for m in design.sizes]
+    for part in design.chunks():
+        led = slice(max(0, part.start - noise.lead), part.stop)
+        flip = segments.flip[part]
+        edges = [0, *(np.flatnonzero(np.diff(flip)) + 1).tolist(), flip.size]
+        for c, functions in enumerate(design.functions(led)):
+            white = noise.whiten(c, np.vstack([functions, residual[c : c + 1, led]]), part)
+            left = white[-1] - explained[c] @ white[:-1]
+            products = white[:-1] * left
+            for start, stop in zip(edges[:-1], edges[1:], strict=True):
+                result[c][flip[start]] += products[:, start:stop].sum(axis=1)
+    swell = [g.counts.sum() / max(g.counts.sum() - m, 1.0) for g, m in zip(grams, design.sizes, strict=True)]
+    return [r * np.sqrt(s) for r, s in zip(result, swell, strict=True)]
