@@ -1,8 +1,8 @@
 """How well gyros and gravity can know the azimuth at best: the Cramer-Rao bound of an experiment.
 
 The readings of `drift_scenarios` are linear in what is unknown as long as errors are small, and their noise is normal:
-the bound is then the covariance recursion along the *true* motion, with the true noise levels (van Trees 1968, posterior
-form: what is known beforehand counts). No estimator that knows only the past does better on average over many runs;
+the bound is then the covariance recursion along the *true* motion, with the true noise levels (van Trees 1968, in its
+posterior form: what is known beforehand counts). No estimator that knows only the past does better on average over many runs;
 single runs, and a handful of them, may. Written apart from the filter, in the same blocks of a second:
 
     d' = R d - J b - S s + N sqrt(t),   b' = b + K sqrt(t),   s, a constant
