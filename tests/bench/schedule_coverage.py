@@ -26,7 +26,7 @@ from highside.calibration.joint import joint
 from highside.calibration.poses import Array, PoseSet
 from highside.calibration.result import BenchAccuracy
 from highside.calibration.schedule import ScheduledCorrection
-from highside.calibration.zones import refine
+from highside.calibration.refinement import refine
 from highside.physics.forward import ForwardModel
 from highside.physics.scenario import BALANCE_TOOLFACES_DEG, reference_scenario
 

@@ -17,7 +17,6 @@ from highside.calibration.joint import joint
 from highside.calibration.poses import Array, PoseSet
 from highside.calibration.result import UNIFORM_ANGLE_STD_RAD, CalibrationRefused, CalibrationResult, Reason
 from highside.calibration.sensor import SensorModel
-from highside.calibration.zones import refine
 from highside.physics.gravity import bench_gravity, gravity_direction
 from highside.physics.scenario import BALANCE_TOOLFACES_DEG, Scenario, pose_grid, reference_scenario
 from highside.physics.state import ChainState
@@ -288,29 +287,6 @@ def test_following_the_advice_makes_the_result_better() -> None:
         assert Reason.UNOBSERVABLE not in reasons(result)
         errors.append(inclination_error(result, scenario))
     assert np.sqrt(np.mean(np.square(errors))) < np.deg2rad(0.006)
-
-
-def test_refinement_leaves_a_sensor_without_structure_alone_and_helps_one_with() -> None:
-    tfs = np.arange(15.0, 360.0, 30.0).tolist()
-    plain, refined = [], []
-    for seed in range(6):
-        scenario = reference_scenario(seed, toolfaces_deg=tfs)
-        poses = pose_set(scenario)
-        result = joint(poses)
-        assert len(refine(result, poses).zones) == 1
-        rough = reference_scenario(seed, toolfaces_deg=tfs, structure_g=1e-3)
-        poses = pose_set(rough)
-        result = joint(poses)
-        better = refine(result, poses)
-        for center in np.unique(poses.reference()[0]):
-            inc = np.full(24, center)
-            around = np.deg2rad(np.arange(0.0, 360.0, 15.0))
-            reading = rough.read(inc, around)
-            zone = better.zone_at(float(center))
-            for errors, use in ((plain, result.main), (refined, zone)):
-                g = better.correct(reading, zone=use)
-                errors.append(np.mean((np.arctan2(np.hypot(g[0], g[1]), g[2]) - center) ** 2))
-    assert np.sqrt(np.mean(refined)) < 0.95 * np.sqrt(np.mean(plain))
 
 
 def test_it_beats_plain_least_squares_on_the_very_same_poses() -> None:

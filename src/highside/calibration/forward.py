@@ -27,6 +27,7 @@ from highside.calibration.sensor import (
     nominal,
 )
 from highside.physics import effects as library
+from highside.physics import structure
 from highside.physics.effect import Effect, LinearEffect, Modulated
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
@@ -72,13 +73,28 @@ class Variances:
         return np.array([self.pose_inc, self.pose_tf, self.ring_inc, self.station_tf, self.reading])
 
 
+@dataclass(frozen=True, slots=True)
+class StructureSize:
+    """Size and length of the structures of `physics.structure`: standard deviations in g; g and rad."""
+
+    own_g: float
+    own_length_g: float
+    field_g: float
+    field_length_rad: float
+
+    def variances(self) -> tuple[Array, Array]:
+        """Prior variances of the coefficients of one channel: (WAVES,) and (HARMONICS,)."""
+        own = structure.OwnLoad.prior_variances(self.own_g, self.own_length_g)
+        return own, structure.Direction.prior_variances(self.field_g, self.field_length_rad)
+
+
 def prior_mean(names: tuple[str, ...]) -> Array:
     """Prior means (P,): the nominal sensor on a level bench."""
     return nominal(names)
 
 
-def prior_std(names: tuple[str, ...], bench: BenchAccuracy) -> Array:
-    """Prior standard deviations (P,), wide against what a session tells."""
+def prior_std(names: tuple[str, ...], bench: BenchAccuracy, size: StructureSize | None = None) -> Array:
+    """Prior standard deviations (P,), wide against what a session tells; those of structure follow from its `size`."""
     widths = {
         "A": PRIOR_MATRIX,
         "b": PRIOR_OFFSET_G,
@@ -87,9 +103,15 @@ def prior_std(names: tuple[str, ...], bench: BenchAccuracy) -> Array:
         "hyst": PRIOR_HYSTERESIS_G,
     }
     thermal = {"A": PRIOR_THERMAL_MATRIX, "b": PRIOR_THERMAL_OFFSET_G}
-    return np.array(
-        [(thermal if "@" in name else widths).get(name.partition("_")[0], PRIOR_NONLINEAR_G) for name in names]
-    )
+    by_head = dict(zip("SH", (np.zeros(0), np.zeros(0)) if size is None else size.variances(), strict=True))
+
+    def one(name: str) -> float:
+        head, _, rest = name.partition("_")
+        if head in by_head:
+            return float(np.sqrt(by_head[head][int(rest.partition("_")[2]) - 1]))
+        return (thermal if "@" in name else widths).get(head, PRIOR_NONLINEAR_G)
+
+    return np.array([one(name) for name in names])
 
 
 @dataclass(frozen=True, slots=True)

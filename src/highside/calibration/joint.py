@@ -27,7 +27,7 @@ kept apart.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -42,9 +42,17 @@ from highside.calibration.forward import (
     Variances,
     linearise,
     pose_covariance,
-    prior_mean,
-    prior_std,
-    whiten,
+)
+from highside.calibration.mixed_model import (
+    Fit,
+    Session,
+    ThermalTerms,
+    evaluate,
+    initial_variances,
+    reml_variances,
+    rough_start,
+    solve,
+    studentised,
 )
 from highside.calibration.poses import Array, Indices, PoseSet
 from highside.calibration.result import (
@@ -60,8 +68,6 @@ from highside.calibration.result import (
 )
 from highside.calibration.sensor import OFFSET_NAMES, sensor_of
 from highside.physics.effect import AXES
-from highside.physics.gravity import gravity_direction
-from highside.physics.state import ChainState
 
 ADMIT_LOG_BAYES = 5.0
 """A group is admitted when the data favour it by more than e^5, about 150 to 1."""
@@ -95,7 +101,7 @@ def joint(
     them are bad; a request that the poses cannot answer in full is answered, with a remark marked `refused`.
     """
     _require_enough(poses)
-    session = _Session.of(poses, bench, toolface_zero_rad, thermal)
+    session = Session.of(poses, bench, toolface_zero_rad, thermal)
     forced = tuple(
         name
         for group, names in GROUPS.items()
@@ -103,105 +109,48 @@ def joint(
         if (encoder if group == "encoder" else nonlinear) == "all"
     )
     used = np.ones(len(poses), dtype=bool)
-    start = _initial_variances(session, bench)
+    start = initial_variances(session, bench)
     names = BASE_NAMES + forced + (thermal.names if thermal else ())
     optional = _optional_groups(session, nonlinear, encoder)
     # bad poses are sought with every term that may be admitted, lest a missing term pass for bad poses
     wide_names = names + tuple(name for group in optional for name in GROUPS[group])
-    fit = _solve(session, wide_names, start, used, _rough_start(session, wide_names))
-    used, fit = _leave_out_bad(session, fit, start, used)
-    admitted = [group for group in optional if _log_bayes(fit, GROUPS[group]) > ADMIT_LOG_BAYES]
+    fit = solve(session, wide_names, start, used, rough_start(session, wide_names))
+    used, fit = leave_out_bad(session, fit, start, used)
+    admitted = [group for group in optional if log_bayes(fit, GROUPS[group]) > ADMIT_LOG_BAYES]
     names = names + tuple(name for group in admitted for name in GROUPS[group])
     if names != wide_names:
-        fit = _solve(session, names, start, used, fit.take(names))
-        used, fit = _leave_out_bad(session, fit, start, used)
+        fit = solve(session, names, start, used, fit.take(names))
+        used, fit = leave_out_bad(session, fit, start, used)
     variances = start
     if estimate_variances:
-        variances = _estimate_variances(session, fit, start, bench, used)
-        fit = _solve(session, names, variances, used, fit.theta)
-        dropped = [group for group in admitted if _log_bayes(fit, GROUPS[group]) < ADMIT_LOG_BAYES]
+        variances = reml_variances(session, fit, start, bench, used)
+        fit = solve(session, names, variances, used, fit.theta)
+        dropped = [group for group in admitted if log_bayes(fit, GROUPS[group]) < ADMIT_LOG_BAYES]
         if dropped:
             names = tuple(name for name in names if not any(name in GROUPS[group] for group in dropped))
-            fit = _solve(session, names, variances, used, fit.take(names))
-            variances = _estimate_variances(session, fit, variances, bench, used)
-            fit = _solve(session, names, variances, used, fit.theta)
+            fit = solve(session, names, variances, used, fit.take(names))
+            variances = reml_variances(session, fit, variances, bench, used)
+            fit = solve(session, names, variances, used, fit.theta)
     _require_agreement(session, fit, variances)
     _require_nominal(fit)
-    away = _departure(session, fit, variances, used)
+    away = departure(session, fit, variances, used)
     again = used | (away <= BAD_POSE_SIGMA)
     if not np.array_equal(again, used) or away[used].max() > BAD_POSE_SIGMA:
-        fit = _solve(session, names, variances, again, fit.theta)
-        used, fit = _leave_out_bad(session, fit, variances, again)
-        away = _departure(session, fit, variances, used)
-    return _result(session, fit, variances, used, away, bench, toolface_zero_rad, toolface_zero_std_rad)
-
-
-@dataclass(frozen=True, slots=True)
-class ThermalTerms:
-    """Terms in temperature: their names (`b_x@1`, `A_xx@1`, `hyst_x`), reduced temperature `u` and `leg` (+1 up, -1
-    down) of each pose (N,)."""
-
-    names: tuple[str, ...]
-    u: Array
-    leg: Array
-
-
-@dataclass(frozen=True, slots=True)
-class _Session:
-    """What of a session does not change between solutions: N poses with R rings and S stations."""
-
-    poses: PoseSet
-    state: ChainState
-    """the bench's settings"""
-    noise: Array
-    """(3, N) of the means"""
-    ring_of: Array
-    """(N, R), 0 or 1"""
-    station_of: Array
-    """(N, S), 0 or 1"""
-    bench: BenchAccuracy
-    thermal: ThermalTerms | None
-
-    @classmethod
-    def of(
-        cls, poses: PoseSet, bench: BenchAccuracy, toolface_zero_rad: float, thermal: ThermalTerms | None = None
-    ) -> _Session:
-        inc, tf = poses.reference()
-        return cls(
-            poses=poses,
-            state=ChainState.build(inc, tf + toolface_zero_rad),
-            noise=poses.noise_of_mean(),
-            ring_of=_indicator(poses.rings()),
-            station_of=_indicator(poses.stations()),
-            bench=bench,
-            thermal=thermal,
-        )
-
-    def linearise(self, names: tuple[str, ...], theta: Array) -> tuple[Array, Array, Array, Array]:
-        """`forward.linearise` at the poses of the session."""
-        if self.thermal is None:
-            return linearise(names, theta, self.state)
-        return linearise(names, theta, self.state, self.thermal.u, self.thermal.leg)
-
-
-def _indicator(groups: Indices) -> Array:
-    return np.asarray(groups[:, None] == np.arange(int(groups.max()) + 1), dtype=float)
-
-
-def _initial_variances(session: _Session, bench: BenchAccuracy) -> Variances:
-    half = 0.5 * bench.pose_rad**2
-    return Variances(half, half, half, half)
+        fit = solve(session, names, variances, again, fit.theta)
+        used, fit = leave_out_bad(session, fit, variances, again)
+        away = departure(session, fit, variances, used)
+    return result_of(session, fit, variances, used, away, bench, toolface_zero_rad, toolface_zero_std_rad)
 
 
 def deviance_of(poses: PoseSet, thermal: ThermalTerms | None, bench: BenchAccuracy = NOMINAL_BENCH) -> float:
     """Minus twice the log evidence (but for a constant) of the affine sensor with these terms in temperature, the bench
     as stated. The terms' priors are proper, so that evidences of different sets of terms compare."""
-    session = _Session.of(poses, bench, 0.0, thermal)
+    session = Session.of(poses, bench, 0.0, thermal)
     names = BASE_NAMES + (thermal.names if thermal else ())
     used = np.ones(len(poses), dtype=bool)
-    start = _initial_variances(session, bench)
-    fit = _solve(session, names, start, used, _rough_start(session, names))
-    return _evaluate(session, fit.design, fit.by_inc, fit.by_tf, fit.y, fit.prior, start, used).deviance
+    start = initial_variances(session, bench)
+    fit = solve(session, names, start, used, rough_start(session, names))
+    return evaluate(session, fit.design, fit.by_inc, fit.by_tf, fit.y, fit.prior, start, used).deviance
 
 
 def _require_enough(poses: PoseSet) -> None:
@@ -214,289 +163,9 @@ def _require_enough(poses: PoseSet) -> None:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class _Fit:
-    """A solution: parameters `theta` (P,) with their covariance, and what is needed to judge its poses."""
-
-    names: tuple[str, ...]
-    theta: Array
-    covariance: Array
-    prior: Array
-    """(P,) standard deviations"""
-    whitened: Array
-    """(N, 3, P + R + S) columns: design, rings, stations"""
-    inverse: Array
-    """(P + R + S, P + R + S) inverse of the penalised normal matrix"""
-    effects: Array
-    """(R + S,) estimated errors of the rings and stations, rad"""
-    residual: Array
-    """(N, 3) whitened, of the poses used; ring and station parts taken out"""
-    left_over: Array
-    """(3, N) raw residual of all poses, in g, random parts not taken out"""
-    design: Array
-    """(3, N, P) derivatives of a reading by the parameters, where the model was linearised"""
-    y: Array
-    """(3, N) linearised readings: `y = design (theta - prior mean)` and errors"""
-    by_inc: Array
-    by_tf: Array
-    """(3, N) derivatives of a reading by the pose's inclination and toolface"""
-
-    def take(self, names: tuple[str, ...]) -> Array:
-        return self.theta[[self.names.index(name) for name in names]]
-
-
-def _rough_start(session: _Session, names: tuple[str, ...]) -> Array:
-    """Where to linearise first: matrix and offset by plain least squares, drawn a little to the nominal sensor."""
-    rows = np.vstack([gravity_direction(session.state.inc_rad, session.state.tf_rad), np.ones(len(session.poses))])
-    nominal = np.eye(3, 4)
-    normal = rows @ rows.T + 1e-3 * np.eye(4)
-    estimate = nominal + np.linalg.solve(normal, rows @ (session.poses.a - nominal @ rows).T).T
-    theta = prior_mean(names)
-    theta[:9] = estimate[:, :3].ravel()
-    theta[9:12] = estimate[:, 3]
-    return theta
-
-
-def _solve(session: _Session, names: tuple[str, ...], variances: Variances, used: NDArray[np.bool_], at: Array) -> _Fit:
-    """One Gauss-Newton step from `at` with given variances: penalised generalised least squares."""
-    reading, design, by_inc, by_tf = session.linearise(names, at)
-    prior, mean = prior_std(names, session.bench), prior_mean(names)
-    y = session.poses.a - reading + design @ (at - mean)
-    system = _evaluate(session, design, by_inc, by_tf, y, prior, variances, used)
-    size = len(names)
-    return _Fit(
-        names=names,
-        theta=mean + system.solution[:size],
-        covariance=system.inverse[:size, :size],
-        prior=prior,
-        whitened=system.columns,
-        inverse=system.inverse,
-        effects=system.solution[size:],
-        residual=system.residual,
-        left_over=y - design @ system.solution[:size],
-        design=design,
-        y=y,
-        by_inc=by_inc,
-        by_tf=by_tf,
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class _System:
-    """The penalised, whitened system at given variances, solved."""
-
-    columns: Array
-    """(N, 3, P + R + S): design, rings, stations; zero for poses not used"""
-    pose_columns: Array
-    """(N, 3, 5): directions of dI, dT and of the reading noise of the three axes"""
-    inverse: Array
-    solution: Array
-    residual: Array
-    """(N, 3)"""
-    deviance: float
-    """`log|V| + y' V^-1 y` but for a constant"""
-
-
-def _evaluate(
-    session: _Session,
-    design: Array,
-    by_inc: Array,
-    by_tf: Array,
-    y: Array,
-    prior: Array,
-    variances: Variances,
-    used: NDArray[np.bool_],
-) -> _System:
-    count, size = y.shape[1], prior.size
-    stacked = np.zeros((count, 3, size + 6))
-    stacked[:, :, :size] = design.transpose(1, 0, 2)
-    stacked[:, :, size] = by_inc.T
-    stacked[:, :, size + 1] = by_tf.T
-    stacked[:, (0, 1, 2), (size + 2, size + 3, size + 4)] = session.noise.T
-    stacked[:, :, size + 5] = y.T
-    noise = session.noise
-    if used.all():
-        white, log_det = whiten(stacked, noise, by_inc, by_tf, variances)
-    else:
-        white = np.zeros_like(stacked)
-        white[used], log_det = whiten(stacked[used], noise[:, used], by_inc[:, used], by_tf[:, used], variances)
-    columns = _with_random_columns(white, size, session)
-    flat = columns.reshape(3 * count, -1)
-    penalty = _penalty(prior, variances, session)
-    normal = flat.T @ flat
-    normal.flat[:: normal.shape[0] + 1] += penalty
-    inverse: Array = np.asarray(np.linalg.inv(normal), dtype=np.float64)
-    yw = np.ascontiguousarray(white[:, :, size + 5]).reshape(-1)
-    solution = inverse @ (flat.T @ yw)
-    residual = yw - flat @ solution
-    log_det += float(np.linalg.slogdet(normal)[1]) - float(np.log(penalty).sum())
-    return _System(
-        columns=columns,
-        pose_columns=white[:, :, size : size + 5],
-        inverse=inverse,
-        solution=solution,
-        residual=residual.reshape(count, 3),
-        deviance=log_det + float(yw @ residual),
-    )
-
-
-def _with_random_columns(white: Array, size: int, session: _Session) -> Array:
-    """The whitened design followed by a column for each ring and each station."""
-    rings = white[:, :, size, None] * session.ring_of[:, None, :]
-    stations = white[:, :, size + 1, None] * session.station_of[:, None, :]
-    return np.concatenate([white[:, :, :size], rings, stations], axis=2)
-
-
-def _penalty(prior: Array, variances: Variances, session: _Session) -> Array:
-    return np.concatenate(
-        [
-            1.0 / prior**2,
-            np.full(session.ring_of.shape[1], 1.0 / variances.ring_inc),
-            np.full(session.station_of.shape[1], 1.0 / variances.station_tf),
-        ]
-    )
-
-
-def _estimate_variances(
-    session: _Session, fit: _Fit, start: Variances, bench: BenchAccuracy, used: NDArray[np.bool_]
-) -> Variances:
-    """Restricted maximum likelihood of the variance components: minimises `log|V| + y' V^-1 y`, V with the parameters'
-    priors in it (which accounts for their number), plus `_variance_penalty`."""
-    prior = _VariancePrior(
-        bench.pose_rad**2, _READING_PRIOR_KNOWN if session.poses.std_known else _READING_PRIOR_ASSUMED
-    )
-    best = log_v = np.log(start.as_array())
-    lowest = np.inf
-    for _ in range(_MAX_REML_STEPS):
-        v = np.exp(log_v)
-        system = _evaluate(session, fit.design, fit.by_inc, fit.by_tf, fit.y, fit.prior, Variances(*v.tolist()), used)
-        objective = system.deviance + prior.penalty(v)
-        if objective > lowest + 1e-9:  # overshot
-            log_v = 0.5 * (log_v + best)
-            if np.max(np.abs(log_v - best)) < 0.01:
-                break
-            continue
-        lowest, best = objective, log_v
-        gradient, information = _information(session, system, len(fit.names), v)
-        prior_gradient, prior_information = prior.derivatives(v)
-        slope = gradient + prior_gradient
-        step = -np.linalg.solve(information + prior_information + 1e-6 * np.eye(v.size), slope)
-        step *= min(1.0, 2.0 / (float(np.max(np.abs(step))) + 1e-300))
-        promised = -0.5 * float(slope @ step)
-        log_v = np.maximum(log_v + step, np.log(bench.pose_rad**2) - 14.0)
-        if promised < _REML_TOLERANCE:
-            best = log_v
-            break
-    return Variances(*np.exp(best).tolist())
-
-
-_MAX_REML_STEPS = 25
-_REML_TOLERANCE = 0.02
-"""Twice the log-likelihood; 0.02 is far below what the data can tell."""
-_TOTAL_PRIOR = 10.0
-_SPLIT_PRIOR = 0.5
-_SMALL_SHARE = 0.05
-_READING_PRIOR_KNOWN = 30.0
-_READING_PRIOR_ASSUMED = 0.1
-
-
-@dataclass(frozen=True, slots=True)
-class _VariancePrior:
-    """Priors of the variance components.
-
-    What is stated of a bench is the size of one setting's error (`stated`, rad^2), hence the *sum* of its own and its
-    common part: scaled inverse chi-square with `_TOTAL_PRIOR` degrees of freedom. How it splits is left to the data,
-    but for a weak term that keeps each part off zero. With four stations no session could estimate the station part by
-    itself, the mean of the four being a rotation of the tool; the sum and the pose part give it. The factor on the
-    reading noise is near one by `reading` degrees of freedom (means scatter by more than `std / sqrt(n)` where noise
-    is not white).
-    """
-
-    stated: float
-    reading: float
-
-    def penalty(self, v: Array) -> float:
-        """Minus twice the log density of `v` (5,) in its logarithms."""
-        totals = v[:2] + v[2:4]
-        split = np.log(v[:4]) + _SMALL_SHARE * self.stated / v[:4]
-        scale = np.log(v[4]) + 1.0 / v[4]
-        return float(
-            _TOTAL_PRIOR * np.sum(np.log(totals) + self.stated / totals)
-            + _SPLIT_PRIOR * np.sum(split)
-            + self.reading * scale
-        )
-
-    def derivatives(self, v: Array) -> tuple[Array, Array]:
-        """Gradient and (positive) second derivative of `penalty` by the logarithms of the variances."""
-        gradient = np.zeros(5)
-        curvature = np.zeros((5, 5))
-        small = _SMALL_SHARE * self.stated / v[:4]
-        gradient[:4] = _SPLIT_PRIOR * (1.0 - small)
-        curvature[(0, 1, 2, 3), (0, 1, 2, 3)] = _SPLIT_PRIOR * small
-        for pair in ((0, 2), (1, 3)):
-            total = v[pair[0]] + v[pair[1]]
-            share = np.zeros(5)
-            share[list(pair)] = v[list(pair)] / total
-            gradient += _TOTAL_PRIOR * (1.0 - self.stated / total) * share
-            curvature += _TOTAL_PRIOR * np.outer(share, share)
-        gradient[4] = self.reading * (1.0 - 1.0 / v[4])
-        curvature[4, 4] = self.reading / v[4]
-        return gradient, curvature
-
-
-def _information(session: _Session, system: _System, size: int, v: Array) -> tuple[Array, Array]:
-    """Gradient and average-information matrix of `deviance` by the logarithms of the variances `v` (5,).
-
-    With P the projected inverse of V and Z the columns that share a variance: `d/dv = tr(Z' P Z) - |Z' P y|^2`; the
-    average information of two components is `(Z Z' P y)' P (Z Z' P y)`.
-    """
-    rings, stations = session.ring_of.shape[1], session.station_of.shape[1]
-    count = system.residual.shape[0]
-    columns, inverse, residual = system.columns, system.inverse, system.residual
-    # per pose: dI, dT and the three axes of reading noise
-    Z = system.pose_columns
-    projection = (columns.transpose(0, 2, 1) @ Z).transpose(1, 0, 2).reshape(columns.shape[2], -1)
-    taken = np.sum(projection * (inverse @ projection), axis=0).reshape(count, 5).sum(axis=0)
-    trace = np.sum(Z**2, axis=(0, 1)) - taken
-    t = np.sum(Z * residual[:, :, None], axis=1)
-    square = np.sum(t**2, axis=0)
-    pulled = Z * t[:, None, :]
-    gradient = np.empty(5)
-    spread = np.empty((count, 3, 5))
-    gradient[:2] = trace[:2] - square[:2]
-    gradient[4] = trace[2:].sum() - square[2:].sum()
-    spread[:, :, :2] = pulled[:, :, :2]
-    spread[:, :, 4] = pulled[:, :, 2:].sum(axis=2)
-    # common to a ring or a station: the effects are part of the solution
-    diagonal = np.diagonal(inverse)
-    for k, first, number, groups in (
-        (2, size, rings, session.ring_of),
-        (3, size + rings, stations, session.station_of),
-    ):
-        effect = system.solution[first : first + number] / v[k]
-        gradient[k] = (number - diagonal[first : first + number].sum() / v[k]) / v[k] - effect @ effect
-        spread[:, :, k] = Z[:, :, k - 2] * (groups @ effect)[:, None]
-    S = spread.reshape(-1, 5)
-    FS = columns.reshape(3 * count, -1).T @ S
-    return gradient * v, (S.T @ S - FS.T @ inverse @ FS) * np.outer(v, v)
-
-
-def _studentised(fit: _Fit, used: NDArray[np.bool_]) -> Array:
-    """How many standard deviations each pose used lies from what all the others predict (N,); 0 for those not used.
-
-    In whitened form the residual e of a pose with hat block H has the leave-one-out square `e' (1 - H)^-1 e`,
-    chi-square with three degrees of freedom; its root is returned.
-    """
-    count, _, size = fit.whitened.shape
-    carried = (fit.whitened.reshape(-1, size) @ fit.inverse).reshape(count, 3, size)
-    left = (1.0 + 1e-12) * np.eye(3) - carried @ fit.whitened.transpose(0, 2, 1)
-    out = np.sum(fit.residual * np.linalg.solve(left, fit.residual[:, :, None])[:, :, 0], axis=1)
-    return np.where(used, np.sqrt(np.maximum(out, 0.0)), 0.0)
-
-
-def _leave_out_bad(
-    session: _Session, fit: _Fit, variances: Variances, used: NDArray[np.bool_]
-) -> tuple[NDArray[np.bool_], _Fit]:
+def leave_out_bad(
+    session: Session, fit: Fit, variances: Variances, used: NDArray[np.bool_]
+) -> tuple[NDArray[np.bool_], Fit]:
     """Leave out, one at a time, the pose that departs most, while it departs by more than five standard deviations.
 
     Where the whole session scatters more than was stated the measure is the session's own: the median departure. If
@@ -506,7 +175,7 @@ def _leave_out_bad(
     limit = max(2, int(MAX_BAD_SHARE * count))
     keep, trial = used.copy(), fit
     while True:
-        away = _studentised(trial, keep)
+        away = studentised(trial, keep)
         worst = int(np.argmax(away))
         typical = np.sort(away[keep])[int(keep.sum()) // 2]
         scale = max(1.0, float(typical) / _MEDIAN_DEPARTURE)
@@ -515,15 +184,15 @@ def _leave_out_bad(
         keep[worst] = False
         if count - int(keep.sum()) > limit:
             return used, fit
-        trial = _solve(session, trial.names, variances, keep, trial.theta)
-        trial = _solve(session, trial.names, variances, keep, trial.theta)
+        trial = solve(session, trial.names, variances, keep, trial.theta)
+        trial = solve(session, trial.names, variances, keep, trial.theta)
 
 
 _MEDIAN_DEPARTURE = 1.538
 """Root of the median of chi-square with three degrees of freedom."""
 
 
-def _optional_groups(session: _Session, nonlinear: Selection, encoder: Selection) -> list[str]:
+def _optional_groups(session: Session, nonlinear: Selection, encoder: Selection) -> list[str]:
     """Groups that are left to the evidence and that the number of poses and stations allows."""
     out = []
     if nonlinear == "auto" and len(session.poses) >= MIN_NONLINEAR_POSES:
@@ -533,7 +202,7 @@ def _optional_groups(session: _Session, nonlinear: Selection, encoder: Selection
     return out
 
 
-def _log_bayes(fit: _Fit, group: tuple[str, ...]) -> float:
+def log_bayes(fit: Fit, group: tuple[str, ...]) -> float:
     """Log of the Bayes factor for a group of terms against their absence (Savage-Dickey density ratio at zero)."""
     index = [fit.names.index(name) for name in group]
     theta, covariance, prior = fit.theta[index], fit.covariance[np.ix_(index, index)], fit.prior[index]
@@ -541,7 +210,7 @@ def _log_bayes(fit: _Fit, group: tuple[str, ...]) -> float:
     return 0.5 * squared + 0.5 * float(np.linalg.slogdet(covariance)[1]) - float(np.log(prior).sum())
 
 
-def _require_agreement(session: _Session, fit: _Fit, variances: Variances) -> None:
+def _require_agreement(session: Session, fit: Fit, variances: Variances) -> None:
     """Refuse poses that scatter as if their settings had nothing to do with their readings."""
     bench = max(variances.pose_inc + variances.ring_inc, variances.pose_tf + variances.station_tf)
     reading = variances.reading * float(np.mean(session.noise**2))
@@ -556,7 +225,7 @@ def _require_agreement(session: _Session, fit: _Fit, variances: Variances) -> No
         )
 
 
-def _require_nominal(fit: _Fit) -> None:
+def _require_nominal(fit: Fit) -> None:
     """Refuse a matrix or offset that no sensor of nominal scale has: axes, signs or units are confused."""
     A = sensor_of(fit.names, fit.theta).A
     if np.abs(A - np.eye(3)).max() > MAX_DEPARTURE * PRIOR_MATRIX:
@@ -579,10 +248,10 @@ def _axis_of(row: Array) -> str:
     return ("-" if row[largest] < 0 else "+") + AXES[largest]
 
 
-def _departure(session: _Session, fit: _Fit, variances: Variances, used: NDArray[np.bool_]) -> Array:
-    """Departure of every pose (N,) from what the others predict, in standard deviations: `_studentised` for poses used;
+def departure(session: Session, fit: Fit, variances: Variances, used: NDArray[np.bool_]) -> Array:
+    """Departure of every pose (N,) from what the others predict, in standard deviations: `studentised` for poses used;
     for those left out the distance of their reading from its prediction, all variances counted."""
-    out = _studentised(fit, used)
+    out = studentised(fit, used)
     for i in np.flatnonzero(~used):
         columns, own = _raw_columns(session, fit, variances, int(i), int(i))
         random = columns[:, fit.theta.size :]
@@ -592,7 +261,7 @@ def _departure(session: _Session, fit: _Fit, variances: Variances, used: NDArray
     return out
 
 
-def _raw_columns(session: _Session, fit: _Fit, variances: Variances, i: int, noise_of: int) -> tuple[Array, Array]:
+def _raw_columns(session: Session, fit: Fit, variances: Variances, i: int, noise_of: int) -> tuple[Array, Array]:
     """Columns (3, P + R + S) of pose `i` and its own covariance (3, 3), with the reading noise of pose `noise_of`."""
     one = slice(i, i + 1)
     u, leg = (None, None) if session.thermal is None else (session.thermal.u[one], session.thermal.leg[one])
@@ -601,7 +270,7 @@ def _raw_columns(session: _Session, fit: _Fit, variances: Variances, i: int, noi
     return columns, pose_covariance(session.noise[:, [noise_of]], by_inc, by_tf, variances)[0]
 
 
-def _swapped_pairs(session: _Session, fit: _Fit, variances: Variances, bad: Indices) -> list[tuple[int, int]]:
+def _swapped_pairs(session: Session, fit: Fit, variances: Variances, bad: Indices) -> list[tuple[int, int]]:
     """Pairs among the poses left out whose readings fit each other's setting."""
     if bad.size < 2:
         return []
@@ -615,9 +284,9 @@ def _swapped_pairs(session: _Session, fit: _Fit, variances: Variances, bad: Indi
     return [(int(i), int(j)) for k, i in enumerate(bad) for j in bad[k + 1 :] if fits(i, j) and fits(j, i)]
 
 
-def _result(
-    session: _Session,
-    fit: _Fit,
+def result_of(
+    session: Session,
+    fit: Fit,
     variances: Variances,
     used: NDArray[np.bool_],
     away: Array,
@@ -683,7 +352,7 @@ def _result(
     )
 
 
-def _pose_remarks(session: _Session, fit: _Fit, variances: Variances, bad: Indices, away: Array) -> list[Remark]:
+def _pose_remarks(session: Session, fit: Fit, variances: Variances, bad: Indices, away: Array) -> list[Remark]:
     poses = session.poses
     remarks = []
     pairs = _swapped_pairs(session, fit, variances, bad)
@@ -711,7 +380,7 @@ def _pose_remarks(session: _Session, fit: _Fit, variances: Variances, bad: Indic
     ]
 
 
-def _observability_remarks(session: _Session, fit: _Fit) -> list[Remark]:
+def _observability_remarks(session: Session, fit: Fit) -> list[Remark]:
     """What the poses cannot tell apart: parameters about which they say little more than was known before."""
     share = np.sqrt(np.diag(fit.covariance)) / fit.prior
     base = [i for i, name in enumerate(fit.names) if name in BASE_NAMES]
@@ -774,7 +443,7 @@ def _scatter_remarks(variances: Variances, bench: BenchAccuracy) -> list[Remark]
     return remarks
 
 
-def _root_condition(fit: _Fit) -> float:
+def _root_condition(fit: Fit) -> float:
     """Condition number of the whitened design, each parameter in units of its prior."""
     sizes = np.linalg.eigvalsh(fit.covariance / np.outer(fit.prior, fit.prior))
     return float(np.sqrt(sizes[-1] / sizes[0]))

@@ -427,13 +427,13 @@ def solve_poses(columns: PoseColumns, request: SolveRequest, *, where: str | Non
 
 
 def _joint(poses: PoseSet, bench: BenchAccuracy) -> CalibrationResult:
-    """The joint estimator with temperature where the poses have it, and zones where they show structure."""
+    """The joint estimator with temperature where the poses have it, and structure where they show any."""
     from highside.calibration.joint import joint
+    from highside.calibration.refinement import refine
     from highside.calibration.temperature import joint_over_temperature
-    from highside.calibration.zones import refine
 
     result = joint(poses, bench=bench) if poses.temp_c is None else joint_over_temperature(poses, bench=bench)
-    return refine(result, poses) if result.main.max_power() == 0 else result
+    return refine(result, poses, bench=bench)
 
 
 def recompute(record: CalibrationRecord) -> Solution:

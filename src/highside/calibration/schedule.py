@@ -37,7 +37,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.attitude.block import attitude_by
+from highside.attitude import compiled
+from highside.attitude.block import attitude_by, checked, share_out
 from highside.calibration.correction import (
     UPPER,
     ZERO_COVARIANCE,
@@ -51,6 +52,7 @@ from highside.calibration.correction import (
     refused,
 )
 from highside.calibration.result import BENCH_NAMES, TILT_NAMES, Zone
+from highside.calibration.schedule_loop import WHOLE, key_of, scheduled_loop, window_weight
 from highside.errors import InputError
 
 Value = TypeVar("Value", FloatArray, float, FloatArray | float, FloatArray | float | None)
@@ -63,8 +65,6 @@ _PIECE = 32768
 """Readings that are blended at a time. Fewer fit the cache better, but make two threads wait for each other."""
 _PRODUCT = 4096
 """Columns a matrix product: the BLAS library starts threads of its own for larger ones (12 rows), against ours."""
-_WHOLE = 1.0 - 1e-9
-"""Weights that sum to this leave nothing for the fallback; the jump is 1e-9 of a difference of some 1e-4 g."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,12 +84,7 @@ class Window:
 
     def weight(self, key: float) -> float:
         """Weight at one key."""
-        x = 1.0
-        if self.rise > 0.0:
-            x = min(x, (key - self.low) / self.rise)
-        if self.fall > 0.0:
-            x = min(x, (self.high - key) / self.fall)
-        return x * x * (3.0 - 2.0 * x) if x > 0.0 else 0.0
+        return window_weight(key, self.low, self.high, self.rise, self.fall)
 
     def weights(
         self,
@@ -136,15 +131,6 @@ class Window:
         """Whether the weight is one everywhere in a range."""
         rises = self.rise > 0.0 and least < self.low + self.rise
         return not rises and not (self.fall > 0.0 and most > self.high - self.fall)
-
-
-def key_of(x: float, y: float, z: float) -> float:
-    """What orders readings by inclination without an arc tangent: `sin^2 I` up to 90 deg, `2 - sin^2 I` beyond."""
-    r2 = x * x + y * y
-    n2 = r2 + z * z
-    if n2 == 0.0:
-        return 0.0
-    return r2 / n2 if z >= 0.0 else 2.0 - r2 / n2
 
 
 def key_of_inclination(inc_rad: float) -> float:
@@ -221,7 +207,7 @@ class ScheduledCorrection:
         pairs = zip(self.zones, self._windows, strict=True)
         parts = [(part, w) for part, window in pairs if (w := window.weight(key)) > 0.0]
         total = sum(w for _, w in parts)
-        if self.fallback is not None and total < _WHOLE:
+        if self.fallback is not None and total < WHOLE:
             return [*parts, (self.fallback, 1.0 - total)]
         return [(part, w / total) for part, w in parts]
 
@@ -300,7 +286,7 @@ class ScheduledCorrection:
                     cov[:, rows] += (part.covariance_block(one, temps) - _outer(e)) * w**2
                     own_left[rows] -= w**2
         if self.fallback is not None and not self._unknown:
-            rows = np.flatnonzero(own_left > 1.0 - _WHOLE)
+            rows = np.flatnonzero(own_left > 1.0 - WHOLE)
             one = self.fallback.correct_block(a[:, rows], temps := _of_rows(temp_c, rows))
             own = self.fallback.covariance_block(one, temps) - _outer(_tilted_block(self.fallback, one))
             cov[:, rows] += own * own_left[rows]
@@ -321,7 +307,7 @@ class ScheduledCorrection:
         total = np.sum(weights, axis=0) if weights else np.zeros_like(key)
         if self.fallback is not None:
             parts.append(self.fallback)
-            weights.append(np.where(total < _WHOLE, 1.0 - total, 0.0))
+            weights.append(np.where(total < WHOLE, 1.0 - total, 0.0))
             total = np.maximum(total, 1.0)
         out = []
         for part, w in zip(parts, weights, strict=True):
@@ -344,8 +330,15 @@ class ScheduledCorrection:
         holds.
 
         Readings are taken in blocks that stay in the cache; a block asks only for the corrections that its range of
-        inclination needs, so that a log (whose inclination changes slowly) costs little more than one correction.
+        inclination needs, so that a log (whose inclination changes slowly) costs little more than one correction. Where
+        numba is installed, millions of readings through affine corrections are done by `scheduled_loop`, compiled.
         """
+        a, (inc, tf) = checked(a, (out_inc, out_tf))
+        if self._is_affine and compiled.wanted(a.shape[1]):
+            loop = compiled.compiled(scheduled_loop)
+            rows, tables, unit = tuple(a), self._tables(), 180.0 / math.pi if degrees else 1.0
+            share_out(lambda start, stop: loop(rows, *tables, unit, start, stop, inc, tf), a.shape[1], threads)
+            return inc, tf
 
         def prepare() -> Callable[[int, int, FloatArray], None]:
             if self._is_affine:
@@ -357,13 +350,26 @@ class ScheduledCorrection:
 
             return fill
 
-        return attitude_by(prepare, a.shape[1], out_inc, out_tf, degrees=degrees, threads=threads)
+        return attitude_by(prepare, a.shape[1], inc, tf, degrees=degrees, threads=threads)
 
     @property
     def _is_affine(self) -> bool:
         """Whether vectors depend on nothing but the reading, in first order: no temperature, no nonlinear terms."""
         parts = [part for part in (*self.zones, self.fallback, self._guide) if part is not None]
         return all(part.is_affine for part in parts)
+
+    def _tables(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, bool]:
+        """What `scheduled_loop` wants: matrices, windows, centres, guide, fallback, and whether there is one."""
+        none, never = np.zeros((3, 4)), (math.inf, -math.inf, 1.0, 1.0)
+        bounds = [(w.low, w.high, w.rise, w.fall) for w in self._windows]
+        return (
+            np.vstack([none, *(_matrix(part) for part in self.zones), none]),
+            np.array([never, *bounds, never]),
+            np.array([w.center for w in self._windows]),
+            np.eye(3, 4) if self._guide is None else _matrix(self._guide),
+            none if self.fallback is None else _matrix(self.fallback),
+            self.fallback is not None,
+        )
 
 
 class _AffineBlocks:

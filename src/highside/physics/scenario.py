@@ -46,6 +46,28 @@ class MultiSine(Effect):
         return 0.5 * p[0] * np.sum(self.weights[:, :, None] * ripple, axis=0)
 
 
+class DirectionSine(Effect):
+    """A structure over direction: on each axis three plane waves, each along a direction of its own."""
+
+    id = "direction_sine"
+    title = "Waves over direction"
+    stage = Stage.SENSOR
+    formula = "amplitude/2 * sum over j of w_ij sin(k_j n_ij . f + phase_ij)"
+    story = "A sensor whose error follows the attitude in a way that no model of the library describes."
+    parameters = MultiSine.parameters
+    waves = np.array([2.0, 3.5, 5.0])
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        along = rng.standard_normal((3, 3, 3))
+        self.vectors = along / np.linalg.norm(along, axis=2, keepdims=True) * self.waves[:, None]
+        self.weights = rng.uniform(0.5, 1.0, (3, 3))
+        self.phases = rng.uniform(0, 2 * np.pi, (3, 3))
+
+    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        waves = np.sin(self.vectors @ x + self.phases[:, :, None])
+        return 0.5 * p[0] * np.sum(self.weights[:, :, None] * waves, axis=1)
+
+
 @dataclass(frozen=True)
 class PoseData:
     """A measured pose table with its truth; N poses. Angles in rad, accelerations in g."""
@@ -120,6 +142,7 @@ def random_sensor(
     bias_g: float = 2e-3,
     nonlinearity_g: float = 0.0,
     structure_g: float = 0.0,
+    structure: type[MultiSine] | type[DirectionSine] = MultiSine,
 ) -> ForwardModel:
     """An instrument whose parameters are uniform within +- the given sizes."""
 
@@ -140,7 +163,7 @@ def random_sensor(
         }
     sensor = ForwardModel.of(effects)
     if structure_g:
-        sensor = ForwardModel((*sensor.effects, (MultiSine(rng), np.array([structure_g]))))
+        sensor = ForwardModel((*sensor.effects, (structure(rng), np.array([structure_g]))))
     return sensor
 
 
@@ -182,6 +205,7 @@ def reference_scenario(
     bias_g: float = 2e-3,
     nonlinearity_g: float = 0.0,
     structure_g: float = 0.0,
+    structure: type[MultiSine] | type[DirectionSine] = MultiSine,
     density_g: float = 50e-6,
     pose_seconds: float = 10.0,
     reading_seconds: float = 1.0,
@@ -204,6 +228,7 @@ def reference_scenario(
         bias_g=bias_g,
         nonlinearity_g=nonlinearity_g,
         structure_g=structure_g,
+        structure=structure,
     )
     bench = random_bench(
         for_bench,

@@ -1,0 +1,379 @@
+"""The mixed model behind the joint estimator: parameters with priors, errors of the bench with variances.
+
+A session of N poses, linearised, is `y = design (theta - prior mean) + errors`. The errors of a pose by reading noise
+and by its own dI and dT are one block of 3 x 3; what a ring or a station has in common is carried as random columns, so
+that a session costs N blocks and one symmetric system of some dozens of unknowns.
+
+The variances are found by restricted maximum likelihood: Newton steps with the average-information matrix (Gilmour,
+Thompson and Cullis, Biometrics 51, 1995, 1440) in their logarithms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.calibration.forward import StructureSize, Variances, linearise, prior_mean, prior_std, whiten
+from highside.calibration.poses import Array, Indices, PoseSet
+from highside.calibration.result import BenchAccuracy
+from highside.physics.gravity import gravity_direction
+from highside.physics.state import ChainState
+
+
+@dataclass(frozen=True, slots=True)
+class ThermalTerms:
+    """Terms in temperature: their names (`b_x@1`, `A_xx@1`, `hyst_x`), reduced temperature `u` and `leg` (+1 up, -1
+    down) of each pose (N,)."""
+
+    names: tuple[str, ...]
+    u: Array
+    leg: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """What of a session does not change between solutions: N poses with R rings and S stations."""
+
+    poses: PoseSet
+    state: ChainState
+    """the bench's settings"""
+    noise: Array
+    """(3, N) of the means"""
+    ring_of: Array
+    """(N, R), 0 or 1"""
+    station_of: Array
+    """(N, S), 0 or 1"""
+    bench: BenchAccuracy
+    thermal: ThermalTerms | None
+    structure: StructureSize | None = None
+
+    @classmethod
+    def of(
+        cls, poses: PoseSet, bench: BenchAccuracy, toolface_zero_rad: float, thermal: ThermalTerms | None = None
+    ) -> Session:
+        inc, tf = poses.reference()
+        return cls(
+            poses=poses,
+            state=ChainState.build(inc, tf + toolface_zero_rad),
+            noise=poses.noise_of_mean(),
+            ring_of=_indicator(poses.rings()),
+            station_of=_indicator(poses.stations()),
+            bench=bench,
+            thermal=thermal,
+        )
+
+    def linearise(self, names: tuple[str, ...], theta: Array) -> tuple[Array, Array, Array, Array]:
+        """`forward.linearise` at the poses of the session."""
+        if self.thermal is None:
+            return linearise(names, theta, self.state)
+        return linearise(names, theta, self.state, self.thermal.u, self.thermal.leg)
+
+
+def _indicator(groups: Indices) -> Array:
+    return np.asarray(groups[:, None] == np.arange(int(groups.max()) + 1), dtype=float)
+
+
+def initial_variances(session: Session, bench: BenchAccuracy) -> Variances:
+    half = 0.5 * bench.pose_rad**2
+    return Variances(half, half, half, half)
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A solution: parameters `theta` (P,) with their covariance, and what is needed to judge its poses."""
+
+    names: tuple[str, ...]
+    theta: Array
+    covariance: Array
+    prior: Array
+    """(P,) standard deviations"""
+    whitened: Array
+    """(N, 3, P + R + S) columns: design, rings, stations"""
+    inverse: Array
+    """(P + R + S, P + R + S) inverse of the penalised normal matrix"""
+    effects: Array
+    """(R + S,) estimated errors of the rings and stations, rad"""
+    residual: Array
+    """(N, 3) whitened, of the poses used; ring and station parts taken out"""
+    left_over: Array
+    """(3, N) raw residual of all poses, in g, random parts not taken out"""
+    design: Array
+    """(3, N, P) derivatives of a reading by the parameters, where the model was linearised"""
+    y: Array
+    """(3, N) linearised readings: `y = design (theta - prior mean)` and errors"""
+    by_inc: Array
+    by_tf: Array
+    """(3, N) derivatives of a reading by the pose's inclination and toolface"""
+
+    def take(self, names: tuple[str, ...]) -> Array:
+        return self.theta[[self.names.index(name) for name in names]]
+
+
+def rough_start(session: Session, names: tuple[str, ...]) -> Array:
+    """Where to linearise first: matrix and offset by plain least squares, drawn a little to the nominal sensor."""
+    rows = np.vstack([gravity_direction(session.state.inc_rad, session.state.tf_rad), np.ones(len(session.poses))])
+    nominal = np.eye(3, 4)
+    normal = rows @ rows.T + 1e-3 * np.eye(4)
+    estimate = nominal + np.linalg.solve(normal, rows @ (session.poses.a - nominal @ rows).T).T
+    theta = prior_mean(names)
+    theta[:9] = estimate[:, :3].ravel()
+    theta[9:12] = estimate[:, 3]
+    return theta
+
+
+def solve(session: Session, names: tuple[str, ...], variances: Variances, used: NDArray[np.bool_], at: Array) -> Fit:
+    """One Gauss-Newton step from `at` with given variances: penalised generalised least squares."""
+    reading, design, by_inc, by_tf = session.linearise(names, at)
+    prior, mean = prior_std(names, session.bench, session.structure), prior_mean(names)
+    y = session.poses.a - reading + design @ (at - mean)
+    system = evaluate(session, design, by_inc, by_tf, y, prior, variances, used)
+    size = len(names)
+    return Fit(
+        names=names,
+        theta=mean + system.solution[:size],
+        covariance=system.inverse[:size, :size],
+        prior=prior,
+        whitened=system.columns,
+        inverse=system.inverse,
+        effects=system.solution[size:],
+        residual=system.residual,
+        left_over=y - design @ system.solution[:size],
+        design=design,
+        y=y,
+        by_inc=by_inc,
+        by_tf=by_tf,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class System:
+    """The penalised, whitened system at given variances, solved."""
+
+    columns: Array
+    """(N, 3, P + R + S): design, rings, stations; zero for poses not used"""
+    pose_columns: Array
+    """(N, 3, 5): directions of dI, dT and of the reading noise of the three axes"""
+    inverse: Array
+    solution: Array
+    residual: Array
+    """(N, 3)"""
+    deviance: float
+    """`log|V| + y' V^-1 y` but for a constant"""
+
+
+def whitened(
+    session: Session,
+    design: Array,
+    by_inc: Array,
+    by_tf: Array,
+    y: Array,
+    variances: Variances,
+    used: NDArray[np.bool_],
+) -> tuple[Array, Array, Array, float]:
+    """Design, rings and stations (N, 3, P + R + S), directions of dI, dT and of the three axes' noise (N, 3, 5), and
+    readings (3 N,), each pose by its own covariance, zero where not used; the logarithm of the determinant."""
+    count, size = y.shape[1], design.shape[2]
+    stacked = np.zeros((count, 3, size + 6))
+    stacked[:, :, :size] = design.transpose(1, 0, 2)
+    stacked[:, :, size] = by_inc.T
+    stacked[:, :, size + 1] = by_tf.T
+    stacked[:, (0, 1, 2), (size + 2, size + 3, size + 4)] = session.noise.T
+    stacked[:, :, size + 5] = y.T
+    noise = session.noise
+    if used.all():
+        white, log_det = whiten(stacked, noise, by_inc, by_tf, variances)
+    else:
+        white = np.zeros_like(stacked)
+        white[used], log_det = whiten(stacked[used], noise[:, used], by_inc[:, used], by_tf[:, used], variances)
+    columns = _with_random_columns(white, size, session)
+    yw = np.ascontiguousarray(white[:, :, size + 5]).reshape(-1)
+    return columns, white[:, :, size : size + 5], yw, log_det
+
+
+def evaluate(
+    session: Session,
+    design: Array,
+    by_inc: Array,
+    by_tf: Array,
+    y: Array,
+    prior: Array,
+    variances: Variances,
+    used: NDArray[np.bool_],
+) -> System:
+    columns, pose_columns, yw, log_det = whitened(session, design, by_inc, by_tf, y, variances, used)
+    count = y.shape[1]
+    flat = columns.reshape(3 * count, -1)
+    penalty = _penalty(prior, variances, session)
+    normal = flat.T @ flat
+    normal.flat[:: normal.shape[0] + 1] += penalty
+    inverse: Array = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    solution = inverse @ (flat.T @ yw)
+    residual = yw - flat @ solution
+    log_det += float(np.linalg.slogdet(normal)[1]) - float(np.log(penalty).sum())
+    return System(
+        columns=columns,
+        pose_columns=pose_columns,
+        inverse=inverse,
+        solution=solution,
+        residual=residual.reshape(count, 3),
+        deviance=log_det + float(yw @ residual),
+    )
+
+
+def _with_random_columns(white: Array, size: int, session: Session) -> Array:
+    """The whitened design followed by a column for each ring and each station."""
+    rings = white[:, :, size, None] * session.ring_of[:, None, :]
+    stations = white[:, :, size + 1, None] * session.station_of[:, None, :]
+    return np.concatenate([white[:, :, :size], rings, stations], axis=2)
+
+
+def _penalty(prior: Array, variances: Variances, session: Session) -> Array:
+    return np.concatenate(
+        [
+            1.0 / prior**2,
+            np.full(session.ring_of.shape[1], 1.0 / variances.ring_inc),
+            np.full(session.station_of.shape[1], 1.0 / variances.station_tf),
+        ]
+    )
+
+
+def reml_variances(
+    session: Session, fit: Fit, start: Variances, bench: BenchAccuracy, used: NDArray[np.bool_]
+) -> Variances:
+    """Restricted maximum likelihood of the variance components: minimises `log|V| + y' V^-1 y`, V with the parameters'
+    priors in it (which accounts for their number), plus `_variance_penalty`."""
+    prior = VariancePrior.of(session, bench)
+    best = log_v = np.log(start.as_array())
+    lowest = np.inf
+    for _ in range(_MAX_REML_STEPS):
+        v = np.exp(log_v)
+        system = evaluate(session, fit.design, fit.by_inc, fit.by_tf, fit.y, fit.prior, Variances(*v.tolist()), used)
+        objective = system.deviance + prior.penalty(v)
+        if objective > lowest + 1e-9:  # overshot
+            log_v = 0.5 * (log_v + best)
+            if np.max(np.abs(log_v - best)) < 0.01:
+                break
+            continue
+        lowest, best = objective, log_v
+        gradient, information = _information(session, system, len(fit.names), v)
+        prior_gradient, prior_information = prior.derivatives(v)
+        slope = gradient + prior_gradient
+        step = -np.linalg.solve(information + prior_information + 1e-6 * np.eye(v.size), slope)
+        step *= min(1.0, 2.0 / (float(np.max(np.abs(step))) + 1e-300))
+        promised = -0.5 * float(slope @ step)
+        log_v = np.maximum(log_v + step, np.log(bench.pose_rad**2) - 14.0)
+        if promised < _REML_TOLERANCE:
+            best = log_v
+            break
+    return Variances(*np.exp(best).tolist())
+
+
+_MAX_REML_STEPS = 25
+_REML_TOLERANCE = 0.02
+"""Twice the log-likelihood; 0.02 is far below what the data can tell."""
+_TOTAL_PRIOR = 10.0
+_SPLIT_PRIOR = 0.5
+_SMALL_SHARE = 0.05
+_READING_PRIOR_KNOWN = 30.0
+_READING_PRIOR_ASSUMED = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class VariancePrior:
+    """Priors of the variance components.
+
+    What is stated of a bench is the size of one setting's error (`stated`, rad^2), hence the *sum* of its own and its
+    common part: scaled inverse chi-square with `_TOTAL_PRIOR` degrees of freedom. How it splits is left to the data,
+    but for a weak term that keeps each part off zero. With four stations no session could estimate the station part by
+    itself, the mean of the four being a rotation of the tool; the sum and the pose part give it. The factor on the
+    reading noise is near one by `reading` degrees of freedom (means scatter by more than `std / sqrt(n)` where noise
+    is not white).
+    """
+
+    stated: float
+    reading: float
+
+    @classmethod
+    def of(cls, session: Session, bench: BenchAccuracy) -> VariancePrior:
+        """What is known of the variances of a session beforehand."""
+        return cls(bench.pose_rad**2, _READING_PRIOR_KNOWN if session.poses.std_known else _READING_PRIOR_ASSUMED)
+
+    def penalty(self, v: Array) -> float:
+        """Minus twice the log density of `v` (5,) in its logarithms."""
+        totals = v[:2] + v[2:4]
+        split = np.log(v[:4]) + _SMALL_SHARE * self.stated / v[:4]
+        scale = np.log(v[4]) + 1.0 / v[4]
+        return float(
+            _TOTAL_PRIOR * np.sum(np.log(totals) + self.stated / totals)
+            + _SPLIT_PRIOR * np.sum(split)
+            + self.reading * scale
+        )
+
+    def derivatives(self, v: Array) -> tuple[Array, Array]:
+        """Gradient and (positive) second derivative of `penalty` by the logarithms of the variances."""
+        gradient = np.zeros(5)
+        curvature = np.zeros((5, 5))
+        small = _SMALL_SHARE * self.stated / v[:4]
+        gradient[:4] = _SPLIT_PRIOR * (1.0 - small)
+        curvature[(0, 1, 2, 3), (0, 1, 2, 3)] = _SPLIT_PRIOR * small
+        for pair in ((0, 2), (1, 3)):
+            total = v[pair[0]] + v[pair[1]]
+            share = np.zeros(5)
+            share[list(pair)] = v[list(pair)] / total
+            gradient += _TOTAL_PRIOR * (1.0 - self.stated / total) * share
+            curvature += _TOTAL_PRIOR * np.outer(share, share)
+        gradient[4] = self.reading * (1.0 - 1.0 / v[4])
+        curvature[4, 4] = self.reading / v[4]
+        return gradient, curvature
+
+
+def _information(session: Session, system: System, size: int, v: Array) -> tuple[Array, Array]:
+    """Gradient and average-information matrix of `deviance` by the logarithms of the variances `v` (5,).
+
+    With P the projected inverse of V and Z the columns that share a variance: `d/dv = tr(Z' P Z) - |Z' P y|^2`; the
+    average information of two components is `(Z Z' P y)' P (Z Z' P y)`.
+    """
+    rings, stations = session.ring_of.shape[1], session.station_of.shape[1]
+    count = system.residual.shape[0]
+    columns, inverse, residual = system.columns, system.inverse, system.residual
+    # per pose: dI, dT and the three axes of reading noise
+    Z = system.pose_columns
+    projection = (columns.transpose(0, 2, 1) @ Z).transpose(1, 0, 2).reshape(columns.shape[2], -1)
+    taken = np.sum(projection * (inverse @ projection), axis=0).reshape(count, 5).sum(axis=0)
+    trace = np.sum(Z**2, axis=(0, 1)) - taken
+    t = np.sum(Z * residual[:, :, None], axis=1)
+    square = np.sum(t**2, axis=0)
+    pulled = Z * t[:, None, :]
+    gradient = np.empty(5)
+    spread = np.empty((count, 3, 5))
+    gradient[:2] = trace[:2] - square[:2]
+    gradient[4] = trace[2:].sum() - square[2:].sum()
+    spread[:, :, :2] = pulled[:, :, :2]
+    spread[:, :, 4] = pulled[:, :, 2:].sum(axis=2)
+    # common to a ring or a station: the effects are part of the solution
+    diagonal = np.diagonal(inverse)
+    for k, first, number, groups in (
+        (2, size, rings, session.ring_of),
+        (3, size + rings, stations, session.station_of),
+    ):
+        effect = system.solution[first : first + number] / v[k]
+        gradient[k] = (number - diagonal[first : first + number].sum() / v[k]) / v[k] - effect @ effect
+        spread[:, :, k] = Z[:, :, k - 2] * (groups @ effect)[:, None]
+    S = spread.reshape(-1, 5)
+    FS = columns.reshape(3 * count, -1).T @ S
+    return gradient * v, (S.T @ S - FS.T @ inverse @ FS) * np.outer(v, v)
+
+
+def studentised(fit: Fit, used: NDArray[np.bool_]) -> Array:
+    """How many standard deviations each pose used lies from what all the others predict (N,); 0 for those not used.
+
+    In whitened form the residual e of a pose with hat block H has the leave-one-out square `e' (1 - H)^-1 e`,
+    chi-square with three degrees of freedom; its root is returned.
+    """
+    count, _, size = fit.whitened.shape
+    carried = (fit.whitened.reshape(-1, size) @ fit.inverse).reshape(count, 3, size)
+    left = (1.0 + 1e-12) * np.eye(3) - carried @ fit.whitened.transpose(0, 2, 1)
+    out = np.sum(fit.residual * np.linalg.solve(left, fit.residual[:, :, None])[:, :, 0], axis=1)
+    return np.where(used, np.sqrt(np.maximum(out, 0.0)), 0.0)
