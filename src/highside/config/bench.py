@@ -216,8 +216,12 @@ def load_bench(path: Path, overrides: list[str] | None = None) -> BenchFile:
 
 
 def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    """Tables laid over one another; one of another kind replaces what was there."""
     out = dict(below)
     for key, value in above.items():
         old = out.get(key)
-        out[key] = _merged(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+        if isinstance(old, dict) and isinstance(value, dict) and value.get("kind") in (None, old.get("kind")):
+            out[key] = _merged(old, value)
+        else:
+            out[key] = value
     return out

@@ -20,6 +20,8 @@ from highside.session.view import View
 
 REST_S = 4.0
 """The table has been at rest for so long, and the session still asks: the pose has to be set anew."""
+HAND_S = 14.0
+"""By hand: long enough in one attitude, whatever the session says."""
 
 
 class Mistake(StrEnum):
@@ -129,6 +131,9 @@ class SimulatedOperator:
     def _meddle(self, snapshot: Snapshot) -> list[Command]:
         """In mid-hold: the mistake planned for this pose."""
         capture = snapshot.capture
+        if snapshot.plan.poses is None and capture is not None and capture.progress >= 1.0:
+            self._lay_down()
+            return []
         if self._spoil is None or capture is None or capture.elapsed_s < 1.2:
             return []
         mistake, self._spoil = self._spoil, None
@@ -161,11 +166,14 @@ class SimulatedOperator:
         """Lay the tool down somewhere new; after enough attitudes say so."""
         if snapshot.plan.done >= self.habits.hand_poses:
             return [self._say(CommandName.ACCEPT)]
-        now = self.bench.time_s
-        if self._set is None or now >= self._set[1] + 14.0:
+        if self._set is None or self.bench.time_s >= self._set[1] + HAND_S:
+            self._lay_down()
+        return []
+
+    def _lay_down(self) -> None:
+        if self._set is None or self.bench.time_s >= self._set[1]:
             inc = float(np.rad2deg(np.arccos(self._rng.uniform(-1.0, 1.0))))
             self._set = ("", self.bench.turn_to(inc, float(self._rng.uniform(0.0, 360.0))))
-        return []
 
 
 def rehearse(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from highside.calibration.poses import Array, gravity
+from highside.calibration.poses import Array
 from highside.calibration.record import (
     CalibrationRecord,
     Solution,

@@ -13,20 +13,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 
-import numpy as np
-
-from highside.calibration.poses import Array
 from highside.calibration.record import CalibrationRecord
 from highside.codec.frame import Frame
 from highside.session import ledger as entries
 from highside.session import outcome
-from highside.session.guidance import (
-    Candidate,
-    Provisional,
-    Recognised,
-    axes_that_fit,
-    recognise,
-)
+from highside.session.faults import Faults
+from highside.session.guidance import Candidate, Provisional
 from highside.session.hold import Hold
 from highside.session.journal import Header
 from highside.session.judge import Judged, contradictions, judge_hold
@@ -35,18 +27,13 @@ from highside.session.machine import LIVE, MEASURING, Action, Event, Go, Onward,
 from highside.session.machine import outcome as outcome_of
 from highside.session.reasons import Fault, Refusal, Rejection
 from highside.session.snapshot import Command, CommandName, PoseState, Reply, State
-from highside.session.stillness import LOOK_BACK, Window
+from highside.session.stillness import Window
 from highside.session.tracker import Gap, Tracker
+from highside.session.watch import SAME_ATTITUDE_DEG, Watch
 
 DATA_LOST_S = 2.0
 REPLIES_KEPT = 1000
-SAME_ATTITUDE_DEG = 1.0
-"""Poses found by themselves are different when they lie further apart than this."""
-TRIM_WINDOWS = 3
-"""Left out at the end of a hold that ended because the tool was moved."""
 MAX_SAME_REFUSALS = 3
-STILL_ELSEWHERE = 10
-"""windows of rest at no open pose after which the operator is told"""
 
 
 class StorageError(Exception):
@@ -72,28 +59,21 @@ class BenchSession:
         self.state = State.IDLE
         self.solved: outcome.Solved | None = None
         self.record: CalibrationRecord | None = None
-        self.hold: Hold | None = None
-        self.faults: dict[Fault, tuple[float, str]] = {}
+        self.faults = Faults()
+        self.watch = Watch(self.ledger, self.tracker, self.faults)
         self.last_rejection: tuple[Rejection, str] | None = None
-        self.recognised: Recognised | None = None
         self.seq = 0
         self.now_s = 0.0
         self.started_s: float | None = None
         self._write = write
         self._wall = wall
         self._replies: dict[str, Reply] = {}
-        self._target: str | None = None
-        self._model = Provisional.fit((), (), np.zeros((3, 0)), self.plan.limits)
         self._judged: Judged | None = None
-        self._must_leave: str | None = None
-        """a pose that was refused as it stands: it has to be set anew before it is measured again"""
-        self._blame: tuple[Rejection, str] | None = None
         self._again: tuple[tuple[str, Rejection, str], ...] = ()
         self._working = False
         self._unsteady = False
         self._refused_last: tuple[str | None, Rejection] | None = None
         self._same_refusals = 0
-        self._elsewhere = 0
         self._last_data_s: float | None = None
         self._since_s = 0.0
         if self.ledger.began:
@@ -106,7 +86,7 @@ class BenchSession:
         if ended is not None and ended.record is not None:
             self.solved = outcome.solve(self.ledger)
             self.record = outcome.make_record(self.header, self.ledger, self.solved, ended.t_wall_s)
-        self._learn_again()
+        self.watch.learn_again()
 
     # --- what comes in -----------------------------------------------------------------------------------------
 
@@ -116,13 +96,12 @@ class BenchSession:
         if not frames:
             return
         self._last_data_s = now_s
-        for fault in (Fault.NO_DATA, Fault.LINK_DOWN):
-            self._clear(fault)
+        self.faults.clear(Fault.NO_DATA, Fault.LINK_DOWN)
         if self.state is State.NO_DATA:
             self._event(Event.DATA_BACK)
         for item in self.tracker.windows(frames):
             if isinstance(item, Gap):
-                self._raise(Fault.LOST_FRAMES, f"{item.missing_s:+.2f} s")
+                self.faults.put(Fault.LOST_FRAMES, f"{item.missing_s:+.2f} s")
                 self._spoil(Rejection.GAP, f"{item.missing_s:+.2f} s of the tool's time")
             else:
                 self._window(item)
@@ -135,9 +114,9 @@ class BenchSession:
             self._last_data_s = now_s
         if now_s - self._last_data_s > DATA_LOST_S:
             if Fault.NO_DATA not in self.faults:
-                self._raise(Fault.NO_DATA)
+                self.faults.put(Fault.NO_DATA)
                 self.tracker.forget()
-            self._blame = (Rejection.DATA_LOST, "")
+            self.watch.blame = (Rejection.DATA_LOST, "")
             if self.state in MEASURING and self.state is not State.NO_DATA:
                 self._event(Event.DATA_LOST)
         if self.state is not State.PAUSED and now_s - self._since_s > self.plan.limits.remind_s:
@@ -146,9 +125,9 @@ class BenchSession:
     def link_down(self, message: str, now_s: float) -> None:
         """The link has failed; it is tried again by whoever owns it."""
         self._at(now_s)
-        self._raise(Fault.LINK_DOWN, message)
+        self.faults.put(Fault.LINK_DOWN, message)
         self.tracker.forget()
-        self._blame = (Rejection.DATA_LOST, message)
+        self.watch.blame = (Rejection.DATA_LOST, message)
         if self.state in MEASURING and self.state is not State.NO_DATA:
             self._event(Event.DATA_LOST)
 
@@ -163,11 +142,11 @@ class BenchSession:
     def clock_stepped(self, by_s: float, now_s: float) -> None:
         """The wall clock was set. Nothing here goes by it but the times in journal and record."""
         self._at(now_s)
-        self._raise(Fault.CLOCK_STEP, f"{by_s:+.0f} s")
+        self.faults.put(Fault.CLOCK_STEP, f"{by_s:+.0f} s")
         try:
             self._keep(entries.Noted("clock_step", f"{by_s:+.3f} s"))
         except StorageError as error:
-            self._raise(Fault.STORAGE, str(error))
+            self.faults.put(Fault.STORAGE, str(error))
 
     def command(self, command: Command, now_s: float) -> Reply:
         """Do what an operator asks, or say why not. Repeated request ids get the first answer."""
@@ -231,9 +210,9 @@ class BenchSession:
             self._event(Event.AGAIN)
             return
         if solved.again:
-            self._raise(Fault.CONTRADICTION, solved.again[0][2])
+            self.faults.put(Fault.CONTRADICTION, solved.again[0][2])
         else:
-            self._clear(Fault.CONTRADICTION)
+            self.faults.clear(Fault.CONTRADICTION)
         self._event(Event.SOLVED)
 
     # --- what operators may do ---------------------------------------------------------------------------------
@@ -275,7 +254,9 @@ class BenchSession:
         return [name for name in CommandName if self._refuse(name, who, None) is None]
 
     def _line_for(self, name: CommandName, pose: str | None) -> PoseLine | None:
-        chosen = pose or (self.ledger.last_taken if name is CommandName.REDO else self.target_id)
+        target = self.target
+        asked = target.id if target is not None else None
+        chosen = pose or (self.ledger.last_taken if name is CommandName.REDO else asked)
         return self.ledger.lines.get(chosen) if chosen is not None else None
 
     # --- the machine -------------------------------------------------------------------------------------------
@@ -288,9 +269,9 @@ class BenchSession:
             return
         try:
             self._do(result.action, event, command)
-            self._clear(Fault.STORAGE)
+            self.faults.clear(Fault.STORAGE)
         except StorageError as error:
-            self._raise(Fault.STORAGE, str(error))
+            self.faults.put(Fault.STORAGE, str(error))
             if command is not None:
                 raise
             if self.state is not State.CHECKING:
@@ -303,10 +284,10 @@ class BenchSession:
             return
         target = self._onward() if isinstance(step.to, Onward) else step.to
         if target is not State.CAPTURING and target is not State.CHECKING:
-            self.hold = None
+            self.watch.hold = None
         if target is not self.state:
             self._since_s = self.now_s
-            self._clear(Fault.WAITING_LONG)
+            self.faults.clear(Fault.WAITING_LONG)
         self.state = target
         if target is State.CHECKING:
             self._check()
@@ -333,9 +314,7 @@ class BenchSession:
                 self._keep(entries.Began(operator or ""))
                 self.started_s = self.now_s
             case Action.BEGIN_HOLD:
-                pose = self.recognised.pose.id if self.recognised and self.recognised.pose else None
-                rate = self.tracker.rate_hz or 1.0
-                self.hold = Hold(pose, self.tracker.floor, self.tracker.allan, self.plan.limits, rate)
+                self.watch.begin_hold()
             case Action.REFUSE_HOLD:
                 self._refuse_hold()
             case Action.TAKE:
@@ -369,7 +348,7 @@ class BenchSession:
                 note = (command.note or "") if command is not None else ""
                 self._keep(entries.Ended(how, operator or "", self._wall(), None, note))
             case Action.REMIND:
-                self._raise(Fault.WAITING_LONG)
+                self.faults.put(Fault.WAITING_LONG)
             case Action.NONE | Action.ADD | Action.CLOSE_HOLD | Action.DROP_HOLD | Action.SOLVE | Action.SHOW:
                 pass  # done where the readings are looked at, or by `_enter`
 
@@ -384,7 +363,7 @@ class BenchSession:
                 self._keep(entries.Skipped(line.id, command.operator))
             else:
                 self._keep(entries.Reopened(line.id, Rejection.OPERATOR, command.note or "", command.operator))
-        self._learn_again()
+        self.watch.learn_again()
 
     def _accept(self, command: Command | None) -> None:
         assert command is not None and self.solved is not None, "refused before"
@@ -397,92 +376,23 @@ class BenchSession:
     # --- judging windows ---------------------------------------------------------------------------------------
 
     def _window(self, window: Window) -> None:
-        hold = self.hold
-        reference = hold.mean if hold is not None and len(hold.windows) >= LOOK_BACK else None
-        self.tracker.judge(window, reference)
+        self.tracker.judge(window, self.watch.reference())
         if self.state is State.SOAKING:
             stage = self.plan.stages[self.ledger.stage]
-            self._set(Fault.NO_TEMPERATURE, stage.temp_c is not None and self.tracker.temp_c is None)
+            self.faults.set(Fault.NO_TEMPERATURE, stage.temp_c is not None and self.tracker.temp_c is None)
             if self.tracker.at_temperature(stage):
                 self._event(Event.STEADY)
         elif self.state in LIVE:
-            if self.tracker.left_temperature(self.plan.stages[self.ledger.stage]):
-                self._blame = (Rejection.TEMPERATURE, "")
-                self._event(Event.UNSTEADY)
-            elif self.plan.open_ended:
-                self._window_by_hand(window)
-            else:
-                self._window_at_bench(window)
-
-    def _window_at_bench(self, window: Window) -> None:
-        still = self.tracker.stillness.still
-        self.recognised = recognise(window.mean, self._model, self.candidates(), self.target, self.plan.limits)
-        pose = self.recognised.pose
-        hold = self.hold
-        if hold is not None:
-            if pose is None or pose.id != hold.pose:
-                self._blame = (Rejection.WRONG_POSE, "") if still else (self.tracker.stillness.cause, "")
-                self._event(Event.AWAY)
-            elif not still:
-                self._blame = (self.tracker.stillness.cause, "")
-                self._event(Event.AT_POSE)
-            else:
-                self._lengthen(hold, window)
-            return
-        if not still or pose is None or pose.id != self._must_leave:
-            self._must_leave = None
-        if pose is not None and pose.open and pose.id != self._must_leave:
-            self._elsewhere = 0
-            self._clear(Fault.AXES_SUSPECT)
-            self._event(Event.STILL if still else Event.AT_POSE)
-            return
-        self._event(Event.AWAY)
-        self._elsewhere = self._elsewhere + 1 if still else 0
-        if self._elsewhere == STILL_ELSEWHERE:
-            self._still_elsewhere(window, pose)
-
-    def _still_elsewhere(self, window: Window, pose: Candidate | None) -> None:
-        """The tool rests, but at no open pose."""
-        if pose is not None:
-            if pose.id not in (self.ledger.last_taken, self._must_leave):
-                self.last_rejection = (Rejection.REPEATED, f"pose {pose.id}: {Rejection.REPEATED.text}")
-                self._note_refusal(entries.Refused(pose.id, Rejection.REPEATED))
-            return
-        target = self.target
-        if target is not None and self.ledger.last_taken is None:
-            fits = axes_that_fit(window.mean, self._model, target, self.plan.limits)
-            self._set(Fault.AXES_SUSPECT, bool(fits), f"axes {fits[0]} would fit" if fits else "")
-
-    def _window_by_hand(self, window: Window) -> None:
-        still = self.tracker.stillness.still
-        hold = self.hold
-        if hold is not None:
-            if still:
-                self._lengthen(hold, window)
-                return
-            del hold.windows[-TRIM_WINDOWS:]
-            self._blame = (Rejection.TOO_SHORT, "")
-            self._event(Event.FULL if hold.long_enough else Event.AWAY)
-            return
-        self._event(Event.STILL if still and not self._is_last(window.mean, SAME_ATTITUDE_DEG) else Event.AWAY)
-
-    def _is_last(self, mean: Array, within_deg: float) -> bool:
-        """Whether an attitude is that of the pose taken last (its longest hold is kept already)."""
-        last = self.ledger.last_taken
-        readings = self.ledger.lines[last].readings if last is not None else None
-        if readings is None or readings.n < self.plan.limits.max_hold_s * (self.tracker.rate_hz or 1.0) * 0.9:
-            return False
-        return bool(np.linalg.norm(mean - np.array(readings.mean())) < np.deg2rad(within_deg))
-
-    def _lengthen(self, hold: Hold, window: Window) -> None:
-        hold.add(window)
-        self._event(Event.STILL)
-        if (hold.elapsed_s >= self.plan.limits.max_hold_s) if self.plan.open_ended else hold.full():
-            self._event(Event.FULL)
+            for event in self.watch.look(window):
+                self._event(event)
+            if self.watch.repeated is not None:
+                pose, self.watch.repeated = self.watch.repeated, None
+                self.last_rejection = (Rejection.REPEATED, f"pose {pose}: {Rejection.REPEATED.text}")
+                self._note_refusal(entries.Refused(pose, Rejection.REPEATED))
 
     def _spoil(self, reason: Rejection, detail: str) -> None:
         if self.hold is not None:
-            self._blame = (reason, detail)
+            self.watch.blame = (reason, detail)
             if self.plan.open_ended:
                 self._finish_hold()
             self._event(Event.BROKEN)
@@ -510,14 +420,13 @@ class BenchSession:
         self.last_rejection = None
         other = asked_for is not None and asked_for.id != taken.pose
         detail = f"asked for {asked_for.id}, found {taken.pose}" if asked_for is not None else ""
-        self._set(Fault.NOT_AS_ASKED, other, detail)
-        for fault in (Fault.MIRRORED, Fault.NOT_ONE_G, Fault.FROZEN, Fault.NOT_STILL, Fault.AXES_SUSPECT):
-            self._clear(fault)
+        self.faults.set(Fault.NOT_AS_ASKED, other, detail)
+        self.faults.clear(*_FAULT_OF.values(), Fault.AXES_SUSPECT)
         for again in contradictions(self.ledger, judged):
             self._keep(again)
             self.last_rejection = (again.reason, f"pose {again.pose}: {again.reason.text}")
-            self._must_leave = again.pose
-        self._learn_again()
+            self.watch.must_leave = again.pose
+        self.watch.learn_again()
 
     def _refuse_pose(self) -> None:
         judged = self._judged
@@ -530,14 +439,14 @@ class BenchSession:
         )
         fault = _FAULT_OF.get(entry.reason)
         if fault is not None:
-            self._raise(fault, entry.detail)
+            self.faults.put(fault, entry.detail)
         if entry.reason is Rejection.OUTLIER:
-            self._must_leave = entry.pose
+            self.watch.must_leave = entry.pose
         self._note_refusal(entry)
 
     def _refuse_hold(self) -> None:
         """A hold was spoilt. Said, and written down if it had lasted a second."""
-        blame, self._blame = self._blame, None
+        blame, self.watch.blame = self.watch.blame, None
         hold = self.hold
         if hold is None or hold.elapsed_s < 1.0:
             return
@@ -555,73 +464,37 @@ class BenchSession:
         if self._same_refusals < MAX_SAME_REFUSALS:
             self._keep(entry)
 
-    def _learn_again(self) -> None:
-        """The poses changed: the provisional fit follows."""
-        lines = [(line, line.readings) for line in self.ledger.done]
-        if self.plan.reference == "pose" and lines:
-            a = np.array([r.mean() if r is not None else (0.0, 0.0, 0.0) for _, r in lines]).T
-            inc = [float(line.inc_deg or 0.0) for line, _ in lines]
-            tf = [float(line.tf_deg or 0.0) for line, _ in lines]
-            self._model = Provisional.fit(inc, tf, a, self.plan.limits)
-        else:
-            self._model = Provisional.fit((), (), np.zeros((3, 0)), self.plan.limits)
-
     # --- what is asked for -------------------------------------------------------------------------------------
+
+    @property
+    def hold(self) -> Hold | None:
+        """The hold under way."""
+        return self.watch.hold
 
     @property
     def model(self) -> Provisional:
         """The sensor as far as it is known; for guidance alone."""
-        return self._model
-
-    @property
-    def target_id(self) -> str | None:
-        target = self.target
-        return target.id if target is not None else None
+        return self.watch.model
 
     @property
     def target(self) -> Candidate | None:
-        """The pose asked for: the one under way, else the first open one of the plan, those asked for again first."""
-        lines = self.ledger.open_lines
-        if not lines or self.plan.open_ended:
-            return None
-        under_way = self.hold.pose if self.hold is not None else None
-        chosen = next((line for line in lines if line.id == under_way), None)
-        chosen = chosen or next((line for line in lines if line.state is PoseState.AGAIN), lines[0])
-        return _candidate(chosen)
+        """The pose asked for."""
+        return self.watch.target
 
-    def candidates(self) -> list[Candidate]:
-        """The poses of the present stage."""
-        stage = self.ledger.stage
-        return [_candidate(line) for line in self.ledger.lines.values() if line.stage == stage]
+    @property
+    def must_leave(self) -> str | None:
+        """A pose that has to be set anew before it is measured again."""
+        return self.watch.must_leave
 
     @property
     def back_to(self) -> State | None:
         """Where a pause or a loss of data leads back to."""
         return self._onward() if self.state in (State.PAUSED, State.NO_DATA) else None
 
-    @property
-    def must_leave(self) -> str | None:
-        return self._must_leave
-
-    # --- faults ------------------------------------------------------------------------------------------------
-
     def _at(self, now_s: float) -> None:
         if not self._since_s:
             self._since_s = now_s
-        self.now_s = now_s
-
-    def _set(self, fault: Fault, wrong: bool, detail: str = "") -> None:
-        if wrong:
-            self._raise(fault, detail)
-        else:
-            self._clear(fault)
-
-    def _raise(self, fault: Fault, detail: str = "") -> None:
-        since = self.faults[fault][0] if fault in self.faults else self.now_s
-        self.faults[fault] = (since, detail)
-
-    def _clear(self, fault: Fault) -> None:
-        self.faults.pop(fault, None)
+        self.now_s = self.faults.now_s = now_s
 
 
 _FAULT_OF = {
@@ -630,7 +503,3 @@ _FAULT_OF = {
     Rejection.FROZEN: Fault.FROZEN,
     Rejection.SHAKEN: Fault.NOT_STILL,
 }
-
-
-def _candidate(line: PoseLine) -> Candidate:
-    return Candidate(line.id, float(line.inc_deg or 0.0), float(line.tf_deg or 0.0), line.open)

@@ -78,7 +78,7 @@ class View:
             closures=self._closures,
             faults=[
                 FaultState(code=fault.value, text=fault.text, since_s=max(0.0, since), detail=detail)
-                for fault, (since, detail) in session.faults.items()
+                for fault, since, detail in session.faults
             ],
             last_rejection=None if refused is None else refused[1],
             operator=ledger.operator,
