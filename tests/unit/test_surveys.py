@@ -224,13 +224,20 @@ def test_a_day_of_drilling_and_connections() -> None:
         for t, survey in here:
             if not survey.verdict.accepted:
                 continue
-            began = t - survey.duration_s
-            assert began >= stop.begin - 3.0, "it began while the tool still moved"
             assert t <= stop.end
-            truth = motion.block([stop.begin + 1.0])
-            assert survey.attitude.inc_deg == pytest.approx(math.degrees(truth.inclination_rad[0]), abs=0.01)
-            error = math.remainder(survey.attitude.tf_deg - math.degrees(truth.toolface_rad[0]), 360.0)
-            assert abs(error) < 0.05
-    # none outside of the stops: not while drilling, sliding or turning
-    assert used == len(found)
+    # not one was accepted while the tool moved or shook by more than its noise shows. (Legs begin and end softly:
+    # between two of them the tool may stand for half a minute, and a survey of that is a good one.)
+    between = 0
+    for t, survey in found:
+        if not survey.verdict.accepted:
+            continue
+        truth = motion.block(np.arange(t - survey.duration_s, t, 0.1))
+        assert np.ptp(truth.gravity, axis=1).max() < 1e-3, f"it moved before {t}"
+        assert truth.vibration_rms_g.max() < 6e-3, f"it shook before {t}"
+        assert survey.attitude.inc_deg == pytest.approx(math.degrees(truth.inclination_rad.mean()), abs=0.01)
+        error = math.remainder(survey.attitude.tf_deg - math.degrees(truth.toolface_rad.mean()), 360.0)
+        assert abs(error) < 0.1
+        between += not any(stop.begin < t <= stop.end for stop in stops)
+    assert used + between <= len(found)
+    assert between < 120, "between each stop there are three soft changes at most"
     assert json.dumps(sorted({s.kind for s in stops})) == json.dumps(sorted(expected))

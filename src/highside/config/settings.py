@@ -20,6 +20,7 @@ from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, Settings
 
 from highside.calibration.rebalance import RebalanceSettings
 from highside.config.codecs import CodecConfig, speaks_as_the_tool
+from highside.config.drift import DriftSettings
 from highside.config.links import LinkConfig
 from highside.config.mqtt import MqttSettings
 from highside.config.recorder import RecorderSettings
@@ -97,7 +98,7 @@ class SurveySettings(Table):
     sigma: float = Field(default=6.0, gt=1, description="A mean that departs by more of its own sigmas is motion.")
     floor_g: float = Field(default=5e-4, ge=0, description="Departures below this are never motion.")
     max_noise_g: float = Field(
-        default=0.02, gt=0, description="More scatter of one reading than this is never the sensor's own."
+        default=0.005, gt=0, description="More scatter of one reading than this is never the sensor's own."
     )
     accept: AcceptSettings = AcceptSettings()
 
@@ -175,6 +176,7 @@ class Settings(BaseSettings):
     survey: SurveySettings = SurveySettings()
     calibration: CalibrationSettings = CalibrationSettings()
     rebalance: RebalanceTable = RebalanceTable()
+    drift: DriftSettings = DriftSettings()
     mqtt: MqttSettings = MqttSettings()
     recorder: RecorderSettings = RecorderSettings()
     site: SiteSettings = SiteSettings()
