@@ -110,11 +110,19 @@ class ToolfaceLog:
                 file.write(json.dumps(setting.as_dict()).encode() + b"\n")
                 file.flush()
                 os.fsync(file.fileno())
+                _give_to_owner(file.fileno(), self.path.parent)
         except OSError as error:
             raise InputError(
                 f"cannot be written: {error.strerror}", where=str(self.path), remedy="run as the user of the service"
             ) from None
         return setting
+
+
+def _give_to_owner(descriptor: int, directory: Path) -> None:
+    """Root writes for the service's own user, who must be able to read and go on writing the file."""
+    owner = directory.stat()
+    if os.geteuid() == 0 and os.fstat(descriptor).st_uid != owner.st_uid:
+        os.fchown(descriptor, owner.st_uid, owner.st_gid)
 
 
 def _end_torn_line(file: Any) -> None:
