@@ -19,12 +19,15 @@ class _Table(BaseModel):
 
 
 class SiteSettings(_Table):
-    """The table `[site]`: gravity where the tool works."""
+    """The table `[site]`: gravity and latitude where the tool works."""
 
     gravity_mps2: float | None = Field(
         default=None, gt=9.6, lt=10.0, description="Local gravity in m/s2; unknown where absent."
     )
     gravity_std_mps2: float = Field(default=0.0005, ge=0, lt=0.1, description="Its standard deviation, m/s2.")
+    latitude_deg: float | None = Field(
+        default=None, ge=-90, le=90, description="For the Earth's rotation in the gyros; counts as their bias if absent."
+    )
 
 
 class ToolfaceSettings(_Table):

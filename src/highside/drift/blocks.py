@@ -29,9 +29,11 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 Sums = tuple[Any, ...]
-"""q (4), J (9, by rows), S (3), A (3), then: dt, n, |a|-1, (|a|-1)^2, |a|^2, w (3), w^2 (3), squared steps of w"""
+"""q (4), J (9, by rows), S (3), A (3), then: dt, n, |a|-1, (|a|-1)^2, |a|^2, w (3), w^2 (3), squared steps of w, the
+largest of them"""
 
-EMPTY: Sums = (1.0,) + (0.0,) * 18 + (0.0,) * 12
+EMPTY: Sums = (1.0,) + (0.0,) * 31
+SUMS = 32
 MAX_GAP_S = 0.5
 """A longer hole between two rows is not integrated over: what the tool did in it is not known."""
 
@@ -44,7 +46,7 @@ def advance(
     `rough` is the squared difference of w from the sample before; `one` is 1, or 0 where the block has no such sample.
     """
     (q0, q1, q2, q3, j00, j01, j02, j10, j11, j12, j20, j21, j22, s0, s1, s2, a0, a1, a2,
-     time, n, e1, e2, f2, w0, w1, w2, v0, v1, v2, r) = sums  # fmt: skip
+     time, n, e1, e2, f2, w0, w1, w2, v0, v1, v2, r, top) = sums  # fmt: skip
     x, y, z = w
     k = 0.5 * dt
     hx, hy, hz = k * x, k * y, k * z
@@ -95,6 +97,8 @@ def advance(
         v1 + one * (y * y),
         v2 + one * (z * z),
         r + one * rough,
+        # the larger of the two, for numbers and arrays alike
+        0.5 * (top + rough + abs(top - rough)),
     )  # fmt: skip
 
 
@@ -159,7 +163,8 @@ class Block:
 
     @property
     def rate_noise(self) -> float:
-        """standard deviation of one rate reading from the differences of neighbours, so without slow motion, rad/s"""
+        """standard deviation of one rate reading from the differences of neighbours but the largest, so without slow
+        motion and a sudden start, rad/s"""
         return float(self.vector[30])
 
     @property
@@ -177,7 +182,7 @@ class Block:
 
 
 def finished(sums: FloatArray, gap_s: Any, start_s: Any, end_s: Any) -> FloatArray:
-    """What the sums (31,) or (31, M) of finished blocks say: (34,) or (34, M), laid out as `Block` names it."""
+    """What the sums (32,) or (32, M) of finished blocks say: (34,) or (34, M), laid out as `Block` names it."""
     n = np.maximum(sums[20], 1.0)
     out = np.empty((34, *sums.shape[1:]))
     out[:16], out[19:21] = sums[:16], sums[19:21]
@@ -187,7 +192,9 @@ def finished(sums: FloatArray, gap_s: Any, start_s: Any, end_s: Any) -> FloatArr
     size2 = accel[0] * accel[0] + accel[1] * accel[1] + accel[2] * accel[2]
     out[23] = np.sqrt(np.maximum(sums[23] / n - size2, 0.0) / 3.0)
     out[27:30] = np.sqrt(np.maximum(sums[27:30] / n - rate * rate, 0.0))
-    out[30] = np.sqrt(sums[30] / n / 6.0)
+    # a motor that starts is one step, and no noise; 2.2 (1 + ln n) is what the largest of n such squares has on average
+    own = np.maximum(n - 2.2 / 3.0 * (1.0 + np.log(n)), 0.5)
+    out[30] = np.sqrt(np.maximum(sums[30] - sums[31], 0.0) / own / 6.0)
     out[31], out[32], out[33] = gap_s, start_s, end_s
     return out
 

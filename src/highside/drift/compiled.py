@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.drift import core
-from highside.drift.blocks import EMPTY, MAX_GAP_S, advance
+from highside.drift.blocks import EMPTY, MAX_GAP_S, SUMS, advance
 from highside.drift.core import times, turning
 
 FloatArray = NDArray[np.float64]
@@ -44,7 +44,7 @@ def gather(
 ) -> int:  # fmt: skip
     """Sums of all blocks, `blocks.Gatherer` for rows of the tool frame: t_s (N,), rate, accel (3, N).
 
-    Fills number (N,), sums (31, M) and edges (3, M): gap, start, end. Returns the number of blocks, at most M.
+    Fills number (N,), sums (32, M) and edges (3, M): gap, start, end. Returns the number of blocks, at most M.
     """
     at = EMPTY
     block, label, start, gap = 0, 0.0, t_s[0], 0.0
@@ -56,7 +56,7 @@ def gather(
         ax, ay, az = -accel[1, i], -accel[2, i], accel[0, i]
         own = math.floor((t - t_s[0]) / block_s + 1e-6)
         if own != label:
-            for j in range(31):
+            for j in range(SUMS):
                 sums[j, block] = at[j]
             edges[0, block], edges[1, block], edges[2, block] = gap, start, last
             at, gap, start, label = EMPTY, 0.0, last, own
@@ -71,7 +71,7 @@ def gather(
         before, bx, by, bz = t, x, y, z
         last = t
         number[i] = block
-    for j in range(31):
+    for j in range(SUMS):
         sums[j, block] = at[j]
     edges[0, block], edges[1, block], edges[2, block] = gap, start, last
     return block + 1

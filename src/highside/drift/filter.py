@@ -196,6 +196,10 @@ class KinematicFilter:
         self.time_s = math.nan
         self._gatherer = Gatherer(settings.block_s)
 
+    def gather(self, t_s: float, rate: tuple[float, float, float], accel: tuple[float, float, float]) -> Block | None:
+        """One sample in the *body* frame (rad/s, g); the block that it closed, which is for `take`."""
+        return self._gatherer.add(t_s, rate, accel)
+
     def update(self, t_s: float, rate: tuple[float, float, float], accel: tuple[float, float, float],
                *, declared_still: bool = False) -> State | None:  # fmt: skip
         """One sample in the *body* frame (rad/s, g); the state if this sample closed a block.
@@ -213,14 +217,19 @@ class KinematicFilter:
     def step(self, block: Block, *, declared_still: bool = False) -> State:
         """Take a block in; returns the state at its end."""
         self.take(block, declared_still=declared_still)
-        assert self.state is not None
-        return self.state
+        state = self.state
+        if state is None:
+            raise ValueError("the first block shows no gravity")
+        return state
 
     def take(self, block: Block, *, declared_still: bool = False) -> None:
         """`step` without the state as an object."""
         verdict = int(self.gate.verdict(block, declared=declared_still))
         self.time_s = block.end_s
         if self.memory is None:
+            if not float(block.accel @ block.accel) > 0.25:
+                # no gravity to begin with
+                return
             # the first block gives the tilt: its motion is not integrated, its gravity is not used twice
             self.memory = aligned(block, self.settings)
             self.motion = Motion(verdict)

@@ -12,7 +12,7 @@ that of the still record.
 
 A mean rate that small may still be a real, slow turn (a curved hole), and a zero-rate update would then take all of
 it for gyro bias. `core.agrees` bounds that: it asks whether the rate seen since the stop began agrees with the bias as
-known before the stop. A declared stop is believed and not tested.
+known before the stop. A declared stop is believed and not tested, unless the tool turns for all to see.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ class Motion(IntEnum):
 ENTER, LEAVE = 2.5, 5.0
 DWELL_S = 2.0
 STILL_RATE_RADPS = math.radians(0.05)
+VISIBLE_RATE_RADPS = math.radians(1.0)
+"""a declared stop is believed up to this mean rate beyond that of the still record"""
 LEARN_S = 20.0
 """length of the still record from which the thresholds are taken"""
 
@@ -108,7 +110,8 @@ class Gate:
                 self.still = StillStatistics.of(self._record)
                 self._record = []
         if declared:
-            return Motion.STILL
+            turns = self.still is not None and float(np.abs(block.rate - self.still.rate).max()) > VISIBLE_RATE_RADPS
+            return Motion.TURNING if turns else Motion.STILL
         if self.still is None:
             return Motion.VIBRATING if block.norm_std > _PLAUSIBLE_NORM_STD_G else Motion.TURNING
         self._follow(block, self.still)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from highside.attitude.quaternion import from_rotation_vector, multiply
 from highside.drift import core
-from highside.drift.blocks import Batch, Block, finished
+from highside.drift.blocks import SUMS, Batch, Block, finished
 from highside.drift.compiled import Kernels, kernels
 from highside.drift.filter import Settings, aligned, azimuth_basis, azimuth_std, constants_of, predicted, refused
 from highside.drift.frames import attitude, std_to_tool, to_body, to_tool
@@ -44,7 +44,7 @@ def gathered(
         batch = Batch.of(t_s, to_body(rate), to_body(accel), block_s)
         return Gathered(np.ascontiguousarray(batch.table().T), batch.number, batch)
     most = min(t_s.size, int((t_s[-1] - t_s[0]) / block_s) + 2)
-    number, sums, edges = np.empty(t_s.size, dtype=np.intp), np.empty((31, most)), np.empty((3, most))
+    number, sums, edges = np.empty(t_s.size, dtype=np.intp), np.empty((SUMS, most)), np.empty((3, most))
     count = compiled.gather(t_s, rate, accel, block_s, number, sums, edges)
     return Gathered(np.ascontiguousarray(finished(sums[:, :count], *edges[:, :count]).T), number, None)
 

@@ -2,8 +2,8 @@
 
 The readings of `drift_scenarios` are linear in what is unknown as long as errors are small, and their noise is normal:
 the bound is then the covariance recursion along the *true* motion, with the true noise levels (van Trees 1968, in its
-posterior form: what is known beforehand counts). No estimator that knows only the past does better on average over many runs;
-single runs, and a handful of them, may. Written apart from the filter, in the same blocks of a second:
+posterior form: what is known beforehand counts). No estimator that knows only the past does better on average over
+many runs; single runs, and a handful of them, may. Written apart from the filter, in the same blocks of a second:
 
     d' = R d - J b - S s + N sqrt(t),   b' = b + K sqrt(t),   s, a constant
     gravity     p x d + (I - p p') a  with the scatter of a block's mean reading
@@ -70,10 +70,17 @@ def azimuth_bound(
     for begin, end in np.zeros((0, 2)) if rest is None else rest:
         still[1:] |= (e.t_s[at[:-1]] >= begin - 1e-6) & (e.t_s[at[1:]] <= end + 1e-6)
 
-    up = direction_cosines(q[:, 0])[:, 2]
     P = np.zeros((10, 10))
-    about_up = np.outer(up, up)
-    P[:3, :3] = azimuth_std_rad**2 * about_up + _WIDE_RAD**2 * (np.eye(3) - about_up)
+    # elevation, toolface and azimuth as rotations of the body: the azimuth is known, not the rotation about Up
+    theta, phi = float(e.theta[0]), float(e.phi[0])
+    axes = np.array(
+        [
+            [np.cos(phi), 0.0, np.sin(phi) * np.cos(theta)],
+            [0.0, 1.0, -np.sin(theta)],
+            [np.sin(phi), 0.0, -np.cos(phi) * np.cos(theta)],
+        ]
+    ) * np.array([_WIDE_RAD, _WIDE_RAD / max(np.cos(theta), _VERTICAL_COS), azimuth_std_rad])
+    P[:3, :3] = axes @ axes.T
     P[3:6, 3:6] = (bias_std_dph * DEG_PER_HOUR) ** 2 * np.eye(3)
     P[6, 6] = scale_std**2
     P[7:, 7:] = triad.accel_bias_g**2 * np.eye(3)
