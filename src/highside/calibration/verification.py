@@ -1,0 +1,446 @@
+"""Checking an existing calibration: at a few poses of a bench ("as found"), or by rolling the tool at one inclination.
+
+The error of a pose is what the calibration makes of the raw reading minus what the bench says. Its uncertainty is that
+of the *comparison*: reading noise of the mean, one setting of the bench, the bench's tilt and, for toolface, its zero.
+The calibration's own stated uncertainty is not part of it (the calibration is what is being judged), but tells whether
+an error is of a size that was to be expected: `sigmas`.
+
+Decision rule: guarded acceptance with a guard band of U = k u, k = 2 (JCGM 106, ILAC-G8): *pass* where |error| + U is
+within the limit, *fail* where |error| - U is beyond it, *undecided* between. A pose that passes by mistake, or fails by
+mistake, does so with a probability of 2.3 % at most.
+
+The roll test needs no bench: the tool is rolled through at least eight toolfaces in a rest that keeps its inclination.
+The ranges (largest less smallest) of I and of Gtotal are compared with limits. Noise widens a range by at most the
+range of the noise itself, so that the guard band is `q u` with q the 95 % point of the studentised range of N values.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from highside.attitude.angles import difference, wrap_positive
+from highside.attitude.block import attitude_block, attitude_std_block
+from highside.calibration.correction import LinearCorrection
+from highside.calibration.poses import Array, PoseSet
+from highside.calibration.record import CalibrationRecord, correction_from_record
+from highside.calibration.result import UNIFORM_ANGLE_STD_RAD, BenchAccuracy
+from highside.calibration.schedule import ScheduledCorrection
+from highside.errors import InputError, Refused
+
+K = 2.0
+"""Coverage factor of the guard band."""
+VERTICAL_RAD = math.radians(0.05)
+"""Nearer to the vertical than this a toolface is not judged."""
+ROLL_MIN_TOOLFACES = 8
+ROLL_SAME_RAD = math.radians(5.0)
+"""Toolfaces nearer than this are one."""
+ROLL_LARGEST_GAP_RAD = math.radians(90.0)
+ROLL_ONE_INC_RAD = math.radians(5.0)
+"""A tool that was meant to stay at one inclination does not differ by more, whatever its calibration."""
+ROLL_PROBABILITY = 0.95
+
+
+class Verdict(StrEnum):
+    """The answer to a comparison with a limit."""
+
+    PASS = "pass"
+    FAIL = "fail"
+    UNDECIDED = "undecided"
+    """the uncertainty of the comparison is too large to say"""
+    NOT_COVERED = "not_covered"
+    """the calibration does not hold there: it gives no value"""
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """One comparison: the error, its standard uncertainty, the limit on its size (same unit), and the verdict.
+
+    `sigmas`: the error in standard deviations of what was to be expected, the calibration's own uncertainty included.
+    """
+
+    error: float
+    std: float
+    limit: float
+    verdict: Verdict
+    sigmas: float | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "error": self.error,
+            "std": self.std,
+            "limit": self.limit,
+            "verdict": self.verdict.value,
+            "sigmas": self.sigmas,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Judged:
+        return cls(data["error"], data["std"], data["limit"], Verdict(data["verdict"]), data["sigmas"])
+
+
+def judge(error: float, std: float, limit: float, expected_std: float | None = None) -> Judged:
+    """Guarded acceptance (see the module). `expected_std`: of the error if the calibration is as good as it says."""
+    size, guard = abs(error), K * std
+    verdict = Verdict.UNDECIDED
+    if size + guard <= limit:
+        verdict = Verdict.PASS
+    elif size - guard > limit:
+        verdict = Verdict.FAIL
+    return Judged(error, std, limit, verdict, error / expected_std if expected_std else None)
+
+
+@dataclass(frozen=True, slots=True)
+class VerifiedPose:
+    """One pose: the bench's setting, the indication (deg), and the two comparisons (deg). `tf` None: near vertical."""
+
+    pose: str
+    inc_ref_deg: float
+    tf_ref_deg: float
+    inc_deg: float | None
+    tf_deg: float | None
+    inc: Judged | None
+    tf: Judged | None
+    zone: str
+
+    @property
+    def verdict(self) -> Verdict:
+        if self.inc is None:
+            return Verdict.NOT_COVERED
+        return _worst([j.verdict for j in (self.inc, self.tf) if j is not None])
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "pose": self.pose,
+            "inc_ref_deg": self.inc_ref_deg,
+            "tf_ref_deg": self.tf_ref_deg,
+            "inc_deg": self.inc_deg,
+            "tf_deg": self.tf_deg,
+            "inc": None if self.inc is None else self.inc.to_dict(),
+            "tf": None if self.tf is None else self.tf.to_dict(),
+            "zone": self.zone,
+            "verdict": self.verdict.value,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """All poses and the verdict of the whole: fail if one fails, undecided if one is, pass if all pass."""
+
+    record_id: str
+    poses: tuple[VerifiedPose, ...]
+    limit_inc_deg: float
+    limit_tf_deg: float
+    frame: str
+    toolface_zero_deg: float | None
+    """taken off the toolfaces (the chuck's zero was estimated), None where it was not"""
+
+    @property
+    def verdict(self) -> Verdict:
+        return _worst([pose.verdict for pose in self.poses])
+
+    @property
+    def consistent(self) -> bool:
+        """Whether all errors are of a size that the calibration's stated uncertainty lets expect (3 sigma)."""
+        all_judged = [j for pose in self.poses for j in (pose.inc, pose.tf) if j is not None and j.sigmas is not None]
+        return all(abs(j.sigmas or 0.0) <= 3.0 for j in all_judged)
+
+    @property
+    def text(self) -> str:
+        """The verdict as a sentence."""
+        count = len(self.poses)
+        tally = {verdict: sum(pose.verdict is verdict for pose in self.poses) for verdict in Verdict}
+        match self.verdict:
+            case Verdict.PASS:
+                return f"Pass: all {count} poses are within the limits, uncertainty included."
+            case Verdict.FAIL:
+                return f"Fail: {tally[Verdict.FAIL]} of {count} poses are beyond a limit by more than the uncertainty."
+            case Verdict.NOT_COVERED:
+                return (
+                    f"Undecided: the calibration does not hold at {tally[Verdict.NOT_COVERED]} of {count} poses. Verify"
+                    " within its zones, or calibrate there."
+                )
+            case _:
+                return (
+                    f"Undecided: {tally[Verdict.UNDECIDED]} of {count} poses are too near a limit for the uncertainty"
+                    " of this comparison. Average longer, or use a better bench."
+                )
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "kind": "verification",
+            "record": self.record_id,
+            "verdict": self.verdict.value,
+            "text": self.text,
+            "consistent": self.consistent,
+            "rule": "guarded acceptance, guard band U = 2 u",
+            "limit_inc_deg": self.limit_inc_deg,
+            "limit_tf_deg": self.limit_tf_deg,
+            "frame": self.frame,
+            "toolface_zero_deg": self.toolface_zero_deg,
+            "poses": [pose.to_dict() for pose in self.poses],
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class RollTest:
+    """The ranges of I (deg) and Gtotal (g) over the toolfaces; their means and harmonics say what to look for.
+
+    `*_first`: amplitude of the first harmonic over toolface: a remaining offset across the axis; `*_second`: of the
+    second: scales of x and y that differ, or their angle.
+    """
+
+    record_id: str
+    toolfaces: int
+    mean_inc_deg: float
+    mean_g_total: float
+    inc: Judged
+    g_total: Judged
+    inc_first_deg: float
+    inc_second_deg: float
+    g_first: float
+    g_second: float
+
+    @property
+    def verdict(self) -> Verdict:
+        return _worst([self.inc.verdict, self.g_total.verdict])
+
+    @property
+    def text(self) -> str:
+        """The verdict as a sentence."""
+        what = (
+            f"I varies by {self.inc.error:.4f} deg (limit {self.inc.limit:g}), Gtotal by {1e3 * self.g_total.error:.3f}"
+            f" mg (limit {1e3 * self.g_total.limit:g}) over {self.toolfaces} toolfaces"
+        )
+        match self.verdict:
+            case Verdict.PASS:
+                return f"Pass: {what}."
+            case Verdict.FAIL:
+                return f"Fail: {what}."
+            case _:
+                return f"Undecided: {what}; too near for the noise. Average longer."
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "kind": "roll_test",
+            "record": self.record_id,
+            "verdict": self.verdict.value,
+            "text": self.text,
+            "rule": f"range of values, guard band = {ROLL_PROBABILITY:.0%} point of the range of the noise",
+            "toolfaces": self.toolfaces,
+            "mean_inc_deg": self.mean_inc_deg,
+            "mean_g_total": self.mean_g_total,
+            "inc_deg": self.inc.to_dict(),
+            "g_total": self.g_total.to_dict(),
+            "inc_first_deg": self.inc_first_deg,
+            "inc_second_deg": self.inc_second_deg,
+            "g_first": self.g_first,
+            "g_second": self.g_second,
+        }
+
+
+_ORDER = (Verdict.PASS, Verdict.NOT_COVERED, Verdict.UNDECIDED, Verdict.FAIL)
+
+
+def _worst(verdicts: list[Verdict]) -> Verdict:
+    return max(verdicts, key=_ORDER.index)
+
+
+@dataclass(frozen=True, slots=True)
+class Indicated:
+    """What a record makes of N poses: `g` (3, N) in g, I and T (rad) with the standard deviations of the reading noise
+    and of the calibration, and the zone of each ("none": not covered, values are not numbers)."""
+
+    g: Array
+    inc: Array
+    tf: Array
+    inc_noise: Array
+    tf_noise: Array
+    inc_cal: Array
+    tf_cal: Array
+    zone: tuple[str, ...]
+
+
+def indicated(record: CalibrationRecord, poses: PoseSet) -> Indicated:
+    """The corrected attitudes of N poses."""
+    correction = correction_from_record(record)
+    if not isinstance(correction, LinearCorrection | ScheduledCorrection):
+        raise TypeError(f"{type(correction).__name__} cannot be applied in blocks")
+    temp = poses.temp_c
+    alone = correction.corrected_block(poses.a, 0.0, temp)
+    noise = np.sqrt(np.mean(poses.noise_of_mean() ** 2, axis=0))
+    noisy = correction.corrected_block(poses.a, noise, temp)
+    inc, tf = attitude_block(alone.g)
+    inc_cal, tf_cal, _ = attitude_std_block(alone.g, alone.cov)
+    inc_noise, tf_noise, _ = attitude_std_block(alone.g, noisy.cov - alone.cov)
+    names = (*alone.names, "none")
+    return Indicated(
+        alone.g, inc, tf, inc_noise, tf_noise, inc_cal, tf_cal, tuple(names[index] for index in alone.zone.tolist())
+    )
+
+
+def verify_poses(
+    record: CalibrationRecord,
+    poses: PoseSet,
+    *,
+    limit_inc_deg: float,
+    limit_tf_deg: float,
+    bench: BenchAccuracy,
+    frame: str = "gravity",
+    toolface_zero_std_deg: float = 0.0,
+    free_toolface_zero: bool = False,
+) -> Verification:
+    """Judge a calibration at N poses whose attitudes the bench tells.
+
+    `frame` "gravity": the bench's tilt is not known but for its size, `bench.tilt_rad`. "bench": the same bench that
+    the record was made on; the tilt that was estimated then is taken off, with its uncertainty. `free_toolface_zero`:
+    the zero of this clamping is estimated and taken off. Raises InputError.
+    """
+    for name, limit in (("--limit-inc-deg", limit_inc_deg), ("--limit-tf-deg", limit_tf_deg)):
+        if not (math.isfinite(limit) and limit > 0.0):
+            raise InputError(f"{limit:g} is no limit", field=name, remedy="give a positive number of degrees")
+    inc_ref, tf_ref = _folded(*poses.reference())
+    found = indicated(record, poses)
+    inc, tf, tilt = found.inc, found.tf, (bench.tilt_rad, bench.tilt_rad)
+    if frame == "bench" and record.result.frame == "gravity":
+        inc, tf = record.result.to_bench_frame(inc, tf)
+        tf = wrap_positive(tf)
+        parameters = record.result.main.parameters
+        tilt = (parameters.std("tilt_x"), parameters.std("tilt_y"))
+    sin_inc = np.abs(np.sin(inc_ref))
+    has_tf = sin_inc > math.sin(VERTICAL_RAD)
+    safe = np.where(has_tf, sin_inc, 1.0)
+    inc_std = np.sqrt(found.inc_noise**2 + bench.pose_rad**2 + tilt[0] ** 2)
+    tf_std = np.sqrt(
+        found.tf_noise**2 + bench.pose_rad**2 + (tilt[1] / safe) ** 2 + math.radians(toolface_zero_std_deg) ** 2
+    )
+    inc_error = inc - inc_ref
+    tf_error = difference(tf, tf_ref)
+    covered = np.isfinite(inc)
+    zero = None
+    if free_toolface_zero:
+        use = covered & has_tf
+        if np.count_nonzero(use) < 3:
+            raise InputError("too few poses to estimate the toolface zero", remedy="three at the least, or state it")
+        weight = 1.0 / tf_std[use] ** 2
+        # about the first one, so that errors near half a turn average well
+        first = float(tf_error[use][0])
+        zero = first + float(np.sum(weight * difference(tf_error[use], first)) / np.sum(weight))
+        tf_error = difference(tf_error, zero)
+    rows = []
+    for i, name in enumerate(poses.ids):
+        inc_judged = tf_judged = None
+        if covered[i]:
+            expected = math.hypot(inc_std[i], found.inc_cal[i])
+            inc_judged = _judge_angle(inc_error[i], inc_std[i], limit_inc_deg, expected)
+            if has_tf[i]:
+                wide = min(float(tf_std[i]), UNIFORM_ANGLE_STD_RAD)
+                expected = math.hypot(wide, found.tf_cal[i])
+                tf_judged = _judge_angle(tf_error[i], wide, limit_tf_deg, expected)
+        rows.append(
+            VerifiedPose(
+                pose=name,
+                inc_ref_deg=math.degrees(inc_ref[i]),
+                tf_ref_deg=math.degrees(tf_ref[i]),
+                inc_deg=math.degrees(inc[i]) if covered[i] else None,
+                tf_deg=math.degrees(tf[i]) if covered[i] and has_tf[i] else None,
+                inc=inc_judged,
+                tf=tf_judged,
+                zone=found.zone[i],
+            )
+        )
+    return Verification(
+        record.id, tuple(rows), limit_inc_deg, limit_tf_deg, frame, None if zero is None else math.degrees(zero)
+    )
+
+
+def _judge_angle(error: float, std: float, limit_deg: float, expected: float) -> Judged:
+    return judge(math.degrees(error), math.degrees(std), limit_deg, math.degrees(expected))
+
+
+def _folded(inc: Array, tf: Array) -> tuple[Array, Array]:
+    """The bench's settings as the attitude they give: inclination in 0 to pi (a table turned the other way is the
+    opposite toolface)."""
+    turned = inc < 0
+    return np.abs(inc), wrap_positive(np.where(turned, tf + np.pi, tf))
+
+
+def roll_test(
+    record: CalibrationRecord,
+    poses: PoseSet,
+    *,
+    limit_inc_deg: float,
+    limit_g_total_g: float,
+    inc_sigma_deg: float = 0.0,
+) -> RollTest:
+    """The field roll test of N poses: their toolfaces are those that the calibration itself indicates.
+
+    `inc_sigma_deg`: how well the rest keeps the inclination (one standard deviation). Raises InputError for limits that
+    are none, Refused where the poses are no roll test.
+    """
+    for name, limit in (("--limit-inc-deg", limit_inc_deg), ("--limit-gtotal-mg", limit_g_total_g)):
+        if not (math.isfinite(limit) and limit > 0.0):
+            raise InputError(f"{limit:g} is no limit", field=name, remedy="give a positive number")
+    found = indicated(record, poses)
+    if not np.all(np.isfinite(found.inc)):
+        missing = [poses.ids[i] for i in np.flatnonzero(~np.isfinite(found.inc))]
+        raise Refused(f"the calibration does not hold at pose {', '.join(missing)}: no roll test follows")
+    if float(np.ptp(found.inc)) > ROLL_ONE_INC_RAD:
+        raise Refused(
+            f"the poses are not at one inclination ({np.rad2deg(found.inc.min()):.1f} to"
+            f" {np.rad2deg(found.inc.max()):.1f} deg): roll the tool in a rest"
+        )
+    count, gap = _toolfaces(found.tf)
+    if count < ROLL_MIN_TOOLFACES or gap > ROLL_LARGEST_GAP_RAD:
+        raise Refused(
+            f"{count} different toolfaces, largest gap {np.rad2deg(gap):.0f} deg: a roll test has at least"
+            f" {ROLL_MIN_TOOLFACES} all around (gaps of at most {np.rad2deg(ROLL_LARGEST_GAP_RAD):.0f} deg)"
+        )
+    g_total = np.sqrt((found.g**2).sum(axis=0))
+    noise = np.sqrt(np.mean(poses.noise_of_mean() ** 2, axis=0))
+    inc_std = math.hypot(float(np.sqrt(np.mean(found.inc_noise**2))), math.radians(inc_sigma_deg))
+    q = _range_quantile(len(poses))
+    first, second = _harmonics(found.tf, found.inc), _harmonics(found.tf, g_total)
+    return RollTest(
+        record_id=record.id,
+        toolfaces=count,
+        mean_inc_deg=float(np.rad2deg(found.inc.mean())),
+        mean_g_total=float(g_total.mean()),
+        # the guard band is q u: judge doubles what it is given
+        inc=_range(math.degrees(float(np.ptp(found.inc))), math.degrees(inc_std), q, limit_inc_deg),
+        g_total=_range(float(np.ptp(g_total)), float(np.sqrt(np.mean(noise**2))), q, limit_g_total_g),
+        inc_first_deg=math.degrees(first[0]),
+        inc_second_deg=math.degrees(first[1]),
+        g_first=second[0],
+        g_second=second[1],
+    )
+
+
+def _range(value: float, std: float, q: float, limit: float) -> Judged:
+    judged = judge(value, q * std / K, limit)
+    return Judged(value, std, limit, judged.verdict)
+
+
+def _range_quantile(count: int) -> float:
+    from scipy.stats import studentized_range
+
+    return float(studentized_range.ppf(ROLL_PROBABILITY, count, np.inf))
+
+
+def _toolfaces(tf: Array) -> tuple[int, float]:
+    """How many different toolfaces there are, and the largest gap between neighbours (rad)."""
+    order = np.sort(wrap_positive(tf))
+    gaps = np.diff(np.append(order, order[0] + 2.0 * np.pi))
+    return int(np.count_nonzero(gaps > ROLL_SAME_RAD)), float(gaps.max())
+
+
+def _harmonics(tf: Array, values: Array) -> tuple[float, float]:
+    """Amplitudes of the first and second harmonic of `values` (N,) over toolface."""
+    design = np.column_stack([np.ones_like(tf), np.cos(tf), np.sin(tf), np.cos(2 * tf), np.sin(2 * tf)])
+    x = np.linalg.lstsq(design, values, rcond=None)[0]
+    return float(np.hypot(x[1], x[2])), float(np.hypot(x[3], x[4]))

@@ -1,0 +1,125 @@
+"""`highside calibrate verify`: an existing calibration against a few poses, or rolled at one inclination."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from highside.errors import InputError
+
+if TYPE_CHECKING:
+    from highside.calibration.verification import Judged, RollTest, Verification
+
+
+def verify(
+    record_file: Annotated[Path, typer.Argument(metavar="RECORD", help="Calibration record (JSON) to be checked.")],
+    poses_file: Annotated[Path, typer.Argument(metavar="POSES", help="Pose table (CSV) of raw means.")],
+    limit_inc_deg: Annotated[float, typer.Option(help="Limit on the error of I (roll test: on its range), deg.")],
+    limit_tf_deg: Annotated[float | None, typer.Option(help="Limit on the error of T, deg.")] = None,
+    limit_gtotal_mg: Annotated[
+        float, typer.Option("--limit-gtotal-mg", help="Roll test: limit on the range of Gtotal, mg.")
+    ] = 2.5,
+    roll: Annotated[
+        bool, typer.Option("--roll", help="Field roll test: no bench, at least 8 toolfaces at one inclination.")
+    ] = False,
+    pose_sigma_deg: Annotated[float, typer.Option(help="Standard deviation of a setting of the bench, deg.")] = 0.0052,
+    tilt_sigma_deg: Annotated[
+        float, typer.Option(help="How well the bench is level (standard deviation of each tilt), deg.")
+    ] = 0.05,
+    same_bench: Annotated[
+        bool, typer.Option("--same-bench", help="The bench of the record: its tilt is known from there.")
+    ] = False,
+    toolface_zero_sigma_deg: Annotated[
+        float, typer.Option(help="How well the tool is clamped in toolface (standard deviation), deg.")
+    ] = 0.0,
+    free_toolface_zero: Annotated[
+        bool, typer.Option("--free-toolface-zero", help="Estimate the toolface zero of this clamping, take it off.")
+    ] = False,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Also write the result (JSON).")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
+) -> None:
+    """Judge a calibration at a few poses: pass, fail or undecided, with the uncertainty of the comparison in it.
+
+    Exit 0: pass; 1: fail or undecided.
+    """
+    from highside.calibration.poses import PoseSet
+    from highside.calibration.result import BenchAccuracy
+    from highside.calibration.verification import Verdict, roll_test, verify_poses
+    from highside.cli.calibrate import _pose_columns, _read_pose_table
+    from highside.recording.calibration_store import read_record
+    from highside.recording.files import write_whole
+
+    for name, value in (
+        ("--pose-sigma-deg", pose_sigma_deg),
+        ("--tilt-sigma-deg", tilt_sigma_deg),
+        ("--toolface-zero-sigma-deg", toolface_zero_sigma_deg),
+    ):
+        if not (math.isfinite(value) and 0.0 <= value < 10.0):
+            raise InputError(f"{value:g} is no standard deviation of a bench", field=name, remedy="give 0 to 10 deg")
+    record = read_record(record_file)
+    table, _ = _read_pose_table(poses_file)
+    reference = "magnitude" if roll else "pose"
+    poses = PoseSet.from_columns(_pose_columns(table), where=str(poses_file), reference=reference)  # type: ignore[arg-type]
+    found: Verification | RollTest
+    if roll:
+        found = roll_test(
+            record,
+            poses,
+            limit_inc_deg=limit_inc_deg,
+            limit_g_total_g=1e-3 * limit_gtotal_mg,
+            inc_sigma_deg=pose_sigma_deg,
+        )
+    else:
+        if limit_tf_deg is None:
+            raise InputError("is missing", field="--limit-tf-deg", remedy="give the limit on T, or --roll")
+        found = verify_poses(
+            record,
+            poses,
+            limit_inc_deg=limit_inc_deg,
+            limit_tf_deg=limit_tf_deg,
+            bench=BenchAccuracy(math.radians(tilt_sigma_deg), math.radians(pose_sigma_deg)),
+            frame="bench" if same_bench else "gravity",
+            toolface_zero_std_deg=toolface_zero_sigma_deg,
+            free_toolface_zero=free_toolface_zero,
+        )
+    plain = found.to_dict()
+    if output is not None:
+        write_whole(output, (json.dumps(plain, indent=1, allow_nan=False) + "\n").encode())
+    typer.echo(json.dumps(plain, allow_nan=False) if as_json else "\n".join(lines(found)))
+    if found.verdict is not Verdict.PASS:
+        raise typer.Exit(1)
+
+
+def lines(found: Verification | RollTest) -> list[str]:
+    """What a person reads."""
+    from highside.calibration.verification import RollTest
+
+    if isinstance(found, RollTest):
+        return [
+            f"roll test at I = {found.mean_inc_deg:.3f} deg, {found.toolfaces} toolfaces",
+            f"I        range {found.inc.error:.4f} deg, limit {found.inc.limit:g}: {found.inc.verdict}; harmonics "
+            f"{found.inc_first_deg:.4f}, {found.inc_second_deg:.4f} deg",
+            f"Gtotal   range {1e3 * found.g_total.error:.3f} mg, limit {1e3 * found.g_total.limit:g}:"
+            f" {found.g_total.verdict}; harmonics {1e3 * found.g_first:.3f}, {1e3 * found.g_second:.3f} mg;"
+            f" mean {found.mean_g_total:.6f}",
+            found.text,
+        ]
+    out = ["pose       I set    T set    I error ± 2u   (limit)    T error ± 2u   (limit)"]
+    out += [
+        f"{pose.pose:<8} {pose.inc_ref_deg:8.3f} {pose.tf_ref_deg:8.3f}  {_cell(pose.inc)}  {_cell(pose.tf)}"
+        f"  {pose.verdict}"
+        for pose in found.poses
+    ]
+    if found.toolface_zero_deg is not None:
+        out.append(f"toolface zero of this clamping: {found.toolface_zero_deg:+.4f} deg, taken off")
+    if not found.consistent:
+        out.append("errors are larger than the record's own stated uncertainty lets expect: the sensor has changed")
+    return [*out, found.text]
+
+
+def _cell(one: Judged | None) -> str:
+    return "-".center(26) if one is None else f"{one.error:+9.4f} ± {2 * one.std:6.4f} ({one.limit:g})".ljust(26)
