@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from highside.attitude import compiled
+
 ROOT = Path(__file__).resolve().parent.parent
 SHARED_DATA = ROOT.parent / "shared" / "data"
 
@@ -23,6 +25,14 @@ for _number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
 def project_root() -> Path:
     """The top of the checkout."""
     return ROOT
+
+
+@pytest.fixture(params=["compiled", "numpy"])
+def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Bulk corrections by the compiled loops, then by numpy, whatever the number of readings."""
+    monkeypatch.setattr(compiled, "COMPILED_FROM", 0 if request.param == "compiled" else 1 << 62)
+    assert compiled.wanted(1) == (request.param == "compiled"), "the tests need numba (the extra fast)"
+    return str(request.param)
 
 
 @pytest.fixture(scope="session")

@@ -2,7 +2,8 @@
 
     python tests/bench/bulk_schedule.py [--samples N] [--pairs K]
 
-The log is a well: inclination from 0.3 to 60 deg, the tool turning. The C loop applies one matrix and no schedule.
+The log is a well: inclination from 0.3 to 60 deg, the tool turning. The C loop applies one matrix and no schedule. Ours is
+compiled where numba is installed; `--numpy` measures the way without it.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from bulk_attitude import compile_loop, seconds
 
+from highside.attitude import compiled
 from highside.calibration.balance import balance
 from highside.calibration.conventional import conventional
 from highside.calibration.correction import LinearCorrection
@@ -82,8 +84,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--samples", type=int, default=10_000_000)
     parser.add_argument("--pairs", type=int, default=7)
+    parser.add_argument("--numpy", action="store_true", help="do not compile")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
+    if options.numpy:
+        compiled.COMPILED_FROM = options.samples + 1
+    elif not compiled.wanted(options.samples):
+        print("without compiler: numba is not installed, or too few samples")
     r = compare(options.samples, options.pairs)
     if options.json:
         print(json.dumps(r))

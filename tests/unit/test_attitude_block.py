@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from decimal import Decimal, getcontext
 from itertools import pairwise
 
@@ -15,10 +16,12 @@ from highside.attitude import (
     attitude_std_block,
     attitude_with_std,
     block,
+    compiled,
     correct_and_attitude,
     toolface_std,
     toolface_std_block,
 )
+from highside.attitude.compiled import attitude_by_half_angles
 
 
 def random_vectors(n: int, seed: int = 1) -> np.ndarray:
@@ -40,6 +43,7 @@ def test_blocks_equal_single_readings() -> None:
     assert tf.max() < 2 * math.pi
 
 
+@pytest.mark.usefixtures("engine")
 def test_correction_equals_single_readings() -> None:
     raw = random_vectors(20_000, seed=2)
     rng = np.random.default_rng(3)
@@ -54,6 +58,7 @@ def test_correction_equals_single_readings() -> None:
         assert abs(math.remainder(tf[k] - math.degrees(t), 360.0)) < bound + 1e-12
 
 
+@pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("n", [0, 1, 17, block.BLOCK - 1, block.BLOCK + 1, block.THREADS_FROM + 12_345])
 def test_the_number_of_threads_changes_no_bit(n: int) -> None:
     raw = random_vectors(n, seed=4)
@@ -182,3 +187,37 @@ def test_a_block_near_one_inclination_is_as_exact_as_any(inc_deg: float, degrees
         scale = 180.0 / np.pi if degrees else 1.0
         assert np.allclose(got, expected * scale, rtol=0, atol=8e-15 * scale, equal_nan=True)
         assert np.all((got >= 0.0) | np.isnan(got))
+
+
+def test_one_reading_by_half_angles_is_the_one_by_arc_tangents() -> None:
+    for g in [*random_vectors(20_000, seed=8).T.tolist(), [0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [1.0, -0.0, 0.0]]:
+        inc, tf = attitude_by_half_angles(*g)
+        expected = attitude(*g)
+        assert abs(inc - expected[0]) < 1e-14
+        assert abs(math.remainder(tf - expected[1], 2 * math.pi)) < 1e-14
+        assert 0.0 <= tf < 2 * math.pi
+
+
+def test_without_a_folder_to_keep_it_in_the_loop_is_compiled_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    from numba.core import caching
+
+    monkeypatch.setattr(caching.CompileResultCacheImpl, "_locator_classes", [])
+    compiled.compiled.cache_clear()
+    monkeypatch.setattr(compiled, "COMPILED_FROM", 0)
+    raw = random_vectors(100, seed=9)
+    by_loop = correct_and_attitude(raw, np.eye(3), np.zeros(3))
+    compiled.compiled.cache_clear()
+    for one, other in zip(by_loop, attitude_block(raw), strict=True):
+        assert np.abs(np.angle(np.exp(1j * (one - other)))).max() < 1e-14
+
+
+def test_without_the_compiler_numpy_does_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiled, "COMPILED_FROM", 0)
+    monkeypatch.setitem(sys.modules, "numba", None)
+    compiled._compiler.cache_clear()
+    try:
+        assert not compiled.wanted(10_000_000)
+        inc, _ = correct_and_attitude(np.array([[0.0], [0.0], [1.0]]), np.eye(3), np.zeros(3))
+        assert inc[0] < 1e-14
+    finally:
+        compiled._compiler.cache_clear()

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from highside.attitude import attitude_with_std
+from highside.attitude import attitude, attitude_with_std
 from highside.calibration.balance import balance
 from highside.calibration.conventional import conventional
 from highside.calibration.correction import (
@@ -69,6 +69,7 @@ def test_a_small_step_of_the_reading_makes_a_small_step_of_the_vector(
     assert math.dist(one[:3], other[:3]) < 4.0 * step
 
 
+@pytest.mark.usefixtures("engine")
 def test_no_jump_of_inclination_or_toolface_over_a_sweep_through_all_zones() -> None:
     inc = np.linspace(np.deg2rad(0.4), np.deg2rad(47.0), 40001)
     readings = A @ gravity_direction(inc, np.full_like(inc, 1.0)) + B[:, None]
@@ -113,6 +114,7 @@ def test_a_gap_between_zones_is_refused_too() -> None:
     assert states == [False, True, False, True]
 
 
+@pytest.mark.usefixtures("engine")
 @pytest.mark.parametrize("which", [WITH, WITHOUT], ids=["fallback", "zones only"])
 @pytest.mark.parametrize("spread", ["log", "all attitudes"])
 def test_blocks_equal_single_readings(which: ScheduledCorrection, spread: str) -> None:
@@ -164,6 +166,7 @@ def test_a_schedule_over_temperature_is_the_same_in_bulk() -> None:
         assert (TEMPERATURE_OUTSIDE in one.flags) == (not 25.0 <= temps[k] <= 125.0)
 
 
+@pytest.mark.usefixtures("engine")
 def test_bulk_does_not_depend_on_how_the_readings_are_cut() -> None:
     rng = np.random.default_rng(12)
     count = 40000
@@ -178,6 +181,56 @@ def test_bulk_does_not_depend_on_how_the_readings_are_cut() -> None:
             )
 
 
+APART = schedule(with_fallback=False, rings_deg=(1.206, 45.0))
+coordinate = st.one_of(
+    st.floats(-2.0, 2.0), st.sampled_from([0.0, -0.0, 1e-300, 5e-324, math.nan, math.inf, -math.inf])
+)
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(rows=st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=1, max_size=40), degrees=st.booleans())
+@pytest.mark.parametrize("which", [WITH, WITHOUT, APART], ids=["fallback", "zones only", "gap"])
+def test_any_readings_in_bulk_are_the_single_ones(
+    engine: str, which: ScheduledCorrection, rows: list[tuple[float, float, float]], degrees: bool
+) -> None:
+    unit = 180.0 / math.pi if degrees else 1.0
+    with np.errstate(all="ignore"):
+        inc, tf = which.attitude(np.array(rows).T.copy(), degrees=degrees)
+    for k, row in enumerate(rows):
+        if not all(map(math.isfinite, row)):
+            assert math.isnan(inc[k])
+            assert math.isnan(tf[k])
+            continue
+        one = which.correct(row)
+        assert math.isnan(inc[k]) == (OUTSIDE_ZONE in one.flags)
+        if OUTSIDE_ZONE in one.flags:
+            continue
+        i, t = attitude(one.gx, one.gy, one.gz)
+        length = math.hypot(one.gx, one.gy, one.gz)
+        assert abs(inc[k] / unit - i) * length < 1e-13 + 1e-12 * length
+        assert 0.0 <= tf[k] < 2.0 * math.pi * unit
+        assert (
+            abs(math.remainder(tf[k] / unit - t, 2.0 * math.pi)) * math.hypot(one.gx, one.gy) < 1e-13 + 1e-12 * length
+        )
+
+
+@pytest.mark.usefixtures("engine")
+@pytest.mark.parametrize("view", ["rows of a larger table", "columns", "read only"])
+def test_readings_may_lie_in_memory_as_they_like(view: str) -> None:
+    inc = np.linspace(0.005, 0.8, 1000)
+    readings = A @ gravity_direction(inc, np.linspace(0, 60, 1000)) + B[:, None]
+    if view == "columns":
+        other = np.ascontiguousarray(readings.T).T
+    elif view == "read only":
+        other = readings.copy()
+        other.flags.writeable = False
+    else:
+        other = np.vstack([np.zeros((1, 1000)), readings])[1:]
+    for k in (0, 1):
+        assert np.array_equal(WITH.attitude(other)[k], WITH.attitude(readings)[k])
+
+
+@pytest.mark.usefixtures("engine")
 def test_a_missing_reading_spoils_only_itself() -> None:
     readings = A @ gravity_direction(np.full(100, 0.03), np.linspace(0, 6, 100)) + B[:, None]
     broken = readings.copy()

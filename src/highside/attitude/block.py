@@ -1,4 +1,4 @@
-"""Corrected inclination and toolface in bulk: numpy over blocks that stay in the cache.
+"""Corrected inclination and toolface in bulk: compiled where numba is installed, else numpy over blocks.
 
 Arrays are (3, N), one row an axis; outputs may be preallocated. The work is done in blocks of `BLOCK` readings, every
 step writing into a small workspace (`out=`), so that memory is read and written once; blocks are shared out to
@@ -15,6 +15,7 @@ terms: the rational function that meets atan(sqrt w)/sqrt w at eleven points of 
 e are all positive, so the sum loses no digits). I and T differ from the C library's by at most 8e-15 rad (5e-13 deg).
 In a log the inclination of a block hardly changes. With I_0 in its middle, t = tan(I - I_0) = (r cos I_0 - z sin I_0) /
 (z cos I_0 + r sin I_0) is small and four terms of its series do instead of the second arc tangent and the length n.
+Millions of readings are done by the loops of `attitude.compiled`, three to four times as fast, by the same formulas.
 Squares of readings must neither overflow nor underflow: lengths of 1e-150 to 1e150.
 """
 
@@ -29,6 +30,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.attitude import compiled
+from highside.attitude.compiled import ATAN_CONSTANT, ATAN_POLES
 from highside.attitude.scalar import UNDEFINED_BELOW_SIGMAS, UNIFORM_ANGLE_STD_RAD, UNKNOWN_INCLINATION_STD_RAD
 
 FloatArray = NDArray[np.float64]
@@ -43,18 +46,6 @@ MATMUL_COLUMNS = 8192
 
 THREADS_FROM = 4 * BLOCK
 """Below this many readings one thread does it."""
-
-# atan(u) / u = ATAN_CONSTANT + sum c / (u^2 + e) on [-1, 1]. Interpolated at w = u^2 = v / (1.41 - 0.41 v) with v the
-# eleven Chebyshev points of [0, 1], which spreads the error evenly
-ATAN_CONSTANT = 0.1147107217776141
-ATAN_POLES: tuple[tuple[float, float], ...] = (
-    (4.353706015945994, 19.022546643583684),
-    (1.073897484782816, 4.804600846780154),
-    (0.45062816052493354, 2.2189288046597206),
-    (0.2130562799172061, 1.3740327518636595),
-    (0.07938382099473763, 1.0618304126313258),
-)
-
 
 NEAR_RAD = 0.02
 """|t| below which atan t = t - t^3/3 + t^5/5 - t^7/7 to 6e-17 rad."""
@@ -182,8 +173,8 @@ def _inclination_near(
     return True
 
 
-def _checked(raw: FloatArray, outs: tuple[FloatArray | None, ...]) -> tuple[FloatArray, list[FloatArray]]:
-    """Raw as (3, N) float64 and each output, made where it was not given."""
+def checked(raw: FloatArray, outs: tuple[FloatArray | None, ...]) -> tuple[FloatArray, list[FloatArray]]:
+    """Raw as (3, N) float64 and each output (N,), made where it was not given; ValueError for other shapes."""
     raw = np.asarray(raw, dtype=np.float64)
     if raw.ndim != 2 or raw.shape[0] != 3:
         hint = "; transpose it" if raw.ndim == 2 and raw.shape[1] == 3 else ""
@@ -214,13 +205,19 @@ def correct_and_attitude(
     depend on it. NaN gives NaN; a vector along the axis toolface 0, the zero vector inclination 0. Raises ValueError
     for other shapes, (N, 3) among them.
     """
-    raw, (inc, tf) = _checked(raw, (out_inc, out_tf))
+    raw, (inc, tf) = checked(raw, (out_inc, out_tf))
     C = np.ascontiguousarray(C, dtype=np.float64)
     b = np.asarray(b, dtype=np.float64)
     if C.shape != (3, 3) or b.shape != (3,):
         raise ValueError(f"the correction needs C of shape (3, 3) and b of shape (3,), not {C.shape} and {b.shape}")
     shift = (-(C @ b))[:, None]
     half_turn = 180.0 if degrees else math.pi
+    if compiled.wanted(raw.shape[1]):
+        loop = compiled.compiled(compiled.affine_loop)
+        rows, c = tuple(raw), tuple(np.hstack([C, shift]).ravel().tolist())
+        unit = half_turn / math.pi
+        share_out(lambda start, stop: loop(rows, c, unit, start, stop, inc, tf), raw.shape[1], threads)
+        return inc, tf
 
     def work(start: int, stop: int) -> None:
         ws = _Workspace(min(BLOCK, stop - start), half_turn)
@@ -235,7 +232,7 @@ def correct_and_attitude(
                 np.add(g, shift, out=g)
                 _attitude_of_block(g, inc[lo:hi], tf[lo:hi], ws)
 
-    _share_out(work, raw.shape[1], threads)
+    share_out(work, raw.shape[1], threads)
     return inc, tf
 
 
@@ -267,7 +264,7 @@ def attitude_by(
                 fill(lo, hi, g)
                 _attitude_of_block(g, inc[lo:hi], tf[lo:hi], ws)
 
-    _share_out(work, n, threads)
+    share_out(work, n, threads)
     return inc, tf
 
 
@@ -280,7 +277,7 @@ def attitude_block(
     threads: int | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Inclination and toolface of gravity vectors `g` (3, N), equation 2; otherwise as `correct_and_attitude`."""
-    g, (inc, tf) = _checked(g, (out_inc, out_tf))
+    g, (inc, tf) = checked(g, (out_inc, out_tf))
     half_turn = 180.0 if degrees else math.pi
 
     def work(start: int, stop: int) -> None:
@@ -290,11 +287,11 @@ def attitude_block(
                 hi = min(lo + BLOCK, stop)
                 _attitude_of_block(g[:, lo:hi], inc[lo:hi], tf[lo:hi], ws)
 
-    _share_out(work, g.shape[1], threads)
+    share_out(work, g.shape[1], threads)
     return inc, tf
 
 
-def _share_out(work: Callable[[int, int], None], n: int, threads: int | None) -> None:
+def share_out(work: Callable[[int, int], None], n: int, threads: int | None) -> None:
     """Run `work(start, stop)` over [0, n) in as many contiguous parts as there are threads."""
     count = (os.cpu_count() or 1) if threads is None else threads
     if count < 1:
@@ -329,7 +326,7 @@ def attitude_std_block(g: FloatArray, cov: FloatArray) -> tuple[FloatArray, Floa
     """
     from scipy.special import erfc  # a slow import that only this function needs
 
-    g, _ = _checked(g, ())
+    g, _ = checked(g, ())
     cov = np.asarray(cov, dtype=np.float64)
     if cov.shape not in ((6,), (6, g.shape[1])):
         raise ValueError(f"the covariance must have the shape (6,) or (6, {g.shape[1]}), not {cov.shape}")

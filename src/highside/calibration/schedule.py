@@ -84,7 +84,13 @@ class Window:
 
     def weight(self, key: float) -> float:
         """Weight at one key."""
-        return window_weight(key, self.low, self.high, self.rise, self.fall)
+        return window_weight(key, *self.edges)
+
+    @property
+    def edges(self) -> tuple[float, float, float, float]:
+        """`low`, `high` and the slopes at either edge (0: no edge), for `window_weight`."""
+        rise = 1.0 / self.rise if self.rise > 0.0 else 0.0
+        return self.low, self.high, rise, 1.0 / self.fall if self.fall > 0.0 else 0.0
 
     def weights(
         self,
@@ -173,6 +179,7 @@ class ScheduledCorrection:
     guide: LinearCorrection | None = None
     _guide: LinearCorrection | None = field(init=False, repr=False, compare=False)
     _windows: tuple[Window, ...] = field(init=False, repr=False, compare=False)
+    _edges: tuple[tuple[float, float, float, float], ...] = field(init=False, repr=False, compare=False)
     _unknown: bool = field(init=False, repr=False, compare=False)
     """whether a part does not say what it has in common with the others"""
 
@@ -189,6 +196,7 @@ class ScheduledCorrection:
         object.__setattr__(self, "zones", ordered)
         object.__setattr__(self, "_guide", self.guide or self.fallback)
         object.__setattr__(self, "_windows", windows([part.zone for part in ordered]))
+        object.__setattr__(self, "_edges", tuple(window.edges for window in self._windows))
         names = BENCH_NAMES + TILT_NAMES if self.fallback is not None else BENCH_NAMES
         parts = (*ordered, self.fallback) if self.fallback is not None else ordered
         object.__setattr__(self, "_unknown", any(not set(names) & set(part.zone.parameters.names) for part in parts))
@@ -204,8 +212,8 @@ class ScheduledCorrection:
         else:
             x, y, z = a
         key = key_of(x, y, z)
-        pairs = zip(self.zones, self._windows, strict=True)
-        parts = [(part, w) for part, window in pairs if (w := window.weight(key)) > 0.0]
+        pairs = zip(self.zones, self._edges, strict=True)
+        parts = [(part, w) for part, edges in pairs if (w := window_weight(key, *edges)) > 0.0]
         total = sum(w for _, w in parts)
         if self.fallback is not None and total < WHOLE:
             return [*parts, (self.fallback, 1.0 - total)]
@@ -361,10 +369,9 @@ class ScheduledCorrection:
     def _tables(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, bool]:
         """What `scheduled_loop` wants: matrices, windows, centres, guide, fallback, and whether there is one."""
         none, never = np.zeros((3, 4)), (math.inf, -math.inf, 1.0, 1.0)
-        bounds = [(w.low, w.high, w.rise, w.fall) for w in self._windows]
         return (
             np.vstack([none, *(_matrix(part) for part in self.zones), none]),
-            np.array([never, *bounds, never]),
+            np.array([never, *self._edges, never]),
             np.array([w.center for w in self._windows]),
             np.eye(3, 4) if self._guide is None else _matrix(self._guide),
             none if self.fallback is None else _matrix(self.fallback),
@@ -513,7 +520,7 @@ def _keys(g: FloatArray, out: FloatArray, work: FloatArray) -> None:
     np.add(work, out, out=work)
     with np.errstate(divide="ignore", invalid="ignore"):
         np.divide(out, work, out=out)
-    if g[2].min() < 0.0:
+    if not g[2].min() >= 0.0:  # NaN too: one must not hide the others
         below = g[2] < 0.0
         out[below] = 2.0 - out[below]
 
