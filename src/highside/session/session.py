@@ -349,7 +349,7 @@ class BenchSession:
                 self._keep(entries.Ended(how, operator or "", self._wall(), None, note))
             case Action.REMIND:
                 self.faults.put(Fault.WAITING_LONG)
-            case Action.NONE | Action.ADD | Action.CLOSE_HOLD | Action.DROP_HOLD | Action.SOLVE | Action.SHOW:
+            case Action.NONE | Action.ADD | Action.CLOSE_HOLD | Action.SHOW:
                 pass  # done where the readings are looked at, or by `_enter`
 
     def _edit(self, action: Action, command: Command | None) -> None:

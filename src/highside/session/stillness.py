@@ -26,12 +26,13 @@ MIN_WINDOW_READINGS = 5
 LOOK_BACK = 5
 """windows over which stillness is judged"""
 
-SCATTER_LIMIT = 1.75
-"""times the noise floor; white noise exceeds it in one of 10^8 looks"""
 SLOPE_LIMIT = 6.0
 STEP_LIMIT = 6.0
 """in standard deviations of what is compared"""
-EPOCH_WINDOWS = 20
+FLOOR_MARGIN = 1.1
+EPOCH_WINDOWS = 12
+EPOCHS_KEPT = 200
+CALM_FACTOR = 1.5
 LEVELS = 12
 _MIN_PAIRS = 8
 FLOOR_OF_FLOOR_G = 1e-9
@@ -64,33 +65,33 @@ def make_window(t_s: float, a: Array, temp_c: float | None) -> Window:
 
 
 class NoiseFloor:
-    """Noise of one reading at rest (3,), from the calmest of all windows so far."""
+    """Noise of one reading at rest (3,), from the calmest times so far.
+
+    The mean square scatter of an epoch of windows is an unbiased measure of its noise; epochs in which the tool was
+    moved or shook have more. Those within half again of the calmest count, pooled.
+    """
 
     def __init__(self, known_g: float | None = None) -> None:
         self._known = known_g
         self._epoch: list[Array] = []
-        self._floors: list[Array] = []
+        self._epochs: list[Array] = []
         self._value: Array | None = None
 
     def add(self, window: Window) -> None:
-        self._epoch.append(window.scatter)
-        if len(self._epoch) < EPOCH_WINDOWS and self._value is not None and self._floors:
+        self._epoch.append(window.scatter**2)
+        if len(self._epoch) < EPOCH_WINDOWS:
+            if not self._epochs:
+                self._value = _root(np.mean(self._epoch, axis=0))
             return
-        part = np.array(self._epoch)
-        low = np.quantile(part, 0.2, axis=0)
-        calm = part <= 1.6 * np.maximum(low, FLOOR_OF_FLOOR_G)
-        floor = np.array([np.sqrt(np.mean(part[calm[:, k], k] ** 2)) for k in range(3)])
-        if len(self._epoch) >= EPOCH_WINDOWS:
-            self._floors.append(floor)
-            self._epoch = []
-            floors = np.array(self._floors)
-            # the calmest quarter of all epochs: a long way between two poses does not count as rest
-            size = np.linalg.norm(floors, axis=1)
-            best = floors[np.argsort(size)[: max(1, len(floors) // 4)]]
-            floor = np.median(best, axis=0)
-            if len(self._floors) > 400:
-                self._floors = [self._floors[k] for k in np.sort(np.argsort(size)[:200])]
-        self._value = np.maximum(floor, FLOOR_OF_FLOOR_G)
+        self._epochs.append(np.mean(self._epoch, axis=0))
+        self._epoch = []
+        squares = np.array(self._epochs)
+        size = np.sqrt(squares.sum(axis=1))
+        calm = size <= CALM_FACTOR * np.quantile(size, 0.1)
+        self._value = _root(squares[calm].mean(axis=0))
+        if len(self._epochs) > 2 * EPOCHS_KEPT:
+            keep = np.sort(np.argsort(size)[:EPOCHS_KEPT])
+            self._epochs = [self._epochs[k] for k in keep]
 
     @property
     def value(self) -> Array | None:
@@ -98,6 +99,17 @@ class NoiseFloor:
         if self._known is not None:
             return np.full(3, self._known)
         return self._value
+
+
+def _root(square: Array) -> Array:
+    return np.asarray(np.maximum(np.sqrt(square), FLOOR_OF_FLOOR_G))
+
+
+def scatter_limit(dof: float) -> float:
+    """What the root mean square scatter over the true noise exceeds once in 10^8 looks with `dof` degrees of freedom
+    (Wilson and Hilferty's approximation of chi-square), with a little for the floor's own uncertainty."""
+    part = 2.0 / (9.0 * dof)
+    return float(FLOOR_MARGIN * (1.0 - part + 5.5 * np.sqrt(part)) ** 1.5)
 
 
 class AllanCurve:
@@ -184,7 +196,7 @@ class Stillness:
         slope = ramp @ means / (ramp @ ramp)
         slope_sigma = np.sqrt(one / (ramp @ ramp))
         values = [
-            np.max(scatter / noise) / SCATTER_LIMIT,
+            np.max(scatter / noise) / scatter_limit(LOOK_BACK * (readings - 2.0)),
             np.max(np.abs(slope) / slope_sigma) / SLOPE_LIMIT,
         ]
         if hold is not None:
