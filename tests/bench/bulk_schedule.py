@@ -2,8 +2,8 @@
 
     python tests/bench/bulk_schedule.py [--samples N] [--pairs K]
 
-The log is a well: inclination from 0.3 to 60 deg, the tool turning. The C loop applies one matrix and no schedule. Ours is
-compiled where numba is installed; `--numpy` measures the way without it.
+The log is a well: inclination from 0.3 to 60 deg, the tool turning. The C loop applies one matrix and no schedule. Ours
+is compiled where numba is installed; `--numpy` measures the way without it.
 """
 
 from __future__ import annotations
