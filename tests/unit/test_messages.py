@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import math
 import time
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from highside.service.drift_stage import Azimuth
 from highside.service.messages import (
     AttitudeMessage,
     HealthMessage,
@@ -91,13 +93,16 @@ def as_model(model: type[AttitudeMessage] | type[SurveyMessage], payload: bytes)
     seq=st.integers(0, 2**40),
     t=st.floats(0, 4e9),
     synced=st.booleans(),
-    azimuth=st.one_of(st.none(), degrees),
+    azimuth=st.one_of(
+        st.none(),
+        st.builds(Azimuth, st.one_of(st.none(), degrees), st.one_of(st.none(), stds), st.just(("zero_rate",))),
+    ),
 )
 def test_the_quick_way_writes_what_the_model_writes(
-    attitude: Attitude, seq: int, t: float, synced: bool, azimuth: float | None
+    attitude: Attitude, seq: int, t: float, synced: bool, azimuth: Azimuth | None
 ) -> None:
-    std = None if azimuth is None else 0.5
-    payload = attitude_payload(seq, t, t / 2, synced, attitude, azi_deg=azimuth, azi_std_deg=std)
+    attitude = replace(attitude, azimuth=azimuth)
+    payload = attitude_payload(seq, t, t / 2, synced, attitude)
     message = AttitudeMessage.model_validate_json(payload, strict=True)
     assert json.loads(payload) == json.loads(message.model_dump_json(exclude_unset=True))
     assert list(json.loads(payload)) == [
@@ -115,7 +120,8 @@ def test_the_quick_way_writes_what_the_model_writes(
     else:
         assert message.tf_std_deg is None
     assert (message.cal_id, message.zone, tuple(message.flags)) == (attitude.cal_id, attitude.zone, attitude.flags)
-    assert (message.azi_deg is None) == (azimuth is None)
+    assert (message.azi_deg is None) == (azimuth is None or azimuth.azi_deg is None)
+    assert message.azi_basis == (None if azimuth is None else ["zero_rate"])
 
 
 @settings(max_examples=100, deadline=None, derandomize=True)
@@ -146,9 +152,9 @@ def test_a_late_message_is_marked_and_otherwise_the_same() -> None:
 
 def test_every_topic_has_a_schema() -> None:
     found = schemas()
-    assert set(found) == {"attitude", "survey", "health", "status"}
+    assert set(found) == {"attitude", "survey", "health", "drift", "drift/command", "drift/reply", "status"}
     assert found["status"]["enum"] == ["online", "offline"]
-    for name in ("attitude", "survey", "health"):
+    for name in set(found) - {"status"}:
         assert found[name]["additionalProperties"] is False
         assert json.loads(json.dumps(found[name])) == found[name]
     required = set(found["attitude"]["required"])

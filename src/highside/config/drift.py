@@ -34,7 +34,7 @@ class DriftSettings(BaseModel):
         default=None,
         ge=0,
         lt=360,
-        description="Azimuth at the very first start, clockwise from true north. Absent: none until the command `align`.",
+        description="Azimuth at the very first start, from true north; absent: none until the command `align`.",
     )
     azimuth_std_deg: float = Field(default=0.5, ge=0, le=90, description="Its standard deviation.")
     straight_hole: bool = Field(

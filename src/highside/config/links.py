@@ -192,6 +192,12 @@ class SimulatedLink(_Link):
     offset_g: tuple[float, float, float] = (0.0, 0.0, 0.0)
     noise_density_g: float = Field(default=20e-6, ge=0, description="g per root hertz.")
     gyros: bool = True
+    gyro_bias_dps: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gyro_noise_density_dps: float = Field(default=0.005, ge=0, description="deg/s per root hertz.")
+    latitude_deg: float | None = Field(
+        default=None, ge=-90, le=90, description="Where it is: its gyros then see the Earth turn."
+    )
+    azimuth_deg: float = Field(default=0.0, ge=0, le=360, description="Of the hole; held by every motion.")
     temp_c: float = 25.0
 
     @property
@@ -209,6 +215,10 @@ class SimulatedLink(_Link):
             offset_g=self.offset_g,
             noise_density_g=self.noise_density_g,
             gyros=self.gyros,
+            gyro_bias_dps=self.gyro_bias_dps,
+            gyro_noise_density_dps=self.gyro_noise_density_dps,
+            latitude_deg=self.latitude_deg,
+            azimuth_deg=self.azimuth_deg,
             temp_c=self.temp_c,
             seed=self.seed,
         )

@@ -26,7 +26,7 @@ class SiteSettings(_Table):
     )
     gravity_std_mps2: float = Field(default=0.0005, ge=0, lt=0.1, description="Its standard deviation, m/s2.")
     latitude_deg: float | None = Field(
-        default=None, ge=-90, le=90, description="For the Earth's rotation in the gyros; counts as their bias if absent."
+        default=None, ge=-90, le=90, description="For the Earth's rotation in the gyros; absent: counts as their bias."
     )
 
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.drift.blocks import Batch
+from highside.drift.blocks import Batch, Block
 from highside.drift.frames import to_body
 from highside.errors import InputError
 
@@ -34,30 +33,43 @@ def check_units(t_s: FloatArray, rate: FloatArray, accel: FloatArray, where: str
             field="ax_g, ay_g, az_g",
             remedy="give g",
         )
-    # the turn of gravity from one block to the next, against what the gyros say it should be
-    seen = said = 0.0
-    blocks = Batch.of(t_s, to_body(rate), to_body(accel), 0.5).blocks()
-    for before, after in pairwise(blocks):
-        if after.gap_s > 0.0 or max(before.accel_std, after.accel_std) > 0.1:
-            continue
-        g0, g1 = (block.accel / (math.sqrt(float(block.accel @ block.accel)) or 1.0) for block in (before, after))
-        turn = np.cross(g1, g0)
-        predicted = after.rate - (after.rate @ g0) * g0
-        if math.sqrt(float(turn @ turn)) > _SEEN_RAD and math.sqrt(float(turn @ turn)) < 1.0:
-            seen += abs(float(turn @ turn)) ** 0.5
-            said += math.sqrt(float(predicted @ predicted)) * after.seconds
-    if seen > 10.0 * _SEEN_RAD and said > 0.0:
-        ratio = seen / said
+    watch = UnitWatch()
+    for block in Batch.of(t_s, to_body(rate), to_body(accel), 0.5).blocks():
+        watch.add(block)
+    if watch.verdict is not None:
+        raise InputError(watch.verdict, where=where, field="gx_dps, gy_dps, gz_dps", remedy="give deg/s")
+
+
+class UnitWatch:
+    """Compares the turn of gravity from one block to the next with what the gyros say that it should be."""
+
+    def __init__(self) -> None:
+        self._before: Block | None = None
+        self._seen = self._said = 0.0
+
+    def add(self, block: Block) -> None:
+        """One more block, in order."""
+        before, self._before = self._before, block
+        if before is None or block.gap_s > 0.0 or max(before.accel_std, block.accel_std) > 0.1:
+            return
+        g0, g1 = (each.accel / (math.sqrt(float(each.accel @ each.accel)) or 1.0) for each in (before, block))
+        turn = math.sqrt(float(np.square(np.cross(g1, g0)).sum()))
+        predicted = block.rate - (block.rate @ g0) * g0
+        if _SEEN_RAD < turn < 1.0:
+            self._seen += turn
+            self._said += math.sqrt(float(predicted @ predicted)) * block.seconds
+
+    @property
+    def verdict(self) -> str | None:
+        """What is wrong with the unit of the gyros; None where nothing is, or gravity has not turned enough to tell."""
+        if self._seen <= 10.0 * _SEEN_RAD or self._said <= 0.0:
+            return None
+        ratio = self._seen / self._said
         if ratio > 20.0:
-            raise InputError(
-                f"gravity turns {ratio:.0f} times as fast as the gyros say: are they in rad/s?",
-                where=where, field="gx_dps, gy_dps, gz_dps", remedy="give deg/s",
-            )  # fmt: skip
+            return f"gravity turns {ratio:.0f} times as fast as the gyros say: are they in rad/s?"
         if ratio < 0.05:
-            raise InputError(
-                f"the gyros say {1 / ratio:.0f} times the turn that gravity shows: their unit is not deg/s",
-                where=where, field="gx_dps, gy_dps, gz_dps", remedy="give deg/s",
-            )  # fmt: skip
+            return f"the gyros say {1 / ratio:.0f} times the turn that gravity shows: their unit is not deg/s"
+        return None
 
 
 def saturated_rows(rate: FloatArray) -> int:

@@ -286,11 +286,17 @@ class KinematicFilter:
         earth = np.array([c.earth_e, c.earth_n, c.earth_u])
         return predicted(np.array(m.q), np.array(m.bias), m.scale[0], earth, np.array(self._gatherer.sums[:20]))
 
-    def set_azimuth(self, azimuth_rad: float, std_rad: float) -> None:
+    def know_azimuth(self, azimuth_rad: float, std_rad: float) -> None:
+        """The azimuth that the state has is a true one: the level part of the Earth's rotation is modelled from now."""
+        self.settings = replace(self.settings, azimuth_rad=azimuth_rad, azimuth_std_rad=std_rad)
+        self.constants = constants_of(self.settings)
+
+    def set_azimuth(self, azimuth_rad: float, std_rad: float, *, biases_hold: bool = False) -> None:
         """The azimuth is this from now on: turned about Up, so that tilt, toolface and biases stay.
 
         The error of the old azimuth leaves the covariance. Biases found under another azimuth hold as much of the
-        Earth's rotation as that was wrong by, and become as uncertain. Raises ValueError before the first block.
+        Earth's rotation as that was wrong by, and become as uncertain, unless they were found under this one
+        (`biases_hold`). Raises ValueError before the first block.
         """
         m = self._begun()
         q = core.attitude_of(m)
@@ -303,7 +309,7 @@ class KinematicFilter:
         T[:3, :3] += np.outer(up, row)
         P = T @ np.array(m.P).reshape(T.shape) @ T.T
         P[:3, :3] += std_rad**2 * np.outer(up, up)
-        if self.settings.latitude_rad is not None:
+        if self.settings.latitude_rad is not None and not biases_hold:
             level = EARTH_RATE_RADPS * math.cos(self.settings.latitude_rad)
             wrong = 1.0 if self.settings.azimuth_rad is None else min(2.0 * math.sin(0.5 * abs(turn)), 1.0)
             P[3:6, 3:6] += (wrong * level) ** 2 * np.eye(3)
@@ -311,8 +317,7 @@ class KinematicFilter:
         m.psi0[0] = azimuth_rad
         m.tally[core.MOVED_S] = m.tally[core.SHAKEN] = 0.0
         if self.settings.azimuth_rad is None:
-            self.settings = replace(self.settings, azimuth_rad=azimuth_rad, azimuth_std_rad=std_rad)
-            self.constants = constants_of(self.settings)
+            self.know_azimuth(azimuth_rad, std_rad)
 
 
 def refused(tally: core.Numbers) -> dict[str, int]:

@@ -65,6 +65,10 @@ class StillStatistics:
     rate: FloatArray
     """(3,) mean: bias and Earth rate together"""
 
+    def as_list(self) -> list[float]:
+        """Six numbers, for a file."""
+        return [self.norm_std_g, self.norm_error_g, self.rate_std, *self.rate.tolist()]
+
     @classmethod
     def of(cls, blocks: list[Block]) -> StillStatistics | None:
         """From the blocks of a first record, or None if the tool cannot have been at rest in it."""
@@ -99,6 +103,11 @@ class Gate:
         self.still: StillStatistics | None = None
         self._quiet = False
         self._quiet_s = 0.0
+
+    def know(self, still: StillStatistics | None) -> None:
+        """Take the thresholds of an earlier still record, if there was one."""
+        if still is not None:
+            self.still, self._learned, self._record = still, True, []
 
     def verdict(self, block: Block, *, declared: bool = False) -> Motion:
         """What the tool did in this block. `declared`: the operator says that it stood."""

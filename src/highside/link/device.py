@@ -23,10 +23,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from highside.attitude.quaternion import direction_cosines, from_angles, to_tool
 from highside.codec import tool, tool_can
 from highside.codec.frame import CanFrame, Frame
 from highside.link.base import Deliver, LinkError, Transport
 from highside.link.wire import Wire
+from highside.physics.gravity import EARTH_RATE_RADPS
 from highside.physics.motion import Floats, Leg, Motion, MotionBlock, demo, still
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -49,6 +51,10 @@ class DeviceSettings:
     gyros: bool = True
     gyro_bias_dps: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gyro_noise_density_dps: float = 0.005
+    latitude_deg: float | None = None
+    """where it is: its gyros then see the Earth turn"""
+    azimuth_deg: float = 0.0
+    """of the hole, held by every motion; clockwise from true north"""
     temp_c: float | None = 25.0
     seed: int = 1
     tick_s: float = 0.01
@@ -210,13 +216,24 @@ class SimulatedDevice:
             # one row a frame, always all columns: the content does not depend on how frames fall into ticks
             noise = self._rng.standard_normal((count, 6)).T
             accel = self._matrix @ (motion.gravity + motion.vibration_g) + self._offset + settings.noise_g * noise[:3]
-            gyro = np.rad2deg(motion.gyro_rad_s) + self._gyro_bias
+            gyro = np.rad2deg(motion.gyro_rad_s + self._earth(motion)) + self._gyro_bias
             gyro += settings.gyro_noise_density_dps * math.sqrt(settings.rate_hz / 2.0) * noise[3:]
             boot = self._boots[-1]
         # Python floats: the encoder packs one frame at a time
         for k, a, w in zip(range(first - boot, first - boot + count), accel.T.tolist(), gyro.T.tolist(), strict=True):
             gx, gy, gz = w if settings.gyros else (None, None, None)
             yield Frame(k % tool.SEQ_MODULUS, k / settings.rate_hz, 0.0, a[0], a[1], a[2], gx, gy, gz, settings.temp_c)
+
+    def _earth(self, motion: MotionBlock) -> Floats:
+        """The Earth's rotation in the tool's axes, (3, N) rad/s."""
+        settings = self.settings
+        if settings.latitude_deg is None:
+            return np.zeros((3, 1))
+        theta = motion.inclination_rad - 0.5 * math.pi
+        q = from_angles(theta, motion.toolface_rad, math.radians(settings.azimuth_deg))
+        latitude = math.radians(settings.latitude_deg)
+        earth = EARTH_RATE_RADPS * np.array([0.0, math.cos(latitude), math.sin(latitude)])
+        return to_tool(np.einsum("ijn,j->in", direction_cosines(q), earth))
 
     def step(self, count: int) -> None:
         """Produce and send the next `count` frames."""

@@ -32,6 +32,7 @@ from highside.link.base import Batch, LinkReason, LinkState, LinkSupervisor
 from highside.recording.calibration_store import load_active, load_record_file
 from highside.service import messages
 from highside.service.clock import LoopLag, clock_synced
+from highside.service.drift_keeper import DriftKeeper
 from highside.service.home_assistant import discovery
 from highside.service.notify import Notifier
 from highside.service.outbox import Outbox
@@ -89,6 +90,7 @@ class Service:
             channel=str(getattr(settings.link, "interface", None) or "can0"),
         )
         self.rig = Rig(settings, self.state_dir, self.health)
+        self.drift = DriftKeeper(settings, self.state_dir, self._reply_drift, self._tell_drift)
         self.pipeline = self._make_pipeline(self._correction(settings))
         self.supervisor = self._make_supervisor()
         self.on_output: Callable[[Attitude | Survey, int], None] | None = None
@@ -104,7 +106,17 @@ class Service:
 
     def _make_publisher(self) -> Publisher:
         settings = self.settings
-        return Publisher(settings.mqtt, self.outbox, tool_id=settings.tool.id)
+        commands = {settings.mqtt.topic(settings.tool.id, "drift/command"): self._on_drift_command}
+        return Publisher(settings.mqtt, self.outbox, tool_id=settings.tool.id, commands=commands)
+
+    def _on_drift_command(self, payload: bytes, retained: bool) -> None:
+        self.drift.on_command(payload, retained=retained)
+
+    def _reply_drift(self, payload: bytes) -> None:
+        self.outbox.put(self.settings.mqtt.topic(self.settings.tool.id, "drift/reply"), payload, created_s=time.time())
+
+    def _tell_drift(self, payload: bytes) -> None:
+        self.publisher.retained(self.settings.mqtt.topic(self.settings.tool.id, "drift"), payload)
 
     def _make_pipeline(self, correction: Correction, codec: ByteCodec | CanCodec | None = None) -> Pipeline:
         settings = self.settings
@@ -119,6 +131,7 @@ class Service:
             emit=self._on_output,
             vibration=settings.vibration,
             toolface=settings.toolface,
+            drift=self.drift.stage,
         )
         pipeline.extra_flags = self._extra_flags()
         pipeline.gravity = self.rig.gravity(correction.cal_id)
@@ -242,6 +255,7 @@ class Service:
             wits=self.rig.wits_health(),
             calibration={"cal_id": pipeline.correction.cal_id, "refused": self._calibration_error},
             rebalance=self._rebalance_health(),
+            drift=self.drift.health(),
             reload={"count": self._reloads, "refused": self._reload_error},
             balance=balance,
             alarms=alarms,
@@ -268,6 +282,7 @@ class Service:
 
     def _publish_health(self) -> None:
         self.publisher.retained(self._topic_health, messages.health_payload(self.health()))
+        self.drift.publish()
 
     # --- running -----------------------------------------------------------------------------------------------
 
@@ -287,6 +302,7 @@ class Service:
         ):
             loop.add_signal_handler(number, handler)
         self.rig.start(lambda: self.pipeline, self._publish_health)
+        self.drift.start()
         self.outbox.start()
         self.recorder.start()
         self._announce()
@@ -358,6 +374,7 @@ class Service:
             await _cancel(task)
         # close what the disk must not lose before the network is given the rest of the time
         await self.rig.stop(1.0)
+        await self.drift.stop()
         await asyncio.to_thread(self.recorder.stop, max(deadline - time.monotonic() - 4.0, 1.0))
         self._publish_health()
         await self.publisher.stop(max(min(deadline - time.monotonic() - 2.0, 4.0), 0.5))
@@ -434,6 +451,8 @@ class Service:
         if new.mqtt != old.mqtt:
             check_secrets(new.mqtt)
         self.rig.apply(new)
+        self.drift.apply(new)
+        self.pipeline.drift = self.drift.stage
         self.settings = new
         correction = self._correction(new)
         if codec is not None:

@@ -10,9 +10,11 @@ by exchanging its last bytes.
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
+
+from highside.service.saved_drift import Alignment
 
 if TYPE_CHECKING:
     from highside.service.pipeline import Attitude, Survey
@@ -24,6 +26,9 @@ _FRESH_END = b'"historical":false}'
 _HISTORICAL_END = b'"historical":true}'
 
 Count = Annotated[int, Field(ge=0)]
+AzimuthSource = Literal[
+    "constraint", "zero_rate", "rotation", "nothing", "unaligned", "vertical", "no_gyros", "gyro_units"
+]
 
 
 class _Payload(BaseModel):
@@ -45,8 +50,21 @@ class _Reading(_Payload):
     tf_std_deg: float | None = Field(ge=0, description="Standard deviation of `tf_deg`; null: unknown.")
     toolface_deg: float | None = Field(ge=0, le=360, description="Toolface of the bend: `tf_deg` plus the offset.")
     toolface_offset_deg: float = Field(ge=0, le=360, description="From the sensor's scribe line to the bend.")
-    azi_deg: float | None = Field(default=None, ge=0, le=360, description="Azimuth of the hole; absent without gyros.")
-    azi_std_deg: float | None = Field(default=None, ge=0)
+    azi_deg: float | None = Field(
+        default=None,
+        ge=0,
+        le=360,
+        description="Azimuth of the hole, clockwise from true north, at the last reading; absent without gyros, null"
+        " where it is not known.",
+    )
+    azi_std_deg: float | None = Field(default=None, ge=0, description="Its standard deviation; null: none is stated.")
+    azi_basis: list[AzimuthSource] | None = Field(
+        default=None,
+        description="What the azimuth rests on: zero_rate (gyros measured while the tool stood), rotation (the turning"
+        " tool showed their biases), constraint (asserted not to change), nothing (gyros integrated as they are); or"
+        " why there is none: unaligned (no azimuth was told, or it was lost), vertical, no_gyros (they fell silent),"
+        " gyro_units (they are not in deg/s).",
+    )
     g_total: float | None = Field(description="Magnitude of the corrected acceleration in local g; 1 at rest.")
     cal_id: str = Field(description="The calibration that made these values.")
     zone: str = Field(description="Zone of that calibration.")
@@ -120,15 +138,81 @@ class HealthMessage(_Payload):
     wits: list[dict[str, Any]] = Field(description="Each WITS output: peers, records made, sent and dropped.")
     calibration: dict[str, Any] = Field(description="`cal_id` in force, and why a configured record was refused.")
     rebalance: dict[str, Any] = Field(description="Cross-axis offset of this power-up, and whether it is taken off.")
+    drift: dict[str, Any] | None = Field(default=None, description="How the azimuth's state is kept; null: no stage.")
     reload: dict[str, Any] = Field(description="Reloads taken, and why the last one was refused (null: it was not).")
     balance: dict[str, bool] = Field(description="Whether the counters of bytes, frames and messages add up.")
     alarms: list[str] = Field(description="What needs attention; empty if nothing.")
+
+
+class LiteralAzimuth(_Payload):
+    """The literal algorithm of the gravity-quaternion paper on the same readings, for comparison."""
+
+    policy: Literal["gyro", "prev", "hold"]
+    azi_deg: float | None
+    bias_dph: list[float] = Field(description="Its drift estimate, tool frame, deg/h.")
+
+
+class DriftMessage(_Payload):
+    """`<prefix>/<tool>/drift` (retained, tools with gyros): what the azimuth is and rests on, and the gyros' biases."""
+
+    t: float
+    method: Literal["kinematic", "literal", "literal_block"]
+    motion: Literal["none", "vibrating", "turning", "quiet", "still"]
+    azi_deg: float | None
+    azi_std_deg: float | None
+    azi_basis: list[AzimuthSource]
+    alignment: Alignment | None = Field(description="When and how the azimuth was told; null: it was not.")
+    connection: bool = Field(description="Whether the tool is declared to stand.")
+    bias_dph: list[float] | None = Field(description="Gyro biases, tool frame, deg/h.")
+    bias_std_dph: list[float] | None
+    scale_ppm: float | None = Field(description="Scale error of the gyro along the tool axis.")
+    refused: dict[str, Count] = Field(description="Seconds in which a measurement was not believed, by kind.")
+    literal: LiteralAzimuth | None
+    restored: str | None = Field(description="What was taken up from before the last restart or gap; null: nothing.")
+    notes: list[str]
+
+
+class DriftCommand(_Payload):
+    """`<prefix>/<tool>/drift/command` (to the service, not retained): heading alignment and reset."""
+
+    id: str = Field(min_length=1, max_length=64, description="Any; the reply carries it. Repeated: not done again.")
+    command: Literal["align", "reset_heading", "connection", "restart"] = Field(
+        description="align: the azimuth is this. reset_heading: it is that of the alignment again (asserts a straight"
+        " hole). connection: the tool stands for `seconds` (0: no more). restart: forget all, biases too."
+    )
+    azimuth_deg: float | None = Field(default=None, ge=0, le=360, description="align: clockwise from true north.")
+    std_deg: float | None = Field(
+        default=None, ge=0, le=90, description="align: its standard deviation; 0.5 if absent."
+    )
+    seconds: float | None = Field(default=None, ge=0, le=1800, description="connection: for how long at most.")
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        needs = {"align": "azimuth_deg", "connection": "seconds"}.get(self.command)
+        if needs is not None and getattr(self, needs) is None:
+            raise ValueError(f"{self.command} needs {needs}")
+        for name, of in (("azimuth_deg", "align"), ("std_deg", "align"), ("seconds", "connection")):
+            if getattr(self, name) is not None and self.command != of:
+                raise ValueError(f"{name} belongs to {of}, not to {self.command}")
+        return self
+
+
+class DriftReply(_Payload):
+    """`<prefix>/<tool>/drift/reply`: whether a command was done."""
+
+    id: str
+    t: float
+    ok: bool
+    error: str | None = Field(description="Why not, and what to do.")
 
 
 PAYLOADS: dict[str, type[BaseModel]] = {
     "attitude": AttitudeMessage,
     "survey": SurveyMessage,
     "health": HealthMessage,
+    "drift": DriftMessage,
+    "drift/command": DriftCommand,
+    "drift/reply": DriftReply,
 }
 """Model by last part of the topic; `status` is a bare word."""
 
@@ -148,12 +232,9 @@ def attitude_payload(
     t_mono: float,
     clock_synced: bool,
     attitude: Attitude,
-    *,
-    azi_deg: float | None = None,
-    azi_std_deg: float | None = None,
 ) -> bytes:
     """An `AttitudeMessage` as JSON. `t` UTC epoch seconds, `t_mono` monotonic seconds."""
-    return b"{" + _reading(seq, t, t_mono, clock_synced, attitude, azi_deg, azi_std_deg) + _FRESH_END
+    return b"{" + _reading(seq, t, t_mono, clock_synced, attitude) + _FRESH_END
 
 
 def survey_payload(
@@ -162,9 +243,6 @@ def survey_payload(
     t_mono: float,
     clock_synced: bool,
     survey: Survey,
-    *,
-    azi_deg: float | None = None,
-    azi_std_deg: float | None = None,
 ) -> bytes:
     """A `SurveyMessage` as JSON. `t` UTC epoch seconds, `t_mono` monotonic seconds."""
     attitude = survey.attitude
@@ -179,7 +257,7 @@ def survey_payload(
         f'"g_error_mg":{_number(verdict.g_error_mg, 4)},"g_error_std_mg":{_number(verdict.g_std_mg, 4)},'
         f'"shock_g":{_number(verdict.shock_g, 4)},'
     )
-    reading = _reading(seq, t, t_mono, clock_synced, attitude, azi_deg, azi_std_deg)
+    reading = _reading(seq, t, t_mono, clock_synced, attitude)
     return b"{" + reading + quality.encode() + _FRESH_END
 
 
@@ -209,10 +287,13 @@ def _reading(
     t_mono: float,
     clock_synced: bool,
     attitude: Attitude,
-    azi_deg: float | None,
-    azi_std_deg: float | None,
 ) -> bytes:
-    azimuth = "" if azi_deg is None else f'"azi_deg":{_angle(azi_deg)},"azi_std_deg":{_number(azi_std_deg, 6)},'
+    azimuth, found = "", attitude.azimuth
+    if found is not None:
+        basis = ",".join(map(_string, found.basis))
+        azimuth = (
+            f'"azi_deg":{_angle(found.azi_deg)},"azi_std_deg":{_number(found.azi_std_deg, 6)},"azi_basis":[{basis}],'
+        )
     flags = ",".join(map(_string, attitude.flags))
     return (
         f'"seq":{seq},"t":{t:.6f},"t_mono":{t_mono:.6f},"clock_synced":{"true" if clock_synced else "false"},'

@@ -26,6 +26,7 @@ from highside.codec.frame import ByteCodec, CanCodec, Frame
 from highside.config.rig import ToolfaceSettings, VibrationSettings
 from highside.config.settings import MonitorSettings, PipelineSettings, RebalanceTable, SurveySettings, ToolSettings
 from highside.link.base import Batch, Chunk
+from highside.service.drift_stage import Azimuth, DriftStage
 from highside.service.monitor import Monitor
 from highside.service.shock import ShockMeter
 from highside.service.surveys import Gravity, Verdict, judge
@@ -75,6 +76,8 @@ class Attitude:
     n: int
     window_s: float
     temp_c: float | None
+    azimuth: Azimuth | None = None
+    """None for a tool without gyros"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,8 +293,11 @@ class Pipeline:
         emit: Callable[[Attitude | Survey], None],
         vibration: VibrationSettings | None = None,
         toolface: ToolfaceSettings | None = None,
+        drift: DriftStage | None = None,
     ) -> None:
         self.codec = codec
+        self.drift = drift
+        """the azimuth, for tools with gyros; may be replaced between two batches"""
         self._correction = correction
         self._rebalance_applied = rebalance.apply
         self.rebalancer = Rebalancer(rebalance.build())
@@ -408,23 +414,31 @@ class Pipeline:
         window.append(Row(t, a, frame.temp_c))
         self._fresh += 1
         self._block.add(t, a, frame.temp_c)
+        if self.drift is not None and frame.gx is not None and frame.gy is not None and frame.gz is not None:
+            self.drift.add(frame.gx, frame.gy, frame.gz)
         if self._block.t - self._block.start >= REBALANCE_BLOCK_S:
-            self._rebalance()
+            self._close_block(frame.t_mono)
         if self._due is None:
             self._due = self._next_due(t)
         elif t >= self._due:
             self._due = self._next_due(t)
             self._output(frame, t)
 
-    def _rebalance(self) -> None:
+    def _close_block(self, t_mono: float) -> None:
         block = self._block
         t, mean, temp = block.take()
         corrected = self._correction.correct(mean, temp_c=temp)
         self.rebalancer.add(t, corrected.gx, corrected.gy, corrected.gz)
+        if self.drift is not None:
+            if self._rebalance_applied:
+                corrected = self._in_force().correct(mean, temp_c=temp)
+            self.drift.close(block.t, t_mono, (corrected.gx, corrected.gy, corrected.gz))
 
     def _begin_anew(self) -> None:
         # the device began again: a new power-up has a new turn-on bias
         self.rebalancer.reset()
+        if self.drift is not None:
+            self.drift.device_restarted()
         self._block = _Block()
         self._window.clear()
         self._fresh = 0
@@ -536,6 +550,9 @@ class Pipeline:
         flags.extend(f"stuck_{axis}" for axis in self.monitor.stuck_axes)
         if self.monitor.frozen:
             flags.append("frozen")
+        azimuth = None if self.drift is None else self.drift.azimuth(t)
+        if azimuth is not None:
+            flags.extend(azimuth.flags)
         return Attitude(
             t_device_s=t,
             t_mono=frame.t_mono,
@@ -553,6 +570,7 @@ class Pipeline:
             n=n,
             window_s=window_s,
             temp_c=temp,
+            azimuth=azimuth,
         )
 
 

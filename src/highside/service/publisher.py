@@ -24,7 +24,7 @@ import socket
 import ssl
 import struct
 from collections import Counter
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Mapping
 from typing import Any, NamedTuple
 
 import aiomqtt
@@ -81,6 +81,7 @@ class Publisher:
         *,
         tool_id: str,
         on_connect_payloads: Callable[[], list[Retained]] = list,
+        commands: Mapping[str, Callable[[bytes, bool], None]] | None = None,
         rng: random.Random | None = None,
     ) -> None:
         self._settings = settings
@@ -88,6 +89,8 @@ class Publisher:
         self._status_topic = settings.topic(tool_id, "status")
         self._client_id = settings.client_id or f"highside-{tool_id}"
         self._on_connect_payloads = on_connect_payloads
+        self._commands = dict(commands or {})
+        """by topic: what is said to the tool; called with the payload and whether it was retained"""
         self._rng = rng or random.Random()
         self._retained: dict[str, bytes] = {}
         self._changed: dict[str, None] = {}
@@ -181,6 +184,8 @@ class Publisher:
             self.last_error = ""
             log.info("mqtt: connected to %s", self._settings.host)
             self._outbox.begin_delivery(lambda: self._wake_from(loop))
+            if self._commands:
+                self._start(self._subscribe(client))
             await self._send_until_lost(client)
             await self._farewell(client)
         except BaseException:
@@ -237,11 +242,25 @@ class Publisher:
         _notice_a_closed_door(client)
         return client
 
+    async def _subscribe(self, client: aiomqtt.Client) -> None:
+        """To the topics of commands. A broker that forbids it costs the commands, not the messages."""
+        for topic in self._commands:
+            try:
+                granted = await client.subscribe(topic, qos=1, timeout=self._settings.ack_timeout_s)
+            except (aiomqtt.MqttError, ValueError) as error:
+                log.warning("mqtt: commands on %s cannot be heard: %s", topic, error)
+                continue
+            codes = [code if isinstance(code, int) else code.value for code in granted]
+            if any(code >= 0x80 for code in codes):
+                log.warning("mqtt: the broker does not let us hear commands on %s: see its access list", topic)
+
     async def _listen(self, client: aiomqtt.Client) -> None:
-        """Nothing is subscribed: this only ends when the connection does, and says so at once."""
+        """Hands over commands; ends when the connection does, and says so at once."""
         try:
-            async for _ in client.messages:
-                pass
+            async for message in client.messages:
+                command = self._commands.get(str(message.topic))
+                if command is not None and isinstance(message.payload, bytes | bytearray):
+                    command(bytes(message.payload), message.retain)
         except aiomqtt.MqttError as error:
             cause = error.__cause__ or error
             self._fail(LostConnection("connection lost", str(cause)))

@@ -218,6 +218,8 @@ def _values(attitude: Attitude) -> dict[str, float | None]:
         "tf_deg": attitude.tf_deg,
         "tf_std_deg": attitude.tf_std_deg,
         "toolface_deg": attitude.toolface_deg,
+        "azi_deg": None if attitude.azimuth is None else attitude.azimuth.azi_deg,
+        "azi_std_deg": None if attitude.azimuth is None else attitude.azimuth.azi_std_deg,
         "g_total": attitude.g_total,
         "temp_c": attitude.temp_c,
     }

@@ -1,0 +1,192 @@
+"""Around the drift stage: its state on disk, the commands that come over MQTT, its retained message."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from highside.config.settings import Settings
+from highside.errors import HighsideError
+from highside.service import saved_drift
+from highside.service.clock import clock_synced
+from highside.service.drift_stage import DriftStage
+from highside.service.messages import DriftCommand, DriftReply
+
+log = logging.getLogger("highside")
+
+FILE = "drift.json"
+ALIGN_STD_DEG = 0.5
+_REMEMBERED = 64
+"""ids of commands that are not done again"""
+_LONGEST_COMMAND = 4096
+
+
+class DriftKeeper:
+    """Made with the service; `start` and `stop` with its loop, `apply` after a reload.
+
+    `reply(payload)` and `tell(payload)` publish on `drift/reply` and (retained) on `drift`.
+    """
+
+    def __init__(
+        self, settings: Settings, state_dir: Path, reply: Callable[[bytes], None], tell: Callable[[bytes], None]
+    ) -> None:
+        self._settings = settings
+        self._path = state_dir / FILE
+        self._reply, self._tell = reply, tell
+        self._task: asyncio.Task[None] | None = None
+        self._done: deque[str] = deque(maxlen=_REMEMBERED)
+        self.error: str | None = None
+        self.saves = 0
+        self.commands = 0
+        self.stage: DriftStage | None = None
+        if settings.drift.enabled:
+            self.stage = self._load()
+
+    def _load(self) -> DriftStage:
+        saved, known = None, self._path.exists()
+        try:
+            saved = saved_drift.read(self._path, self._settings.tool.id, saved_drift.Stamp.now(synced=clock_synced()))
+        except HighsideError as error:
+            self.error = str(error)
+            log.error("the azimuth of before the restart is lost: %s", error)
+        return self._stage(saved, first_start=not known)
+
+    def _stage(self, saved: saved_drift.SavedDrift | None, *, first_start: bool) -> DriftStage:
+        settings = self._settings
+        return DriftStage(
+            settings.drift, settings.site.latitude_deg, saved, loaded_mono=time.monotonic(), first_start=first_start
+        )
+
+    def apply(self, settings: Settings) -> None:
+        """New settings: what is known goes on under them."""
+        old, self._settings = self._settings, settings
+        if (old.drift, old.site.latitude_deg) == (settings.drift, settings.site.latitude_deg):
+            return
+        if not settings.drift.enabled:
+            self.stage = None
+        elif self.stage is None:
+            self.stage = self._load()
+        else:
+            saved = self.stage.saved()
+            carried = None if saved is None else saved.model_copy(update={"age_s": 0.0})
+            self.stage = self._stage(carried, first_start=not self._path.exists())
+
+    def start(self) -> None:
+        """In the event loop."""
+        self._task = asyncio.create_task(self._run(), name="drift")
+
+    async def stop(self) -> None:
+        """Keep the last state."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+        await self._save()
+
+    async def _run(self) -> None:
+        while True:
+            await asyncio.sleep(self._settings.drift.save_interval_s)
+            await self._save()
+
+    async def _save(self) -> None:
+        state = None if self.stage is None else self.stage.saved()
+        if state is None:
+            return
+        stamp = saved_drift.Stamp.now(synced=clock_synced())
+        try:
+            await asyncio.to_thread(saved_drift.write, self._path, self._settings.tool.id, stamp, state)
+        except HighsideError as error:
+            if self.error != str(error):
+                log.error("the azimuth cannot be kept for a restart: %s", error)
+            self.error = str(error)
+        else:
+            self.saves += 1
+            self.error = None
+
+    # --- messages ----------------------------------------------------------------------------------------------
+
+    def publish(self) -> None:
+        """The retained message, for tools that have shown gyros."""
+        if self.stage is not None and self.stage.heard:
+            self._tell(self.stage.message(time.time()).model_dump_json().encode())
+
+    def health(self) -> dict[str, Any] | None:
+        """Member `drift` of the health message."""
+        stage = self.stage
+        if stage is None:
+            return None
+        return {
+            "aligned": stage.alignment is not None,
+            "basis": list(stage.basis),
+            "restored": stage.restored,
+            "saves": self.saves,
+            "commands": self.commands,
+            "error": self.error,
+        }
+
+    def on_command(self, payload: bytes, *, retained: bool) -> None:
+        """A message on `drift/command`. Never raises; every command is answered."""
+        self.commands += 1
+        if retained:
+            self._answer("", "is retained: it would be done again at every connect; publish it without that flag")
+            return
+        try:
+            if len(payload) > _LONGEST_COMMAND:
+                raise ValueError("longer than 4096 bytes")
+            command = DriftCommand.model_validate(json.loads(payload))
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            field = ".".join(str(part) for part in first["loc"])
+            what = first["msg"].removeprefix("Value error, ")
+            self._answer(_id_of(payload), f"{field}: {what}" if field else what)
+            return
+        except (ValueError, RecursionError) as error:
+            self._answer("", f"is no JSON object of a command: {error}")
+            return
+        if command.id in self._done:
+            self._answer(command.id, None)
+            return
+        problem = self._do(command)
+        if problem is None:
+            self._done.append(command.id)
+            log.info("drift: %s done (%s)", command.command, command.id)
+        self._answer(command.id, problem)
+        self.publish()
+
+    def _do(self, command: DriftCommand) -> str | None:
+        stage = self.stage
+        if stage is None:
+            return "the drift stage is switched off: set drift.enabled = true"
+        if command.command == "align":
+            assert command.azimuth_deg is not None
+            std = ALIGN_STD_DEG if command.std_deg is None else command.std_deg
+            return stage.align(command.azimuth_deg, std, time.time())
+        if command.command == "reset_heading":
+            return stage.reset_heading()
+        if command.command == "connection":
+            assert command.seconds is not None
+            return stage.connection(command.seconds)
+        return stage.restart()
+
+    def _answer(self, of: str, problem: str | None) -> None:
+        if problem is not None:
+            log.warning("drift command refused: %s", problem)
+        reply = DriftReply(id=of, t=round(time.time(), 6), ok=problem is None, error=problem)
+        self._reply(reply.model_dump_json().encode())
+
+
+def _id_of(payload: bytes) -> str:
+    """The id of a command that is otherwise wrong."""
+    try:
+        found = json.loads(payload)
+    except (ValueError, RecursionError):
+        return ""
+    value = found.get("id") if isinstance(found, dict) else None
+    return value[:64] if isinstance(value, str) else ""

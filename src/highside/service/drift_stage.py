@@ -1,0 +1,367 @@
+"""The drift stage of the pipeline: azimuth from gyros and corrected gravity, its uncertainty and what it rests on.
+
+Synchronous, on device time, without clock or file: `drift_keeper` stores what it knows and brings commands. Readings
+come as means over some ten milliseconds (the pipeline's own micro-batches) and go through `drift.filter`, the form that
+`highside drift` runs over recordings.
+
+An azimuth is never guessed. Until it is configured or told by the command `align` there is none ("unaligned"). While no
+reading came (a gap, a restart of tool or service) it is not followed: it is taken up again with the turn that may have
+gone unseen (`unseen_turn_dps`), or as it was if the tool stood before and stands now with the same gravity; after
+`max_age_s` it is dropped. Gyro biases outlive that, but not another power-up of the tool.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from highside.attitude.quaternion import to_angles
+from highside.calibration.correction import Vector
+from highside.config.drift import DriftSettings
+from highside.drift import core
+from highside.drift.blocks import MAX_GAP_S, Block
+from highside.drift.checks import UnitWatch
+from highside.drift.filter import KinematicFilter, azimuth_basis
+from highside.drift.frames import DEG_PER_HOUR, std_to_tool, to_tool
+from highside.drift.gates import Motion
+from highside.drift.literal import AzimuthPolicy, Literal
+from highside.service.messages import DriftMessage, LiteralAzimuth
+from highside.service.saved_drift import Alignment, SavedDrift
+
+STALE_S = 1.0
+"""Without gyros for so long there is no azimuth."""
+LONGEST_CONNECTION_S = 1800.0
+_SAME_TILT_RAD = math.radians(0.1)
+_VERTICAL_COS = 0.05
+
+
+class Azimuth(NamedTuple):
+    """What an attitude says about the azimuth; None where it is not known, the basis then says why."""
+
+    azi_deg: float | None
+    azi_std_deg: float | None
+    basis: tuple[str, ...]
+    flags: tuple[str, ...] = ()
+
+
+class DriftStage:
+    """`add` takes the rates of each frame, `close` ends a micro-batch, `azimuth` is asked for each output."""
+
+    def __init__(
+        self, settings: DriftSettings, latitude_deg: float | None, saved: SavedDrift | None = None, *,
+        loaded_mono: float = 0.0, first_start: bool = True,
+    ) -> None:  # fmt: skip
+        """`saved`: what is known from before, its age as at `loaded_mono`. `first_start`: nothing was ever kept."""
+        self.settings, self.latitude_deg = settings, latitude_deg
+        self.alignment: Alignment | None = None
+        self.constrained = False
+        """the azimuth was reset to that of the alignment: an assertion"""
+        self.saturated = False
+        self.restored: str | None = None
+        self._before = saved
+        self._age_s: float | None = None
+        self._loaded_mono = loaded_mono
+        self._first_start = first_start and saved is None
+        self._t: float | None = None
+        self._t_mono = 0.0
+        self._sum = [0.0, 0.0, 0.0]
+        self._n = 0
+        self._connection_until: float | None = None
+        self._units = UnitWatch()
+        self._literal: Literal | None = None
+        self.filter = self._new_filter()
+
+    def _new_filter(self) -> KinematicFilter:
+        first = self._first_start and self._before is None
+        return KinematicFilter(self.settings.filter_settings(self.latitude_deg, first_start=first))
+
+    # --- readings ----------------------------------------------------------------------------------------------
+
+    def add(self, gx_dps: float, gy_dps: float, gz_dps: float) -> None:
+        """The rates of one frame, tool frame."""
+        if not math.isfinite(gx_dps + gy_dps + gz_dps):
+            return
+        limit = self.settings.gyro_range_dps
+        if limit is not None and max(abs(gx_dps), abs(gy_dps), abs(gz_dps)) >= limit:
+            self.saturated = True
+        self._sum[0] += gx_dps
+        self._sum[1] += gy_dps
+        self._sum[2] += gz_dps
+        self._n += 1
+
+    def close(self, t_s: float, t_mono: float, a: Vector) -> None:
+        """The frames added since the last call end at the device time `t_s`; `a` is their corrected mean reading, g."""
+        n = self._n
+        if not n:
+            return
+        # rad/s in the body frame: (x, y, z)_body = (-y, -z, x)_tool
+        x, y, z = (math.radians(value / n) for value in self._sum)
+        self._sum, self._n = [0.0, 0.0, 0.0], 0
+        ax, ay, az = a if math.isfinite(a[0] + a[1] + a[2]) else (0.0, 0.0, 0.0)
+        if self.filter.memory is None and self._t is None and not ax * ax + ay * ay + az * az > 0.25:
+            return
+        before = self._t
+        if before is not None and (t_s - before > MAX_GAP_S or t_s < before):
+            restarted = t_s < before
+            self._leave_off(t_mono - self._t_mono if restarted else t_s - before, repowered=restarted)
+        elif before is None and self._before is not None:
+            self._date(self._before, t_s, t_mono)
+        self._t, self._t_mono = t_s, t_mono
+        body_w, body_a = (-y, -z, x), (-ay, -az, ax)
+        block = self.filter.gather(t_s, body_w, body_a)
+        if block is not None:
+            self._on_block(block, t_s)
+        if self._literal is not None and before is not None:
+            self._literal.update(t_s - before, body_w, body_a, self.filter.motion > Motion.VIBRATING)
+
+    def _leave_off(self, age_s: float, *, repowered: bool) -> None:
+        """Nothing came for a while: begin anew, and take up afterwards what still holds."""
+        saved = self.saved()
+        if saved is not None:
+            self._before = saved.model_copy(update={"repowered": repowered, "age_s": max(age_s, 0.0)})
+            self._age_s = max(age_s, 0.0)
+        self._literal = None
+        self._connection_until = None
+        self.filter = self._new_filter()
+
+    def _date(self, before: SavedDrift, t_s: float, t_mono: float) -> None:
+        """How old the saved state is at the first reading, and whether the tool's own time went on since."""
+        if before.age_s is None:
+            return
+        age = before.age_s + max(t_mono - self._loaded_mono, 0.0)
+        went_on = abs(t_s - before.t_device_s - age) < 5.0 + 0.02 * age
+        self._age_s = age
+        self._before = before.model_copy(update={"repowered": before.repowered or not went_on})
+
+    def device_restarted(self) -> None:
+        """The tool's time began again: `close` sees it; micro-batches do not go on across it."""
+        self._sum, self._n = [0.0, 0.0, 0.0], 0
+
+    def _on_block(self, block: Block, t_s: float) -> None:
+        until = self._connection_until
+        declared = until is not None and t_s <= until
+        first = self.filter.memory is None
+        self.filter.take(block, declared_still=declared)
+        if until is not None and (not declared or self.filter.motion is Motion.TURNING):
+            self._connection_until = None
+        self._units.add(block)
+        if not first or self.filter.memory is None:
+            return
+        if self._before is not None:
+            self._take_up(self._before, block)
+            self._before = None
+        elif self._first_start and self.settings.azimuth_deg is not None:
+            std = self.settings.azimuth_std_deg
+            self.alignment = Alignment(azimuth_deg=self.settings.azimuth_deg, std_deg=std, by="configuration", t=None)
+        self._begin_literal()
+
+    # --- what holds from before --------------------------------------------------------------------------------
+
+    def _take_up(self, before: SavedDrift, block: Block) -> None:
+        """The rule of validity, at the first block after a gap or a restart."""
+        age, m = self._age_s, self.filter.memory
+        assert m is not None
+        settings = self.settings
+        if age is None:
+            self.restored = "not taken up: of unknown age"
+            return
+        words = [f"{age:.1f} s old"]
+        stood, same_earth = False, before.latitude_deg == self.latitude_deg
+        if not before.repowered and same_earth and age <= settings.bias_max_age_s:
+            self.filter.gate.know(before.still_statistics())
+            stood = before.motion == Motion.STILL and self._stands_as_before(before, block)
+            if stood and age <= settings.max_age_s:
+                for mine, theirs in zip(m, core.Memory(**before.memory), strict=True):
+                    mine[:] = theirs
+                words.append("the tool stood all the time")
+            else:
+                m.bias[:], m.scale[:] = before.memory["bias"], before.memory["scale"]
+                for i in (33, 44, 55, 66):
+                    m.P[i] = before.memory["P"][i]
+            for i in (33, 44, 55):
+                m.P[i] += self.filter.settings.rrw**2 * age
+            words.append("gyro biases kept")
+        else:
+            why = "another power-up" if before.repowered else "too old" if same_earth else "another latitude"
+            words.append(f"gyro biases forgotten: {why}")
+        if before.alignment is None:
+            words.append("no azimuth")
+        elif age > settings.max_age_s:
+            words.append("azimuth dropped: too old")
+        else:
+            unseen = 0.0 if stood else settings.unseen_turn_dps * age
+            std = math.hypot(before.azi_std_deg, unseen)
+            if std >= 90.0:
+                words.append("azimuth dropped: it may have turned by any angle")
+            else:
+                self.filter.know_azimuth(math.radians(before.azi_deg), math.radians(std))
+                if not stood:
+                    self.filter.set_azimuth(math.radians(before.azi_deg), math.radians(std), biases_hold=True)
+                self.alignment, self.constrained = before.alignment, before.constrained
+                self.saturated = before.saturated
+                words.append(f"azimuth kept, uncertain by {std:.2g} deg")
+        self.restored = ", ".join(words)
+
+    def _stands_as_before(self, before: SavedDrift, block: Block) -> bool:
+        still = before.still_statistics()
+        if still is None or block.norm_std > 5.0 * still.norm_std_g or block.rate_noise > 5.0 * still.rate_std:
+            return False
+        q = np.array(before.memory["q"])
+        up = np.array(core.cosines((q[0], q[1], q[2], q[3])))[2::3]
+        # what the filter took for tilt error of the accelerometers stays as it was
+        g = block.accel - np.array(before.memory["accel_bias"])
+        g = g / math.sqrt(float(g @ g))
+        return float(np.linalg.norm(np.cross(g, up))) < _SAME_TILT_RAD + 4.0 * block.accel_std / math.sqrt(block.n)
+
+    def saved(self) -> SavedDrift | None:
+        """What is to be kept, without the time of its keeping; None before the first block."""
+        m = self.filter.memory
+        if m is None or self._t is None:
+            # what an earlier run left is not replaced by nothing
+            return None
+        still = self.filter.gate.still
+        return SavedDrift(
+            latitude_deg=self.latitude_deg,
+            t_device_s=self._t,
+            motion=int(self.filter.motion),
+            memory={name: list(map(float, values)) for name, values in m._asdict().items()},
+            still=None if still is None else still.as_list(),
+            alignment=self.alignment,
+            azi_deg=math.degrees(core.azimuth_of(core.attitude_of(m))) % 360.0,
+            azi_std_deg=math.degrees(self.filter.azimuth_std_rad),
+            constrained=self.constrained,
+            saturated=self.saturated,
+        )
+
+    # --- commands ----------------------------------------------------------------------------------------------
+
+    def align(self, azimuth_deg: float, std_deg: float, t: float | None) -> str | None:
+        """The hole's azimuth is this now; returns why it cannot be taken, if so."""
+        if self.filter.memory is None:
+            return "no second of gyro readings has come yet: align again when the tool is heard"
+        self.filter.set_azimuth(math.radians(azimuth_deg), math.radians(std_deg))
+        self.alignment = Alignment(azimuth_deg=azimuth_deg % 360.0, std_deg=std_deg, by="command", t=t)
+        self.constrained = self.saturated = False
+        self._begin_literal()
+        return None
+
+    def reset_heading(self) -> str | None:
+        """The azimuth is that of the alignment again: the assertion that the hole went straight on."""
+        if self.alignment is None or self.filter.memory is None:
+            return "there is no alignment to go back to: give the command align"
+        self.filter.set_azimuth(math.radians(self.alignment.azimuth_deg), math.radians(self.alignment.std_deg))
+        self.constrained, self.saturated = True, False
+        self._begin_literal()
+        return None
+
+    def connection(self, seconds: float) -> str | None:
+        """The tool stands from now on, for so long at most (0: it does not any more)."""
+        if self._t is None:
+            return "no gyro readings have come yet"
+        self._connection_until = self._t + min(seconds, LONGEST_CONNECTION_S) if seconds > 0.0 else None
+        return None
+
+    def restart(self) -> str | None:
+        """Forget everything."""
+        self.alignment, self.constrained, self.saturated, self.restored = None, False, False, None
+        self._before, self._first_start, self._literal, self._connection_until = None, True, None, None
+        self._t = self._age_s = None
+        self._units = UnitWatch()
+        self.filter = self._new_filter()
+        return None
+
+    # --- what it says ------------------------------------------------------------------------------------------
+
+    def azimuth(self, t_s: float) -> Azimuth | None:
+        """At the device time of an output; None for a tool without gyros."""
+        if self._t is None:
+            return None
+        m = self.filter.memory
+        if t_s - self._t > STALE_S:
+            return Azimuth(None, None, ("no_gyros",))
+        if self._units.verdict is not None:
+            return Azimuth(None, None, ("gyro_units",))
+        if m is None or self.alignment is None:
+            return Azimuth(None, None, ("unaligned",))
+        flags = ("gyro_saturated",) if self.saturated else ()
+        if self.settings.method != "kinematic":
+            return self._literal_azimuth(flags)
+        theta, _, psi = to_angles(self.filter.attitude_now())
+        if math.cos(float(theta)) < _VERTICAL_COS:
+            return Azimuth(None, None, ("vertical",), flags)
+        std = math.degrees(self.filter.azimuth_std_rad)
+        return Azimuth(math.degrees(float(psi)) % 360.0, std, self.basis, flags)
+
+    @property
+    def basis(self) -> tuple[str, ...]:
+        """Where the filter's azimuth comes from, by name."""
+        m = self.filter.memory
+        if m is None or self.alignment is None:
+            return ("unaligned",)
+        found = azimuth_basis(self.filter.settings, m.tally[core.STILL_S], m.tally[core.TURNED])
+        names = tuple(basis.name.lower() for basis in found)
+        return ("constraint", *names) if self.constrained and "constraint" not in names else names
+
+    def _begin_literal(self) -> None:
+        m, settings = self.filter.memory, self.settings
+        if m is None or self.alignment is None or not (settings.compare_literal or settings.method != "kinematic"):
+            self._literal = None
+            return
+        self._literal = Literal(settings.policy, core.attitude_of(m), average=settings.method == "literal_block")
+
+    def _literal_azimuth(self, flags: tuple[str, ...]) -> Azimuth:
+        if self._literal is None:
+            return Azimuth(None, None, ("unaligned",), flags)
+        psi = float(to_angles(np.array(self._literal.q))[2])
+        held = self._literal.policy is not AzimuthPolicy.GYRO
+        return Azimuth(math.degrees(psi) % 360.0, None, ("constraint" if held else "nothing",), flags)
+
+    @property
+    def heard(self) -> bool:
+        """Whether gyros were heard at all."""
+        return self._t is not None
+
+    def message(self, t: float) -> DriftMessage:
+        """The retained message `drift`."""
+        now = self._t if self._t is not None else 0.0
+        azimuth = self.azimuth(now)
+        state = self.filter.state
+        bias = std = None
+        if state is not None:
+            bias = [round(float(v) / DEG_PER_HOUR, 4) for v in to_tool(state.bias)]
+            std = [round(float(v) / DEG_PER_HOUR, 4) for v in std_to_tool(state.bias_std)]
+        literal = None
+        if self._literal is not None:
+            drift = to_tool(np.array(self._literal.drift)) / DEG_PER_HOUR
+            own = self._literal_azimuth(())
+            literal = LiteralAzimuth(
+                policy=self.settings.azimuth_policy,
+                azi_deg=own.azi_deg,
+                bias_dph=[round(float(v), 4) for v in drift],
+            )
+        notes = []
+        if self.latitude_deg is None:
+            notes.append("no latitude in [site]: the Earth's rotation counts as gyro bias")
+        if self._units.verdict is not None:
+            notes.append(self._units.verdict)
+        if self.saturated:
+            notes.append("a gyro was at its range since the alignment: turns beyond it are lost")
+        return DriftMessage(
+            t=round(t, 6),
+            method=self.settings.method,
+            motion="none" if state is None else self.filter.motion.name.lower(),
+            azi_deg=None if azimuth is None else azimuth.azi_deg,
+            azi_std_deg=None if azimuth is None else azimuth.azi_std_deg,
+            azi_basis=["no_gyros"] if azimuth is None else list(azimuth.basis),
+            alignment=self.alignment,
+            connection=self._connection_until is not None,
+            bias_dph=bias,
+            bias_std_dph=std,
+            scale_ppm=None if state is None else round(1e6 * state.scale, 2),
+            refused={} if state is None else state.refused,
+            literal=literal,
+            restored=self.restored,
+            notes=notes,
+        )

@@ -1,0 +1,128 @@
+"""What the drift stage keeps across a restart, as a file: one JSON object, replaced whole, checked when it is read.
+
+Its age is told by the host's monotonic clock if the host was not restarted since, else by the wall clock if that was
+synchronised both times, else by nobody: then nothing of it is taken up. Whether the tool was switched off meanwhile is
+told by the tool's own time.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from highside.drift.gates import StillStatistics
+from highside.errors import Refused
+from highside.recording.files import read_bytes, write_whole
+
+_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
+_SIZES = {"q": 4, "bias": 3, "scale": 1, "accel_bias": 3, "P": 100, "psi0": 1, "stop": 5, "tally": 10, "work": 120}
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Alignment(_Strict):
+    """When and how the azimuth was told."""
+
+    azimuth_deg: Annotated[float, Field(ge=0, le=360)]
+    std_deg: Annotated[float, Field(ge=0)]
+    by: Literal["configuration", "command"]
+    t: float | None = Field(description="UTC, seconds since 1970; null: not known.")
+
+
+class Stamp(_Strict):
+    """When something was kept, by three clocks."""
+
+    wall_s: float
+    synced: bool
+    boot_id: str
+    boot_s: float
+
+    @classmethod
+    def now(cls, *, synced: bool) -> Self:
+        """The host's clocks."""
+        try:
+            boot_id = _BOOT_ID.read_text().strip()
+        except OSError:
+            boot_id = ""
+        return cls(wall_s=time.time(), synced=synced, boot_id=boot_id, boot_s=time.clock_gettime(time.CLOCK_BOOTTIME))
+
+    def age_s(self, now: Stamp) -> float | None:
+        """Seconds from this to `now`; None where no clock can tell."""
+        if self.boot_id and self.boot_id == now.boot_id:
+            return max(now.boot_s - self.boot_s, 0.0)
+        if self.synced and now.synced and now.wall_s >= self.wall_s:
+            return now.wall_s - self.wall_s
+        return None
+
+
+class SavedDrift(_Strict):
+    """What a drift stage knew."""
+
+    latitude_deg: float | None
+    t_device_s: float
+    motion: Annotated[int, Field(ge=0, le=3)]
+    memory: dict[str, list[float]]
+    """the filter's, body frame"""
+    still: list[float] | None
+    """the tool at rest: norm std, norm error, rate std, rate (3)"""
+    alignment: Alignment | None
+    azi_deg: float
+    azi_std_deg: float
+    constrained: bool
+    saturated: bool
+    repowered: bool = False
+    age_s: float | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if {name: len(values) for name, values in self.memory.items()} != _SIZES:
+            raise ValueError("the filter's memory has another shape")
+        P = np.array(self.memory["P"]).reshape(10, 10)
+        if not np.allclose(P, P.T, rtol=1e-6, atol=1e-300) or (np.diag(P) < 0.0).any():
+            raise ValueError("the covariance is none")
+        if abs(float(np.linalg.norm(self.memory["q"])) - 1.0) > 1e-6:
+            raise ValueError("the attitude is none")
+        if self.still is not None and (len(self.still) != 6 or min(self.still[0], self.still[2]) < 0.0):
+            raise ValueError("the still record has another shape")
+        return self
+
+    def still_statistics(self) -> StillStatistics | None:
+        """For the gate."""
+        if self.still is None:
+            return None
+        return StillStatistics(self.still[0], self.still[1], self.still[2], np.array(self.still[3:]))
+
+
+class DriftFile(_Strict):
+    """The file."""
+
+    format: Literal["highside.drift/1"] = "highside.drift/1"
+    tool: str
+    stamp: Stamp
+    state: SavedDrift
+
+
+def write(path: Path, tool: str, stamp: Stamp, state: SavedDrift) -> None:
+    """Replace the file. Raises InputError where it cannot be written."""
+    write_whole(path, DriftFile(tool=tool, stamp=stamp, state=state).model_dump_json().encode())
+
+
+def read(path: Path, tool: str, now: Stamp) -> SavedDrift | None:
+    """What is on disk, with its age; None where there is nothing. Raises Refused: damaged, or of another tool."""
+    if not path.exists():
+        return None
+    try:
+        file = DriftFile.model_validate(json.loads(read_bytes(path)))
+    except (ValidationError, ValueError) as error:
+        first = str(error).splitlines()[-1 if isinstance(error, ValidationError) else 0].strip()
+        raise Refused(f"{path}: is no saved drift state: {first}; align anew") from None
+    if file.tool != tool:
+        raise Refused(f"{path}: is of the tool {file.tool!r}; align anew")
+    return file.state.model_copy(update={"age_s": file.stamp.age_s(now)})
