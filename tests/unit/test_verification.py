@@ -19,13 +19,12 @@ from highside.calibration.record import (
     solve_poses,
 )
 from highside.calibration.result import BenchAccuracy
+from highside.calibration.roll_test import RollTest, roll_test
 from highside.calibration.verification import (
     Judged,
-    RollTest,
     Verdict,
     Verification,
     judge,
-    roll_test,
     verify_poses,
 )
 from highside.errors import InputError, Refused

@@ -12,7 +12,8 @@ import typer
 from highside.errors import InputError
 
 if TYPE_CHECKING:
-    from highside.calibration.verification import Judged, RollTest, Verification
+    from highside.calibration.roll_test import RollTest
+    from highside.calibration.verification import Judged, Verification
 
 
 def verify(
@@ -48,7 +49,8 @@ def verify(
     """
     from highside.calibration.poses import PoseSet
     from highside.calibration.result import BenchAccuracy
-    from highside.calibration.verification import Verdict, roll_test, verify_poses
+    from highside.calibration.roll_test import roll_test
+    from highside.calibration.verification import Verdict, verify_poses
     from highside.cli.calibrate import _pose_columns, _read_pose_table
     from highside.recording.calibration_store import read_record
     from highside.recording.files import write_whole
@@ -96,7 +98,7 @@ def verify(
 
 def lines(found: Verification | RollTest) -> list[str]:
     """What a person reads."""
-    from highside.calibration.verification import RollTest
+    from highside.calibration.roll_test import RollTest
 
     if isinstance(found, RollTest):
         return [
