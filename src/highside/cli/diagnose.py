@@ -60,10 +60,15 @@ def _diagnose(rows: Recording, knows: Model, seed: int) -> tuple[Diagnosis, Pict
     from highside.diagnosis.session import pose_session
     from highside.errors import InputError
 
-    if knows.reference.kind != "pose":
+    if knows.reference.kind == "magnitude":
+        from highside.cli.diagnose_magnitude import diagnose_magnitude
+
+        return diagnose_magnitude(rows, knows, seed)
+    if "kind" not in knows.reference.model_fields_set and not {"inc_ref_deg", "tf_ref_deg", "rotor_deg"} & set(rows.columns):
         raise InputError(
-            f"the reference '{knows.reference.kind}' is not supported yet", where=rows.source, field="reference.kind",
-            remedy='give kind = "pose" and a recording with inc_ref_deg and tf_ref_deg',
+            "nothing says where the tool was, and the model does not say what else is known", where=rows.source,
+            field="inc_ref_deg, tf_ref_deg or rotor_deg", remedy="add these columns; or put [reference] kind = "
+            '"magnitude" into the model if only |g| is known; or give another program\'s output with --simulation',
         )  # fmt: skip
     axes = knows.tool.map
     toolface = "rotor_deg" if "rotor_deg" in rows.columns and "tf_ref_deg" not in rows.columns else "tf_ref_deg"

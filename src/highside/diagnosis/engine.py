@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.fit import JointFit
+from highside.diagnosis.magnitude_scene import MagnitudeScene
+from highside.diagnosis.magnitude_session import MagnitudeSession
 from highside.diagnosis.memory import SUSPECT, Channel, Memory, SlowScore, SlowStage, beats_the_walk, slow_effects
 from highside.diagnosis.pose_scene import PoseScene
 from highside.diagnosis.regression import log10_p, outside, span
@@ -22,12 +24,12 @@ from highside.diagnosis.result import Claim, Diagnosis, Location, Remainder, Riv
 from highside.diagnosis.rivals import Rivalry, rivalry, what_shows
 from highside.diagnosis.rotation_scene import RotationScene
 from highside.diagnosis.rotation_session import RotationSession
-from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
+from highside.diagnosis.scene import Judged, Picture, Scene
 from highside.diagnosis.selection import Member, Selector
 from highside.diagnosis.session import PoseSession
 from highside.physics.forward import ForwardModel
 
-__all__ = ["Picture", "diagnose", "diagnose_poses", "diagnose_rotation"]
+__all__ = ["Picture", "diagnose", "diagnose_magnitudes", "diagnose_poses", "diagnose_rotation"]
 
 Array = NDArray[np.float64]
 
@@ -50,11 +52,18 @@ def diagnose_rotation(
     return diagnose(RotationScene.of(session, model, tuple(free), seed), version)
 
 
+def diagnose_magnitudes(
+    session: MagnitudeSession, model: ForwardModel, free: Sequence[str], *, seed: int = 1, version: str = ""
+) -> tuple[Diagnosis, Picture]:
+    """As `diagnose_poses`, for n still readings of which only the magnitude is known."""
+    return diagnose(MagnitudeScene.of(session, model, tuple(free), seed), version)
+
+
 def diagnose(scene: Scene, version: str = "") -> tuple[Diagnosis, Picture]:
     """Choose, compare, prove and tell."""
     judged = scene.judge(scene.noise)
     channels = scene.likelihoods([])
-    slow = frozenset(i for i, c in enumerate(scene.candidates) if c.id in SLOW)
+    slow = frozenset(i for i, c in enumerate(scene.candidates) if c.id in scene.slow_ids)
     unnamed = frozenset(i for i, c in enumerate(scene.candidates) if not c.named)
     # first what has a name and does not follow time; then, beside that, whether anything slow beats a walk
     first = _choose(scene, judged, channels, slow | unnamed)
@@ -100,7 +109,7 @@ def _choose(
     doubted = set()
     for m in members:
         candidate = scene.candidates[m.candidate]
-        if not candidate.named or candidate.id in SLOW:
+        if not candidate.named or candidate.id in scene.slow_ids:
             continue
         others = [o for o in members if o != m]
         dof = int(selector.standing(others).dof[m.candidate])
@@ -118,7 +127,12 @@ def _suspect(scene: Scene, members: Sequence[Member]) -> _Suspicion:
     channels = scene.likelihoods(members)
     slow = scene.slow()
     tries = {i: sum(s.candidate == i for s in slow) for i in {s.candidate for s in slow}}
-    found = slow_effects(channels, slow, tries) if slow else SlowStage([], [], [])
+    found = slow_effects(channels, slow, tries, forgiven=scene.forgiven) if slow else SlowStage([], [], [])
+
+    def upheld(scores: Sequence[SlowScore]) -> list[SlowScore]:
+        return [s for s in scores if scene.holds_up(Member(s.effect.candidate, s.effect.variant))]
+
+    found = replace(found, claimed=upheld(found.claimed), admitted=upheld(found.admitted))
     functions = [score.effect.function for score in found.claimed]
     memories = [
         channel.memory(np.array([f[c] for f in functions]) if functions else scene.block([])[:, c])
@@ -311,4 +325,10 @@ def _advice(scene: Scene, member: Member, r: Rivalry, fit: JointFit) -> str:
     assert effect is not None
     if len(r.same) == 1:
         return "none needed: no other effect of the library explains this recording as well"
-    return effect.splitter if effect.stage.value == "thermal" else scene.advice(member, r, fit)
+    if effect.stage.value != "thermal":
+        return scene.advice(member, r, fit)
+    rivals = [e for k in r.same if k != member.candidate and (e := scene.candidates[k].effect) is not None]
+    # what splits a pair stands with the one that knows the other
+    known = [effect if e.id in effect.confused_with else e for e in rivals if e.id in effect.confused_with
+             or effect.id in e.confused_with]  # fmt: skip
+    return "; ".join(dict.fromkeys(e.splitter for e in known)) or effect.splitter

@@ -24,6 +24,8 @@ from highside.physics.state import ChainState
 Array = NDArray[np.float64]
 
 STEPS = 4
+UNSEEN = 1e-8
+"""Share of the best seen direction from which a direction in the space of the parameters is seen at all."""
 MANY = 3000
 """Readings from which normal equations are formed."""
 
@@ -34,6 +36,18 @@ class Whitening(Protocol):
     def white(self, columns: Array) -> Array:
         """(..., C, n) readings -> (..., C n) in units of the noise."""
         ...
+
+
+class Seen(Protocol):
+    """Readings, as a fit sees them: how they differ from a model's, and what would change that."""
+
+    @property
+    def gyros(self) -> bool: ...
+    @property
+    def channels(self) -> int: ...
+    def residual(self, model: ForwardModel) -> Array: ...
+    def jacobian(self, model: ForwardModel, names: Sequence[str]) -> Array: ...
+    def columns(self, model: ForwardModel, effect: Effect, shape: dict[str, float]) -> Array: ...
 
 
 @dataclass(frozen=True)
@@ -47,6 +61,11 @@ class Observed:
     def gyros(self) -> bool:
         """Whether rates are among the readings."""
         return bool(self.readings.shape[0] > 3)
+
+    @property
+    def channels(self) -> int:
+        """Number of channels."""
+        return int(self.readings.shape[0])
 
     def residual(self, model: ForwardModel) -> Array:
         """(C, n) readings minus prediction."""
@@ -69,13 +88,15 @@ class Observed:
         return columns_of(model, self.state, effect, shape, gyros=self.gyros)
 
 
-def base_fit(model: ForwardModel, seen: Observed, free: Sequence[str]) -> tuple[ForwardModel, Array, Array]:
+def base_fit(
+    model: ForwardModel, seen: Seen, free: Sequence[str], steps: int = STEPS
+) -> tuple[ForwardModel, Array, Array]:
     """The model with its free effects fitted to n readings, their columns (P, C, n), and the residual (C, n)."""
     if not free:
         return model, seen.jacobian(model, ()), seen.residual(model)
     # rates and accelerations have units of their own: each kind counts by the size of what it cannot explain
-    weight = np.ones((seen.readings.shape[0], 1))
-    for turn in range(STEPS):
+    weight = np.ones((seen.channels, 1))
+    for turn in range(steps):
         columns, left = seen.jacobian(model, free), seen.residual(model)
         step = _solve((columns * weight).reshape(len(columns), -1), (left * weight).reshape(-1))
         model = model.set_free(model.get_free(free) + step, free)
@@ -107,7 +128,7 @@ class JointFit:
 
 def joint_fit(
     model: ForwardModel,
-    seen: Observed,
+    seen: Seen,
     free: Sequence[str],
     candidates: Sequence[Candidate],
     members: Sequence[Member],
@@ -151,6 +172,7 @@ def joint_fit(
 
     every = [*now.free_names(names or []), *amplitude_names]
     inverse = np.zeros((len(every), len(every)))
+    unseen = np.zeros(len(every), dtype=bool)
     for step_number in range(steps):
         which = shape_names if step_number >= 2 else []
         white = noise.white(columns(now, which))
@@ -165,7 +187,10 @@ def joint_fit(
         scale = np.linalg.norm(white, axis=1)
         scale = np.where(scale > 0, scale, 1.0)
         gram = (white / scale[:, None]) @ (white / scale[:, None]).T
-        inverse = np.linalg.pinv(gram, rcond=1e-9, hermitian=True) / (scale[:, None] * scale[None, :])
+        powers, vectors = np.linalg.eigh(gram)
+        seen_well = powers > UNSEEN * powers[-1]
+        inverse = (vectors[:, seen_well] / powers[seen_well]) @ vectors[:, seen_well].T / np.outer(scale, scale)
+        unseen = np.sum(vectors[:, ~seen_well] ** 2, axis=1) > 1e-6
     every = [*every, *shape_names]
     std = np.sqrt(np.maximum(np.diag(inverse), 0.0))
     half = float(student.ppf(0.975, freedom))
@@ -177,11 +202,15 @@ def joint_fit(
         for parameter in candidate.effect.parameters:
             name = f"{candidate.id}.{parameter.name}"
             value = float(now.get_free([name])[0])
+            low, high = parameter.gate
+            if name in every and unseen[every.index(name)]:
+                # the recording says nothing of it beyond what is plausible
+                table[parameter.name] = FittedParameter(value, (high - low) / np.sqrt(12), low, high, parameter.unit)
+                continue
             error = float(std[every.index(name)]) if name in every else 0.0
             table[parameter.name] = FittedParameter(
                 value, error, value - half * error, value + half * error, parameter.unit
             )
-            low, high = parameter.gate
             if value + 2 * error < low or value - 2 * error > high:
                 implausible.append(name)
         fitted[candidate.id] = table

@@ -38,10 +38,13 @@ class Intake:
     clipped: dict[int, tuple[float, float]]
 
 
-def check(columns: Mapping[str, Array], needed: Sequence[str], axes: Sequence[tuple[int, float]]) -> Intake:
+def check(
+    columns: Mapping[str, Array], needed: Sequence[str], axes: Sequence[tuple[int, float]], *, attitude: bool = True
+) -> Intake:
     """Check the columns (N,) of a recording. `needed` are those the diagnosis cannot do without.
 
-    `axes` says which channel, with which sign, is the tool's x, y and z.
+    `axes` says which channel, with which sign, is the tool's x, y and z. Without a reference `attitude` nothing says
+    which axis should feel what, and frames that are lost are told but do no harm: each row has its time.
     """
     missing = [name for name in (*COLUMNS, *needed) if name not in columns]
     if missing:
@@ -58,10 +61,16 @@ def check(columns: Mapping[str, Array], needed: Sequence[str], axes: Sequence[tu
     if still:
         names = tuple(CHANNELS[c] for c in still)
         return _spoiled([*time, Finding("constant_channel", names, _all_equal(accel.shape[1]), "check wire and codec")])
-    reference = _reference({name: column[held] for name, column in columns.items()})
     unit = _unit(accel)
     if unit:
         return _spoiled([*time, unit])
+    if not attitude:
+        harmless = [f for f in time if f.check == "dropped_frames"]
+        found = [f for f in time if f not in harmless] + _duplicates(columns, held, accel)
+        stuck = [f for c in range(3) if (f := _stuck_bit(accel[c], c))]
+        told = [f for c in range(3) if (f := _quantisation(accel[c], c))]
+        return Intake((*found, *stuck, *harmless, *told), bool(found or stuck), {})
+    reference = _reference({name: column[held] for name, column in columns.items()})
     expected = np.empty_like(reference)
     for tool, (channel, sign) in enumerate(axes):
         expected[channel] = sign * reference[tool]

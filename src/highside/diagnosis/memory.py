@@ -197,18 +197,27 @@ def _basis(columns: Array) -> Array:
 
 
 def slow_effects(
-    channels: Sequence[Channel], slow: Sequence[SlowEffect], tries: dict[int, int], limit: int = 2
+    channels: Sequence[Channel],
+    slow: Sequence[SlowEffect],
+    tries: dict[int, int],
+    limit: int = 2,
+    forgiven: float = 0.0,
 ) -> SlowStage:
-    """Test each slow effect against the walk, then again beside the first that is claimed."""
+    """Test each slow effect against the walk, then again beside the first that is claimed.
+
+    One that beats the walk twice as clearly as asked may leave the share `forgiven` of the evidence of memory.
+    """
     claimed: list[SlowScore] = []
     admitted: list[SlowScore] = []
     near: list[SlowScore] = []
     functions = np.stack([e.function for e in slow])
     for turn in range(limit):
         columns = np.stack([score.effect.function for score in claimed]) if claimed else functions[:0]
-        gain, remaining = np.zeros(len(slow)), np.zeros(len(slow))
+        gain, remaining, evidence = np.zeros(len(slow)), np.zeros(len(slow)), 0.0
         for c, channel in enumerate(channels):
-            plain = float(channel.without(columns[:, c]).min())
+            without = channel.without(columns[:, c])
+            plain = float(without.min())
+            evidence += float(without[0]) - plain
             tested = channel.with_each(columns[:, c], functions[:, c])
             gain += plain - tested.min(axis=0)
             remaining += tested[0] - tested.min(axis=0)
@@ -220,8 +229,11 @@ def slow_effects(
         ]  # fmt: skip
         taken = {c.effect.candidate for c in claimed}
         passing = [
-            s for s in scores if s.log_p > SLOW_LOG_P and s.remaining < REMAINING and s.effect.candidate not in taken
-        ]
+            s for s in scores if s.effect.candidate not in taken and (
+                (s.log_p > SLOW_LOG_P and s.remaining < REMAINING)
+                or (s.log_p > 2 * SLOW_LOG_P and s.remaining < forgiven * evidence)
+            )
+        ]  # fmt: skip
         if turn == 0:
             near = [s for s in scores if s.log_p > 1.0]
         admitted += passing

@@ -19,7 +19,9 @@ from highside.diagnosis.regression import outside, span
 from highside.diagnosis.result import Fit, Location
 from highside.diagnosis.rivals import Rivalry, next_poses
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
-from highside.diagnosis.selection import HeldOut, Member, Pool, PoseGains, Selector, pose_flips, pose_folds, threshold
+from highside.diagnosis.selection import (
+    HeldOut, Member, Pool, PoseGains, Selector, gain_interval, pose_flips, pose_folds, threshold,
+)  # fmt: skip
 from highside.diagnosis.session import PoseSession
 from highside.physics.forward import ForwardModel
 
@@ -123,31 +125,11 @@ class PoseScene(Scene):
         return f"measure these poses (inclination, toolface in deg): {words}; otherwise: {candidate.effect.splitter}"
 
     def proof(self, members: Sequence[Member], fit: JointFit) -> Fit:
-        flat = self.residual.reshape(-1)
-        base = self.base.reshape(self.base.shape[0], -1)
         folds = pose_folds(self.session.n)
-        plain = HeldOut(base, flat, folds)
-        claimed = self.block(members).reshape(-1, flat.size)
-        before = plain.errors(np.empty((0, flat.size)))
-        held = plain.errors(claimed)
-
-        def rms(parts: list[Array]) -> float:
-            return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
-
-        by_block = np.array([np.mean(b**2) - np.mean(a**2) for b, a in zip(before, held, strict=True)])
-        relative = by_block / np.mean(np.concatenate(before) ** 2)
-        half = 1.96 * float(relative.std(ddof=1) / np.sqrt(relative.size))
-        return Fit(
-            unit="g",
-            rmse_before=float(np.sqrt(np.mean(self.residual**2))),
-            rmse_after=float(np.sqrt(np.mean(fit.residual**2))),
-            heldout_rmse_before=rms(before),
-            heldout_rmse_after=rms(held),
-            heldout_gain_low=float(relative.mean()) - half,
-            heldout_gain_high=float(relative.mean()) + half,
-            noise_floor=float(np.sqrt(np.mean(self.noise.sigma**2))),
-            how_held_out=f"{len(folds)} contiguous blocks of poses; gain = share of the held-out mean square removed",
-        )
+        flat = self.residual.reshape(-1)
+        base, claimed = (c.reshape(-1, flat.size) for c in (self.base, self.block(members)))
+        floor = float(np.sqrt(np.mean(self.noise.sigma**2)))
+        return block_proof(base, flat, claimed, folds, fit.residual, floor, f"{len(folds)} contiguous blocks of poses")
 
     def picture(self, fit: JointFit | None) -> Picture:
         return Picture(self.session, self.residual, self.residual if fit is None else fit.residual)
@@ -161,6 +143,30 @@ class PoseScene(Scene):
             "bench_toolface_rad": noise.tf,
             "degrees_of_freedom": noise.freedom,
         }
+
+
+def block_proof(
+    base: Array, residual: Array, claimed: Array, folds: Sequence[NDArray[np.intp]], after: Array, floor: float, how: str
+) -> Fit:
+    """Misfit before and after, in sample and on left-out blocks; all in g, base and claims (P, N), residual (N,)."""
+    plain = HeldOut(base, residual, folds)
+    before, held = plain.errors(claimed[:0]), plain.errors(claimed)
+
+    def rms(parts: list[Array]) -> float:
+        return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+
+    low, high = gain_interval(*(np.array([float(e @ e) for e in errors]) for errors in (before, held)))
+    return Fit(
+        unit="g",
+        rmse_before=float(np.sqrt(np.mean(residual**2))),
+        rmse_after=float(np.sqrt(np.mean(after**2))),
+        heldout_rmse_before=rms(before),
+        heldout_rmse_after=rms(held),
+        heldout_gain_low=low,
+        heldout_gain_high=high,
+        noise_floor=floor,
+        how_held_out=f"{how}; gain = share of the held-out mean square removed",
+    )
 
 
 def _rich(base: Array, candidates: Sequence[Candidate], session: PoseSession, force: Array) -> Array:

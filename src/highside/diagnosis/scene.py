@@ -81,6 +81,20 @@ class Scene(ABC):
         return self.candidates[member.candidate].variants[member.variant]
 
     @property
+    def slow_ids(self) -> frozenset[str]:
+        """Ids of the effects that a walk may look like here."""
+        return frozenset(SLOW)
+
+    @property
+    def forgiven(self) -> float:
+        """Share of the evidence of memory that may remain beside a slow effect that beats the walk by far."""
+        return 0.0
+
+    def holds_up(self, member: Member) -> bool:
+        """Whether a slow effect predicts stretches that were left out: asked where a transient could be named."""
+        return True
+
+    @property
     @abstractmethod
     def channels(self) -> tuple[str, ...]:
         """Names of the channels."""

@@ -47,6 +47,9 @@ class Pool:
             np.bincount(self.owner, minlength=len(self.candidates)), [c.searched for c in candidates]
         ).astype(float)
         self.race = Race(self.blocks)
+        self.one_sided = [
+            i for i, m in enumerate(self.members) if _one_sided(self.candidates[m.candidate]) and len(blocks[i]) == 1
+        ]
         self._index = {member: i for i, member in enumerate(self.members)}
 
     def columns(self, member: Member) -> Array:
@@ -58,6 +61,14 @@ class Pool:
         if not members:
             return np.empty((0, self.blocks[0].shape[1]))
         return np.vstack([self.columns(member) for member in members])
+
+
+def _one_sided(candidate: Candidate) -> bool:
+    """Whether the only amplitude of an effect cannot be negative."""
+    if candidate.effect is None or len(candidate.amplitudes) != 1:
+        return False
+    low = [p.gate[0] for p in candidate.effect.parameters if not p.shape][0]
+    return low == 0.0
 
 
 @dataclass(frozen=True)
@@ -77,6 +88,10 @@ def standing(pool: Pool, space: Array, residual: Array, freedom: float, size: in
     """Run the race for one residual (N,) outside of `space`; `size` is the number of readings."""
     gains, dof = pool.race.run(space, residual[None])
     gain = gains[:, 0]
+    for i in pool.one_sided:
+        # an amplitude that cannot be negative explains nothing by being so
+        if float(outside(space, pool.blocks[i])[0] @ residual) < 0:
+            gain[i] = 0.0
     score = gain - dof * np.log(size)
     best: list[Member] = []
     picked = np.zeros(len(pool.candidates), dtype=np.intp)
@@ -111,12 +126,12 @@ def threshold(race: Race, owner: NDArray[np.intp], chance: Array, space: Array, 
     return max(float(np.quantile(worst, 1 - ALARM_RATE)), float(-np.log10(ALARM_RATE / families.size)))
 
 
-def pose_flips(rich: Array, rng: np.random.Generator) -> Array:
-    """(FLIPS, 3 n) rich residuals (3 n,) with the signs of blocks of poses flipped."""
-    n = rich.size // 3
+def pose_flips(rich: Array, rng: np.random.Generator, channels: int = 3) -> Array:
+    """(FLIPS, C n) rich residuals (C n,) with the signs of blocks of poses flipped."""
+    n = rich.size // channels
     block = np.arange(n) // BLOCK_POSES
     signs = rng.choice([-1.0, 1.0], size=(FLIPS, int(block[-1]) + 1))[:, block]
-    return np.asarray(rich * np.tile(signs, (1, 3)))
+    return np.asarray(rich * np.tile(signs, (1, channels)))
 
 
 class Gains(Protocol):
@@ -166,6 +181,14 @@ def block_gain(before: Array, after: Array) -> tuple[float, float]:
     """Gain of log likelihood and its standard error from the squared errors of each block."""
     by_block = (before - after) / 2
     return float(by_block.sum()), float(by_block.std(ddof=1) * np.sqrt(by_block.size))
+
+
+def gain_interval(before: Array, after: Array) -> tuple[float, float]:
+    """95 % interval of the share of the squared error that is removed, from the squared errors of each block (B,)."""
+    left = float(after.sum() / before.sum())
+    # of a ratio of sums, to first order
+    error = float((after - left * before).std(ddof=1) * np.sqrt(before.size) / before.sum())
+    return 1.0 - left - 1.96 * error, 1.0 - left + 1.96 * error
 
 
 def pose_folds(n: int, count: int = 10) -> list[NDArray[np.intp]]:

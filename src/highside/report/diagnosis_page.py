@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 BEFORE, AFTER, SHADE = "#d9822b", "#2f7fd1", "#808890"
-CHANNELS = ("ax", "ay", "az")
 VERDICTS = {
     "nothing_left_out": "Nothing was left out: the simulation explains this recording to within its noise.",
     "named": "The simulation leaves out",
@@ -76,7 +75,7 @@ def _page_of(diagnosis: Diagnosis, picture: Picture | None, recording: str) -> s
     if picture is not None:
         page.heading("Where the mismatch sits")
         drawn = tuple(place for place in diagnosis.location if place.covariate != "reading_g")
-        for location in drawn or (Location(CHANNELS, "t_s", (), None, 0.0, 1.0),):
+        for location in drawn or (Location(picture.channels[:3], "t_s", (), None, 0.0, 1.0),):
             page.figure(_residuals(picture, location), _caption(location))
     for claim in diagnosis.claims:
         _rivals(page, claim)
@@ -126,7 +125,7 @@ def _residuals(picture: Picture, location: Location) -> Figure:
     along, label = _along(picture, location.covariate)
     figure, axes = new_figure(1, len(location.channels))
     for axis, name in zip(axes[0], location.channels, strict=True):
-        channel = CHANNELS.index(name)
+        channel = picture.channels.index(name)
         for low, high in location.intervals:
             pad = 0.01 * float(np.ptp(along) or 1.0)
             axis.axvspan(low - pad, high + pad, color=SHADE, alpha=0.18, linewidth=0)

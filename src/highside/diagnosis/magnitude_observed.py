@@ -1,0 +1,95 @@
+"""The magnitude of gravity as an observable: what is left of a triad's reading where the attitude is not known.
+
+A reading m of a sensor S at rest fulfils m = S(u), |u| = 1, u unknown. With J = dS/du and n = J^-T u, an error of the
+reading along J t, t across u, is one of attitude; what remains of it is its projection on n. So the residual is
+n . (m - S(u)), which is |S^-1(m)| - 1 to first order, and a term that adds d to the reading adds n . d. What only
+turns the reading (the bench's angles, the mounting, the antisymmetric part of the matrix) adds nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.candidates import columns_of
+from highside.diagnosis.magnitude_session import MagnitudeSession
+from highside.physics.effect import Effect
+from highside.physics.forward import ForwardModel
+from highside.physics.gravity import unit
+from highside.physics.state import ChainState
+
+Array = NDArray[np.float64]
+
+TURNS = 6
+STILL = 1e-12
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """A model with the attitude of each reading fitted: state, projection `normal` (3, n), residual (n,) in g."""
+
+    state: ChainState
+    normal: Array
+    residual: Array
+
+
+@dataclass
+class Magnitudes:
+    """The readings of a session for the fits of `fit`: one channel, the magnitude in g."""
+
+    session: MagnitudeSession
+    gyros: bool = False
+    _last: tuple[ForwardModel, Aligned] | None = field(default=None, repr=False)
+
+    @property
+    def channels(self) -> int:
+        return 1
+
+    def aligned(self, model: ForwardModel) -> Aligned:
+        """The attitudes under which a model comes nearest to the readings."""
+        if self._last is not None and self._last[0] is model:
+            return self._last[1]
+        session, direction = self.session, self.session.direction
+        for _ in range(TURNS):
+            state = session.state_at(direction)
+            chain = model.chain(state)
+            inverse = np.linalg.inv(model.sensitivity(state, chain).transpose(2, 0, 1))
+            force = chain.force
+            missing = np.einsum("nij,jn->in", inverse, session.mean - chain.reported)
+            across = missing - unit(force) * np.sum(unit(force) * missing, axis=0)
+            # an effect of the pose or mounting turns what the triad feels against the direction set: the same turn
+            turned = unit(direction + session.by_group(across))
+            moved = float(np.max(np.abs(turned - direction)))
+            direction = turned
+            if moved < STILL:
+                break
+        normal = np.einsum("nij,in->jn", inverse, unit(force))
+        found = Aligned(state, normal, np.sum(normal * (session.mean - chain.reported), axis=0))
+        self._last = (model, found)
+        return found
+
+    def project(self, aligned: Aligned, columns: Array) -> Array:
+        """(k, 3, n) changes of the reading -> (k, 1, n) changes of its magnitude; what only turns it becomes zero."""
+        seen = np.einsum("in,kin->kn", aligned.normal, columns)
+        size = np.linalg.norm(columns, axis=(1, 2))
+        seen[np.linalg.norm(seen, axis=1) < 1e-7 * size] = 0.0
+        return np.asarray(seen[:, None, :])
+
+    def residual(self, model: ForwardModel) -> Array:
+        """(1, n) |g| - 1."""
+        return self.aligned(model).residual[None]
+
+    def jacobian(self, model: ForwardModel, names: Sequence[str]) -> Array:
+        """(P, 1, n) derivatives by the free parameters."""
+        if not names:
+            return np.empty((0, 1, self.session.n))
+        aligned = self.aligned(model)
+        return self.project(aligned, np.asarray(model.jacobian(aligned.state, names), dtype=float))
+
+    def columns(self, model: ForwardModel, effect: Effect, shape: dict[str, float]) -> Array:
+        """(k, 1, n) by the amplitudes of an effect."""
+        aligned = self.aligned(model)
+        return self.project(aligned, columns_of(model, aligned.state, effect, shape))

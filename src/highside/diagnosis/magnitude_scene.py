@@ -1,0 +1,342 @@
+"""A session of which only the magnitude of gravity is known, prepared for the diagnosis: one channel, `g_total`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.candidates import Blind, Candidate, Variant, pose_candidates, shadows
+from highside.diagnosis.fit import JointFit, base_fit, joint_fit
+from highside.diagnosis.location import Basis, followed, intervals, scan_of
+from highside.diagnosis.magnitude_observed import Magnitudes
+from highside.diagnosis.magnitude_session import MIN_ATTITUDES, MagnitudeSession
+from highside.diagnosis.markov import LevelNoise
+from highside.diagnosis.memory import Channel, Likelihoods, Memory, SlowEffect
+from highside.diagnosis.memory import intervals as in_intervals
+from highside.diagnosis.pose_scene import RICH_SHARE, block_proof
+from highside.diagnosis.regression import VISIBLE, outside, span
+from highside.diagnosis.result import FittedParameter, Fit, Location
+from highside.diagnosis.rivals import Rivalry
+from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
+from highside.diagnosis.selection import HeldOut, Member, Pool, PoseGains, Selector, block_gain, pose_flips, threshold
+from highside.physics.effect import Stage
+from highside.physics.forward import ForwardModel
+
+Array = NDArray[np.float64]
+
+CHANNEL = "g_total"
+ONE_BY_ONE = 60
+"""Up to so many poses each is left out by itself."""
+BLOCKS = 10
+ALIKE = 0.999
+
+
+@dataclass(frozen=True)
+class MagnitudeNoise:
+    """`std` (n,) in g of each reading; `level` whitens in time order where the scatter has a memory."""
+
+    std: Array
+    freedom: float
+    level: LevelNoise | None = None
+
+    def white(self, columns: Array) -> Array:
+        """(..., 1, n) in g -> (..., n) in units of the noise."""
+        rows = columns[..., 0, :]
+        if self.level is None:
+            return np.asarray(rows / self.std)
+        turned = self.level.white(rows.reshape(-1, rows.shape[-1]))[0]
+        return np.asarray(turned.reshape(rows.shape))
+
+
+@dataclass(frozen=True)
+class MagnitudeScene(Scene):
+    """n still readings of unknown attitude."""
+
+    session: MagnitudeSession
+    model: ForwardModel
+    seen: Magnitudes
+    base: Array
+    """(P, 1, n)"""
+    residual: Array
+    """(1, n) g after the base fit"""
+    rich: Array
+    white_noise: MagnitudeNoise
+    bases: list[Basis]
+
+    @classmethod
+    def of(cls, session: MagnitudeSession, model: ForwardModel, free: tuple[str, ...], seed: int) -> MagnitudeScene:
+        """Fit the base, make the columns, learn the noise."""
+        seen = Magnitudes(session)
+        model, base, residual = base_fit(model, seen, free, steps=12)
+        aligned = seen.aligned(model)
+        candidates, blind = _visible(seen, model, *pose_candidates(model, aligned.state, free), free)
+        if not session.rest:
+            force = np.asarray(model.chain(aligned.state).force, dtype=float)
+            candidates += _projected(seen, model, shadows(aligned.state, force))
+        bases = _bases(session, aligned.state.reading.shape[1])
+        rich = _rich(base, candidates, bases)
+        return cls(
+            candidates, blind, free, seed, session, model, seen, base, residual, rich,
+            _noise(session, residual, rich), bases,
+        )  # fmt: skip
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return (CHANNEL,)
+
+    @property
+    def noise(self) -> MagnitudeNoise:
+        return self.white_noise
+
+    @property
+    def slow_ids(self) -> frozenset[str]:
+        if not self.session.rest:
+            return frozenset(SLOW)
+        # at rest the load is constant: whatever shows at all follows time or temperature
+        return frozenset(c.id for c in self.candidates)
+
+    def judge(self, noise: MagnitudeNoise) -> Judged:
+        rng = np.random.default_rng(self.seed)
+        base = span(noise.white(self.base))
+        residual = outside(base, noise.white(self.residual))
+        pool = Pool(self.candidates, [noise.white(v.columns) for c in self.candidates for v in c.variants])
+        space = span(noise.white(self.rich))
+        left = outside(space, noise.white(self.residual))
+        rich = np.asarray(left / np.sqrt(np.maximum(1.0 - np.sum(space**2, axis=0), 0.05)))
+        chance = pose_flips(rich, rng, 1)
+        limit = threshold(pool.race, pool.owner, chance, base, noise.freedom)
+        held_out = HeldOut(noise.white(self.base), noise.white(self.residual), self._folds())
+        selector = Selector(pool, base, residual, noise.freedom, limit, PoseGains(pool, held_out), residual.size)
+        cells = [(0, b) for b in range(len(self.bases))]
+        white = [noise.white(basis.functions[:, None]) for basis in self.bases]
+        scan = scan_of(self.bases, white, cells, noise.freedom)
+        scan_limit = threshold(scan.race, np.arange(len(cells)), chance, base, noise.freedom)
+        return Judged(selector, scan, scan_limit, [], noise)
+
+    def _folds(self) -> list[NDArray[np.intp]]:
+        n = self.session.n
+        single = not self.session.rest and n <= ONE_BY_ONE
+        return list(np.array_split(np.arange(n), n if single else min(BLOCKS, n // 3)))
+
+    def likelihoods(self, members: Sequence[Member]) -> list[Channel]:
+        explained = np.concatenate([self.base, self.block(members)])[:, 0]
+        return [Likelihoods(self.residual[0], self.noise.std**2, explained, self.session.t_s)]
+
+    def block(self, members: Sequence[Member]) -> NDArray[Any]:
+        return np.concatenate([np.empty((0, 1, self.session.n)), *(self.variant(m).columns for m in members)])
+
+    def slow(self) -> list[SlowEffect]:
+        found = []
+        base = span(self.base[:, 0])
+        for i, candidate in enumerate(self.candidates):
+            if candidate.id not in self.slow_ids or not candidate.named:
+                continue
+            kept: list[Array] = []
+            for j, variant in enumerate(candidate.variants):
+                rows = variant.columns[:, 0]
+                row = rows[int(np.argmax(np.linalg.norm(rows, axis=1)))]
+                if all(_alike(row, other) or not np.any(other) for other in rows) and not any(
+                    _alike(row, other) for other in kept
+                ):
+                    kept.append(row)
+                    if np.linalg.norm(outside(base, row)) > VISIBLE * np.linalg.norm(row):
+                        found.append(SlowEffect(i, j, row[None]))
+        return found
+
+    @property
+    def forgiven(self) -> float:
+        # a temperature coefficient that is not quite constant leaves a little that looks like a walk
+        return 0.05 if self.session.rest else 0.0
+
+    def holds_up(self, member: Member) -> bool:
+        unit = self.noise.std
+        held_out = HeldOut(self.base[:, 0] / unit, self.residual[0] / unit, self._folds())
+        energies = [
+            np.array([float(e @ e) for e in held_out.errors(self.block(members)[:, 0] / unit)])
+            for members in ([], [member])
+        ]
+        gain, error = block_gain(*energies)
+        return gain > error
+
+    def with_memory(self, memories: Sequence[Memory]) -> MagnitudeNoise:
+        memory, variance = memories[0], self.noise.std**2
+        share = memory.upper if memory.share > 0 else 0.0
+        level = LevelNoise.of(
+            variance, in_intervals(self.session.t_s), np.array([share * float(variance.mean())]),
+            np.array([memory.length]),
+        )  # fmt: skip
+        return replace(self.noise, level=level)
+
+    def fit(self, members: Sequence[Member], noise: MagnitudeNoise) -> JointFit:
+        found = joint_fit(self.model, self.seen, self.free, self.candidates, members, noise, noise.freedom)
+        if not members:
+            return replace(found, residual=self.residual)
+        base = noise.white(self.base)
+        tables = dict(found.parameters)
+        for member in members:
+            candidate = self.candidates[member.candidate]
+            whole = next(v for v in candidate.variants if v.whole and v.shape == self.variant(member).shape)
+            others = [noise.white(self.variant(m).columns) for m in members if m != member]
+            columns = outside(span(np.concatenate([base, *others])), noise.white(whole.columns))
+            tables[candidate.id] = _least(tables[candidate.id], candidate.amplitudes, columns, noise.freedom)
+        return replace(found, parameters=tables)
+
+    def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
+        sought = followed(judged.scan, signal, [slice(0, signal.size)], space)
+        if sought is None:
+            return ()
+        chosen = sought[1]
+        return (Location((CHANNEL,), chosen.covariate, intervals(chosen.along, signal**2), None, share, p),)
+
+    def advice(self, member: Member, r: Rivalry, fit: JointFit) -> str:
+        effect = self.candidates[member.candidate].effect
+        assert effect is not None
+        return f"{effect.splitter}; more attitudes of the tool, spread over the whole sphere, held still"
+
+    def proof(self, members: Sequence[Member], fit: JointFit) -> Fit:
+        folds = self._folds()
+        each = len(folds) == self.session.n
+        words = "each pose left out in turn" if each else f"{len(folds)} contiguous stretches"
+        floor = float(np.sqrt(np.mean(self.noise.std**2)))
+        return block_proof(
+            self.base[:, 0], self.residual[0], self.block(members)[:, 0], folds, fit.residual, floor, words
+        )
+
+    def picture(self, fit: JointFit | None) -> Picture:
+        after = self.residual if fit is None else fit.residual
+        return Picture(self.session, self.residual, after, self.channels)
+
+    def told_of_noise(self) -> dict[str, Any]:
+        return {
+            "model": "of the magnitude, per reading",
+            "reference": self.session.found,
+            "sigma_g": [float(np.sqrt(np.mean(self.noise.std**2)))],
+            "degrees_of_freedom": self.noise.freedom,
+        }
+
+
+def _visible(
+    seen: Magnitudes, model: ForwardModel, candidates: list[Candidate], blind: list[Blind], free: Sequence[str]
+) -> tuple[list[Candidate], list[Blind]]:
+    """Candidates by what they do to the magnitude; those that only turn the reading become blind."""
+    projected = _projected(seen, model, candidates)
+    kept = {c.id for c in projected}
+    turns = "it only turns the reading, and a magnitude does not show that"
+    lost = [Blind(c.effect, turns) for c in candidates if c.id not in kept and c.effect is not None]
+    if seen.session.rest:
+        # constant loads: absorbed by whatever level the base gives each attitude
+        return projected, [*blind, *lost]
+    return projected, [*blind, *lost]
+
+
+def _projected(seen: Magnitudes, model: ForwardModel, candidates: Sequence[Candidate]) -> list[Candidate]:
+    aligned = seen.aligned(model)
+    found = []
+    for candidate in candidates:
+        variants: list[Variant] = []
+        for variant in candidate.variants:
+            columns = seen.project(aligned, variant.columns)
+            if np.any(columns != 0):
+                variants.append(replace(variant, columns=columns))
+        if variants:
+            found.append(replace(candidate, variants=tuple(variants)))
+    return found
+
+
+def _least(
+    table: dict[str, FittedParameter], amplitudes: Sequence[str], columns: Array, freedom: float
+) -> dict[str, FittedParameter]:
+    """The fitted parameters with what the magnitude does not show left at zero, columns (k, N) whitened.
+
+    The part that is not seen (all across gravity in one attitude, the antisymmetric part of a matrix) is arbitrary.
+    """
+    from scipy.stats import t as student
+
+    if not all(name in table for name in amplitudes) or len(columns) != len(amplitudes):
+        return table
+    values, vectors = np.linalg.eigh(columns @ columns.T)
+    good = values > VISIBLE**2 * values[-1]
+    if good.all():
+        return table
+    seen = vectors[:, good]
+    size = seen @ (seen.T @ np.array([table[name].value for name in amplitudes]))
+    std = np.sqrt(np.sum(seen**2 / values[good], axis=1))
+    half = float(student.ppf(0.975, freedom)) * std
+    return {
+        **table,
+        **{
+            name: FittedParameter(
+                float(size[k]), float(std[k]), float(size[k] - half[k]), float(size[k] + half[k]), table[name].unit
+            )
+            for k, name in enumerate(amplitudes)
+        },
+    }
+
+
+def _alike(one: Array, other: Array) -> bool:
+    return bool(abs(one @ other) > ALIKE * np.linalg.norm(one) * np.linalg.norm(other))
+
+
+def _bases(session: MagnitudeSession, n: int) -> list[Basis]:
+    """Covariates of still readings: the direction of the load, temperature, time."""
+    x, y, z = session.direction
+    inc_deg = np.degrees(np.arccos(np.clip(z, -1, 1)))
+    found: list[Basis] = []
+
+    def add(covariate: str, along: Array, functions: Sequence[Array]) -> None:
+        found.append(Basis(covariate, np.asarray(along), np.stack(functions)))
+
+    if not session.rest:
+        square = [x * x - y * y, 2 * z * z - x * x - y * y, x * y, x * z, y * z]
+        add("gravity_direction", inc_deg, square)
+        add("gravity_direction (third order)", inc_deg, [x**3, y**3, z**3, x * y * z])
+        if n >= 40:
+            add("gravity_direction (fourth order)", inc_deg, [x**4, y**4, z**4, x * x * y * y, x * x * z * z])
+    if np.ptp(session.temp_c) > 0.5:
+        q = (session.temp_c - session.temp_c.mean()) / session.temp_c.std()
+        add("temp_c", session.temp_c, [q, q**2, q**3])
+        if not session.rest:
+            add("temp_c x gravity_direction", session.temp_c, [q * x, q * y, q * z])
+    if np.ptp(session.vibration_rms_g) > 0:
+        add("vibration_rms_g", session.vibration_rms_g, [session.vibration_rms_g, session.vibration_rms_g**2])
+    u = (session.t_s - session.t_s[0]) / max(float(np.ptp(session.t_s)), 1e-9)
+    add("t_s", session.t_s, [np.cos(np.pi * k * u) for k in range(1, 4 if n < 40 else 7)])
+    return found
+
+
+def _rich(base: Array, candidates: Sequence[Candidate], bases: Sequence[Basis]) -> Array:
+    """Columns (P, 1, n) of what could be systematic, the likeliest first, as many directions as the session affords."""
+    room = int(RICH_SHARE * base.shape[2])
+    stages = [Stage.SENSOR, Stage.THERMAL]
+    named = sorted(
+        (c for c in candidates if c.effect is not None and len([v for v in c.variants if v.whole]) == 1),
+        key=lambda c: (stages.index(c.effect.stage) if c.effect and c.effect.stage in stages else 9, len(c.amplitudes)),
+    )
+    first = [c for c in named if c.id in ("bias", "scale", "misalignment")]
+    parts = [v.columns for c in [*first, *(c for c in named if c not in first)] for v in c.variants if v.whole]
+    parts += [basis.functions[:, None] for basis in bases]
+    kept = base
+    taken = span(base[:, 0]).shape[0]
+    for part in parts:
+        wider = np.concatenate([kept, part])
+        rank = span(wider[:, 0], tolerance=1e-4).shape[0]
+        if rank <= room:
+            kept, taken = wider, rank
+        if taken == room:
+            break
+    return kept
+
+
+def _noise(session: MagnitudeSession, residual: Array, rich: Array) -> MagnitudeNoise:
+    """Scatter of the readings beyond the rich columns. Poses of a hand scatter alike whatever their length; blocks of a
+    rest by the number of rows they hold."""
+    relative = np.sqrt(np.median(session.count) / session.count) if session.rest else np.ones(session.n)
+    space = span(rich[:, 0] / relative, tolerance=1e-4)
+    left = outside(space, residual[0] / relative)
+    freedom = session.n - space.shape[0]
+    size = max(float(np.sqrt(left @ left / freedom)), 1e-9)
+    return MagnitudeNoise(size * relative, float(freedom))

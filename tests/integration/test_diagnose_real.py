@@ -1,0 +1,158 @@
+"""`highside diagnose` on real recordings of which only the magnitude of gravity is known."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from highside.recording.table import Recording, write_recording
+from test_diagnose import highside
+
+Array = np.ndarray[Any, np.dtype[np.float64]]
+
+G2 = {"quadratic", "cubic", "asymmetry", "cross_product"}
+MULTI_POSE = ["imu_tk", "mpu9150_imu0", "mpu9150_imu1"]
+
+
+def columns_of(data: Path, name: str) -> dict[str, Array]:
+    """The recording in the columns of the Recording format, nominal scale."""
+    if name == "imu_tk":
+        with np.load(data / "accel_multipose" / "imu_tk_xsens_mti.npz") as z:
+            return triad(z["t"], (z["acc"].T.astype(float) - 2**15) / 2**12)
+    if name.startswith("mpu9150"):
+        with gzip.open(data / "accel_multipose" / f"{name}.log.gz", "rt") as lines:
+            a = np.loadtxt(lines)[:, :3].T / 9.80665
+        return triad(np.arange(a.shape[1]) / 100.0, a)
+    if name == "imucal":
+        with gzip.open(data / "accel_multipose" / "imucal_annotated_session.csv.gz", "rt") as lines:
+            rows = np.loadtxt(lines, delimiter=",", skiprows=1, usecols=range(1, 5))
+        return triad(rows[:, 0] / 204.8, rows[:, 1:].T / 2048.0)
+    if name == "sunsided":
+        with np.load(data / "static_mpu6050" / "sunsided_static_10min.npz") as z:
+            return triad(z["t"], z["acc"].T) | {"temp_c": np.interp(z["t"], z["temp_t"], z["temp"])}
+    with gzip.open(data / "static_mpu6050" / "mpu6050_tomisuarez_static.csv.gz", "rt") as lines:
+        rows = np.loadtxt(lines, delimiter=",", skiprows=5)
+    return triad(np.arange(len(rows)) / 100.0, rows[:, :3].T / 16384.0)
+
+
+def triad(t_s: Array, a: Array) -> dict[str, Array]:
+    return {"t_s": np.asarray(t_s, dtype=float), "ax_g": a[0], "ay_g": a[1], "az_g": a[2]}
+
+
+def diagnose(folder: Path, recording: Path, free: str) -> dict[str, Any]:
+    """The answer where the effects `free` may be refitted."""
+    names = ", ".join(f'"{name}"' for name in free.split())
+    (folder / "model.toml").write_text(f'[sensor]\nfree = [{names}]\n[reference]\nkind = "magnitude"\n')
+    status, _, err = highside("diagnose", recording, "--model", folder / "model.toml", "--out", folder / "out")
+    assert status == 0, err
+    found: dict[str, Any] = json.loads((folder / "out" / "diagnosis.json").read_text())
+    assert found["schema"] == "highside.diagnosis/1"
+    assert (folder / "out" / "report.html").stat().st_size > 1000
+    return found
+
+
+def diagnosed(folder: Path, data: Path, name: str, free: str) -> dict[str, Any]:
+    write_recording(folder / "rec.csv", Recording(columns_of(data, name)))
+    return diagnose(folder, folder / "rec.csv", free)
+
+
+# rms of |a| over poses that were left out in turn, mg: with offset and scale alone, and with the misalignment
+HELD_OUT = {"imu_tk": (3.98, 0.155), "mpu9150_imu0": (2.24, 0.27), "mpu9150_imu1": (1.91, 0.30)}
+
+
+@pytest.mark.parametrize("name", MULTI_POSE)
+def test_misalignment_that_the_model_lacks_is_named_alone(tmp_path: Path, shared_data: Path, name: str) -> None:
+    found = diagnosed(tmp_path, shared_data, name, "bias scale")
+    assert found["verdict"] == "named"
+    assert [claim["effect"] for claim in found["claims"]] == ["misalignment"]
+    claim = found["claims"][0]
+    assert claim["equivalence_class"] == ["misalignment"]
+    assert claim["p_familywise"] < 1e-6
+    before, after = HELD_OUT[name]
+    assert 1e3 * found["fit"]["heldout_rmse_before"] == pytest.approx(before, rel=0.05)
+    assert 1e3 * found["fit"]["heldout_rmse_after"] < after
+    assert found["fit"]["heldout_gain_low"] > 0.9
+    assert "left out" in found["fit"]["how_held_out"]
+    # |g| shows the symmetric part of the matrix alone; the rest is said not to show
+    m = {pair: claim["parameters"][f"m_{pair}"]["value"] for pair in ("xy", "yx", "xz", "zx", "yz", "zy")}
+    assert m["xy"] == pytest.approx(m["yx"], rel=0.05) and m["xz"] == pytest.approx(m["zx"], rel=0.05)
+    assert m["yz"] == pytest.approx(m["zy"], rel=0.05)
+    blind = {entry["effect"]: entry["why"] for entry in found["not_testable"]}
+    assert {"mounting", "base_tilt", "encoder_first_harmonic", "sag"} <= set(blind)
+    assert "turns" in blind["mounting"]
+
+
+@pytest.mark.parametrize("name", MULTI_POSE)
+def test_both_scale_and_misalignment_are_named_where_both_lack(tmp_path: Path, shared_data: Path, name: str) -> None:
+    found = diagnosed(tmp_path, shared_data, name, "bias")
+    assert [claim["effect"] for claim in found["claims"]] == ["scale", "misalignment"]
+
+
+@pytest.mark.parametrize("name", MULTI_POSE)
+def test_nothing_is_left_out_of_the_whole_model(tmp_path: Path, shared_data: Path, name: str) -> None:
+    found = diagnosed(tmp_path, shared_data, name, "bias scale misalignment")
+    assert found["verdict"] == "nothing_left_out"
+    assert found["claims"] == []
+    # a quadratic term would have been seen from a few mg/g^2 on
+    assert found["minimum_detectable"]["quadratic"]["value"] < 3e-3
+
+
+@pytest.mark.parametrize("name", ["sunsided", "tomisuarez"])
+def test_nothing_is_invented_at_rest(tmp_path: Path, shared_data: Path, name: str) -> None:
+    found = diagnosed(tmp_path, shared_data, name, "bias scale misalignment")
+    assert found["verdict"] in ("nothing_left_out", "wander")
+    assert found["claims"] == []
+    assert not G2 & set(found["remainder"]["resembles"])
+    assert G2 <= {entry["effect"] for entry in found["not_testable"]}
+
+
+def test_the_warm_up_follows_temperature_and_not_time(tmp_path: Path, shared_data: Path, project_root: Path) -> None:
+    raw, mapping = shared_data / "serial_vn100" / "F00379_first60pct.bin", project_root / "config/vn100-mapping.toml"
+    recording = tmp_path / "rec.csv"
+    assert highside("decode", raw, "--codec", "vn100", "--config", mapping, "-o", recording)[0] == 0
+    found = diagnose(tmp_path, recording, "bias scale misalignment")
+    assert found["verdict"] in ("named", "named_plus")
+    assert [claim["effect"] for claim in found["claims"]] == ["temperature_bias"]
+    claim = found["claims"][0]
+    assert "temperature_scale" in claim["equivalence_class"]
+    assert "load the axis differently" in claim["next_manoeuvre"]
+    ruled_out = {rival["effect"]: rival["delta_bic"] for rival in claim["rivals_ruled_out"]}
+    for time in ("bias_drift", "warmup"):
+        assert ruled_out[time] > 10
+        assert time not in claim["equivalence_class"]
+    assert found["location"][0]["covariate"] == "temp_c"
+    assert found["fit"]["heldout_rmse_after"] < 0.25 * found["fit"]["heldout_rmse_before"]
+    # 0.8 mg/C along gravity, which points almost along -z of the maker
+    size = np.linalg.norm([claim["parameters"][f"bt_{axis}"]["value"] for axis in "xyz"])
+    assert size == pytest.approx(8.3e-4, rel=0.1)
+
+
+def test_turns_by_hand_are_declined(tmp_path: Path, shared_data: Path) -> None:
+    found = diagnosed(tmp_path, shared_data, "imucal", "bias scale")
+    assert found["verdict"] == "not_testable"
+    assert found["claims"] == []
+    assert "6 attitudes" in found["not_testable"][0]["why"]
+
+
+def test_a_quadratic_term_put_into_a_real_session_is_found(tmp_path: Path, shared_data: Path) -> None:
+    columns = columns_of(shared_data, "imu_tk")
+    columns["ax_g"] = columns["ax_g"] + 5e-3 * columns["ax_g"] ** 2
+    write_recording(tmp_path / "rec.csv", Recording(columns))
+    found = diagnose(tmp_path, tmp_path / "rec.csv", "bias scale misalignment")
+    assert found["verdict"] in ("named", "named_plus")
+    assert "quadratic" in found["claims"][0]["equivalence_class"]
+
+
+def test_a_recording_without_any_reference_is_told_which_ones_there_are(tmp_path: Path, shared_data: Path) -> None:
+    write_recording(tmp_path / "rec.csv", Recording(columns_of(shared_data, "mpu9150_imu0")))
+    (tmp_path / "model.toml").write_text("")
+    status, _, err = highside("diagnose", tmp_path / "rec.csv", "--model", tmp_path / "model.toml", "--out", tmp_path)
+    assert status == 2
+    assert len(err.strip().splitlines()) == 1
+    for word in ("tf_ref_deg", "magnitude", "--simulation"):
+        assert word in err
