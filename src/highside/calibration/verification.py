@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from highside.attitude.angles import difference, wrap_positive
+from highside.attitude.angles import difference
 from highside.attitude.block import attitude_block, attitude_std_block
 from highside.calibration.comparison import attitudes_set
 from highside.calibration.correction import LinearCorrection
@@ -126,7 +126,8 @@ class Verification:
     poses: tuple[VerifiedPose, ...]
     limit_inc_deg: float
     limit_tf_deg: float
-    frame: str
+    tilt_known: bool
+    """whether the bench's tilt was taken off"""
     toolface_zero_deg: float | None
     """taken off the toolfaces (the chuck's zero was estimated), None where it was not"""
 
@@ -171,7 +172,7 @@ class Verification:
             "rule": "guarded acceptance, guard band U = 2 u",
             "limit_inc_deg": self.limit_inc_deg,
             "limit_tf_deg": self.limit_tf_deg,
-            "frame": self.frame,
+            "tilt_known": self.tilt_known,
             "toolface_zero_deg": self.toolface_zero_deg,
             "poses": [pose.to_dict() for pose in self.poses],
         }
@@ -218,6 +219,26 @@ def indicated(record: CalibrationRecord, poses: PoseSet) -> Indicated:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class KnownTilt:
+    """Tilt of a bench as a joint calibration found it (in the plane of inclination, across it), with its standard
+    deviations; rad."""
+
+    x_rad: float
+    y_rad: float
+    x_std_rad: float
+    y_std_rad: float
+
+
+def tilt_of(record: CalibrationRecord) -> KnownTilt | None:
+    """The tilt of the bench that a record was made on; None where it was not estimated."""
+    result = record.result
+    if result.frame != "gravity":
+        return None
+    parameters = result.main.parameters
+    return KnownTilt(*result.tilt_rad, parameters.std("tilt_x"), parameters.std("tilt_y"))
+
+
 def verify_poses(
     record: CalibrationRecord,
     poses: PoseSet,
@@ -225,36 +246,36 @@ def verify_poses(
     limit_inc_deg: float,
     limit_tf_deg: float,
     bench: BenchAccuracy,
-    frame: str = "gravity",
+    tilt: KnownTilt | None = None,
     toolface_zero_std_deg: float = 0.0,
     free_toolface_zero: bool = False,
 ) -> Verification:
     """Judge a calibration at N poses whose attitudes the bench tells.
 
-    `frame` "gravity": the bench's tilt is not known but for its size, `bench.tilt_rad`. "bench": the same bench that
-    the record was made on; the tilt that was estimated then is taken off, with its uncertainty. `free_toolface_zero`:
-    the zero of this clamping is estimated and taken off. Raises InputError.
+    `tilt` None: the bench's tilt is not known but for its size, `bench.tilt_rad`; else it is taken off, and counts with
+    its own uncertainty. `free_toolface_zero`: the zero of this clamping is estimated and taken off. Raises InputError.
     """
     for name, limit in (("--limit-inc-deg", limit_inc_deg), ("--limit-tf-deg", limit_tf_deg)):
         if not (math.isfinite(limit) and limit > 0.0):
             raise InputError(f"{limit:g} is no limit", field=name, remedy="give a positive number of degrees")
     inc_ref, tf_ref = attitudes_set(*poses.reference())
     found = indicated(record, poses)
-    inc, tf, tilt = found.inc, found.tf, (bench.tilt_rad, bench.tilt_rad)
-    if frame == "bench" and record.result.frame == "gravity":
-        inc, tf = record.result.to_bench_frame(inc, tf)
-        tf = wrap_positive(tf)
-        parameters = record.result.main.parameters
-        tilt = (parameters.std("tilt_x"), parameters.std("tilt_y"))
+    inc, tf = found.inc, found.tf
+    level = (bench.tilt_rad, bench.tilt_rad)
+    if tilt is not None:
+        level = (tilt.x_std_rad, tilt.y_std_rad)
     sin_inc = np.abs(np.sin(inc_ref))
     has_tf = sin_inc > math.sin(VERTICAL_RAD)
     safe = np.where(has_tf, sin_inc, 1.0)
-    inc_std = np.sqrt(found.inc_noise**2 + bench.pose_rad**2 + tilt[0] ** 2)
+    inc_std = np.sqrt(found.inc_noise**2 + bench.pose_rad**2 + level[0] ** 2)
     tf_std = np.sqrt(
-        found.tf_noise**2 + bench.pose_rad**2 + (tilt[1] / safe) ** 2 + math.radians(toolface_zero_std_deg) ** 2
+        found.tf_noise**2 + bench.pose_rad**2 + (level[1] / safe) ** 2 + math.radians(toolface_zero_std_deg) ** 2
     )
     inc_error = inc - inc_ref
     tf_error = difference(tf, tf_ref)
+    if tilt is not None:
+        inc_error = inc_error - tilt.x_rad
+        tf_error = tf_error - np.where(has_tf, tilt.y_rad / safe, 0.0)
     covered = np.isfinite(inc)
     zero = None
     if free_toolface_zero:
@@ -289,7 +310,12 @@ def verify_poses(
             )
         )
     return Verification(
-        record.id, tuple(rows), limit_inc_deg, limit_tf_deg, frame, None if zero is None else math.degrees(zero)
+        record.id,
+        tuple(rows),
+        limit_inc_deg,
+        limit_tf_deg,
+        tilt is not None,
+        None if zero is None else math.degrees(zero),
     )
 
 

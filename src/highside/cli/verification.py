@@ -50,7 +50,7 @@ def verify(
     from highside.calibration.poses import PoseSet
     from highside.calibration.result import BenchAccuracy
     from highside.calibration.roll_test import roll_test
-    from highside.calibration.verification import Verdict, verify_poses
+    from highside.calibration.verification import Verdict, tilt_of, verify_poses
     from highside.cli.calibrate import _pose_columns, _read_pose_table
     from highside.recording.calibration_store import read_record
     from highside.recording.files import write_whole
@@ -78,13 +78,20 @@ def verify(
     else:
         if limit_tf_deg is None:
             raise InputError("is missing", field="--limit-tf-deg", remedy="give the limit on T, or --roll")
+        tilt = tilt_of(record) if same_bench else None
+        if same_bench and tilt is None:
+            raise InputError(
+                f"the method {record.result.method} of this record takes the bench as level and knows no tilt",
+                field="--same-bench",
+                remedy="leave it out, and state --tilt-sigma-deg",
+            )
         found = verify_poses(
             record,
             poses,
             limit_inc_deg=limit_inc_deg,
             limit_tf_deg=limit_tf_deg,
             bench=BenchAccuracy(math.radians(tilt_sigma_deg), math.radians(pose_sigma_deg)),
-            frame="bench" if same_bench else "gravity",
+            tilt=tilt,
             toolface_zero_std_deg=toolface_zero_sigma_deg,
             free_toolface_zero=free_toolface_zero,
         )
