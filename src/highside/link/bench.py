@@ -136,7 +136,7 @@ class SimulatedBench(SimulatedDevice):
         key = (what, round(setting_deg * 1000))
         if key not in self._common:
             # drawn by the setting itself, so that a session gone on with meets the same bench
-            rng = np.random.default_rng([bench.seed, what == "inc", key[1] % 2**32])
+            rng = np.random.default_rng([bench.seed, 101, what == "inc", key[1] % 2**32])
             self._common[key] = float(rng.standard_normal())
         common = self._common[key] * math.sqrt(bench.ring_share)
         own = float(self._pose_rng.standard_normal()) * math.sqrt(1.0 - bench.ring_share)
