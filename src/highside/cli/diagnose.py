@@ -53,6 +53,7 @@ def _diagnose(rows: Recording, knows: Model, seed: int) -> tuple[Diagnosis, Pict
     import numpy as np
 
     from highside import __version__
+    from highside.cli.diagnose_rotation import diagnose_rows, rotates
     from highside.diagnosis.clipped import with_clipping, without_clipped_poses
     from highside.diagnosis.engine import diagnose_poses
     from highside.diagnosis.intake import check
@@ -76,11 +77,9 @@ def _diagnose(rows: Recording, knows: Model, seed: int) -> tuple[Diagnosis, Pict
     found = check(rows.columns, ("inc_ref_deg", toolface), signed)
     if found.spoiled:
         return Diagnosis("bad_data", intake=found.findings, seed=seed, version=__version__), None
-    if "pose" not in rows.columns and _moves(rows):
-        raise InputError(
-            "continuous rotation is not supported yet", where=rows.source,
-            remedy="give a session of poses that are held, with a column pose",
-        )  # fmt: skip
+    if rotates(rows):
+        diagnosis, picture = diagnose_rows(rows, knows, signed, found, seed)
+        return with_clipping(replace(diagnosis, intake=found.findings), found, signed), picture
     raw = rows.accel()
     accel = np.stack([sign * raw[channel] for channel, sign in signed])
     site = knows.site.site
@@ -93,11 +92,3 @@ def _diagnose(rows: Recording, knows: Model, seed: int) -> tuple[Diagnosis, Pict
         raise InputError(error.what, where=rows.source, field=error.field, remedy=error.remedy) from None
     diagnosis, picture = diagnose_poses(session, knows.forward(), knows.sensor.free, seed=seed, version=__version__)
     return with_clipping(replace(diagnosis, intake=found.findings), found, signed), picture
-
-
-def _moves(rows: Recording) -> bool:
-    """Whether the reference turns in most rows: no session of stops."""
-    import numpy as np
-
-    name = "tf_ref_deg" if "tf_ref_deg" in rows.columns else "rotor_deg"
-    return bool(np.mean(np.diff(rows.columns[name]) != 0) > 0.5)

@@ -20,7 +20,14 @@ Array = NDArray[np.float64]
 
 
 def without_clipped_poses(columns: Mapping[str, Array], raw: Array, found: Intake) -> dict[str, Array]:
-    """The columns with `pose` emptied where any reading (3, N) of it is at a limit. Raises InputError without poses."""
+    """The columns with `pose` emptied where any reading (3, N) of it is at a limit, and in rows of impulses.
+
+    Raises InputError without poses.
+    """
+    if found.impulses.size and "pose" in columns:
+        pose = columns["pose"].copy()
+        pose[found.impulses] = np.nan
+        columns = {**columns, "pose": pose}
     if not found.clipped:
         return dict(columns)
     if "pose" not in columns:
@@ -29,11 +36,25 @@ def without_clipped_poses(columns: Mapping[str, Array], raw: Array, found: Intak
             field="pose",
             remedy="add a column pose",
         )
-    at_limit = np.zeros(raw.shape[1], dtype=bool)
-    for channel, (_, limit) in found.clipped.items():
-        at_limit |= np.abs(raw[channel]) >= limit * (1 - 1e-12)
     pose = columns["pose"]
-    return {**columns, "pose": np.where(np.isin(pose, pose[at_limit]), np.nan, pose)}
+    return {**columns, "pose": np.where(np.isin(pose, pose[at_limit(raw, found)]), np.nan, pose)}
+
+
+def without_meaning(raw: Array, found: Intake) -> NDArray[np.bool_] | None:
+    """(N,) rows of a rotation that say nothing of physics: at a limit, or an impulse; None where there are none."""
+    if not found.clipped and not found.impulses.size:
+        return None
+    rows = at_limit(raw, found)
+    rows[found.impulses] = True
+    return rows
+
+
+def at_limit(raw: Array, found: Intake) -> NDArray[np.bool_]:
+    """(N,) rows with any reading (3, N) at a limit."""
+    rows = np.zeros(raw.shape[1], dtype=bool)
+    for channel, (_, limit) in found.clipped.items():
+        rows |= np.abs(raw[channel]) >= limit * (1 - 1e-12)
+    return rows
 
 
 def with_clipping(diagnosis: Diagnosis, found: Intake, axes: Sequence[tuple[int, float]]) -> Diagnosis:

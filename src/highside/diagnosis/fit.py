@@ -48,6 +48,7 @@ class Seen(Protocol):
     def residual(self, model: ForwardModel) -> Array: ...
     def jacobian(self, model: ForwardModel, names: Sequence[str]) -> Array: ...
     def columns(self, model: ForwardModel, effect: Effect, shape: dict[str, float]) -> Array: ...
+    def step(self, columns: Array, residual: Array, names: Sequence[str]) -> Array: ...
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,10 @@ class Observed:
         """(k, C, n) by the amplitudes of an effect."""
         return columns_of(model, self.state, effect, shape, gyros=self.gyros)
 
+    def step(self, columns: Array, residual: Array, names: Sequence[str]) -> Array:
+        """(P,) least-squares step of the named parameters, from whitened columns (P, N) and residual (N,)."""
+        return _solve(columns, residual)
+
 
 def base_fit(
     model: ForwardModel, seen: Seen, free: Sequence[str], steps: int = STEPS
@@ -98,7 +103,7 @@ def base_fit(
     weight = np.ones((seen.channels, 1))
     for turn in range(steps):
         columns, left = seen.jacobian(model, free), seen.residual(model)
-        step = _solve((columns * weight).reshape(len(columns), -1), (left * weight).reshape(-1))
+        step = seen.step((columns * weight).reshape(len(columns), -1), (left * weight).reshape(-1), model.free_names(free))
         model = model.set_free(model.get_free(free) + step, free)
         if seen.gyros and turn == 0:
             weight = 1 / np.maximum(seen.residual(model).std(axis=1, keepdims=True), 1e-12)
@@ -176,8 +181,8 @@ def joint_fit(
     for step_number in range(steps):
         which = shape_names if step_number >= 2 else []
         white = noise.white(columns(now, which))
-        step = _solve(white, noise.white(seen.residual(now)))
         moved = [*every, *which]
+        step = seen.step(white, noise.white(seen.residual(now)), moved)
         values = now.get_free(moved) + step if moved else step
         for k, name in enumerate(which, start=len(every)):
             # a time constant moves by no more than a third at a time

@@ -16,8 +16,8 @@ from highside.diagnosis.rotation_session import RotationSession
 Array = NDArray[np.float64]
 
 MAINS_HZ = (50.0, 60.0)
-STANDS_OUT = 3.0
-"""A peak must be so many times what the largest of as many chance values is."""
+CHANCE = 1e-3
+"""Probability by which the highest of all peaks of a spectrum without lines is as high."""
 MAX_ORDER = 60.0
 LARGEST_WHOLE = 12
 """Whole orders up to this are harmonics of the toolface, which other effects and the scan stand for."""
@@ -45,28 +45,32 @@ def _visible(session: RotationSession, hz: float) -> bool:
     return abs(turns - round(turns)) > 1.0 / session.n
 
 
-def _peak(power: Array, skip: NDArray[np.bool_]) -> int | None:
-    """The highest peak of a spectrum above its neighbourhood, if it is more than chance gives."""
+def _peak(power: Array, skip: NDArray[np.bool_]) -> tuple[int, int] | None:
+    """Cell and loudest channel of the highest peak of spectra (C, cells) above their neighbourhood, if it is more than
+    chance gives: each in units of its local level is exponential, so their sum has a gamma distribution."""
     from scipy.ndimage import median_filter
+    from scipy.special import gammainccinv
 
-    level = median_filter(power, size=min(SMOOTH, power.size | 1), mode="nearest") / np.log(2)
-    ratio = np.where(skip, 0.0, power / np.maximum(level, 1e-30))
-    at = int(np.argmax(ratio))
-    return at if ratio[at] > np.log(power.size) + STANDS_OUT else None
+    width = min(SMOOTH, power.shape[1] | 1)
+    level = median_filter(power, size=(1, width), mode="reflect") / np.log(2)
+    ratio = power / np.maximum(level, 1e-30)
+    total = np.where(skip, 0.0, ratio.sum(axis=0))
+    at = int(np.argmax(total))
+    limit = float(gammainccinv(power.shape[0], CHANCE / power.shape[1]))
+    return (at, int(np.argmax(ratio[:, at]))) if total[at] > limit else None
 
 
 def _frequency(session: RotationSession, rows: Array) -> float | None:
     n = session.n
     spectrum = np.abs(np.fft.rfft(rows, axis=1)) ** 2
-    power = spectrum.max(axis=0)
-    skip = np.zeros(power.size, dtype=bool)
+    skip = np.zeros(spectrum.shape[1], dtype=bool)
     # what is slower than a few waves is drift
     skip[:24] = True
-    at = _peak(power, skip)
-    if at is None:
+    peak = _peak(spectrum, skip)
+    if peak is None:
         return None
     # the frequency between the cells: the best of a fine grid on the row itself
-    channel = int(np.argmax(spectrum[:, at]))
+    at, channel = peak
     tries = (at + np.linspace(-0.75, 0.75, 31)) / n
     phase = np.exp(-2j * np.pi * tries[:, None] * np.arange(n))
     best = float(tries[int(np.argmax(np.abs(phase @ rows[channel])))])
@@ -81,18 +85,16 @@ def _order(session: RotationSession, rows: Array) -> tuple[float, int] | None:
         return None
     size = int(2 ** np.ceil(np.log2(turns * 2 * MAX_ORDER * 1.2)))
     cell = np.minimum((turned / turns * size).astype(np.intp), size - 1)
-    count = np.bincount(cell, minlength=size)
     gathered = np.stack([np.bincount(cell, weights=row, minlength=size) for row in rows])
     spectrum = np.abs(np.fft.rfft(gathered, axis=1)) ** 2
     orders = np.arange(spectrum.shape[1]) / turns
     use = orders < MAX_ORDER
-    power = spectrum.max(axis=0)[use]
     orders = orders[use]
     near = np.abs(orders - np.round(orders)) < 2.5 / turns
-    at = _peak(power, (near & (np.round(orders) <= LARGEST_WHOLE)) | (orders < 0.1))
-    if at is None or count.max() == 0:
+    peak = _peak(spectrum[:, use], (near & (np.round(orders) <= LARGEST_WHOLE)) | (orders < 0.1))
+    if peak is None:
         return None
-    channel = int(np.argmax(spectrum[:, at]))
+    at, channel = peak
     tries = orders[at] + np.linspace(-0.75, 0.75, 31) / turns
     phase = np.exp(-2j * np.pi * tries[:, None] * turned)
     return float(tries[int(np.argmax(np.abs(phase @ rows[channel])))]), int(orders.size)

@@ -34,6 +34,8 @@ SCALE_S = 8.0
 IMPULSE = 6.0
 MAX_IMPULSES = 2e-3
 """A larger share of outlying rows is the shape of the noise, not impulses."""
+ROUNDING = 1e-9
+"""No reading is told more exactly than this share of its size."""
 JITTER, SHAKEN = 0, 1
 
 
@@ -86,11 +88,15 @@ def filtered(polynomial: Array, rows: Array, led: int) -> Array:
 
 @dataclass
 class _Learning:
-    """Windows of rows with their functions on one channel: (m, lead + n) each, and readings (lead + n,)."""
+    """Windows of rows with their functions on one channel: (m, lead + n) each, and readings (lead + n,).
+
+    `counts` (n,) are 0 for rows that are left out.
+    """
 
     parts: list[slice]
     functions: list[Array]
     readings: list[Array]
+    counts: list[Array] | None
 
     def outside(self, polynomial: Array, others: Sequence[Array] = ()) -> tuple[list[Array], int, list[Array]]:
         """Filtered readings beyond the functions, window by window; the rank; and `others` (d, n) treated alike."""
@@ -104,6 +110,10 @@ class _Learning:
             # the first rows lack what came before them
             for one in (turned[0], target[0]):
                 one[:, :lead] = 0.0
+        if self.counts is not None:
+            lost = [np.convolve(1 - kept, np.ones(lead + 1))[: kept.size] > 0 for kept in self.counts]
+            for one, rows in [*zip(turned, lost, strict=True), *zip(target, lost, strict=True)]:
+                one[:, rows] = 0.0
         gram = sum((t @ t.T for t in turned), np.zeros((turned[0].shape[0],) * 2))
         size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
         values, vectors = np.linalg.eigh(gram / size[:, None] / size[None, :])
@@ -143,7 +153,18 @@ def estimate(design: Design, residual: Array, seed: int) -> RotationNoise:
     impulses = 0
     freedom = np.inf
     for c in range(len(session.channels)):
-        learning = _Learning(parts, made[c], [residual[c, max(0, p.start - 2 * MAX_ORDER) : p.stop] for p in parts])
+        counts = None if session.left_out is None else [1.0 - session.left_out[p] for p in parts]
+        before = [residual[c, max(0, p.start - 2 * MAX_ORDER) : p.stop] for p in parts]
+        learning = _Learning(parts, made[c], before, counts)
+        size = float(np.sqrt(np.mean(session.readings[c] ** 2)))
+        if float(residual[c].std()) < ROUNDING * size:
+            # a simulation without noise: nothing is smaller than rounding
+            weight[c] = 1 / (ROUNDING * size)
+            filters.append(np.ones(1))
+            sigma.append(ROUNDING * size)
+            shaken.append(0.0)
+            jitters.append([0.0, 0.0, 0.0])
+            continue
         polynomial = _colour(learning, rng)
         left, rank, _ = learning.outside(polynomial)
         rows = sum(r.size for r in left)
@@ -155,12 +176,15 @@ def estimate(design: Design, residual: Array, seed: int) -> RotationNoise:
         level = max(level, 1e-15)
         weight[c] = shape[0] / level
         weight[c, wild] = 0.0
+        if session.left_out is not None:
+            weight[c, _spread(np.flatnonzero(session.left_out), polynomial.size - 1, session.n)] = 0.0
         weight[c, : polynomial.size - 1] = 0.0
         impulses += wild.size
         filters.append(polynomial)
         sigma.append(level)
         shaken.append(by_vibration)
         jitters.append([jitter[0], jitter[1] * level, jitter[2] * level])
+    freedom = min(freedom, float(session.n))
     return RotationNoise(
         tuple(filters), weight, np.array(sigma), float(freedom), np.array(shaken), np.array(jitters), impulses
     )
@@ -266,7 +290,7 @@ def _scatter(
     size *= _slowly(session, take, square / size[take], keep & ~wild)
     root = 1 / np.sqrt(size)
     strays = take[wild & (np.abs(rows) * root[take] > IMPULSE * scale)]
-    spread = np.unique(np.minimum((strays[:, None] + np.arange(lead + 1)).ravel(), session.n - 1))
+    spread = _spread(strays, lead, session.n)
     jitter = (0.0, 0.0, 0.0)
     if chosen.get(JITTER, 0.0) > 0:
         time = float(np.sqrt(chosen[JITTER])) * scale
@@ -275,6 +299,11 @@ def _scatter(
         jitter = (evidence[JITTER], time / mean, time / mean / np.sqrt(max(2 * evidence[JITTER], 1.0)))
     part_roots = np.split(root[take] * keep, np.cumsum([p.stop - p.start for p in parts])[:-1])
     return (root, part_roots), evidence[SHAKEN], jitter, spread
+
+
+def _spread(rows: NDArray[np.intp], lead: int, n: int) -> NDArray[np.intp]:
+    """Rows, and those after them that the filter brings them into."""
+    return np.unique(np.minimum((rows[:, None] + np.arange(lead + 1)).ravel(), n - 1))
 
 
 def _across(state: ChainState, channel: int) -> Array:

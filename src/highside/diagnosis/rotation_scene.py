@@ -22,7 +22,7 @@ from highside.diagnosis.rotation_lines import found_lines
 from highside.diagnosis.rotation_noise import RotationNoise, estimate, with_walk
 from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
-from highside.diagnosis.selection import FLIPS, Member, Pool, Selector, block_gain, threshold
+from highside.diagnosis.selection import FLIPS, Member, Pool, Selector, block_gain, gain_interval, threshold
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
@@ -216,8 +216,7 @@ class RotationScene(Scene):
         before, after = held.energies(none, held.folds), held.energies(numbers, held.folds)
         rows = np.array([held.scored(fold) for fold in held.folds])
         by_rate = [held.energies(n, held.by_rate).sum() for n in (none, numbers)] if len(held.by_rate) > 1 else [0, 0]
-        relative = (before - after) / rows / (before.sum() / rows.sum())
-        half = 1.96 * float(relative.std(ddof=1) / np.sqrt(relative.size))
+        low, high = gain_interval(before, after)
         # whitened errors, told in g: the innovations' size, and what the filter takes of slow signals
         unit = float(np.sqrt(np.mean(self.noise.sigma[:3] ** 2)))
         words = f"{len(held.folds)} contiguous stretches with gaps; whitened; gain = share of the mean square removed"
@@ -229,8 +228,8 @@ class RotationScene(Scene):
             rmse_after=float(np.sqrt(np.mean(fit.residual[:3] ** 2))),
             heldout_rmse_before=unit * float(np.sqrt(before.sum() / rows.sum())),
             heldout_rmse_after=unit * float(np.sqrt(after.sum() / rows.sum())),
-            heldout_gain_low=float(relative.mean()) - half,
-            heldout_gain_high=float(relative.mean()) + half,
+            heldout_gain_low=low,
+            heldout_gain_high=high,
             noise_floor=unit,
             how_held_out=words,
         )

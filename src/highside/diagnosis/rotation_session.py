@@ -31,6 +31,8 @@ class RotationSession:
 
     readings: Array
     state: ChainState
+    left_out: NDArray[np.bool_] | None = None
+    """(n,) rows that say nothing of physics: a reading at its limit"""
 
     @property
     def n(self) -> int:
@@ -79,6 +81,7 @@ def rotation_session(
     gravity_mps2: float,
     latitude_rad: float = 0.0,
     azimuth_rad: float = 0.0,
+    left_out: NDArray[np.bool_] | None = None,
 ) -> RotationSession:
     """The rows of a recording. `columns` (N,) as in the Recording format, `accel_g`, `gyro_radps` (3, N), tool frame.
 
@@ -100,4 +103,4 @@ def rotation_session(
         azimuth_rad=azimuth_rad,
     )
     readings = accel_g if gyro_radps is None else np.concatenate([accel_g, gyro_radps])
-    return RotationSession(np.ascontiguousarray(readings, dtype=float), state)
+    return RotationSession(np.ascontiguousarray(readings, dtype=float), state, left_out)
