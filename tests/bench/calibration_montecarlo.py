@@ -4,7 +4,7 @@ Every instrument is calibrated on its bench by every method, and then read at kn
 error of inclination and toolface is compared with the Cramer-Rao total: reading noise and the best that the calibration
 poses allow, pose errors of the bench included. Run it by itself (a few minutes at 200 instruments):
 
-    python tests/bench/calibration_montecarlo.py --sensors 200 [--only KIND] [--json FILE]
+    python tests/bench/calibration_montecarlo.py --sensors 200 [--only KIND] [--first-seed N] [--json FILE]
 
 The result is Markdown on standard output. imucal (extra `rivals`) is measured beside ours if it is installed.
 """
@@ -309,9 +309,10 @@ def main() -> None:
     parser.add_argument("--sensors", type=int, default=200)
     parser.add_argument("--only", choices=sorted(KINDS))
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--first-seed", type=int, default=0, help="sensors of another number are other sensors")
     chosen = parser.parse_args()
     kinds = [KINDS[chosen.only]] if chosen.only else list(KINDS.values())
-    studies = [run(kind, chosen.sensors) for kind in kinds]
+    studies = [run(kind, chosen.sensors, first_seed=chosen.first_seed) for kind in kinds]
     print(to_markdown(studies))
     if chosen.json:
         plain = [

@@ -24,9 +24,9 @@ from highside.calibration.conventional import conventional
 from highside.calibration.correction import LinearCorrection
 from highside.calibration.joint import joint
 from highside.calibration.poses import Array, PoseSet
+from highside.calibration.refinement import refine
 from highside.calibration.result import BenchAccuracy
 from highside.calibration.schedule import ScheduledCorrection
-from highside.calibration.refinement import refine
 from highside.physics.forward import ForwardModel
 from highside.physics.scenario import BALANCE_TOOLFACES_DEG, reference_scenario
 

@@ -99,7 +99,7 @@ def test_structure_is_found_and_the_stated_uncertainty_is_the_error(
     kind: type[MultiSine], toolfaces: tuple[float, ...], worst_deg: float, gain: float
 ) -> None:
     refined, squares, pulls = [], [], []
-    for seed in range(6):
+    for seed in range(3):
         scenario = reference_scenario(seed, toolfaces_deg=toolfaces, structure_g=1e-3, structure=kind)
         poses = pose_set(scenario)
         result = refine(joint(poses), poses)

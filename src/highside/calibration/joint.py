@@ -47,6 +47,7 @@ from highside.calibration.mixed_model import (
     Fit,
     Session,
     ThermalTerms,
+    covariance_with_variances,
     evaluate,
     initial_variances,
     reml_variances,
@@ -139,7 +140,8 @@ def joint(
         fit = solve(session, names, variances, again, fit.theta)
         used, fit = leave_out_bad(session, fit, variances, again)
         away = departure(session, fit, variances, used)
-    return result_of(session, fit, variances, used, away, bench, toolface_zero_rad, toolface_zero_std_rad)
+    covariance = covariance_with_variances(session, fit, variances, bench) if estimate_variances else fit.covariance
+    return result_of(session, fit, variances, used, away, bench, toolface_zero_rad, toolface_zero_std_rad, covariance)
 
 
 def deviance_of(poses: PoseSet, thermal: ThermalTerms | None, bench: BenchAccuracy = NOMINAL_BENCH) -> float:
@@ -227,7 +229,8 @@ def _require_agreement(session: Session, fit: Fit, variances: Variances) -> None
 
 def _require_nominal(fit: Fit) -> None:
     """Refuse a matrix or offset that no sensor of nominal scale has: axes, signs or units are confused."""
-    A = sensor_of(fit.names, fit.theta).A
+    sensor = sensor_of(fit.names, fit.theta)
+    A, b = sensor.A, sensor.b
     if np.abs(A - np.eye(3)).max() > MAX_DEPARTURE * PRIOR_MATRIX:
         rows = [f"{AXES[i]} reads {_axis_of(row)}" for i, row in enumerate(A)]
         raise CalibrationRefused(
@@ -235,7 +238,6 @@ def _require_nominal(fit: Fit) -> None:
             f"this is not a sensor of nominal axes and scale: {', '.join(rows)}, elements up to "
             f"{np.abs(A - np.eye(3)).max():.2f} from nominal; check axes, signs, units and the toolface zero",
         )
-    b = sensor_of(fit.names, fit.theta).b
     if np.abs(b).max() > MAX_DEPARTURE * PRIOR_OFFSET_G:
         raise CalibrationRefused(
             Reason.NOT_NOMINAL, f"an offset of {np.abs(b).max():.2f} g is no accelerometer in order; check the units"
@@ -293,6 +295,7 @@ def result_of(
     bench: BenchAccuracy,
     toolface_zero_rad: float,
     toolface_zero_std_rad: float,
+    covariance: Array,
 ) -> CalibrationResult:
     poses = session.poses
     bad = np.flatnonzero(~used)
@@ -311,7 +314,6 @@ def result_of(
     affine = poses if sensor.is_linear else replace(poses, a=poses.a - sensor.nonlinear(sensor.correct(poses.a)))
     closures = closures_of(affine, fours, [sensor.A] * len(fours), pose_covariance=per_pose)
     misfit = np.zeros(3)
-    covariance = fit.covariance
     if variances.reading > MAX_READING_FACTOR**2:
         # structure that no term has follows the attitude: it does not average out, and every later reading has it;
         # its size is that of the residuals, of which the bench's part cannot be told apart

@@ -89,14 +89,7 @@ class Fit:
     covariance: Array
     prior: Array
     """(P,) standard deviations"""
-    whitened: Array
-    """(N, 3, P + R + S) columns: design, rings, stations"""
-    inverse: Array
-    """(P + R + S, P + R + S) inverse of the penalised normal matrix"""
-    effects: Array
-    """(R + S,) estimated errors of the rings and stations, rad"""
-    residual: Array
-    """(N, 3) whitened, of the poses used; ring and station parts taken out"""
+    system: System
     left_over: Array
     """(3, N) raw residual of all poses, in g, random parts not taken out"""
     design: Array
@@ -106,6 +99,16 @@ class Fit:
     by_inc: Array
     by_tf: Array
     """(3, N) derivatives of a reading by the pose's inclination and toolface"""
+
+    @property
+    def inverse(self) -> Array:
+        """(P + R + S, P + R + S) inverse of the penalised normal matrix."""
+        return self.system.inverse
+
+    @property
+    def effects(self) -> Array:
+        """(R + S,) estimated errors of the rings and stations, rad."""
+        return self.system.solution[self.theta.size :]
 
     def take(self, names: tuple[str, ...]) -> Array:
         return self.theta[[self.names.index(name) for name in names]]
@@ -135,10 +138,7 @@ def solve(session: Session, names: tuple[str, ...], variances: Variances, used: 
         theta=mean + system.solution[:size],
         covariance=system.inverse[:size, :size],
         prior=prior,
-        whitened=system.columns,
-        inverse=system.inverse,
-        effects=system.solution[size:],
-        residual=system.residual,
+        system=system,
         left_over=y - design @ system.solution[:size],
         design=design,
         y=y,
@@ -257,7 +257,7 @@ def reml_variances(
                 break
             continue
         lowest, best = objective, log_v
-        gradient, information = _information(session, system, len(fit.names), v)
+        gradient, information, _ = _information(session, system, len(fit.names), v)
         prior_gradient, prior_information = prior.derivatives(v)
         slope = gradient + prior_gradient
         step = -np.linalg.solve(information + prior_information + 1e-6 * np.eye(v.size), slope)
@@ -329,11 +329,12 @@ class VariancePrior:
         return gradient, curvature
 
 
-def _information(session: Session, system: System, size: int, v: Array) -> tuple[Array, Array]:
+def _information(session: Session, system: System, size: int, v: Array) -> tuple[Array, Array, Array]:
     """Gradient and average-information matrix of `deviance` by the logarithms of the variances `v` (5,).
 
     With P the projected inverse of V and Z the columns that share a variance: `d/dv = tr(Z' P Z) - |Z' P y|^2`; the
-    average information of two components is `(Z Z' P y)' P (Z Z' P y)`.
+    average information of two components is `(Z Z' P y)' P (Z Z' P y)`. Third, the columns' products (P + R + S, 5)
+    with `Z Z' P y`, of which the change of the solution with each variance follows.
     """
     rings, stations = session.ring_of.shape[1], session.station_of.shape[1]
     count = system.residual.shape[0]
@@ -363,7 +364,53 @@ def _information(session: Session, system: System, size: int, v: Array) -> tuple
         spread[:, :, k] = Z[:, :, k - 2] * (groups @ effect)[:, None]
     S = spread.reshape(-1, 5)
     FS = columns.reshape(3 * count, -1).T @ S
-    return gradient * v, (S.T @ S - FS.T @ inverse @ FS) * np.outer(v, v)
+    return gradient * v, (S.T @ S - FS.T @ inverse @ FS) * np.outer(v, v), FS * v
+
+
+def covariance_with_variances(session: Session, fit: Fit, variances: Variances, bench: BenchAccuracy) -> Array:
+    """Covariance (P, P) of the parameters, the variance components being estimated and not known.
+
+    With W the covariance of the estimated logarithms of the variances (inverse of the information, priors included),
+
+        cov = Phi + sum W_kl (d_k theta) (d_l theta)' + (z^2 + 1) / 4 sum W_kl (d_k Phi) Phi^-1 (d_l Phi):
+
+    the solution moves with the weights (Kackar and Harville, J. Am. Stat. Assoc. 79, 1984, 853), and a variance that is
+    estimated makes intervals of Student's kind: with f = 2 / W degrees of freedom the quantile of the normal
+    distribution grows by `1 + (z^2 + 1) / (4 f)`. The factor is that for z = 1.96, so that intervals of 1.96 stated
+    standard deviations hold 95 %.
+    """
+    v, size, system = variances.as_array(), fit.theta.size, fit.system
+    _, information, moved = _information(session, system, size, v)
+    _, prior_information = VariancePrior.of(session, bench).derivatives(v)
+    W: Array = np.asarray(2.0 * np.linalg.inv(information + prior_information + 1e-6 * np.eye(5)), dtype=np.float64)
+    by_variance = system.inverse[:size] @ moved
+    count, _, width = system.columns.shape
+    # how an error of each pose, and of each axis of its reading, moves the parameters
+    products = (system.columns.transpose(0, 2, 1) @ system.pose_columns).transpose(1, 0, 2).reshape(width, -1)
+    levers = (system.inverse[:size] @ products).reshape(size, count, 5)
+    rings = session.ring_of.shape[1]
+    common = system.inverse[:size, size:]
+    parts = [
+        levers[:, :, 0] * np.sqrt(v[0]),
+        levers[:, :, 1] * np.sqrt(v[1]),
+        common[:, :rings] / np.sqrt(v[2]),
+        common[:, rings:] / np.sqrt(v[3]),
+        levers[:, :, 2:].reshape(size, -1) * np.sqrt(v[4]),
+    ]
+    return widened(fit.covariance, W, by_variance, np.stack([part @ part.T for part in parts]))
+
+
+def widened(covariance: Array, W: Array, moved: Array, changes: Array) -> Array:
+    """Covariance (P, P) of parameters whose estimate rests on K other estimates with covariance `W` (K, K): `moved`
+    (P, K) the derivatives of the parameters by them, `changes` (K, P, P) those of `covariance`; see
+    `covariance_with_variances`."""
+    lower = np.linalg.cholesky(covariance)
+    slopes = np.linalg.solve(lower, changes)
+    student = np.sum(slopes.transpose(0, 2, 1) @ np.tensordot(W, slopes, 1), axis=0)
+    return np.asarray(covariance + moved @ W @ moved.T + _STUDENT * student)
+
+
+_STUDENT = (1.96**2 + 1.0) / 4.0
 
 
 def studentised(fit: Fit, used: NDArray[np.bool_]) -> Array:
@@ -372,8 +419,8 @@ def studentised(fit: Fit, used: NDArray[np.bool_]) -> Array:
     In whitened form the residual e of a pose with hat block H has the leave-one-out square `e' (1 - H)^-1 e`,
     chi-square with three degrees of freedom; its root is returned.
     """
-    count, _, size = fit.whitened.shape
-    carried = (fit.whitened.reshape(-1, size) @ fit.inverse).reshape(count, 3, size)
-    left = (1.0 + 1e-12) * np.eye(3) - carried @ fit.whitened.transpose(0, 2, 1)
-    out = np.sum(fit.residual * np.linalg.solve(left, fit.residual[:, :, None])[:, :, 0], axis=1)
+    count, _, size = fit.system.columns.shape
+    carried = (fit.system.columns.reshape(-1, size) @ fit.inverse).reshape(count, 3, size)
+    left = (1.0 + 1e-12) * np.eye(3) - carried @ fit.system.columns.transpose(0, 2, 1)
+    out = np.sum(fit.system.residual * np.linalg.solve(left, fit.system.residual[:, :, None])[:, :, 0], axis=1)
     return np.where(used, np.sqrt(np.maximum(out, 0.0)), 0.0)

@@ -26,11 +26,13 @@ from highside.calibration.mixed_model import (
     Fit,
     Session,
     VariancePrior,
+    covariance_with_variances,
     evaluate,
     initial_variances,
     reml_variances,
     solve,
     whitened,
+    widened,
 )
 from highside.calibration.poses import Array, PoseSet
 from highside.calibration.result import NOMINAL_BENCH, BenchAccuracy, CalibrationResult, Reason
@@ -52,6 +54,11 @@ _TRIAL_SIZES_G = (1e-4, 5e-4)
 _TRIAL_LENGTHS = (0.25, 0.6)
 _MAX_TRIALS = 160
 _ROUNDS = 2
+_HARDLY_G = 2e-6
+_STEP = 0.1
+"""In the logarithm of a size or length, for derivatives."""
+_VAGUE = 1.0
+"""Standard deviation of the logarithm of a size or length of which the likelihood says nothing."""
 
 
 def refine(result: CalibrationResult, poses: PoseSet, *, bench: BenchAccuracy = NOMINAL_BENCH) -> CalibrationResult:
@@ -93,7 +100,17 @@ def refine(result: CalibrationResult, poses: PoseSet, *, bench: BenchAccuracy = 
     used, fit = leave_out_bad(session, fit, variances, used)
     away = departure(session, fit, variances, used)
     refined = result_of(
-        session, fit, variances, used, away, bench, result.toolface_zero_rad, result.toolface_zero_std_rad
+        session,
+        fit,
+        variances,
+        used,
+        away,
+        bench,
+        result.toolface_zero_rad,
+        result.toolface_zero_std_rad,
+        _with_sizes(
+            session, fit, variances, used, size, likelihood, covariance_with_variances(session, fit, variances, bench)
+        ),
     )
     sizes = {"structure_own_g": size.own_g, "structure_field_g": size.field_g}
     return replace(
@@ -114,6 +131,49 @@ def _worth_keeping(names: tuple[str, ...], size: StructureSize) -> tuple[str, ..
     waves = tuple(name for name, v in zip(OWN_LOAD_NAMES, np.tile(own, 3), strict=True) if v > floor)
     harmonics = tuple(name for name, v in zip(DIRECTION_NAMES, np.tile(field, 3), strict=True) if v > floor)
     return names + waves + harmonics
+
+
+def _with_sizes(
+    session: Session,
+    fit: Fit,
+    variances: Variances,
+    used: NDArray[np.bool_],
+    size: StructureSize,
+    likelihood: _Likelihood,
+    covariance: Array,
+) -> Array:
+    """`covariance` (P, P), sizes and lengths of the structure being estimated too (derivatives by differences)."""
+    at = np.log(np.array([size.own_g, size.own_length_g, size.field_g, size.field_length_rad]))
+    # of what is hardly there neither size nor length matters
+    active = [k for k in range(4) if np.exp(at[k - k % 2]) > _HARDLY_G]
+
+    def moved(*steps: tuple[int, float]) -> StructureSize:
+        x = at.copy()
+        for k, step in steps:
+            x[k] += step
+        return StructureSize(*np.exp(x).tolist())
+
+    def solved(trial: StructureSize) -> tuple[Array, Array]:
+        prior = prior_std(fit.names, session.bench, trial)
+        system = evaluate(session, fit.design, fit.by_inc, fit.by_tf, fit.y, prior, variances, used)
+        return system.solution[: prior.size], system.inverse[: prior.size, : prior.size]
+
+    h = _STEP
+    bent = np.empty((len(active), len(active)))
+    for i, k in enumerate(active):
+        for j, m in enumerate(active):
+            corners = [
+                a * b * likelihood.at(variances, moved((k, a * h), (m, b * h)))
+                for a in (1.0, -1.0)
+                for b in (1.0, -1.0)
+            ]
+            bent[i, j] = sum(corners) / (4.0 * h**2)
+    sizes, turns = np.linalg.eigh(0.5 * (bent + bent.T))
+    W = (turns * (2.0 / np.maximum(sizes, 2.0 / _VAGUE**2))) @ turns.T
+    pairs = [(solved(moved((k, h))), solved(moved((k, -h)))) for k in active]
+    theta = np.stack([(up[0] - down[0]) / (2.0 * h) for up, down in pairs], axis=1)
+    changes = np.stack([(up[1] - down[1]) / (2.0 * h) for up, down in pairs])
+    return widened(covariance, W, theta, changes)
 
 
 class _Likelihood:

@@ -169,9 +169,10 @@ def sensor_of(names: tuple[str, ...], theta: Array) -> SensorModel:
     def block(keys: tuple[str, ...]) -> Array:
         return np.array([value.get(key, 0.0) for key in keys]) if keys[0] in value else np.zeros(len(keys))
 
+    whole = names[:12] == MATRIX_NAMES + OFFSET_NAMES
     return SensorModel(
-        block(MATRIX_NAMES).reshape(3, 3),
-        block(OFFSET_NAMES),
+        (theta[:9].copy() if whole else block(MATRIX_NAMES)).reshape(3, 3),
+        theta[9:12].copy() if whole else block(OFFSET_NAMES),
         block(QUADRATIC_NAMES),
         block(CUBIC_NAMES),
         block(CROSS_NAMES).reshape(3, 3),
