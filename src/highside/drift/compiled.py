@@ -127,7 +127,7 @@ def follow(
 _CORE = (
     "times", "turning", "cosines", "attitude_of", "store", "earth_in_body", "azimuth_of", "azimuth_row",
     "azimuth_variance", "turn_left", "random_walk_of", "agrees", "motion_of", "spread", "predict", "innovation_row",
-    "take", "gravity", "zero_rate", "straight", "correct", "run",
+    "follow_up", "take", "gravity", "zero_rate", "straight", "correct", "run",
 )  # fmt: skip
 """each after those that it calls"""
 

@@ -394,11 +394,34 @@ def take(
             )  # fmt: skip
             P[10 * i + j] = value
             P[10 * j + i] = value
-    store(m, times(attitude_of(m), turning(work[90], work[91], work[92])))
+    moved = turning(work[90], work[91], work[92])
+    store(m, times(attitude_of(m), moved))
+    follow_up(m, cosines(moved))
     for i in range(3):
         m.bias[i] += work[93 + i]
         m.accel_bias[i] += work[97 + i]
     m.scale[0] += work[96]
+
+
+def follow_up(m: Memory, R: Numbers) -> None:
+    """Turn the covariance with the body when its attitude is corrected: P <- R P R' in the attitude's part.
+
+    What gravity does not show is a rotation about Up, and Up has moved in the body: without this a great uncertainty of
+    the azimuth would leak into the tilt, be "measured" there by gravity, and vanish.
+    """
+    P, top = m.P, m.work
+    for i in range(3):
+        for k in range(STATES):
+            top[10 * i + k] = R[3 * i] * P[k] + R[3 * i + 1] * P[10 + k] + R[3 * i + 2] * P[20 + k]
+    for i in range(3):
+        at = 10 * i
+        for k in range(i, 3):
+            value = top[at] * R[3 * k] + top[at + 1] * R[3 * k + 1] + top[at + 2] * R[3 * k + 2]
+            P[at + k] = value
+            P[10 * k + i] = value
+        for k in range(3, STATES):
+            P[at + k] = top[at + k]
+            P[10 * k + i] = top[at + k]
 
 
 def innovation_row(work: Numbers, at: Numbers, h: Numbers) -> Vector:

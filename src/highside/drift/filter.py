@@ -300,7 +300,9 @@ class KinematicFilter:
         """
         m = self._begun()
         q = core.attitude_of(m)
-        turn = azimuth_rad - core.azimuth_of(q)
+        # now, within a block that may turn
+        a, b, c, d = self.attitude_now().tolist()
+        turn = azimuth_rad - core.azimuth_of((a, b, c, d))
         turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
         core.store(m, core.times(core.turning(0.0, 0.0, -turn), q))
         up, row = up_direction(np.array(m.q)), np.array(core.azimuth_row(core.attitude_of(m)))

@@ -33,6 +33,8 @@ from highside.service.saved_drift import Alignment, SavedDrift
 STALE_S = 1.0
 """Without gyros for so long there is no azimuth."""
 LONGEST_CONNECTION_S = 1800.0
+WORTHLESS_STD_DEG = 30.0
+"""An azimuth less certain is none: and the filter is linear."""
 _SAME_TILT_RAD = math.radians(0.1)
 _VERTICAL_COS = 0.05
 
@@ -68,7 +70,8 @@ class DriftStage:
         self._t_mono = 0.0
         self._sum = [0.0, 0.0, 0.0]
         self._n = 0
-        self._connection_until: float | None = None
+        self._connection: tuple[float, float] | None = None
+        """declared to stand, from and to"""
         self._units = UnitWatch()
         self._literal: Literal | None = None
         self.filter = self._new_filter()
@@ -122,8 +125,9 @@ class DriftStage:
         if saved is not None:
             self._before = saved.model_copy(update={"repowered": repowered, "age_s": max(age_s, 0.0)})
             self._age_s = max(age_s, 0.0)
-        self._literal = None
-        self._connection_until = None
+            # until it is taken up
+            self.alignment = None
+        self._literal = self._connection = None
         self.filter = self._new_filter()
 
     def _date(self, before: SavedDrift, t_s: float, t_mono: float) -> None:
@@ -140,12 +144,13 @@ class DriftStage:
         self._sum, self._n = [0.0, 0.0, 0.0], 0
 
     def _on_block(self, block: Block, t_s: float) -> None:
-        until = self._connection_until
-        declared = until is not None and t_s <= until
+        connection = self._connection
+        # a block that began before the word was given may hold the end of the motion
+        declared = connection is not None and connection[0] <= block.start_s and t_s <= connection[1]
         first = self.filter.memory is None
         self.filter.take(block, declared_still=declared)
-        if until is not None and (not declared or self.filter.motion is Motion.TURNING):
-            self._connection_until = None
+        if connection is not None and (t_s > connection[1] or (declared and self.filter.motion is Motion.TURNING)):
+            self._connection = None
         self._units.add(block)
         if not first or self.filter.memory is None:
             return
@@ -193,8 +198,8 @@ class DriftStage:
         else:
             unseen = 0.0 if stood else settings.unseen_turn_dps * age
             std = math.hypot(before.azi_std_deg, unseen)
-            if std >= 90.0:
-                words.append("azimuth dropped: it may have turned by any angle")
+            if std > WORTHLESS_STD_DEG:
+                words.append(f"azimuth dropped: it may have turned by {std:.0f} deg")
             else:
                 self.filter.know_azimuth(math.radians(before.azi_deg), math.radians(std))
                 if not stood:
@@ -260,13 +265,14 @@ class DriftStage:
         """The tool stands from now on, for so long at most (0: it does not any more)."""
         if self._t is None:
             return "no gyro readings have come yet"
-        self._connection_until = self._t + min(seconds, LONGEST_CONNECTION_S) if seconds > 0.0 else None
+        until = self._t + min(seconds, LONGEST_CONNECTION_S)
+        self._connection = (self._t, until) if seconds > 0.0 else None
         return None
 
     def restart(self) -> str | None:
         """Forget everything."""
         self.alignment, self.constrained, self.saturated, self.restored = None, False, False, None
-        self._before, self._first_start, self._literal, self._connection_until = None, True, None, None
+        self._before, self._first_start, self._literal, self._connection = None, True, None, None
         self._t = self._age_s = None
         self._units = UnitWatch()
         self.filter = self._new_filter()
@@ -356,7 +362,7 @@ class DriftStage:
             azi_std_deg=None if azimuth is None else azimuth.azi_std_deg,
             azi_basis=["no_gyros"] if azimuth is None else list(azimuth.basis),
             alignment=self.alignment,
-            connection=self._connection_until is not None,
+            connection=self._connection is not None,
             bias_dph=bias,
             bias_std_dph=std,
             scale_ppm=None if state is None else round(1e6 * state.scale, 2),
