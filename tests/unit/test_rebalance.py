@@ -55,11 +55,15 @@ def fed(t: np.ndarray, g: np.ndarray, settings: RebalanceSettings | None = None)
     return out
 
 
-def test_after_three_turns_toolface_is_within_a_third_of_the_noise_limit() -> None:
-    """The acceptance scenario: 300 ug on x and y at I = 1.2 deg, 20 rpm, 100 frames/s, toolface of one-second means."""
+@pytest.mark.parametrize(("averaged_frames", "times_limit_before"), [(1, 1.15), (100, 5.0)])
+def test_after_three_turns_toolface_is_within_a_third_of_the_noise_limit(
+    averaged_frames: int, times_limit_before: float
+) -> None:
+    """The acceptance scenario: 300 ug on x and y at I = 1.2 deg, 20 rpm, 100 frames/s; single frames, and means of one
+    second. The centre itself is known to 16.7 ug at best, 0.05 of a frame's noise and half of that of a mean."""
     rng = np.random.default_rng(99)
     inc = math.radians(1.2)
-    averaged = NOISE_G / math.sqrt(RATE_HZ)  # one second
+    averaged = NOISE_G / math.sqrt(averaged_frames)
     limit = averaged / math.sin(inc)
     errors, before = [], []
     identity = LinearCorrection(
@@ -81,7 +85,7 @@ def test_after_three_turns_toolface_is_within_a_third_of_the_noise_limit() -> No
         before.append(math.remainder(math.atan2(m[1], m[0]) - tf, 2 * math.pi))
     rms = math.sqrt(np.mean(np.square(errors)))
     assert rms <= 1.3 * limit
-    assert math.sqrt(np.mean(np.square(before))) > 5.0 * limit
+    assert math.sqrt(np.mean(np.square(before))) > times_limit_before * limit
 
 
 def test_the_stated_covariance_is_the_scatter() -> None:
