@@ -70,6 +70,10 @@ def drift(
         bool,
         typer.Option("--straight-hole", help="Assert that the azimuth stays that of the start (kinematic, recursive)."),
     ] = False,
+    smooth: Annotated[
+        bool,
+        typer.Option("--smooth", help="Let every row know the whole recording (kinematic); else a row knows its past."),
+    ] = False,
     arw: Annotated[
         float, typer.Option("--gyro-arw", min=1e-6, help="Angle random walk of the gyros, deg/sqrt(h).")
     ] = 0.1,
@@ -93,6 +97,8 @@ def drift(
         )
     if straight_hole and method not in (Method.KINEMATIC, Method.RECURSIVE):
         raise InputError(f"has no meaning with --method {method.value}", field="--straight-hole", remedy="leave it out")
+    if smooth and method is not Method.KINEMATIC:
+        raise InputError(f"has no meaning with --method {method.value}", field="--smooth", remedy="leave it out")
     intervals = _intervals(rest)
     table = read_recording(recording)
     where = str(recording)
@@ -119,7 +125,7 @@ def drift(
             )
     check_units(t_s, rate, accel, where)
     result = _run(method, t_s, rate, accel, intervals, azimuth_policy, straight_hole,
-                  _settings(latitude_deg, azimuth_deg, azimuth_std_deg, arw, rrw, bias_std))  # fmt: skip
+                  _settings(latitude_deg, azimuth_deg, azimuth_std_deg, arw, rrw, bias_std), smooth=smooth)  # fmt: skip
     write_recording(output, Recording(_columns(result)))
     typer.echo(f"{t_s.size} rows, {method.value}; azimuth from {result.basis_words}", err=True)
     for note in result.notes:
@@ -174,7 +180,7 @@ def _settings(
 
 def _run(
     method: Method, t_s: Column, rate: Column, accel: Column, rest: Column, policy: Policy | None, straight: bool,
-    settings: Settings,
+    settings: Settings, *, smooth: bool,
 ) -> DriftResult:  # fmt: skip
     import math
     from dataclasses import replace
@@ -186,7 +192,7 @@ def _run(
 
     if method is Method.KINEMATIC:
         own = replace(settings, straight_hole_std_rad=math.radians(0.1) if straight else None)
-        return kinematic(t_s, rate, accel, own, rest=rest if rest.size else None)
+        return kinematic(t_s, rate, accel, own, rest=rest if rest.size else None, smooth=smooth)
     if method is Method.RECURSIVE:
         return recursive(t_s, rate, accel, settings, hold=straight, rest=rest if rest.size else None)
     return literal(

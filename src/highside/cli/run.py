@@ -65,6 +65,8 @@ def check(
         f"{config}: good. Tool {settings.tool.id}, link {settings.link.kind}, codec {settings.codec.name},"
         f" calibration {correction.cal_id}, broker {settings.mqtt.host}:{settings.mqtt.port}"
     )
+    if settings.drift.model_fields_set and settings.drift.enabled and settings.site.latitude_deg is None:
+        typer.echo("note: [drift] without site.latitude_deg: the Earth's rotation (15 deg/h) counts as gyro bias")
 
 
 def schema() -> None:
