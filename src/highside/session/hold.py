@@ -19,6 +19,8 @@ DRIFT_SIGMAS = 6.0
 MAX_GAP_S = 0.5
 MAX_LOST_SHARE = 0.05
 NOT_ONE_G_SIGMAS = 8.0
+TRIM_PIECE = 2
+MIN_TRIMMED = 8
 
 
 class Hold:
@@ -43,6 +45,25 @@ class Hold:
     def mean(self) -> Array:
         """(3,), zero for an empty hold."""
         return self._mean
+
+    def trim(self) -> None:
+        """Leave windows out at either end that do not agree with the middle: the way in and the way out, in a hold
+        whose limits nobody knew."""
+        noise = self._floor.value
+        if noise is None:
+            return
+        while len(self.windows) > MIN_TRIMMED:
+            means = self.means()
+            quarter = len(self.windows) // 4
+            middle = np.median(means[:, quarter : len(self.windows) - quarter], axis=1)
+            limit = 6.0 * np.sqrt(self._one() / TRIM_PIECE) + 0.5 * noise
+            if np.any(np.abs(means[:, :TRIM_PIECE].mean(axis=1) - middle) > limit):
+                del self.windows[0]
+            elif np.any(np.abs(means[:, -TRIM_PIECE:].mean(axis=1) - middle) > limit):
+                del self.windows[-1]
+            else:
+                break
+        self._mean = self.means().mean(axis=1)
 
     @property
     def readings(self) -> int:
@@ -110,9 +131,10 @@ class Hold:
                     f"{'xyz'[worst]} scatters {own[worst] / noise[worst]:.1f} times its noise at rest",
                 )
         sigmas, change = drift_sigmas(self.means(), self._one())
-        harmless = np.deg2rad(limits.pose_sigma_deg)
-        if noise is not None and self.pose is None:
-            harmless = max(harmless, 0.5 * float(np.max(noise)))
+        harmless = float(np.deg2rad(limits.pose_sigma_deg))
+        if self.pose is None:
+            # only |g| counts: a tool that sinks into its support by an angle d shortens the mean by d^2 / 24
+            harmless = float(np.sqrt(24.0 * limits.std_error_g))
         if sigmas > DRIFT_SIGMAS and float(np.max(np.abs(change))) > harmless:
             return Rejection.CREEPING, f"{1e6 * float(np.max(np.abs(change))):.0f} ug during the hold"
         size = float(np.linalg.norm(self._mean))

@@ -20,6 +20,8 @@ from highside.session.reasons import Rejection
 from highside.session.snapshot import PoseState
 
 REPEATS_SIGMAS = 5.0
+UNDISTURBED_SHARE = 0.3
+"""Closer than this share of what tells attitudes apart, two holds are one that was disturbed (a touch)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,10 +87,29 @@ def _by_hand(ledger: Ledger, readings: Readings, same_deg: float) -> Judged:
     before = ledger.lines[last].readings if last is not None else None
     if last is not None and before is not None:
         apart = angle_between_deg(np.array(before.mean()), np.array(readings.mean()))
+        if apart < same_deg * UNDISTURBED_SHARE:
+            return Judged(Taken(last, _joined(before, readings), None))
         if apart < same_deg:
             return Judged(Taken(last, readings, None)) if readings.n > before.n else Judged(None)
     number = 1 + max((int(name) for name in ledger.lines), default=0)
     return Judged(Taken(str(number), readings, None))
+
+
+def _joined(first: Readings, second: Readings) -> Readings:
+    """One hold from two, disturbed in between."""
+    n = (first.n, second.n)
+    temps = [(r.temp_c, r.n) for r in (first, second) if r.temp_c is not None]
+    errors = [
+        float(np.hypot(n[0] * a, n[1] * b) / sum(n)) for a, b in zip(first.std_error_g, second.std_error_g, strict=True)
+    ]
+    ax, ay, az = (a + b for a, b in zip(first.a, second.a, strict=True))
+    return Readings(
+        (ax, ay, az),
+        first.t_start_s,
+        second.t_stop_s,
+        sum(t * m for t, m in temps) / sum(m for _, m in temps) if temps else None,
+        (errors[0], errors[1], errors[2]),
+    )
 
 
 def contradictions(ledger: Ledger, judged: Judged) -> list[Reopened]:

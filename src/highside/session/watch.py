@@ -86,8 +86,9 @@ class Watch:
         self.hold = Hold(pose, self.tracker.floor, self.tracker.allan, self.plan.limits, rate)
 
     def reference(self) -> Array | None:
-        """Mean (3,) of the hold under way, once it is worth comparing with."""
-        hold = self.hold
+        """Mean (3,) of the hold under way, once it is worth comparing with. By hand a tool may sink slowly into what it
+        lies on: its |g| stays."""
+        hold = None if self.plan.open_ended else self.hold
         return hold.mean if hold is not None and len(hold.windows) >= LOOK_BACK else None
 
     # --- looking -----------------------------------------------------------------------------------------------
@@ -143,6 +144,7 @@ class Watch:
             hold.add(window)
             return [Event.STILL, Event.FULL] if hold.elapsed_s >= self.plan.limits.max_hold_s else [Event.STILL]
         del hold.windows[-TRIM_WINDOWS:]
+        hold.trim()
         self.blame = (Rejection.TOO_SHORT, "")
         return [Event.FULL if hold.long_enough else Event.AWAY]
 
