@@ -168,11 +168,11 @@ def test_a_corrupted_recording_is_bad_data_for_the_right_reason(tmp_path: Path, 
     assert found["claims"] == []
 
 
-def test_a_reference_that_is_not_supported_is_one_clear_line(tmp_path: Path) -> None:
+def test_a_simulation_that_is_announced_but_not_given_is_one_clear_line(tmp_path: Path) -> None:
     recording = simulate(tmp_path, {})
-    (tmp_path / "model.toml").write_text('[reference]\nkind = "magnitude"\n')
+    (tmp_path / "model.toml").write_text('[reference]\nkind = "simulation"\n')
     status, _, err = highside("diagnose", recording, "--model", tmp_path / "model.toml", "--out", tmp_path / "out")
     assert status == 2
-    assert "magnitude" in err
+    assert "--simulation" in err
     assert len(err.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()

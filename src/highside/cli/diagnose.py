@@ -65,7 +65,13 @@ def _diagnose(rows: Recording, knows: Model, seed: int) -> tuple[Diagnosis, Pict
         from highside.cli.diagnose_magnitude import diagnose_magnitude
 
         return diagnose_magnitude(rows, knows, seed)
-    if "kind" not in knows.reference.model_fields_set and not {"inc_ref_deg", "tf_ref_deg", "rotor_deg"} & set(rows.columns):
+    if knows.reference.kind == "simulation":
+        raise InputError(
+            "the model says that another program predicts the recording", where=rows.source, field="reference.kind",
+            remedy="give its output with --simulation SIM.csv",
+        )  # fmt: skip
+    references = {"inc_ref_deg", "tf_ref_deg", "rotor_deg"}
+    if "kind" not in knows.reference.model_fields_set and not references & set(rows.columns):
         raise InputError(
             "nothing says where the tool was, and the model does not say what else is known", where=rows.source,
             field="inc_ref_deg, tf_ref_deg or rotor_deg", remedy="add these columns; or put [reference] kind = "

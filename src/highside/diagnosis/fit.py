@@ -103,7 +103,9 @@ def base_fit(
     weight = np.ones((seen.channels, 1))
     for turn in range(steps):
         columns, left = seen.jacobian(model, free), seen.residual(model)
-        step = seen.step((columns * weight).reshape(len(columns), -1), (left * weight).reshape(-1), model.free_names(free))
+        step = seen.step(
+            (columns * weight).reshape(len(columns), -1), (left * weight).reshape(-1), model.free_names(free)
+        )
         model = model.set_free(model.get_free(free) + step, free)
         if seen.gyros and turn == 0:
             weight = 1 / np.maximum(seen.residual(model).std(axis=1, keepdims=True), 1e-12)

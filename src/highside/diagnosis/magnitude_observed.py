@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from highside.diagnosis.candidates import columns_of
 from highside.diagnosis.magnitude_session import MagnitudeSession
 from highside.physics.effect import Effect
+from highside.physics.effects import get
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import unit
 from highside.physics.state import ChainState
@@ -25,6 +26,8 @@ Array = NDArray[np.float64]
 
 TURNS = 6
 STILL = 1e-12
+UNSEEN = 1e-4
+"""A direction of the parameters that shows less than this, against the one that shows most, is not moved."""
 
 
 @dataclass(frozen=True)
@@ -93,3 +96,15 @@ class Magnitudes:
         """(k, 1, n) by the amplitudes of an effect."""
         aligned = self.aligned(model)
         return self.project(aligned, columns_of(model, aligned.state, effect, shape))
+
+    def step(self, columns: Array, residual: Array, names: Sequence[str]) -> Array:
+        """(P,) least-squares step, the smallest one in units of the parameters' typical sizes.
+
+        Much is not seen by a magnitude (in one attitude nearly everything): it stays where it is.
+        """
+        sizes = np.empty(len(names))
+        for k, name in enumerate(names):
+            effect_id, _, parameter = name.partition(".")
+            sizes[k] = next(p.typical for p in get(effect_id).parameters if p.name == parameter)
+        solution = np.linalg.lstsq((columns * sizes[:, None]).T, residual, rcond=UNSEEN)[0]
+        return np.asarray(sizes * solution)

@@ -13,13 +13,13 @@ from highside.diagnosis.candidates import Blind, Candidate, Variant, pose_candid
 from highside.diagnosis.fit import JointFit, base_fit, joint_fit
 from highside.diagnosis.location import Basis, followed, intervals, scan_of
 from highside.diagnosis.magnitude_observed import Magnitudes
-from highside.diagnosis.magnitude_session import MIN_ATTITUDES, MagnitudeSession
+from highside.diagnosis.magnitude_session import MagnitudeSession
 from highside.diagnosis.markov import LevelNoise
 from highside.diagnosis.memory import Channel, Likelihoods, Memory, SlowEffect
 from highside.diagnosis.memory import intervals as in_intervals
 from highside.diagnosis.pose_scene import RICH_SHARE, block_proof
 from highside.diagnosis.regression import VISIBLE, outside, span
-from highside.diagnosis.result import FittedParameter, Fit, Location
+from highside.diagnosis.result import Fit, FittedParameter, Location
 from highside.diagnosis.rivals import Rivalry
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
 from highside.diagnosis.selection import HeldOut, Member, Pool, PoseGains, Selector, block_gain, pose_flips, threshold
@@ -73,10 +73,11 @@ class MagnitudeScene(Scene):
         seen = Magnitudes(session)
         model, base, residual = base_fit(model, seen, free, steps=12)
         aligned = seen.aligned(model)
-        candidates, blind = _visible(seen, model, *pose_candidates(model, aligned.state, free), free)
+        candidates, blind = _visible(seen, model, *pose_candidates(model, aligned.state, free))
         if not session.rest:
             force = np.asarray(model.chain(aligned.state).force, dtype=float)
             candidates += _projected(seen, model, shadows(aligned.state, force))
+        candidates = _beyond_linear(candidates, base)
         bases = _bases(session, aligned.state.reading.shape[1])
         rich = _rich(base, candidates, bases)
         return cls(
@@ -182,7 +183,7 @@ class MagnitudeScene(Scene):
             whole = next(v for v in candidate.variants if v.whole and v.shape == self.variant(member).shape)
             others = [noise.white(self.variant(m).columns) for m in members if m != member]
             columns = outside(span(np.concatenate([base, *others])), noise.white(whole.columns))
-            tables[candidate.id] = _least(tables[candidate.id], candidate.amplitudes, columns, noise.freedom)
+            tables[candidate.id] = _least(tables[candidate.id], candidate, columns, noise.freedom)
         return replace(found, parameters=tables)
 
     def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
@@ -220,17 +221,13 @@ class MagnitudeScene(Scene):
 
 
 def _visible(
-    seen: Magnitudes, model: ForwardModel, candidates: list[Candidate], blind: list[Blind], free: Sequence[str]
+    seen: Magnitudes, model: ForwardModel, candidates: list[Candidate], blind: list[Blind]
 ) -> tuple[list[Candidate], list[Blind]]:
     """Candidates by what they do to the magnitude; those that only turn the reading become blind."""
     projected = _projected(seen, model, candidates)
     kept = {c.id for c in projected}
     turns = "it only turns the reading, and a magnitude does not show that"
-    lost = [Blind(c.effect, turns) for c in candidates if c.id not in kept and c.effect is not None]
-    if seen.session.rest:
-        # constant loads: absorbed by whatever level the base gives each attitude
-        return projected, [*blind, *lost]
-    return projected, [*blind, *lost]
+    return projected, [*blind, *(Blind(c.effect, turns) for c in candidates if c.effect and c.id not in kept)]
 
 
 def _projected(seen: Magnitudes, model: ForwardModel, candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -248,19 +245,21 @@ def _projected(seen: Magnitudes, model: ForwardModel, candidates: Sequence[Candi
 
 
 def _least(
-    table: dict[str, FittedParameter], amplitudes: Sequence[str], columns: Array, freedom: float
+    table: dict[str, FittedParameter], candidate: Candidate, columns: Array, freedom: float
 ) -> dict[str, FittedParameter]:
     """The fitted parameters with what the magnitude does not show left at zero, columns (k, N) whitened.
 
-    The part that is not seen (all across gravity in one attitude, the antisymmetric part of a matrix) is arbitrary.
+    The part that is not seen (all across gravity in one attitude, the antisymmetric part of a matrix) is arbitrary; a
+    parameter that is seen is known whatever else is not.
     """
     from scipy.stats import t as student
 
-    if not all(name in table for name in amplitudes) or len(columns) != len(amplitudes):
-        return table
+    amplitudes = candidate.amplitudes
+    assert candidate.effect is not None
+    gates = {p.name: p.gate for p in candidate.effect.parameters}
     values, vectors = np.linalg.eigh(columns @ columns.T)
     good = values > VISIBLE**2 * values[-1]
-    if good.all():
+    if good.all() and all((table[name].low, table[name].high) != gates[name] for name in amplitudes):
         return table
     seen = vectors[:, good]
     size = seen @ (seen.T @ np.array([table[name].value for name in amplitudes]))
@@ -275,6 +274,23 @@ def _least(
             for k, name in enumerate(amplitudes)
         },
     }
+
+
+def _beyond_linear(candidates: list[Candidate], base: Array) -> list[Candidate]:
+    """The curvature with temperature by what it adds to the coefficient alone.
+
+    Counted from a temperature far away, a square is almost a straight line, and would be named in its place.
+    """
+    linear = [v.columns[:, 0] for c in candidates if c.id == "temperature_bias" for v in c.variants if v.whole]
+    if not linear:
+        return candidates
+    space = span(np.concatenate([base[:, 0], *linear]))
+    return [
+        replace(c, variants=tuple(replace(v, columns=outside(space, v.columns)) for v in c.variants))
+        if c.id == "temperature_bias_curvature"
+        else c
+        for c in candidates
+    ]
 
 
 def _alike(one: Array, other: Array) -> bool:

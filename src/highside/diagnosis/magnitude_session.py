@@ -1,4 +1,4 @@
-"""From the rows of a recording without any reference to still readings: where the attitude is unknown, only |g| is known.
+"""From the rows of a recording without reference to still readings, of which only the magnitude of gravity is known.
 
 Two kinds of session are told apart by themselves. A *hand session* holds the tool still in many attitudes: each
 still interval is one reading. A *rest* stays in one attitude, or a few: it says nothing of the sensor's matrix, but
@@ -9,6 +9,7 @@ share one direction of gravity.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -29,6 +30,9 @@ MIN_ATTITUDES = 12
 """Nine unknowns of offset and matrix, and a few readings to judge them by."""
 DISTINCT_RAD = float(np.radians(5.0))
 SAME_RAD = float(np.radians(0.5))
+WINDOW_S, WINDOW_ROWS = 0.5, 10
+"""Stillness is judged by windows of this length: of fewer rows the scatter is not known well enough."""
+SMOOTH_S = 5.0
 MIN_REST_S = 45.0
 MIN_BLOCK_S = 1.0
 MAX_BLOCKS = 300
@@ -86,9 +90,7 @@ class MagnitudeSession:
         )  # fmt: skip
 
 
-def magnitude_session(
-    columns: Mapping[str, Array], accel_g: Array, *, gravity_mps2: float
-) -> MagnitudeSession | str:
+def magnitude_session(columns: Mapping[str, Array], accel_g: Array, *, gravity_mps2: float) -> MagnitudeSession | str:
     """The still readings of a recording, or in words why it has too few of them to be diagnosed by |g|.
 
     `columns` (N,) as in the Recording format, `accel_g` (3, N) in the tool frame.
@@ -100,17 +102,21 @@ def magnitude_session(
         if "pose" in columns:
             intervals = labelled_intervals(accel_g, np.nan_to_num(columns["pose"], nan=-1.0))
         else:
-            intervals = find_still_intervals(accel_g, rate_hz)
+            intervals = _still(accel_g, rate_hz)
     except InputError as error:
         return error.what
     rows = [interval.rows() for interval in intervals]
-    means = np.stack([accel_g[:, r].mean(axis=1) for r in rows], axis=1)
-    number = _attitudes(means, DISTINCT_RAD)
-    attitudes = int(number.max()) + 1
-    still = sum(r.size for r in rows) / rate_hz
-    found = f"{len(rows)} still intervals in {attitudes} attitudes, {still:.0f} s in all"
+    attitudes, found = _told(accel_g, rows, rate_hz)
     if attitudes >= MIN_ATTITUDES:
         return _session(columns, accel_g, rows, np.arange(len(rows)), False, attitudes, found, gravity_mps2)
+    if "pose" not in columns:
+        # a rest may drift: without the slow change of the magnitude it is seen whole
+        with suppress(InputError):
+            intervals = _still(accel_g / _slow_magnitude(accel_g, rate_hz), rate_hz)
+    rows = [interval.rows() for interval in intervals]
+    attitudes, found = _told(accel_g, rows, rate_hz)
+    still = sum(r.size for r in rows) / rate_hz
+    means = np.stack([accel_g[:, r].mean(axis=1) for r in rows], axis=1)
     blocks, group = _blocks(intervals, _attitudes(means, SAME_RAD), rate_hz, still)
     # an attitude that was held only for a moment has a level of its own and shows nothing over time
     long = np.bincount(group, minlength=len(rows)) >= MIN_SHARE * len(blocks)
@@ -121,6 +127,25 @@ def magnitude_session(
             f"temperature at least {MIN_REST_S:.0f} s at rest"
         )
     return _session(columns, accel_g, blocks, group, True, attitudes, found, gravity_mps2)
+
+
+def _still(accel_g: Array, rate_hz: float) -> list[StillInterval]:
+    return find_still_intervals(accel_g, rate_hz, window_s=max(WINDOW_S, WINDOW_ROWS / rate_hz))
+
+
+def _slow_magnitude(accel_g: Array, rate_hz: float) -> Array:
+    """(N,) running mean of |a|."""
+    from scipy.ndimage import uniform_filter1d
+
+    size = np.linalg.norm(accel_g, axis=0)
+    return np.asarray(uniform_filter1d(size, max(1, round(SMOOTH_S * rate_hz)), mode="nearest"))
+
+
+def _told(accel_g: Array, rows: list[Ints], rate_hz: float) -> tuple[int, str]:
+    """The number of distinct attitudes, and in words what was found."""
+    attitudes = int(_attitudes(np.stack([accel_g[:, r].mean(axis=1) for r in rows], axis=1), DISTINCT_RAD).max()) + 1
+    still = sum(r.size for r in rows) / rate_hz
+    return attitudes, f"{len(rows)} still intervals in {attitudes} attitudes, {still:.0f} s in all"
 
 
 def _attitudes(means: Array, apart_rad: float) -> Ints:
@@ -183,7 +208,7 @@ def _session(
 def nothing_testable(why: str, intake: tuple[Finding, ...], seed: int, version: str) -> Diagnosis:
     """The answer to a recording that is not still enough: no effect can be tested, and why."""
     needs = (
-        f"hold the tool still in at least {MIN_ATTITUDES} attitudes spread over the sphere, a few seconds each, or leave "
+        f"hold the tool still in at least {MIN_ATTITUDES} attitudes all over the sphere, a few seconds each, or leave "
         "it at rest for minutes; or record its attitude"
     )
     effects = [e for e in all_effects().values() if not e.random]

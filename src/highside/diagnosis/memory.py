@@ -239,5 +239,6 @@ def slow_effects(
         admitted += passing
         if not passing:
             break
-        claimed.append(max(passing, key=lambda s: s.score))
+        # of two that fit alike the one that stands first in the library
+        claimed.append(max(passing, key=lambda s: round(s.score, 1)))
     return SlowStage(claimed, admitted, near)

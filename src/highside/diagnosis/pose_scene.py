@@ -20,7 +20,15 @@ from highside.diagnosis.result import Fit, Location
 from highside.diagnosis.rivals import Rivalry, next_poses
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
 from highside.diagnosis.selection import (
-    HeldOut, Member, Pool, PoseGains, Selector, gain_interval, pose_flips, pose_folds, threshold,
+    HeldOut,
+    Member,
+    Pool,
+    PoseGains,
+    Selector,
+    gain_interval,
+    pose_flips,
+    pose_folds,
+    threshold,
 )  # fmt: skip
 from highside.diagnosis.session import PoseSession
 from highside.physics.forward import ForwardModel
@@ -146,7 +154,13 @@ class PoseScene(Scene):
 
 
 def block_proof(
-    base: Array, residual: Array, claimed: Array, folds: Sequence[NDArray[np.intp]], after: Array, floor: float, how: str
+    base: Array,
+    residual: Array,
+    claimed: Array,
+    folds: Sequence[NDArray[np.intp]],
+    after: Array,
+    floor: float,
+    how: str,
 ) -> Fit:
     """Misfit before and after, in sample and on left-out blocks; all in g, base and claims (P, N), residual (N,)."""
     plain = HeldOut(base, residual, folds)
