@@ -100,8 +100,8 @@ class Design:
         for start in range(0, self.session.n, CHUNK):
             yield slice(start, min(start + CHUNK, self.session.n))
 
-    def functions(self, part: slice) -> list[Array]:
-        """The functions (m_c, n) of each channel on a run of rows."""
+    def functions(self, part: slice, below: Array | None = None) -> list[Array]:
+        """The functions (m_c, n) of each channel on a run of rows; with rows `below` (C, N), (m_c + 1, n)."""
         # the first row of all stands before the run: effects reckon time from it
         state = self.session.state.rows(np.concatenate([[0], np.arange(part.start, part.stop)]))
         made = [source for source in self._sources if source.stored is None]
@@ -113,7 +113,14 @@ class Design:
                 own[c].append(block[k, c])
         rows = Rows(self.session.state.rows(part), part.start)
         shared = [function for recipe in self._recipes for function in recipe(rows)]
-        return [np.stack([*functions, *shared]) for functions in own]
+        result = []
+        for c, functions in enumerate(own):
+            every = [*functions, *shared, *([] if below is None else [below[c, part]])]
+            made_of = np.empty((len(every), part.stop - part.start))
+            for k, function in enumerate(every):
+                made_of[k] = function
+            result.append(made_of)
+        return result
 
     def readings_of(self, column: int, amplitude: float, part: slice) -> Array:
         """(C, n) what a column adds on a run of rows."""

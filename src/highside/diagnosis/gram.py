@@ -10,9 +10,11 @@ through the filter of `markov`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,7 @@ from highside.diagnosis.rotation_noise import RotationNoise
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
+T = TypeVar("T")
 
 Key = tuple[int, int, bool]
 """of a part of the rows: fold, steady rate (-1: none), whether it is scored in its fold"""
@@ -32,7 +35,8 @@ Fold = tuple[list[Key], list[Key]]
 
 FOLDS = 10
 BLOCK_S = 0.5
-MAX_BLOCKS = 2000
+MAX_BLOCKS = 1000
+FEW_CHUNKS = 8
 FLIP_S = 3.0
 WALK_SHARES = (0.0, 1e-6, 4e-6, 1.6e-5, 6e-5, 2.5e-4, 1e-3, 4e-3, 0.016)
 """Variance of a walk's step from row to row in units of the white variance of a row."""
@@ -86,33 +90,59 @@ def accumulate(design: Design, noise: RotationNoise, residual: Array) -> tuple[l
     """One pass over the rows; `residual` (C, N) after the base fit."""
     segments = Segments.of(design, noise.lead)
     sizes = [m + 1 for m in design.sizes]
-    parts: list[dict[Key, Array]] = [{} for _ in sizes]
     blocks = int(segments.block[-1]) + 1
-    sums = [np.zeros((m, blocks)) for m in sizes]
-    key = (segments.fold * 64 + segments.rate + 1) * 2 + segments.core
+    parts: list[dict[Key, Array]] = [{} for _ in sizes]
     rows: list[dict[Key, float]] = [{} for _ in sizes]
-    for part in design.chunks():
+    sums = [np.zeros((m, blocks)) for m in sizes]
+    chunks = list(design.chunks())
+
+    def one(part: slice) -> list[_Chunk]:
         led = slice(max(0, part.start - noise.lead), part.stop)
-        runs = _runs(key[part])
-        edges = _runs(segments.block[part])
-        for c, functions in enumerate(design.functions(led)):
-            white = noise.whiten(c, np.vstack([functions, residual[c : c + 1, led]]), part)
-            for start, stop in runs:
-                row = part.start + start
-                name = (int(segments.fold[row]), int(segments.rate[row]), bool(segments.core[row]))
-                piece = white[:, start:stop]
-                counted = float(np.sum(noise.weight[c, row : part.start + stop] > 0))
-                rows[c][name] = rows[c].get(name, 0.0) + counted
-                if name in parts[c]:
-                    parts[c][name] += piece @ piece.T
-                else:
-                    parts[c][name] = piece @ piece.T
-            for start, stop in edges:
-                sums[c][:, segments.block[part.start + start]] += white[:, start:stop].sum(axis=1)
+        return [
+            _chunk(noise.whiten(c, functions, part), noise.weight[c, part], segments, part)
+            for c, functions in enumerate(design.functions(led, residual))
+        ]
+
+    for part, made in zip(chunks, in_order(one, chunks), strict=True):
+        first = int(segments.block[part.start])
+        for c, chunk in enumerate(made):
+            for key, gram, counted in chunk.pieces:
+                parts[c][key] = parts[c][key] + gram if key in parts[c] else gram
+                rows[c][key] = rows[c].get(key, 0.0) + counted
+            sums[c][:, first : first + chunk.sums.shape[1]] += chunk.sums
     counts = [
         np.bincount(segments.block, weights=(w > 0).astype(float), minlength=blocks).astype(float) for w in noise.weight
     ]
     return [Gram(*kept) for kept in zip(parts, sums, counts, rows, strict=True)], segments
+
+
+def in_order(work: Callable[[slice], T], chunks: Sequence[slice]) -> Iterator[T]:
+    """The results of chunks in their order (sums stay the same to the bit), two at a time where there are many."""
+    if len(chunks) <= FEW_CHUNKS:
+        yield from map(work, chunks)
+        return
+    with ThreadPoolExecutor(2) as pool:
+        yield from pool.map(work, chunks)
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """What a run of rows adds on one channel."""
+
+    pieces: list[tuple[Key, Array, float]]
+    sums: Array
+
+
+def _chunk(white: Array, weight: Array, segments: Segments, part: slice) -> _Chunk:
+    key = (segments.fold[part] * 64 + segments.rate[part] + 1) * 2 + segments.core[part]
+    pieces = []
+    for start, stop in _runs(key):
+        row = part.start + start
+        name = (int(segments.fold[row]), int(segments.rate[row]), bool(segments.core[row]))
+        piece = white[:, start:stop]
+        pieces.append((name, np.asarray(piece @ piece.T), float(np.sum(weight[start:stop] > 0))))
+    starts = [start for start, _ in _runs(segments.block[part])]
+    return _Chunk(pieces, np.add.reduceat(white, starts, axis=1))
 
 
 def _runs(values: NDArray[np.generic]) -> list[tuple[int, int]]:
@@ -122,29 +152,42 @@ def _runs(values: NDArray[np.generic]) -> list[tuple[int, int]]:
     return list(pairwise(edges))
 
 
+@dataclass(frozen=True)
+class Walks:
+    """Inner products of one channel under walks of several sizes: (settings, m + 1, m + 1), and log determinants."""
+
+    grams: Array
+    log_determinant: Array
+    rows: float
+
+    @classmethod
+    def of(cls, gram: Gram) -> Walks:
+        """A block's mean has the white variance 1 / rows and the level of the walk at its middle."""
+        used = gram.counts > 0
+        counts = gram.counts[used]
+        means = gram.sums[:, used] / counts
+        steps = np.cumsum(counts) - counts / 2
+        noise = LevelNoise.of(1 / counts, steps - steps[0], np.array(WALK_SHARES), np.full(len(WALK_SHARES), np.inf))
+        within = gram.total - (means * counts) @ means.T
+        between = noise.white(means)
+        return cls(within + between @ between.transpose(0, 2, 1), noise.log_determinant, float(counts.sum()))
+
+    def under(self, memory: Memory) -> Array:
+        """(m + 1, m + 1) under the largest walk that a memory allows."""
+        return np.asarray(self.grams[WALK_SHARES.index(memory.upper)])
+
+
 class WalkingChannel:
     """-2 log likelihood of a channel under a walk of any size: `functions` by their numbers, -1 for none.
 
     `base` are the numbers of functions that are always projected off.
     """
 
-    def __init__(self, gram: Gram, base: Ints) -> None:
-        used = gram.counts > 0
-        self._counts = gram.counts[used]
-        means = gram.sums[:, used] / np.sqrt(self._counts)
-        within = gram.total - means @ means.T
-        self.settings = [(np.inf, share) for share in WALK_SHARES]
-        # a block's mean, times the root of its rows, has unit white variance and the level times that root: a level
-        # of variance q a row is filtered in means, whose white variance is 1 / rows
-        steps = np.cumsum(self._counts) - self._counts / 2
-        self._noise = LevelNoise.of(
-            1 / self._counts, steps - steps[0], np.array(WALK_SHARES), np.full(len(WALK_SHARES), np.inf)
-        )
-        between = self._noise.white(means / np.sqrt(self._counts))
-        self.grams = within[None] + between @ between.transpose(0, 2, 1)
-        self._logdet = self._noise.log_determinant
+    settings: ClassVar = [(np.inf, share) for share in WALK_SHARES]
+
+    def __init__(self, walks: Walks, base: Ints) -> None:
+        self.grams, self._logdet, self._rows = walks.grams, walks.log_determinant, walks.rows
         self._base = base
-        self._rows = float(gram.counts.sum())
 
     def memory(self, columns: Ints) -> Memory:
         """The walk that the data ask for with functions (K,) projected off."""

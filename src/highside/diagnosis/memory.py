@@ -51,6 +51,9 @@ class Memory:
         return self.gain > FOUND and np.isinf(self.length)
 
 
+NO_MEMORY = Memory(0.0, 0.0, np.inf, 0.0)
+
+
 @dataclass(frozen=True, slots=True)
 class SlowEffect:
     """A candidate of the slow stage: its index among the candidates, its variant, and its function of time on each

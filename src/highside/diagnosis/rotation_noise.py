@@ -1,6 +1,6 @@
 """The noise of a rotating recording: coloured channel by channel, and not equally large at all times.
 
-Each channel's noise is autoregressive, with an order chosen by BIC from a *rich* residual: all columns of the design are
+Each channel's noise is autoregressive, its order chosen by BIC from a *rich* residual: all columns of the design are
 projected off, so that no effect is taken for colour. What the projection takes with it bends the autocovariance; how
 much is found out by doing the same to white noise, and is given back. The size of the innovations may follow the square
 of the vibration, the square of the rate across the gravity vector (sampling jitter), and slowly the time. Rows that
@@ -66,7 +66,9 @@ class RotationNoise:
     def whiten(self, channel: int, functions: Array, part: slice) -> Array:
         """Functions (m, lead + n), or (m, n) at the start of all, whitened for the rows of `part`, (m, n)."""
         led = min(part.start, self.lead)
-        return np.asarray(filtered(self.filters[channel], functions, led) * self.weight[channel, part])
+        white = filtered(self.filters[channel], functions, led)
+        white *= self.weight[channel, part]
+        return white
 
     def white(self, columns: Array) -> Array:
         """(..., C, N) readings -> (..., C N) in units of the noise, a wandering offset left aside."""
@@ -78,11 +80,14 @@ class RotationNoise:
 def filtered(polynomial: Array, rows: Array, led: int) -> Array:
     """a_0 x_t + a_1 x_(t-1) + ... of rows (m, led + n), (m, n); what lies before all rows counts as 0."""
     n = rows.shape[1] - led
-    result = rows[:, led:] * polynomial[0]
+    result = rows[:, led:].copy()
+    term = np.empty_like(result)
     for k in range(1, polynomial.size):
         skip = max(0, k - led)
         if skip < n:
-            result[:, skip:] += polynomial[k] * rows[:, led - k + skip : led - k + n]
+            part = term[:, : n - skip]
+            np.multiply(rows[:, led - k + skip : led - k + n], polynomial[k], out=part)
+            result[:, skip:] += part
     return np.asarray(result, dtype=float)
 
 

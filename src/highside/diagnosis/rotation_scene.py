@@ -1,25 +1,26 @@
-"""A rotating recording prepared for the diagnosis: columns in chunks, noise with colour, choices among inner products."""
+"""A rotating recording prepared for the diagnosis: columns in chunks, coloured noise, choices by inner products."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.design import Design
+from highside.diagnosis.design import CHUNK, Design
 from highside.diagnosis.fit import JointFit, Observed, base_fit, joint_fit
-from highside.diagnosis.gram import FLIP_S, Fold, Gram, HeldOutRows, Segments, Space, WalkingChannel, accumulate
+from highside.diagnosis.gram import Gram, HeldOutRows, Segments, Space, WalkingChannel, Walks, accumulate
 from highside.diagnosis.location import followed, intervals, scan_of
-from highside.diagnosis.memory import Channel, Memory, SlowEffect
+from highside.diagnosis.memory import NO_MEMORY, SUSPECT, Channel, Memory, SlowEffect
 from highside.diagnosis.regression import outside, span
 from highside.diagnosis.result import Fit, Location
 from highside.diagnosis.rivals import Rivalry
 from highside.diagnosis.rotation_bases import Group
 from highside.diagnosis.rotation_lines import found_lines
-from highside.diagnosis.rotation_noise import RotationNoise, estimate, with_walk
+from highside.diagnosis.rotation_noise import RotationNoise, estimate, windows, with_walk
 from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
 from highside.diagnosis.selection import FLIPS, Member, Pool, Selector, block_gain, gain_interval, threshold
@@ -79,6 +80,7 @@ class RotationScene(Scene):
         design = Design(session, model, free, found_lines(session, residual))
         noise = estimate(design, residual, seed)
         grams, segments = accumulate(design, noise, residual)
+        noise = with_walk(noise, _gyro_walks(design, grams))
         chance = _chance(design, noise, residual, grams, segments)
         return cls(
             design.candidates,
@@ -103,9 +105,10 @@ class RotationScene(Scene):
     def noise(self) -> RotationNoise:
         return self.coloured_noise
 
-    def _channel(self, c: int) -> WalkingChannel:
-        where = self.design.where[self.design.base, c]
-        return WalkingChannel(self.grams[c], where[where >= 0])
+    @cached_property
+    def _walks(self) -> list[Walks]:
+        """Of the accelerometers."""
+        return [Walks.of(gram) for gram in self.grams[:3]]
 
     def judge(self, noise: RotationNoise) -> Judged:
         rng = np.random.default_rng(self.seed)
@@ -115,8 +118,8 @@ class RotationScene(Scene):
             if memory is None or memory.upper == 0.0:
                 totals.append(gram.total)
             else:
-                channel = self._channel(c)
-                totals.append(channel.grams[channel.settings.index((np.inf, memory.upper))])
+                walks = self._walks[c] if c < 3 else Walks.of(gram)
+                totals.append(walks.under(memory))
         space = Space(self.design, totals)
         base = span(space.columns(self.design.base))
         residual = outside(base, space.residual)
@@ -141,7 +144,7 @@ class RotationScene(Scene):
         found: list[Channel] = []
         for c in range(3):
             where = np.concatenate([self.design.where[self.design.base, c], block[:, c]])
-            found.append(WalkingChannel(self.grams[c], np.unique(where[where >= 0])))
+            found.append(WalkingChannel(self._walks[c], np.unique(where[where >= 0])))
         return found
 
     def block(self, members: Sequence[Member]) -> NDArray[Any]:
@@ -161,7 +164,7 @@ class RotationScene(Scene):
         return found
 
     def with_memory(self, memories: Sequence[Memory]) -> RotationNoise:
-        return with_walk(self.noise, memories)
+        return with_walk(self.noise, [*memories, *self.noise.memories[3:]])
 
     def fit(self, members: Sequence[Member], noise: Any) -> JointFit:
         seen = Observed(self.session.state, self.session.readings)
@@ -260,25 +263,43 @@ class _Judging:
     space: Space
 
 
+def _gyro_walks(design: Design, grams: Sequence[Gram]) -> list[Memory]:
+    """The memory of each channel: of gyros that of the noise, judged beside everything that has a name."""
+    found = [NO_MEMORY] * min(3, len(grams))
+    named = [np.asarray(v.columns) for c in design.candidates if c.named for v in c.variants if v.whole]
+    numbers = np.unique(np.concatenate([design.base, *named]))
+    for c in range(3, len(grams)):
+        functions = design.where[numbers[numbers >= 0], c]
+        memory = WalkingChannel(Walks.of(grams[c]), np.unique(functions[functions >= 0])).memory(functions[:0])
+        found.append(memory if memory.gain > SUSPECT else NO_MEMORY)
+    return found if any(m.share for m in found) else []
+
+
 def _chance(
     design: Design, noise: RotationNoise, residual: Array, grams: Sequence[Gram], segments: Segments
 ) -> list[Array]:
-    """(flip blocks, m) on each channel: inner products of functions with the residual of everything, block by block."""
-    blocks = int(segments.flip[-1]) + 1
-    explained = []
-    for gram in grams:
-        space = Space.of_channel(gram.total)
-        explained.append(space)
-    result = [np.zeros((blocks, m)) for m in design.sizes]
-    for part in design.chunks():
+    """(flip blocks, m) on each channel: inner products of functions with the residual of everything, block by block.
+
+    Of long recordings the windows that the noise was learned from stand for the rest.
+    """
+    session = design.session
+    explained = [Space.of_channel(gram.total) for gram in grams]
+    parts = [
+        slice(start, min(start + CHUNK, window.stop))
+        for window in windows(session.n)
+        for start in range(window.start, window.stop, CHUNK)
+    ]
+    used = np.unique(np.concatenate([segments.flip[part] for part in parts]))
+    result = [np.zeros((used.size, m)) for m in design.sizes]
+    for part in parts:
         led = slice(max(0, part.start - noise.lead), part.stop)
-        flip = segments.flip[part]
-        edges = [0, *(np.flatnonzero(np.diff(flip)) + 1).tolist(), flip.size]
-        for c, functions in enumerate(design.functions(led)):
-            white = noise.whiten(c, np.vstack([functions, residual[c : c + 1, led]]), part)
+        starts = np.concatenate([[0], np.flatnonzero(np.diff(segments.flip[part])) + 1])
+        blocks = np.searchsorted(used, segments.flip[part][starts])
+        for c, functions in enumerate(design.functions(led, residual)):
+            white = noise.whiten(c, functions, part)
             left = white[-1] - explained[c] @ white[:-1]
-            products = white[:-1] * left
-            for start, stop in zip(edges[:-1], edges[1:], strict=True):
-                result[c][flip[start]] += products[:, start:stop].sum(axis=1)
-    swell = [g.counts.sum() / max(g.counts.sum() - m, 1.0) for g, m in zip(grams, design.sizes, strict=True)]
+            result[c][blocks] += np.add.reduceat(white[:-1] * left, starts, axis=1).T
+    rows = sum(part.stop - part.start for part in parts)
+    # to the size it has in all rows, and with what the projection took given back
+    swell = [session.n / rows / max(1 - m / session.n, 0.1) for m in design.sizes]
     return [r * np.sqrt(s) for r, s in zip(result, swell, strict=True)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from highside.physics.effect import Effect, Parameter, Stage
-from highside.physics.gravity import Array, gravity_direction
+from highside.physics.gravity import Array, gravity_direction, gravity_jacobians
 from highside.physics.state import ChainState
 
 # a first-order lag is the average of the past under exp(-u), u in units of tau: Gauss-Laguerre nodes and weights
@@ -39,6 +39,19 @@ class BandwidthLag(Effect):
         nominal = gravity_direction(state.inc_rad, state.tf_rad)
         lagged = sum(w * _gravity_before(state, p[0] * u) for u, w in zip(NODES, WEIGHTS, strict=True))
         return np.asarray(lagged - nominal)
+
+    def derivative(self, state: ChainState, p: Array, x: Array) -> Array:
+        tau = float(np.real(p[0]))
+        total = np.zeros((3, state.n))
+        # at tau = 0 all nodes are the present instant, and their weighted mean is 1
+        nodes = zip(NODES, WEIGHTS, strict=True) if tau else [(1.0, 1.0)]
+        for u, w in nodes:
+            seconds = tau * u
+            tf = state.tf_rad - state.rotor_rate_radps * seconds + 0.5 * state.rotor_accel_radps2 * seconds**2
+            by_inc, by_tf = gravity_jacobians(state.inc_rad - state.inc_rate_radps * seconds, tf)
+            rate = state.rotor_rate_radps - state.rotor_accel_radps2 * seconds
+            total -= w * u * (by_inc * state.inc_rate_radps + by_tf * rate)
+        return total[None]
 
 
 EFFECT = BandwidthLag()

@@ -32,5 +32,13 @@ class Cogging(Effect):
         delta[2] = ck * np.cos(k * state.tf_rad) + sk * np.sin(k * state.tf_rad)
         return delta
 
+    def derivative(self, state: ChainState, p: Array, x: Array) -> Array:
+        ck, sk, k = p
+        cos, sin = np.cos(k * state.tf_rad), np.sin(k * state.tf_rad)
+        columns = np.zeros((3, 3, state.n))
+        columns[0, 2], columns[1, 2] = cos, sin
+        columns[2, 2] = state.tf_rad * (sk * cos - ck * sin)
+        return columns
+
 
 EFFECT = Cogging()

@@ -36,5 +36,14 @@ class Wobble(Effect):
         cos, sin = np.cos(k * state.tf_rad), np.sin(k * state.tf_rad)
         return np.stack([ck * cos + sk * sin, dk * cos + tk * sin, np.zeros(state.n)])
 
+    def derivative(self, state: ChainState, p: Array, x: Array) -> Array:
+        ck, sk, dk, tk, k = p
+        cos, sin = np.cos(k * state.tf_rad), np.sin(k * state.tf_rad)
+        columns = np.zeros((5, 3, state.n))
+        columns[0, 0], columns[1, 0], columns[2, 1], columns[3, 1] = cos, sin, cos, sin
+        columns[4, 0] = state.tf_rad * (sk * cos - ck * sin)
+        columns[4, 1] = state.tf_rad * (tk * cos - dk * sin)
+        return columns
+
 
 EFFECT = Wobble()
