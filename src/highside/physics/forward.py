@@ -28,6 +28,10 @@ Draws = Mapping[Stage, Array]
 """realised random increments by the stage they disturb"""
 
 
+STEP_S = 1e-4
+"""Half-width of the differences that give how fast the bench's own error of angle changes."""
+
+
 @dataclass(frozen=True, slots=True)
 class Chain:
     """What stands between the stages of one evaluation; arrays (3, N)."""
@@ -193,10 +197,14 @@ class ForwardModel:
         return rows
 
     def gyro(self, state: ChainState, draws: Draws | None = None) -> Array:
-        """Reported rates about the tool's axes, (3, N) in rad/s; without anything random unless `draws` are given."""
+        """Reported rates about the tool's axes, (3, N) in rad/s; without anything random unless `draws` are given.
+
+        The state's rates are those of the bench's readings; where the bench does not point where it reads, the tool
+        turns at a rate of its own.
+        """
         draws = draws or {}
         sampled = self._sampled(state, draws)
-        rates = tool_rates(sampled)
+        rates = self._true_rates(sampled)
         reported = rates
         for effect, p in self.effects:
             if effect.stage is Stage.GYRO:
@@ -204,13 +212,10 @@ class ForwardModel:
         return reported + draws[Stage.GYRO] if Stage.GYRO in draws else reported
 
     def gyro_jacobian(self, state: ChainState, free: Sequence[str] | None = None) -> Array:
-        """d(reported rates)/d(free parameters), (P, 3, N); zero for what acts on the accelerometers alone.
-
-        The ripple that an encoder's error would put on the commanded rate is not part of it.
-        """
+        """d(reported rates)/d(free parameters), (P, 3, N); zero for what acts on the accelerometers alone."""
         names = _split(self.free_names(free))
         sampled = self._sampled(state, {})
-        rates = tool_rates(sampled)
+        rates = self._true_rates(sampled)
         by_effect: dict[str, Array] = {}
         for effect_id in dict.fromkeys(effect_id for effect_id, _ in names):
             effect, p = self.effect(effect_id), self.vector_of(effect_id)
@@ -294,7 +299,7 @@ class ForwardModel:
         chain = self.chain(state)
         sensitivity = self.sensitivity(state, chain)
         sampled = chain.state
-        rates = tool_rates(sampled)
+        rates = self._true_rates(sampled) if gyros else np.empty((3, 0))
         result = []
         for effect, p in wanted:
             columns = self._columns(state, chain, sensitivity, effect, p)
@@ -325,7 +330,24 @@ class ForwardModel:
             return by_time * effect.derivative(state, p, state.reading)
         if effect.stage is Stage.GYRO:
             return effect.derivative(sampled, p, rates)
+        if effect.stage is Stage.POSE:
+            # what the tool feels of it is how fast it changes
+            later, earlier = sampled.shifted(STEP_S), sampled.shifted(-STEP_S)
+            change = effect.derivative(later, p, later.reading) - effect.derivative(earlier, p, earlier.reading)
+            return rates_of(sampled.tf_rad, np.broadcast_to(change, (len(change), 3, state.n)) / (2 * STEP_S))
         return np.zeros((len(effect.parameters), 3, state.n))
+
+    def _true_rates(self, sampled: ChainState) -> Array:
+        """Rates at which the tool turns, (3, N): those of the readings and of what the bench adds to them."""
+        rates = tool_rates(sampled)
+        moved = [(effect, p) for effect, p in self.effects if effect.stage is Stage.POSE and not effect.random]
+        if not moved:
+            return rates
+        later, earlier = sampled.shifted(STEP_S), sampled.shifted(-STEP_S)
+        for effect, p in moved:
+            change = effect.delta(later, p, later.reading) - effect.delta(earlier, p, earlier.reading)
+            rates = rates + rates_of(sampled.tf_rad, np.broadcast_to(change, rates.shape) / (2 * STEP_S))
+        return rates
 
     def _index(self, effect_id: str, parameter: str) -> int:
         return [p.name for p in self.effect(effect_id).parameters].index(parameter)
@@ -370,8 +392,15 @@ def tool_rates(state: ChainState) -> Array:
     A direction fixed in space obeys dG/dt = -w x G in the tool frame, and the toolface grows clockwise looking
     down-hole (about -z): w = [I' sin T, -I' cos T, -T'].
     """
-    inc_rate, tf = state.inc_rate_radps, state.tf_rad
-    return np.stack([inc_rate * np.sin(tf), -inc_rate * np.cos(tf), -state.rotor_rate_radps])
+    inc_rate = state.inc_rate_radps
+    return rates_of(state.tf_rad, np.stack([inc_rate, np.zeros(state.n), state.rotor_rate_radps]))
+
+
+def rates_of(tf: Array, pose_rate: Array) -> Array:
+    """Rates about the tool's axes, (..., 3, N), that belong to d(I, E, T)/dt (..., 3, N) at the toolface `tf` (N,)."""
+    inc, cross, turn = pose_rate[..., 0, :], pose_rate[..., 1, :], pose_rate[..., 2, :]
+    sin, cos = np.sin(tf), np.cos(tf)
+    return np.stack([inc * sin - cross * cos, -inc * cos - cross * sin, -turn], axis=-2)
 
 
 def _pose_tangents(chain: Chain) -> Array:
