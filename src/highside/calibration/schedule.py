@@ -14,11 +14,10 @@ Covariance of the blend of local corrections `z_i` (weights w_i) and the fallbac
 
 - the tilt of a bench that was taken for level moves them together, each by its own lever; these errors add with their
   signs, `E = sum w e`;
-- apart from it the global solution makes the best of all poses, so that any other solution errs by what f errs by and
-  by something uncorrelated with it (Gauss and Markov: `Cov(z, f) = Cov(f)`); between rings, which share no reading,
-  that something is independent. Hence `sum w_i^2 R_i + (1 - sum w_i^2) R_f` with R the covariance without the tilt,
-  sums over the zones. It is exact for the zones of the joint estimator (the global sensor and a change), and a little
-  too large for balance zones (they have no R_f in common) and for a fallback from other poses;
+- apart from it the zones share no reading (each is of its own ring) and are independent of one another, while the
+  global solution makes the best of all poses, so that any other solution errs by what f errs by and by something
+  uncorrelated with it (Gauss and Markov: `Cov(z, f) = Cov(f)`). Hence `sum w_i^2 R_i + (1 - (sum w_i)^2) R_f` with R
+  the covariance without the tilt, sums over the zones;
 - without a fallback, `sum w_i^2 R_i`;
 - the reading's noise is one and the same in all.
 
@@ -237,11 +236,8 @@ class ScheduledCorrection:
             flags.update(dict.fromkeys(one.flags))
         name = " + ".join(part.name for part, _ in parts)
         own = [w if self._unknown else w * w for _, w in parts]
-        if self.fallback is not None and not self._unknown:
-            if parts[-1][0] is not self.fallback:
-                parts, own = [*parts, (self.fallback, 0.0)], [*own, 0.0]
-                ones.append(self.fallback.correct(a, ZERO_COVARIANCE, temp_c))
-            own[-1] = 1.0 - sum(own[:-1])
+        if parts[-1][0] is self.fallback and not self._unknown:
+            own[-1] = 1.0 - (1.0 - parts[-1][1]) ** 2
         for (part, w), one, v in zip(parts, ones, own, strict=True):
             e = None if self._unknown else _tilted(part, one)
             for i, (j, k) in enumerate(UPPER):
@@ -273,7 +269,7 @@ class ScheduledCorrection:
         """Correct readings `a` (3, N) whose own standard deviation is `noise_g` (one, or (N,)) in each axis."""
         count = a.shape[1]
         g, cov = np.zeros_like(a), np.zeros((6, count))
-        common, own_left = np.zeros((6, count)), np.ones(count)
+        common = np.zeros((6, count))
         zone, most = np.full(count, -1, dtype=np.intp), np.zeros(count)
         outside = np.zeros(count, dtype=bool)
         shares = self._shares(a, temp_c)
@@ -290,14 +286,8 @@ class ScheduledCorrection:
             else:
                 e = _tilted_block(part, one)
                 common[:, rows] += e * w
-                if part is not self.fallback:
-                    cov[:, rows] += (part.covariance_block(one, temps) - _outer(e)) * w**2
-                    own_left[rows] -= w**2
-        if self.fallback is not None and not self._unknown:
-            rows = np.flatnonzero(own_left > 1.0 - WHOLE)
-            one = self.fallback.correct_block(a[:, rows], temps := _of_rows(temp_c, rows))
-            own = self.fallback.covariance_block(one, temps) - _outer(_tilted_block(self.fallback, one))
-            cov[:, rows] += own * own_left[rows]
+                own = 1.0 - (1.0 - w) ** 2 if part is self.fallback else w**2
+                cov[:, rows] += (part.covariance_block(one, temps) - _outer(e)) * own
         cov += _outer(common)
         g[:, zone < 0] = np.nan
         cov[:, zone < 0] = np.nan
