@@ -69,6 +69,7 @@ def attitudes(draw: st.DrawFn) -> Attitude:
         n=draw(st.integers(0, 10**6)),
         window_s=0.1,
         temp_c=draw(st.one_of(st.none(), st.floats(-80, 250))),
+        comp_id=draw(st.one_of(st.none(), st.text(max_size=20))),
     )
 
 

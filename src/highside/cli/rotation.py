@@ -26,7 +26,7 @@ app = typer.Typer(
     name="rotation", no_args_is_help=True, help="Errors that repeat with the rotor angle: fit, apply, compare."
 )
 
-CHANNELS = ("roll", "pitch", "heading")
+CHANNELS = ("roll", "pitch", "heading", "inclination", "toolface")
 LARGEST_ERROR_ARCMIN = 1800.0
 LARGEST_STEP_DEG = 720.0
 FAR_STEP_DEG = 60.0
@@ -54,7 +54,8 @@ RecordingArgument = Annotated[
     Path,
     typer.Argument(
         metavar="REC",
-        help="Recording (CSV): t_s, rotor_deg, and any of d_roll_arcmin, d_pitch_arcmin, d_heading_arcmin.",
+        help="Recording (CSV): t_s, rotor_deg, and any of d_roll_arcmin, d_pitch_arcmin, d_heading_arcmin,"
+        " d_inclination_arcmin, d_toolface_arcmin.",
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print as JSON.")]
@@ -240,7 +241,7 @@ def _samples(table: Recording, with_rate: bool) -> list[tuple[str, Samples]]:
     present = [channel for channel in CHANNELS if table.has(f"d_{channel}_arcmin")]
     if not present:
         raise InputError(
-            "has none of d_roll_arcmin, d_pitch_arcmin, d_heading_arcmin", where=table.source,
+            f"has none of {', '.join(f'd_{channel}_arcmin' for channel in CHANNELS)}", where=table.source,
             remedy=f"it has: {', '.join(table.order)}",
         )  # fmt: skip
     names = [f"d_{channel}_arcmin" for channel in present]

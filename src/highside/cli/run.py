@@ -49,15 +49,16 @@ def check(
     overrides: SetOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the effective configuration as JSON.")] = False,
 ) -> None:
-    """Validate a configuration without running it: fields, codec, secrets, calibration record."""
+    """Validate a configuration without running it: fields, codec, secrets, calibration record, compensation."""
     from highside.config.settings import load
-    from highside.service.app import correction_of
+    from highside.service.app import compensation_of, correction_of
     from highside.service.publisher import check_secrets
 
     settings = load(config, overrides)
     settings.codec.build()
     check_secrets(settings.mqtt)
     correction = correction_of(settings)
+    compensation_of(settings)
     if as_json:
         typer.echo(settings.model_dump_json())
         return

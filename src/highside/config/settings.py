@@ -118,6 +118,14 @@ class CalibrationSettings(Table):
         return self
 
 
+class RotationSettings(Table):
+    """Errors that repeat with the rotor angle, taken off inclination and toolface."""
+
+    compensation: Path | None = Field(
+        default=None, description="A compensation (JSON) of `rotation fit` or `rotation turntable`."
+    )
+
+
 class RebalanceTable(Table):
     """The in-run re-balance: the cross-axis offset of this power-up, from the circle that a turning tool draws."""
 
@@ -175,6 +183,7 @@ class Settings(BaseSettings):
     monitor: MonitorSettings = MonitorSettings()
     survey: SurveySettings = SurveySettings()
     calibration: CalibrationSettings = CalibrationSettings()
+    rotation: RotationSettings = RotationSettings()
     rebalance: RebalanceTable = RebalanceTable()
     drift: DriftSettings = DriftSettings()
     mqtt: MqttSettings = MqttSettings()
@@ -316,6 +325,7 @@ def _known_environment(where: str) -> None:
 PATH_FIELDS = {
     ("calibration", "record"),
     ("calibration", "store"),
+    ("rotation", "compensation"),
     ("codec", "dbc"),
     ("link", "path"),
     ("service", "state_dir"),

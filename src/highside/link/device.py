@@ -28,8 +28,9 @@ from highside.codec import tool, tool_can
 from highside.codec.frame import CanFrame, Frame
 from highside.link.base import Deliver, LinkError, Transport
 from highside.link.wire import Wire
-from highside.physics.gravity import EARTH_RATE_RADPS
+from highside.physics.gravity import EARTH_RATE_RADPS, gravity_direction
 from highside.physics.motion import Floats, Leg, Motion, MotionBlock, demo, still
+from highside.physics.rotation_chain import Faults, inclination_toolface_errors
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 MAX_CATCH_UP_S = 1.0
@@ -56,6 +57,8 @@ class DeviceSettings:
     azimuth_deg: float = 0.0
     """of the hole, held by every motion; clockwise from true north"""
     temp_c: float | None = 25.0
+    rotor_faults: Faults | None = None
+    """it sends the angle of a rotor that turns it, read by an encoder; the faults of that rotor (maybe none)"""
     seed: int = 1
     tick_s: float = 0.01
     speed: float = 1.0
@@ -215,14 +218,28 @@ class SimulatedDevice:
             motion = self._track.block(index / settings.rate_hz)
             # one row a frame, always all columns: the content does not depend on how frames fall into ticks
             noise = self._rng.standard_normal((count, 6)).T
-            accel = self._matrix @ (motion.gravity + motion.vibration_g) + self._offset + settings.noise_g * noise[:3]
+            accel = self._matrix @ (self._felt(motion) + motion.vibration_g) + self._offset
+            accel += settings.noise_g * noise[:3]
             gyro = np.rad2deg(motion.gyro_rad_s + self._earth(motion)) + self._gyro_bias
             gyro += settings.gyro_noise_density_dps * math.sqrt(settings.rate_hz / 2.0) * noise[3:]
             boot = self._boots[-1]
+        rotor: list[float | None] = [None] * count
+        if settings.rotor_faults is not None:
+            rotor = (np.rad2deg(motion.toolface_rad) % 360.0).tolist()
         # Python floats: the encoder packs one frame at a time
-        for k, a, w in zip(range(first - boot, first - boot + count), accel.T.tolist(), gyro.T.tolist(), strict=True):
+        rows = zip(range(first - boot, first - boot + count), accel.T.tolist(), gyro.T.tolist(), rotor, strict=True)
+        for k, a, w, angle in rows:
             gx, gy, gz = w if settings.gyros else (None, None, None)
-            yield Frame(k % tool.SEQ_MODULUS, k / settings.rate_hz, 0.0, a[0], a[1], a[2], gx, gy, gz, settings.temp_c)
+            t_s = k / settings.rate_hz
+            yield Frame(k % tool.SEQ_MODULUS, t_s, 0.0, a[0], a[1], a[2], gx, gy, gz, settings.temp_c, angle)
+
+    def _felt(self, motion: MotionBlock) -> Floats:
+        """Gravity in the tool's axes, (3, N): a rotor with faults holds the tool other than its encoder says."""
+        faults = self.settings.rotor_faults
+        if not faults:
+            return motion.gravity
+        d_inc, d_tf = inclination_toolface_errors(motion.toolface_rad, motion.inclination_rad, faults)
+        return gravity_direction(motion.inclination_rad + d_inc, motion.toolface_rad + d_tf)
 
     def _earth(self, motion: MotionBlock) -> Floats:
         """The Earth's rotation in the tool's axes, (3, N) rad/s."""
@@ -304,12 +321,18 @@ class SimulatedDevice:
 
 def encode(frame: Frame) -> bytes:
     """A reading as the tool's own serial frame."""
-    return tool.encode(frame.seq or 0, frame.t_s or 0.0, frame[3:6], gyro_dps=_gyro(frame), temp_c=frame.temp_c)
+    return tool.encode(
+        frame.seq or 0, frame.t_s or 0.0, frame[3:6], gyro_dps=_gyro(frame), temp_c=frame.temp_c,
+        rotor_deg=frame.rotor_deg,
+    )  # fmt: skip
 
 
 def encode_can(frame: Frame) -> list[CanFrame]:
     """A reading as the tool's own CAN messages (`config/highside.dbc`)."""
-    return tool_can.encode(frame.seq or 0, frame.t_s or 0.0, frame[3:6], gyro_dps=_gyro(frame), temp_c=frame.temp_c)
+    return tool_can.encode(
+        frame.seq or 0, frame.t_s or 0.0, frame[3:6], gyro_dps=_gyro(frame), temp_c=frame.temp_c,
+        rotor_deg=frame.rotor_deg,
+    )  # fmt: skip
 
 
 def _gyro(frame: Frame) -> tuple[float, float, float] | None:

@@ -65,8 +65,10 @@ def attitude_errors(
     return np.asarray(wrap_signed(decoded - true))
 
 
-def inclination_toolface_errors(theta_rad: Array, inc_rad: float, faults: Faults = ()) -> tuple[Array, Array]:
+def inclination_toolface_errors(theta_rad: Array, inc_rad: Array | float, faults: Faults = ()) -> tuple[Array, Array]:
     """Errors of I and T, each (N,) rad: what the package feels minus what the bench reads (I, T = theta).
+
+    `inc_rad`: one inclination, or one an angle (N,).
 
     Raises InputError for an effect that does not act on a rotor.
     """

@@ -6,7 +6,8 @@ series in the rotor angle t,
 
     toolface error  = A(t) - cot(I) E(t)          inclination error = D(t)
 
-so two turns at two inclinations tell A from E. At one inclination only their sum is known.
+so two turns at two inclinations tell A from E. At one inclination only their sum is known. Errors are what a true
+level would read minus what the bench reads.
 """
 
 from __future__ import annotations
@@ -18,9 +19,14 @@ from numpy.typing import NDArray
 
 from highside.errors import InputError, Refused
 from highside.rotation.bases import fourier_rows, fourier_sum, triangle_of
+from highside.rotation.compensation import Compensation, Validity
+from highside.rotation.curve import Curve, Form, Method
+from highside.rotation.samples import Coverage, Samples
 
 Floats = NDArray[np.float64]
 
+ARCMIN = np.pi / 10800.0
+AXIS_CHANNELS = ("encoder", "across", "along")
 LEAST_SIN_INCLINATION = 0.05
 """below three degrees the toolface is too uncertain to say anything about a bench"""
 
@@ -38,6 +44,9 @@ class TurntableCurve:
     along: Floats
     covariance: Floats
     noise_rad: float
+    along_covariance: Floats
+    along_noise_rad: float
+    coverage: Coverage
 
     def toolface_error(self, theta_rad: Floats, inc_rad: Floats | float) -> Floats:
         """(N,) rad, what the toolface reference is off at rotor angles (N,) and inclination(s)."""
@@ -46,6 +55,40 @@ class TurntableCurve:
     def inclination_error(self, theta_rad: Floats) -> Floats:
         """(N,) rad, at any inclination."""
         return fourier_sum(theta_rad, self.along)
+
+    def compensation(self, source: str, source_sha256: str) -> Compensation:
+        """As a file's content: channels `encoder`, `across` and `along`; the recording's name and hash."""
+        half = self.encoder.size
+
+        def curve(values: Floats, covariance: Floats, noise_rad: float) -> Curve:
+            return Curve(
+                Method.AUTO, Form.FOURIER, self.order, values / ARCMIN, covariance / ARCMIN**2, noise_rad / ARCMIN,
+                self.coverage,
+            )  # fmt: skip
+
+        curves = {
+            "encoder": curve(self.encoder, self.covariance[:half, :half], self.noise_rad),
+            "across": curve(self.across, self.covariance[half:, half:], self.noise_rad),
+            "along": curve(self.along, self.along_covariance, self.along_noise_rad),
+        }
+        return Compensation(curves, Validity(), source, source_sha256)
+
+
+def reference_errors(compensation: Compensation, theta_rad: Floats, inc_rad: Floats) -> tuple[Floats, Floats]:
+    """Errors (inclination, toolface) of the bench's readings, (N,) rad, to be added to them; `theta_rad` its encoder's.
+
+    The mean of the encoder's curve is left out: it is the toolface zero, which belongs to tool and fixture. Raises
+    Refused for a compensation that was not fitted in the axis frame.
+    """
+    lacking = [name for name in AXIS_CHANNELS if name not in compensation.curves]
+    if lacking:
+        raise Refused(
+            f"this compensation is for {', '.join(compensation.curves)}, good at one inclination only; a bench needs"
+            " one of rotation turntable"
+        )
+    encoder, across, along = (compensation.curves[name](theta_rad) * ARCMIN for name in AXIS_CHANNELS)
+    zero = float(compensation.curves["encoder"].parameters[0]) * ARCMIN
+    return along, encoder - zero - across / np.tan(inc_rad)
 
 
 def fit_turntable(
@@ -87,6 +130,11 @@ def fit_turntable(
     half = 2 * order + 1
     rows = fourier_rows(theta, order)
     triangle = triangle_of(rows, inclination_error_rad)
-    along = np.asarray(np.linalg.solve(triangle[:half, :half], triangle[:half, half]), dtype=float)
-    covariance = np.asarray(variance * cofactor, dtype=float)
-    return TurntableCurve(order, solution[:half], solution[half:], along, covariance, float(np.sqrt(variance)))
+    inverse = np.linalg.inv(triangle[:half, :half])
+    along_variance = float(triangle[half, half] ** 2) / (n - half)
+    return TurntableCurve(
+        order, solution[:half], solution[half:], np.asarray(inverse @ triangle[:half, half], dtype=float),
+        np.asarray(variance * cofactor, dtype=float), float(np.sqrt(variance)),
+        np.asarray(along_variance * (inverse @ inverse.T), dtype=float), float(np.sqrt(along_variance)),
+        Samples.build(theta, toolface_error_rad).coverage,
+    )  # fmt: skip

@@ -30,6 +30,9 @@ from highside.config.settings import Settings
 from highside.errors import HighsideError, InputError
 from highside.link.base import Batch, LinkReason, LinkState, LinkSupervisor
 from highside.recording.calibration_store import load_active, load_record_file
+from highside.recording.files import read_bytes
+from highside.rotation.compensation import Compensation
+from highside.rotation.live import LiveCompensation
 from highside.service import messages
 from highside.service.clock import LoopLag, clock_synced
 from highside.service.drift_keeper import DriftKeeper
@@ -64,6 +67,7 @@ class Service:
         self._clock_synced = clock_synced()
         self._reload_error: str | None = None
         self._calibration_error: str | None = None
+        self._rotation_error: str | None = None
         self._reloads = 0
         self._stopping = asyncio.Event()
         self._refused_link: str | None = None
@@ -132,6 +136,7 @@ class Service:
             vibration=settings.vibration,
             toolface=settings.toolface,
             drift=self.drift.stage,
+            rotation=self._rotation(settings),
         )
         pipeline.extra_flags = self._extra_flags()
         pipeline.gravity = self.rig.gravity(correction.cal_id)
@@ -145,7 +150,8 @@ class Service:
         return LinkSupervisor(link.transport, self._tap, link.supervisor())
 
     def _extra_flags(self) -> tuple[str, ...]:
-        return ("calibration_refused",) if self._calibration_error else ()
+        refused = {"calibration_refused": self._calibration_error, "rotation_refused": self._rotation_error}
+        return tuple(flag for flag, error in refused.items() if error)
 
     def _correction(self, settings: Settings) -> Correction:
         """The calibration in force. A refused record is named and answered by no correction at all, never by a stop."""
@@ -156,6 +162,16 @@ class Service:
             self._calibration_error = str(error)
             log.error("calibration refused, readings pass uncorrected: %s", error)
         return _uncalibrated(settings)
+
+    def _rotation(self, settings: Settings) -> LiveCompensation | None:
+        """The rotor-angle compensation in force; a refused file is named and answered by none."""
+        self._rotation_error = None
+        try:
+            return compensation_of(settings)
+        except HighsideError as error:
+            self._rotation_error = str(error)
+            log.error("rotor-angle compensation refused, nothing is taken off: %s", error)
+        return None
 
     # --- the sink of the link ----------------------------------------------------------------------------------
 
@@ -222,6 +238,8 @@ class Service:
             alarms.append("recorder_storage")
         if self._calibration_error:
             alarms.append("calibration_refused")
+        if self._rotation_error:
+            alarms.append("rotation_refused")
         if self._reload_error:
             alarms.append("reload_refused")
         alarms.extend(f"stuck_{axis}" for axis in pipeline.monitor.stuck_axes)
@@ -254,12 +272,19 @@ class Service:
             toolface=self.rig.toolface_health(),
             wits=self.rig.wits_health(),
             calibration={"cal_id": pipeline.correction.cal_id, "refused": self._calibration_error},
+            rotation=self._rotation_health(),
             rebalance=self._rebalance_health(),
             drift=self.drift.health(),
             reload={"count": self._reloads, "refused": self._reload_error},
             balance=balance,
             alarms=alarms,
         )
+
+    def _rotation_health(self) -> dict[str, Any] | None:
+        if self.settings.rotation.compensation is None:
+            return None
+        live = self.pipeline.rotation
+        return {"comp_id": None if live is None else live.id, "refused": self._rotation_error}
 
     def _rebalance_health(self) -> dict[str, Any]:
         rebalancer = self.pipeline.rebalancer
@@ -459,6 +484,7 @@ class Service:
             self.pipeline = self._make_pipeline(correction, codec)
         else:
             self.pipeline.correction = correction
+            self.pipeline.rotation = self._rotation(new)
             self.pipeline.gravity = self.rig.gravity(correction.cal_id)
             if (new.vibration, new.toolface) != (old.vibration, old.toolface):
                 self.pipeline.apply_rig(new.vibration, new.toolface)
@@ -572,6 +598,18 @@ def correction_of(settings: Settings) -> Correction:
     if calibration.store is not None:
         return load_active(calibration.store, tool_id=tool.id, serial=tool.serial, now_s=time.time())
     return _uncalibrated(settings)
+
+
+def compensation_of(settings: Settings) -> LiveCompensation | None:
+    """The rotor-angle compensation that a configuration asks for.
+
+    Raises Refused if the file was changed or says nothing of I and T, InputError if it cannot be read.
+    """
+    path = settings.rotation.compensation
+    if path is None:
+        return None
+    text = read_bytes(path).decode("utf-8", errors="replace")
+    return LiveCompensation(Compensation.from_json(text, where=str(path)))
 
 
 def _uncalibrated(settings: Settings) -> IdentityCorrection:

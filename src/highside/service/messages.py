@@ -67,6 +67,9 @@ class _Reading(_Payload):
     )
     g_total: float | None = Field(description="Magnitude of the corrected acceleration in local g; 1 at rest.")
     cal_id: str = Field(description="The calibration that made these values.")
+    comp_id: str | None = Field(
+        default=None, description="The rotor-angle compensation in force; absent where none is. Flags: not applied."
+    )
     zone: str = Field(description="Zone of that calibration.")
     flags: list[str] = Field(description="What is doubtful about this message; empty if nothing.")
 
@@ -139,6 +142,9 @@ class HealthMessage(_Payload):
     calibration: dict[str, Any] = Field(description="`cal_id` in force, and why a configured record was refused.")
     rebalance: dict[str, Any] = Field(description="Cross-axis offset of this power-up, and whether it is taken off.")
     drift: dict[str, Any] | None = Field(default=None, description="How the azimuth's state is kept; null: no stage.")
+    rotation: dict[str, Any] | None = Field(
+        default=None, description="Rotor-angle compensation: `comp_id`, and why a file was refused; null: none."
+    )
     reload: dict[str, Any] = Field(description="Reloads taken, and why the last one was refused (null: it was not).")
     balance: dict[str, bool] = Field(description="Whether the counters of bytes, frames and messages add up.")
     alarms: list[str] = Field(description="What needs attention; empty if nothing.")
@@ -294,6 +300,7 @@ def _reading(
         azimuth = (
             f'"azi_deg":{_angle(found.azi_deg)},"azi_std_deg":{_number(found.azi_std_deg, 6)},"azi_basis":[{basis}],'
         )
+    compensation = "" if attitude.comp_id is None else f'"comp_id":{_string(attitude.comp_id)},'
     flags = ",".join(map(_string, attitude.flags))
     return (
         f'"seq":{seq},"t":{t:.6f},"t_mono":{t_mono:.6f},"clock_synced":{"true" if clock_synced else "false"},'
@@ -302,7 +309,7 @@ def _reading(
         f'"tf_deg":{_angle(attitude.tf_deg)},"tf_std_deg":{_number(attitude.tf_std_deg, 6)},'
         f'"toolface_deg":{_angle(attitude.toolface_deg)},'
         f'"toolface_offset_deg":{_angle(attitude.toolface_offset_deg)},{azimuth}'
-        f'"g_total":{_number(attitude.g_total, 8)},"cal_id":{_string(attitude.cal_id)},'
+        f'"g_total":{_number(attitude.g_total, 8)},"cal_id":{_string(attitude.cal_id)},{compensation}'
         f'"zone":{_string(attitude.zone)},"flags":[{flags}],'
     ).encode()
 

@@ -26,6 +26,7 @@ from highside.codec.frame import ByteCodec, CanCodec, Frame
 from highside.config.rig import ToolfaceSettings, VibrationSettings
 from highside.config.settings import MonitorSettings, PipelineSettings, RebalanceTable, SurveySettings, ToolSettings
 from highside.link.base import Batch, Chunk
+from highside.rotation.live import LiveCompensation, RotorError, mean_error
 from highside.service.drift_stage import Azimuth, DriftStage
 from highside.service.monitor import Monitor
 from highside.service.shock import ShockMeter
@@ -51,6 +52,7 @@ class Row(NamedTuple):
     t: float
     a: Vector
     temp_c: float | None
+    rotor: RotorError | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +80,8 @@ class Attitude:
     temp_c: float | None
     azimuth: Azimuth | None = None
     """None for a tool without gyros"""
+    comp_id: str | None = None
+    """of the rotor-angle compensation in force; a flag says where it was not applied"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +104,7 @@ class Cut(NamedTuple):
     """of one reading, g^2"""
     n: int
     temp_c: float | None
+    rotor: RotorError | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,6 +184,8 @@ class Stillness:
         self._sum2 = [0.0, 0.0, 0.0]
         self._reference: Vector = (0.0, 0.0, 0.0)
         self._temp_sum, self._temp_n = 0.0, 0
+        self._rotor: list[RotorError | None] = []
+        """the mean of each window"""
         self._start_s = self._end_s = 0.0
         self.reported = False
 
@@ -192,7 +199,7 @@ class Stillness:
 
     def cut(self) -> Cut | None:
         """What is collected, to be kept before motion takes it away; None: nothing."""
-        return Cut(self._end_s - self._start_s, *self.mean()) if self._n else None
+        return Cut(self._end_s - self._start_s, *self.mean(), mean_error(self._rotor)) if self._n else None
 
     def add(self, window: Window, frames: list[Row], own: Vector) -> float:
         """Take a window and the frames that are new in it; returns the seconds of stillness so far (0: it moved).
@@ -232,6 +239,8 @@ class Stillness:
                 self._temp_n += 1
         self._n += len(frames)
         self._windows += 1
+        if frames[-1].rotor is not None:
+            self._rotor.append(mean_error(frame.rotor for frame in frames))
         self._end_s = frames[-1].t
         return self._end_s - self._start_s
 
@@ -294,8 +303,10 @@ class Pipeline:
         vibration: VibrationSettings | None = None,
         toolface: ToolfaceSettings | None = None,
         drift: DriftStage | None = None,
+        rotation: LiveCompensation | None = None,
     ) -> None:
         self.codec = codec
+        self._rotation = rotation
         self.drift = drift
         """the azimuth, for tools with gyros; may be replaced between two batches"""
         self._correction = correction
@@ -337,6 +348,19 @@ class Pipeline:
     def correction(self, correction: Correction) -> None:
         self._correction = correction
         self.rebalancer.reset()
+
+    @property
+    def rotation(self) -> LiveCompensation | None:
+        """The compensation by rotor angle in force. What another one said of earlier frames is not used."""
+        return self._rotation
+
+    @rotation.setter
+    def rotation(self, rotation: LiveCompensation | None) -> None:
+        before = None if self._rotation is None else self._rotation.id
+        self._rotation = rotation
+        if before != (None if rotation is None else rotation.id):
+            self._window = deque(row._replace(rotor=None) for row in self._window)
+            self._stillness.forget()
 
     def apply(self, tool: ToolSettings, pipeline: PipelineSettings, survey: SurveySettings) -> None:
         """Take new settings between two batches; the window goes on."""
@@ -411,7 +435,8 @@ class Pipeline:
         window, oldest = self._window, t - self._settings.window_s
         while window and window[0].t < oldest:
             window.popleft()
-        window.append(Row(t, a, frame.temp_c))
+        rotor = None if self._rotation is None else self._rotation.at(frame.rotor_deg, frame.rotor_rate_dps)
+        window.append(Row(t, a, frame.temp_c, rotor))
         self._fresh += 1
         self._block.add(t, a, frame.temp_c)
         if self.drift is not None and frame.gx is not None and frame.gy is not None and frame.gz is not None:
@@ -465,7 +490,8 @@ class Pipeline:
         temps = [row.temp_c for row in rows if row.temp_c is not None]
         temp = sum(temps) / len(temps) if temps else None
         corrected = self._in_force().correct(statistics.mean, (xx, 0.0, 0.0, yy, 0.0, zz), temp)
-        attitude = self._attitude(corrected, frame, t, len(rows), t - rows[0].t, temp, flags)
+        rotor = None if self._rotation is None else mean_error(row.rotor for row in rows)
+        attitude = self._attitude(corrected, frame, t, len(rows), t - rows[0].t, temp, flags, rotor)
         self.attitudes += 1
         self._emit(attitude)
         if self._survey_settings.enabled:
@@ -505,13 +531,13 @@ class Pipeline:
 
     def _survey(self, stop: Cut, frame: Frame, t: float, *, complete: bool) -> bool:
         """Make a survey of a stop; returns whether nothing more is to be had of it."""
-        duration, mean, variance, n, temp = stop
+        duration, mean, variance, n, temp, rotor = stop
         if not any(variance):
             # not one bit of noise in all that time: a dead converter, not a still tool
             return True
         noise = tuple(v / n for v in variance)
         corrected = self._in_force().correct(mean, (noise[0], 0.0, 0.0, noise[1], 0.0, noise[2]), temp)
-        attitude = self._attitude(corrected, frame, t, n, duration, temp, [])
+        attitude = self._attitude(corrected, frame, t, n, duration, temp, [], rotor)
         accept = self._survey_settings.accept
         verdict = judge(attitude, self.gravity, accept, max(self.shock.since_g), complete=complete)
         self.surveys += 1
@@ -527,6 +553,7 @@ class Pipeline:
         window_s: float,
         temp: float | None,
         flags: list[str],
+        rotor: RotorError | None,
     ) -> Attitude:
         gx, gy, gz = corrected.gx, corrected.gy, corrected.gz
         g_total = math.sqrt(gx * gx + gy * gy + gz * gz)
@@ -540,6 +567,10 @@ class Pipeline:
             g_total_std = math.sqrt(max(along, 0.0)) / g_total if g_total > 0.0 else math.nan
             result = attitude_with_std(gx, gy, gz, corrected.cov)
             inc, inc_std, tf, tf_std = result.inc_rad, result.inc_std_rad, result.tf_rad, result.tf_std_rad
+            if self._rotation is not None:
+                inc, tf, own_inc, own_tf, said = self._rotation.apply(inc, tf, rotor)
+                inc_std, tf_std = math.hypot(inc_std, own_inc), math.hypot(tf_std, own_tf)
+                flags.extend(said)
             if result.toolface_undefined:
                 flags.append("toolface_undefined")
             low = self._toolface.low_inclination_deg
@@ -571,6 +602,7 @@ class Pipeline:
             window_s=window_s,
             temp_c=temp,
             azimuth=azimuth,
+            comp_id=None if self._rotation is None else self._rotation.id,
         )
 
 

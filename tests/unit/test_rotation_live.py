@@ -1,0 +1,203 @@
+"""A compensation reading by reading: equal to the curve, honest at its limits, and in the pipeline."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_pipeline import make
+
+from highside.codec.frame import Frame
+from highside.errors import Refused
+from highside.physics.gravity import gravity_direction
+from highside.rotation import Compensation, Curve, FitOptions, Method, NetworkInput, Samples, Validity, fit
+from highside.rotation.live import ROTATION_GAP, ROTATION_OUTSIDE, ROTOR_UNKNOWN, LiveCompensation, point
+from highside.rotation.scenarios import A, draw
+from highside.service.pipeline import Attitude, Survey
+
+ONE = draw(A, 0, 0)
+RATE = 0.1 * (1.0 + np.floor(ONE.theta_rad / 1.6))
+SAMPLES = Samples.build(ONE.theta_rad, ONE.error, RATE)
+OPTIONS = [
+    (Method.SINE, FitOptions()),
+    (Method.HARMONICS2, FitOptions()),
+    (Method.POLYNOMIAL9, FitOptions()),
+    (Method.POLYNOMIAL9, FitOptions(rate_terms=2)),
+    (Method.AUTO, FitOptions()),
+    (Method.AUTO, FitOptions(rate_terms=1)),
+    (Method.NETWORK, FitOptions()),
+    (Method.NETWORK, FitOptions(network_input=NetworkInput.PERIODIC)),
+]
+CURVES = [fit(SAMPLES, method, options, held_out=False) for method, options in OPTIONS]
+
+
+@pytest.mark.parametrize("curve", CURVES, ids=[f"{m.value} {o.rate_terms} {o.network_input.value}" for m, o in OPTIONS])
+def test_one_angle_at_a_time_is_the_curve(curve: Curve) -> None:
+    at = point(curve)
+
+    @settings(max_examples=60, deadline=None)
+    @given(theta=st.floats(-50.0, 50.0), rate=st.floats(-2.0, 2.0))
+    def equal(theta: float, rate: float) -> None:
+        expected = float(curve(np.array([theta]), np.array([rate]))[0])
+        assert at(theta, rate) == pytest.approx(expected, rel=1e-12, abs=1e-14)
+
+    equal()
+    assert math.isnan(at(1.0, None)) == (curve.rate is not None)
+
+
+def compensation(
+    samples: dict[str, np.ndarray], inclination_deg: float | None = 40.0, gap: bool = False
+) -> Compensation:
+    theta = np.linspace(0.0, (1.5 if gap else 2.0) * np.pi, 720, endpoint=False)
+    noise = 1e-3 * np.random.default_rng(1).standard_normal(720)
+    curves = {
+        name: fit(Samples.build(theta, error(theta) + noise), Method.AUTO, held_out=False)
+        for name, error in samples.items()
+    }
+    return Compensation(curves, Validity(inclination_deg), "made", "0" * 64)
+
+
+def of_inclination(t: np.ndarray | float) -> np.ndarray:
+    return np.asarray(20.0 * np.sin(t) + 3.0 * np.cos(2 * t))
+
+
+def of_toolface(t: np.ndarray | float) -> np.ndarray:
+    return np.asarray(-12.0 * np.cos(t) + 5.0 * np.sin(3 * t))
+
+
+BOTH = {"inclination": of_inclination, "toolface": of_toolface}
+
+
+def stream(seconds: float, inc_deg: float = 40.0, rate_dps: float = 120.0, rotor: bool = True) -> list[Frame]:
+    """A tool whose I and T are wrong by the rotor angle, at 100 frames a second, without noise but for a last bit."""
+    frames = []
+    for k in range(round(100 * seconds)):
+        t = k / 100.0
+        theta = math.radians(rate_dps * t)
+        inc = math.radians(inc_deg) + math.radians(float(of_inclination(theta)) / 60.0)
+        tf = theta + math.radians(float(of_toolface(theta)) / 60.0)
+        a = gravity_direction(np.array([inc]), np.array([tf]))[:, 0] + 1e-7 * ((k * 7919) % 13 - 6)
+        angle = math.degrees(theta) % 360.0 if rotor else None
+        frames.append(Frame(k % 65536, t, 100.0 + t, *map(float, a), temp_c=25.0, rotor_deg=angle))
+    return frames
+
+
+def attitudes(frames: list[Frame], live: LiveCompensation | None) -> list[Attitude]:
+    pipeline, out = make()
+    pipeline.rotation = live
+    for frame in frames:
+        pipeline.on_frame(frame)
+    return [one for one in out if isinstance(one, Attitude)]
+
+
+def test_a_turning_tool_is_compensated_by_the_angles_of_its_window() -> None:
+    before = attitudes(stream(6.0), None)[2:]
+    after = attitudes(stream(6.0), LiveCompensation(compensation(BOTH)))[2:]
+    off = np.array([[one.inc_deg - 40.0 for one in these] for these in (before, after)])
+    assert np.abs(off[0]).max() > 0.3
+    # what is left is the curvature of the circle under a window of 12 degrees, the same all around
+    assert np.ptp(off[1]) < 2e-3
+    for one in after:
+        middle = 120.0 * (one.t_device_s - 0.5 * one.window_s)
+        assert abs(math.remainder(one.tf_deg - middle, 360.0)) < 2e-3
+        assert set(one.flags) <= {"uncalibrated", "moving"}
+        assert one.comp_id == LiveCompensation(compensation(BOTH)).id
+    assert before[0].comp_id is None
+
+
+def test_a_survey_of_a_still_tool_is_compensated() -> None:
+    pipeline, out = make()
+    pipeline.rotation = LiveCompensation(compensation(BOTH))
+    theta = math.radians(70.0)
+    rng = np.random.default_rng(4)
+    a = gravity_direction(
+        np.array([math.radians(40.0 + float(of_inclination(theta)) / 60.0)]),
+        np.array([theta + math.radians(float(of_toolface(theta)) / 60.0)]),
+    )[:, 0]
+    for k in range(1500):
+        noisy = a + 2e-5 * rng.standard_normal(3)
+        pipeline.on_frame(Frame(k, k / 100.0, k / 100.0, *map(float, noisy), temp_c=25.0, rotor_deg=70.0))
+    survey = next(one for one in out if isinstance(one, Survey))
+    assert survey.attitude.inc_deg == pytest.approx(40.0, abs=5e-4)
+    assert survey.attitude.tf_deg == pytest.approx(70.0, abs=5e-4)
+
+
+def test_where_it_does_not_hold_nothing_is_taken_off_and_a_flag_says_so() -> None:
+    live = LiveCompensation(compensation(BOTH))
+    for frames, flag in ((stream(2.0, rotor=False), ROTOR_UNKNOWN), (stream(2.0, inc_deg=60.0), ROTATION_OUTSIDE)):
+        plain, flagged = attitudes(frames, None), attitudes(frames, live)
+        assert [one.inc_deg for one in plain] == [one.inc_deg for one in flagged]
+        assert all(flag in one.flags for one in flagged)
+    gap = LiveCompensation(compensation(BOTH, gap=True))
+    for one in attitudes(stream(3.0), gap)[1:]:
+        theta = 120.0 * one.t_device_s % 360.0
+        assert (ROTATION_GAP in one.flags) == (270.0 - 0.6 < theta < 360.0 - 0.1)
+
+
+def test_the_doubt_of_the_curve_is_part_of_the_doubt_of_the_angles() -> None:
+    live = LiveCompensation(compensation(BOTH, gap=True))
+    error = live.at(315.0)
+    seen = live.at(100.0)
+    assert error is not None
+    assert seen is not None
+    in_gap, outside = (live.apply(math.radians(40.0), 1.0, one) for one in (error, seen))
+    assert in_gap.inc_std_rad > 5.0 * outside.inc_std_rad > 0.0
+
+
+def test_a_turntable_in_its_axis_frame_holds_at_any_inclination() -> None:
+    parts = {
+        "encoder": lambda t: 4.0 * np.sin(t),
+        "across": lambda t: 2.0 * np.cos(2 * t),
+        "along": lambda t: np.sin(t),
+    }
+    live = LiveCompensation(compensation(parts, inclination_deg=40.0))
+    for inc_deg in (10.0, 40.0, 85.0):
+        error = live.at(50.0)
+        assert error is not None
+        theta, inc = math.radians(50.0), math.radians(inc_deg)
+        got = live.apply(inc, theta, error)
+        off = 4.0 * math.sin(theta) - 2.0 * math.cos(2 * theta) / math.tan(inc)
+        assert math.degrees(theta - got.tf_rad) * 60.0 == pytest.approx(off, abs=0.02)
+        assert math.degrees(inc - got.inc_rad) * 60.0 == pytest.approx(math.sin(theta), abs=2e-3)
+        assert got.flags == ()
+
+
+def test_a_compensation_of_roll_and_pitch_is_refused_for_a_tool() -> None:
+    with pytest.raises(Refused, match=r"for roll, pitch.*says nothing"):
+        LiveCompensation(compensation({"roll": of_inclination, "pitch": of_toolface}))
+
+
+def test_another_compensation_takes_over_between_two_frames() -> None:
+    pipeline, out = make()
+    first = LiveCompensation(compensation(BOTH))
+    pipeline.rotation = first
+    frames = stream(2.0)
+    for frame in frames[:105]:
+        pipeline.on_frame(frame)
+    none = LiveCompensation(compensation({"toolface": lambda t: 0.0 * t}))
+    pipeline.rotation = none
+    for frame in frames[105:]:
+        pipeline.on_frame(frame)
+    plain = attitudes(frames, None)
+    changed = [one for one in out if isinstance(one, Attitude)]
+    assert len(changed) == len(plain)
+    for one, other in zip(changed, plain, strict=True):
+        assert one.comp_id == (first.id if one.t_device_s < 1.05 else none.id)
+        # not a trace of the first one in the window of the second
+        assert (abs(one.inc_deg - other.inc_deg) < 1e-9) == (one.t_device_s >= 1.05 or abs(one.inc_deg - 40) > 0.2)
+
+
+def test_it_costs_a_few_microseconds_a_frame() -> None:
+    live = LiveCompensation(compensation(BOTH))
+    angles = np.linspace(0.0, 360.0, 2000).tolist()
+    best = math.inf
+    for _ in range(5):
+        start = time.perf_counter()
+        for angle in angles:
+            live.at(angle)
+        best = min(best, (time.perf_counter() - start) / len(angles))
+    assert best < 30e-6  # expected 2 to 3
