@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from highside.cli import bench, verification
+from highside.cli import bench, certificate, verification
 from highside.errors import InputError, Refused
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ app = typer.Typer(
 
 app.command()(bench.bench)
 app.command()(verification.verify)
+app.command()(certificate.certificate)
 
 DAY_S = 86400.0
 ROWS_AT_ONCE = 65536

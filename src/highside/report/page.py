@@ -82,7 +82,7 @@ class Page:
         """Embed a matplotlib figure drawn within `plotting`."""
         self._figures += 1
         self._parts.append(
-            f"<figure>{_as_svg(figure, self._figures)}<figcaption>{escape(caption)}</figcaption></figure>"
+            f"<figure>{as_svg(figure, self._figures)}<figcaption>{escape(caption)}</figcaption></figure>"
         )
 
     def html(self) -> str:
@@ -144,7 +144,8 @@ def _plot_style() -> dict[Any, Any]:
     }
 
 
-def _as_svg(figure: Figure, number: int) -> str:
+def as_svg(figure: Figure, number: int) -> str:
+    """A figure drawn within `plotting` as an SVG element; `number` keeps its ids apart from others' on the page."""
     import matplotlib
 
     buffer = io.StringIO()

@@ -1,0 +1,61 @@
+"""`highside calibrate certificate`: the certificate of a record, as sheets that print page for page."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from highside.calibration.poses import PoseSet
+
+
+def certificate(
+    record_file: Annotated[Path, typer.Argument(metavar="RECORD", help="Calibration record (JSON).")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="HTML file to write.")],
+    fields_file: Annotated[
+        Path | None, typer.Option("--fields", help="TOML file: laboratory, customer, traceability, limits, signatory.")
+    ] = None,
+    previous_file: Annotated[
+        Path | None, typer.Option("--previous", help="Record in force before: gives the state as found.")
+    ] = None,
+    as_found: Annotated[
+        Path | None, typer.Option("--as-found", help="Pose table measured before; else the poses of the record.")
+    ] = None,
+    as_left: Annotated[
+        Path | None, typer.Option("--as-left", help="Pose table measured afterwards; else the poses of the record.")
+    ] = None,
+) -> None:
+    """Write a certificate: result, uncertainty budget (GUM, k = 2), as found / as left, method, poses, identity."""
+    from highside.calibration.record import RecordError, RecordReason, to_utc
+    from highside.config.certificate import CertificateFields, load_certificate_fields
+    from highside.recording.calibration_store import read_record
+    from highside.recording.files import write_whole
+    from highside.report.certificate import certificate as make
+    from highside.report.certificate_conformity import verdict_lines
+    from highside.report.certificate_inputs import Inputs
+
+    record = read_record(record_file)
+    fields = CertificateFields() if fields_file is None else load_certificate_fields(fields_file)
+    previous = None if previous_file is None else read_record(previous_file)
+    if previous is not None and previous.tool_id != record.tool_id:
+        raise RecordError(
+            RecordReason.WRONG_TOOL, f"{previous_file}: is of tool {previous.tool_id!r}, not of {record.tool_id!r}"
+        )
+    inputs = Inputs(record, fields, to_utc(time.time()), previous, _poses(as_found), _poses(as_left))
+    sheets = make(inputs)
+    write_whole(output, sheets.html().encode())
+    typer.echo(f"{output}: certificate of record {record.id[:12]}, {len(sheets.sheets())} pages")
+    for line in verdict_lines(inputs):
+        typer.echo(line)
+
+
+def _poses(path: Path | None) -> PoseSet | None:
+    from highside.calibration.poses import PoseSet
+    from highside.cli.calibrate import _pose_columns, _read_pose_table
+
+    if path is None:
+        return None
+    return PoseSet.from_columns(_pose_columns(_read_pose_table(path)[0]), where=str(path))  # type: ignore[arg-type]

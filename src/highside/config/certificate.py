@@ -1,0 +1,133 @@
+"""What a certificate says beyond its record: one TOML file, `highside calibrate certificate --fields FILE`.
+
+Nothing here is made up where it is absent: the certificate then says that it was not stated, or leaves the line out. A
+date of the next calibration is printed only with the name of the customer's person who agreed to it.
+"""
+
+from __future__ import annotations
+
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from highside.config.settings import Table, input_error, read_toml
+
+Line = Annotated[str, Field(min_length=1, max_length=200)]
+Note = Annotated[str, Field(min_length=1, max_length=2000)]
+Positive = Annotated[float, Field(gt=0)]
+
+
+class IssueTable(Table):
+    """Who issues the certificate, to whom, under which number."""
+
+    number: Line | None = Field(default=None, description="Number of the certificate; absent: made from the record.")
+    laboratory: Line | None = None
+    address: Line | None = None
+    customer: Line | None = None
+    place: Line | None = Field(default=None, description="Where the calibration was made.")
+    signatory: Line | None = Field(default=None, description="Who authorises the certificate.")
+    role: Line | None = None
+
+
+class ItemTable(Table):
+    """The item, beyond tool and serial number."""
+
+    description: Line = "Directional sensor, triaxial accelerometer"
+    maker: Line | None = None
+    model: Line | None = None
+    condition: Note | None = Field(default=None, description="Condition on receipt.")
+
+
+class ReferenceTable(Table):
+    """An instrument that the result rests on."""
+
+    description: Line
+    certificate: Line | None = Field(default=None, description="Number of its own calibration certificate.")
+    issued_by: Line | None = None
+    valid_until: date | None = None
+
+
+class BenchReference(ReferenceTable):
+    """The turntable."""
+
+    inc_expanded_deg: Positive | None = Field(default=None, description="U (k = 2) of a setting of inclination.")
+    tf_expanded_deg: Positive | None = Field(default=None, description="U (k = 2) of a setting of toolface.")
+
+
+class Thermometer(ReferenceTable):
+    """The thermometer."""
+
+    expanded_c: Positive | None = Field(default=None, description="U (k = 2) of a temperature.")
+
+
+class EnvironmentTable(Table):
+    """The room."""
+
+    temp_c: tuple[float, float] | None = Field(default=None, description="Lowest and highest.")
+    humidity_percent: tuple[float, float] | None = None
+    pressure_hpa: tuple[float, float] | None = None
+    remark: Note | None = None
+
+
+class UseTable(Table):
+    """How the item is used, where the uncertainty of an indication depends on it. Absent: left out, and said so."""
+
+    readings: int = Field(default=1, ge=1, description="Readings averaged for one indication.")
+    toolface_zero_deg: Positive | None = Field(default=None, description="Standard deviation of the toolface zero.")
+    turn_on_g: Positive | None = Field(
+        default=None, description="Repeatability of the offset from power-up to power-up."
+    )
+    step_g: Positive | None = Field(default=None, description="Resolution of a reading.")
+    offset_g_per_c: Positive | None = Field(
+        default=None, description="Change of offset with temperature, where the record does not hold it."
+    )
+    temp_half_width_c: Positive | None = Field(
+        default=None, description="With offset_g_per_c: use within this much of the calibration's temperature."
+    )
+
+
+class DecisionTable(Table):
+    """Limits of error that the item is judged by."""
+
+    limit_inc_deg: Positive
+    limit_tf_deg: Positive
+    agreed_with: Line | None = Field(default=None, description="Who agreed to limits and decision rule.")
+
+
+class NextTable(Table):
+    """A date of the next calibration is the customer's."""
+
+    next_calibration: date
+    agreed_with: Line = Field(description="Who of the customer agreed to it.")
+
+
+class CertificateFields(Table):
+    """The whole file; every table may be absent."""
+
+    issue: IssueTable = IssueTable()
+    item: ItemTable = ItemTable()
+    bench: BenchReference | None = None
+    thermometer: Thermometer | None = None
+    gravity_source: Line | None = Field(default=None, description="Where the value of local gravity comes from.")
+    environment: EnvironmentTable = EnvironmentTable()
+    use: UseTable = UseTable()
+    decision: DecisionTable | None = None
+    next: NextTable | None = None
+    remarks: tuple[Note, ...] = ()
+
+    @model_validator(mode="after")
+    def _temperature_whole(self) -> Self:
+        if (self.use.offset_g_per_c is None) != (self.use.temp_half_width_c is None):
+            raise ValueError("use.offset_g_per_c and use.temp_half_width_c belong together: give both, or neither")
+        return self
+
+
+def load_certificate_fields(path: Path) -> CertificateFields:
+    """Read and validate. Raises InputError in one line that names file and field."""
+    tables: dict[str, Any] = read_toml(path)
+    try:
+        return CertificateFields.model_validate(tables)
+    except ValidationError as error:
+        raise input_error(error, str(path), {}, CertificateFields) from None

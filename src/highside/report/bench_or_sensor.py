@@ -1,0 +1,149 @@
+"""Is it the bench or the sensor? What a session's poses say about both, beyond the calibration itself.
+
+Two looks at the same poses. The joint calibration estimates the bench's tilt and how well its settings repeat. And the
+engine of `highside diagnose` asks which effects of the library the plain affine sensor on a perfect bench leaves out:
+effects of the pose or of the vertical belong to the bench, those of the triad or of temperature to the sensor.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from highside import __version__
+from highside.calibration.record import PoseColumns, Solution
+from highside.diagnosis.engine import Picture, diagnose_poses
+from highside.diagnosis.result import Diagnosis
+from highside.diagnosis.session import MIN_POSES, PoseSession
+from highside.errors import HighsideError
+from highside.physics.effect import Stage
+from highside.physics.effects import all_effects
+from highside.physics.forward import ForwardModel
+from highside.physics.gravity import STANDARD_GRAVITY_MPS2
+from highside.physics.state import ChainState
+
+FREE = ("bias", "scale", "misalignment")
+"""What a calibration fits anyway."""
+SIGNIFICANT = 3.0
+POSES_APART_S = 60.0
+"""A pose table knows no times; the poses stand in their order."""
+
+_WHERE = {
+    Stage.POSE: "bench",
+    Stage.GRAVITY: "bench",
+    Stage.MOUNTING: "clamping",
+    Stage.SENSOR: "sensor",
+    Stage.THERMAL: "sensor",
+    Stage.KINEMATIC: "motion",
+    Stage.TIMING: "acquisition",
+    Stage.NOISE: "noise",
+    Stage.DIGITAL: "acquisition",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing found: `where` is bench, sensor, clamping, motion, acquisition or noise."""
+
+    where: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """The answer, one sentence, and what it rests on. `diagnosis` None: it could not be asked, and `why_not` says."""
+
+    answer: str
+    findings: tuple[Finding, ...]
+    diagnosis: Diagnosis | None
+    picture: Picture | None
+    why_not: str = ""
+
+
+def bench_or_sensor(columns: PoseColumns, joint: Solution | None, *, gravity_mps2: float | None = None) -> Findings:
+    """Look at the poses of a session. `joint`: their joint calibration, if there is one."""
+    found = [] if joint is None else bench_findings(joint)
+    diagnosis, picture, why_not = _diagnose(columns, gravity_mps2)
+    if diagnosis is not None:
+        effects = all_effects()
+        for claim in diagnosis.claims:
+            if claim.effect == "base_tilt" and any("not level" in finding.text for finding in found):
+                continue  # the joint calibration has said so already
+            effect = effects[claim.effect]
+            sizes = ", ".join(f"{name} = {p.value:.3g} ± {p.std:.1g} {p.unit}" for name, p in claim.parameters.items())
+            alike = [name for name in claim.equivalence_class if name != claim.effect]
+            told = f"; cannot be told from {', '.join(alike)} here" if alike else ""
+            found.append(Finding(_WHERE[effect.stage], f"{effect.title}: {sizes}{told}"))
+    return Findings(_answer(found, diagnosis, why_not), tuple(found), diagnosis, picture, why_not)
+
+
+def bench_findings(joint: Solution) -> list[Finding]:
+    """Tilt and repeatability of the bench as the joint calibration estimates them."""
+    result = joint.result
+    parameters = result.main.parameters
+    out = []
+    for name, words in (("tilt_x", "in the plane of inclination"), ("tilt_y", "across it")):
+        if name not in parameters:
+            continue
+        value, std = math.degrees(parameters.get(name)), math.degrees(parameters.std(name))
+        if abs(value) > SIGNIFICANT * std:
+            out.append(Finding("bench", f"it is not level: tilt {value:+.4f} ± {std:.4f} deg {words}; taken off"))
+    spread = {
+        "ring_inc_rad": "settings of inclination (common to a ring)",
+        "station_tf_rad": "settings of toolface (the encoder, station by station)",
+        "pose_inc_rad": "inclination from pose to pose",
+        "pose_tf_rad": "toolface from pose to pose",
+    }
+    for name, words in spread.items():
+        value = math.degrees(float(result.variance.get(name, 0.0)))
+        if value > 0.01:
+            out.append(Finding("bench", f"{words} scatter by {value:.4f} deg (one standard deviation)"))
+    return out
+
+
+def _diagnose(columns: PoseColumns, gravity_mps2: float | None) -> tuple[Diagnosis | None, Picture | None, str]:
+    if "inc_ref_deg" not in columns:
+        return None, None, "the poses have no reference attitude"
+    count = len(columns["ax"])
+    if count < MIN_POSES:
+        return None, None, f"{count} poses are too few to tell bench and sensor apart (at least {MIN_POSES})"
+    table = {
+        name: np.asarray(columns[name], dtype=float)
+        for name in ("inc_ref_deg", "tf_ref_deg", "temp_c", "direction")
+        if name in columns
+    }
+    table["t_s"] = POSES_APART_S * np.arange(count)
+    table["pose"] = np.arange(count, dtype=float)
+    try:
+        state = ChainState.from_columns(table, gravity_mps2=gravity_mps2 or STANDARD_GRAVITY_MPS2)
+        mean = np.stack([np.asarray(columns[name], dtype=float) for name in ("ax", "ay", "az")])
+        readings = np.asarray(columns.get("n", [1.0] * count), dtype=float)
+        session = PoseSession(mean, readings, state)
+        diagnosis, picture = diagnose_poses(session, ForwardModel.of({}), FREE, version=__version__)
+    except HighsideError as error:
+        return None, None, str(error)
+    return diagnosis, picture, ""
+
+
+def _answer(found: list[Finding], diagnosis: Diagnosis | None, why_not: str) -> str:
+    places = {finding.where for finding in found}
+    if diagnosis is None:
+        asked = f" Effects were not searched for: {why_not}."
+        return (
+            "The bench: see what the calibration found of it." if "bench" in places else "Nothing stands out."
+        ) + asked
+    if places == {"bench"}:
+        return "It is the bench: what was found beyond the plain sensor belongs to it."
+    if places == {"sensor"}:
+        return "It is the sensor: what was found beyond scale, misalignment and offset belongs to it."
+    if places:
+        return (
+            f"Found in more than one place: {', '.join(sorted(places))}."
+            if len(places) > 1
+            else (f"It is neither bench nor sensor: {places.pop()}.")
+        )
+    if diagnosis.verdict == "nothing_left_out":
+        return "Neither: sensor and bench are as the plain model has them, to within the noise."
+    return "Something is left that has no name here: neither bench nor sensor can be blamed."

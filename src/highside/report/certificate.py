@@ -1,0 +1,227 @@
+"""The calibration certificate: numbered sheets that say what was measured, how, and how far it can be trusted.
+
+Everything is computed from the record (and, where given, an earlier record and the poses of a verification); what only
+people know comes from the fields file. What was not stated is named as such, never filled in.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from highside.calibration.comparison import INCLINATIONS_DEG, compare, uncertainty_over
+from highside.calibration.record import Solution
+from highside.report.bench_or_sensor import bench_or_sensor
+from highside.report.certificate_budget import Budget, budget_at
+from highside.report.certificate_conformity import conformity
+from highside.report.certificate_evidence import (
+    findings as write_findings,
+)
+from highside.report.certificate_evidence import (
+    identity,
+    limits_of_proof,
+    method,
+    method_name,
+    poses,
+    side_by_side,
+)
+from highside.report.certificate_inputs import NOT_STATED, Inputs, degrees, number
+from highside.report.page import new_figure, plotting
+from highside.report.sheets import Sheets
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+BUDGET_AT_DEG = (3.0, 45.0, 90.0)
+RELATES = "This certificate relates only to the item described in it."
+
+
+def certificate(inputs: Inputs) -> Sheets:
+    """The sheets of the certificate. Raises InputError where matplotlib is missing or a part of the input is wrong."""
+    record = inputs.record
+    has_reference = record.request.reference == "pose"
+    solution = Solution(record.result, record.fallback, record.guide)
+    comparison = compare(record.pose_columns, record.request, solved=solution) if has_reference else None
+    findings = None
+    if comparison is not None:
+        joint = comparison.of("joint")
+        gravity = record.content["environment"]["gravity_mps2"]
+        findings = bench_or_sensor(record.pose_columns, None if joint is None else joint.solution, gravity_mps2=gravity)
+    named = inputs.fields.issue.number or f"HS-{record.content['created'][:10]}-{record.id[:8]}"
+    item = f"tool {record.tool_id}" + (f", serial {record.serial}" if record.serial else "")
+    out = Sheets(f"Calibration certificate {named}", (f"Calibration certificate {named}", item), RELATES)
+    with plotting():
+        _front(out, inputs, named)
+        _statement(out, inputs, solution)
+        _budgets(out, inputs)
+        conformity(out, inputs)
+        method(out, inputs)
+        if comparison is not None and findings is not None:
+            side_by_side(out, comparison, record.result.method)
+            write_findings(out, findings)
+        limits_of_proof(out, inputs)
+        poses(out, record, comparison)
+        identity(out, inputs)
+    return out
+
+
+def _front(out: Sheets, inputs: Inputs, named: str) -> None:
+    record, fields = inputs.record, inputs.fields
+    issue, item, environment = fields.issue, fields.item, record.content["environment"]
+    out.title_line("Calibration certificate")
+    out.pairs(
+        [
+            ("Number", named),
+            ("Issued by", ", ".join(part for part in (issue.laboratory, issue.address) if part) or NOT_STATED),
+            ("Customer", issue.customer or NOT_STATED),
+            ("Item", item.description),
+            ("Maker, model", ", ".join(part for part in (item.maker, item.model) if part) or NOT_STATED),
+            ("Tool", record.tool_id),
+            ("Serial number", record.serial or NOT_STATED),
+            ("Condition on receipt", item.condition or NOT_STATED),
+            ("Calibrated", f"{record.content['created']} (UTC)" + (f", {issue.place}" if issue.place else "")),
+            ("Issued", inputs.issued_utc),
+            ("Operator", environment["operator"] or NOT_STATED),
+            ("Bench", environment["bench"] or NOT_STATED),
+            ("Method", method_name(record)),
+            ("Record", record.id),
+        ]
+    )
+    out.heading("Result")
+    budgets = [b for inc in BUDGET_AT_DEG if (b := budget_at(record, fields, inc)) is not None]
+    if budgets:
+        out.table(
+            ["inclination", "U(I), k = 2", "U(T), k = 2"],
+            [[f"{b.inclination_deg:g}°", degrees(b.expanded[0]), degrees(b.expanded[1])] for b in budgets],
+            (30, 40, 40),
+            caption="Expanded uncertainty of an indication at rest with the corrections of the record; the full"
+            " statement follows.",
+        )
+    out.paragraph(
+        "The corrections of the record are the result of this calibration: gravity in the frame of the tool follows"
+        " from the readings by them. Angles are referred to "
+        + ("gravity." if record.result.frame == "gravity" else "the bench, which was taken as level.")
+    )
+    if fields.next is not None:
+        out.paragraph(
+            f"Next calibration: {fields.next.next_calibration.isoformat()}, as agreed with {fields.next.agreed_with}."
+        )
+    expires = record.content["expires"]
+    if expires is not None:
+        out.paragraph(f"The software stops using the record on {expires}.")
+    who = issue.signatory or "signatory not stated"
+    out.signature(f"{who}{', ' + issue.role if issue.role else ''} (authorised signatory), date")
+
+
+def _statement(out: Sheets, inputs: Inputs, solution: Solution) -> None:
+    record, fields = inputs.record, inputs.fields
+    out.new_sheet()
+    out.heading("Uncertainty over inclination")
+    rows = []
+    for inc in INCLINATIONS_DEG:
+        budget = budget_at(record, fields, inc)
+        if budget is None:
+            rows.append([f"{inc:g}°", "not calibrated", "not calibrated", ""])
+        else:
+            freedom = budget.freedom
+            rows.append(
+                [f"{inc:g}°", *map(degrees, budget.expanded), "over 1000" if freedom > 1000 else f"{freedom:.0f}"]
+            )
+    out.table(
+        ["inclination", "U(I)", "U(T)", "effective degrees of freedom"],
+        rows,
+        (24, 36, 36, 40),
+        caption="Expanded uncertainty, k = 2, the largest over toolface.",
+    )
+    out.figure(
+        _uncertainty_figure(solution),
+        "Standard uncertainty (k = 1) by the parameters of the correction alone; noise of an indication adds to it.",
+    )
+    out.paragraph(
+        "The expanded uncertainty is the standard uncertainty multiplied by the coverage factor k = 2, which for a"
+        " normal distribution gives a coverage probability of about 95 %. It was evaluated after the GUM (JCGM 100)."
+        " Toolface is not defined at the vertical: its uncertainty grows as 1 / sin I and ends at that of an angle of"
+        " which nothing is known (103.9 deg, standard)."
+    )
+    out.heading("Assumptions of the statement")
+    out.bullets(_assumptions(inputs))
+
+
+def _assumptions(inputs: Inputs) -> list[str]:
+    record, use = inputs.record, inputs.fields.use
+    out = [
+        "The tool is at rest, and an indication is the mean of "
+        + ("one reading." if use.readings == 1 else f"{use.readings} readings with independent noise."),
+        "The sensor is as it was during the calibration: no drift, shock or repair since. Stability in time is not part"
+        " of the statement.",
+    ]
+    if use.turn_on_g is None:
+        out.append("The offset is that of the power-up during which it was calibrated; its scatter was not stated.")
+    if use.toolface_zero_deg is None:
+        out.append("Toolface counts from the zero of the clamping; its relation to the tool's scribe line is left out.")
+    span = record.result.main.temperature
+    if span is not None and record.result.main.max_power():
+        out.append(f"The temperature is within {span.min_c:.1f} and {span.max_c:.1f} °C, where it was calibrated.")
+    elif use.temp_half_width_c is not None:
+        out.append(f"The temperature is within {use.temp_half_width_c:g} °C of that of the calibration.")
+    else:
+        out.append("The temperature is that of the calibration; a change of it is not part of the statement.")
+    if inputs.fields.bench is None or inputs.fields.bench.inc_expanded_deg is None:
+        out.append("The calibration uncertainty of the bench's scales was not stated and is not part of the statement.")
+    if record.result.frame != "gravity":
+        out.append("The bench was taken as level to within 0.05 deg (standard deviation of each tilt).")
+    return out
+
+
+def _budgets(out: Sheets, inputs: Inputs) -> None:
+    out.heading("Uncertainty budget")
+    shown = False
+    for inc in BUDGET_AT_DEG:
+        budget = budget_at(inputs.record, inputs.fields, inc)
+        if budget is None:
+            continue
+        shown = True
+        out.table(
+            ["source", "type", "value", "distribution", "divisor", "u(I), deg", "u(T), deg"],
+            [*[_source_row(budget, k) for k in range(len(budget.sources))], _combined(budget), _expanded(budget)],
+            (50, 10, 46, 22, 14, 18, 18),
+            caption=f"At I = {inc:g}°. Sensitivity of I: 57.3 deg/g, of T: {57.2958 / math.sin(math.radians(inc)):.1f}"
+            " deg/g.",
+            words=(0, 2, 3),
+            whole=True,
+        )
+    if not shown:
+        out.paragraph("The calibration holds at none of 3, 45 and 90 deg; see the statement for where it does.")
+    notes = budget_at(inputs.record, inputs.fields, next(iter(_covered(inputs)), 45.0))
+    if notes is not None:
+        out.bullets([f"{source.name}: {source.note}." for source in notes.sources if source.note])
+
+
+def _covered(inputs: Inputs) -> list[float]:
+    return [inc for inc in INCLINATIONS_DEG if budget_at(inputs.record, inputs.fields, inc) is not None]
+
+
+def _source_row(budget: Budget, k: int) -> list[str]:
+    s = budget.sources[k]
+    return [s.name, s.kind, s.value, s.distribution, s.divisor, number(s.inc_deg), number(s.tf_deg)]
+
+
+def _combined(budget: Budget) -> list[str]:
+    return ["combined standard uncertainty", "", "", "", "", number(budget.inc_deg), number(budget.tf_deg)]
+
+
+def _expanded(budget: Budget) -> list[str]:
+    inc, tf = budget.expanded
+    return ["expanded uncertainty U (k = 2)", "", "", "", "", number(inc), number(tf)]
+
+
+def _uncertainty_figure(solution: Solution) -> Figure:
+    figure, axes = new_figure(1, 2, width=9.0, height=2.5)
+    grid = np.concatenate([np.geomspace(0.5, 10.0, 20), np.linspace(12.0, 175.0, 60)])
+    stated = uncertainty_over(solution, grid.tolist())
+    for axis, values, name in zip(axes[0], (stated.inc_std_deg, stated.tf_std_deg), ("I", "T"), strict=True):
+        axis.semilogy(stated.inc_deg, values, color="#2f6fb1")
+        axis.set(xlabel="inclination, deg", ylabel=f"u({name}), deg")
+    return figure

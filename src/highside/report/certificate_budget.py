@@ -1,0 +1,182 @@
+"""The uncertainty budget of a calibrated tool, after the GUM (JCGM 100).
+
+The measurand is the inclination, or the toolface, that the tool indicates at rest with the corrections of one record.
+Sources are uncorrelated with one another; what is correlated (the parameters of the correction) is one source, carried
+with its full covariance. Every other source is an error of the corrected vector, in g, or of the angle itself. With an
+error e across the line of sight, `dI = e` and `dT = e / sin I` (rad): the sensitivity coefficients (equation 3 of the
+balance-correction paper). The combined standard uncertainty is their root sum of squares, U = k u with k = 2; the
+effective degrees of freedom follow Welch and Satterthwaite.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from highside.calibration.comparison import holds_at, uncertainty_over
+from highside.calibration.record import CalibrationRecord, Solution
+from highside.calibration.result import UNIFORM_ANGLE_STD_RAD
+from highside.config.certificate import CertificateFields
+from highside.physics.gravity import gravity_direction
+
+K = 2.0
+UNIFORM_DEG = math.degrees(UNIFORM_ANGLE_STD_RAD)
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One line of the budget: standard uncertainty of the source and what it contributes to I and T, in degrees.
+
+    `value`: as known, in words with its unit; `distribution`: of that value; `divisor`: from value to standard
+    uncertainty. A `note` says what it stands for, or why it contributes nothing.
+    """
+
+    name: str
+    kind: str
+    value: str
+    distribution: str
+    divisor: str
+    inc_deg: float
+    tf_deg: float
+    freedom: float
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """All sources at one inclination."""
+
+    inclination_deg: float
+    sources: tuple[Source, ...]
+
+    @property
+    def inc_deg(self) -> float:
+        """Combined standard uncertainty of I."""
+        return math.sqrt(math.fsum(source.inc_deg**2 for source in self.sources))
+
+    @property
+    def tf_deg(self) -> float:
+        """Combined standard uncertainty of T; never more than that of an angle of which nothing is known."""
+        return min(math.sqrt(math.fsum(source.tf_deg**2 for source in self.sources)), UNIFORM_DEG)
+
+    @property
+    def expanded(self) -> tuple[float, float]:
+        """U of I and T with k = 2, degrees."""
+        return K * self.inc_deg, K * self.tf_deg
+
+    @property
+    def freedom(self) -> float:
+        """Effective degrees of freedom for I (Welch-Satterthwaite); infinite where no source has finite ones."""
+        part = math.fsum(s.inc_deg**4 / s.freedom for s in self.sources if math.isfinite(s.freedom) and s.freedom > 0)
+        return self.inc_deg**4 / part if part > 0 else math.inf
+
+
+def freedom_of(record: CalibrationRecord) -> float:
+    """Degrees of freedom of the fit: three readings a pose less the parameters estimated."""
+    used = int(np.count_nonzero(record.result.poses.used))
+    held = len(record.result.zones) * len(record.result.main.parameters.names)
+    return float(max(3 * used - held, 1))
+
+
+def budget_at(record: CalibrationRecord, fields: CertificateFields, inclination_deg: float) -> Budget | None:
+    """The budget at one inclination; None where the calibration does not hold."""
+    solution = Solution(record.result, record.fallback, record.guide)
+    inc = math.radians(inclination_deg)
+    held = holds_at(solution, inc)
+    if held is None:
+        return None
+    result, _ = held
+    stated = uncertainty_over(solution, (inclination_deg,))
+    to_inc, to_tf = math.degrees(1.0), math.degrees(1.0) / max(math.sin(inc), 1e-12)
+    use = fields.use
+
+    def of_vector(
+        name: str, kind: str, value: str, distribution: str, divisor: str, std_g: float, note: str = "",
+        freedom: float = math.inf,
+    ) -> Source:  # fmt: skip
+        tf = min(std_g * to_tf, UNIFORM_DEG)
+        return Source(name, kind, value, distribution, divisor, std_g * to_inc, tf, freedom, note)
+
+    noise = result.reading_noise_g
+    sources = [
+        Source(
+            "Parameters of the correction", "A", f"covariance of {len(result.main.parameters.names)} parameters",
+            "normal", "1", float(stated.inc_std_deg[0]), float(stated.tf_std_deg[0]), freedom_of(record),
+            _inside(record),
+        ),
+        of_vector(
+            "Noise of the indication", "A", f"{1e6 * noise:.1f} ug, mean of {use.readings}", "normal",
+            f"√{use.readings}", noise / math.sqrt(use.readings), "of a reading at rest, as seen in the poses",
+        ),
+    ]  # fmt: skip
+    bench = fields.bench
+    if bench is not None and (bench.inc_expanded_deg or bench.tf_expanded_deg):
+        inc_u, tf_u = bench.inc_expanded_deg or 0.0, bench.tf_expanded_deg or 0.0
+        sources.append(
+            Source(
+                "Calibration of the bench", "B", f"U = {inc_u:g} deg (I), {tf_u:g} deg (T)", "normal", "2",
+                inc_u / 2.0, tf_u / 2.0, math.inf, "taken as common to all poses: no averaging",
+            )
+        )  # fmt: skip
+    if use.toolface_zero_deg is not None:
+        value = f"{use.toolface_zero_deg:g} deg"
+        sources.append(
+            Source("Toolface zero of the clamping", "B", value, "normal", "1", 0.0, use.toolface_zero_deg, math.inf)
+        )
+    if use.turn_on_g is not None:
+        sources.append(
+            of_vector(
+                "Offset from power-up to power-up", "B", f"{1e6 * use.turn_on_g:.0f} ug", "normal", "1", use.turn_on_g
+            )
+        )
+    if use.step_g is not None:
+        step = use.step_g / (2.0 * math.sqrt(3.0))
+        sources.append(of_vector("Resolution", "B", f"{1e6 * use.step_g:.2f} ug", "rectangular", "2√3", step))
+    if use.offset_g_per_c is not None and use.temp_half_width_c is not None:
+        half = use.offset_g_per_c * use.temp_half_width_c
+        value = f"{1e6 * use.offset_g_per_c:.1f} ug/°C, ±{use.temp_half_width_c:g} °C"
+        sources.append(of_vector("Temperature of use", "B", value, "rectangular", "√3", half / math.sqrt(3.0)))
+    if fields.thermometer is not None and fields.thermometer.expanded_c is not None:
+        sources.append(_thermometer(record, fields, inc, fields.thermometer.expanded_c))
+    gravity = record.content["environment"]["gravity_std_mps2"]
+    if gravity is not None:
+        sources.append(
+            Source(
+                "Local gravity", "B", f"{gravity:g} m/s²", "normal", "1", 0.0, 0.0, math.inf,
+                "I and T follow from directions: sensitivity 0",
+            )
+        )  # fmt: skip
+    return Budget(inclination_deg, tuple(sources))
+
+
+def _inside(record: CalibrationRecord) -> str:
+    """What the covariance of the parameters holds."""
+    if record.result.frame == "gravity":
+        return "holds reading noise of the poses, scatter of the bench's settings, and its tilt as estimated"
+    return "holds reading noise of the poses, scatter of the bench's settings, and its tilt (0.05 deg, not estimated)"
+
+
+def _thermometer(record: CalibrationRecord, fields: CertificateFields, inc: float, expanded_c: float) -> Source:
+    """What an error of the thermometer does: through the polynomials of the record, or the stated coefficient."""
+    u = expanded_c / 2.0
+    main = record.result.main
+    span = main.temperature
+    value, note = f"U = {expanded_c:g} °C", ""
+    slope = 0.0
+    if span is not None and main.max_power():
+        middle = 0.5 * (span.min_c + span.max_c)
+        tf = np.deg2rad(np.arange(0.0, 360.0, 15.0))
+        g = gravity_direction(np.full_like(tf, inc), tf)
+        raw = main.model(middle).forward(g)
+        moved = main.model(middle + 0.5).correct(raw) - main.model(middle - 0.5).correct(raw)
+        slope = float(np.sqrt((moved**2).sum(axis=0)).max())
+        note = f"{1e6 * slope:.1f} ug/°C by the record's own polynomials"
+    elif fields.use.offset_g_per_c is not None:
+        slope = fields.use.offset_g_per_c
+        note = "with the stated change of offset"
+    else:
+        note = "the record does not depend on temperature: sensitivity 0"
+    tf_deg = min(math.degrees(u * slope) / max(math.sin(inc), 1e-12), UNIFORM_DEG)
+    return Source("Thermometer", "B", value, "normal", "2", math.degrees(u * slope), tf_deg, math.inf, note)

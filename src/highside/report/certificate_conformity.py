@@ -1,0 +1,135 @@
+"""As found, as left: the earlier calibration and the new one judged against limits, for the certificate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from highside.calibration.poses import PoseSet
+from highside.calibration.record import CalibrationRecord, pose_set
+from highside.calibration.result import BenchAccuracy
+from highside.calibration.verification import KnownTilt, Verification, tilt_of, verify_poses
+from highside.report.certificate_inputs import Inputs
+from highside.report.sheets import Sheets
+
+RULE = (
+    "Decision rule: guarded acceptance, guard band w = U (k = 2). Pass where |error| + U is within the limit, fail"
+    " where |error| - U is beyond it, undecided between; the probability of a wrong pass, or of a wrong fail, is 2.3 %"
+    " at most for each comparison."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Verified:
+    """A verification on the certificate: of which record, at whose poses."""
+
+    found: Verification
+    what: str
+    independent: bool
+
+
+def conformity(out: Sheets, inputs: Inputs) -> None:
+    record, decision = inputs.record, inputs.fields.decision
+    out.heading("As found, as left")
+    if decision is None:
+        out.paragraph(
+            "No limits of error were stated: no statement of conformity is made. What the poses show before and after"
+            " the calibration is in the table of methods."
+        )
+        return
+    agreed = f", agreed with {decision.agreed_with}" if decision.agreed_with else ""
+    out.paragraph(f"Limits of error: I {decision.limit_inc_deg:g} deg, T {decision.limit_tf_deg:g} deg{agreed}. {RULE}")
+    found = as_found(inputs)
+    if found is None:
+        out.paragraph("As found: not assessed, no earlier calibration of the item was presented.")
+    else:
+        _verified(out, "As found", found)
+    left = as_left(inputs)
+    if left is None:
+        out.paragraph(f"As left: not assessed, record {record.id[:12]} has no poses with a reference attitude.")
+    else:
+        _verified(out, "As left", left)
+
+
+def as_found(inputs: Inputs) -> Verified | None:
+    """The earlier calibration judged at poses measured for it, or at those of this calibration."""
+    if inputs.previous is None:
+        return None
+    poses = inputs.as_found_poses
+    what = f"record {inputs.previous.id[:12]} of {inputs.previous.content['created'][:10]}"
+    if poses is not None:
+        return Verified(
+            _verify(inputs, inputs.previous, poses), f"{what}, at {len(poses)} poses of a verification", True
+        )
+    poses = _own_poses(inputs.record)
+    if poses is None:
+        return None
+    return Verified(_verify(inputs, inputs.previous, poses), f"{what}, at the {len(poses)} poses of this session", True)
+
+
+def as_left(inputs: Inputs) -> Verified | None:
+    """The new calibration judged at poses of a verification, or at its own."""
+    poses = inputs.as_left_poses
+    if poses is not None:
+        what = f"this record, at {len(poses)} poses of a verification"
+        return Verified(_verify(inputs, inputs.record, poses), what, True)
+    poses = _own_poses(inputs.record)
+    if poses is None:
+        return None
+    what = f"this record, at the {len(poses)} poses that it was made from"
+    return Verified(_verify(inputs, inputs.record, poses), what, False)
+
+
+def _own_poses(record: CalibrationRecord) -> PoseSet | None:
+    return pose_set(record.pose_columns, record.request) if record.request.reference == "pose" else None
+
+
+def _verify(inputs: Inputs, judged: CalibrationRecord, poses: PoseSet) -> Verification:
+    decision, bench = inputs.fields.decision, inputs.fields.bench
+    assert decision is not None
+    tilt: KnownTilt | None = tilt_of(inputs.record)
+    sigma = inputs.record.request.pose_sigma_deg
+    if bench is not None and bench.inc_expanded_deg is not None:
+        sigma = math.hypot(sigma, bench.inc_expanded_deg / 2.0)
+    return verify_poses(
+        judged,
+        poses,
+        limit_inc_deg=decision.limit_inc_deg,
+        limit_tf_deg=decision.limit_tf_deg,
+        bench=BenchAccuracy(pose_rad=math.radians(sigma)),
+        tilt=tilt,
+        toolface_zero_std_deg=inputs.fields.use.toolface_zero_deg or 0.0,
+    )
+
+
+def _verified(out: Sheets, title: str, one: Verified) -> None:
+    found = one.found
+    out.paragraph(f"{title} ({one.what}). {found.text}", css="verdict")
+    if not one.independent:
+        out.paragraph(
+            "These poses took part in the calibration: that they agree with it shows that the session is consistent,"
+            " and is no independent proof of accuracy."
+        )
+    inc = [pose.inc for pose in found.poses if pose.inc is not None]
+    tf = [pose.tf for pose in found.poses if pose.tf is not None]
+    rows = []
+    for name, judged in (("I", inc), ("T", tf)):
+        if judged:
+            worst = max(judged, key=lambda j: abs(j.error) + 2.0 * j.std)
+            count = [sum(j.verdict == v for j in judged) for v in ("pass", "undecided", "fail")]
+            rows.append([name, f"{worst.error:+.4f}", f"{2.0 * worst.std:.4f}", f"{worst.limit:g}", *map(str, count)])
+    out.table(
+        ["", "largest error, deg", "its U (k = 2)", "limit", "pass", "undecided", "fail"],
+        rows,
+        (12, 34, 30, 20, 20, 24, 20),
+        words=(0,),
+    )
+
+
+def verdict_lines(inputs: Inputs) -> Sequence[str]:
+    """As found and as left in a line each, for the terminal."""
+    if inputs.fields.decision is None:
+        return ()
+    pairs = (("as found", as_found(inputs)), ("as left", as_left(inputs)))
+    return tuple(f"{title}: {one.found.text}" for title, one in pairs if one is not None)
