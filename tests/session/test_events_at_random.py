@@ -1,4 +1,4 @@
-"""Random operators, hands, plugs and disks: the session is never stuck, takes no moving pose, loses none it has taken."""
+"""Random operators, hands, plugs and disks: never stuck, no moving pose is taken, none that was taken is lost."""
 
 from __future__ import annotations
 

@@ -46,7 +46,11 @@ class JournalFile:
             raise InputError("there is a session of this name already", where=str(directory)) from None
         except OSError as error:
             raise InputError(f"cannot be written: {error.strerror}", where=str(directory)) from None
-        _lock(path, descriptor)
+        try:
+            _lock(path, descriptor)
+        except InputError:
+            os.close(descriptor)
+            raise
         encoder = Encoder()
         out = cls(path, descriptor, encoder, 0)
         try:
@@ -111,7 +115,6 @@ def _lock(path: Path, descriptor: int) -> None:
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
-        os.close(descriptor)
         raise InputError("another process drives this session", where=str(path), remedy="end that one first") from None
 
 

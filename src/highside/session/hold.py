@@ -50,7 +50,7 @@ class Hold:
         """Leave windows out at either end that do not agree with the middle: the way in and the way out, in a hold
         whose limits nobody knew."""
         noise = self._floor.value
-        if noise is None:
+        if noise is None or not self.windows:
             return
         while len(self.windows) > MIN_TRIMMED:
             means = self.means()

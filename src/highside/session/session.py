@@ -269,7 +269,6 @@ class BenchSession:
             return
         try:
             self._do(result.action, event, command)
-            self.faults.clear(Fault.STORAGE)
         except StorageError as error:
             self.faults.put(Fault.STORAGE, str(error))
             if command is not None:
@@ -304,6 +303,7 @@ class BenchSession:
     def _keep(self, entry: Entry) -> None:
         """To the disk first, then into the ledger."""
         self._write(entry)
+        self.faults.clear(Fault.STORAGE)
         self.ledger.apply(entry)
         self.seq += 1
 
