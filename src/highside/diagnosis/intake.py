@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.intake_clock import STRAY, SURE, chance, clock_findings, duplicates
+from highside.diagnosis.intake_impulses import find_impulses
 from highside.diagnosis.result import Finding
 from highside.physics.gravity import STANDARD_GRAVITY_MPS2, gravity_direction
 
@@ -22,9 +24,6 @@ Array = NDArray[np.float64]
 CHANNELS = ("ax", "ay", "az")
 COLUMNS = ("ax_g", "ay_g", "az_g")
 UNITS = {"m/s2": STANDARD_GRAVITY_MPS2, "mg": 1e3, "ug": 1e6}
-STRAY = 1e-4
-"""Share of frames that a healthy link may lose, repeat or disorder."""
-SURE = 1e-6
 CLIPPED_SHARE = 0.2
 """Where more of a channel is clipped, the rest says too little."""
 
@@ -36,6 +35,8 @@ class Intake:
     findings: tuple[Finding, ...]
     spoiled: bool
     clipped: dict[int, tuple[float, float]]
+    impulses: NDArray[np.intp]
+    """rows whose reading is far off its neighbours"""
 
 
 def check(
@@ -50,12 +51,13 @@ def check(
     if missing:
         return _spoiled([Finding("missing_column", tuple(missing), 0.0, f"record {', '.join(missing)} as well")])
     held = ~np.isnan(columns["pose"]) if "pose" in columns else np.ones(columns["t_s"].size, dtype=bool)
-    holes = [name for name in (*COLUMNS, *needed) if np.isnan(columns[name][held]).any()]
+    holes = [name for name in ("t_s", *COLUMNS, *needed) if np.isnan(columns[name][held]).any()]
     if holes:
         count = max(int(np.isnan(columns[name][held]).sum()) for name in holes)
         words = f"{count} of {int(held.sum())} values are missing: repeat those poses or leave the rows out"
         return _spoiled([Finding("missing_values", tuple(_short(name) for name in holes), 0.0, words)])
-    time = _time(columns, held)
+    clock = clock_findings(columns, held)
+    time = [finding for finding, _ in clock]
     accel = np.stack([columns[name][held] for name in COLUMNS])
     still = [c for c in range(3) if np.ptp(accel[c]) == 0.0]
     if still:
@@ -64,99 +66,49 @@ def check(
     unit = _unit(accel)
     if unit:
         return _spoiled([*time, unit])
-    if not attitude:
-        harmless = [f for f in time if f.check == "dropped_frames"]
-        found = [f for f in time if f not in harmless] + _duplicates(columns, held, accel)
-        stuck = [f for c in range(3) if (f := _stuck_bit(accel[c], c))]
-        told = [f for c in range(3) if (f := _quantisation(accel[c], c))]
-        return Intake((*found, *stuck, *harmless, *told), bool(found or stuck), {})
-    reference = _reference({name: column[held] for name, column in columns.items()})
-    expected = np.empty_like(reference)
-    for tool, (channel, sign) in enumerate(axes):
-        expected[channel] = sign * reference[tool]
-    clipped = {c: found for c in range(3) if (found := _clipping(accel[c], expected[c]))}
-    # a channel that is mostly flat follows no axis map
-    frames = [] if any(share >= CLIPPED_SHARE for share, _, _ in clipped.values()) else _axes(accel, reference, axes)
-    if frames:
-        return _spoiled([*time, *frames])
-    findings = [*time, *_duplicates(columns, held, accel)]
+    reference = _reference({name: column[held] for name, column in columns.items()}) if attitude else None
+    clipped: dict[int, tuple[float, float, float]] = {}
+    if reference is not None:
+        expected = np.empty_like(reference)
+        for tool, (channel, sign) in enumerate(axes):
+            expected[channel] = sign * reference[tool]
+        clipped = {c: found for c in range(3) if (found := _clipping(accel[c], expected[c]))}
+        # a channel that is mostly flat follows no axis map
+        mostly = any(share >= CLIPPED_SHARE for share, _, _ in clipped.values())
+        frames = [] if mostly else _axes(accel, reference, axes)
+        if frames:
+            return _spoiled([*time, *frames])
+    spoiling = [finding for finding, spoils in clock if spoils and (attitude or finding.check != "dropped_frames")]
+    told = [finding for finding in time if finding not in spoiling]
+    spoiling += duplicates(columns, held, accel)
     for c, (share, limit, p) in clipped.items():
         words = f"{share:.1%} of the readings share the value {limit:g} g: use a larger range"
-        findings.append(Finding("clipping", (CHANNELS[c],), p, words))
-    stuck = [f for c in range(3) if c not in clipped and (f := _stuck_bit(accel[c], c))]
-    told = [f for c in range(3) if (f := _quantisation(accel[c], c))]
-    spoiled = bool(findings or stuck) and not (
-        clipped
-        and not stuck
-        and len(findings) == len(clipped)
-        and all(s < CLIPPED_SHARE for s, _, _ in clipped.values())
-    )
-    return Intake((*findings, *stuck, *told), spoiled, {c: (share, limit) for c, (share, limit, _) in clipped.items()})
+        flat = Finding("clipping", (CHANNELS[c],), p, words)
+        (spoiling if share >= CLIPPED_SHARE else told).append(flat)
+    spoiling += [f for c in range(3) if c not in clipped and (f := _stuck_bit(accel[c], c))]
+    rows = np.flatnonzero(held)
+    impulses: NDArray[np.intp] = rows[:0]
+    knocks: list[Finding] = []
+    if not clipped and (attitude or "pose" in columns):
+        # of a tool that is moved by hand and has no reference, a jerk is no fault
+        stops = np.cumsum(np.diff(columns["pose"][held], prepend=np.nan) != 0) if "pose" in columns else 0 * rows
+        impulses, knocks = find_impulses(accel, stops, reference)
+    told += [*knocks, *(f for c in range(3) if (f := _quantisation(accel[c], c)))]
+    flats = {c: (share, limit) for c, (share, limit, _) in clipped.items()}
+    return Intake((*spoiling, *told), bool(spoiling), flats, rows[impulses])
 
 
 def _spoiled(findings: Sequence[Finding]) -> Intake:
-    return Intake(tuple(findings), True, {})
+    return Intake(tuple(findings), True, {}, np.empty(0, dtype=np.intp))
 
 
 def _short(name: str) -> str:
     return name.removesuffix("_g") if name in COLUMNS else name
 
 
-def chance(count: int, of: int, rate: float) -> float:
-    """Probability of at least `count` among `of` where each happens with `rate`: an exact binomial tail."""
-    from scipy.special import bdtrc
-
-    return 1.0 if count <= 0 else float(bdtrc(count - 1, of, rate))
-
-
 def _all_equal(count: int) -> float:
     """Probability that so many readings agree where two do with even odds."""
     return float(2.0 ** -min(count - 1, 1000))
-
-
-def _time(columns: Mapping[str, Array], held: NDArray[np.bool_]) -> list[Finding]:
-    """Order, gaps and repetitions of the frames, from the times and the counter."""
-    steps = np.diff(columns["t_s"])
-    n = steps.size
-    back = int(np.sum(steps < 0))
-    if back > n / 2:
-        return [Finding("reversed_time", ("t_s",), chance(back, n, 0.5), "sort the rows by time")]
-    found: list[Finding] = []
-    if back:
-        p = chance(back, n, STRAY)
-        found.append(Finding("reordered_frames", ("t_s",), p, f"{back} rows are out of order: sort by time or counter"))
-    if "seq" in columns and not np.isnan(columns["seq"]).any():
-        jumps = np.diff(columns["seq"])
-        lost = int(np.sum(np.maximum(jumps[jumps > 0] - 1, 0)))
-    else:
-        # only within a stop: between stops a recording may pause
-        pose = columns.get("pose", np.zeros(n + 1))
-        inside = (pose[1:] == pose[:-1]) & held[1:] & held[:-1] & (steps > 0)
-        usual = float(np.median(steps[inside])) if inside.any() else 0.0
-        lost = int(np.sum(np.round(steps[inside] / usual) - 1)) if usual > 0 else 0
-    p = chance(lost, n + lost, STRAY)
-    if lost > 0 and p < SURE:
-        found.append(
-            Finding(
-                "dropped_frames", ("seq" if "seq" in columns else "t_s",), p, f"{lost} frames are lost: check the link"
-            )
-        )
-    return found
-
-
-def _duplicates(columns: Mapping[str, Array], held: NDArray[np.bool_], accel: Array) -> list[Finding]:
-    """Frames that arrived twice: equal counters, or neighbours equal in all channels more often than others are."""
-    n = accel.shape[1]
-    if "seq" in columns and not np.isnan(columns["seq"]).any():
-        twice = int(np.sum(np.diff(columns["seq"]) == 0))
-        p = chance(twice, n, STRAY)
-    else:
-        same = np.all(np.diff(accel, axis=1) == 0, axis=0)
-        apart = np.all(accel[:, 2:] == accel[:, :-2], axis=0)
-        twice, p = int(same.sum()), chance(int(same.sum()), n - 1, max(float(apart.mean()) * 1.5, STRAY))
-    if twice and p < SURE:
-        return [Finding("duplicated_frames", CHANNELS, p, f"{twice} frames are there twice: remove the copies")]
-    return []
 
 
 def _reference(columns: Mapping[str, Array]) -> Array:

@@ -10,14 +10,12 @@ exact derivatives, and with the covariance that the draws show.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.attitude import wrap_signed
 from highside.calibration.balance import balance_matrix
 from highside.calibration.conventional import position_plan
 from highside.physics.effect import Stage
@@ -75,7 +73,11 @@ class Sessions:
         return self.inc_rad.size * self.procedure.stations
 
     def corrected(self, readings: Array) -> Array:
-        """Means (..., 3, N) of all poses -> corrected gravity (..., 3, R, S) at the stations."""
+        """Means (..., 3, N) of all poses -> corrected gravity (..., 3, R, S) at the stations, seen from the high side.
+
+        The three components are radial (towards the toolface of the bench), tangential and axial: on a perfect
+        instrument sin I, 0 and cos I.
+        """
         turns = readings[..., : self.turns].reshape(*readings.shape[:-1], self.inc_rad.size, -1)
         return self.apply(self.matrices(readings), turns)
 
@@ -91,10 +93,12 @@ class Sessions:
         rings = [slice(4 * r, 4 * r + 4) for r in range(self.inc_rad.size)]
         return np.stack([balance_matrix(own[..., r], W[:, r]) for r in rings], axis=-3)
 
-    @staticmethod
-    def apply(matrices: Array, turns: Array) -> Array:
-        """(..., R or 1, 3, 3) to (..., 3, R, S)."""
-        return np.asarray(np.moveaxis(matrices @ np.moveaxis(turns, -3, -2), -2, -3))
+    def apply(self, matrices: Array, turns: Array) -> Array:
+        """(..., R or 1, 3, 3) to (..., 3, R, S), and from the tool's axes to those of the bench's toolface."""
+        x, y, z = np.moveaxis(matrices @ np.moveaxis(turns, -3, -2), -2, 0)
+        tf = self.state.tf_rad[: self.turns].reshape(x.shape[-2:])
+        cos, sin = np.cos(tf), np.sin(tf)
+        return np.stack([x * cos + y * sin, y * cos - x * sin, z], axis=-3)
 
     def degenerate(self) -> NDArray[np.bool_]:
         """(R,) rows where the correction has no meaning."""
@@ -107,8 +111,8 @@ class Sessions:
 class Draws:
     """M realisations of chance, as what they add to the corrected gravity (g).
 
-    `readings` (M, 3, R, S, K): of the K readings for a noise of 1 g, those of the correction's poses included;
-    `bench` (M, 3, R, S): of where the bench stopped.
+    `readings` (M, 3, R, S, K), single precision: of the K readings for a noise of 1 g, those of the correction's poses
+    included; `bench` (M, 3, R, S): of where the bench stopped.
     """
 
     readings: Array
@@ -127,7 +131,6 @@ def draw(sessions: Sessions, model: ForwardModel, count: int, seed: int, noise_g
     start = sessions.corrected(clean)
     moved = np.empty((count, 3, rows, stations))
     noise = np.empty((count, 3, rows, stations, procedure.readings))
-    turned = (count, 3, rows, stations, procedure.readings)
     own = state.n - sessions.turns
     for k in range(count):
         stops = model.draw(state, rng).get(Stage.POSE, np.zeros((3, state.n)))
@@ -137,11 +140,9 @@ def draw(sessions: Sessions, model: ForwardModel, count: int, seed: int, noise_g
             trembling = np.zeros((3, state.n))
             trembling[:, sessions.turns :] = rng.standard_normal((3, own)) / np.sqrt(procedure.readings)
             by_matrix = (sessions.corrected(clean + noise_g * trembling) - start) / noise_g
-        own_readings = rng.standard_normal(turned[1:])
-        flat = np.moveaxis(own_readings, 0, -2).reshape(rows, stations, 3, -1)
-        through = np.einsum("rij,rsjk->irsk", np.broadcast_to(matrices, (rows, 3, 3)), flat)
-        noise[k] = through + by_matrix[..., None]
-    return Draws(noise, moved)
+        trembling = rng.standard_normal((procedure.readings, 3, rows, stations))
+        noise[k] = np.moveaxis(sessions.apply(matrices, trembling), 0, -1) + by_matrix[..., None]
+    return Draws(noise.astype(np.float32), moved)
 
 
 @dataclass(frozen=True)
@@ -193,41 +194,43 @@ def tell(linear: Linear, values: Array, noise_g: float, draws: Draws, *, slopes:
     columns = linear.columns
     cells = np.empty((count, rows, 4))
     slope = np.zeros((len(columns) + 1, rows, 4))
-    inc_ref = sessions.inc_rad[:, None]
-    tf_ref = np.tile(np.repeat(sessions.state.tf_rad[:stations], readings), rows).reshape(rows, size)
+    cos, sin = (f(sessions.inc_rad).astype(np.float32)[:, None] for f in (np.cos, np.sin))
     row = np.arange(rows)
     for first in range(0, count, _CHUNK):
         noise = draws.readings[first : first + _CHUNK]
-        g = (field + draws.bench[first : first + _CHUNK])[..., None] + noise_g * noise
-        x, y, z = np.moveaxis(g.reshape(len(noise), 3, rows, size), 1, 0)
-        across = np.hypot(x, y)
-        inc = np.arctan2(across, z) - inc_ref
-        tf = wrap_signed(np.arctan2(y, x) - tf_ref)
-        norm2 = across**2 + z**2
+        still = (field + draws.bench[first : first + _CHUNK]).astype(np.float32)
+        g = (still[..., None] + np.float32(noise_g) * noise).reshape(len(noise), 3, rows, size)
+        radial, tangential, axial = g[:, 0], g[:, 1], g[:, 2]
+        across = np.sqrt(radial**2 + tangential**2)
+        # angles from the reference, small: single precision is enough
+        inc = np.arctan2(across * cos - axial * sin, across * sin + axial * cos)
+        tf = np.arctan2(tangential, radial)
         for which, angle in ((0, inc), (2, tf)):
-            cells[first : first + _CHUNK, :, which] = angle.mean(axis=-1)
             top, low = angle.argmax(axis=-1), angle.argmin(axis=-1)
-            cells[first : first + _CHUNK, :, which + 1] = np.ptp(angle, axis=-1)
+            drawn = np.arange(len(noise))[:, None]
+            cells[first : first + _CHUNK, :, which] = angle.mean(axis=-1, dtype=np.float64)
+            cells[first : first + _CHUNK, :, which + 1] = angle[drawn, row, top] - angle[drawn, row, low]
             if not slopes:
                 continue
-            if which == 0:
-                by = np.stack([x * z / (across * norm2), y * z / (across * norm2), -across / norm2], axis=1)
-            else:
-                by = np.stack([-y / across**2, x / across**2, np.zeros_like(x)], axis=1)
-            # by: (m, 3, R, size); the mean over readings, then the two extremes
-            over = by.reshape(len(noise), 3, rows, stations, readings)
-            slope[:-1, :, which] += np.einsum("pirs,irs->pr", columns, over.sum(axis=(0, 4))) / size
-            slope[-1, :, which] += np.einsum("mirsk,mirsk->r", over, noise) / size
-            drawn = np.arange(len(noise))[:, None]
+            # the mean hardly bends: its slope is that of the curve without noise
+            mean = _slopes(field[None], which)[0]
+            slope[:-1, :, which] += np.einsum("pirs,irs->pr", columns, mean) * len(noise) / stations
+            slope[-1, :, which] += np.einsum("irs,mirsk->r", mean.astype(np.float32), noise) / size
             flat_noise = noise.reshape(len(noise), 3, rows, size)
             for sign, at in ((1.0, top), (-1.0, low)):
-                weight = by[drawn, :, row, at]  # (m, R, 3)
+                weight = _slopes(np.moveaxis(g[drawn, :, row, at], -1, 1)[..., None], which)[..., 0]  # (m, 3, R)
                 shape = columns[:, :, row[None, :], at // readings]  # (P, 3, m, R)
-                slope[:-1, :, which + 1] += sign * np.einsum("mri,pimr->pr", weight, shape)
-                slope[-1, :, which + 1] += sign * np.einsum("mri,mri->r", weight, flat_noise[drawn, :, row, at])
+                slope[:-1, :, which + 1] += sign * np.einsum("mir,pimr->pr", weight, shape)
+                slope[-1, :, which + 1] += sign * np.einsum("mir,mri->r", weight, flat_noise[drawn, :, row, at])
     return Told(np.degrees(cells), np.degrees(slope / count))
 
 
-def row_names(inclinations_deg: Sequence[float]) -> list[str]:
-    """How a report names the rows."""
-    return [f"{value:g} deg" for value in inclinations_deg]
+def _slopes(g: Array, which: int) -> Array:
+    """Derivatives (m, 3, R, S) of inclination (`which` 0) or toolface (2) by the components (m, 3, R, S), rad per g."""
+    radial, tangential, axial = g[:, 0], g[:, 1], g[:, 2]
+    across2 = radial**2 + tangential**2
+    if which == 2:
+        return np.stack([-tangential / across2, radial / across2, np.zeros_like(axial)], axis=1)
+    across, norm2 = np.sqrt(across2), across2 + axial**2
+    along = axial / (across * norm2)
+    return np.stack([radial * along, tangential * along, -across / norm2], axis=1)

@@ -26,7 +26,7 @@ NOISE_G = 50e-6
 NOISE_LOG_STD = 0.7
 HEAVY = 3.0
 """Sizes beyond this many typical ones cost."""
-FIT_DRAWS, CHANCE_DRAWS = 8, 300
+FIT_DRAWS, CHANCE_DRAWS = 16, 300
 MAX_AMPLITUDES = 4
 """More at once fit anything that forty numbers can say."""
 PEAK = float(np.sqrt(2.0))
@@ -76,9 +76,7 @@ MAX_AMPLITUDES = 4
 
 def _which(variant: Variant, whole: Variant) -> list[int]:
     """Places of a variant's columns among those of the whole effect."""
-    return [
-        next(k for k, column in enumerate(whole.columns) if np.array_equal(column, own)) for own in variant.columns
-    ]
+    return [next(k for k, column in enumerate(whole.columns) if np.array_equal(column, own)) for own in variant.columns]
 
 
 @dataclass(frozen=True)
@@ -128,7 +126,7 @@ class Table:
         """(4 R,) deg that one radian of unexplained scatter moves each cell."""
         sin = np.sin(self.sessions.inc_rad)
         one = np.ones_like(sin)
-        return np.degrees(np.stack([one, PEAK * one, one / sin, PEAK / sin], axis=1)).reshape(-1)
+        return np.asarray(np.degrees(np.stack([one, PEAK * one, one / sin, PEAK / sin], axis=1))).reshape(-1)
 
 
 @dataclass(frozen=True)
@@ -183,7 +181,6 @@ def fit_set(
     *,
     chance: Array | None = None,
     rounds: int = 2,
-    guesses: Sequence[float] = (0.5,),
 ) -> Fitted:
     """Fit a set by Gauss-Newton with damping, from another fit of fewer effects; tau is found between rounds."""
     options = tuple(options)
@@ -195,19 +192,25 @@ def fit_set(
     noise = np.log(start.noise_g if start else table.noise_g or NOISE_G)
     if chance is None:
         chance = start.chance if start else chance_of(table, linear, np.nan_to_num(first), float(np.exp(noise)))
-    best: tuple[float, Array] | None = None
-    for guess in guesses if fresh.any() else (0.0,):
-        alternate = np.where(np.arange(first.size) % 2 == 0, 1.0, -1.0)
-        theta = np.append(np.where(fresh, guess * alternate, first), noise)
-        found = _descend(table, linear, theta, chance, tau)
-        if best is None or found[0] < best[0]:
-            best = found
-    assert best is not None
-    theta = best[1]
+    starts = [np.append(np.where(fresh, guess, first), noise) for guess in _guesses(fresh)]
+    if len(starts) > 1:
+        # a peak-to-peak hardly knows signs, and a fit does not cross zero: a few steps from several sides first
+        starts = [min((_descend(table, linear, s, chance, tau, steps=4) for s in starts), key=lambda f: f[0])[1]]
+    theta = _descend(table, linear, starts[0], chance, tau)[1]
     for _ in range(rounds):
         tau, _ = _most_likely_tau(table, linear, theta, chance)
         theta = _descend(table, linear, theta, chance, tau)[1]
     return _finished(table, linear, options, theta, chance)
+
+
+def _guesses(fresh: NDArray[np.bool_]) -> list[Array]:
+    """Values to start what is new from, in typical units."""
+    alternate = np.where(np.cumsum(fresh) % 2 == 0, -1.0, 1.0)
+    if not fresh.any():
+        return [np.zeros(fresh.size)]
+    if fresh.sum() == 1:
+        return [0.7 * alternate, -0.7 * alternate]
+    return [alternate, np.ones(fresh.size)]
 
 
 def _start_values(table: Table, options: Sequence[Option], start: Fitted | None) -> Array:
@@ -224,7 +227,7 @@ def _start_values(table: Table, options: Sequence[Option], start: Fitted | None)
 
 
 def _descend(
-    table: Table, linear: Linear, theta: Array, chance: Array, tau: float, steps: int = 25
+    table: Table, linear: Linear, theta: Array, chance: Array, tau: float, steps: int = 15
 ) -> tuple[float, Array]:
     mask, base = table.mask, len(table.base)
     lower = np.linalg.cholesky((chance + np.diag((tau * table.spread) ** 2))[np.ix_(mask, mask)])
@@ -261,7 +264,7 @@ def _descend(
         moved[-1] = np.clip(moved[-1], np.log(1e-6), np.log(5e-3))
         new = residual(moved)
         if new[0] < cost:
-            done = cost - new[0] < 0.02
+            done = cost - new[0] < 0.05
             theta, (cost, gram, pull) = moved, new
             damping = max(damping / 8, 1e-6)
             if done:
@@ -304,7 +307,8 @@ def _finished(table: Table, linear: Linear, options: tuple[Option, ...], theta: 
     price = extra.size * np.log(table.mask.sum()) + sum(2 * np.log(option.tries) for option in options)
     score = deviance + price + 2.0 * float(np.sum(np.log1p((extra / HEAVY) ** 2)))
     return Fitted(
-        options, theta[:-1], float(np.exp(theta[-1])), tau, deviance, float(score), said.cells.mean(axis=0), chance, slope
+        options, theta[:-1], float(np.exp(theta[-1])), tau, deviance, float(score), said.cells.mean(axis=0), chance,
+        slope,
     )  # fmt: skip
 
 

@@ -9,21 +9,23 @@ is believed where no set without it comes near; what takes its place in a set th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.summary_fit import Fitted, Option, Table, fit_set
+from highside.diagnosis.summary_fit import Fitted, Option, Table, fit_set, rechanced
 
 Array = NDArray[np.float64]
 
-WIDTH = 6
-MAX_EFFECTS = 5
+WIDTH = 4
+MAX_EFFECTS = 4
 STEP = 6.0
 """What one more effect must improve the score by (as a difference of BIC: strong)."""
 SAME = 6.0
 """Sets whose scores differ by less cannot be told apart."""
+CLEAR = 15.0
+"""Sets that score worse by more are not looked at again."""
 UNEXPLAINED_P = 1e-3
 """A row less likely than this, predicted from the others, is not explained (over all rows)."""
 
@@ -90,32 +92,87 @@ class Standing:
     """the best set without this effect, by the effect that takes its place"""
     ruled_out: dict[str, float]
     """score lost by exchanging it for another effect, where that is clear"""
+    shapes: int
+    """how many of its shapes (harmonic orders) do as well: with several, it stands for something that is not known"""
 
 
 def standing(
     table: Table, options: Sequence[Option], base: Fitted, best: Fitted, tried: Sequence[Fitted], index: int
 ) -> Standing:
-    """Search without one member's effect, the other members given and free to go, and compare."""
+    """Search without one member's effect, beside the other members, and compare."""
     option = best.options[index]
     others = tuple(o for k, o in enumerate(best.options) if k != index)
     rest = fit_set(table, others, best) if others else base
     allowed = [o for o in options if o.effect != option.effect]
-    found = search(table, allowed, base, width=3, depth=2, seeds=[rest])
+    found = search(table, allowed, rest, width=2, depth=2)
     rivals = [f for f in (*found.tried, *tried) if option.effect not in f.effects]
-    kept = {o.effect for o in others}
 
     def cost(fitted: Fitted) -> float:
-        return fitted.score + STEP * len(fitted.options)
+        # each effect more than the best set has must pay for itself
+        return fitted.score - best.score + STEP / 2 * max(0, len(fitted.options) - len(best.options))
 
-    level = cost(best)
+    kept = {o.effect for o in others}
     instead: dict[str, Fitted] = {}
-    for fitted in sorted(rivals, key=cost):
-        for effect in fitted.effects - kept:
-            instead.setdefault(effect, fitted)
-    same = tuple(effect for effect, fitted in instead.items() if cost(fitted) - level < SAME)
-    clear = {effect: cost(fitted) - level for effect, fitted in instead.items() if effect not in same}
-    without = min((cost(f) - level for f in rivals if not f.effects & set(same)), default=np.inf)
-    return Standing(option, float(without), (option.effect, *same), instead, clear)
+    for effect in dict.fromkeys(e for f in sorted(rivals, key=cost) for e in f.effects - kept):
+        fitted = min((f for f in rivals if effect in f.effects), key=cost)
+        if SAME <= cost(fitted) < CLEAR:
+            fitted = polished(table, fitted)
+        place = next(k for k, o in enumerate(fitted.options) if o.effect == effect)
+        if cost(fitted) >= SAME or _needed(table, fitted, place):
+            instead[effect] = fitted
+    same = tuple(effect for effect, fitted in instead.items() if cost(fitted) < SAME)
+    clear = {effect: cost(fitted) for effect, fitted in instead.items() if effect not in same}
+    without = min((cost(f) for f in (*rivals, *instead.values()) if not f.effects & set(same)), default=np.inf)
+    rest_of = frozenset(others)
+    shapes = {option.shape} | {
+        o.shape
+        for f in tried
+        if f.score - best.score < SAME and rest_of <= set(f.options)
+        for o in f.options
+        if o.effect == option.effect
+    }
+    return Standing(option, float(without), (option.effect, *same), instead, clear, len(shapes))
+
+
+def alike(best: Fitted, tried: Sequence[Fitted], index: int) -> tuple[str, ...]:
+    """A member's effect and those that took its place in other sets that were tried and score as well."""
+    others = {o for k, o in enumerate(best.options) if k != index}
+    own = best.options[index].effect
+    found = [own]
+    for fitted in tried:
+        if fitted.score - best.score > SAME:
+            break
+        extra = set(fitted.options) - others
+        if len(fitted.options) == len(best.options) and len(extra) == 1:
+            found.append(extra.pop().effect)
+    return tuple(dict.fromkeys(found))
+
+
+def _needed(table: Table, fitted: Fitted, place: int) -> bool:
+    """Whether a set is worse without one of its members."""
+    rest = tuple(o for k, o in enumerate(fitted.options) if k != place)
+    return fit_set(table, rest, fitted).score - fitted.score > STEP
+
+
+def polished(table: Table, fitted: Fitted) -> Fitted:
+    """The same set from other signs of its amplitudes: peak-to-peaks hardly know them, and a fit does not cross zero."""
+    best = rechanced(table, fitted)
+    for k in range(len(fitted.options)):
+        own = fitted.own(k)
+        for signs in _patterns(own.stop - own.start):
+            values = best.values.copy()
+            values[own] *= signs
+            other = fit_set(table, best.options, replace(best, values=values))
+            if other.score < best.score - 0.1:
+                best = other
+    return best
+
+
+def _patterns(count: int) -> list[Array]:
+    """Signs to try beside those that are there."""
+    if count == 1:
+        return [np.array([-1.0])]
+    return [-np.ones(count), *(np.where(np.arange(count) == k, -1.0, 1.0) for k in range(count))]
 
 
 def left_out_row(table: Table, fitted: Fitted, row: int) -> tuple[Array, Array, Array]:
@@ -154,4 +211,3 @@ def unexplained_rows(table: Table, fitted: Fitted) -> dict[int, float]:
         if p * rows.size < UNEXPLAINED_P:
             found[int(row)] = p
     return found
-

@@ -36,6 +36,7 @@ RECORDING_COLUMNS = (
     "seq",
 )
 POSE_COLUMNS = ("inc_ref_deg", "tf_ref_deg", "ax", "ay", "az", "n", "std_ax", "std_ay", "std_az", "temp_c")
+SUMMARY_COLUMNS = ("inc_ref_deg", "d_inc_mean_deg", "d_inc_pp_deg", "d_tf_mean_deg", "d_tf_pp_deg")
 _WHOLE = frozenset({"seq", "pose", "direction", "n"})
 _CELL_SHOWN = 40
 
@@ -196,6 +197,14 @@ class PoseTable(Table):
         """Standard deviation of one reading in g, (3, N), or None if the table does not give it."""
         names = ("std_ax", "std_ay", "std_az")
         return np.vstack([self.columns[name] for name in names]) if self.has(*names) else None
+
+
+class SummaryTable(Table):
+    """A published or summarised error table: one row an inclination, mean and peak-to-peak over a revolution in deg."""
+
+    mandatory: ClassVar[tuple[str, ...]] = SUMMARY_COLUMNS
+    known: ClassVar[tuple[str, ...]] = SUMMARY_COLUMNS
+    rows_are: ClassVar[str] = "inclinations"
 
 
 def read_recording(path: Path) -> Recording:

@@ -1,0 +1,540 @@
+"""The diagnosis of a published error table: from means and peak-to-peaks after a correction to a verdict.
+
+The whole chain is simulated (`summary_chain`), sets of effects are fitted to all cells at once (`summary_fit`), the
+best set is searched and each of its members is exchanged for others (`summary_search`). A member is given its name
+where no set without it and its class comes near, and where it moves a mean otherwise than by a constant: a
+peak-to-peak of a sum has lost order and phase of what is in it. The rest is told as a remainder. Misfits are in units
+of sigma: what chance and the scatter that stays unexplained do to a cell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.candidates import pose_candidates
+from highside.diagnosis.result import (
+    Claim,
+    Detectable,
+    Diagnosis,
+    Fit,
+    FittedParameter,
+    Location,
+    NotTestable,
+    Remainder,
+    Rival,
+    Verdict,
+)
+from highside.diagnosis.summary_advice import next_ring
+from highside.diagnosis.summary_chain import CELLS, Linear, Procedure, Sessions, draw, tell
+from highside.diagnosis.summary_fit import Fitted, Option, Table, deviance_at, fit_set, options_of, rechanced
+from highside.diagnosis.summary_search import (
+    Standing,
+    alike,
+    left_out_row,
+    polished,
+    search,
+    standing,
+    unexplained_rows,
+)
+from highside.errors import InputError
+from highside.physics.effects import all_effects
+from highside.physics.forward import ForwardModel
+
+Array = NDArray[np.float64]
+
+STEP_RAD = float(np.radians(0.009))
+"""Half a step of a usual turntable (0.018 deg): where a model does not say how its bench stops."""
+MIN_CELLS = 12
+NAMED_SHARE = 0.85
+"""Share of the unexplained scatter's variance that names must remove to be given."""
+BELIEVED = 6.0
+"""A member is named where every set without its class scores worse by this."""
+OFF = 2.0
+"""Cells that stay off by more sigma are told."""
+SHOWS = 4.0
+"""Chi-square by which a member must move the means to have a name."""
+SCATTER_SEEN = 12.0
+"""Gain of deviance at which the scatter beyond chance is there."""
+EVIDENCE_80 = 20.0
+_UNTOLD = {
+    "bias_drift": "a table does not say when a row was measured",
+    "bias_step": "a table does not say when a row was measured",
+    "warmup": "a table does not say when a row was measured",
+    "thermal_lag": "a table does not say when a row was measured",
+    "backlash": "a table does not say from which side a pose was approached",
+    "stiction": "a table does not say from which side a pose was approached",
+}
+
+
+@dataclass(frozen=True)
+class SummaryPicture:
+    """What a report draws, all (R, 4) in the order of `CELLS`: deg told and predicted, and misfits in sigma."""
+
+    inc_deg: Array
+    told: Array
+    base: Array
+    fitted: Array
+    sigma: Array
+
+    @property
+    def before(self) -> Array:
+        """Misfit of the base in sigma."""
+        return np.asarray((self.told - self.base) / self.sigma)
+
+    @property
+    def after(self) -> Array:
+        """Misfit with the claims in sigma."""
+        return np.asarray((self.told - self.fitted) / self.sigma)
+
+
+@dataclass(frozen=True)
+class Summarised:
+    """The answer, what a report draws, and the instrument found: the model with the best set, and its noise in g."""
+
+    diagnosis: Diagnosis
+    picture: SummaryPicture
+    instrument: ForwardModel
+    noise_g: float
+
+
+@dataclass(frozen=True)
+class _Scene:
+    model: ForwardModel
+    base_names: list[str]
+    base_units: Array
+    table: Table
+    options: list[Option]
+    base: Fitted
+    lacking: list[NotTestable]
+    seed: int
+
+
+def diagnose_summary(
+    inc_deg: Array,
+    told: Array,
+    procedure: Procedure,
+    model: ForwardModel,
+    free: Sequence[str],
+    *,
+    noise_g: float | None = None,
+    seed: int = 1,
+    version: str = "",
+    progress: Callable[[float, str], None] | None = None,
+) -> Summarised:
+    """Diagnose R rows `told` (R, 4) in deg (NaN where lost) at inclinations (R,) against a model.
+
+    `free` are the effects that may be refitted anyway; `noise_g` the standard deviation of one reading, fitted where it
+    is None. Raises InputError where the table says too little.
+    """
+    tell_progress = progress or (lambda share, words: None)
+    scene = _prepare(inc_deg, told, procedure, model, tuple(free), noise_g, seed)
+    found = search(scene.table, scene.options, scene.base, report=lambda s, w: tell_progress(0.5 * s, w))
+    best = polished(scene.table, found.best)
+    lost: dict[int, float] = {}
+    table = scene.table
+    while best.options and len(lost) < len(told) // 5:
+        odd = unexplained_rows(table, best)
+        if not odd:
+            break
+        worst = min(odd, key=odd.__getitem__)
+        lost[worst] = odd[worst]
+        table = table.without_row(worst)
+        best = fit_set(table, best.options, best)
+    if lost:
+        tell_progress(0.5, "once more without the rows that do not fit")
+        scene = replace(scene, table=table, base=fit_set(table, (), scene.base))
+        seeds = [fit_set(table, f.options, f) for f in found.tried[:3]]
+        found = search(table, scene.options, scene.base, width=3, depth=3, seeds=[best, *seeds])
+        best = polished(table, found.best)
+    standings: dict[int, Standing] = {}
+    for k in range(len(best.options)):
+        if _shows_in_means(table, best, k):
+            tell_progress(0.6 + 0.35 * k / len(best.options), f"rivals of {best.options[k].effect}")
+            standings[k] = standing(table, scene.options, scene.base, best, found.tried, k)
+    tell_progress(0.95, "rings left out")
+    swaps = [alike(best, found.tried, k) for k in range(len(best.options))]
+    return _conclude(scene, best, standings, swaps, lost, version)
+
+
+def _prepare(
+    inc_deg: Array,
+    told: Array,
+    procedure: Procedure,
+    model: ForwardModel,
+    free: tuple[str, ...],
+    noise_g: float | None,
+    seed: int,
+) -> _Scene:
+    if "pose_error" not in model.ids:
+        model = model.with_effects(
+            {"pose_error": {"inc_ring": STEP_RAD, "tf_station": STEP_RAD, "inc_pose": 0.0, "tf_pose": 0.0}}
+        )
+    sessions = Sessions.of(np.radians(inc_deg), procedure)
+    names = model.free_names(free)
+    columns = np.asarray(model.jacobian(sessions.state, names), dtype=float) if names else None
+    units = np.array([_typical(name) for name in names])
+    kept: list[int] = []
+    if columns is not None:
+        columns = columns * units[:, None, None]
+        probe = Linear.about(sessions, model, columns)
+        seen = np.mean(probe.columns**2, axis=(1, 2, 3)) > 1e-6 * np.mean(columns**2, axis=(1, 2))
+        kept = [int(k) for k in np.flatnonzero(seen)]
+    base_columns = columns[kept] if columns is not None else np.empty((0, 3, sessions.state.n))
+    table = Table.of(sessions, told, model, base_columns, noise_g, seed)
+    if table.mask.sum() < MIN_CELLS:
+        raise InputError(f"{int(table.mask.sum())} cells are too few for a diagnosis", remedy=f"give {MIN_CELLS}")
+    clean = np.asarray(model.predict(sessions.state), dtype=float)
+    candidates, blind = pose_candidates(model, sessions.state, free)
+    lacking = [NotTestable(b.effect.id, b.why, b.effect.splitter) for b in blind if b.effect.id not in _UNTOLD]
+    options: list[Option] = []
+    for candidate in candidates:
+        assert candidate.effect is not None
+        if candidate.id in _UNTOLD:
+            continue
+        own = options_of(sessions, clean, candidate)
+        options += own
+        if not own:
+            why = f"the correction ({procedure.corrected_by}) takes it up: it leaves no trace in these columns"
+            lacking.append(NotTestable(candidate.id, why, candidate.effect.splitter))
+    lacking += [NotTestable(e, why, all_effects()[e].splitter) for e, why in _UNTOLD.items() if e in all_effects()]
+    base = rechanced(table, fit_set(table, ()))
+    return _Scene(model, [names[k] for k in kept], units[kept], table, options, base, lacking, seed)
+
+
+def _typical(name: str) -> float:
+    effect_id, _, parameter = name.partition(".")
+    return next(p.typical for p in all_effects()[effect_id].parameters if p.name == parameter)
+
+
+def _conclude(
+    scene: _Scene,
+    best: Fitted,
+    standings: dict[int, Standing],
+    swaps: list[tuple[str, ...]],
+    lost: dict[int, float],
+    version: str,
+) -> Summarised:
+    table, base = scene.table, scene.base
+    places = [_location(table, best, k) for k in range(len(best.options))]
+    believed = [k for k, s in standings.items() if s.without >= BELIEVED and s.shapes == 1]
+    share = 1.0 - (best.tau_rad / base.tau_rad) ** 2 if _scatter_gain(table, best) > SCATTER_SEEN else 1.0
+    mask = table.mask
+    beyond = _scatter_gain(table, best)
+    gated = _implausible(best)
+    verdict = _verdict(best, believed, beyond > SCATTER_SEEN, share, bool(lost), gated)
+    told = verdict in ("named", "named_plus")
+    parameters = _parameters(scene, best)
+    location = tuple(places[k] for k in (believed if told else range(len(best.options))))
+    if not best.options and verdict == "unknown":
+        location = (_base_location(table, base, best),)
+    claims = tuple(_claim(scene, best, k, standings[k], parameters[k]) for k in believed) if told else ()
+    sigma = best.sigma(table)
+    picture = SummaryPicture(np.degrees(table.sessions.inc_rad), table.told, base.cells, best.cells, sigma)
+    diagnosis = Diagnosis(
+        verdict=verdict,
+        location=location,
+        claims=claims,
+        fit=_proof(table, base, best, picture, mask),
+        remainder=_remainder(scene, best, standings, believed if told else [], swaps, lost, beyond, picture),
+        not_testable=tuple(scene.lacking),
+        minimum_detectable=_detectable(scene, best),
+        noise={
+            "model": "chance drawn from the simulated chain, and a scatter beyond it",
+            "reading_noise_g": best.noise_g,
+            "reading_noise_is": "fitted" if table.noise_g is None else "given",
+            "scatter_beyond_chance_rad": {"before": base.tau_rad, "after": best.tau_rad},
+            "scatter_evidence": beyond,
+            "score": {"before": base.score, "after": best.score},
+            "nuisances": {
+                name: float(v * u) for name, v, u in zip(scene.base_names, best.values, scene.base_units, strict=False)
+            },
+            "unexplained_rows_deg": {f"{np.degrees(table.sessions.inc_rad[r]):g}": p for r, p in lost.items()},
+        },
+        seed=scene.seed,
+        version=version,
+    )
+    return Summarised(diagnosis, picture, _instrument(scene, best), best.noise_g)
+
+
+def _scatter_gain(table: Table, fitted: Fitted) -> float:
+    """How much more likely the cells are with a scatter beyond chance than without (deviance)."""
+    mask = table.mask
+    left = (table.told - fitted.cells).reshape(-1)[mask]
+    chance = fitted.chance[np.ix_(mask, mask)]
+    return deviance_at(1e-7, chance, table.spread[mask], left) - deviance_at(
+        fitted.tau_rad, chance, table.spread[mask], left
+    )
+
+
+def _verdict(best: Fitted, believed: list[int], beyond: bool, share: float, lost: bool, gated: list[str]) -> Verdict:
+    if not best.options:
+        return "unknown" if beyond else "nothing_left_out"
+    if gated:
+        return "implausible_fit"
+    if not believed or share < NAMED_SHARE:
+        return "partial"
+    return "named_plus" if lost or len(believed) < len(best.options) else "named"
+
+
+def _implausible(best: Fitted) -> list[str]:
+    outside = []
+    for k, option in enumerate(best.options):
+        effect = all_effects()[option.effect]
+        values = best.values[best.own(k)] * option.typical
+        gates = {p.name: p.gate for p in effect.parameters}
+        outside += [
+            f"{option.effect}.{name}"
+            for name, value in zip(option.amplitudes, values, strict=True)
+            if not gates[name][0] <= value <= gates[name][1]
+        ]
+    return outside
+
+
+def covariance_of_values(table: Table, fitted: Fitted) -> Array:
+    """(P + 1, P + 1) covariance of the values (typical units) and the logarithm of the noise."""
+    mask = table.mask
+    cov = fitted.covariance(table)[np.ix_(mask, mask)]
+    slope = fitted.jacobian[:, mask]
+    inner = slope @ np.linalg.solve(cov, slope.T) + np.eye(len(slope)) / 30.0**2
+    return np.asarray(np.linalg.inv(inner))
+
+
+def _parameters(scene: _Scene, best: Fitted) -> list[dict[str, FittedParameter]]:
+    std = np.sqrt(np.diag(covariance_of_values(scene.table, best)))
+    result = []
+    for k, option in enumerate(best.options):
+        effect = all_effects()[option.effect]
+        own = best.own(k)
+        fitted: dict[str, FittedParameter] = {}
+        for name, unit, value, error in zip(option.amplitudes, option.typical, best.values[own], std[own], strict=True):
+            kind = next(p.unit for p in effect.parameters if p.name == name)
+            v, e = float(value * unit), float(error * unit)
+            fitted[name] = FittedParameter(v, e, v - 1.96 * e, v + 1.96 * e, kind)
+        for name, shape in option.shape:
+            kind = next(p.unit for p in effect.parameters if p.name == name)
+            fitted[name] = FittedParameter(shape, 0.0, shape, shape, kind)
+        result.append(fitted)
+    return result
+
+
+def _gain_p(table: Table, best: Fitted, index: int) -> float:
+    from scipy.stats import chi2
+
+    others = tuple(o for k, o in enumerate(best.options) if k != index)
+    rest = fit_set(table, others, best)
+    option = best.options[index]
+    p = float(chi2.sf(max(rest.deviance - best.deviance, 0.0), len(option.amplitudes)))
+    return min(1.0, p * option.tries)
+
+
+def _moves(table: Table, best: Fitted, index: int) -> Array:
+    """(R, 4) sigma by which one member moves the cells that count."""
+    without = best.values.copy()
+    without[best.own(index)] = 0.0
+    linear = Linear(table.sessions, table.start, np.concatenate([table.base, *(o.field for o in best.options)]))
+    said = tell(linear, without, best.noise_g, table.draws, slopes=False).cells.mean(axis=0)
+    return np.where(table.mask.reshape(-1, 4), (best.cells - said) / best.sigma(table), 0.0)
+
+
+def _shows_in_means(table: Table, best: Fitted, index: int) -> bool:
+    """Whether a member moves a mean otherwise than by a constant, which any error of the correction's poses makes."""
+    moved = _moves(table, best, index)
+    rows = table.mask.reshape(-1, 4).any(axis=1)
+    means = moved[rows][:, [0, 2]]
+    weight = 1.0 / best.sigma(table)[rows][:, [0, 2]]
+    constant = np.sum(means * weight, axis=0) / np.sum(weight**2, axis=0)
+    energy = float(np.sum((means - constant * weight) ** 2))
+    return energy > SHOWS and energy > 0.1 * float(np.sum(moved**2))
+
+
+def _location(table: Table, best: Fitted, index: int) -> Location:
+    """Rows and columns that one member moves, in sigma."""
+    moved = _moves(table, best, index)
+    return _where(table, moved, 1.0, _gain_p(table, best, index))
+
+
+def _base_location(table: Table, base: Fitted, best: Fitted) -> Location:
+    from scipy.stats import chi2
+
+    z = np.nan_to_num((table.told - base.cells) / np.sqrt(np.diag(best.chance)).reshape(-1, 4))
+    return _where(table, z, 1.0, float(chi2.sf(_scatter_gain(table, base), 1)))
+
+
+def _where(table: Table, moved: Array, share: float, p: float) -> Location:
+    moved = np.where(table.mask.reshape(-1, 4), moved, 0.0)
+    by_column = np.sum(moved**2, axis=0)
+    columns = [c for c in range(4) if by_column[c] > 0.1 * by_column.max()]
+    by_row = np.sum(moved[:, columns] ** 2, axis=1)
+    order = np.argsort(table.sessions.inc_rad)
+    inc = np.degrees(table.sessions.inc_rad[order])
+    loud = by_row[order] > 0.25 * by_row.max()
+    intervals: list[tuple[float, float]] = []
+    for k in range(inc.size):
+        if loud[k]:
+            if k and loud[k - 1]:
+                intervals[-1] = (intervals[-1][0], float(inc[k]))
+            else:
+                intervals.append((float(inc[k]), float(inc[k])))
+    return Location(tuple(CELLS[c] for c in columns), "inc_ref_deg", tuple(intervals), None, share, p)
+
+
+def _claim(scene: _Scene, best: Fitted, index: int, own: Standing, parameters: dict[str, FittedParameter]) -> Claim:
+    effect = all_effects()[own.option.effect]
+    instead = {name: fitted for name, fitted in own.instead.items() if name in own.same}
+    advice = next_ring(scene.model, scene.table, scene.base_names, scene.base_units, best, instead, scene.seed)
+    return Claim(
+        effect=effect.id,
+        story=effect.story,
+        formula=effect.formula,
+        stage=effect.stage.value,
+        parameters=parameters,
+        p_familywise=min(1.0, len(scene.options) * _gain_p(scene.table, best, index)),
+        equivalence_class=own.same,
+        rivals_ruled_out=tuple(
+            Rival(name, float(cost)) for name, cost in sorted(own.ruled_out.items(), key=lambda item: item[1])
+        ),
+        next_manoeuvre=advice or effect.splitter,
+    )
+
+
+def _proof(table: Table, base: Fitted, best: Fitted, picture: SummaryPicture, mask: NDArray[np.bool_]) -> Fit:
+    """Each inclination predicted from the others, in units of the cells' final sigma."""
+    cells = mask.reshape(-1, 4)
+    rows = np.flatnonzero(cells.any(axis=1))
+
+    def held_out(fitted: Fitted) -> Array:
+        return np.array([
+            np.mean((left_out_row(table, fitted, int(r))[0] / picture.sigma[r])[cells[r]] ** 2) for r in rows
+        ])  # fmt: skip
+
+    before, after = held_out(base), held_out(best) if best.options else held_out(base)
+    relative = (before - after) / before.mean()
+    half = 1.96 * float(relative.std(ddof=1) / np.sqrt(relative.size))
+    return Fit(
+        unit="sigma",
+        rmse_before=float(np.sqrt(np.mean(picture.before[cells] ** 2))),
+        rmse_after=float(np.sqrt(np.mean(picture.after[cells] ** 2))),
+        heldout_rmse_before=float(np.sqrt(before.mean())),
+        heldout_rmse_after=float(np.sqrt(after.mean())),
+        heldout_gain_low=float(relative.mean()) - half,
+        heldout_gain_high=float(relative.mean()) + half,
+        noise_floor=1.0,
+        how_held_out=f"each of {rows.size} inclinations in turn; gain = share of the held-out mean square removed",
+    )
+
+
+def _remainder(
+    scene: _Scene,
+    best: Fitted,
+    standings: dict[int, Standing],
+    believed: list[int],
+    swaps: list[tuple[str, ...]],
+    lost: dict[int, float],
+    beyond: float,
+    picture: SummaryPicture,
+) -> Remainder:
+    from scipy.stats import chi2
+
+    table = scene.table
+    hints = []
+    resembles: list[str] = []
+    for k, option in enumerate(best.options):
+        if k in believed:
+            continue
+        same = standings[k].same if k in standings else swaps[k]
+        resembles += [name for name in same if name not in resembles]
+        others = f" (so do {', '.join(same[1:])})" if len(same) > 1 else ""
+        why = (
+            "other sets without it come near"
+            if k in standings
+            else "it shows in peak-to-peaks only, which have lost order and phase: errors by toolface would tell"
+        )
+        hints.append(f"something like {option.effect} helps as well{others}, but has no sure name: {why}")
+    cells = np.where(table.mask.reshape(-1, 4), picture.after, 0.0)
+    for row, column in sorted(zip(*np.nonzero(np.abs(cells) > OFF), strict=True), key=lambda at: -abs(cells[at])):
+        hints.append(
+            f"the row at {picture.inc_deg[row]:g} deg stays off: its {CELLS[column]} is {cells[row, column]:+.1f} sigma "
+            "beside what is explained"
+        )
+    for row in lost:
+        z = picture.after[row]
+        worst = int(np.nanargmax(np.abs(z)))
+        hints.append(
+            f"the row at {picture.inc_deg[row]:g} deg is not explained (p = {lost[row]:.1e} from the others; "
+            f"{CELLS[worst]} is {z[worst]:+.1f} sigma): measure it again"
+        )
+    if beyond > SCATTER_SEEN:
+        hints.append(
+            f"rows scatter by {np.degrees(best.tau_rad):.4f} deg of direction beyond chance "
+            f"({np.degrees(scene.base.tau_rad):.4f} before): they were not measured under one and the same state"
+        )
+    location: tuple[Location, ...] = ()
+    if lost:
+        z = np.where(np.isin(np.arange(len(picture.inc_deg)), list(lost))[:, None], picture.after, 0.0)
+        everything = replace(table, use=np.ones_like(table.use))
+        location = (_where(everything, np.nan_to_num(z), 1.0 - 0.0, min(lost.values())),)
+    p = float(chi2.sf(max(beyond, 0.0), 1))
+    return Remainder(location, tuple(hints), p, tuple(resembles))
+
+
+def _detectable(scene: _Scene, best: Fitted) -> dict[str, Detectable]:
+    """Smallest size of each effect beside the best set, from the slopes at it."""
+    table = scene.table
+    mask = table.mask
+    cov = best.covariance(table)[np.ix_(mask, mask)]
+    result: dict[str, Detectable] = {}
+    for option in scene.options:
+        effect = all_effects()[option.effect]
+        if option.effect in best.effects:
+            continue
+        fields = [table.base, *(o.field for o in best.options), option.field]
+        linear = Linear(table.sessions, table.start, np.concatenate(fields))
+        values = np.concatenate([best.values, np.full(len(option.amplitudes), 0.3)])
+        slope = tell(linear, values, best.noise_g, table.draws).slope.reshape(values.size + 1, -1)[:, mask]
+        inner = slope @ np.linalg.solve(cov, slope.T) + np.eye(len(slope)) * 1e-6
+        inverse = np.linalg.inv(inner)
+        own = slice(best.values.size, values.size)
+        sizes = np.sqrt(EVIDENCE_80 * np.diag(inverse)[own]) * option.typical
+        parameter = next(p for p in effect.parameters if p.name == option.amplitudes[0])
+        size = float(np.median(sizes))
+        known = result.get(option.effect)
+        if size < parameter.gate[1] and (known is None or size < known.value):
+            result[option.effect] = Detectable(size, parameter.unit)
+    return result
+
+
+def _instrument(scene: _Scene, best: Fitted) -> ForwardModel:
+    """The model with everything that was fitted, names or not: what predicts other tables of the instrument."""
+    model = scene.model
+    if scene.base_names:
+        values = best.values[: len(scene.base_names)] * scene.base_units
+        model = model.set_free(model.get_free(scene.base_names) + values, scene.base_names)
+    for k, option in enumerate(best.options):
+        amounts = dict(zip(option.amplitudes, (best.values[best.own(k)] * option.typical).tolist(), strict=True))
+        model = model.with_effects({option.effect: {**amounts, **dict(option.shape)}})
+    return model
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """Cells (R, 4) in deg that a simulated instrument gives, with their standard deviation by chance."""
+
+    cells: Array
+    std: Array
+
+
+def predict_table(
+    inc_deg: Array, procedure: Procedure, instrument: ForwardModel, noise_g: float, *, seed: int = 1, count: int = 200
+) -> Predicted:
+    """What a table of this instrument would say; NaN where the correction has no meaning."""
+    sessions = Sessions.of(np.radians(inc_deg), procedure)
+    draws = draw(sessions, instrument, count, seed, noise_g)
+    linear = Linear.about(sessions, instrument, np.empty((0, 3, sessions.state.n)))
+    cells = tell(linear, np.empty(0), noise_g, draws, slopes=False).cells
+    mean, std = cells.mean(axis=0), cells.std(axis=0, ddof=1)
+    mean[sessions.degenerate()] = np.nan
+    return Predicted(mean, std)
