@@ -10,8 +10,6 @@ set to the truth at ten seconds, and the reading's axes are given as they are: a
 from __future__ import annotations
 
 import argparse
-import importlib
-import importlib.util
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -41,6 +39,7 @@ from highside.physics.drift_scenarios import (
     turntable,
     vibration_table,
 )
+from highside.report.drift_rivals import Rival, installed
 
 Array = NDArray[np.float64]
 Angles = tuple[Array, Array, Array]
@@ -131,57 +130,17 @@ OURS: dict[str, Method] = {
 }
 
 
-def _vqf(**parameters: Any) -> Method:
-    def run(data: DriftData) -> Angles:
-        vqf = importlib.import_module("vqf")
-        e = data.experiment
-        engine = vqf.VQF(float(np.median(np.diff(e.t_s))), **parameters)
-        gyr = np.ascontiguousarray(to_body(data.rate).T)
-        acc = np.ascontiguousarray(to_body(data.accel).T * 9.80665)
-        return to_angles(np.asarray(engine.updateBatch(gyr, acc)["quat6D"]).T)
+def _rival(run: Rival) -> Method:
+    def on(data: DriftData) -> Angles:
+        rate_hz = 1.0 / float(np.median(np.diff(data.experiment.t_s)))
+        return to_angles(run(rate_hz, to_body(data.rate), to_body(data.accel)))
 
-    return run
-
-
-def _mahony(**parameters: float) -> Method:
-    def run(data: DriftData) -> Angles:
-        ahrs = importlib.import_module("ahrs")
-        engine = ahrs.filters.Mahony(
-            gyr=to_body(data.rate).T, acc=to_body(data.accel).T * 9.80665, frequency=100.0, **parameters
-        )
-        return to_angles(np.asarray(engine.Q).T)
-
-    return run
-
-
-def _imufusion(data: DriftData) -> Angles:
-    imufusion = importlib.import_module("imufusion")
-    engine = imufusion.Ahrs()
-    engine.set_sample_period(float(np.median(np.diff(data.experiment.t_s))))
-    bias = imufusion.Bias()
-    rates, readings = np.degrees(to_body(data.rate).T), np.ascontiguousarray(to_body(data.accel).T)
-    q = np.empty((rates.shape[0], 4))
-    for i in range(rates.shape[0]):
-        engine.update_no_magnetometer(bias.update(rates[i]), readings[i])
-        q[i] = np.asarray(engine.get_quaternion())
-    return to_angles(q.T)
+    return on
 
 
 def rivals() -> dict[str, Method]:
     """Those that are installed."""
-    found: dict[str, Method] = {}
-    if importlib.util.find_spec("vqf"):
-        found["vqf, defaults"] = _vqf()
-        found["vqf, tuned for turning"] = _vqf(
-            biasSigmaInit=0.01, biasSigmaRest=0.003, biasForgettingTime=1000.0, biasSigmaMotion=0.01
-        )
-        found["vqf, tauAcc 100, rest bias only"] = _vqf(tauAcc=100.0, motionBiasEstEnabled=False)
-    if importlib.util.find_spec("ahrs"):
-        found["ahrs Mahony, defaults"] = _mahony()
-        found["ahrs Mahony 0.3, 1e-4"] = _mahony(k_P=0.3, k_I=1e-4)
-    if importlib.util.find_spec("imufusion"):
-        found["imufusion with Bias"] = _imufusion
-    return found
+    return {name: _rival(run) for name, run in installed().items()}
 
 
 def drifts(angles: Angles, e: Experiment, *, align: bool) -> Array:

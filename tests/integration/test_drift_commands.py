@@ -13,7 +13,8 @@ import pytest
 from highside.attitude.angles import wrap_signed
 from highside.physics.drift_scenarios import DriftData, drilling, record, rotating_table, turntable
 from highside.recording.table import Recording, read_recording, write_recording
-from highside.report.reproduce_drift import as_dict, page_of, run_experiments
+from highside.report.reproduce_drift import as_dict, run_study
+from highside.report.reproduce_drift_page import page_of
 
 COLUMNS = (
     "t_s", "inc_deg", "tf_deg", "azi_deg", "azi_std_deg", "bias_x_dps", "bias_y_dps", "bias_z_dps",
@@ -145,19 +146,44 @@ def test_a_saturated_gyro_and_a_gap_are_told(tmp_path: Path) -> None:
     assert "gaps were not integrated" in done.stderr
 
 
+def test_smoothing_ends_where_the_filter_ends_and_knows_more_before(tmp_path: Path) -> None:
+    experiment = drilling(300.0, 50.0, leg_s=100.0, stop_s=30.0, turning_dps=30.0)
+    data = record(experiment, 2)
+    path = tmp_path / "drilling.csv"
+    write_recording(path, Recording(_columns(data)))
+    found = []
+    for more in ((), ("--smooth",)):
+        done = _highside("drift", path, "--method", "kinematic", "-o", tmp_path / "o.csv", "--latitude-deg", "35.2",
+                         "--azimuth-deg", "60", *more)  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        found.append(read_recording(tmp_path / "o.csv"))
+    causal, smooth = found
+    assert smooth.columns["azi_deg"][-1] == pytest.approx(causal.columns["azi_deg"][-1], abs=1e-6)
+    errors = [wrap_signed(each.columns["tf_deg"] - np.degrees(experiment.phi), 360.0) for each in found]
+    assert np.square(errors[1]).mean() < 0.5 * np.square(errors[0]).mean()
+    assert smooth.columns["azi_std_deg"].mean() <= causal.columns["azi_std_deg"].mean()
+    refused = _highside("drift", path, "--method", "recursive", "-o", tmp_path / "o.csv", "--smooth")
+    _refused(refused, "--smooth")
+
+
 def test_the_papers_experiments_beside_ours() -> None:
     # the command runs the whole hours; here the same code on minutes
-    told = run_experiments(1 / 30)
-    result = json.loads(json.dumps(as_dict(told)))
+    study = run_study(1 / 30)
+    result = json.loads(json.dumps(as_dict(study)))
     assert [e["experiment"] for e in result["experiments"]] == ["turntable", "vibration table", "drilling"]
     for experiment in result["experiments"]:
         names = [row["method"] for row in experiment["methods"]]
         assert names[0] == "gyro alone"
         assert any(name.startswith("kinematic") for name in names)
         assert all(row["azimuth_basis"] for row in experiment["methods"])
+        for package in ("vqf", "ahrs", "imufusion"):
+            assert (package in result["not_installed"]) or any(name.startswith(package) for name in names)
     by_name = {row["method"]: row for row in result["experiments"][0]["methods"]}
     assert "constraint" in by_name["literal, policy hold"]["azimuth_basis"]
     assert by_name["literal, policy gyro"]["azi_deg_per_hour"] > 2.0
-    page = page_of(told)
-    assert page.count("<figure>") == 3
+    assert len(result["inclination_sweep"]["points"]) == 3
+    curved = {row["method"]: row for row in result["curved_hole"]["methods"]}
+    assert "constraint" in curved["literal, policy hold"]["azimuth_basis"]
+    page = page_of(study)
+    assert page.count("<figure>") == 4
     assert "by construction" in page

@@ -95,16 +95,18 @@ def drift(
 ) -> None:
     """The three experiments of the gravity-quaternion paper, simulated: its drifts beside those of every method.
 
-    Takes a minute or two. Without --json the page and the numbers are written to a folder (reproduce-drift, if -o
-    names no other).
+    Filters of others (extra `rivals`) run on the same readings. Takes some minutes. Without --json the page and the
+    numbers are written to a folder (reproduce-drift, if -o names no other).
     """
-    from highside.report.reproduce_drift import as_dict, page_of, run_experiments
+    from highside.report.reproduce_drift import as_dict, run_study
 
-    told = run_experiments()
-    result = as_dict(told)
+    study = run_study()
+    result = as_dict(study)
     folder = output if output is not None or as_json else Path("reproduce-drift")
     if folder is not None:
-        page = page_of(told)
+        from highside.report.reproduce_drift_page import page_of
+
+        page = page_of(study)
         _write(folder, "drift", page, result)
     if as_json:
         typer.echo(json.dumps(result))
@@ -116,6 +118,7 @@ def drift(
         }
         typer.echo(f"{experiment['experiment']}, deg/h (inclination, toolface, azimuth)")
         typer.echo(f"  the paper: {paper['inc']}, {paper['tf']}, {paper['azi']}")
+        typer.echo(f"  least azimuth drift on average by theory: {experiment['azimuth_bound_deg_per_hour']:.3f}")
         for row in experiment["methods"]:
             drifts = ", ".join(f"{row[f'{angle}_deg_per_hour']:.3f}" for angle in ("inc", "tf", "azi"))
             typer.echo(f"  {row['method']}: {drifts}")
