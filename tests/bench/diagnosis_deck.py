@@ -1,8 +1,9 @@
-"""Development deck of `highside diagnose` on stepped sessions: seeded simulated cases and a table of how they end.
+"""Development deck of `highside diagnose`: seeded simulated cases and a table of how they end.
 
     python tests/bench/diagnosis_deck.py [--runs 4] [--strengths 30 100 400] [--seed 0] [--only singles|nulls|open]
+    python tests/bench/diagnosis_deck.py --design rotation [--only singles|nulls|open|pairs] [--gyros] [--rows NAME...]
 
-Design: 7 inclinations x 12 toolfaces + 42 returns from the other side, one pose a minute, a temperature loop
+Design of the poses (of the rotation: `rotation_cases`): 7 inclinations x 12 toolfaces + 42 returns from the other side, one pose a minute, a temperature loop
 25 -> 55 -> 25 C with a bump, 40 ug of noise a pose; the sensor's bias, scale and misalignment are drawn anew each time.
 `strength` is the energy of the effect in units of the noise, outside of what the base fit absorbs. The cases share the
 forward model with the engine, so this is a deck to develop with: it proves nothing blind.
@@ -15,6 +16,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+import rotation_deck
 from numpy.typing import NDArray
 
 from highside.diagnosis.engine import diagnose_poses
@@ -267,9 +269,22 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=4)
     parser.add_argument("--strengths", type=float, nargs="+", default=[30.0, 100.0, 400.0])
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", choices=("singles", "nulls", "open"))
+    parser.add_argument("--only", choices=("singles", "nulls", "open", "pairs"))
+    parser.add_argument("--design", choices=("poses", "rotation"), default="poses")
+    parser.add_argument("--gyros", action="store_true", help="rotation with gyros")
+    parser.add_argument("--rows", nargs="*", default=[], help="rotation: only these truths or kinds of noise")
+    parser.add_argument("--processes", type=int, default=2)
     given = parser.parse_args()
     started = time.perf_counter()
+    if given.design == "rotation":
+        for only in (given.only,) if given.only else ("singles", "pairs", "nulls", "open"):
+            print(f"rotation, {only}{', gyros' if given.gyros else ''}")
+            rotation_deck.table(
+                rotation_deck.jobs(only, given.runs, given.strengths, given.seed, given.gyros, given.rows),
+                given.processes,
+            )
+        print(f"{time.perf_counter() - started:.0f} s")
+        return
     if given.only in (None, "singles"):
         singles_table(given.runs, given.strengths, given.seed)
     if given.only in (None, "nulls"):

@@ -108,9 +108,7 @@ class Noise:
         if np.isfinite(self.tails):
             drive = rng.standard_t(self.tails, shape) * np.sqrt((self.tails - 2) / self.tails)
         coloured = lfilter([np.sqrt(1 - self.phi**2)], [1, -self.phi], drive, axis=1)
-        return self.size[:, None] * (
-            self.rows * coloured + self.walk * np.cumsum(rng.standard_normal(shape), axis=1)
-        )
+        return self.size[:, None] * (self.rows * coloured + self.walk * np.cumsum(rng.standard_normal(shape), axis=1))
 
     def whitened(self, signal: Array) -> Array:
         """(..., C, n) in units of the noise, the walk left aside."""
@@ -138,7 +136,7 @@ def noise_of(kind: str, state: ChainState, rng: np.random.Generator, gyros: bool
 def outsiders(state: ChainState) -> dict[str, Array]:
     """Signals (3, n) of no effect of the library."""
     x, y, z = gravity_direction(state.inc_rad, state.tf_rad)
-    warm = (state.temp_c - 40.0) / 10.0
+    warm = (state.temp_c - state.temp_c.mean()) / 10.0
     tf, nothing = state.tf_rad, np.zeros(state.n)
     rate = state.rotor_rate_radps / np.abs(state.rotor_rate_radps).max()
     u = (state.t_s - state.t_s[0]) / np.ptp(state.t_s)
@@ -247,5 +245,3 @@ def jittered(sigma_s: float, seed: int) -> Case:
     late = state.shifted(sigma_s * rng.standard_normal(state.n))
     readings = sensor.predict(late) + noise_of("white", state, rng).draw(rng)
     return Case(RotationSession(readings, state), {"sampling_jitter": {"sigma": sigma_s}}, False)
-
-

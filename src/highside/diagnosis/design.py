@@ -178,10 +178,12 @@ class Design:
             functions = self._share(group.make)
             variants = []
             for c, axis in enumerate("xyz"):
-                for label, function in zip(group.labels, functions, strict=True):
+                each = 2 if group.pairs else 1
+                for k, label in enumerate(group.labels):
                     if not (group.off_axis and label == axis):
-                        number = np.array([self._on(c, function)])
-                        variants.append(Variant({}, number, f"{group.name} x {label} on {self.session.channels[c]}"))
+                        numbers = np.array([self._on(c, f) for f in functions[each * k : each * (k + 1)]])
+                        words = group.name if group.pairs else f"{group.name} x {label}"
+                        variants.append(Variant({}, numbers, f"{words} on {self.session.channels[c]}"))
             self.candidates.append(
                 Candidate(f"shadow:{group.name}:{group.labels[0]}", None, ("a",), tuple(variants))
             )  # fmt: skip

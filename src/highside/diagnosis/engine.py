@@ -33,8 +33,6 @@ __all__ = ["Picture", "diagnose", "diagnose_magnitudes", "diagnose_poses", "diag
 
 Array = NDArray[np.float64]
 
-NAMED_SHARE = 0.85
-"""Share of the excess misfit that names must explain to be given."""
 SLOW_COVARIATES = frozenset({"t_s", "temp_c"})
 
 
@@ -253,7 +251,7 @@ def _verdict(
         if np.any(r.delta_bic[shadow] < 6.0):
             # an interaction without a name explains it as well
             return "partial"
-    if share < NAMED_SHARE:
+    if share < scene.named_share or len(members) > scene.most_named:
         return "partial"
     return "named_plus" if loud else "named"
 
@@ -280,7 +278,7 @@ def _hints(
     scene: Scene, judged: Judged, after: _Scanned, loud: bool, members: Sequence[Member], wanders: bool
 ) -> tuple[str, ...]:
     hints = [
-        f"follows the product {scene.variant(m).label}" for m in members if not scene.candidates[m.candidate].named
+        f"follows {scene.variant(m).label}" for m in members if not scene.candidates[m.candidate].named
     ]
     if loud:
         channel, basis = judged.scan.cells[after.loudest]

@@ -160,6 +160,8 @@ class ShadowGroup:
     make: Recipe
     off_axis: bool = False
     """only on channels other than the one the label names: the own axis is an effect of the library"""
+    pairs: bool = False
+    """two functions (a cosine and a sine) to each label, that stand together"""
 
 
 def rotation_shadows(state: ChainState) -> list[ShadowGroup]:
@@ -177,6 +179,21 @@ def rotation_shadows(state: ChainState) -> list[ShadowGroup]:
 
         return make
 
+    if float(np.ptp(state.tf_rad)) > 2 * np.pi:
+        found += [
+            ShadowGroup(f"toolface harmonic {k}", (f"{k} T",), _harmonic_pair(k), pairs=True)
+            for k in range(2, HARMONICS + 1)
+        ]
+    rate = np.asarray(state.rotor_rate_radps, dtype=float)
+    top = max(float(np.abs(rate).max()), 1e-9)
+    if float(np.ptp(rate)) > 0.02 * top:
+
+        def speed(rows: Rows) -> Array:
+            return np.asarray(rows.state.rotor_rate_radps / top, dtype=float)
+
+        found.append(ShadowGroup("rate", LINEAR, times(speed, _linear)))
+        found.append(ShadowGroup("rate", SQUARE, times(speed, _square)))
+        found.append(ShadowGroup("rate", RATE_POWERS, lambda rows: _rate_powers(speed(rows))))
     if np.ptp(state.temp_c) > WARM_SPAN_C:
         warm = _warmth(state)
         found.append(ShadowGroup("temperature", LINEAR, times(warm, _linear), off_axis=True))
@@ -197,11 +214,21 @@ def rotation_shadows(state: ChainState) -> list[ShadowGroup]:
 
 LINEAR = ("x", "y", "z")
 SQUARE = ("x^2", "y^2", "z^2", "x y", "x z", "y z")
+RATE_POWERS = ("|rate| rate", "|rate|^3", "rate^3", "rate^4")
 CUBIC = ("x^3", "y^3", "z^3", "|x|", "|y|", "|z|", "x y z")
 
 
 def _linear(rows: Rows) -> list[Array]:
     return list(rows.force)
+
+
+def _harmonic_pair(k: int) -> Recipe:
+    return lambda rows: list(rows.harmonic(k))
+
+
+def _rate_powers(speed: Array) -> list[Array]:
+    """What |rate| alone does is among the effects; its own powers are nobody's."""
+    return [speed * np.abs(speed), np.abs(speed) ** 3, speed**3, speed**4]
 
 
 def _square(rows: Rows) -> list[Array]:

@@ -20,7 +20,7 @@ from highside.diagnosis.location import Scan
 from highside.diagnosis.memory import Channel, Memory, SlowEffect
 from highside.diagnosis.result import Fit, Location
 from highside.diagnosis.rivals import Rivalry
-from highside.diagnosis.selection import Member, Selector
+from highside.diagnosis.selection import MAX_CLAIMS, Member, Selector
 from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
@@ -89,6 +89,16 @@ class Scene(ABC):
     def forgiven(self) -> float:
         """Share of the evidence of memory that may remain beside a slow effect that beats the walk by far."""
         return 0.0
+
+    @property
+    def named_share(self) -> float:
+        """Share of the excess misfit that names must explain to be given."""
+        return 0.85
+
+    @property
+    def most_named(self) -> int:
+        """More effects than this are a fit and no finding: their names are not given."""
+        return MAX_CLAIMS
 
     def holds_up(self, member: Member) -> bool:
         """Whether a slow effect predicts stretches that were left out: asked where a transient could be named."""

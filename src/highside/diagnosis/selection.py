@@ -67,8 +67,7 @@ def _one_sided(candidate: Candidate) -> bool:
     """Whether the only amplitude of an effect cannot be negative."""
     if candidate.effect is None or len(candidate.amplitudes) != 1:
         return False
-    low = [p.gate[0] for p in candidate.effect.parameters if not p.shape][0]
-    return low == 0.0
+    return next(p.gate[0] for p in candidate.effect.parameters if not p.shape) == 0.0
 
 
 @dataclass(frozen=True)

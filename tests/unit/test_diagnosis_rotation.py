@@ -1,0 +1,282 @@
+"""The parts of the rotation diagnosis: noise with memory in state-space form, columns in chunks, inner products, noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from highside.diagnosis.design import Design, Line
+from highside.diagnosis.engine import diagnose_rotation
+from highside.diagnosis.fit import Observed, base_fit
+from highside.diagnosis.gram import HeldOutRows, Space, Walks, accumulate
+from highside.diagnosis.markov import LevelNoise, VectorNoise
+from highside.diagnosis.rotation_lines import found_lines
+from highside.diagnosis.rotation_noise import RotationNoise, estimate
+from highside.diagnosis.rotation_session import RotationSession, rotation_session
+from highside.errors import InputError
+from highside.physics.forward import ForwardModel
+from highside.physics.noise import autoregressive
+from highside.physics.plan import Profile, RotationPlan, Session, Site
+from highside.physics.scenario import random_sensor
+from highside.physics.state import ChainState
+
+Array = NDArray[np.float64]
+
+FREE = ("bias", "scale", "misalignment")
+SIGMA = 8e-5
+
+
+def kernel(places: Array, length: float) -> Array:
+    if np.isinf(length):
+        return np.minimum(places[:, None], places[None, :])
+    return np.exp(-np.abs(places[:, None] - places[None, :]) / length)
+
+
+def turning(
+    hold_s: float = 8.0, hz: float = 50.0, vibration: tuple[float, ...] = (0.1, 0.5, 0.2, 0.4, 0.3)
+) -> ChainState:
+    plan = RotationPlan(
+        62.0, tuple(2 * np.pi * np.array([0.5, -1.0, 2.0, -2.0, 1.0])), hold_s, 1.0, hz, 20.0, vibration
+    )
+    return Session(plan, Site(latitude_rad=0.9), Profile((25.0, 40.0, 28.0, 35.0))).rows().state
+
+
+def recording(
+    effects: dict[str, dict[str, float]], state: ChainState, seed: int = 0, *, gyros: bool = False, colour: float = 0.0
+) -> RotationSession:
+    rng = np.random.default_rng(seed)
+    sensor = random_sensor(rng).with_effects(effects)
+    readings = sensor.simulate(state, rng) + autoregressive((3, state.n), SIGMA, colour, rng)
+    if gyros:
+        rates = sensor.gyro(state) + 3e-4 * rng.standard_normal((3, state.n))
+        readings = np.concatenate([readings, rates])
+    return RotationSession(readings, state)
+
+
+def fitted(session: RotationSession) -> tuple[ForwardModel, Array]:
+    model, _, residual = base_fit(ForwardModel.of({}), Observed(session.state, session.readings), FREE)
+    return model, residual
+
+
+@pytest.fixture(scope="module")
+def prepared() -> tuple[Design, RotationNoise, Array]:
+    session = recording({"quadratic": {"k2_x": 3e-5}}, turning(), colour=0.6)
+    model, residual = fitted(session)
+    design = Design(session, model, FREE, [Line("tone", 13.0, 1000)])
+    return design, estimate(design, residual, 1), residual
+
+
+class TestNoiseWithMemory:
+    def test_level_filter_whitens_as_the_covariance_matrix_does(self) -> None:
+        rng = np.random.default_rng(0)
+        places, white = np.cumsum(rng.uniform(0.5, 2, 40)), rng.uniform(1, 2, 40)
+        places -= places[0]
+        shares, lengths = np.array([0.3, 2.0, 0.1, 0.0]), np.array([1.5, 4.0, np.inf, np.inf])
+        noise = LevelNoise.of(white, places, shares, lengths)
+        columns = rng.standard_normal((3, 40))
+        turned = noise.white(columns)
+        for k in range(4):
+            covariance = np.diag(white) + shares[k] * kernel(places, lengths[k])
+            assert np.allclose(turned[k] @ turned[k].T, columns @ np.linalg.solve(covariance, columns.T))
+            assert noise.log_determinant[k] == pytest.approx(np.linalg.slogdet(covariance)[1])
+
+    def test_three_channels_that_hang_together_are_whitened_as_one(self) -> None:
+        rng = np.random.default_rng(1)
+        n = 30
+        places = np.cumsum(rng.uniform(0.5, 2, n)) - 0.5
+        places -= places[0]
+        root = rng.standard_normal((n, 3, 3))
+        white = root @ root.transpose(0, 2, 1) + np.eye(3)
+        shares, lengths = np.array([0.5, 0.0, 0.2]), np.array([2.0, np.inf, np.inf])
+        covariance = np.zeros((3, n, 3, n))
+        covariance[:, np.arange(n), :, np.arange(n)] = white
+        for c in range(3):
+            covariance[c, :, c, :] += shares[c] * kernel(places, lengths[c])
+        columns = rng.standard_normal((2, 3, n))
+        turned = VectorNoise.of(white, places, shares, lengths).white(columns)
+        flat = columns.reshape(2, -1)
+        dense = covariance.reshape(3 * n, 3 * n)
+        assert np.allclose(turned @ turned.T, flat @ np.linalg.solve(dense, flat.T))
+
+
+class TestDesign:
+    @pytest.mark.parametrize(
+        ("effect", "size"),
+        [
+            ("lever_arm", 1e-4), ("bandwidth_lag", 1e-6), ("clock_skew", 1e-8), ("warmup", 1e-5), ("thermal_lag", 1e-6),
+            ("encoder_first_harmonic", 1e-6), ("tone", 1e-5), ("wobble", 1e-6), ("bias_drift", 1e-7),
+        ],
+    )  # fmt: skip
+    def test_columns_in_chunks_are_what_the_effect_adds(
+        self, prepared: tuple[Design, RotationNoise, Array], effect: str, size: float
+    ) -> None:
+        design, _, _ = prepared
+        candidate = next(c for c in design.candidates if c.id == effect)
+        variant = next(v for v in candidate.variants if v.whole)
+        state, model = design.session.state, design.model
+        added = np.zeros((3, state.n))
+        for part in (slice(0, 700), slice(700, 1501), slice(1501, state.n)):
+            made = design.functions(part)
+            for number in np.asarray(variant.columns):
+                for c in range(3):
+                    if number >= 0 and design.where[number, c] >= 0:
+                        added[c, part] += size * made[c][design.where[number, c]]
+        values = {**variant.shape, **dict.fromkeys(candidate.amplitudes, size)}
+        expected = model.with_effects({effect: values}).predict(state) - model.predict(state)
+        assert np.max(np.abs(added - expected)) < 2e-3 * np.max(np.abs(expected))
+
+    def test_what_is_not_recorded_leaves_no_trace(self) -> None:
+        state = turning(vibration=())
+        session = recording({}, state)
+        design = Design(session, fitted(session)[0], FREE)
+        reasons = {blind.effect.id: blind.why for blind in design.blind}
+        assert "vibration" in reasons["vibration_rectification"]
+        assert "gyros" in reasons["gyro_scale"]
+
+
+class TestInnerProducts:
+    def test_coordinates_have_the_inner_products_of_the_whitened_columns(
+        self, prepared: tuple[Design, RotationNoise, Array]
+    ) -> None:
+        design, noise, residual = prepared
+        grams, _ = accumulate(design, noise, residual)
+        space = Space(design, [gram.total for gram in grams])
+        numbers = np.concatenate([design.base, np.asarray(design.candidates[3].variants[0].columns)])
+        made = design.functions(slice(0, design.session.n))
+        columns = np.zeros((numbers.size, 3, design.session.n))
+        for i, number in enumerate(numbers):
+            for c in range(3):
+                if design.where[number, c] >= 0:
+                    columns[i, c] = made[c][design.where[number, c]]
+        white, target = noise.white(columns), noise.white(residual)
+        found = space.columns(numbers)
+        assert np.allclose(found @ found.T, white @ white.T, rtol=1e-6, atol=1e-9 * np.max(np.abs(white @ white.T)))
+        size = np.linalg.norm(white, axis=1)
+        assert np.allclose(found @ space.residual / size, white @ target / size, atol=1e-3)
+
+    def test_held_out_errors_are_those_of_fits_without_the_fold(
+        self, prepared: tuple[Design, RotationNoise, Array]
+    ) -> None:
+        design, noise, residual = prepared
+        grams, segments = accumulate(design, noise, residual)
+        held = HeldOutRows(design, grams)
+        numbers = np.asarray(next(c for c in design.candidates if c.id == "quadratic").variants[0].columns)
+        energies = held.energies(numbers, held.folds)
+        made = design.functions(slice(0, design.session.n))
+        every = np.concatenate([design.base, numbers])
+        columns = np.zeros((every.size, 3, design.session.n))
+        for i, number in enumerate(every):
+            for c in range(3):
+                if design.where[number, c] >= 0:
+                    columns[i, c] = made[c][design.where[number, c]]
+        white = noise.white(columns).reshape(every.size, 3, -1)
+        target = noise.white(residual).reshape(3, -1)
+        rest, scored = segments.fold != 4, (segments.fold == 4) & segments.core
+        solution = np.linalg.lstsq(white[:, :, rest].reshape(every.size, -1).T, target[:, rest].ravel(), rcond=1e-6)[0]
+        errors = target[:, scored] - np.tensordot(solution, white[:, :, scored], 1)
+        assert energies[4] == pytest.approx(float(np.sum(errors**2)), rel=1e-5)
+
+    def test_a_walk_of_no_size_changes_nothing(self, prepared: tuple[Design, RotationNoise, Array]) -> None:
+        design, noise, residual = prepared
+        gram = accumulate(design, noise, residual)[0][0]
+        assert np.allclose(Walks.of(gram).grams[0], gram.total, atol=1e-9 * np.max(np.abs(gram.total)))
+
+
+class TestNoise:
+    def test_colour_is_found_beside_an_effect(self, prepared: tuple[Design, RotationNoise, Array]) -> None:
+        _, noise, _ = prepared
+        for polynomial in noise.filters:
+            assert polynomial[1] == pytest.approx(-0.6, abs=0.06)
+        assert noise.sigma == pytest.approx(SIGMA * np.sqrt(1 - 0.6**2), rel=0.1)
+
+    def test_sampling_jitter_shows_in_the_scatter_across_gravity(self) -> None:
+        state = turning(20.0)
+        rng = np.random.default_rng(3)
+        sensor = random_sensor(rng)
+        late = state.shifted(3e-5 * rng.standard_normal(state.n))
+        session = RotationSession(sensor.predict(late) + SIGMA * rng.standard_normal((3, state.n)), state)
+        model, residual = fitted(session)
+        noise = estimate(Design(session, model, FREE), residual, 1)
+        assert noise.jitter[:2, 0].min() > 30
+        assert noise.jitter[:2, 1] == pytest.approx(3e-5, rel=0.15)
+        assert noise.jitter[2, 0] == 0.0
+
+    def test_impulses_count_for_nothing(self) -> None:
+        session = recording({}, turning())
+        session.readings[1, 777] += 40 * SIGMA
+        model, residual = fitted(session)
+        noise = estimate(Design(session, model, FREE), residual, 1)
+        assert noise.impulses == 1
+        assert noise.weight[1, 777] == 0.0
+
+
+class TestLines:
+    def test_a_hum_is_found_at_its_frequency(self) -> None:
+        session = recording({"tone": {"c_x": 2e-5, "s_z": 2e-5, "f": 13.7}}, turning(20.0), colour=0.5)
+        lines = found_lines(session, fitted(session)[1])
+        assert any(line.effect == "tone" and line.value == pytest.approx(13.7, abs=2e-3) for line in lines)
+
+    def test_an_order_is_found_by_the_angle(self) -> None:
+        session = recording({"aliased_vibration": {"c_x": 2e-5, "s_y": 2e-5, "n": 7.3}}, turning(20.0))
+        lines = found_lines(session, fitted(session)[1])
+        assert any(line.effect == "aliased_vibration" and line.value == pytest.approx(7.3, abs=6e-3) for line in lines)
+
+    def test_noise_has_none(self) -> None:
+        session = recording({}, turning(20.0))
+        assert {line.value for line in found_lines(session, fitted(session)[1])} == {60.0}
+
+
+class TestVerdicts:
+    def test_nothing_left_out(self) -> None:
+        diagnosis, _ = diagnose_rotation(recording({}, turning(), colour=0.7), ForwardModel.of({}), FREE)
+        assert diagnosis.verdict == "nothing_left_out"
+        assert not diagnosis.claims
+
+    def test_a_lever_arm_is_named_with_its_size(self) -> None:
+        truth = {"r_x": 6e-5, "r_y": -4e-5}
+        session = recording({"lever_arm": truth}, turning(), colour=0.5)
+        diagnosis, picture = diagnose_rotation(session, ForwardModel.of({}), FREE)
+        assert [claim.effect for claim in diagnosis.claims] == ["lever_arm"]
+        assert "size_effect" in diagnosis.claims[0].equivalence_class
+        for name, value in truth.items():
+            found = diagnosis.claims[0].parameters[name]
+            assert abs(found.value - value) < 4 * found.std
+        assert diagnosis.location[0].channels == ("ax", "ay")
+        assert diagnosis.location[0].covariate == "rotor_rate_dps"
+        assert diagnosis.fit is not None
+        assert (diagnosis.fit.heldout_gain_low or 0) > 0
+        assert picture.after.shape == session.readings.shape
+
+    def test_what_the_library_lacks_is_not_named(self) -> None:
+        state = turning(20.0)
+        session = recording({}, state)
+        session.readings[1] += 8e-5 * np.exp(-0.5 * ((np.mod(np.degrees(state.tf_rad), 360) - 130) / 20) ** 2)
+        diagnosis, _ = diagnose_rotation(session, ForwardModel.of({}), FREE)
+        assert diagnosis.verdict in ("unknown", "partial")
+        assert not diagnosis.claims
+        assert diagnosis.location[0].channels == ("ay",)
+
+    def test_a_walk_is_no_slow_effect(self) -> None:
+        state = turning(20.0)
+        session = recording({}, state)
+        session.readings[:] += 0.03 * SIGMA * np.cumsum(np.random.default_rng(5).standard_normal((3, state.n)), axis=1)
+        diagnosis, _ = diagnose_rotation(session, ForwardModel.of({}), FREE)
+        assert diagnosis.verdict == "wander"
+        assert diagnosis.noise["wanders"]
+
+    def test_gyros_split_a_time_offset_from_a_lag(self) -> None:
+        session = recording({"time_offset": {"t0": 3e-5}}, turning(), gyros=True)
+        diagnosis, _ = diagnose_rotation(session, ForwardModel.of({}), (*FREE, "gyro_bias", "gyro_scale"))
+        assert [claim.effect for claim in diagnosis.claims] == ["time_offset"]
+
+    def test_the_same_seed_gives_the_same_answer(self) -> None:
+        session = recording({"cubic": {"k3_x": 1e-4}}, turning())
+        first, second = (diagnose_rotation(session, ForwardModel.of({}), FREE)[0].to_dict() for _ in range(2))
+        assert first == second
+
+
+def test_too_few_rows_are_refused() -> None:
+    short = {name: np.zeros(50) for name in ("t_s", "inc_ref_deg", "tf_ref_deg")}
+    with pytest.raises(InputError, match="too few"):
+        rotation_session(short, np.zeros((3, 50)), gravity_mps2=9.8)
