@@ -104,15 +104,19 @@ class Environment:
     temp_c: float | None = None
     gravity_mps2: float | None = None
     gravity_std_mps2: float | None = None
+    turntable: str | None = None
+    """id of the compensation of the bench's encoder and axis that the poses were corrected by"""
 
     def to_dict(self) -> dict[str, Any]:
-        return {
+        found: dict[str, Any] = {
             "bench": self.bench,
             "operator": self.operator,
             "temp_c": self.temp_c,
             "gravity_mps2": self.gravity_mps2,
             "gravity_std_mps2": self.gravity_std_mps2,
         }
+        # absent where there is none, so that records made without keep their ids
+        return found if self.turntable is None else found | {"turntable": self.turntable}
 
 
 PoseColumns = Mapping[str, Sequence[float] | Sequence[str]]

@@ -127,6 +127,9 @@ def solve(
     gravity_std_mps2: Annotated[float, typer.Option(help="Its standard deviation, m/s2.")] = 1e-4,
     temp_c: Annotated[float | None, typer.Option(help="Temperature, where the table has no temp_c.")] = None,
     expires_days: Annotated[float | None, typer.Option(help="Days until the record expires.")] = None,
+    turntable: Annotated[
+        Path | None, typer.Option(help="Errors of the bench's own encoder and axis (`rotation turntable`).")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Solve a pose table and write a calibration record. Exit 1: something was refused (see what is said)."""
@@ -147,6 +150,11 @@ def solve(
     )
     table, sha256 = _read_pose_table(poses_file)
     tool_id, serial = _tool_of_session(table, tool, serial, poses_file)
+    turntable_id = None
+    if turntable is not None:
+        from highside.cli.turntable import correct_poses
+
+        table, turntable_id = correct_poses(table, turntable)
     columns = _pose_columns(table)
     solution = solve_poses(columns, request, where=str(poses_file))
     now = time.time()
@@ -161,7 +169,7 @@ def solve(
         raw_sha256=sha256,
         raw_name=poses_file.name,
         environment=Environment(
-            bench, operator, temp_c, gravity_mps2, None if gravity_mps2 is None else gravity_std_mps2
+            bench, operator, temp_c, gravity_mps2, None if gravity_mps2 is None else gravity_std_mps2, turntable_id
         ),
         now_s=now,
         expires_s=None if expires_days is None else now + expires_days * DAY_S,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from highside.cli.turntable import read_compensation, turntable
 from highside.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 app = typer.Typer(
     name="rotation", no_args_is_help=True, help="Errors that repeat with the rotor angle: fit, apply, compare."
 )
+
+app.command()(turntable)
 
 CHANNELS = ("roll", "pitch", "heading", "inclination", "toolface")
 LARGEST_ERROR_ARCMIN = 1800.0
@@ -119,11 +122,7 @@ def apply(
     """Take the fitted errors off: adds d_roll_comp_arcmin, ... = measured - fitted."""
     import numpy as np
 
-    from highside.recording.files import read_bytes
-    from highside.rotation import Compensation
-
-    text = read_bytes(compensation_file).decode("utf-8", errors="replace")
-    compensation = Compensation.from_json(text, where=str(compensation_file))
+    compensation = read_compensation(compensation_file)
     table = _read(recording)
     added: dict[str, Floats] = {}
     left: dict[str, dict[str, float]] = {}

@@ -6,9 +6,9 @@
    modified residuals: beta += (F'F)^-1 F' psi(r), with the same triangle R each time (Huber and Ronchetti, Robust
    Statistics, section 7.8). The pseudo-values F beta + psi(r) are the errors with outliers pulled in.
 3. Order by BIC of the pseudo-values, n ln(RSS_k / n) + p_k ln n; then Huber's estimate of that order.
-4. Where part of the turn was not seen, no order is chosen: every harmonic gets the prior N(0, (s / k^2)^2), and s
-   (from the third harmonic on) is averaged over, each value by how probable it makes the data. The covariance then says
-   how far the curve may be off in the gap.
+4. Where part of the turn was not seen, no order is chosen: every harmonic up to K gets the prior N(0, (s / k^2)^2), and
+   both s (from the third harmonic on) and K are averaged over, each by how probable it makes the data. The covariance
+   then says how far the curve may be off in the gap.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ LARGEST_ORDER = 12
 HUBER = 1.345
 _MAD_TO_STD = 1.482602218505602
 _ROUNDS = 30
+_SIZES = 9
+"""sizes of the third and higher harmonics that are tried where a part of the turn was not seen"""
 _CONVERGED = 1e-5
 """largest change of a parameter, in standard deviations of a row, at which the robust rounds end"""
 
@@ -171,7 +173,7 @@ class _Fit:
 
 
 def _shrunken(fit: _Fit, values: Floats, scale: float, order: int, extra: int) -> tuple[Floats, Floats]:
-    """Posterior mean and covariance under N(0, (s / k^2)^2) on each harmonic, averaged over s.
+    """Posterior mean and covariance under N(0, (s / k^2)^2) on each harmonic up to K, averaged over s and K.
 
     The constant, the rate terms and the first two harmonics get a prior as wide as the data themselves.
     """
@@ -182,20 +184,29 @@ def _shrunken(fit: _Fit, values: Floats, scale: float, order: int, extra: int) -
     wide = np.full(count, 10.0 * size)
     wide[1 + extra :][harmonic <= 2] = 2.0 * size / harmonic[harmonic <= 2] ** 2
 
-    def posterior(s: float) -> tuple[float, Floats, Floats]:
-        prior = wide.copy()
-        prior[1 + extra :][harmonic > 2] = s / harmonic[harmonic > 2] ** 2
-        # z ~ N(0, R D R' + scale^2 I)
-        spread = (R * prior**2) @ R.T + scale**2 * np.eye(count)
+    def posterior(s: float, top: int) -> tuple[float, Floats, Floats]:
+        p = min(2 * top + 1 + extra, count)
+        prior = wide[:p].copy()
+        high = harmonic[: p - 1 - extra] > 2
+        prior[1 + extra :][high] = s / harmonic[: p - 1 - extra][high] ** 2
+        # z ~ N(0, R D R' + scale^2 I); R is a triangle, so the rows beyond p hold nothing but noise
+        reach = R[:p, :p] * prior**2
+        spread = reach @ R[:p, :p].T + scale**2 * np.eye(p)
         chol = np.linalg.cholesky(spread)
-        white = np.asarray(solve_triangular(chol, z, lower=True, check_finite=False))
-        evidence = -0.5 * float(white @ white) - float(np.log(np.diag(chol)).sum())
-        gain = np.linalg.solve(spread, R * prior**2).T
-        covariance = np.diag(prior**2) - gain @ (R * prior**2)
-        return evidence, gain @ z, 0.5 * (covariance + covariance.T)
+        white = np.asarray(solve_triangular(chol, z[:p], lower=True, check_finite=False))
+        rest = z[p:] / scale
+        evidence = -0.5 * float(white @ white + rest @ rest) - float(np.log(np.diag(chol)).sum())
+        evidence -= (count - p) * float(np.log(scale))
+        gain = np.asarray(solve_triangular(chol, reach, lower=True, check_finite=False))
+        mean, covariance = np.zeros(count), np.zeros((count, count))
+        mean[:p] = gain.T @ white
+        covariance[:p, :p] = np.diag(prior**2) - gain.T @ gain
+        return evidence, mean, covariance
 
-    # no single s is believed: each counts by the probability it gives the data; their spread adds to the covariance
-    tried = [posterior(s) for s in size * np.geomspace(1e-3, 4.0, 19)]
+    # neither size nor order is believed: each counts by the probability it gives the data; their spread adds to the
+    # covariance. Orders below the one that BIC takes have none to speak of
+    least = min(max(2, fit.order_by_bic(values, order, extra) - 1), order)
+    tried = [posterior(s, top) for s in size * np.geomspace(1e-3, 4.0, _SIZES) for top in range(least, order + 1)]
     evidence = np.array([one[0] for one in tried])
     share = np.exp(evidence - evidence.max())
     share /= share.sum()

@@ -43,12 +43,17 @@ class OnlineFit:
         self._decay_per_rad = 1.0 / (memory_turns * 2.0 * math.pi)
         harmonic = np.repeat(np.arange(1, order + 1), 2)
         prior = np.concatenate([[amplitude], amplitude / harmonic**2])
-        self._weights: Floats = np.zeros(prior.size)
-        # in units of the row's variance
-        self._P: Floats = np.diag((prior / noise) ** 2)
-        self._trace = float(np.trace(self._P))
-        self._phi: Floats = np.ones(prior.size)
-        self._outer: Floats = np.empty_like(self._P)
+        p = prior.size
+        # covariance in units of the row's variance, times `_factor`, and the parameters as a last row: one product with
+        # a row's sines and cosines gives the gain's direction and the prediction
+        self._state: Floats = np.vstack([np.diag((prior / noise) ** 2), np.zeros(p)])
+        self._factor = 1.0
+        self._trace = float(np.trace(self._state))
+        self._phi: Floats = np.ones(p)
+        self._product: Floats = np.empty(p + 1)
+        self._direction = self._product[:p]
+        self._column = self._product[:, None]
+        self._outer: Floats = np.empty_like(self._state)
         self._theta: float | None = None
         self._first_theta = 0.0
         self._travel = 0.0
@@ -73,40 +78,56 @@ class OnlineFit:
                 forget = max(math.exp(-way * self._decay_per_rad), self._trace / MOST_UNCERTAIN)
         self._theta = theta_rad
         self._rows += 1
-        P = self._P
-        direction = P.dot(phi)
-        gain = 1.0 / (forget + float(phi.dot(direction)))
-        left = error - float(phi.dot(self._weights))
-        self._weights += (gain * left) * direction
-        # P <- (P - gain d d') / forget, in place: of the ways to write it the one with the fewest calls
-        np.multiply(direction[:, None], (gain * direction), out=self._outer)
-        P -= self._outer
-        trace = self._trace - gain * float(direction.dot(direction))
+        factor, direction, product = self._factor, self._direction, self._product
+        np.dot(self._state, phi, out=product)
+        # P phi = factor * direction
+        gain = factor / (forget + factor * float(phi.dot(direction)))
+        left = error - float(product[-1])
+        spent = gain * factor * float(direction.dot(direction))
+        # P <- (P - factor gain d d') / forget by its factor alone, parameters <- parameters + gain left d
+        product[-1] = -left
+        np.multiply(self._column, gain * direction, out=self._outer)
+        self._state -= self._outer
+        trace = self._trace - spent
         if forget != 1.0:
-            P *= 1.0 / forget
+            self._factor = factor / forget
             trace /= forget
-        # the running trace loses a digit now and then
-        self._trace = trace if self._rows % 1024 else float(np.trace(P))
+        self._trace = trace
+        if not self._rows % 1024 or self._factor > 1e9:
+            self._tidy()
         return left
+
+    def _tidy(self) -> None:
+        """The factor back to 1, the trace afresh: it loses a digit now and then."""
+        P = self._state[:-1]
+        P *= self._factor
+        self._factor = 1.0
+        self._trace = float(np.trace(P))
 
     def predict(self, theta_rad: float) -> float:
         """The present curve at one angle."""
-        return float(self._fill(theta_rad) @ self._weights)
+        return float(self._fill(theta_rad) @ self._state[-1])
 
     def curve(self) -> Curve:
         """The present state as a curve like those of the other methods."""
         coverage = Coverage(self._rows, self._travel / (2.0 * math.pi), 0.0 if self._travel > 2 * math.pi else
                             max(0.0, 2 * math.pi - self._travel), (self._theta or 0.0) % (2 * math.pi))  # fmt: skip
         return Curve(
-            Method.ONLINE, Form.FOURIER, self.order, self._weights.copy(), self.noise**2 * self._P, self.noise, coverage
+            Method.ONLINE,
+            Form.FOURIER,
+            self.order,
+            self._state[-1].copy(),
+            (self.noise**2 * self._factor) * self._state[:-1],
+            self.noise,
+            coverage,
         )
 
     def _fill(self, theta_rad: float) -> Floats:
-        phi = self._phi
         s1, c1 = math.sin(theta_rad), math.cos(theta_rad)
         s, c = s1, c1
-        phi[1], phi[2] = s, c
-        for k in range(3, phi.size, 2):
+        values = [1.0, s, c]
+        for _ in range(self.order - 1):
             s, c = s * c1 + c * s1, c * c1 - s * s1
-            phi[k], phi[k + 1] = s, c
-        return phi
+            values += (s, c)
+        self._phi[:] = values
+        return self._phi
