@@ -15,20 +15,20 @@ from highside.session.reasons import Fault, Rejection
 from highside.session.snapshot import CommandName, PoseState, State
 from highside.session.view import View
 
-QUICK = Limits(std_error_g=3e-5, min_hold_s=2.0, max_hold_s=6.0, soak_s=10.0)
-GRID = [(inc, tf) for inc in (20.0, 70.0, 110.0) for tf in (0.0, 120.0, 240.0)]
+QUICK = Limits(std_error_g=3e-5, min_hold_s=3.0, max_hold_s=6.0, soak_s=10.0)
+GRID = [(20.0, 0.0), (20.0, 120.0), (20.0, 240.0), (70.0, 60.0), (70.0, 180.0), (110.0, 300.0), (110.0, 120.0)]
 PLAN = plans.custom_plan(GRID, "joint", QUICK)
 
 EXPECTED = {
-    Mistake.KNOCK: {Rejection.SHAKEN},
-    Mistake.TREMOR: {Rejection.SHAKEN},
+    Mistake.KNOCK: {Rejection.SHAKEN, Rejection.MOVED},
+    Mistake.TREMOR: {Rejection.SHAKEN, Rejection.MOVED},
     Mistake.MOVE: {Rejection.MOVED, Rejection.SHAKEN, Rejection.WRONG_POSE},
     Mistake.UNPLUG: {Rejection.DATA_LOST},
     Mistake.REPEAT: {Rejection.REPEATED},
 }
 
 
-@pytest.mark.parametrize("at", [1, 8], ids=["early", "last pose"])
+@pytest.mark.parametrize("at", [2, 6], ids=["early", "last pose"])
 @pytest.mark.parametrize("mistake", Mistake)
 def test_a_mistake_is_named_and_mended(mistake: Mistake, at: int) -> None:
     rehearsal = Rehearsal(PLAN, mistakes=[(at, mistake)]).run()
@@ -37,7 +37,7 @@ def test_a_mistake_is_named_and_mended(mistake: Mistake, at: int) -> None:
     assert found <= EXPECTED.get(mistake, set())
     assert found or mistake not in EXPECTED
     assert len(rehearsal.session.ledger.done) == len(GRID)
-    assert rehearsal.within(2.0), (rehearsal.errors_deg(), rehearsal.stated_deg())
+    assert rehearsal.within(3.0), (rehearsal.errors_deg(), rehearsal.stated_deg())
 
 
 def reach(rehearsal: Rehearsal, state: State) -> None:
@@ -93,14 +93,15 @@ def test_every_fault_in_every_state_is_survived(state: State, fault: str) -> Non
             session.clock_stepped(-3600.0, bench.time_s)
             assert session.state is before and Fault.CLOCK_STEP in session.faults
         case "two operators":
-            for name in CommandName:
-                reply = session.command(command(name, "stranger"), bench.time_s)
-                if name is CommandName.RESUME and before is State.PAUSED:
-                    assert reply.accepted and session.ledger.operator == "stranger"
-                    session.command(command(CommandName.PAUSE, "stranger"), bench.time_s)
-                else:
-                    assert not reply.accepted
+            for name in set(CommandName) - {CommandName.RESUME}:
+                assert not session.command(command(name, "stranger"), bench.time_s).accepted
             assert session.state is before
+            reply = session.command(command(CommandName.RESUME, "stranger"), bench.time_s)
+            # a pause hands the session over to whoever resumes it
+            assert reply.accepted is (before is State.PAUSED)
+            if reply.accepted:
+                assert session.ledger.operator == "stranger"
+                session.command(command(CommandName.PAUSE, "stranger"), bench.time_s)
         case "swap":
             # the cable now carries x and y exchanged: readings that fit nothing
             for _ in range(60):
@@ -122,7 +123,7 @@ def test_every_fault_in_every_state_is_survived(state: State, fault: str) -> Non
     rehearsal.operator = SimulatedOperator(bench, ids="later")
     rehearsal.run()
     assert rehearsal.state is State.ACCEPTED
-    assert rehearsal.within(2.0), (rehearsal.errors_deg(), rehearsal.stated_deg())
+    assert rehearsal.within(3.0), (rehearsal.errors_deg(), rehearsal.stated_deg())
 
 
 def idle(rehearsal: Rehearsal, seconds: float) -> None:
@@ -151,18 +152,18 @@ def test_a_pose_set_wrong_that_nobody_can_see_is_found_by_the_closure_and_asked_
     assert rehearsal.state is State.ACCEPTED
     assert [entry.reason for entry in rehearsal.entries if isinstance(entry, Reopened)] == [Rejection.CLOSURE]
     assert rehearsal.session.ledger.retaken == 1
-    assert rehearsal.within(2.0), (rehearsal.errors_deg(), rehearsal.stated_deg())
+    assert rehearsal.within(3.0), (rehearsal.errors_deg(), rehearsal.stated_deg())
 
 
 def test_a_pose_that_contradicts_the_others_is_refused_and_set_again() -> None:
-    """Nine poses at 3 and 5 deg among others: the wrong one is seen when enough others are there."""
+    """At 3 deg, again too little to be seen beforehand; but by now enough other poses are there."""
     plan = plans.custom_plan([*GRID, (3.0, 0.0), (3.0, 90.0), (3.0, 180.0), (3.0, 270.0)], "joint", QUICK)
-    rehearsal = Rehearsal(plan, mistakes=[(10, Mistake.WRONG_TF)]).run()
+    rehearsal = Rehearsal(plan, mistakes=[(8, Mistake.WRONG_TF)]).run()
     assert rehearsal.state is State.ACCEPTED
     refused = [entry for entry in rehearsal.entries if isinstance(entry, Refused)]
     outlier = [entry for entry in refused if entry.reason is Rejection.OUTLIER]
-    assert len(outlier) == 1 and outlier[0].pose == "11" and outlier[0].readings is not None
-    assert rehearsal.within(2.0)
+    assert len(outlier) == 1 and outlier[0].pose == "9" and outlier[0].readings is not None
+    assert rehearsal.within(3.0)
 
 
 def test_a_contradiction_that_stays_is_left_to_the_operator() -> None:
@@ -203,7 +204,7 @@ def test_a_sensor_that_is_frozen_is_never_taken() -> None:
     rehearsal = Rehearsal(PLAN)
     reach(rehearsal, State.SETTLING)
     session, bench = rehearsal.session, rehearsal.bench
-    last = list(bench.frames(1))[0]
+    last = next(iter(bench.frames(1)))
     for k in range(200):
         frames = [last._replace(t_s=last.t_s + 0.02 * (5 * k + j + 1)) for j in range(5)]  # type: ignore[operator]
         session.readings(frames, bench.time_s + 0.1 * k)
@@ -229,7 +230,7 @@ def test_waiting_long_is_said_and_nothing_else_happens() -> None:
     rehearsal = Rehearsal(PLAN)
     reach(rehearsal, State.GUIDING)
     rehearsal.operator.look = lambda _: []  # type: ignore[method-assign]
-    rehearsal.run(limit_s=600.0)
+    rehearsal.run(limit_s=150.0)
     assert rehearsal.state in (State.GUIDING, State.SETTLING, State.CAPTURING)
     assert Fault.WAITING_LONG in rehearsal.session.faults
 
@@ -256,6 +257,7 @@ def test_a_device_that_restarts_in_mid_hold_costs_the_hold_alone() -> None:
     reach(rehearsal, State.CAPTURING)
     rehearsal.run(limit_s=1.5)
     rehearsal.bench.reset()
+    rehearsal.operator = SimulatedOperator(rehearsal.bench, ids="later")
     rehearsal.run()
     assert rehearsal.state is State.ACCEPTED
     assert Rejection.GAP in {entry.reason for entry in rehearsal.entries if isinstance(entry, Refused)}

@@ -10,7 +10,7 @@ from highside.calibration.advice import bound_of_angles, plan_information, split
 from highside.calibration.balance import CLOSURE_P, closures_of, rings_of_four
 from highside.calibration.forward import BASE_NAMES
 from highside.calibration.joint import joint
-from highside.calibration.poses import PoseSet
+from highside.calibration.poses import Array, PoseSet
 from highside.calibration.result import BenchAccuracy, CalibrationRefused, Closure
 from highside.errors import InputError
 from highside.session.ledger import Ledger
@@ -39,18 +39,27 @@ class Agreement:
 
 
 def agreement(poses: PoseSet, newest: str, limits: Limits) -> Agreement:
-    """Leave-one-out departure of pose `newest` from what the others predict by the joint fit."""
+    """Leave-one-out departure of pose `newest` from what the others predict by the joint fit.
+
+    A session that scatters more than was stated is measured by its own scatter, that of the poses before.
+    """
     if not poses.has_reference or len(poses) < MIN_POSES_FOR_FIT:
         return Agreement(None, False, None)
+    index = poses.ids.index(newest)
     try:
-        fit = joint(poses, bench=bench_of(limits), nonlinear="none", encoder="none", estimate_variances=False).poses
+        before = _departures(poses.subset(np.arange(len(poses)) != index), limits)
+        away = _departures(poses, limits)
     except (CalibrationRefused, InputError, np.linalg.LinAlgError):
         return Agreement(None, False, None)  # the end of the session says what is wrong with all of them together
-    # a session that scatters more than was stated is measured by itself
-    away = fit.studentised / max(1.0, float(np.median(fit.studentised)) / MEDIAN_DEPARTURE)
+    away = away / max(1.0, float(np.median(before)) / MEDIAN_DEPARTURE)
     worst = int(np.argmax(away))
-    index = fit.ids.index(newest)
-    return Agreement(float(away[index]), worst == index, fit.ids[worst], float(away[worst]))
+    return Agreement(float(away[index]), worst == index, poses.ids[worst], float(away[worst]))
+
+
+def _departures(poses: PoseSet, limits: Limits) -> Array:
+    """Standard deviations (N,) of each pose from what the others predict."""
+    fit = joint(poses, bench=bench_of(limits), nonlinear="none", encoder="none", estimate_variances=False)
+    return fit.poses.studentised
 
 
 def ring_closures(poses: PoseSet, limits: Limits) -> list[Closure]:

@@ -101,28 +101,48 @@ def tolerance_deg(model: Provisional, pose: Candidate, limits: Limits) -> float:
     return limits.align_deg + TOLERANCE_SIGMAS * math.degrees(model.std_rad(pose.direction()))
 
 
-def recognise(
-    a: Array, model: Provisional, poses: Sequence[Candidate], target: Candidate | None, limits: Limits
-) -> Recognised:
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """The poses that may be recognised, with what a window is compared with: directions (3, N), tolerances and doubts
+    (N,) in degrees (within its doubt a reading could be another pose's)."""
+
+    poses: tuple[Candidate, ...]
+    directions: Array
+    tolerances_deg: Array
+    doubts_deg: Array
+
+    @classmethod
+    def of(cls, poses: Sequence[Candidate], model: Provisional, limits: Limits) -> Chart:
+        return cls(
+            tuple(poses),
+            np.array([pose.direction() for pose in poses]).reshape(-1, 3).T,
+            np.array([tolerance_deg(model, pose, limits) for pose in poses]),
+            np.array([AMBIGUITY_SIGMAS * math.degrees(model.std_rad(pose.direction())) for pose in poses]),
+        )
+
+
+def recognise(a: Array, model: Provisional, chart: Chart, target: Candidate | None, limits: Limits) -> Recognised:
     """The planned pose nearest to a raw mean `a` (3,); the target where the reading could be either's."""
     g = model.correct(a)
     limit = tolerance_deg(model, target, limits) if target is not None else limits.align_deg
-    best: Candidate | None = None
-    nearest = math.inf
-    for pose in poses:
-        angle = angle_between_deg(g, pose.direction())
-        if angle <= tolerance_deg(model, pose, limits) and angle < nearest:
-            best, nearest = pose, angle
-    if best is None:
+    if not chart.poses:
         return Recognised(None, math.inf, limit)
-    doubt = AMBIGUITY_SIGMAS * math.degrees(model.std_rad(best.direction())) * 0.5 + 1e-6
-    alike = [p for p in poses if p.open and angle_between_deg(g, p.direction()) <= nearest + doubt]
-    if target is not None and any(p.id == target.id for p in alike) and nearest <= limit:
+    x, y, z = chart.directions
+    cross = (g[1] * z - g[2] * y) ** 2 + (g[2] * x - g[0] * z) ** 2 + (g[0] * y - g[1] * x) ** 2
+    angles = np.rad2deg(np.arctan2(np.sqrt(cross), g @ chart.directions))
+    allowed = np.where(angles <= chart.tolerances_deg, angles, np.inf)
+    nearest = int(np.argmin(allowed))
+    if not np.isfinite(allowed[nearest]):
+        return Recognised(None, math.inf, limit)
+    best = chart.poses[nearest]
+    doubt = 0.5 * float(chart.doubts_deg[nearest]) + 1e-6
+    alike = [chart.poses[k] for k in np.flatnonzero(angles <= angles[nearest] + doubt) if chart.poses[k].open]
+    if target is not None and angles[nearest] <= limit and any(pose.id == target.id for pose in alike):
         best = target
-    elif not best.open and alike:
+    elif not best.open:
         # measured already, but an open one reads the same (a reversed ring, the next step of temperature)
-        same = [p for p in alike if angle_between_deg(p.direction(), best.direction()) < 1e-6 + doubt]
-        best = same[0] if same else best
+        direction = best.direction()
+        best = next((p for p in alike if angle_between_deg(p.direction(), direction) < doubt), best)
     return Recognised(best, angle_between_deg(g, best.direction()), limit)
 
 

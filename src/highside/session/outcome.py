@@ -125,13 +125,14 @@ def stated_uncertainty(solution: Solution) -> tuple[float, float]:
     inc, tf = attitudes_of_use(solution)
     var_inc, var_tf = np.zeros(inc.size), np.zeros(inc.size)
     result, fallback = solution.result, solution.fallback
-    for i in range(inc.size):
-        zone = result.zone_at(float(inc[i]))
-        source = result
+    zones = [result.zone_at(float(value)) for value in inc]
+    for name in {None if zone is None else zone.name for zone in zones}:
+        rows = np.array([(None if zone is None else zone.name) == name for zone in zones])
+        source, zone = result, zones[int(np.argmax(rows))]
         if zone is None and fallback is not None:
             source, zone = fallback, fallback.main
-        one_inc, one_tf = source.predict_std(inc[i : i + 1], tf[i : i + 1], 0.0, zone=zone)
-        var_inc[i], var_tf[i] = one_inc[0] ** 2, one_tf[0] ** 2
+        one_inc, one_tf = source.predict_std(inc[rows], tf[rows], 0.0, zone=zone)
+        var_inc[rows], var_tf[rows] = one_inc**2, one_tf**2
     return float(np.rad2deg(np.sqrt(var_inc.mean()))), float(np.rad2deg(np.sqrt(var_tf.mean())))
 
 

@@ -30,8 +30,8 @@ RATE_READINGS = 12
 GAP_S = 0.5
 GAP_READINGS = 6.0
 RANGE_G = 20.0
-MIN_TURN_RAD = 0.25
-"""A move must turn the tool by this much before its sense is judged."""
+MIN_TURN_RAD2 = 5e-3
+"""Sum of the squared turns of windows before the sense of turning is judged: a quarter turn at any usual rate."""
 TRACE = 200
 
 
@@ -130,7 +130,7 @@ class Tracker:
     def mirrored(self) -> bool | None:
         """Whether the moves so far turned the opposite way by rate sensors and accelerometers; None: not known yet."""
         agreeing, size = self._agree
-        if size < MIN_TURN_RAD**2 * 0.01:
+        if size < MIN_TURN_RAD2:
             return None
         return agreeing < -0.3 * size
 

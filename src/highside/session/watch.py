@@ -11,7 +11,7 @@ import numpy as np
 
 from highside.calibration.poses import Array
 from highside.session.faults import Faults
-from highside.session.guidance import Candidate, Provisional, Recognised, axes_that_fit, recognise
+from highside.session.guidance import Candidate, Chart, Provisional, Recognised, axes_that_fit, recognise
 from highside.session.hold import Hold
 from highside.session.ledger import Ledger, PoseLine
 from highside.session.machine import Event
@@ -45,6 +45,7 @@ class Watch:
         self.model = self._nothing_known()
         self._faults = faults
         self._elsewhere = 0
+        self._chart: tuple[tuple[int, int], Chart] | None = None
 
     # --- what is asked for -------------------------------------------------------------------------------------
 
@@ -59,13 +60,17 @@ class Watch:
         chosen = chosen or next((line for line in lines if line.state is PoseState.AGAIN), lines[0])
         return _candidate(chosen)
 
-    def candidates(self) -> list[Candidate]:
+    def chart(self) -> Chart:
         """The poses of the present stage."""
-        stage = self.ledger.stage
-        return [_candidate(line) for line in self.ledger.lines.values() if line.stage == stage]
+        key = (self.ledger.revision, self.ledger.stage)
+        if self._chart is None or self._chart[0] != key:
+            poses = [_candidate(line) for line in self.ledger.lines.values() if line.stage == key[1]]
+            self._chart = (key, Chart.of(poses, self.model, self.plan.limits))
+        return self._chart[1]
 
     def learn_again(self) -> None:
         """The poses changed: the provisional fit follows."""
+        self._chart = None
         lines = [(line, line.readings) for line in self.ledger.done]
         if self.plan.reference != "pose" or not lines:
             self.model = self._nothing_known()
@@ -95,6 +100,8 @@ class Watch:
 
     def look(self, window: Window) -> list[Event]:
         """What a window, already judged for stillness, means; the events in order."""
+        if self.tracker.mirrored():
+            self._faults.put(Fault.MIRRORED)
         if self.tracker.left_temperature(self.plan.stages[self.ledger.stage]):
             self.blame = (Rejection.TEMPERATURE, "")
             return [Event.UNSTEADY]
@@ -103,7 +110,7 @@ class Watch:
     def _at_bench(self, window: Window) -> list[Event]:
         stillness = self.tracker.stillness
         still = stillness.still
-        self.recognised = recognise(window.mean, self.model, self.candidates(), self.target, self.plan.limits)
+        self.recognised = recognise(window.mean, self.model, self.chart(), self.target, self.plan.limits)
         pose, hold = self.recognised.pose, self.hold
         if hold is not None:
             if pose is None or pose.id != hold.pose:
@@ -118,7 +125,6 @@ class Watch:
             self.must_leave = None
         if pose is not None and pose.open and pose.id != self.must_leave:
             self._elsewhere = 0
-            self._faults.clear(Fault.AXES_SUSPECT)
             return [Event.STILL if still else Event.AT_POSE]
         self._elsewhere = self._elsewhere + 1 if still else 0
         if self._elsewhere == STILL_ELSEWHERE:
