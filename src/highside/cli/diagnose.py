@@ -12,26 +12,68 @@ if TYPE_CHECKING:
     from highside.config.model import Model
     from highside.diagnosis.engine import Picture
     from highside.diagnosis.result import Diagnosis
+    from highside.diagnosis.summary import SummaryPicture
     from highside.recording.table import Recording
 
 
 def diagnose(
-    recording: Annotated[Path, typer.Argument(help="The Recording (CSV, optionally gzipped).")],
-    model: Annotated[Path, typer.Option("--model", help="Model file (TOML): what the simulation knows.")],
-    out: Annotated[Path, typer.Option("--out", help="Directory for diagnosis.json and report.html.")],
+    recording: Annotated[
+        Path | None,
+        typer.Argument(help="The Recording or pose table (CSV, optionally gzipped), or with --codec a wire recording."),
+    ] = None,
+    model: Annotated[Path | None, typer.Option("--model", help="Model file (TOML): what the simulation knows.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Directory for diagnosis.json and report.html.")] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the calibration of thresholds.")] = 1,
+    summary: Annotated[
+        Path | None, typer.Option("--summary", help="A published error table (CSV) in place of a recording.")
+    ] = None,
+    corrected_by: Annotated[
+        str, typer.Option("--corrected-by", help="conventional3, balance-average or none: what the table comes after.")
+    ] = "none",
+    stations: Annotated[int, typer.Option("--stations", min=8, help="Toolfaces of a revolution, both ends.")] = 73,
+    readings: Annotated[int, typer.Option("--readings", min=1, help="Readings at each station.")] = 4,
+    write_model: Annotated[
+        Path | None, typer.Option("--write-model", help="Write the model with what was found (TOML).")
+    ] = None,
+    codec: Annotated[str | None, typer.Option("--codec", help="Decode a wire recording first.")] = None,
+    config: Annotated[Path | None, typer.Option("--config", help="TOML file with a [codec] table.")] = None,
+    first_s: Annotated[float | None, typer.Option("--from", help="Only rows from this time on, s.")] = None,
+    last_s: Annotated[float | None, typer.Option("--to", help="Only rows up to this time, s.")] = None,
 ) -> None:
     """Say where a recording departs from the simulation, what was left out, and how sure that is."""
-    from highside.config.model import load_model
+    from highside.cli.diagnose_inputs import read_rows
+    from highside.cli.diagnose_progress import progress_on_terminal
+    from highside.config.model import as_toml, load_model
     from highside.errors import InputError
     from highside.recording.files import write_whole
-    from highside.recording.table import read_recording
-    from highside.report.diagnosis_page import VERDICTS, page_of
+    from highside.report.diagnosis_page import page_of
+    from highside.report.diagnosis_words import VERDICTS, blame
 
+    source = recording or summary
+    if (recording is None) == (summary is None) or source is None:
+        raise InputError("give one of them", field="RECORDING, --summary", remedy="a recording or an error table")
+    for name, value in (("--model", model), ("--out", out)):
+        if value is None:
+            raise InputError("is missing", field=name, remedy="see highside diagnose --help")
+    assert model is not None and out is not None
     knows = load_model(model)
-    rows = read_recording(recording)
-    diagnosis, picture = _diagnose(rows, knows, seed)
-    page = page_of(diagnosis, picture, recording.name)
+    diagnosis: Diagnosis
+    picture: Picture | SummaryPicture | None
+    with progress_on_terminal() as progress:
+        if summary is not None:
+            from highside.cli.diagnose_summary import diagnose_table
+
+            diagnosis, picture = diagnose_table(
+                summary, knows, corrected_by=corrected_by, stations=stations, readings=readings, seed=seed,
+                progress=progress,
+            )  # fmt: skip
+        else:
+            assert recording is not None
+            rows = read_rows(recording, codec, config, first_s, last_s)
+            progress(0.0, f"{rows.n} rows")
+            diagnosis, picture = _diagnose(rows, knows, seed)
+    page = page_of(diagnosis, picture, source.name)
+    told = as_toml(_with_claims(knows, diagnosis)) if write_model is not None and _says_something(diagnosis) else None
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -40,10 +82,35 @@ def diagnose(
     write_whole(out / "report.html", page.encode())
     named = ", ".join(claim.effect for claim in diagnosis.claims)
     typer.echo(f"{diagnosis.verdict} - {VERDICTS[diagnosis.verdict]}{': ' + named if named else ''}")
+    if named:
+        typer.echo(f"to blame: {blame(diagnosis)}")
     for finding in diagnosis.intake:
         typer.echo(f"{finding.check} ({', '.join(finding.channels)}): {finding.remedy}")
+    if write_model is not None:
+        if told is not None:
+            write_whole(write_model, told.encode())
+        else:
+            typer.echo(f"{write_model}: not written, since nothing was given a name", err=True)
     if diagnosis.verdict == "bad_data":
         raise typer.Exit(1)
+
+
+def _says_something(diagnosis: Diagnosis) -> bool:
+    """Whether a model can be made of it: names, or that none is missing."""
+    return diagnosis.verdict in ("named", "named_plus", "nothing_left_out")
+
+
+def _with_claims(knows: Model, diagnosis: Diagnosis) -> Model:
+    """The model with the claimed effects at their fitted values. Raises InputError for values that are not plausible.
+
+    Parameters of an effect that the claim says nothing of stay as the model has them.
+    """
+    known = knows.forward().parameters()
+    claimed = {
+        claim.effect: known.get(claim.effect, {}) | {name: p.value for name, p in claim.parameters.items()}
+        for claim in diagnosis.claims
+    }
+    return knows.with_effects(claimed) if claimed else knows
 
 
 def _diagnose(rows: Recording, knows: Model, seed: int) -> tuple[Diagnosis, Picture | None]:

@@ -40,6 +40,14 @@ th, td { padding: .2rem .7rem; text-align: right; border-bottom: 1px solid var(-
 th:first-child, td:first-child { text-align: left; }
 td { white-space: nowrap; } td.words { white-space: normal; vertical-align: top; }
  thead th { font-weight: 600; vertical-align: bottom; }
+dl.facts { display: grid; grid-template-columns: max-content 1fr; gap: .35rem 1.2rem; max-width: 60rem;
+           margin: 1.2rem 0; }
+dl.facts dt { color: var(--soft); } dl.facts dd { margin: 0; } dl.facts dd + dd { grid-column: 2; }
+.badge { display: inline-block; padding: .05rem .6rem; border-radius: 1rem; border: 1px solid currentColor;
+         font-size: .92rem; font-weight: 600; }
+.good { color: #2c7a4b; } .bad { color: #b3402a; } .open { color: #8a6a00; } .found { color: #2f6fb5; }
+@media (prefers-color-scheme: dark) { .good { color: #6cc592; } .bad { color: #ef8a74; } .open { color: #d9b64a; }
+  .found { color: #7fb2ea; } }
 td.words, th.words { text-align: left; } tbody tr:nth-child(even) { background: var(--band); }
 """
 
@@ -57,6 +65,17 @@ class Page:
 
     def paragraph(self, text: str, *, soft: bool = False) -> None:
         self._parts.append(f'<p class="soft">{escape(text)}</p>' if soft else f"<p>{escape(text)}</p>")
+
+    def badge(self, text: str, kind: str, words: str) -> None:
+        """A word that stands out (`kind` is good, bad, open or found) and a sentence beside it."""
+        self._parts.append(f'<p><span class="badge {kind}">{escape(text)}</span> {escape(words)}</p>')
+
+    def facts(self, rows: Sequence[tuple[str, str]]) -> None:
+        """Pairs of a question and its answer, one below the other; an empty question goes on with the last answer."""
+        inner = "".join(
+            (f"<dt>{escape(name)}</dt>" if name else "") + f"<dd>{escape(text)}</dd>" for name, text in rows
+        )
+        self._parts.append(f'<dl class="facts">{inner}</dl>')
 
     def bullets(self, items: Sequence[str]) -> None:
         self._parts.append("<ul>" + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>")

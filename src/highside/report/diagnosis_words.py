@@ -1,0 +1,117 @@
+"""What a diagnosis says in plain words: the sentences that the page and the terminal share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from highside.diagnosis.result import Claim, Diagnosis, Fit, Location
+from highside.physics.effects import all_effects
+
+VERDICTS = {
+    "nothing_left_out": "Nothing was left out: the simulation explains this recording to within its noise.",
+    "named": "The simulation leaves out",
+    "named_plus": "The simulation leaves out (with a small remainder beyond it)",
+    "partial": "Something was left out that the library does not fully explain; no name is given.",
+    "unknown": "Something was left out that the library has no name for.",
+    "wander": "The zero offsets wander; slow effects cannot be told from that.",
+    "implausible_fit": "The only explanation found has parameters that are not plausible; no name is given.",
+    "not_testable": "This recording cannot show what was asked.",
+    "bad_data": "The data are not what they claim to be; physics was not asked.",
+}
+KINDS = {
+    "nothing_left_out": "good",
+    "named": "found",
+    "named_plus": "found",
+    "bad_data": "bad",
+    "implausible_fit": "bad",
+}
+"""Colour of a verdict; the others are open questions."""
+AXIS_NAMES = {
+    "tf_ref_deg": "toolface, deg",
+    "inc_ref_deg": "inclination, deg",
+    "temp_c": "temperature, C",
+    "t_s": "time, s",
+    "direction": "direction of approach",
+    "vibration_rms_g": "vibration, g rms",
+    "reading_g": "reading, g",
+    "rotor_rate_dps": "rate of rotation, deg/s",
+    "gravity_direction": "direction of gravity (drawn over inclination, deg)",
+}
+BENCH_STAGES = frozenset({"pose", "gravity"})
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """The verdict with the titles of what was named."""
+    effects = all_effects()
+    titles = [effects[claim.effect].title.lower() for claim in diagnosis.claims]
+    words = VERDICTS[diagnosis.verdict]
+    return f"{words.rstrip('.')}: {' and '.join(titles)}" if titles else words
+
+
+def shown(value: float, unit: str) -> str:
+    """A misfit with its unit, readable."""
+    if unit == "g":
+        return f"{1e6 * value:.1f} ug"
+    return f"{value:.2f} sigma" if unit == "sigma" else f"{value:.4g} {unit}"
+
+
+def sureness(claim: Claim) -> str:
+    """How sure a claim is, and of what it cannot be told apart."""
+    others = [name for name in claim.equivalence_class if name != claim.effect]
+    alike = f"Cannot be told apart here from: {', '.join(others)}." if others else "No other known effect does as well."
+    if not others and claim.rivals_ruled_out:
+        rival = claim.rivals_ruled_out[0]
+        alike += f" The nearest rival, {rival.effect}, loses by {rival.delta_bic:.0f} in BIC (beyond 10 is decisive)."
+    p = (
+        "in fewer than one of 1e12 recordings"
+        if claim.p_familywise < 1e-12
+        else f"in {claim.p_familywise:.1e} of recordings"
+    )
+    return f"By chance {p}. {alike}"
+
+
+def sizes(claim: Claim) -> str:
+    """Parameters with their 95 % intervals; shapes without."""
+    return ", ".join(
+        f"{name} = {p.value:.3g} {p.unit}" + (f" ({p.low:.3g} to {p.high:.3g})" if p.std > 0 else "")
+        for name, p in claim.parameters.items()
+    )
+
+
+def where(places: Sequence[Location]) -> str:
+    """Channels, what the mismatch follows and where along it."""
+    parts = []
+    for place in places:
+        ranges = "; ".join(f"{low:g}" if low == high else f"{low:g} to {high:g}" for low, high in place.intervals)
+        harmonic = f", harmonic {place.harmonic}" if place.harmonic else ""
+        axis = AXIS_NAMES.get(place.covariate, place.covariate)
+        parts.append(f"{', '.join(place.channels)} along {axis}{harmonic}" + (f": {ranges}" if ranges else ""))
+    return ". ".join(parts)
+
+
+def proof(fit: Fit) -> str:
+    """Misfit before and after, in sample and on readings that the fit had not seen."""
+    words = (
+        f"misfit {shown(fit.rmse_before, fit.unit)} before, {shown(fit.rmse_after, fit.unit)} after; "
+        f"noise {shown(fit.noise_floor, fit.unit)}."
+    )
+    if None not in (fit.heldout_rmse_before, fit.heldout_rmse_after, fit.heldout_gain_low, fit.heldout_gain_high):
+        assert fit.heldout_rmse_before is not None and fit.heldout_rmse_after is not None
+        assert fit.heldout_gain_low is not None and fit.heldout_gain_high is not None
+        words += (
+            f" On readings that the fit had not seen: {shown(fit.heldout_rmse_before, fit.unit)} before, "
+            f"{shown(fit.heldout_rmse_after, fit.unit)} after; {fit.heldout_gain_low:.0%} to "
+            f"{fit.heldout_gain_high:.0%} of the mean square removed ({fit.how_held_out})."
+        )
+    return words[0].upper() + words[1:]
+
+
+def blame(diagnosis: Diagnosis) -> str:
+    """Whether the bench or the sensor is to blame, by the stages of each claim's class; empty without claims."""
+    effects = all_effects()
+    sides: dict[str, list[str]] = {"the bench": [], "the sensor": [], "bench or sensor, not to be told here": []}
+    bench, sensor, either = sides
+    for claim in diagnosis.claims:
+        on_bench = {effects[e].stage.value in BENCH_STAGES for e in claim.equivalence_class if e in effects}
+        sides[either if len(on_bench) > 1 else bench if on_bench == {True} else sensor].append(claim.effect)
+    return "; ".join(f"{side} ({', '.join(names)})" for side, names in sides.items() if names)
