@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 from highside.attitude.angles import wrap_signed
+from highside.drift import core
+from highside.drift.compiled import LOADED_LEAST_ROWS, kernels
 from highside.drift.filter import KinematicFilter, Settings
 from highside.drift.frames import attitude, to_body
 from highside.drift.gates import Motion
 from highside.drift.kinematic import kinematic
 from highside.drift.result import AzimuthBasis, DriftResult
+from highside.physics.drift_bound import azimuth_bound
 from highside.physics.drift_scenarios import (
     LATITUDE_RAD,
     PERFECT,
@@ -26,6 +29,13 @@ from highside.physics.drift_scenarios import (
     turntable,
     vibration_table,
 )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled() -> None:
+    """Loads the compiled code (once made, it is kept beside the sources): hours of data in tenths of a second."""
+    kernels(10**9)
+
 
 SETTINGS = Settings(latitude_rad=LATITUDE_RAD, azimuth_rad=np.radians(60.0))
 
@@ -122,35 +132,55 @@ def test_vibration_table_with_rest_declared_for_seven_minutes() -> None:
     assert np.sqrt(np.mean(np.square(drifts))) < 0.9
 
 
-def test_drilling_with_declared_stops_stays_within_the_published_figures() -> None:
-    good = 0
-    for seed in (1, 2):
+def test_drilling_stays_within_the_published_figures_in_five_of_six_seeds() -> None:
+    within, declared, detected = 0, [], []
+    for seed in range(6):
         experiment = drilling()
-        result, _ = _run(experiment, seed, rest=experiment.rest.tolist())
+        data = record(experiment, seed)
+        result = kinematic(experiment.t_s, data.rate, data.accel, SETTINGS, rest=experiment.rest)
         inc, _, azi = _drifts_dph(result, experiment)
-        good += inc <= 0.22 and azi <= 0.46
+        within += inc <= 0.22 and azi <= 0.46
+        declared.append(azi)
         assert AzimuthBasis.ZERO_RATE in result.basis
-    assert good == 2
+        found = kinematic(experiment.t_s, data.rate, data.accel, SETTINGS)
+        detected.append(_drifts_dph(found, experiment)[2])
+    assert within >= 5
+    # stops found in the data instead of told
+    assert np.sqrt(np.mean(np.square(detected))) < 1.3 * np.sqrt(np.mean(np.square(declared)))
 
 
-@pytest.mark.parametrize("theta_deg", [0.0, 30.0])
-def test_a_turning_table_shows_all_biases_to_gravity(theta_deg: float) -> None:
-    drifts = []
-    for seed in range(2):
-        experiment = rotating_table(theta_deg, rate_hz=50.0)
-        result, _ = _run(experiment, seed, settings=NO_STOPS)
-        drifts.append(_drifts_dph(result, experiment)[2])
+@pytest.mark.parametrize(("theta_deg", "bound_deg"), [(0.0, 0.1016), (30.0, 0.1257), (60.0, 0.2374)])
+def test_a_turning_table_shows_all_biases_to_gravity_as_well_as_theory_allows(
+    theta_deg: float, bound_deg: float
+) -> None:
+    experiment = rotating_table(theta_deg, rate_hz=10.0)
+    assert np.degrees(azimuth_bound(experiment)[-1]) == pytest.approx(bound_deg, rel=0.01)
+    errors = []
+    for seed in range(60):
+        result, _ = _run(experiment, 500 + seed, settings=replace(NO_STOPS, azimuth_std_rad=1e-5))
+        errors.append(np.degrees(wrap_signed(float(result.azi_rad[-1] - experiment.psi[-1]))))
         assert result.basis == (AzimuthBasis.ROTATION,)
-    assert np.sqrt(np.mean(np.square(drifts))) < 0.3
+        # what it states is the bound
+        assert np.degrees(result.azi_std_rad[-1]) == pytest.approx(bound_deg, rel=0.03)
+    # sixty runs tell a standard deviation to 9 %
+    assert np.sqrt(np.mean(np.square(errors))) < 1.25 * bound_deg
 
 
 def test_a_turning_rod_with_a_scale_error_keeps_its_azimuth_and_finds_the_error() -> None:
-    experiment = rotating_rod(5400.0)
-    result, _ = _run(experiment, 1, rest=experiment.rest.tolist())
-    without, _ = _run(experiment, 1, rest=experiment.rest.tolist(), settings=replace(SETTINGS, scale_std=0.0))
-    assert result.scale == pytest.approx(200e-6, abs=20e-6)
-    assert _drifts_dph(result, experiment)[2] < 0.6
-    assert _drifts_dph(result, experiment)[2] < _drifts_dph(without, experiment)[2]
+    experiment = rotating_rod(5400.0, 50.0)
+    bound_dph = float(np.degrees(azimuth_bound(experiment, rest=experiment.rest)[-1])) / experiment.hours
+    drifts, blind = [], []
+    for seed in range(8):
+        result, _ = _run(experiment, seed, rest=experiment.rest.tolist())
+        assert result.scale == pytest.approx(200e-6, abs=25e-6)
+        drifts.append(_drifts_dph(result, experiment)[2])
+        if seed < 2:
+            without, _ = _run(
+                experiment, seed, rest=experiment.rest.tolist(), settings=replace(SETTINGS, scale_std=0.0)
+            )
+            blind.append(_drifts_dph(without, experiment)[2])
+    assert np.sqrt(np.mean(np.square(drifts))) < 1.5 * bound_dph
+    assert np.sqrt(np.mean(np.square(blind))) > 5.0 * bound_dph
 
 
 def test_a_curved_hole_is_followed_and_straight_hole_hides_it() -> None:
@@ -166,29 +196,108 @@ def test_a_curved_hole_is_followed_and_straight_hole_hides_it() -> None:
     assert AzimuthBasis.CONSTRAINT in hidden.basis
 
 
-@pytest.mark.parametrize("case", ["rest", "turning", "curved", "wrong priors"])
-def test_errors_stay_within_three_sigma(case: str) -> None:
+@pytest.mark.parametrize("case", ["rest", "turning", "curved", "drilling", "azimuth and latitude just wrong"])
+def test_azimuth_and_biases_stay_within_three_sigma_in_95_of_100_runs(case: str) -> None:
+    azimuth = bias = 0
     settings = replace(NO_STOPS, azimuth_std_rad=np.radians(1.0))
-    inside, count = 0, 20
-    for seed in range(count):
-        offset = np.random.default_rng(1000 + seed)
-        own, rest = settings, None
-        if case == "rest":
-            experiment, rest = turntable(600.0, 20.0), [[0.0, 120.0]]
-        elif case == "turning":
-            experiment = rotating_table(30.0, 600.0, 20.0)
-        elif case == "curved":
-            experiment, rest = curved_hole(rate_hz=20.0), [[0.0, 300.0]]
-        else:
-            experiment, rest = turntable(600.0, 20.0), [[0.0, 120.0]]
-            wrong = np.radians(0.1) * offset.standard_normal()
-            own = replace(settings, latitude_rad=LATITUDE_RAD + wrong)
-        own = replace(own, azimuth_rad=np.radians(60.0 + offset.standard_normal()))
+    experiment, rest = {
+        "rest": (turntable(600.0, 10.0), [[0.0, 120.0]]),
+        "turning": (rotating_table(30.0, 600.0, 10.0), None),
+        "curved": (curved_hole(rate_hz=10.0), [[0.0, 300.0]]),
+        "drilling": (drilling(1200.0, 10.0, leg_s=400.0, stop_s=60.0), None),
+        "azimuth and latitude just wrong": (turntable(600.0, 10.0), [[0.0, 120.0]]),
+    }[case]
+    rest = experiment.rest.tolist() if case == "drilling" else rest
+    for seed in range(100):
+        rng = np.random.default_rng(1000 + seed)
+        # one standard deviation exactly, either way; or drawn from the priors
+        wrong = np.sign(rng.standard_normal(2)) if "wrong" in case else rng.standard_normal(2)
+        own = replace(
+            settings,
+            azimuth_rad=np.radians(60.0 + wrong[0]),
+            latitude_rad=LATITUDE_RAD + np.radians(0.1) * wrong[1],
+        )
         result, data = _run(experiment, seed, rest=rest, settings=own)
-        azimuth = abs(wrap_signed(float(result.azi_rad[-1] - experiment.psi[-1]))) / result.azi_std_rad[-1]
-        bias = np.abs(result.bias_radps[:, -1] - data.bias_end) / result.bias_std_radps[:, -1]
-        inside += int(azimuth < 3.0 and bias.max() < 3.0)
-    assert inside >= 0.95 * count - 1
+        azimuth += abs(wrap_signed(float(result.azi_rad[-1] - experiment.psi[-1]))) < 3.0 * result.azi_std_rad[-1]
+        errors = np.abs(result.bias_radps[:, -1] - data.bias_end) / result.bias_std_radps[:, -1]
+        bias += bool(errors.max() < 3.0)
+    assert azimuth >= 95
+    assert bias >= 95
+
+
+def test_compiled_and_interpreted_are_the_same_bits() -> None:
+    # lost rows, a gap and jitter in what is turned, shaken and stopped
+    experiment = drilling(200.0, 50.0, leg_s=60.0, stop_s=20.0, start_s=30.0, turning_dps=30.0)
+    data = record(experiment, 3)
+    rng = np.random.default_rng(1)
+    keep = (rng.random(experiment.t_s.size) > 0.02) & ~((experiment.t_s > 100.0) & (experiment.t_s < 103.0))
+    t = experiment.t_s[keep] + rng.uniform(0.0, 0.004, int(keep.sum()))
+    assert t.size > LOADED_LEAST_ROWS
+    if kernels(10**9) is None:
+        pytest.skip("numba is not installed")
+    for smooth in (False, True):
+        quick = kinematic(t, data.rate[:, keep], data.accel[:, keep], SETTINGS, smooth=smooth)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("highside.drift.kinematic.kernels", lambda rows: None)
+            plain = kinematic(t, data.rate[:, keep], data.accel[:, keep], SETTINGS, smooth=smooth)
+        assert np.array_equal(quick.bias_radps, plain.bias_radps)
+        assert np.array_equal(quick.azi_std_rad, plain.azi_std_rad)
+        assert quick.motion is not None
+        assert plain.motion is not None
+        assert np.array_equal(quick.motion, plain.motion)
+        for ours, theirs in (
+            (quick.inc_rad, plain.inc_rad),
+            (quick.tf_rad, plain.tf_rad),
+            (quick.azi_rad, plain.azi_rad),
+        ):
+            assert np.abs(np.asarray(wrap_signed(ours - theirs))).max() < 1e-12
+
+
+def test_smoothing_keeps_the_end_and_mends_what_lies_before() -> None:
+    experiment = rotating_rod(2400.0, 20.0)
+    experiment = replace(experiment, rest=np.array([[0.0, 50.0], [1800.0, 1920.0]]))
+    for seed in range(4):
+        causal, data = _run(experiment, seed, rest=experiment.rest.tolist())
+        smooth = kinematic(experiment.t_s, data.rate, data.accel, SETTINGS, rest=experiment.rest, smooth=True)
+        assert smooth.azi_rad[-1] == pytest.approx(causal.azi_rad[-1], abs=1e-9)
+        ends = slice(19, None, 20)
+        assert np.all(smooth.azi_std_rad[ends] <= 1.01 * causal.azi_std_rad[ends])
+        toolface = [np.asarray(wrap_signed(each.tf_rad - experiment.phi)).std() for each in (smooth, causal)]
+        assert toolface[0] < 0.6 * toolface[1]
+        inside = np.abs(np.asarray(wrap_signed(smooth.azi_rad - experiment.psi))) < 4.0 * smooth.azi_std_rad + 1e-3
+        assert inside.mean() > 0.9
+
+
+def test_a_great_uncertainty_of_the_azimuth_is_not_measured_away_by_gravity() -> None:
+    # 20 deg, and half a minute at rest with noise that moves the tilt estimate: nothing here tells the azimuth
+    experiment = turntable(30.0, 20.0, replace(PERFECT, accel_noise_g=0.02))
+    settings = replace(NO_STOPS, latitude_rad=None, azimuth_std_rad=np.radians(20.0))
+    result, _ = _run(experiment, 1, settings=settings)
+    assert np.degrees(result.azi_std_rad[-1]) > 19.9
+
+
+def test_an_alignment_changes_the_azimuth_alone() -> None:
+    experiment = rotating_table(30.0, 100.0, 20.0)
+    data = record(experiment, 1)
+    engine = KinematicFilter(replace(NO_STOPS, azimuth_rad=None))
+    samples = zip(experiment.t_s.tolist(), to_body(data.rate).T.tolist(), to_body(data.accel).T.tolist(), strict=True)
+    for t, w, a in samples:
+        engine.update(t, tuple(w), tuple(a))
+    before, state = attitude(engine.attitude_now()), engine.state
+    assert state is not None
+    engine.set_azimuth(1.0, 0.01)
+    after, aligned = attitude(engine.attitude_now()), engine.state
+    assert aligned is not None
+    assert np.allclose(after[:2], before[:2], atol=1e-9)
+    assert float(after[2]) == pytest.approx(1.0, abs=1e-6)
+    assert aligned.azimuth_std_rad == pytest.approx(0.01, rel=1e-6)
+    assert np.array_equal(aligned.bias, state.bias)
+    P = np.array(aligned.P)
+    assert np.allclose(P, P.T, atol=0.0)
+    assert np.linalg.eigvalsh(P).min() > -1e-15
+    row = np.array(core.azimuth_row(tuple(aligned.q.tolist())))
+    # nothing else goes with the new azimuth's error
+    assert np.abs(row @ P[:3, 3:]).max() < 1e-12
 
 
 def test_a_gap_widens_the_azimuth_and_is_told() -> None:

@@ -282,9 +282,11 @@ class KinematicFilter:
         m = self._begun()
         if self.motion is Motion.STILL:
             return np.array(m.q)
-        c = self.constants
-        earth = np.array([c.earth_e, c.earth_n, c.earth_u])
-        return predicted(np.array(m.q), np.array(m.bias), m.scale[0], earth, np.array(self._gatherer.sums[:20]))
+        c, sums = self.constants, self._gatherer.sums
+        t = sums[19]
+        turned = core.turning(-c.earth_e * t, -c.earth_n * t, -c.earth_u * t)
+        raw = core.times(sums[:4], core.turning(*core.turn_left(m, sums)))
+        return np.array(core.times(core.times(turned, core.attitude_of(m)), raw))
 
     def know_azimuth(self, azimuth_rad: float, std_rad: float) -> None:
         """The azimuth that the state has is a true one: the level part of the Earth's rotation is modelled from now."""

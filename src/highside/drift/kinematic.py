@@ -145,6 +145,8 @@ def _angles(
         angles = np.empty((3, t_s.size))
         edges = np.ascontiguousarray(data.table[:, 31:].T)
         compiled.follow(t_s, rate, accel, data.number, q, bias, scale, frozen, leap, edges, trace.q, earth, angles)
+        # the ends of blocks to the same bit as everywhere
+        angles[:, np.append(np.flatnonzero(np.diff(data.number)), t_s.size - 1)] = attitude(trace.q.T)
         return angles
     assert data.laid is not None
     batch = data.laid
