@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ class Variant:
     """
 
     shape: dict[str, float]
-    columns: Array
+    columns: NDArray[Any]
     label: str = ""
     whole: bool = True
 

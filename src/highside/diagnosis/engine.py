@@ -218,7 +218,7 @@ def _conclude(scene: Scene, judged: Judged, suspicion: _Suspicion, version: str)
         verdict, location, claims, scene.proof(members, fit), (), remainder, tuple(lacking), smallest,
         noise, scene.seed, version,
     )  # fmt: skip
-    return diagnosis, scene.picture(fit if named else None)
+    return scene.completed(diagnosis), scene.picture(fit if named else None)
 
 
 def _as_p(scanned: _Scanned) -> float:

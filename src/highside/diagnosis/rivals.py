@@ -160,20 +160,20 @@ def next_poses(
         rows = (old * scale).reshape(old.shape[0], -1)
         pairs.append((rows @ rows.T, np.einsum("pin,qin->npq", fresh * scale, fresh * scale)))
     grams = [gram for gram, _ in pairs]
-    before = min(_beyond(gram[None])[0] for gram in grams)
+    before = min(beyond(gram[None])[0] for gram in grams)
     chosen: list[int] = []
     for _ in range(count):
-        worst = np.min([_beyond(gram[None] + new) for gram, (_, new) in zip(grams, pairs, strict=True)], axis=0)
+        worst = np.min([beyond(gram[None] + new) for gram, (_, new) in zip(grams, pairs, strict=True)], axis=0)
         best = int(np.argmax(worst))
         chosen.append(best)
         grams = [gram + new[best] for gram, (_, new) in zip(grams, pairs, strict=True)]
-    after = min(_beyond(gram[None])[0] for gram in grams)
+    after = min(beyond(gram[None])[0] for gram in grams)
     return PoseAdvice(
         tuple((float(inc[i]), float(tf[i]), int(direction[i])) for i in chosen), float(before), float(after)
     )
 
 
-def _beyond(grams: Array) -> Array:
+def beyond(grams: Array) -> Array:
     """Energy (B,) of the first column outside of the others, from Gram matrices (B, P, P)."""
     inner, cross = grams[:, 1:, 1:], grams[:, 1:, 0]
     size = np.sqrt(np.maximum(np.einsum("bii->bi", inner), 1e-30))

@@ -158,7 +158,7 @@ def estimate(design: Design, residual: Array, seed: int) -> RotationNoise:
     impulses = 0
     freedom = np.inf
     for c in range(len(session.channels)):
-        counts = None if session.left_out is None else [1.0 - session.left_out[p] for p in parts]
+        counts = None if session.left_out is None else [np.where(session.left_out[p], 0.0, 1.0) for p in parts]
         before = [residual[c, max(0, p.start - 2 * MAX_ORDER) : p.stop] for p in parts]
         learning = _Learning(parts, made[c], before, counts)
         size = float(np.sqrt(np.mean(session.readings[c] ** 2)))
@@ -228,7 +228,7 @@ def _autocovariance(series: list[Array]) -> Array:
     for s in series:
         for k in range(MAX_ORDER + 1):
             total[:, k] += np.einsum("dn,dn->d", s[:, k:], s[:, : s.shape[1] - k])
-    return total / rows
+    return np.asarray(total / rows, dtype=float)
 
 
 def _levinson(autocovariance: Array, rows: int) -> Array:
@@ -273,6 +273,8 @@ def _scatter(
     level, cost = float(square[keep].mean()), 0.0
     cost = _deviance(square[keep], np.full(int(keep.sum()), level))
     evidence = {SHAKEN: 0.0, JITTER: 0.0}
+    # heavy tails make differences of scatter look surer than they are
+    kurtosis = float(np.mean(square[keep] ** 2) / np.mean(square[keep]) ** 2)
     for _ in range(len(modelled)):
         tries = {}
         for k in modelled:
@@ -283,9 +285,9 @@ def _scatter(
                 tries[k] = (cost - _deviance(square[keep], fitted), names, weights)
         k = max(tries, key=lambda name: tries[name][0])
         gain, names, weights = tries[k]
-        if gain < VARIANCE_GAIN:
+        if gain * 2 / max(kurtosis - 1, 2.0) < VARIANCE_GAIN:
             break
-        evidence[k] = gain
+        evidence[k] = gain * 2 / max(kurtosis - 1, 2.0)
         level, chosen = float(weights[0]), dict(zip(names, weights[1:].tolist(), strict=True))
         cost -= gain
     size = level + sum((w * whole[k] for k, w in chosen.items()), np.zeros(session.n))

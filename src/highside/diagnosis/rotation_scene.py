@@ -16,9 +16,11 @@ from highside.diagnosis.gram import Gram, HeldOutRows, Segments, Space, WalkingC
 from highside.diagnosis.location import followed, intervals, scan_of
 from highside.diagnosis.memory import NO_MEMORY, SUSPECT, Channel, Memory, SlowEffect
 from highside.diagnosis.regression import outside, span
-from highside.diagnosis.result import Fit, Location
+from highside.diagnosis.result import Diagnosis, Fit, Location
 from highside.diagnosis.rivals import Rivalry
+from highside.diagnosis.rotation_advice import next_rates
 from highside.diagnosis.rotation_bases import Group
+from highside.diagnosis.rotation_jitter import with_jitter
 from highside.diagnosis.rotation_lines import found_lines
 from highside.diagnosis.rotation_noise import RotationNoise, estimate, windows, with_walk
 from highside.diagnosis.rotation_session import RotationSession
@@ -160,7 +162,7 @@ class RotationScene(Scene):
     def block(self, members: Sequence[Member]) -> NDArray[Any]:
         numbers = [np.asarray(self.variant(m).columns, dtype=np.intp) for m in members]
         every = np.concatenate([np.empty(0, dtype=np.intp), *numbers])
-        return self.design.where[every[every >= 0]]
+        return np.asarray(self.design.where[every[every >= 0]])
 
     def slow(self) -> list[SlowEffect]:
         found = []
@@ -217,9 +219,18 @@ class RotationScene(Scene):
         )
 
     def advice(self, member: Member, r: Rivalry, fit: JointFit) -> str:
-        effect = self.candidates[member.candidate].effect
-        assert effect is not None
-        return effect.splitter
+        candidate = self.candidates[member.candidate]
+        assert candidate.effect is not None
+        rivals = [(self.candidates[k], self.variant(r.best[k]).shape) for k in r.same if k != member.candidate]
+        amplitude = np.array([fit.parameters[candidate.id][name].value for name in candidate.amplitudes])
+        advice = next_rates(
+            self.model, self.session, self.free, (candidate, self.variant(member).shape, amplitude), rivals,
+            1.0 / self.noise.sigma,
+        )  # fmt: skip
+        if advice.after < max(2 * advice.before, 12.0):
+            return candidate.effect.splitter
+        words = "; ".join(stretch.words for stretch in advice.stretches)
+        return f"turn for 20 s each: {words}; otherwise: {candidate.effect.splitter}"
 
     def proof(self, members: Sequence[Member], fit: JointFit) -> Fit:
         held = HeldOutRows(self.design, self.grams)
@@ -246,6 +257,9 @@ class RotationScene(Scene):
             noise_floor=unit,
             how_held_out=words,
         )
+
+    def completed(self, diagnosis: Diagnosis) -> Diagnosis:
+        return with_jitter(diagnosis, self.noise, self.channels)
 
     def picture(self, fit: JointFit | None) -> Picture:
         return Picture(self.session, self.residual, self.residual if fit is None else fit.residual, self.channels)

@@ -18,7 +18,7 @@ from highside.diagnosis.candidates import Blind, Candidate, Variant
 from highside.diagnosis.fit import JointFit
 from highside.diagnosis.location import Scan
 from highside.diagnosis.memory import Channel, Memory, SlowEffect
-from highside.diagnosis.result import Fit, Location
+from highside.diagnosis.result import Diagnosis, Fit, Location
 from highside.diagnosis.rivals import Rivalry
 from highside.diagnosis.selection import MAX_CLAIMS, Member, Selector
 from highside.physics.state import ChainState
@@ -141,6 +141,10 @@ class Scene(ABC):
     @abstractmethod
     def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
         """Where a whitened signal outside of a space sits."""
+
+    def completed(self, diagnosis: Diagnosis) -> Diagnosis:
+        """The diagnosis with what is no regression: found by the scatter, not by the mean."""
+        return diagnosis
 
     @abstractmethod
     def advice(self, member: Member, r: Rivalry, fit: JointFit) -> str:

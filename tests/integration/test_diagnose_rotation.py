@@ -1,0 +1,92 @@
+"""`highside diagnose` of a continuous rotation as a user runs it, with gyros and temperature."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from highside.cli.main import main
+from highside.recording.table import read_recording, write_recording
+
+TRUTH = """
+[sensor]
+noise_g = 80e-6
+bias_g = [1e-3, -2e-3, 5e-4]
+scale = [2e-3, -1e-3, 5e-4]
+[effects]
+included = ["time_offset", "gyro_noise"]
+time_offset = {t0_ms = 0.05}
+gyro_noise = {density_dps = 0.002}
+[motion]
+kind = "rotation"
+inclination_deg = 62
+rates_hz = [0.5, -1.0, 2.0, -0.2, 1.5]
+hold_s = 12
+ramp_s = 1
+temperatures_c = [25, 40, 28]
+gyros = true
+"""
+
+
+def highside(*arguments: str | Path) -> tuple[int, str]:
+    """Exit status and what was said, of the command run inside this process."""
+    said = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["highside", *map(str, arguments)])
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            try:
+                main()
+                status = 0
+            except SystemExit as left:
+                status = int(left.code or 0)
+    return status, said.getvalue()
+
+
+def test_a_time_offset_is_told_from_a_lag_by_the_gyros(tmp_path: Path) -> None:
+    (tmp_path / "truth.toml").write_text(TRUTH)
+    (tmp_path / "knows.toml").write_text("[sensor]\nnoise_g = 80e-6\n")
+    recording = tmp_path / "rec.csv.gz"
+    assert highside("simulate", tmp_path / "truth.toml", "-o", recording, "--seed", "4")[0] == 0
+    status, said = highside("diagnose", recording, "--model", tmp_path / "knows.toml", "--out", tmp_path / "out")
+    assert status == 0, said
+    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert found["schema"] == "highside.diagnosis/1"
+    assert found["verdict"] == "named"
+    claim = found["claims"][0]
+    assert [c["effect"] for c in found["claims"]] == ["time_offset"]
+    assert "bandwidth_lag" not in claim["equivalence_class"]
+    assert claim["parameters"]["t0"]["low"] < 5e-5 < claim["parameters"]["t0"]["high"]
+    assert found["fit"]["heldout_gain_low"] > 0
+    assert "vibration_rectification" in {entry["effect"] for entry in found["not_testable"]}
+    assert "lever_arm" in found["minimum_detectable"]
+    assert "<html" in (tmp_path / "out" / "report.html").read_text()[:500].lower()
+
+    # without the gyros and with the rotor's own angle the two are one class
+    rows = read_recording(recording)
+    kept = {name: column for name, column in rows.columns.items() if not name.startswith("g")}
+    kept["rotor_deg"] = kept.pop("tf_ref_deg")
+    write_recording(recording, type(rows)(kept))
+    assert highside("diagnose", recording, "--model", tmp_path / "knows.toml", "--out", tmp_path / "out")[0] == 0
+    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert {"time_offset", "bandwidth_lag"} <= set(found["claims"][0]["equivalence_class"])
+
+
+def test_a_rotation_without_inclination_is_one_clear_line(tmp_path: Path) -> None:
+    n = 2000
+    t = np.arange(n) / 50
+    lines = ["t_s,ax_g,ay_g,az_g,rotor_deg"]
+    lines += [f"{a},{np.cos(a)},{np.sin(a)},0.01,{np.degrees(a) % 360}" for a in t]
+    (tmp_path / "rec.csv").write_text("\n".join(lines) + "\n")
+    (tmp_path / "knows.toml").write_text("")
+    status, said = highside(
+        "diagnose", tmp_path / "rec.csv", "--model", tmp_path / "knows.toml", "--out", tmp_path / "out"
+    )
+    assert status in (1, 2)
+    assert "inc_ref_deg" in said
+    assert "Traceback" not in said
