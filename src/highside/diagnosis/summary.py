@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from highside.diagnosis.candidates import pose_candidates
 from highside.diagnosis.result import (
     Claim,
-    Detectable,
     Diagnosis,
     Fit,
     FittedParameter,
@@ -29,12 +28,14 @@ from highside.diagnosis.result import (
     Verdict,
 )
 from highside.diagnosis.summary_advice import next_ring
-from highside.diagnosis.summary_chain import CELLS, Linear, Procedure, Sessions, draw, tell
+from highside.diagnosis.summary_chain import CELLS, Linear, Procedure, Sessions, tell
 from highside.diagnosis.summary_fit import Fitted, Option, Table, deviance_at, fit_set, options_of, rechanced
+from highside.diagnosis.summary_instrument import detectable, instrument
 from highside.diagnosis.summary_search import (
     Standing,
     alike,
     left_out_row,
+    other_amplitudes,
     polished,
     search,
     standing,
@@ -59,7 +60,6 @@ SHOWS = 4.0
 """Chi-square by which a member must move the means to have a name."""
 SCATTER_SEEN = 12.0
 """Gain of deviance at which the scatter beyond chance is there."""
-EVIDENCE_80 = 20.0
 _UNTOLD = {
     "bias_drift": "a table does not say when a row was measured",
     "bias_step": "a table does not say when a row was measured",
@@ -93,11 +93,16 @@ class SummaryPicture:
 
 @dataclass(frozen=True)
 class Summarised:
-    """The answer, what a report draws, and the instrument found: the model with the best set, and its noise in g."""
+    """The answer, what a report draws, and the instruments that were fitted, with the noise of a reading in g.
+
+    `before` is the model refitted alone, `named` has what was given a name beside that, `whole` everything that helps.
+    """
 
     diagnosis: Diagnosis
     picture: SummaryPicture
-    instrument: ForwardModel
+    before: ForwardModel
+    named: ForwardModel
+    whole: ForwardModel
     noise_g: float
 
 
@@ -156,8 +161,7 @@ def diagnose_summary(
             tell_progress(0.6 + 0.35 * k / len(best.options), f"rivals of {best.options[k].effect}")
             standings[k] = standing(table, scene.options, scene.base, best, found.tried, k)
     tell_progress(0.95, "rings left out")
-    swaps = [alike(best, found.tried, k) for k in range(len(best.options))]
-    return _conclude(scene, best, standings, swaps, lost, version)
+    return _conclude(scene, best, found.tried, standings, lost, version)
 
 
 def _prepare(
@@ -213,8 +217,8 @@ def _typical(name: str) -> float:
 def _conclude(
     scene: _Scene,
     best: Fitted,
+    tried: Sequence[Fitted],
     standings: dict[int, Standing],
-    swaps: list[tuple[str, ...]],
     lost: dict[int, float],
     version: str,
 ) -> Summarised:
@@ -239,9 +243,9 @@ def _conclude(
         location=location,
         claims=claims,
         fit=_proof(table, base, best, picture, mask),
-        remainder=_remainder(scene, best, standings, believed if told else [], swaps, lost, beyond, picture),
+        remainder=_remainder(scene, best, tried, standings, believed if told else [], lost, beyond, picture),
         not_testable=tuple(scene.lacking),
-        minimum_detectable=_detectable(scene, best),
+        minimum_detectable=detectable(scene.table, scene.options, best),
         noise={
             "model": "chance drawn from the simulated chain, and a scatter beyond it",
             "reading_noise_g": best.noise_g,
@@ -257,7 +261,15 @@ def _conclude(
         seed=scene.seed,
         version=version,
     )
-    return Summarised(diagnosis, picture, _instrument(scene, best), best.noise_g)
+    knows = scene.model, scene.base_names, scene.base_units
+    return Summarised(
+        diagnosis,
+        picture,
+        before=instrument(*knows, base, []),
+        named=instrument(*knows, best, believed if told else []),
+        whole=instrument(*knows, best, range(len(best.options))),
+        noise_g=best.noise_g,
+    )
 
 
 def _scatter_gain(table: Table, fitted: Fitted) -> float:
@@ -421,7 +433,7 @@ def _proof(table: Table, base: Fitted, best: Fitted, picture: SummaryPicture, ma
         heldout_rmse_before=float(np.sqrt(before.mean())),
         heldout_rmse_after=float(np.sqrt(after.mean())),
         heldout_gain_low=float(relative.mean()) - half,
-        heldout_gain_high=float(relative.mean()) + half,
+        heldout_gain_high=min(1.0, float(relative.mean()) + half),
         noise_floor=1.0,
         how_held_out=f"each of {rows.size} inclinations in turn; gain = share of the held-out mean square removed",
     )
@@ -430,9 +442,9 @@ def _proof(table: Table, base: Fitted, best: Fitted, picture: SummaryPicture, ma
 def _remainder(
     scene: _Scene,
     best: Fitted,
+    tried: Sequence[Fitted],
     standings: dict[int, Standing],
     believed: list[int],
-    swaps: list[tuple[str, ...]],
     lost: dict[int, float],
     beyond: float,
     picture: SummaryPicture,
@@ -445,7 +457,7 @@ def _remainder(
     for k, option in enumerate(best.options):
         if k in believed:
             continue
-        same = standings[k].same if k in standings else swaps[k]
+        same = standings[k].same if k in standings else alike(best, tried, k)
         resembles += [name for name in same if name not in resembles]
         others = f" (so do {', '.join(same[1:])})" if len(same) > 1 else ""
         why = (
@@ -454,11 +466,16 @@ def _remainder(
             else "it shows in peak-to-peaks only, which have lost order and phase: errors by toolface would tell"
         )
         hints.append(f"something like {option.effect} helps as well{others}, but has no sure name: {why}")
+    for k in believed:
+        turned = other_amplitudes(best, tried, k)
+        if turned:
+            parts = "; ".join(", ".join(names) for names in turned)
+            hints.append(f"{best.options[k].effect} does as well with other amplitudes: {parts}")
     cells = np.where(table.mask.reshape(-1, 4), picture.after, 0.0)
     for row, column in sorted(zip(*np.nonzero(np.abs(cells) > OFF), strict=True), key=lambda at: -abs(cells[at])):
         hints.append(
-            f"the row at {picture.inc_deg[row]:g} deg stays off: its {CELLS[column]} is {cells[row, column]:+.1f} sigma "
-            "beside what is explained"
+            f"the row at {picture.inc_deg[row]:g} deg stays off: its {CELLS[column]} is "
+            f"{cells[row, column]:+.1f} sigma beside what is explained"
         )
     for row in lost:
         z = picture.after[row]
@@ -479,62 +496,3 @@ def _remainder(
         location = (_where(everything, np.nan_to_num(z), 1.0 - 0.0, min(lost.values())),)
     p = float(chi2.sf(max(beyond, 0.0), 1))
     return Remainder(location, tuple(hints), p, tuple(resembles))
-
-
-def _detectable(scene: _Scene, best: Fitted) -> dict[str, Detectable]:
-    """Smallest size of each effect beside the best set, from the slopes at it."""
-    table = scene.table
-    mask = table.mask
-    cov = best.covariance(table)[np.ix_(mask, mask)]
-    result: dict[str, Detectable] = {}
-    for option in scene.options:
-        effect = all_effects()[option.effect]
-        if option.effect in best.effects:
-            continue
-        fields = [table.base, *(o.field for o in best.options), option.field]
-        linear = Linear(table.sessions, table.start, np.concatenate(fields))
-        values = np.concatenate([best.values, np.full(len(option.amplitudes), 0.3)])
-        slope = tell(linear, values, best.noise_g, table.draws).slope.reshape(values.size + 1, -1)[:, mask]
-        inner = slope @ np.linalg.solve(cov, slope.T) + np.eye(len(slope)) * 1e-6
-        inverse = np.linalg.inv(inner)
-        own = slice(best.values.size, values.size)
-        sizes = np.sqrt(EVIDENCE_80 * np.diag(inverse)[own]) * option.typical
-        parameter = next(p for p in effect.parameters if p.name == option.amplitudes[0])
-        size = float(np.median(sizes))
-        known = result.get(option.effect)
-        if size < parameter.gate[1] and (known is None or size < known.value):
-            result[option.effect] = Detectable(size, parameter.unit)
-    return result
-
-
-def _instrument(scene: _Scene, best: Fitted) -> ForwardModel:
-    """The model with everything that was fitted, names or not: what predicts other tables of the instrument."""
-    model = scene.model
-    if scene.base_names:
-        values = best.values[: len(scene.base_names)] * scene.base_units
-        model = model.set_free(model.get_free(scene.base_names) + values, scene.base_names)
-    for k, option in enumerate(best.options):
-        amounts = dict(zip(option.amplitudes, (best.values[best.own(k)] * option.typical).tolist(), strict=True))
-        model = model.with_effects({option.effect: {**amounts, **dict(option.shape)}})
-    return model
-
-
-@dataclass(frozen=True)
-class Predicted:
-    """Cells (R, 4) in deg that a simulated instrument gives, with their standard deviation by chance."""
-
-    cells: Array
-    std: Array
-
-
-def predict_table(
-    inc_deg: Array, procedure: Procedure, instrument: ForwardModel, noise_g: float, *, seed: int = 1, count: int = 200
-) -> Predicted:
-    """What a table of this instrument would say; NaN where the correction has no meaning."""
-    sessions = Sessions.of(np.radians(inc_deg), procedure)
-    draws = draw(sessions, instrument, count, seed, noise_g)
-    linear = Linear.about(sessions, instrument, np.empty((0, 3, sessions.state.n)))
-    cells = tell(linear, np.empty(0), noise_g, draws, slopes=False).cells
-    mean, std = cells.mean(axis=0), cells.std(axis=0, ddof=1)
-    mean[sessions.degenerate()] = np.nan
-    return Predicted(mean, std)

@@ -58,11 +58,10 @@ def next_ring(
     ring = int(np.argmax(worst))
     k = int(np.argmin(parted[:, ring]))
     if worst[ring] < WORTH:
-        hardest = list(instead)[k]
         return (
-            f"no single ring of means and peak-to-peaks parts it from {hardest} (best: {RINGS_DEG[ring]:g} deg, "
-            f"expected chi-square {worst[ring]:.1f}); {all_effects()[best.options[0].effect].splitter if best.options else ''}"
-        ).rstrip("; ")
+            f"no single ring of means and peak-to-peaks parts it from {list(instead)[k]} (best: {RINGS_DEG[ring]:g} deg, "
+            f"expected chi-square {worst[ring]:.1f}): record the errors by toolface"
+        )
     return (
         f"a ring at {RINGS_DEG[ring]:g} deg inclination: there {CELLS[column[k, ring]]} parts it from "
         f"{', '.join(instead)} (expected chi-square {worst[ring]:.0f})"

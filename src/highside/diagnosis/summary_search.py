@@ -148,6 +148,20 @@ def alike(best: Fitted, tried: Sequence[Fitted], index: int) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
+def other_amplitudes(best: Fitted, tried: Sequence[Fitted], index: int) -> list[tuple[str, ...]]:
+    """Amplitudes of a member's own effect (other axes, say) that do as well in its place, the other effects kept."""
+    own = best.options[index]
+    kept = best.effects - {own.effect}
+    found = [
+        option.amplitudes
+        for fitted in tried
+        if fitted.score - best.score < SAME and fitted.effects >= kept
+        for option in fitted.options
+        if option.effect == own.effect and option.amplitudes != own.amplitudes
+    ]
+    return list(dict.fromkeys(found))[:4]
+
+
 def _needed(table: Table, fitted: Fitted, place: int) -> bool:
     """Whether a set is worse without one of its members."""
     rest = tuple(o for k, o in enumerate(fitted.options) if k != place)
@@ -155,7 +169,7 @@ def _needed(table: Table, fitted: Fitted, place: int) -> bool:
 
 
 def polished(table: Table, fitted: Fitted) -> Fitted:
-    """The same set from other signs of its amplitudes: peak-to-peaks hardly know them, and a fit does not cross zero."""
+    """The same set from other signs of its amplitudes: peak-to-peaks hardly know them, and no fit crosses zero."""
     best = rechanced(table, fitted)
     for k in range(len(fitted.options)):
         own = fitted.own(k)
