@@ -105,6 +105,8 @@ def test_gravity_alone_at_rest_finds_the_azimuth_through_the_earths_rotation_and
         result, data = _run(experiment, seed, settings=NO_STOPS)
         std = np.degrees(result.azi_std_rad[-1])
         assert 1.2 < std < 2.2
+        # the tilt stays that of the accelerometers, however the azimuth is corrected
+        assert max(_drifts_dph(result, experiment)[:2]) < 0.6
         assert np.degrees(abs(wrap_signed(float(result.azi_rad[-1] - experiment.psi[-1])))) < 3 * std
         assert np.all(np.abs(result.bias_radps[:, -1] - data.bias_end) < 3 * result.bias_std_radps[:, -1])
         assert result.basis == (AzimuthBasis.NOTHING,)

@@ -394,9 +394,12 @@ def take(
             )  # fmt: skip
             P[10 * i + j] = value
             P[10 * j + i] = value
-    moved = turning(work[90], work[91], work[92])
-    store(m, times(attitude_of(m), moved))
-    follow_up(m, cosines(moved))
+    q = attitude_of(m)
+    store(m, times(q, turning(work[90], work[91], work[92])))
+    C = cosines(q)
+    about = work[90] * C[2] + work[91] * C[5] + work[92] * C[8]
+    tilted = turning(work[90] - about * C[2], work[91] - about * C[5], work[92] - about * C[8])
+    follow_up(m, cosines(tilted))
     for i in range(3):
         m.bias[i] += work[93 + i]
         m.accel_bias[i] += work[97 + i]
@@ -404,10 +407,11 @@ def take(
 
 
 def follow_up(m: Memory, R: Numbers) -> None:
-    """Turn the covariance with the body when its attitude is corrected: P <- R P R' in the attitude's part.
+    """Turn the covariance with Up when the tilt is corrected: P <- R P R' in the attitude's part.
 
     What gravity does not show is a rotation about Up, and Up has moved in the body: without this a great uncertainty of
-    the azimuth would leak into the tilt, be "measured" there by gravity, and vanish.
+    the azimuth would leak into the tilt, be "measured" there by gravity, and vanish. A correction of the azimuth turns
+    nothing: what is known of the tilt was measured in the body, as the accelerometers' biases were.
     """
     P, top = m.P, m.work
     for i in range(3):
