@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from highside.cli.self_fit import fit_self
 from highside.cli.turntable import read_compensation, turntable
 from highside.errors import InputError
 
@@ -28,6 +29,7 @@ app = typer.Typer(
 )
 
 app.command()(turntable)
+app.command("fit-self")(fit_self)
 
 CHANNELS = ("roll", "pitch", "heading", "inclination", "toolface")
 LARGEST_ERROR_ARCMIN = 1800.0
