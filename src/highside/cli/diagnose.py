@@ -32,6 +32,9 @@ def diagnose(
     ] = "none",
     stations: Annotated[int, typer.Option("--stations", min=8, help="Toolfaces of a revolution, both ends.")] = 73,
     readings: Annotated[int, typer.Option("--readings", min=1, help="Readings at each station.")] = 4,
+    simulation: Annotated[
+        Path | None, typer.Option("--simulation", help="Another program's output (CSV) as the prediction.")
+    ] = None,
     write_model: Annotated[
         Path | None, typer.Option("--write-model", help="Write the model with what was found (TOML).")
     ] = None,
@@ -43,7 +46,7 @@ def diagnose(
     """Say where a recording departs from the simulation, what was left out, and how sure that is."""
     from highside.cli.diagnose_inputs import read_rows
     from highside.cli.diagnose_progress import progress_on_terminal
-    from highside.config.model import as_toml, load_model
+    from highside.config.model import Model, as_toml, load_model
     from highside.errors import InputError
     from highside.recording.files import write_whole
     from highside.report.diagnosis_page import page_of
@@ -52,11 +55,16 @@ def diagnose(
     source = recording or summary
     if (recording is None) == (summary is None) or source is None:
         raise InputError("give one of them", field="RECORDING, --summary", remedy="a recording or an error table")
+    if simulation is not None and (summary is not None or write_model is not None):
+        raise InputError(
+            "goes with a recording alone", field="--simulation", remedy="leave --summary and --write-model out: "
+            "what the other program lacks is for that program to take up",
+        )  # fmt: skip
     for name, value in (("--model", model), ("--out", out)):
-        if value is None:
+        if value is None and not (name == "--model" and simulation is not None):
             raise InputError("is missing", field=name, remedy="see highside diagnose --help")
-    assert model is not None and out is not None
-    knows = load_model(model)
+    assert out is not None
+    knows = load_model(model) if model is not None else Model()
     diagnosis: Diagnosis
     picture: Picture | SummaryPicture | None
     with progress_on_terminal() as progress:
@@ -71,7 +79,12 @@ def diagnose(
             assert recording is not None
             rows = read_rows(recording, codec, config, first_s, last_s)
             progress(0.0, f"{rows.n} rows")
-            diagnosis, picture = _diagnose(rows, knows, seed)
+            if simulation is not None:
+                from highside.cli.diagnose_simulation import diagnose_beside
+
+                diagnosis, picture = diagnose_beside(rows, simulation, knows, seed)
+            else:
+                diagnosis, picture = _diagnose(rows, knows, seed)
     page = page_of(diagnosis, picture, source.name)
     told = as_toml(_with_claims(knows, diagnosis)) if write_model is not None and _says_something(diagnosis) else None
     try:
@@ -82,7 +95,7 @@ def diagnose(
     write_whole(out / "report.html", page.encode())
     named = ", ".join(claim.effect for claim in diagnosis.claims)
     typer.echo(f"{diagnosis.verdict} - {VERDICTS[diagnosis.verdict]}{': ' + named if named else ''}")
-    if named:
+    if blame(diagnosis):
         typer.echo(f"to blame: {blame(diagnosis)}")
     for finding in diagnosis.intake:
         typer.echo(f"{finding.check} ({', '.join(finding.channels)}): {finding.remedy}")

@@ -27,9 +27,11 @@ from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.scene import Judged, Picture, Scene
 from highside.diagnosis.selection import Member, Selector
 from highside.diagnosis.session import PoseSession
+from highside.diagnosis.simulation_scene import SimulationScene
+from highside.diagnosis.simulation_session import SimulationSession
 from highside.physics.forward import ForwardModel
 
-__all__ = ["Picture", "diagnose", "diagnose_magnitudes", "diagnose_poses", "diagnose_rotation"]
+__all__ = ["Picture", "diagnose", "diagnose_magnitudes", "diagnose_poses", "diagnose_rotation", "diagnose_simulation"]
 
 Array = NDArray[np.float64]
 
@@ -55,6 +57,13 @@ def diagnose_magnitudes(
 ) -> tuple[Diagnosis, Picture]:
     """As `diagnose_poses`, for n still readings of which only the magnitude is known."""
     return diagnose(MagnitudeScene.of(session, model, tuple(free), seed), version)
+
+
+def diagnose_simulation(
+    session: SimulationSession, free: Sequence[str], *, seed: int = 1, version: str = ""
+) -> tuple[Diagnosis, Picture]:
+    """Diagnose channels beside another program's prediction of them; `free` are ids of effects that are refitted."""
+    return diagnose(SimulationScene.beside(session, tuple(free), seed), version)
 
 
 def diagnose(scene: Scene, version: str = "") -> tuple[Diagnosis, Picture]:

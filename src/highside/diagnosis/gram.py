@@ -245,6 +245,8 @@ class WalkingChannel:
 
 def _solved(inner: Array, right: Array) -> Array:
     """Least-squares solution of a singular normal equation, columns scaled to one size."""
+    if not inner.size:
+        return right
     scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
     values, vectors = np.linalg.eigh(inner / scale[:, None] / scale[None, :])
     good = values > 1e-9 * max(float(values[-1]), 1e-300)

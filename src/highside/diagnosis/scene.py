@@ -7,8 +7,8 @@ What is chosen, compared and told is the same, and sees only this.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -54,6 +54,10 @@ class Picture:
     before: Array
     after: Array
     channels: tuple[str, ...] = ("ax", "ay", "az")
+    units: tuple[str, ...] = ()
+    """of the channels, where these are no readings of the tool"""
+    covariates: Mapping[str, Array] = field(default_factory=dict)
+    """(n,) what residuals may be drawn over beside the state"""
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,8 @@ def residuals(picture: Picture, location: Location) -> Figure:
         size, unit = (1e6, "ug") if name in ("ax", "ay", "az", "g_total") else (1.0, "")
         if name in ("gx", "gy", "gz"):
             size, unit = float(np.degrees(1)), "deg/s"
+        if picture.units:
+            size, unit = 1.0, picture.units[channel]
         _shade(axis, along, location.intervals)
         for values, colour, word in ((picture.before, BEFORE, "before"), (picture.after, AFTER, "after")):
             _points(axis, along, size * values[channel], colour, word)
@@ -75,6 +77,8 @@ def _points(axis: Axes, along: Array, values: Array, colour: str, word: str) -> 
 
 
 def _along(picture: Picture, covariate: str) -> tuple[Array, str]:
+    if covariate in picture.covariates:
+        return picture.covariates[covariate], AXIS_NAMES.get(covariate, covariate)
     state = picture.session.state
     columns = {
         "tf_ref_deg": np.mod(np.degrees(state.tf_rad), 360.0),

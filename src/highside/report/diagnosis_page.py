@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from highside.diagnosis.engine import Picture
 from highside.diagnosis.result import Claim, Diagnosis, Location
+from highside.diagnosis.simulation_effects import title_of
 from highside.diagnosis.summary import SummaryPicture
-from highside.physics.effects import all_effects
 from highside.report.diagnosis_figures import residuals, table_misfit, table_values
 from highside.report.diagnosis_words import (
     AXIS_NAMES,
@@ -66,10 +66,9 @@ def _page_of(diagnosis: Diagnosis, picture: Picture | SummaryPicture | None, rec
 
 def _facts(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """The first screen."""
-    effects = all_effects()
     rows: list[tuple[str, str]] = []
     for claim in diagnosis.claims:
-        rows.append(("What was left out", f"{effects[claim.effect].title}. {claim.story}"))
+        rows.append(("What was left out", f"{title_of(claim.effect)}. {claim.story}"))
         rows.append(("Its size", sizes(claim)))
         rows.append(("How sure", sureness(claim)))
     rows += [(f.check, f"{', '.join(f.channels)}: {f.remedy} (p = {f.p:.1e})") for f in diagnosis.intake[:3]]
@@ -80,7 +79,7 @@ def _facts(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     if diagnosis.fit is not None:
         rows.append(("Proof" if diagnosis.claims else "Misfit", proof(diagnosis.fit)))
     if diagnosis.claims:
-        rows.append(("To blame", blame(diagnosis)))
+        rows += [("To blame", words)] if (words := blame(diagnosis)) else []
         advice = list(dict.fromkeys(claim.next_manoeuvre for claim in diagnosis.claims))
         needed = [words for words in advice if not words.startswith("none needed")] or advice
         rows += [("Do next" if k == 0 else "", words) for k, words in enumerate(needed)]

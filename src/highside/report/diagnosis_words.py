@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from highside.diagnosis.result import Claim, Diagnosis, Fit, Location
+from highside.diagnosis.simulation_effects import title_of
 from highside.physics.effects import all_effects
 
 VERDICTS = {
@@ -42,8 +43,7 @@ BENCH_STAGES = frozenset({"pose", "gravity"})
 
 def headline(diagnosis: Diagnosis) -> str:
     """The verdict with the titles of what was named."""
-    effects = all_effects()
-    titles = [effects[claim.effect].title.lower() for claim in diagnosis.claims]
+    titles = [title_of(claim.effect).lower() for claim in diagnosis.claims]
     words = VERDICTS[diagnosis.verdict]
     return f"{words.rstrip('.')}: {' and '.join(titles)}" if titles else words
 
@@ -107,7 +107,12 @@ def proof(fit: Fit) -> str:
 
 
 def blame(diagnosis: Diagnosis) -> str:
-    """Whether the bench or the sensor is to blame, by the stages of each claim's class; empty without claims."""
+    """Whether the bench or the sensor is to blame, by the stages of each claim's class; empty without claims.
+
+    Beside another program's prediction there is no bench, and nothing is said.
+    """
+    if "alignment" in diagnosis.noise:
+        return ""
     effects = all_effects()
     sides: dict[str, list[str]] = {"the bench": [], "the sensor": [], "bench or sensor, not to be told here": []}
     bench, sensor, either = sides
