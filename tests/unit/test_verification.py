@@ -22,13 +22,14 @@ from highside.calibration.result import BenchAccuracy
 from highside.calibration.roll_test import RollTest, roll_test
 from highside.calibration.verification import (
     Judged,
+    KnownTilt,
     Verdict,
     Verification,
     judge,
     verify_poses,
 )
 from highside.errors import InputError, Refused
-from highside.physics.gravity import gravity_direction
+from highside.physics.gravity import bench_gravity, gravity_direction
 
 A = np.array([[0.9991, 0.0038, -0.0007], [-0.0019, 0.9989, 0.0001], [0.0009, 0.0003, 0.9982]])
 B = np.array([1.2e-3, -0.8e-3, 1.5e-3])
@@ -216,3 +217,36 @@ def test_the_result_is_plain_values() -> None:
 
     assert json.loads(json.dumps(verified(poses()).to_dict()))["verdict"] == "pass"
     assert json.loads(json.dumps(roll(rolled()).to_dict()))["kind"] == "roll_test"
+
+
+def tilted(inc: np.ndarray, tf: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Readings on a bench that leans by 0.2 deg in the plane of inclination and by -0.1 across it."""
+    g = bench_gravity(np.deg2rad(inc), np.deg2rad(tf), math.radians(0.2), math.radians(-0.1))
+    return A @ g + B[:, None] + NOISE / 10.0 * rng.standard_normal(g.shape)
+
+
+def test_a_known_tilt_is_taken_off_on_both_sides_of_the_vertical() -> None:
+    from highside.calibration.comparison import compare
+
+    rng = np.random.default_rng(5)
+    inc, tf = np.repeat([-90.0, -45.0, 5.0, 45.0, 90.0], 4), np.tile([45.0, 135.0, 225.0, 315.0], 5)
+    m = tilted(inc, tf, rng)
+    table: dict[str, Any] = {"inc_ref_deg": inc.tolist(), "tf_ref_deg": tf.tolist(), "n": [100.0] * inc.size}
+    table |= {name: row.tolist() for name, row in zip(("ax", "ay", "az"), m, strict=True)}
+    table |= {f"std_a{axis}": [NOISE] * inc.size for axis in "xyz"}
+    found = compare(table, SolveRequest("joint"))
+    joint = found.of("joint")
+    assert joint is not None and joint.errors is not None
+    assert joint.errors.largest[0] == pytest.approx(0.0, abs=0.01)
+    assert joint.errors.largest[1] == pytest.approx(0.0, abs=0.05)
+    at = PoseSet.build(
+        tilted(INC * np.tile([1, -1, 1], 3), TF, rng),
+        inc_ref_rad=np.deg2rad(INC * np.tile([1, -1, 1], 3)),
+        tf_ref_rad=np.deg2rad(TF),
+        n=np.full(9, 100.0),
+        std=NOISE,
+    )
+    limits: dict[str, Any] = {"limit_inc_deg": 0.1, "limit_tf_deg": 0.5, "bench": LEVEL}
+    assert verify_poses(RECORD, at, **limits).verdict is Verdict.FAIL, "the tilt is not known"
+    tilt = KnownTilt(math.radians(0.2), math.radians(-0.1), 1e-5, 1e-5)
+    assert verify_poses(RECORD, at, **limits, tilt=tilt).verdict is Verdict.PASS

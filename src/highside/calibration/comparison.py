@@ -99,7 +99,7 @@ def compare(
         except HighsideError as error:
             outcomes.append(MethodOutcome(method, None, str(error), None, None))
             continue
-        errors = errors_at(solution, poses, inc_ref, tf_ref)
+        errors = errors_at(solution, poses)
         outcomes.append(MethodOutcome(method, solution, "", errors, uncertainty_over(solution, inclinations_deg)))
     return Comparison(poses, _errors(poses.a, inc_ref, tf_ref), tuple(outcomes))
 
@@ -120,8 +120,22 @@ def holds_at(solution: Solution, inc_rad: float) -> tuple[CalibrationResult, Zon
     return None
 
 
-def errors_at(solution: Solution, poses: PoseSet, inc_ref: Array, tf_ref: Array) -> Errors:
+def tilt_shift(inc_set_rad: Array, tilt_x_rad: float, tilt_y_rad: float) -> tuple[Array, Array]:
+    """What a tilt of the bench adds to I and T (rad) at settings of inclination (N,): its sign turns with the table.
+
+    `I - tx` and `T - ty / sin I` in the bench's own count of a setting; where that is negative the attitude is counted
+    from the other side. No toolface is shifted at the vertical, where there is none.
+    """
+    side = np.where(inc_set_rad < 0, -1.0, 1.0)
+    sine = np.abs(np.sin(inc_set_rad))
+    across = np.divide(tilt_y_rad, sine, out=np.zeros_like(sine), where=sine > np.sin(np.deg2rad(VERTICAL_DEG)))
+    return side * tilt_x_rad, side * across
+
+
+def errors_at(solution: Solution, poses: PoseSet) -> Errors:
     """Errors at the poses in the frame of the bench (an estimated tilt is taken off: it is no error of the sensor)."""
+    inc_set, tf_set = poses.reference()
+    inc_ref, tf_ref = attitudes_set(inc_set, tf_set)
     count = len(poses)
     inc_deg, tf_deg = np.full(count, np.nan), np.full(count, np.nan)
     for i in range(count):
@@ -132,8 +146,8 @@ def errors_at(solution: Solution, poses: PoseSet, inc_ref: Array, tf_ref: Array)
         temp = None if poses.temp_c is None else float(poses.temp_c[i])
         g = result.correct(poses.a[:, i], temp, zone)
         inc, tf = attitude_block(g[:, None])
-        inc, tf = result.to_bench_frame(inc, tf)
-        one = _errors_of(inc, tf, inc_ref[i : i + 1], tf_ref[i : i + 1])
+        shift_inc, shift_tf = tilt_shift(inc_set[i : i + 1], *result.tilt_rad)
+        one = _errors_of(inc - shift_inc, tf - shift_tf, inc_ref[i : i + 1], tf_ref[i : i + 1])
         inc_deg[i], tf_deg[i] = one.inc_deg[0], one.tf_deg[0]
     return Errors(inc_deg, tf_deg)
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from highside.attitude.angles import difference
 from highside.attitude.block import attitude_block, attitude_std_block
-from highside.calibration.comparison import attitudes_set
+from highside.calibration.comparison import attitudes_set, tilt_shift
 from highside.calibration.correction import LinearCorrection
 from highside.calibration.poses import Array, PoseSet
 from highside.calibration.record import CalibrationRecord, correction_from_record
@@ -274,8 +274,8 @@ def verify_poses(
     inc_error = inc - inc_ref
     tf_error = difference(tf, tf_ref)
     if tilt is not None:
-        inc_error = inc_error - tilt.x_rad
-        tf_error = tf_error - np.where(has_tf, tilt.y_rad / safe, 0.0)
+        shift_inc, shift_tf = tilt_shift(poses.reference()[0], tilt.x_rad, tilt.y_rad)
+        inc_error, tf_error = inc_error - shift_inc, tf_error - shift_tf
     covered = np.isfinite(inc)
     zero = None
     if free_toolface_zero:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import getpass
 import json
 import sys
@@ -16,6 +17,7 @@ from highside.errors import InputError
 if TYPE_CHECKING:
     from highside.service.bench import BenchDriver
     from highside.session.snapshot import Snapshot
+    from highside.web.server import BenchPage
 
 ConfigOption = Annotated[Path, typer.Option("--config", help="TOML file of the session; see config/bench-*.toml.")]
 SetOption = Annotated[
@@ -70,10 +72,11 @@ async def _run(driver: BenchDriver, *, auto: bool, web: bool, plain: bool, opera
     """The session and its faces, until it has ended."""
     from highside.cli.bench_face import PlainFace, RichFace
 
+    page = await _page(driver, operator) if web else None
     face = PlainFace(driver, operator, listen=not auto) if plain else RichFace(driver, operator, listen=not auto)
     tasks = [asyncio.create_task(face.run())]
-    if auto:
-        tasks.append(asyncio.create_task(_operate(driver)))
+    if driver.bench is not None:
+        tasks.append(asyncio.create_task(_operate(driver, commands=auto)))
     running = asyncio.create_task(driver.run())
     try:
         # the first to end is the session itself, or the fault of a face
@@ -90,11 +93,34 @@ async def _run(driver: BenchDriver, *, auto: bool, web: bool, plain: bool, opera
         if not running.done():
             running.cancel()
             await asyncio.gather(running, return_exceptions=True)
+        if page is not None:
+            if running.done() and not running.cancelled() and running.exception() is None and not auto:
+                await _linger()
+            await page.stop()
     await running
 
 
-async def _operate(driver: BenchDriver) -> None:
-    """The simulated operator at the simulated bench."""
+async def _page(driver: BenchDriver, operator: str) -> BenchPage:
+    """The bench page, listening. Raises InputError where the extra is not installed or the address is taken."""
+    try:
+        from highside.web.server import BenchPage
+    except ImportError as error:
+        raise InputError(f"the bench page needs {error.name}", remedy="pip install 'highside[web]'") from None
+    page = BenchPage(driver, driver.settings.web, operator=operator)
+    await page.start()
+    typer.echo(f"bench page: {page.link}", err=True)
+    return page
+
+
+async def _linger() -> None:
+    """The page stays for its readers until Ctrl-C."""
+    typer.echo("the session is over; the bench page stays until Ctrl-C", err=True)
+    with contextlib.suppress(asyncio.CancelledError):
+        await asyncio.Event().wait()
+
+
+async def _operate(driver: BenchDriver, *, commands: bool) -> None:
+    """The simulated operator at the simulated bench; without `commands` only the hands that turn the table."""
     from highside.service.bench_operator import SimulatedOperator
     from highside.service.bench_setup import habits_of
 
@@ -104,7 +130,8 @@ async def _operate(driver: BenchDriver) -> None:
     person = SimulatedOperator(driver.bench, habits_of(table))
     while not driver.session.state.ended:
         for command in person.look(driver.snapshot()):
-            await driver.command(command)
+            if commands:
+                await driver.command(command)
         await asyncio.sleep(max(0.005, LOOK_S * min(1.0, 10.0 / table.speed)))
 
 

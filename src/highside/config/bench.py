@@ -15,6 +15,7 @@ from pydantic import Field, ValidationError, model_validator
 from highside.config.codecs import CodecConfig, ToolCodecConfig
 from highside.config.links import LinkConfig
 from highside.config.settings import Table, ToolSettings, anchor_paths, input_error, parse_overrides, read_toml
+from highside.config.web import WebTable
 from highside.errors import InputError
 
 Inclination = Annotated[float, Field(ge=-180, le=180)]
@@ -186,6 +187,7 @@ class BenchFile(Table):
     session: SessionTable = SessionTable()
     bench: BenchTable = BenchTable()
     store: StoreTable = StoreTable()
+    web: WebTable = WebTable()
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
@@ -199,7 +201,14 @@ class BenchFile(Table):
         return self
 
 
-PATHS = (("plan", "file"), ("codec", "dbc"), ("link", "path"), ("store", "directory"), ("store", "sessions"))
+PATHS = (
+    ("plan", "file"),
+    ("codec", "dbc"),
+    ("link", "path"),
+    ("store", "directory"),
+    ("store", "sessions"),
+    ("web", "token_file"),
+)
 
 
 def load_bench(path: Path, overrides: list[str] | None = None) -> BenchFile:

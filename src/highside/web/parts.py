@@ -1,0 +1,217 @@
+"""The page's parts as HTML, made once for each snapshot and shared by all who look at it.
+
+Everything that comes from outside (names, reasons, remarks) is escaped here; the page puts the strings in as they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from html import escape
+
+from highside.session.snapshot import PoseRow, PoseState, Snapshot, State
+from highside.web.drawings import pictures, table_reads
+
+STATES = {
+    State.IDLE: "ready",
+    State.SOAKING: "temperature",
+    State.GUIDING: "set the pose",
+    State.SETTLING: "let it rest",
+    State.CAPTURING: "hands off",
+    State.CHECKING: "checking",
+    State.SOLVING: "computing",
+    State.REVIEW: "review",
+    State.PAUSED: "paused",
+    State.NO_DATA: "no data",
+    State.ACCEPTED: "accepted",
+    State.REJECTED: "rejected",
+    State.ABORTED: "aborted",
+}
+"""What the sign at the top says, in a word or two."""
+
+_MARKS = {
+    PoseState.OPEN: ("○", "open"),
+    PoseState.DONE: ("✓", "done"),
+    PoseState.SKIPPED: ("–", "skipped"),
+    PoseState.AGAIN: ("↺", "again"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """One string for each place of the page. `spoken`: for a screen reader, changes only with state and pose."""
+
+    sign: str
+    prompt: str
+    spoken: str
+    alarms: str
+    numbers: str
+    bullseye: str
+    dial: str
+    still: str
+    hold: str
+    poses: str
+    calibration: str
+    result: str
+    foot: str
+
+
+def parts_of(snapshot: Snapshot) -> Parts:
+    """The whole page."""
+    drawn = pictures(snapshot)
+    return Parts(
+        sign=f'<span class="badge {snapshot.state.value}">{escape(STATES[snapshot.state])}</span>',
+        prompt=escape(snapshot.prompt),
+        spoken=escape(_spoken(snapshot)),
+        alarms=_alarms(snapshot),
+        numbers=_numbers(snapshot),
+        bullseye=drawn["bullseye"] + _caption("off the pose", _angle(snapshot)),
+        dial=drawn["dial"] + _caption("toolface", _toolface(snapshot)),
+        still=_still(snapshot, drawn["trace"]),
+        hold=_hold(snapshot),
+        poses=_poses(snapshot),
+        calibration=_calibration(snapshot, drawn["curve"]),
+        result=_result(snapshot),
+        foot=_foot(snapshot),
+    )
+
+
+def _spoken(snapshot: Snapshot) -> str:
+    target = snapshot.target
+    where = (
+        "" if target is None else f", pose {target.pose}, inclination {target.inc_deg:g}, toolface {target.tf_deg:g}"
+    )
+    return f"{STATES[snapshot.state]}{where}; {snapshot.plan.done} poses done"
+
+
+def _alarms(snapshot: Snapshot) -> str:
+    out = [
+        f'<p class="alarm"><b aria-hidden="true">!</b> {escape(f.text)}{" " + escape(f.detail) if f.detail else ""}</p>'
+        for f in snapshot.faults
+    ]
+    if snapshot.last_rejection:
+        out.append(f'<p class="warning"><b aria-hidden="true">↺</b> {escape(snapshot.last_rejection)}</p>')
+    return "".join(out)
+
+
+def _numbers(snapshot: Snapshot) -> str:
+    at, target = snapshot.attitude, snapshot.target
+    reads = None if at is None else table_reads(at, target)
+    inc = "–" if reads is None else f"{reads[0]:.2f}°"
+    tf = "–" if reads is None or reads[1] is None else f"{reads[1]:.2f}°"
+    want_inc = "" if target is None else f"to {target.inc_deg:g}°"
+    want_tf = "" if target is None else f"to {target.tf_deg:g}°"
+    g = "" if at is None else f"|g| {at.g_total:.5f}"
+    temp = "" if snapshot.temp_c is None else f"{snapshot.temp_c:.1f} °C"
+    return (
+        f'<dl class="figures"><div><dt>inclination</dt><dd>{inc}</dd><dd class="goal-of">{want_inc}</dd></div>'
+        f'<div><dt>toolface</dt><dd>{tf}</dd><dd class="goal-of">{want_tf}</dd></div></dl>'
+        f'<p class="mute">{g} {temp}</p>'
+    )
+
+
+def _caption(label: str, value: str) -> str:
+    return f'<p class="under"><span class="mute">{label}</span> <strong>{value}</strong></p>'
+
+
+def _angle(snapshot: Snapshot) -> str:
+    deviation = snapshot.deviation
+    return "–" if deviation is None else f"{deviation.angle_deg:.2f}°"
+
+
+def _toolface(snapshot: Snapshot) -> str:
+    tf = None if snapshot.attitude is None else table_reads(snapshot.attitude, snapshot.target)[1]
+    return "–" if tf is None else f"{tf:.1f}°"
+
+
+def _still(snapshot: Snapshot, drawn: str) -> str:
+    still = snapshot.stillness
+    word = "no readings" if still is None else "still" if still.still else "moving"
+    return f"{drawn}{_caption('stillness', word)}"
+
+
+def _hold(snapshot: Snapshot) -> str:
+    capture = snapshot.capture
+    share = 0.0 if capture is None else capture.progress
+    text = "not measuring"
+    if capture is not None:
+        error = "" if capture.std_error_g is None else f" ± {1e6 * capture.std_error_g:.1f} µg"
+        goal = "" if capture.target_std_error_g is None else f" (wanted {1e6 * capture.target_std_error_g:.0f})"
+        text = f"{capture.elapsed_s:.0f} s, {capture.readings} readings{error}{goal}"
+    return (
+        f'<div class="bar" role="progressbar" aria-label="measurement of this pose" aria-valuemin="0"'
+        f' aria-valuemax="100" aria-valuenow="{round(100 * share)}"><i style="width:{100 * share:.1f}%"></i></div>'
+        f'<p class="under"><span class="mute">measurement</span> <strong>{text}</strong></p>'
+    )
+
+
+def _poses(snapshot: Snapshot) -> str:
+    plan = snapshot.plan
+    total = "" if plan.poses is None else f" of {plan.poses}"
+    stage = "" if plan.stages == 1 else f", step {plan.stage + 1} of {plan.stages}"
+    rows = "".join(_pose(row, snapshot) for row in snapshot.poses)
+    return (
+        f"<table><caption>{plan.done}{total} poses done{stage}</caption>"
+        '<thead><tr><th scope="col"><span class="unseen">state</span></th><th scope="col">pose</th>'
+        '<th scope="col">I</th><th scope="col">T</th><th scope="col">± µg</th><th scope="col">sigma</th></tr></thead>'
+        f"<tbody>{rows}</tbody></table>"
+    )
+
+
+def _pose(row: PoseRow, snapshot: Snapshot) -> str:
+    here = snapshot.target is not None and snapshot.target.pose == row.pose
+    mark, word = ("▶", "asked for now") if here else _MARKS[row.state]
+    cells = (
+        "" if row.inc_deg is None else f"{row.inc_deg:.2f}°",
+        "" if row.tf_deg is None else f"{row.tf_deg:.1f}°",
+        "" if row.std_error_g is None else f"{1e6 * row.std_error_g:.1f}",
+        "" if row.sigmas is None else f"{row.sigmas:.1f}",
+    )
+    names = f"{row.state.value}{' here' if here else ''}"
+    out = (
+        f'<tr class="{names}"><td><span aria-hidden="true">{mark}</span><span class="unseen">{word}</span></td>'
+        f"<td>{escape(row.pose)}</td>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
+    )
+    if row.text and row.state in (PoseState.AGAIN, PoseState.OPEN):
+        out += f'<tr class="why"><td></td><td colspan="5">{escape(row.text)}</td></tr>'
+    return out
+
+
+def _calibration(snapshot: Snapshot, drawn: str) -> str:
+    u = snapshot.uncertainty
+    text = "after the first poses" if u is None else f"I ± {u.rms_inc_std_deg:.4f}°, T ± {u.rms_tf_std_deg:.4f}°"
+    closures = "".join(
+        f'<li class="{"good" if c.good else "bad"}"><b aria-hidden="true">{"✓" if c.good else "✗"}</b> ring at'
+        f" {c.inc_deg:.2f}°: {1e6 * c.size_g:.0f} µg, p = {c.p:.2g}"
+        f"{'' if c.good or not c.worst else ' – measure pose ' + escape(c.worst) + ' again'}</li>"
+        for c in snapshot.closures
+    )
+    key = '<p class="key"><span class="i">I</span> <span class="t">T</span> one standard deviation over inclination</p>'
+    return (
+        f"{drawn}{key if u is not None else ''}{_caption('calibration so far', text)}"
+        f'<h3>Closure</h3><ul class="closures">{closures or "<li>after the first ring of four</li>"}</ul>'
+    )
+
+
+def _result(snapshot: Snapshot) -> str:
+    result = snapshot.result
+    if result is None:
+        return ""
+    std = ""
+    if result.inc_std_deg is not None and result.tf_std_deg is not None:
+        std = f"<p class='big'>I ± {result.inc_std_deg:.4f}°, T ± {result.tf_std_deg:.4f}°</p>"
+    notes = "".join(f"<li class='bad'>{escape(text)}</li>" for text in result.refused)
+    notes += "".join(f"<li>{escape(text)}</li>" for text in result.remarks)
+    record = f"<p>record <code>{escape(result.record_id)}</code></p>" if result.record_id else ""
+    return (
+        f"<h2>Result ({escape(result.method)})</h2>{std}<p>{result.poses} poses, {result.retaken} taken again;"
+        f" one standard deviation by the calibration alone</p>{record}<ul>{notes}</ul>"
+    )
+
+
+def _foot(snapshot: Snapshot) -> str:
+    who = f", held by {escape(snapshot.operator)}" if snapshot.operator else ""
+    serial = f" ({escape(snapshot.serial)})" if snapshot.serial else ""
+    return (
+        f"{escape(snapshot.tool)}{serial} · {escape(snapshot.plan.title)} · {snapshot.elapsed_s / 60:.0f} min{who} ·"
+        f" session {escape(snapshot.session)}"
+    )
