@@ -35,6 +35,8 @@ app.command()(certificate.certificate)
 
 DAY_S = 86400.0
 ROWS_AT_ONCE = 65536
+DECIMALS = 9
+"""of an angle written, deg"""
 SUMMARY_INCLINATIONS_DEG = (0.6, 1.2, 3.0, 10.0, 30.0, 45.0, 60.0, 90.0)
 
 
@@ -500,7 +502,8 @@ def _apply(record: CalibrationRecord, table: Table, frame: str, noise_g: float |
         inc_std[done.zone < 0] = np.nan
         tf_std[done.zone < 0] = np.nan
         for name, values in zip(out.columns, (inc, tf, inc_std, tf_std), strict=True):
-            out.columns[name][rows] = np.rad2deg(values)
+            # a millionth of what the best sensor tells: more digits only make the file larger
+            out.columns[name][rows] = np.round(np.rad2deg(values), DECIMALS)
         out.zone_names[rows] = np.array([*done.names, "none"], dtype=object)[done.zone]
         out.temperature_outside += int(np.count_nonzero(done.temperature_outside & (done.zone >= 0)))
     return out
