@@ -124,6 +124,9 @@ def parts_of(names: Sequence[str]) -> list[tuple[int, ...]]:
     if len(names) <= 3 and not {"c", "s"} <= {name[0] for name in names}:
         # a cosine and a sine are one amplitude and one phase, and stay together
         parts += [(k,) for k in everything]
+    elif not any("_" in name for name in names):
+        # of several cosines and sines each pair may act alone
+        parts += [everything[k : k + 2] for k in range(0, len(names), 2)]
     return sorted(set(parts), key=lambda part: (-len(part), part))
 
 

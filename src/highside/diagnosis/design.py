@@ -174,7 +174,10 @@ class Design:
                 self.blind.append(Blind(effect, what_lacks(effect, self.session.state)))
 
     def _add_shadows(self) -> None:
-        for group in rotation_shadows(self.session.state):
+        groups = rotation_shadows(self.session.state)
+        # without a name they are one family: whatever else it may be
+        family = sum(len(group.labels) for group in groups) * 3
+        for group in groups:
             functions = self._share(group.make)
             variants = []
             for c, axis in enumerate("xyz"):
@@ -185,7 +188,7 @@ class Design:
                         words = group.name if group.pairs else f"{group.name} x {label}"
                         variants.append(Variant({}, numbers, f"{words} on {self.session.channels[c]}"))
             self.candidates.append(
-                Candidate(f"shadow:{group.name}:{group.labels[0]}", None, ("a",), tuple(variants))
+                Candidate(f"shadow:{group.name}:{group.labels[0]}", None, ("a",), tuple(variants), family)
             )  # fmt: skip
 
     def _shapes(self, effect: Effect) -> list[dict[str, float]]:

@@ -182,6 +182,7 @@ def _scan(scene: Scene, judged: Judged, members: Sequence[Member]) -> _Scanned:
 
 
 def _conclude(scene: Scene, judged: Judged, suspicion: _Suspicion, version: str) -> tuple[Diagnosis, Picture]:
+    judged = replace(judged, members=_widened(scene, judged))
     members, selector, wanders = judged.members, judged.selector, suspicion.wanders
     named = [m for m in members if scene.candidates[m.candidate].named]
     after = _scan(scene, judged, members)
@@ -230,6 +231,26 @@ def _conclude(scene: Scene, judged: Judged, suspicion: _Suspicion, version: str)
     return scene.completed(diagnosis), scene.picture(fit if named else None)
 
 
+def _widened(scene: Scene, judged: Judged) -> list[Member]:
+    """The members; where the scan is loud beside them, with all amplitudes of an effect that was let act in part, if
+    that makes it quiet: the rest of an effect is too small to be worth its parameters, and still there."""
+    members = judged.members
+    after = _scan(scene, judged, members)
+    if after.log_p[after.loudest] <= judged.scan_threshold:
+        return members
+    for m in members:
+        own = scene.variant(m)
+        variants = scene.candidates[m.candidate].variants
+        if own.whole or not scene.candidates[m.candidate].named:
+            continue
+        whole = next(j for j, v in enumerate(variants) if v.whole and v.shape == own.shape)
+        wider = [Member(m.candidate, whole) if o == m else o for o in members]
+        then = _scan(scene, judged, wider)
+        if then.log_p[then.loudest] <= judged.scan_threshold:
+            return wider
+    return members
+
+
 def _as_p(scanned: _Scanned) -> float:
     return float(10.0 ** -scanned.log_p[scanned.loudest])
 
@@ -257,7 +278,7 @@ def _verdict(
         return "implausible_fit"
     for r in rivalries:
         shadow = [not c.named for c in candidates]
-        if np.any(r.delta_bic[shadow] < 6.0):
+        if np.any(r.delta_bic[shadow] < scene.shadow_margin):
             # an interaction without a name explains it as well
             return "partial"
     if share < scene.named_share or len(members) > scene.most_named:
@@ -286,9 +307,7 @@ def _located(
 def _hints(
     scene: Scene, judged: Judged, after: _Scanned, loud: bool, members: Sequence[Member], wanders: bool
 ) -> tuple[str, ...]:
-    hints = [
-        f"follows {scene.variant(m).label}" for m in members if not scene.candidates[m.candidate].named
-    ]
+    hints = [f"follows {scene.variant(m).label}" for m in members if not scene.candidates[m.candidate].named]
     if loud:
         channel, basis = judged.scan.cells[after.loudest]
         hints.append(f"{scene.channels[channel]} follows {judged.scan.bases[basis].covariate}")

@@ -184,6 +184,8 @@ def rotation_shadows(state: ChainState) -> list[ShadowGroup]:
             ShadowGroup(f"toolface harmonic {k}", (f"{k} T",), _harmonic_pair(k), pairs=True)
             for k in range(2, HARMONICS + 1)
         ]
+    # at one inclination z is a constant and a product with it nothing new; x^2 is half a constant. Harmonics are not
+    terms = _AT_ONE_INCLINATION if np.ptp(np.degrees(state.inc_rad)) < 0.1 else _AT_MANY_INCLINATIONS
     rate = np.asarray(state.rotor_rate_radps, dtype=float)
     top = max(float(np.abs(rate).max()), 1e-9)
     if float(np.ptp(rate)) > 0.02 * top:
@@ -191,24 +193,20 @@ def rotation_shadows(state: ChainState) -> list[ShadowGroup]:
         def speed(rows: Rows) -> Array:
             return np.asarray(rows.state.rotor_rate_radps / top, dtype=float)
 
-        found.append(ShadowGroup("rate", LINEAR, times(speed, _linear)))
-        found.append(ShadowGroup("rate", SQUARE, times(speed, _square)))
+        found += [ShadowGroup("rate", labels, times(speed, make)) for labels, make in terms[:2]]
         found.append(ShadowGroup("rate", RATE_POWERS, lambda rows: _rate_powers(speed(rows))))
     if np.ptp(state.temp_c) > WARM_SPAN_C:
         warm = _warmth(state)
-        found.append(ShadowGroup("temperature", LINEAR, times(warm, _linear), off_axis=True))
-        found.append(ShadowGroup("temperature", SQUARE, times(warm, _square)))
-        found.append(ShadowGroup("temperature", CUBIC, times(warm, _cubes)))
-        found.append(ShadowGroup("temperature^2", LINEAR, times(lambda rows: warm(rows) ** 2, _linear)))
-    found.append(ShadowGroup("time", LINEAR, times(time, _linear)))
-    found.append(ShadowGroup("time", SQUARE, times(time, _square)))
+        found.append(ShadowGroup("temperature", terms[0][0], times(warm, terms[0][1]), off_axis=True))
+        found += [ShadowGroup("temperature", labels, times(warm, make)) for labels, make in terms[1:]]
+        found.append(ShadowGroup("temperature^2", terms[0][0], times(lambda rows: warm(rows) ** 2, terms[0][1])))
+    found += [ShadowGroup("time", labels, times(time, make)) for labels, make in terms[:2]]
     if np.ptp(state.direction) > 0:
-        found.append(
-            ShadowGroup("sense of rotation", LINEAR, times(lambda rows: np.asarray(rows.state.direction), _linear))
-        )
-        found.append(
-            ShadowGroup("sense of rotation", SQUARE, times(lambda rows: np.asarray(rows.state.direction), _square))
-        )
+
+        def sense(rows: Rows) -> Array:
+            return np.asarray(rows.state.direction, dtype=float)
+
+        found += [ShadowGroup("sense of rotation", labels, times(sense, make)) for labels, make in terms[:2]]
     return found
 
 
@@ -239,6 +237,20 @@ def _square(rows: Rows) -> list[Array]:
 def _cubes(rows: Rows) -> list[Array]:
     x, y, z = rows.force
     return [x**3, y**3, z**3, abs(x), abs(y), abs(z), x * y * z]
+
+
+def _of_turn(first: int, last: int) -> Recipe:
+    return lambda rows: rows.harmonics(first, last)
+
+
+_AT_MANY_INCLINATIONS: tuple[tuple[tuple[str, ...], Recipe], ...] = (
+    (LINEAR, _linear), (SQUARE, _square), (CUBIC, _cubes)
+)  # fmt: skip
+_AT_ONE_INCLINATION: tuple[tuple[tuple[str, ...], Recipe], ...] = (
+    (("x", "y"), _of_turn(1, 1)),
+    (("cos 2T", "sin 2T", "cos 3T", "sin 3T"), _of_turn(2, 3)),
+    (("cos 4T", "sin 4T", "cos 5T", "sin 5T"), _of_turn(4, 5)),
+)
 
 
 def _monomials(rows: Rows) -> list[Array]:

@@ -118,6 +118,11 @@ class RotationScene(Scene):
         return 0.93
 
     @property
+    def shadow_margin(self) -> float:
+        # their number counts against them already
+        return 4.0
+
+    @property
     def most_named(self) -> int:
         # harmonics of the toolface on one channel are matched by several effects of the bench together
         return 2

@@ -100,6 +100,11 @@ class Scene(ABC):
         return 0.85
 
     @property
+    def shadow_margin(self) -> float:
+        """A name is not given where something without a name comes nearer to it than this in BIC."""
+        return 6.0
+
+    @property
     def most_named(self) -> int:
         """More effects than this are a fit and no finding: their names are not given."""
         return MAX_CLAIMS

@@ -24,6 +24,7 @@ ALARM_RATE = 0.01
 FLIPS = 300
 BLOCK_POSES = 6
 MAX_CLAIMS = 4
+TIE = 0.5
 SHORTLIST = 4
 
 
@@ -91,6 +92,9 @@ def standing(pool: Pool, space: Array, residual: Array, freedom: float, size: in
         # an amplitude that cannot be negative explains nothing by being so
         if float(outside(space, pool.blocks[i])[0] @ residual) < 0:
             gain[i] = 0.0
+        else:
+            # as good as one that may have either sign: half of what that might be has been ruled out
+            gain[i] += TIE
     score = gain - dof * np.log(size)
     best: list[Member] = []
     picked = np.zeros(len(pool.candidates), dtype=np.intp)
