@@ -16,15 +16,21 @@ def _group() -> None:
     """The papers' tables beside ours."""
 
 
-def _write(folder: Path, name: str, page: str, result: dict[str, Any]) -> None:
-    """Write `name`.html and `name`.json into a folder, which is made if it is not there."""
+def _make(folder: Path) -> None:
+    """Make a folder if it is not there. Raises InputError."""
     from highside.errors import InputError
-    from highside.recording.files import write_whole
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"cannot be made a folder: {error.strerror}", where=str(folder), field="-o") from None
+
+
+def _write(folder: Path, name: str, page: str, result: dict[str, Any]) -> None:
+    """Write `name`.html and `name`.json into a folder, which is made if it is not there."""
+    from highside.recording.files import write_whole
+
+    _make(folder)
     write_whole(folder / f"{name}.html", page.encode())
     write_whole(folder / f"{name}.json", (json.dumps(result, indent=1) + "\n").encode())
 
@@ -38,18 +44,26 @@ def balance(
 ) -> None:
     """Tables 1 to 6 and figures 1 to 7 of the balance paper, from a simulated instrument.
 
-    Without --json the page and the numbers are written to a folder (reproduce-balance, if -o names no other).
+    The published instrument is diagnosed as well: what its table 1 says was left out, and what of table 6 that predicts
+    (about a minute). Without --json the page and the numbers are written to a folder (reproduce-balance, if -o names no
+    other).
     """
-    from highside.report.reproduce_balance import as_dict, run_experiment
+    from highside.cli.diagnose_progress import progress_on_terminal
+    from highside.report import published_instrument
+    from highside.report.reproduce_balance import as_dict, published, run_experiment
 
-    experiment = run_experiment()
-    result = as_dict(experiment)
     folder = output if output is not None or as_json else Path("reproduce-balance")
+    if folder is not None:
+        _make(folder)
+    experiment = run_experiment()
+    tables = published()
+    with progress_on_terminal() as progress:
+        comparison = published_instrument.compare(tables["table1"], tables["table6"], progress=progress)
+    result = {**as_dict(experiment), "published_instrument": published_instrument.as_dict(comparison)}
     if folder is not None:
         from highside.report.reproduce_balance_page import page_of
 
-        page = page_of(experiment)
-        _write(folder, "balance", page, result)
+        _write(folder, "balance", page_of(experiment, comparison), result)
     if as_json:
         typer.echo(json.dumps(result))
         return
@@ -57,7 +71,10 @@ def balance(
         typer.echo(f"{statement['topic']}\n  the paper says   {statement['paper_says']}")
         typer.echo(f"  its own tables   {statement['published']}\n  this simulation  {statement['ours']}")
         typer.echo(f"  why              {statement['reason']}\n")
-    typer.echo(f"Tables and figures: {folder}/balance.html")
+    typer.echo("What the published instrument leaves out")
+    for line in published_instrument.in_words(comparison):
+        typer.echo(f"  {line}")
+    typer.echo(f"\nTables and figures: {folder}/balance.html")
 
 
 @app.command()

@@ -353,13 +353,16 @@ def _moves(table: Table, best: Fitted, index: int) -> Array:
 
 
 def _shows_in_means(table: Table, best: Fitted, index: int) -> bool:
-    """Whether a member moves a mean otherwise than by a constant, which any error of the correction's poses makes."""
+    """Whether a member moves a mean.
+
+    A constant of toolface does not count: errors of the correction's own poses make one.
+    """
     moved = _moves(table, best, index)
     rows = table.mask.reshape(-1, 4).any(axis=1)
-    means = moved[rows][:, [0, 2]]
-    weight = 1.0 / best.sigma(table)[rows][:, [0, 2]]
-    constant = np.sum(means * weight, axis=0) / np.sum(weight**2, axis=0)
-    energy = float(np.sum((means - constant * weight) ** 2))
+    inc, tf = moved[rows, 0], moved[rows, 2]
+    weight = 1.0 / best.sigma(table)[rows, 2]
+    constant = float(np.sum(tf * weight) / np.sum(weight**2))
+    energy = float(np.sum(inc**2) + np.sum((tf - constant * weight) ** 2))
     return energy > SHOWS and energy > 0.1 * float(np.sum(moved**2))
 
 

@@ -59,8 +59,8 @@ def next_ring(
     k = int(np.argmin(parted[:, ring]))
     if worst[ring] < WORTH:
         return (
-            f"no single ring of means and peak-to-peaks parts it from {list(instead)[k]} (best: {RINGS_DEG[ring]:g} deg, "
-            f"expected chi-square {worst[ring]:.1f}): record the errors by toolface"
+            f"no single ring of means and peak-to-peaks parts it from {list(instead)[k]} (best: {RINGS_DEG[ring]:g} "
+            f"deg, expected chi-square {worst[ring]:.1f}): record the errors by toolface"
         )
     return (
         f"a ring at {RINGS_DEG[ring]:g} deg inclination: there {CELLS[column[k, ring]]} parts it from "

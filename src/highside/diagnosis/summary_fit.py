@@ -26,7 +26,7 @@ NOISE_G = 50e-6
 NOISE_LOG_STD = 0.7
 HEAVY = 3.0
 """Sizes beyond this many typical ones cost."""
-FIT_DRAWS, CHANCE_DRAWS = 16, 300
+FIT_DRAWS, CHANCE_DRAWS = 20, 1200
 MAX_AMPLITUDES = 4
 """More at once fit anything that forty numbers can say."""
 PEAK = float(np.sqrt(2.0))
@@ -171,7 +171,7 @@ def chance_of(table: Table, linear: Linear, values: Array, noise_g: float) -> Ar
     cells = tell(linear, values, noise_g, table.many, slopes=False).cells.reshape(CHANCE_DRAWS, -1)
     cov = np.cov(cells.T) * (1.0 + 1.0 / FIT_DRAWS)
     # few draws know correlations only so far
-    return np.asarray(cov + np.diag(0.02 * np.diag(cov)))
+    return np.asarray(cov + np.diag(0.01 * np.diag(cov)))
 
 
 def fit_set(

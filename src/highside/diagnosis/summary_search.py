@@ -106,6 +106,15 @@ def standing(
     allowed = [o for o in options if o.effect != option.effect]
     found = search(table, allowed, rest, width=2, depth=2)
     rivals = [f for f in (*found.tried, *tried) if option.effect not in f.effects]
+    # an effect that is there with some of its amplitudes may take this one's place with more of them
+    grown = {
+        other.effect: fit_set(table, (*(o for o in others if o is not other), fuller), rest)
+        for other in others
+        for fuller in options
+        if fuller.effect == other.effect
+        and fuller.shape == other.shape
+        and len(fuller.amplitudes) > len(other.amplitudes)
+    }
 
     def cost(fitted: Fitted) -> float:
         # each effect more than the best set has must pay for itself
@@ -120,6 +129,7 @@ def standing(
         place = next(k for k, o in enumerate(fitted.options) if o.effect == effect)
         if cost(fitted) >= SAME or _needed(table, fitted, place):
             instead[effect] = fitted
+    instead |= {effect: fitted for effect, fitted in grown.items() if cost(fitted) < SAME}
     same = tuple(effect for effect, fitted in instead.items() if cost(fitted) < SAME)
     clear = {effect: cost(fitted) for effect, fitted in instead.items() if effect not in same}
     without = min((cost(f) for f in (*rivals, *instead.values()) if not f.effects & set(same)), default=np.inf)

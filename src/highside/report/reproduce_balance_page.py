@@ -9,6 +9,7 @@ import numpy as np
 
 from highside.calibration.balance import TRIPLES
 from highside.report.page import Page, new_figure, plotting
+from highside.report.published_instrument import Comparison, add_to
 from highside.report.reproduce_balance import (
     BENCH,
     COLUMNS,
@@ -56,13 +57,16 @@ _NOTES = {
 }
 
 
-def page_of(experiment: Experiment) -> str:
-    """The whole page as HTML. Raises InputError where matplotlib is not installed."""
+def page_of(experiment: Experiment, comparison: Comparison | None = None) -> str:
+    """The whole page as HTML, with the diagnosis of the published instrument where it is given.
+
+    Raises InputError where matplotlib is not installed.
+    """
     with plotting():
-        return _page_of(experiment)
+        return _page_of(experiment, comparison)
 
 
-def _page_of(experiment: Experiment) -> str:
+def _page_of(experiment: Experiment, comparison: Comparison | None) -> str:
     made = tables(experiment)
     page = Page("Balance correction: the paper's tables beside a simulated instrument")
     page.paragraph(
@@ -101,6 +105,8 @@ def _page_of(experiment: Experiment) -> str:
     )
     for angle, name in (("inc", "Inclination"), ("tf", "Toolface")):
         page.table(*_truth_table(experiment, angle), caption=f"{name}, deg rms; single readings, noise included")
+    if comparison is not None:
+        add_to(page, comparison)
     page.heading("The simulated instrument and bench")
     page.table(["effect", "parameter", "value"], _effects(), words=(1,))
     page.paragraph(f"Noise of one reading: {NOISE_G * 1e6:.0f} ug. Angles in rad, sensor terms in g.", soft=True)
