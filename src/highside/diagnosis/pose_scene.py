@@ -14,6 +14,7 @@ from highside.diagnosis.candidates import CHANNELS, Candidate, pose_candidates, 
 from highside.diagnosis.fit import JointFit, Observed, base_fit, joint_fit
 from highside.diagnosis.location import locate, on_channel, pose_bases, scan_of
 from highside.diagnosis.memory import Channel, Likelihoods, Memory, SlowEffect
+from highside.diagnosis.method import WHOLE, Method
 from highside.diagnosis.noise import PoseNoise
 from highside.diagnosis.regression import outside, span
 from highside.diagnosis.result import Fit, Location
@@ -55,7 +56,9 @@ class PoseScene(Scene):
     force: Array
 
     @classmethod
-    def of(cls, session: PoseSession, model: ForwardModel, free: tuple[str, ...], seed: int) -> PoseScene:
+    def of(
+        cls, session: PoseSession, model: ForwardModel, free: tuple[str, ...], seed: int, method: Method = WHOLE
+    ) -> PoseScene:
         """Fit the base, make the columns, learn the noise."""
         state = session.state
         model, base, residual = base_fit(model, Observed(state, session.mean), free)
@@ -64,8 +67,10 @@ class PoseScene(Scene):
         force = np.asarray(model.chain(state).force, dtype=float)
         candidates += shadows(state, force)
         rich = _rich(base, candidates, session, force)
-        noise = noise_model.estimate(residual, rich, tangents)
-        return cls(candidates, blind, free, seed, session, model, base, residual, tangents, rich, noise, force)
+        noise = noise_model.estimate(residual, rich, tangents if method.colour else np.zeros_like(tangents))
+        return cls(
+            candidates, blind, free, seed, session, model, base, residual, tangents, rich, noise, force, method=method
+        )
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -77,16 +82,21 @@ class PoseScene(Scene):
 
     def judge(self, noise: PoseNoise) -> Judged:
         rng = np.random.default_rng(self.seed)
-        base = span(noise.white(self.base))
+        fitted = self.base if self.method.refit else self.base[:0]
+        base = span(noise.white(fitted))
         residual = outside(base, noise.white(self.residual))
-        pool = Pool(self.candidates, [noise.white(v.columns) for c in self.candidates for v in c.variants])
+        pool = Pool(self.candidates, all_white(noise, [v.columns for c in self.candidates for v in c.variants]))
         rich = noise_model.rich_residual(noise, self.residual, self.rich)
+        if not self.method.colour:
+            # nothing is remembered: chance is what the F test says
+            rich = np.zeros_like(rich)
         limit = threshold(pool.race, pool.owner, pose_flips(rich, rng), base, noise.freedom)
-        held_out = HeldOut(noise.white(self.base), noise.white(self.residual), pose_folds(self.session.n))
+        held_out = HeldOut(noise.white(fitted), noise.white(self.residual), pose_folds(self.session.n))
         selector = Selector(pool, base, residual, noise.freedom, limit, PoseGains(pool, held_out), residual.size)
         bases = pose_bases(self.session.state, self.force)
         cells = [(channel, b) for b in range(len(bases)) for channel in range(3)]
-        scan = scan_of(bases, [noise.white(on_channel(bases[b].functions, c)) for c, b in cells], cells, noise.freedom)
+        groups = all_white(noise, [on_channel(bases[b].functions, c) for c, b in cells])
+        scan = scan_of(bases, groups, cells, noise.freedom)
         scan_limit = threshold(scan.race, np.arange(len(cells)), pose_flips(rich, rng), base, noise.freedom)
         return Judged(selector, scan, scan_limit, [], noise)
 
@@ -113,7 +123,8 @@ class PoseScene(Scene):
 
     def fit(self, members: Sequence[Member], noise: PoseNoise) -> JointFit:
         seen = Observed(self.session.state, self.session.mean)
-        return joint_fit(self.model, seen, self.free, self.candidates, members, noise, self.noise.freedom)
+        free = self.free if self.method.refit else ()
+        return joint_fit(self.model, seen, free, self.candidates, members, noise, self.noise.freedom)
 
     def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
         return locate(judged.scan, signal, space, p, share)
@@ -197,6 +208,12 @@ def _rich(base: Array, candidates: Sequence[Candidate], session: PoseSession, fo
             kept.append(part)
             taken += len(part)
     return np.concatenate(kept)
+
+
+def all_white(noise: PoseNoise, blocks: Sequence[Array]) -> list[Array]:
+    """Each block (k, 3, n) whitened, (k, 3 n): in one pass, since one pass in time order serves any number."""
+    ends = np.cumsum([len(block) for block in blocks])[:-1]
+    return np.split(noise.white(np.concatenate(blocks)), ends)
 
 
 def _spread(count: int, want: int) -> list[int]:
