@@ -11,6 +11,7 @@ import typer
 if TYPE_CHECKING:
     from highside.config.model import Model
     from highside.diagnosis.engine import Picture
+    from highside.diagnosis.method import Method
     from highside.diagnosis.result import Diagnosis
     from highside.diagnosis.summary import SummaryPicture
     from highside.recording.table import Recording
@@ -42,11 +43,15 @@ def diagnose(
     config: Annotated[Path | None, typer.Option("--config", help="TOML file with a [codec] table.")] = None,
     first_s: Annotated[float | None, typer.Option("--from", help="Only rows from this time on, s.")] = None,
     last_s: Annotated[float | None, typer.Option("--to", help="Only rows up to this time, s.")] = None,
+    without: Annotated[
+        str | None, typer.Option("--without", hidden=True, help="colour, refit or refusal: what that part is worth.")
+    ] = None,
 ) -> None:
     """Say where a recording departs from the simulation, what was left out, and how sure that is."""
     from highside.cli.diagnose_inputs import read_rows
     from highside.cli.diagnose_progress import progress_on_terminal
     from highside.config.model import Model, as_toml, load_model
+    from highside.diagnosis.method import Method
     from highside.errors import InputError
     from highside.recording.files import write_whole
     from highside.report.diagnosis_page import page_of
@@ -84,7 +89,7 @@ def diagnose(
 
                 diagnosis, picture = diagnose_beside(rows, simulation, knows, seed)
             else:
-                diagnosis, picture = _diagnose(rows, knows, seed)
+                diagnosis, picture = _diagnose(rows, knows, seed, Method.without(without))
     page = page_of(diagnosis, picture, source.name)
     told = as_toml(_with_claims(knows, diagnosis)) if write_model is not None and _says_something(diagnosis) else None
     try:
@@ -126,7 +131,7 @@ def _with_claims(knows: Model, diagnosis: Diagnosis) -> Model:
     return knows.with_effects(claimed) if claimed else knows
 
 
-def _diagnose(rows: Recording, knows: Model, seed: int) -> tuple[Diagnosis, Picture | None]:
+def _diagnose(rows: Recording, knows: Model, seed: int, method: Method) -> tuple[Diagnosis, Picture | None]:
     """Intake, then the engine for the kind of recording it is."""
     from dataclasses import replace
 
@@ -164,7 +169,7 @@ def _diagnose(rows: Recording, knows: Model, seed: int) -> tuple[Diagnosis, Pict
     if found.spoiled:
         return Diagnosis("bad_data", intake=found.findings, seed=seed, version=__version__), None
     if rotates(rows):
-        diagnosis, picture = diagnose_rows(rows, knows, signed, found, seed)
+        diagnosis, picture = diagnose_rows(rows, knows, signed, found, seed, method)
         return with_clipping(replace(diagnosis, intake=found.findings), found, signed), picture
     raw = rows.accel()
     accel = np.stack([sign * raw[channel] for channel, sign in signed])
@@ -176,5 +181,7 @@ def _diagnose(rows: Recording, knows: Model, seed: int) -> tuple[Diagnosis, Pict
         )  # fmt: skip
     except InputError as error:
         raise InputError(error.what, where=rows.source, field=error.field, remedy=error.remedy) from None
-    diagnosis, picture = diagnose_poses(session, knows.forward(), knows.sensor.free, seed=seed, version=__version__)
+    diagnosis, picture = diagnose_poses(
+        session, knows.forward(), knows.sensor.free, seed=seed, version=__version__, method=method
+    )
     return with_clipping(replace(diagnosis, intake=found.findings), found, signed), picture

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from highside.config.model import Model
     from highside.diagnosis.engine import Picture
     from highside.diagnosis.intake import Intake
+    from highside.diagnosis.method import Method
     from highside.diagnosis.result import Diagnosis
     from highside.recording.table import Recording
 
@@ -25,7 +26,7 @@ def rotates(rows: Recording) -> bool:
 
 
 def diagnose_rows(
-    rows: Recording, knows: Model, signed: Sequence[tuple[int, float]], found: Intake, seed: int
+    rows: Recording, knows: Model, signed: Sequence[tuple[int, float]], found: Intake, seed: int, method: Method
 ) -> tuple[Diagnosis, Picture]:
     """Diagnose row by row. `signed` says which channel, with which sign, is the tool's x, y and z."""
     import numpy as np
@@ -58,4 +59,4 @@ def diagnose_rows(
     free = knows.sensor.free
     if gyro is not None:
         free = (*free, *(name for name in GYRO_FREE if name not in free))
-    return diagnose_rotation(session, knows.forward(), free, seed=seed, version=__version__)
+    return diagnose_rotation(session, knows.forward(), free, seed=seed, version=__version__, method=method)

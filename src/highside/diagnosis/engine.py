@@ -18,6 +18,7 @@ from highside.diagnosis.fit import JointFit
 from highside.diagnosis.magnitude_scene import MagnitudeScene
 from highside.diagnosis.magnitude_session import MagnitudeSession
 from highside.diagnosis.memory import SUSPECT, Channel, Memory, SlowScore, SlowStage, beats_the_walk, slow_effects
+from highside.diagnosis.method import WHOLE, Method
 from highside.diagnosis.pose_scene import PoseScene
 from highside.diagnosis.regression import log10_p, outside, span
 from highside.diagnosis.result import Claim, Diagnosis, Location, Remainder, Rival, Verdict
@@ -39,17 +40,29 @@ SLOW_COVARIATES = frozenset({"t_s", "temp_c"})
 
 
 def diagnose_poses(
-    session: PoseSession, model: ForwardModel, free: Sequence[str], *, seed: int = 1, version: str = ""
+    session: PoseSession,
+    model: ForwardModel,
+    free: Sequence[str],
+    *,
+    seed: int = 1,
+    version: str = "",
+    method: Method = WHOLE,
 ) -> tuple[Diagnosis, Picture]:
     """Diagnose n poses against a model whose effects `free` may be refitted. The same seed gives the same answer."""
-    return diagnose(PoseScene.of(session, model, tuple(free), seed), version)
+    return diagnose(PoseScene.of(session, model, tuple(free), seed, method), version)
 
 
 def diagnose_rotation(
-    session: RotationSession, model: ForwardModel, free: Sequence[str], *, seed: int = 1, version: str = ""
+    session: RotationSession,
+    model: ForwardModel,
+    free: Sequence[str],
+    *,
+    seed: int = 1,
+    version: str = "",
+    method: Method = WHOLE,
 ) -> tuple[Diagnosis, Picture]:
     """As `diagnose_poses`, for the n rows of a continuous rotation."""
-    return diagnose(RotationScene.of(session, model, tuple(free), seed), version)
+    return diagnose(RotationScene.of(session, model, tuple(free), seed, method), version)
 
 
 def diagnose_magnitudes(
@@ -74,7 +87,7 @@ def diagnose(scene: Scene, version: str = "") -> tuple[Diagnosis, Picture]:
     unnamed = frozenset(i for i, c in enumerate(scene.candidates) if not c.named)
     # first what has a name and does not follow time; then, beside that, whether anything slow beats a walk
     first = _choose(scene, judged, channels, slow | unnamed)
-    suspicion = _suspect(scene, first.members)
+    suspicion = _suspect(scene, first.members) if scene.method.colour else _unsuspecting(scene)
     if suspicion.noise is not scene.noise:
         judged = scene.judge(suspicion.noise)
     fixed = tuple(Member(score.effect.candidate, score.effect.variant) for score in suspicion.claimed)
@@ -83,6 +96,8 @@ def diagnose(scene: Scene, version: str = "") -> tuple[Diagnosis, Picture]:
         for i, c in enumerate(scene.candidates)
         if (i in slow and c.id not in suspicion.admitted) or (suspicion.wanders and c.id.startswith("shadow:time"))
     )
+    if not scene.method.refusal:
+        barred |= unnamed
     return _conclude(scene, _choose(scene, judged, channels, barred, fixed), suspicion, version)
 
 
@@ -113,6 +128,8 @@ def _choose(
     """
     selector = replace(judged.selector, banned=banned, fixed=fixed)
     members = selector.select()
+    if not scene.method.colour:
+        return replace(judged, selector=selector, members=members)
     doubted = set()
     for m in members:
         candidate = scene.candidates[m.candidate]
@@ -155,6 +172,11 @@ def _suspect(scene: Scene, members: Sequence[Member]) -> _Suspicion:
     if any(m.walks for m in memories):
         return _Suspicion(noise, memories, True, found.claimed, near, frozenset())
     return _Suspicion(noise, memories, False, [], near, admitted)
+
+
+def _unsuspecting(scene: Scene) -> _Suspicion:
+    """What follows if noise is taken to remember nothing."""
+    return _Suspicion(scene.noise, [], False, [], (), scene.slow_ids)
 
 
 @dataclass(frozen=True)
@@ -271,6 +293,8 @@ def _verdict(
 ) -> Verdict:
     if not members:
         return "wander" if wanders else ("unknown" if loud else "nothing_left_out")
+    if not scene.method.refusal:
+        return "named"
     candidates = scene.candidates
     if any(not candidates[m.candidate].named for m in members):
         return "unknown"

@@ -144,8 +144,11 @@ def windows(n: int) -> list[slice]:
     return [slice(int(s), int(s) + length) for s in starts]
 
 
-def estimate(design: Design, residual: Array, seed: int) -> RotationNoise:
-    """The noise of a residual (C, N) after the base fit, everything in the design projected off."""
+def estimate(design: Design, residual: Array, seed: int, *, coloured: bool = True) -> RotationNoise:
+    """The noise of a residual (C, N) after the base fit, everything in the design projected off.
+
+    Without `coloured` it is taken for white and equally large at all times.
+    """
     session = design.session
     parts = windows(session.n)
     made: list[list[Array]] = [[] for _ in session.channels]
@@ -170,11 +173,11 @@ def estimate(design: Design, residual: Array, seed: int) -> RotationNoise:
             shaken.append(0.0)
             jitters.append([0.0, 0.0, 0.0])
             continue
-        polynomial = _colour(learning, rng)
+        polynomial = _colour(learning, rng) if coloured else np.ones(1)
         left, rank, _ = learning.outside(polynomial)
         rows = sum(r.size for r in left)
         freedom = min(freedom, rows - rank)
-        shape, by_vibration, jitter, wild = _scatter(session, c, parts, left, polynomial)
+        shape, by_vibration, jitter, wild = _scatter(session, c, parts, left, polynomial, coloured)
         level = float(
             np.sqrt(sum(float(np.sum((r * w) ** 2)) for r, w in zip(left, shape[1], strict=True)) / (rows - rank))
         )
@@ -250,12 +253,15 @@ def _levinson(autocovariance: Array, rows: int) -> Array:
 
 
 def _scatter(
-    session: RotationSession, channel: int, parts: list[slice], left: list[Array], polynomial: Array
+    session: RotationSession, channel: int, parts: list[slice], left: list[Array], polynomial: Array, changes: bool
 ) -> tuple[tuple[Array, list[Array]], float, tuple[float, float, float], NDArray[np.intp]]:
     """How the size of the innovations goes along: 1 / size of all rows and of the windows' rows, evidence, impulses.
 
     The size is relative; jitter is given as the ratio of its time scatter to the level of the innovations.
     """
+    if not changes:
+        every = [np.ones_like(rows) for rows in left]
+        return (np.ones(session.n), every), 0.0, (0.0, 0.0, 0.0), np.empty(0, dtype=np.intp)
     state = session.state
     whole = {SHAKEN: np.asarray(state.vibration_rms_g**2, dtype=float), JITTER: _across(state, channel)}
     if channel >= 3:

@@ -15,6 +15,7 @@ from highside.diagnosis.fit import JointFit, Observed, base_fit, joint_fit
 from highside.diagnosis.gram import Gram, HeldOutRows, Segments, Space, WalkingChannel, Walks, accumulate
 from highside.diagnosis.location import followed, intervals, scan_of
 from highside.diagnosis.memory import NO_MEMORY, SUSPECT, Channel, Memory, SlowEffect
+from highside.diagnosis.method import WHOLE, Method
 from highside.diagnosis.regression import outside, span
 from highside.diagnosis.result import Diagnosis, Fit, Location
 from highside.diagnosis.rivals import Rivalry
@@ -75,14 +76,17 @@ class RotationScene(Scene):
     """(flip blocks, m) on each channel: inner products of the functions with what is left of everything, by blocks"""
 
     @classmethod
-    def of(cls, session: RotationSession, model: ForwardModel, free: tuple[str, ...], seed: int) -> RotationScene:
+    def of(
+        cls, session: RotationSession, model: ForwardModel, free: tuple[str, ...], seed: int, method: Method = WHOLE
+    ) -> RotationScene:
         """Fit the base, learn the noise, pass over the rows."""
         seen = Observed(session.state, session.readings)
         model, _, residual = base_fit(model, seen, free)
         design = Design(session, model, free, found_lines(session, residual))
-        noise = estimate(design, residual, seed)
+        noise = estimate(design, residual, seed, coloured=method.colour)
         grams, segments = accumulate(design, noise, residual)
-        noise = with_walk(noise, _gyro_walks(design, grams))
+        if method.colour:
+            noise = with_walk(noise, _gyro_walks(design, grams))
         chance = _chance(design, noise, residual, grams, segments)
         return cls(
             design.candidates,
@@ -97,6 +101,7 @@ class RotationScene(Scene):
             grams,
             segments,
             chance,
+            method=method,
         )
 
     @property
@@ -138,11 +143,14 @@ class RotationScene(Scene):
                 walks = self._walks[c] if c < 3 else Walks.of(gram)
                 totals.append(walks.under(memory))
         space = Space(self.design, totals)
-        base = span(space.columns(self.design.base))
+        base = span(space.columns(self.design.base if self.method.refit else self.design.base[:0]))
         residual = outside(base, space.residual)
         pool = Pool(self.candidates, [space.columns(v.columns) for c in self.candidates for v in c.variants])
         signs = rng.choice([-1.0, 1.0], size=(FLIPS, self.chance[0].shape[0]))
         chance = space.moments([signs @ blocks for blocks in self.chance])
+        if not self.method.colour:
+            # nothing is remembered: chance is what the F test says
+            chance = np.zeros_like(chance)
         limit = threshold(pool.race, pool.owner, chance, base, noise.freedom)
         gains = RotationGains(pool, HeldOutRows(self.design, self.grams))
         size = sum(int(np.sum(w > 0)) for w in noise.weight)
@@ -186,7 +194,8 @@ class RotationScene(Scene):
     def fit(self, members: Sequence[Member], noise: Any) -> JointFit:
         seen = Observed(self.session.state, self.session.readings)
         steps = 8 if self.session.n < MANY_ROWS else 3
-        return joint_fit(self.model, seen, self.free, self.candidates, members, self.noise, self.noise.freedom, steps)
+        free = self.free if self.method.refit else ()
+        return joint_fit(self.model, seen, free, self.candidates, members, self.noise, self.noise.freedom, steps)
 
     def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
         coordinates: Space = judged.noise.space

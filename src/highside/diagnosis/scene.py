@@ -18,6 +18,7 @@ from highside.diagnosis.candidates import Blind, Candidate, Variant
 from highside.diagnosis.fit import JointFit
 from highside.diagnosis.location import Scan
 from highside.diagnosis.memory import Channel, Memory, SlowEffect
+from highside.diagnosis.method import WHOLE, Method
 from highside.diagnosis.result import Diagnosis, Fit, Location
 from highside.diagnosis.rivals import Rivalry
 from highside.diagnosis.selection import MAX_CLAIMS, Member, Selector
@@ -79,6 +80,7 @@ class Scene(ABC):
     blind: list[Blind]
     free: tuple[str, ...]
     seed: int
+    method: Method = field(default=WHOLE, kw_only=True)
 
     def variant(self, member: Member) -> Variant:
         """The variant that a member stands for."""
