@@ -122,7 +122,7 @@ def test_loss_of_data_is_survived_in_all_states_that_measure() -> None:
         assert outcome(state, Event.DATA_LOST) == STAY
 
 
-@pytest.mark.parametrize(("soak", "open_", "solved"), itertools.product((False, True), repeat=3))
+@pytest.mark.parametrize(("soak", "open_", "solved"), list(itertools.product((False, True), repeat=3)))
 def test_onward_is_decided_by_the_open_poses(soak: bool, open_: bool, solved: bool) -> None:
     state = onward(waits_for_temperature=soak, has_open=open_, solved=solved)
     if open_:
