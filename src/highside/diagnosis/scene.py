@@ -111,6 +111,10 @@ class Scene(ABC):
         """More effects than this are a fit and no finding: their names are not given."""
         return MAX_CLAIMS
 
+    def believed(self, selector: Selector, members: list[Member]) -> list[Member]:
+        """The members that are large enough to be more than what is left of others."""
+        return members
+
     def holds_up(self, member: Member) -> bool:
         """Whether a slow effect predicts stretches that were left out: asked where a transient could be named."""
         return True

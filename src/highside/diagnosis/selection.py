@@ -216,6 +216,8 @@ class Selector:
     """claims that were made before and stay"""
     banned: frozenset[int] = frozenset()
     """candidates that may not be chosen"""
+    most: int = MAX_CLAIMS
+    """claims at which choosing ends"""
 
     def space_with(self, members: Sequence[Member]) -> Array:
         """Base and members."""
@@ -228,7 +230,7 @@ class Selector:
     def select(self) -> list[Member]:
         """The claims, in the order in which they were found."""
         members = list(self.fixed)
-        while len(members) < MAX_CLAIMS:
+        while len(members) < self.most:
             step = self._forward(members)
             if step is None:
                 break

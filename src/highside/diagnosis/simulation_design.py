@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from highside.diagnosis.candidates import Blind, Candidate, Variant
 from highside.diagnosis.design import Design
 from highside.diagnosis.rotation_bases import Group
-from highside.diagnosis.simulation_effects import described, effects_of
+from highside.diagnosis.simulation_effects import Around, described, effects_of
 from highside.diagnosis.simulation_session import SimulationSession
 from highside.physics.effect import Effect
 
@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 NOTHING = 1e-12
+FAINT = 3.0
+"""An amplitude that at its largest plausible size adds less than this, in standard deviations, is left out."""
 TIME_WAVES = 8
 BLIND = {
     "lever_arm": "rates (gx_dps, gy_dps, gz_dps) are not recorded, or no channel is an acceleration of a named axis",
@@ -35,7 +37,7 @@ BLIND = {
 class SimulationDesign(Design):
     """The columns of a session beside a base of the effects `free`, which are adjusted anyway."""
 
-    def __init__(self, session: SimulationSession, free: Sequence[str]) -> None:
+    def __init__(self, session: SimulationSession, free: Sequence[str], around: Around) -> None:
         self.session = session
         self.free = tuple(free)
         self._rows: list[list[Array]] = [[] for _ in session.names]
@@ -44,9 +46,16 @@ class SimulationDesign(Design):
         self.candidates: list[Candidate] = []
         self.column_values: dict[int, Array] = {}
         shown = set()
-        for tried in effects_of(session):
+        scatter = np.maximum((session.readings - session.predicted).std(axis=1), 1e-12)
+        too_small: list[str] = []
+        for tried in effects_of(session, around):
             shown.add(tried.effect.id)
-            shapes = [(shape, [self._put(column) for column in columns]) for shape, columns in tried.shapes]
+            limits = np.array([max(abs(g) for g in p.gate) for p in tried.effect.parameters])
+            shapes = []
+            for shape, columns in tried.shapes:
+                size = limits * np.linalg.norm(columns / scatter[:, None], axis=(1, 2))
+                kept = [column if s > FAINT else np.zeros_like(column) for column, s in zip(columns, size, strict=True)]
+                shapes.append((shape, [self._put(column) for column in kept]))
             if tried.effect.id in self.free:
                 base += [number for number in shapes[0][1] if number >= 0]
                 continue
@@ -60,9 +69,11 @@ class SimulationDesign(Design):
             if variants:
                 self.candidates.append(Candidate(tried.effect.id, tried.effect, names, tuple(variants)))
             else:
-                shown.discard(tried.effect.id)
+                too_small.append(tried.effect.id)
         self.base = np.array(base, dtype=np.intp)
         self.blind = [Blind(described(name), why) for name, why in BLIND.items() if name not in shown]
+        small = "even the largest size that is plausible would not show in this recording"
+        self.blind += [Blind(described(name), small) for name in too_small]
         self._add_products(session)
         self.groups = _groups(session)
         self.cells: list[Ints] = []

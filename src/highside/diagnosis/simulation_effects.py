@@ -15,12 +15,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
 
 from highside.diagnosis.simulation_session import SimulationSession
 from highside.physics.effect import Effect, LinearEffect, Parameter, Stage
 from highside.physics.effects import all_effects
 from highside.physics.gravity import STANDARD_GRAVITY_MPS2
-from highside.physics.memory import low_pass
 from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
@@ -64,9 +65,17 @@ _OWN = {
 }  # fmt: skip
 
 
-def effects_of(session: SimulationSession) -> list[Tried]:
+@dataclass(frozen=True)
+class Around:
+    """Where effects that are not linear are taken: a delay, and a lag of each kind of channel; s, 0 at nothing."""
+
+    delay_s: float = 0.0
+    lags_s: tuple[float, ...] = ()
+
+
+def effects_of(session: SimulationSession, around: Around) -> list[Tried]:
     """Everything whose covariates were recorded."""
-    return [*_channels(session), *_coupled(session), *_timed(session), *_slow(session), *_moved(session)]
+    return [*_channels(session), *_coupled(session), *_timed(session, around), *_slow(session), *_moved(session)]
 
 
 def kind_of(name: str, unit: str) -> str:
@@ -190,27 +199,55 @@ def _coupled(session: SimulationSession) -> list[Tried]:
     return found
 
 
-def _timed(session: SimulationSession) -> list[Tried]:
-    """Sampled late, all channels alike; answering slowly, each kind of channel for itself."""
+def _timed(session: SimulationSession, around: Around) -> list[Tried]:
+    """Sampled late, all channels alike; answering slowly, each kind of channel for itself.
+
+    Neither is linear in its time, so the columns are what the time expected does, in proportion.
+    """
     found = []
-    slope = np.gradient(session.predicted, session.step_s, axis=1)
     if session.alignment.same_clock:
         late = _effect("time_offset", [Parameter("t0", "s", 1e-3, (-0.5, 0.5))])
-        found.append(_tried(late, -slope[None]))
+        found.append(_tried(late, _delayed(session, around.delay_s)[None]))
     kinds = _by_kind(session)
     parameters = [Parameter(f"tau_{kind.replace('/', '_')}", "s", 1e-3, (0.0, 3.0)) for kind in kinds]
     shapes: list[tuple[dict[str, float], Array]] = []
-    times = session.state.t_s
-    for tau in LAGS_S:
-        if session.step_s / 3 < tau < 0.2 * session.n * session.step_s:
-            behind = (np.stack([low_pass(times, s, tau) for s in session.predicted]) - session.predicted) / tau
-            rows = [
-                np.where(np.isin(np.arange(len(session.names)), own)[:, None], behind, 0.0) for own in kinds.values()
-            ]
-            shapes.append(({}, np.stack(rows)))
+    tried = [(tau,) * len(kinds) for tau in LAGS_S if session.step_s / 3 < tau < 0.2 * session.n * session.step_s]
+    if any(around.lags_s):
+        tried = [tuple(tau or session.step_s for tau in around.lags_s)]
+    for taus in tried:
+        of_channel = np.zeros(len(session.names))
+        for tau, own in zip(taus, kinds.values(), strict=True):
+            of_channel[own] = tau
+        behind = np.stack([
+            _behind(s, session.step_s, tau) for s, tau in zip(session.predicted, of_channel, strict=True)
+        ])  # fmt: skip
+        rows = [np.where(np.isin(np.arange(of_channel.size), own)[:, None], behind, 0.0) for own in kinds.values()]
+        shapes.append(({}, np.stack(rows)))
     if shapes:
         found.append(Tried(_effect("bandwidth_lag", parameters), shapes, _alone(len(parameters))))
     return found
+
+
+def _behind(values: Array, step_s: float, tau: float) -> Array:
+    """(n,) what a first-order lag changes, for each second of its time constant, solved on a grid eight times finer."""
+    fine = 8
+    at = np.arange(values.size)
+    between = CubicSpline(at, values)(np.arange((values.size - 1) * fine + 1) / fine)
+    u = step_s / fine / tau
+    decay = float(np.exp(-u))
+    share = 1 - (1 - decay) / u
+    drive = [share, 1 - decay - share]
+    lagged, _ = lfilter(drive, [1.0, -decay], between, zi=np.array([between[0] * (1 - share)]))
+    return np.asarray((lagged[::fine] - values) / tau)
+
+
+def _delayed(session: SimulationSession, delay_s: float) -> Array:
+    """(C, n) change of the prediction for each second of delay, at that delay."""
+    if abs(delay_s) < 1e-9:
+        return np.asarray(-np.gradient(session.predicted, session.step_s, axis=1))
+    times = session.state.t_s
+    late = CubicSpline(times, session.predicted, axis=1)(np.clip(times - delay_s, times[0], times[-1]))
+    return np.asarray((late - session.predicted) / delay_s)
 
 
 def _slow(session: SimulationSession) -> list[Tried]:

@@ -13,17 +13,24 @@ from numpy.typing import NDArray
 from highside.diagnosis.fit import JointFit
 from highside.diagnosis.gram import HeldOutRows, WalkingChannel, Walks, accumulate
 from highside.diagnosis.memory import Channel, Memory, SlowEffect
+from highside.diagnosis.regression import outside
 from highside.diagnosis.result import Fit, FittedParameter
 from highside.diagnosis.rivals import Rivalry
 from highside.diagnosis.rotation_noise import estimate, with_walk
 from highside.diagnosis.rotation_scene import RotationScene, _chance
 from highside.diagnosis.scene import SLOW, Judged, Picture
-from highside.diagnosis.selection import MAX_CLAIMS, Member, gain_interval
+from highside.diagnosis.selection import Member, Selector, gain_interval
 from highside.diagnosis.simulation_design import SimulationDesign, covariates_of
+from highside.diagnosis.simulation_effects import Around
 from highside.diagnosis.simulation_session import SimulationSession
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
+
+TURNS = 4
+MOST_NAMED = 6
+LEAST_NAMED, LEAST_PRODUCT = 0.003, 0.02
+"""Of all that is explained, what an effect, or an unnamed product, must explain to be more than a remainder."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +42,31 @@ class SimulationScene(RotationScene):
 
     @classmethod
     def beside(cls, session: SimulationSession, free: tuple[str, ...], seed: int) -> SimulationScene:
-        """Make the columns, take the base off, learn the noise."""
-        design = SimulationDesign(session, free)
+        """Make the columns, take the base off, learn the noise; again about the delays that are found."""
+        scene = cls._about(session, free, seed, Around())
+        around = scene._delays()
+        for _ in range(TURNS):
+            if around == Around():
+                break
+            scene = cls._about(session, free, seed, around)
+            before, around = around, scene._delays()
+            if _near(before, around):
+                break
+        return scene
+
+    def _delays(self) -> Around:
+        """What a first choice says of effects that are not linear."""
+        members = [m for m in self._plain.selector.select() if self.candidates[m.candidate].named]
+        found = self.fit(members, None).parameters
+        delay = found.get("time_offset", {}).get("t0")
+        lags = found.get("bandwidth_lag", {})
+        names = next((c.amplitudes for c in self.candidates if c.id == "bandwidth_lag"), ())
+        taus = tuple(max(lags[name].value, 0.0) if name in lags else 0.0 for name in names)
+        return Around(0.0 if delay is None else delay.value, taus if any(taus) else ())
+
+    @classmethod
+    def _about(cls, session: SimulationSession, free: tuple[str, ...], seed: int, around: Around) -> SimulationScene:
+        design = SimulationDesign(session, free, around)
         residual = session.readings - session.predicted
         if design.base.size:
             columns = np.stack([design.column(int(k)) for k in design.base])
@@ -63,18 +93,30 @@ class SimulationScene(RotationScene):
         return super().judge(self.coloured_noise)
 
     def judge(self, noise: Any) -> Judged:
-        if not noise.memories:
-            return self._plain
-        # what is drawn to find the thresholds has no walk in it: they are those of the noise without
-        found = super().judge(noise)
         limits = self._plain
-        selector = replace(found.selector, threshold=limits.selector.threshold)
+        found = super().judge(noise) if noise.memories else limits
+        # what is drawn to find the thresholds has no walk in it: they are those of the noise without
+        selector = replace(found.selector, threshold=limits.selector.threshold, most=MOST_NAMED)
         return replace(found, selector=selector, scan_threshold=limits.scan_threshold)
 
     @property
     def most_named(self) -> int:
-        # another program leaves out more than one thing, and with no base to absorb the simple ones
-        return MAX_CLAIMS
+        # there is no base to absorb the simple ones
+        return MOST_NAMED
+
+    def believed(self, selector: Selector, members: list[Member]) -> list[Member]:
+        def gain(some: Sequence[Member]) -> float:
+            left = outside(selector.space_with(some), selector.residual)
+            return float(selector.residual @ selector.residual - left @ left)
+
+        # of an effect that is a thousand times its noise, what no formula has exactly is still significant
+        kept, total = list(members), gain(members)
+        for member in reversed(members):
+            least = LEAST_NAMED if self.candidates[member.candidate].named else LEAST_PRODUCT
+            others = [m for m in kept if m != member]
+            if others and total - gain(others) < least * total:
+                kept = others
+        return kept
 
     def likelihoods(self, members: Sequence[Member]) -> list[Channel]:
         block = self.block(members)
@@ -255,3 +297,11 @@ class SimulationScene(RotationScene):
                 "band_hz": self.session.band_hz,
             },
         }
+
+
+def _near(one: Around, other: Around) -> bool:
+    """Whether another turn would change nothing that shows."""
+    if len(one.lags_s) != len(other.lags_s):
+        return False
+    pairs = [(one.delay_s, other.delay_s), *zip(one.lags_s, other.lags_s, strict=True)]
+    return all(abs(a - b) <= 0.01 * max(abs(a), abs(b)) for a, b in pairs)
