@@ -74,6 +74,12 @@ def _lost(steps: Array, inside: NDArray[np.bool_], usual: float, seq: Array | No
     else:
         missing = np.round(steps[inside & (steps > 0)] / usual) - 1
         lost, gaps = int(np.sum(missing)), int(np.sum(missing > 0))
+        # a stop that lost its first or last rows has no gap, but fewer rows than the others
+        sizes = np.diff(np.concatenate([[0], np.flatnonzero(~inside) + 1, [n + 1]]))
+        usual_size = np.bincount(sizes).argmax()
+        if sizes.size > 3 and usual_size > 2 and np.mean(sizes == usual_size) > 0.6:
+            short = int(np.sum(np.maximum(usual_size - sizes, 0)))
+            lost, gaps = max((lost, gaps), (short, int(np.sum(sizes < usual_size))))
     p = chance(lost, n + lost, STRAY)
     if lost == 0 or p >= SURE:
         return []

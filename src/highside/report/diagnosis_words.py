@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from highside.diagnosis.result import Claim, Diagnosis, Fit, Location
 from highside.diagnosis.simulation_effects import title_of
+from highside.physics.effect import Stage
 from highside.physics.effects import all_effects
 
 VERDICTS = {
@@ -38,7 +39,15 @@ AXIS_NAMES = {
     "rotor_rate_dps": "rate of rotation, deg/s",
     "gravity_direction": "direction of gravity (drawn over inclination, deg)",
 }
-BENCH_STAGES = frozenset({"pose", "gravity"})
+SIDES = {
+    Stage.POSE: "the bench",
+    Stage.GRAVITY: "the bench",
+    Stage.MOUNTING: "the mounting",
+    Stage.KINEMATIC: "where the triad sits",
+    Stage.TIMING: "the timing",
+    Stage.GYRO: "the gyros",
+}
+"""Who is to blame for what acts at a stage; the sensor for the others."""
 
 
 def headline(diagnosis: Diagnosis) -> str:
@@ -107,16 +116,11 @@ def proof(fit: Fit) -> str:
 
 
 def blame(diagnosis: Diagnosis) -> str:
-    """Whether the bench or the sensor is to blame, by the stages of each claim's class; empty without claims.
-
-    Beside another program's prediction there is no bench, and nothing is said.
-    """
-    if "alignment" in diagnosis.noise:
-        return ""
+    """Whether the bench or the sensor is to blame, by the stages of each claim's class; empty without claims."""
     effects = all_effects()
-    sides: dict[str, list[str]] = {"the bench": [], "the sensor": [], "bench or sensor, not to be told here": []}
-    bench, sensor, either = sides
+    sides: dict[str, list[str]] = {}
     for claim in diagnosis.claims:
-        on_bench = {effects[e].stage.value in BENCH_STAGES for e in claim.equivalence_class if e in effects}
-        sides[either if len(on_bench) > 1 else bench if on_bench == {True} else sensor].append(claim.effect)
-    return "; ".join(f"{side} ({', '.join(names)})" for side, names in sides.items() if names)
+        found = {SIDES.get(effects[e].stage, "the sensor") for e in claim.equivalence_class if e in effects}
+        side = found.pop() if len(found) == 1 else f"{' or '.join(sorted(found))}, not to be told here"
+        sides.setdefault(side, []).append(claim.effect)
+    return "; ".join(f"{side} ({', '.join(names)})" for side, names in sides.items())
