@@ -121,6 +121,13 @@ def parts_of(names: Sequence[str]) -> list[tuple[int, ...]]:
         for k, name in enumerate(names):
             groups.setdefault(name.rpartition("_")[place] if "_" in name else "", []).append(k)
         parts += [tuple(group) for group in groups.values()]
+    rows: dict[tuple[str, str], list[int]] = {}
+    for k, name in enumerate(names):
+        prefix, _, suffix = name.rpartition("_")
+        if len(suffix) == 2 and "_" not in prefix:
+            # of a matrix (who reads, what leaks in) each row may act alone
+            rows.setdefault((prefix, suffix[0]), []).append(k)
+    parts += [tuple(row) for row in rows.values()]
     if len(names) <= 3 and not {"c", "s"} <= {name[0] for name in names}:
         # a cosine and a sine are one amplitude and one phase, and stay together
         parts += [(k,) for k in everything]

@@ -159,7 +159,9 @@ def _suspect(scene: Scene, members: Sequence[Member]) -> _Suspicion:
     found = replace(found, claimed=upheld(found.claimed), admitted=upheld(found.admitted))
     functions = [score.effect.function for score in found.claimed]
     memories = [
-        channel.memory(np.array([f[c] for f in functions]) if functions else scene.block([])[:, c])
+        channel.memory(
+            np.array([f[c] for f in functions]) if functions and c < len(functions[0]) else scene.block([])[:, c]
+        )
         for c, channel in enumerate(channels)
     ]
     near = tuple(dict.fromkeys(candidates[s.effect.candidate].id for s in found.near))
@@ -254,22 +256,30 @@ def _conclude(scene: Scene, judged: Judged, suspicion: _Suspicion, version: str)
 
 
 def _widened(scene: Scene, judged: Judged) -> list[Member]:
-    """The members; where the scan is loud beside them, with all amplitudes of an effect that was let act in part, if
-    that makes it quiet: the rest of an effect is too small to be worth its parameters, and still there."""
-    members = judged.members
-    after = _scan(scene, judged, members)
-    if after.log_p[after.loudest] <= judged.scan_threshold:
+    """The members; where the scan is loud beside them, with one of them told whole or exchanged, if that makes it quiet.
+
+    The rest of an effect that was let act in part may be too small to be worth its parameters, and still be there; and
+    of rivals that cannot be told apart, the one that leaves nothing is the better answer.
+    """
+    members, selector = judged.members, judged.selector
+
+    def loud(some: list[Member]) -> bool:
+        after = _scan(scene, judged, some)
+        return bool(after.log_p[after.loudest] > judged.scan_threshold)
+
+    if not members or not loud(members):
         return members
     for m in members:
-        own = scene.variant(m)
-        variants = scene.candidates[m.candidate].variants
-        if own.whole or not scene.candidates[m.candidate].named:
+        if not scene.candidates[m.candidate].named or m in selector.fixed:
             continue
-        whole = next(j for j, v in enumerate(variants) if v.whole and v.shape == own.shape)
-        wider = [Member(m.candidate, whole) if o == m else o for o in members]
-        then = _scan(scene, judged, wider)
-        if then.log_p[then.loudest] <= judged.scan_threshold:
-            return wider
+        shape, variants = scene.variant(m).shape, scene.candidates[m.candidate].variants
+        tries = [Member(m.candidate, j) for j, v in enumerate(variants) if v.whole and v.shape == shape]
+        r = rivalry(selector, members, m)
+        tries += [r.best[k] for k in r.same[1:] if k not in selector.banned]
+        for other in tries:
+            changed = [other if o == m else o for o in members]
+            if other != m and not loud(changed):
+                return changed
     return members
 
 

@@ -51,9 +51,6 @@ class Memory:
         return self.gain > FOUND and np.isinf(self.length)
 
 
-NO_MEMORY = Memory(0.0, 0.0, np.inf, 0.0)
-
-
 @dataclass(frozen=True, slots=True)
 class SlowEffect:
     """A candidate of the slow stage: its index among the candidates, its variant, and its function of time on each
@@ -214,6 +211,7 @@ def slow_effects(
     admitted: list[SlowScore] = []
     near: list[SlowScore] = []
     functions = np.stack([e.function for e in slow])
+    channels = channels[: functions.shape[1]]
     for turn in range(limit):
         columns = np.stack([score.effect.function for score in claimed]) if claimed else functions[:0]
         gain, remaining, evidence = np.zeros(len(slow)), np.zeros(len(slow)), 0.0

@@ -14,7 +14,7 @@ from highside.diagnosis.design import CHUNK, Design
 from highside.diagnosis.fit import JointFit, Observed, base_fit, joint_fit
 from highside.diagnosis.gram import Gram, HeldOutRows, Segments, Space, WalkingChannel, Walks, accumulate
 from highside.diagnosis.location import followed, intervals, scan_of
-from highside.diagnosis.memory import NO_MEMORY, SUSPECT, Channel, Memory, SlowEffect
+from highside.diagnosis.memory import Channel, Memory, SlowEffect
 from highside.diagnosis.method import WHOLE, Method
 from highside.diagnosis.regression import outside, span
 from highside.diagnosis.result import Diagnosis, Fit, Location
@@ -86,8 +86,7 @@ class RotationScene(Scene):
         noise = estimate(design, residual, seed, coloured=method.colour)
         grams, segments = accumulate(design, noise, residual)
         if method.colour:
-            noise = with_walk(noise, _gyro_walks(design, grams))
-        chance = _chance(design, noise, residual, grams, segments)
+            chance = _chance(design, noise, residual, grams, segments)
         return cls(
             design.candidates,
             design.blind,
@@ -114,8 +113,7 @@ class RotationScene(Scene):
 
     @cached_property
     def _walks(self) -> list[Walks]:
-        """Of the accelerometers."""
-        return [Walks.of(gram) for gram in self.grams[:3]]
+        return [Walks.of(gram) for gram in self.grams]
 
     @property
     def named_share(self) -> float:
@@ -140,8 +138,7 @@ class RotationScene(Scene):
             if memory is None or memory.upper == 0.0:
                 totals.append(gram.total)
             else:
-                walks = self._walks[c] if c < 3 else Walks.of(gram)
-                totals.append(walks.under(memory))
+                totals.append(self._walks[c].under(memory))
         space = Space(self.design, totals)
         base = span(space.columns(self.design.base if self.method.refit else self.design.base[:0]))
         residual = outside(base, space.residual)
@@ -167,7 +164,7 @@ class RotationScene(Scene):
     def likelihoods(self, members: Sequence[Member]) -> list[Channel]:
         block = self.block(members)
         found: list[Channel] = []
-        for c in range(3):
+        for c in range(len(self.channels)):
             where = np.concatenate([self.design.where[self.design.base, c], block[:, c]])
             found.append(WalkingChannel(self._walks[c], np.unique(where[where >= 0])))
         return found
@@ -189,7 +186,7 @@ class RotationScene(Scene):
         return found
 
     def with_memory(self, memories: Sequence[Memory]) -> RotationNoise:
-        return with_walk(self.noise, [*memories, *self.noise.memories[3:]])
+        return with_walk(self.noise, memories)
 
     def fit(self, members: Sequence[Member], noise: Any) -> JointFit:
         seen = Observed(self.session.state, self.session.readings)
@@ -299,18 +296,6 @@ class _Judging:
 
     noise: RotationNoise
     space: Space
-
-
-def _gyro_walks(design: Design, grams: Sequence[Gram]) -> list[Memory]:
-    """The memory of each channel: of gyros that of the noise, judged beside everything that has a name."""
-    found = [NO_MEMORY] * min(3, len(grams))
-    named = [np.asarray(v.columns) for c in design.candidates if c.named for v in c.variants if v.whole]
-    numbers = np.unique(np.concatenate([design.base, *named]))
-    for c in range(3, len(grams)):
-        functions = design.where[numbers[numbers >= 0], c]
-        memory = WalkingChannel(Walks.of(grams[c]), np.unique(functions[functions >= 0])).memory(functions[:0])
-        found.append(memory if memory.gain > SUSPECT else NO_MEMORY)
-    return found if any(m.share for m in found) else []
 
 
 def _chance(

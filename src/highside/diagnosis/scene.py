@@ -135,7 +135,7 @@ class Scene(ABC):
 
     @abstractmethod
     def likelihoods(self, members: Sequence[Member]) -> list[Channel]:
-        """Each accelerometer channel's likelihood under noise with memory, base and members projected off."""
+        """Each channel's likelihood under noise with memory, base and members projected off."""
 
     @abstractmethod
     def block(self, members: Sequence[Member]) -> NDArray[Any]:
