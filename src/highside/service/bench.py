@@ -30,7 +30,7 @@ from highside.service.monitor import Monitor
 from highside.session import outcome
 from highside.session.ledger import Entry, Noted
 from highside.session.reasons import Refusal
-from highside.session.session import BenchSession
+from highside.session.session import BenchSession, StorageError
 from highside.session.snapshot import Command, Reply, Snapshot
 from highside.session.view import View
 
@@ -96,7 +96,11 @@ class BenchDriver:
             read.header, _keeper(journal), time.time, ledger=ledger, known_noise_g=settings.tool.noise_g
         )
         if ledger.began:
-            session.note_interruption()
+            try:
+                session.note_interruption()
+            except StorageError as error:
+                journal.close()
+                raise InputError(f"cannot be written: {error}", remedy="free the disk") from None
         return cls(settings, session, journal, _bench(settings, attempt))
 
     @property

@@ -25,6 +25,7 @@ from highside.session.journal import Header, Journal
 from highside.session.ledger import Ledger
 from highside.session.plans import Kind
 from highside.session.reasons import Rejection
+from highside.session.snapshot import PoseState
 
 DAY_S = 86_400.0
 ALL_INC_DEG = (3.0, 177.0)
@@ -100,6 +101,21 @@ def _contradicted(result: CalibrationResult) -> tuple[tuple[str, Rejection, str]
                 for pose in suspects(closure.worst_pose, closure.poses):
                     found.setdefault(pose, (Rejection.CLOSURE, text))
     return tuple((pose, reason, text) for pose, (reason, text) in found.items())
+
+
+def to_ask_again(solved: Solved, ledger: Ledger) -> tuple[tuple[str, Rejection, str], ...]:
+    """Of the poses that the solution contradicts those that may be asked for once more: all that were left out, but
+    one of a ring that does not close (the one asked for least so far)."""
+    may = [
+        item
+        for item in solved.again
+        if (line := ledger.lines.get(item[0])) is not None
+        and line.state is PoseState.DONE
+        and line.asked_again < ledger.plan.limits.retakes
+    ]
+    if any(reason is Rejection.CLOSURE for _, reason, _ in may):
+        return (min(may, key=lambda item: ledger.lines[item[0]].asked_again),)
+    return tuple(may)
 
 
 def suspects(worst: str, poses: tuple[str, ...]) -> tuple[str, ...]:

@@ -17,22 +17,22 @@ from highside.calibration.record import CalibrationRecord
 from highside.codec.frame import Frame
 from highside.session import ledger as entries
 from highside.session import outcome
+from highside.session.commands import Replies, event_of, line_for, refusal
 from highside.session.faults import Faults
 from highside.session.guidance import Candidate, Provisional
 from highside.session.hold import Hold
 from highside.session.journal import Header
 from highside.session.judge import Judged, contradictions, judge_hold
-from highside.session.ledger import Entry, Ledger, PoseLine
+from highside.session.ledger import Entry, Ledger
 from highside.session.machine import LIVE, MEASURING, Action, Event, Go, Onward, Outcome, Refuse, onward
 from highside.session.machine import outcome as outcome_of
 from highside.session.reasons import Fault, Refusal, Rejection
-from highside.session.snapshot import Command, CommandName, PoseState, Reply, State
+from highside.session.snapshot import Command, CommandName, Reply, State
 from highside.session.stillness import Window
 from highside.session.tracker import Gap, Tracker
 from highside.session.watch import SAME_ATTITUDE_DEG, Watch
 
 DATA_LOST_S = 2.0
-REPLIES_KEPT = 1000
 MAX_SAME_REFUSALS = 3
 
 
@@ -67,7 +67,7 @@ class BenchSession:
         self.started_s: float | None = None
         self._write = write
         self._wall = wall
-        self._replies: dict[str, Reply] = {}
+        self._replies = Replies()
         self._judged: Judged | None = None
         self._again: tuple[tuple[str, Rejection, str], ...] = ()
         self._working = False
@@ -151,29 +151,39 @@ class BenchSession:
     def command(self, command: Command, now_s: float) -> Reply:
         """Do what an operator asks, or say why not. Repeated request ids get the first answer."""
         self._at(now_s)
-        known = self._replies.get(command.request_id)
+        known = self._replies.before(command)
         if known is not None:
             return known
-        refusal = self._refuse(command.name, command.operator, command.pose)
-        text = ""
-        if refusal is None:
+        refused, detail = self._refuse(command.name, command.operator, command.pose), ""
+        if refused is None:
             try:
-                self._event(self._event_of(command.name), command)
+                self._event(event_of(command.name, self.state, self.ledger), command)
             except StorageError as error:
-                refusal, text = Refusal.STORAGE, str(error)
+                refused, detail = Refusal.STORAGE, str(error)
         self.seq += 1
-        reply = Reply(
-            request_id=command.request_id,
-            accepted=refusal is None,
-            reason=None if refusal is None else refusal.value,
-            text="done" if refusal is None else f"{refusal.text} {text}".strip(),
+        return self._replies.give(command, refused, detail, self.state, self.seq)
+
+    def allowed(self, operator: str | None = None) -> list[CommandName]:
+        """What would not be refused now, to the operator who holds the session if none is named."""
+        who = operator or self.ledger.operator or ""
+        return [name for name in CommandName if self._refuse(name, who, None) is None]
+
+    def _refuse(self, name: CommandName, operator: str, pose: str | None) -> Refusal | None:
+        return refusal(
+            name,
+            operator,
+            pose,
             state=self.state,
-            seq=self.seq,
+            ledger=self.ledger,
+            target=self._target_id,
+            hold=self.hold,
+            solved=self.solved,
         )
-        self._replies[command.request_id] = reply
-        while len(self._replies) > REPLIES_KEPT:
-            del self._replies[next(iter(self._replies))]
-        return reply
+
+    @property
+    def _target_id(self) -> str | None:
+        target = self.target
+        return None if target is None else target.id
 
     def note_interruption(self) -> None:
         """This journal is gone on with by a new process: an operator has to resume, and then holds the session."""
@@ -195,18 +205,8 @@ class BenchSession:
         if self.state is not State.SOLVING:
             return
         self.solved = solved
-        may_ask = [
-            (pose, reason, text)
-            for pose, reason, text in solved.again
-            if (line := self.ledger.lines.get(pose)) is not None
-            and line.state is PoseState.DONE
-            and line.asked_again < self.plan.limits.retakes
-            and not self.plan.open_ended
-        ]
-        if may_ask:
-            closure = [item for item in may_ask if item[1] is Rejection.CLOSURE]
-            fewest = min(may_ask, key=lambda item: self.ledger.lines[item[0]].asked_again)
-            self._again = (fewest,) if closure else tuple(may_ask)
+        self._again = () if self.plan.open_ended else outcome.to_ask_again(solved, self.ledger)
+        if self._again:
             self._event(Event.AGAIN)
             return
         if solved.again:
@@ -214,50 +214,6 @@ class BenchSession:
         else:
             self.faults.clear(Fault.CONTRADICTION)
         self._event(Event.SOLVED)
-
-    # --- what operators may do ---------------------------------------------------------------------------------
-
-    def _event_of(self, name: CommandName) -> Event:
-        if name is CommandName.ACCEPT and self.plan.open_ended and self.state in MEASURING:
-            return Event.FINISH
-        return Event(name.value)
-
-    def _refuse(self, name: CommandName, operator: str, pose: str | None) -> Refusal | None:
-        """Why a command would be refused now; None: it would be done."""
-        ledger = self.ledger
-        result = outcome_of(self.state, self._event_of(name))
-        if isinstance(result, Refuse):
-            return result.reason
-        holder = ledger.operator
-        free = name in (CommandName.START, CommandName.RESUME) or holder is None
-        if not free and operator != holder:
-            return Refusal.HELD_BY_OTHER
-        if name in (CommandName.REDO, CommandName.SKIP):
-            line = self._line_for(name, pose)
-            if line is None:
-                return Refusal.UNKNOWN_POSE if pose is not None else Refusal.NOT_NOW
-            if line.open is (name is CommandName.REDO):
-                return Refusal.NOT_NOW
-        if name is CommandName.UNDO and not ledger.can_undo:
-            return Refusal.NOTHING_TO_UNDO
-        if name is CommandName.CAPTURE and (self.hold is None or not self.hold.long_enough):
-            return Refusal.NOT_STILL
-        if name is CommandName.ACCEPT and self.state is State.REVIEW:
-            solved = self.solved
-            if solved is None or not solved.may_be_accepted:
-                return Refusal.NOT_SOLVED
-        return None
-
-    def allowed(self, operator: str | None = None) -> list[CommandName]:
-        """What would not be refused now, to the operator who holds the session if none is named."""
-        who = operator or self.ledger.operator or ""
-        return [name for name in CommandName if self._refuse(name, who, None) is None]
-
-    def _line_for(self, name: CommandName, pose: str | None) -> PoseLine | None:
-        target = self.target
-        asked = target.id if target is not None else None
-        chosen = pose or (self.ledger.last_taken if name is CommandName.REDO else asked)
-        return self.ledger.lines.get(chosen) if chosen is not None else None
 
     # --- the machine -------------------------------------------------------------------------------------------
 
@@ -357,7 +313,7 @@ class BenchSession:
         if action is Action.UNDO:
             self._keep(entries.Undone(command.operator))
         else:
-            line = self._line_for(command.name, command.pose)
+            line = line_for(command.name, command.pose, self.ledger, self._target_id)
             assert line is not None, "refused before"
             if action is Action.SKIP:
                 self._keep(entries.Skipped(line.id, command.operator))
