@@ -75,6 +75,11 @@ async def _run(driver: BenchDriver, *, auto: bool, web: bool, plain: bool, opera
     page = await _page(driver, operator) if web else None
     face = PlainFace(driver, operator, listen=not auto) if plain else RichFace(driver, operator, listen=not auto)
     tasks = [asyncio.create_task(face.run())]
+    if driver.settings.mqtt is not None:
+        from highside.service.session_mqtt import SessionMqtt
+
+        at_broker = SessionMqtt(driver, driver.settings.mqtt, tool_id=driver.settings.tool.id)
+        tasks.append(asyncio.create_task(at_broker.run()))
     if driver.bench is not None:
         tasks.append(asyncio.create_task(_operate(driver, commands=auto)))
     running = asyncio.create_task(driver.run())

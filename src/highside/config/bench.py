@@ -14,6 +14,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from highside.config.codecs import CodecConfig, ToolCodecConfig
 from highside.config.links import LinkConfig
+from highside.config.mqtt import MqttSettings
 from highside.config.settings import Table, ToolSettings, anchor_paths, input_error, parse_overrides, read_toml
 from highside.config.web import WebTable
 from highside.errors import InputError
@@ -188,6 +189,7 @@ class BenchFile(Table):
     bench: BenchTable = BenchTable()
     store: StoreTable = StoreTable()
     web: WebTable = WebTable()
+    mqtt: MqttSettings | None = Field(default=None, description="Show the session at this broker and obey it.")
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
@@ -208,6 +210,10 @@ PATHS = (
     ("store", "directory"),
     ("store", "sessions"),
     ("web", "token_file"),
+    ("mqtt", "password_file"),
+    ("mqtt", "tls", "ca"),
+    ("mqtt", "tls", "cert"),
+    ("mqtt", "tls", "key"),
 )
 
 

@@ -86,7 +86,7 @@ class BenchView:
         return made
 
     def _build(self) -> None:
-        with ui.element("main").classes("bench"):
+        with ui.element("div").classes("bench"):
             with ui.element("section").classes("top").props('aria-label="what to do next"'):
                 self._place("sign")
                 self._place("prompt", tag="h1")
@@ -109,7 +109,7 @@ class BenchView:
                 self._place("poses")
             with ui.element("section").classes("quality").props('aria-label="calibration so far"'):
                 self._place("calibration")
-        with ui.element("footer").classes("foot"):
+        with ui.element("div").classes("foot-line"):
             self._place("foot")
             if not self._commands:
                 ui.html(_LOGIN, sanitize=False)

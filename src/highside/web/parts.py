@@ -188,7 +188,7 @@ def _calibration(snapshot: Snapshot, drawn: str) -> str:
     key = '<p class="key"><span class="i">I</span> <span class="t">T</span> one standard deviation over inclination</p>'
     return (
         f"{drawn}{key if u is not None else ''}{_caption('calibration so far', text)}"
-        f'<h3>Closure</h3><ul class="closures">{closures or "<li>after the first ring of four</li>"}</ul>'
+        f'<h2>Closure</h2><ul class="closures">{closures or "<li>after the first ring of four</li>"}</ul>'
     )
 
 

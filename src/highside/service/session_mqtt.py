@@ -1,0 +1,131 @@
+"""The MQTT face of a bench session: state out, commands in, a reply to each.
+
+    <prefix>/<tool>/session/state     retained: the newest snapshot, `rate_hz` a second at most
+    <prefix>/<tool>/session/command   a Command (JSON) with its `request_id` and `operator`; QoS 1
+    <prefix>/<tool>/session/reply     a Reply (JSON) with the `request_id` of the command
+    <prefix>/<tool>/session/status    retained: `online`, or `offline` by farewell or last will
+
+A command that was retained is not obeyed: nobody knows how old it is. One that the broker delivers twice is done once
+(the session knows its `request_id`). Who may publish commands is the broker's access list; who holds the session among
+them is the session's business. A broker that is away costs this face and nothing else: it connects again for ever, and
+publishes the present state first.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+
+import aiomqtt
+from pydantic import ValidationError
+
+from highside.config.mqtt import MqttSettings
+from highside.errors import InputError
+from highside.service.messages import OFFLINE, ONLINE
+from highside.service.publisher import broker_client
+from highside.session.driver import SessionDriver
+from highside.session.snapshot import Command, Reply
+
+log = logging.getLogger(__name__)
+
+RATE_HZ = 2.0
+PAYLOAD_MAX = 10_000
+"""Bytes of a command; more is none."""
+RETAINED = "retained"
+MALFORMED = "malformed"
+
+
+class SessionMqtt:
+    """`run` is the task; it ends with the session."""
+
+    def __init__(
+        self, driver: SessionDriver, settings: MqttSettings, *, tool_id: str, rate_hz: float = RATE_HZ
+    ) -> None:
+        self._driver = driver
+        self._settings = settings
+        self._identifier = f"{settings.client_id or f'highside-{tool_id}'}-session"
+        self._rate_hz = rate_hz
+        self._topics = {name: settings.topic(tool_id, f"session/{name}") for name in ("state", "command", "reply")}
+        self._status = settings.topic(tool_id, "session/status")
+        self.connects = 0
+
+    async def run(self) -> None:
+        """Connect, show and obey until the session is over. Never raises for a broker that is away."""
+        wait_s = self._settings.reconnect_min_s
+        while not self._driver.snapshot().state.ended:
+            before = self.connects
+            try:
+                await self._one_connection()
+            except (aiomqtt.MqttError, TimeoutError, OSError, InputError, ValueError) as error:
+                log.warning("session over mqtt: %s", error)
+            wait_s = self._settings.reconnect_min_s if self.connects > before else wait_s
+            if self._driver.snapshot().state.ended:
+                return
+            await asyncio.sleep(wait_s)
+            wait_s = min(2.0 * wait_s, self._settings.reconnect_max_s)
+
+    async def _one_connection(self) -> None:
+        will = aiomqtt.Will(self._status, OFFLINE, qos=1, retain=True)
+        async with await broker_client(self._settings, self._identifier, will=will) as client:
+            self.connects += 1
+            await client.subscribe(self._topics["command"], qos=1)
+            await client.publish(self._status, ONLINE, qos=1, retain=True)
+            listening = asyncio.create_task(self._listen(client))
+            showing = asyncio.create_task(self._show(client))
+            try:
+                done, _ = await asyncio.wait({listening, showing}, return_when=asyncio.FIRST_COMPLETED)
+                for task in done:
+                    task.result()
+            finally:
+                for task in (listening, showing):
+                    task.cancel()
+                await asyncio.gather(listening, showing, return_exceptions=True)
+            with contextlib.suppress(aiomqtt.MqttError, TimeoutError):
+                await client.publish(self._status, OFFLINE, qos=1, retain=True, timeout=1.0)
+
+    async def _show(self, client: aiomqtt.Client) -> None:
+        timeout = self._settings.ack_timeout_s
+        async for snapshot in self._driver.subscribe(self._rate_hz):
+            await client.publish(self._topics["state"], snapshot.to_json(), qos=1, retain=True, timeout=timeout)
+
+    async def _listen(self, client: aiomqtt.Client) -> None:
+        async for message in client.messages:
+            payload = message.payload if isinstance(message.payload, bytes) else bytes(str(message.payload), "utf-8")
+            reply = await self._obey(payload, retained=message.retain)
+            await client.publish(
+                self._topics["reply"], reply.model_dump_json(), qos=1, timeout=self._settings.ack_timeout_s
+            )
+
+    async def _obey(self, payload: bytes, *, retained: bool) -> Reply:
+        """Do what a message asks for, or say why not."""
+        if retained:
+            text = "A retained command is not obeyed: nobody knows how old it is. Publish it without retain."
+            return self._refused(payload, RETAINED, text)
+        if len(payload) > PAYLOAD_MAX:
+            return self._refused(b"", MALFORMED, f"A command has at most {PAYLOAD_MAX} bytes.")
+        try:
+            command = Command.model_validate_json(payload)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            where = ".".join(map(str, first["loc"])) or "the message"
+            return self._refused(payload, MALFORMED, f"That is no command: {where}: {first['msg']}.")
+        return await self._driver.command(command)
+
+    def _refused(self, payload: bytes, reason: str, text: str) -> Reply:
+        snapshot = self._driver.snapshot()
+        return Reply(
+            request_id=_request_of(payload), accepted=False, reason=reason, text=text, state=snapshot.state,
+            seq=snapshot.seq,
+        )  # fmt: skip
+
+
+def _request_of(payload: bytes) -> str:
+    """The request id of what could not be read whole, if there is one."""
+    try:
+        found = json.loads(payload)
+    except (ValueError, RecursionError):
+        return ""
+    name = found.get("request_id") if isinstance(found, dict) else None
+    return name[:64] if isinstance(name, str) else ""

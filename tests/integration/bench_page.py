@@ -1,0 +1,134 @@
+"""A bench session in a process of its own, with its page, for tests and pictures."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import re
+import shutil
+import signal
+import sys
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import httpx
+import pytest
+from playwright.async_api import Browser, async_playwright
+
+CHROMIUM = shutil.which("chromium")
+HIGHSIDE = Path(sys.executable).parent / "highside"
+
+FILE = """
+[tool]
+id = "tool-7"
+serial = "42"
+[simulated]
+speed = {speed}
+[plan]
+{plan}
+[bench]
+name = "simulated bench"
+[store]
+directory = "state/calibrations"
+sessions = "state/sessions"
+[web]
+port = 0
+"""
+JOINT = 'kind = "joint"\nposes = 16'
+RING = 'kind = "balance"\ninclinations_deg = [45.0]'
+
+
+@dataclass
+class BenchProcess:
+    """The running command: `link` is the page with the right to command."""
+
+    process: asyncio.subprocess.Process
+    folder: Path
+    link: str
+    said: list[str] = field(default_factory=list)
+
+    @property
+    def address(self) -> str:
+        return self.link.partition("?")[0]
+
+    @property
+    def token(self) -> str:
+        return self.link.partition("token=")[2]
+
+    @property
+    def port(self) -> int:
+        return int(re.search(r":(\d+)/", self.link).group(1))  # type: ignore[union-attr]
+
+    async def state(self) -> dict:  # type: ignore[type-arg]
+        async with httpx.AsyncClient() as client:
+            return (await client.get(f"{self.address}api/session/state")).json()  # type: ignore[no-any-return]
+
+    async def command(self, name: str, *, token: str | None = None, **more: str) -> httpx.Response:
+        body = {"name": name, "request_id": os.urandom(8).hex(), "operator": "A. Program"} | more
+        headers = {"Authorization": f"Bearer {self.token if token is None else token}"}
+        async with httpx.AsyncClient() as client:
+            return await client.post(f"{self.address}api/session/command", json=body, headers=headers)
+
+    async def wait_for(self, *states: str, timeout_s: float = 90.0) -> dict:  # type: ignore[type-arg]
+        async with asyncio.timeout(timeout_s):
+            while (found := await self.state())["state"] not in states:
+                await asyncio.sleep(0.1)
+        return found
+
+    async def ended(self) -> int:
+        """Ctrl-C; the exit status."""
+        with contextlib.suppress(ProcessLookupError):
+            self.process.send_signal(signal.SIGINT)
+        async with asyncio.timeout(30.0):
+            return await self.process.wait()
+
+
+@contextlib.asynccontextmanager
+async def bench_process(
+    folder: Path, *options: str, plan: str = JOINT, speed: float = 10.0, more: str = ""
+) -> AsyncIterator[BenchProcess]:
+    """`highside calibrate bench --web` on a simulated bench: hands turn the table, the commands are the caller's."""
+    config = folder / "bench.toml"
+    config.write_text(FILE.format(speed=speed, plan=plan) + more)
+    process = await asyncio.create_subprocess_exec(
+        HIGHSIDE, "calibrate", "bench", "--config", config, "--web", "--plain", "--operator", "A. Operator", *options,
+        stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+    )  # fmt: skip
+    assert process.stderr is not None and process.stdout is not None
+    said: list[str] = []
+    drains: list[asyncio.Task[None]] = []
+    try:
+        async with asyncio.timeout(60.0):
+            while not (line := (await process.stderr.readline()).decode()).startswith("bench page:"):
+                assert line, f"it ended at once: {said}"
+                said.append(line)
+        made = BenchProcess(process, folder, line.split()[-1], said)
+        drains = [asyncio.create_task(_drain(stream, said)) for stream in (process.stdout, process.stderr)]
+        yield made
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
+        await asyncio.gather(*drains, return_exceptions=True)
+
+
+async def _drain(stream: asyncio.StreamReader, said: list[str]) -> None:
+    while line := await stream.readline():
+        said.append(line.decode())
+
+
+@contextlib.asynccontextmanager
+async def chromium() -> AsyncIterator[Browser]:
+    """A real browser. Absent: skipped, but a failure under CI."""
+    if CHROMIUM is None:
+        if os.environ.get("CI") == "true":
+            pytest.fail("chromium is not installed, and CI must not skip these tests")
+        pytest.skip("needs the browser chromium")
+    async with async_playwright() as play:
+        browser = await play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        try:
+            yield browser
+        finally:
+            await browser.close()

@@ -1,0 +1,256 @@
+"""The bench page in a real browser: a whole session by clicks and keys, who may command, cut sockets, slow viewers."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import socket
+import time
+import uuid
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import httpx
+import pytest
+import websockets
+from axe_playwright_python.async_playwright import Axe
+from bench_page import RING, BenchProcess, bench_process, chromium
+from broker import Proxy
+from playwright.async_api import Page, expect
+
+BADGE = ".badge"
+CLICK_S = 60_000
+
+
+def badge(page: Page, state: str) -> Any:
+    return page.locator(f"{BADGE}.{state}")
+
+
+async def assert_accessible(page: Page, where: str) -> None:
+    """No violation of axe's rules: contrast, names, labels, landmarks, roles."""
+    found = await Axe().run(page)
+    assert found.violations_count == 0, f"{where}: {found.generate_report()}"
+
+
+async def assert_fits(page: Page, where: str) -> None:
+    wide = await page.evaluate("document.scrollingElement.scrollWidth - window.innerWidth")
+    assert wide <= 0, f"{where}: the page is {wide} px wider than the screen"
+
+
+async def test_a_whole_session_is_clicked_through(tmp_path: Path) -> None:
+    hosts: set[str] = set()
+    faults: list[str] = []
+    async with bench_process(tmp_path, speed=6.0) as bench, chromium() as browser:
+        context = await browser.new_context(viewport={"width": 1600, "height": 900})
+        page = await context.new_page()
+        page.set_default_timeout(CLICK_S)
+        page.on("request", lambda request: hosts.add(urlsplit(request.url).hostname or urlsplit(request.url).scheme))
+        page.on("websocket", lambda opened: hosts.add(urlsplit(opened.url).hostname or "?"))
+        page.on("pageerror", lambda error: faults.append(str(error)))
+        page.on("console", lambda said: faults.append(said.text) if said.type == "error" else None)
+        await page.goto(bench.link)
+        assert page.url == bench.address, "the token does not stay in the address"
+        await page.click("[data-command=start]")
+        await badge(page, "capturing").wait_for()
+
+        # keys: pause, and while it stands still look at it in every dress
+        await page.keyboard.press("p")
+        await badge(page, "paused").wait_for()
+        await expect(page.locator("h1")).to_contain_text("Paused")
+        for scheme in ("light", "dark"):
+            await page.emulate_media(color_scheme=scheme)
+            for size in ((1600, 900), (390, 844)):
+                await page.set_viewport_size({"width": size[0], "height": size[1]})
+                await assert_accessible(page, f"{scheme} {size}")
+                await assert_fits(page, f"{scheme} {size}")
+        await page.set_viewport_size({"width": 1600, "height": 900})
+        height = await page.evaluate("parseFloat(getComputedStyle(document.querySelector('h1')).fontSize)")
+        assert height >= 38, "a centimetre on a usual screen: readable at two metres"
+        smallest = await page.evaluate(
+            "Math.min(...[...document.querySelectorAll('.command')].map(b => b.offsetHeight || 999))"
+        )
+        assert smallest >= 48, "a gloved finger"
+
+        # focus goes from control to control and is seen
+        await page.keyboard.press("Tab")
+        ring = await page.evaluate("getComputedStyle(document.activeElement).boxShadow")
+        assert ring.count("0px 0px 0px") == 2, f"a ring about what has the focus: {ring}"
+        assert await page.evaluate("document.activeElement !== document.body")
+        await page.evaluate("document.activeElement.blur()")
+
+        await page.keyboard.press("g")
+        await page.locator("tr.done").nth(2).wait_for()
+        # one pose again, by name
+        await page.locator('[data-role="again"]').click()
+        await page.get_by_role("option", name="1", exact=True).click()
+        await expect(page.locator(".answer")).to_contain_text("Redo last:")
+        # asked about once more, and not done
+        await page.click("[data-command=abort]")
+        await page.get_by_role("button", name="No, go back").click()
+
+        await badge(page, "review").wait_for(timeout=180_000)
+        await expect(page.locator("section.end")).to_contain_text("Result (joint)")
+        await assert_accessible(page, "review")
+        assert (await bench.state())["result"]["retaken"] >= 1
+        report = await context.request.get(f"{bench.address}report", timeout=120_000)
+        text = await report.text()
+        assert report.ok and "Is it the bench or the sensor?" in text and "conventional" in text
+        assert not (await context.request.get(f"{bench.address}certificate")).ok, "nothing is accepted yet"
+
+        await page.click("[data-command=accept]")
+        await badge(page, "accepted").wait_for()
+        await page.get_by_role("link", name="Certificate").wait_for()
+        made = await context.request.get(f"{bench.address}certificate", timeout=120_000)
+        snapshot = await bench.state()
+        record = snapshot["result"]["record_id"]
+        assert made.ok and record in await made.text()
+        assert (tmp_path / "state" / "calibrations" / "records" / f"{record}.json").is_file()
+        assert await bench.ended() == 0
+    assert hosts <= {"127.0.0.1", "data", "blob"}, "no request leaves the host"
+    assert faults == []
+
+
+async def test_commands_need_the_token(tmp_path: Path) -> None:
+    async with bench_process(tmp_path, plan=RING) as bench, chromium() as browser:
+        page = await browser.new_page()
+        page.set_default_timeout(CLICK_S)
+        await page.goto(bench.address)
+        await page.click("[data-command=start]")
+        await expect(page.locator(".answer")).to_contain_text("commands need the token")
+        await page.keyboard.press("s")
+        assert (await bench.state())["state"] == "idle"
+        assert bench.token not in await page.content()
+
+        # programs
+        for token in ("x", bench.token[:-1], bench.token.swapcase()):
+            assert (await bench.command("start", token=token)).status_code == 401
+        async with httpx.AsyncClient() as client:
+            assert (await client.post(f"{bench.address}api/session/command", json={"name": "start"})).status_code == 401
+            assert (await client.get(f"{bench.address}?token=wrong")).status_code == 403
+            assert (await client.post(f"{bench.address}login", data={"token": "wrong"})).status_code == 403
+            # a name that is not ours: the page of somebody else who had it point here
+            assert (await client.get(bench.address, headers={"Host": "elsewhere.example"})).status_code == 400
+            assert (await client.get(f"{bench.address}docs")).status_code == 404
+        assert (await bench.state())["state"] == "idle"
+        answer = await bench.command("start", name="begin")
+        assert answer.status_code == 422 and "name" in answer.text
+
+        # a page of another origin gets no socket
+        with pytest.raises((websockets.InvalidStatus, websockets.ConnectionClosed, TimeoutError)):
+            async with websockets.connect(
+                f"ws://127.0.0.1:{bench.port}/_nicegui_ws/socket.io/?EIO=4&transport=websocket",
+                origin="http://elsewhere.example",  # type: ignore[arg-type]
+            ) as opened:
+                await asyncio.wait_for(opened.recv(), 3.0)
+
+        # the form gives the controls; wrong commands are answered, right ones done
+        await page.fill(".login input", bench.token)
+        await page.click(".login button")
+        await page.wait_for_selector("[data-command=start]")
+        await expect(page.locator(".login")).to_have_count(0)
+        refused = await bench.command("accept")
+        assert refused.status_code == 409 and refused.json()["reason"]
+        await page.click("[data-command=start]")
+        await badge(page, "guiding").or_(badge(page, "capturing")).or_(badge(page, "settling")).first.wait_for()
+        cookies = await page.context.cookies()
+        assert [(c["httpOnly"], c["sameSite"]) for c in cookies if c["name"] == "highside_operator"] == [
+            (True, "Strict")
+        ]
+        # two operators at once: the one at the page holds it
+        other = await bench.command("pause", operator="B. Other")
+        assert other.status_code == 409 and other.json()["reason"] == "held_by_other"
+        await bench.command("abort", operator="A. Operator")
+        await badge(page, "aborted").wait_for()
+        assert await bench.ended() == 1
+
+
+async def test_a_cut_socket_is_mended_and_the_session_went_on(tmp_path: Path) -> None:
+    async with bench_process(tmp_path, speed=3.0) as bench, Proxy(bench.port) as proxy, chromium() as browser:
+        page = await browser.new_page()
+        page.set_default_timeout(CLICK_S)
+        address = bench.link.replace(f":{bench.port}/", f":{proxy.port}/")
+        await page.goto(address)
+        await page.click("[data-command=start]")
+        await page.locator("tr.done").first.wait_for()
+        loads: list[str] = []
+        page.on("framenavigated", lambda frame: loads.append(frame.url))
+        for _ in range(3):
+            proxy.cut()
+            before = (await bench.state())["plan"]["done"]
+            await bench_past(bench, before + 1)
+            # what it shows now is what is now
+            await expect(page.locator("section.list caption")).to_contain_text(
+                re.compile(rf"^({'|'.join(str(k) for k in range(before + 1, 17))}) of"), timeout=30_000
+            )
+        await page.click("[data-command=pause]")
+        await badge(page, "paused").wait_for()
+        assert len(loads) <= 3
+
+
+async def bench_past(bench: BenchProcess, done: int) -> None:
+    async with asyncio.timeout(60.0):
+        while (await bench.state())["plan"]["done"] < done:
+            await asyncio.sleep(0.1)
+
+
+async def test_viewers_who_do_not_read_disturb_nobody(tmp_path: Path) -> None:
+    """Thirty viewers open the page and its socket and never read again. Acquisition keeps its pace, nothing is lost."""
+    async with bench_process(tmp_path, speed=1.0) as bench, chromium() as browser:
+        page = await browser.new_page()
+        page.set_default_timeout(CLICK_S)
+        await page.goto(bench.link)
+        await page.click("[data-command=start]")
+        slow = [await slow_viewer(bench) for _ in range(30)]
+        try:
+            start, begun = await bench.state(), time.monotonic()
+            drawn = []
+            while time.monotonic() - begun < 12.0:
+                drawn.append(await page.locator(".figures").inner_text())
+                await asyncio.sleep(0.25)
+            now, lasted = await bench.state(), time.monotonic() - begun
+        finally:
+            for opened in slow:
+                opened.close()
+        # the session's time is that of the readings that came
+        assert now["elapsed_s"] - start["elapsed_s"] == pytest.approx(lasted, abs=1.5)
+        assert now["faults"] == []
+        assert now["plan"]["done"] > start["plan"]["done"]
+        assert len(set(drawn)) >= 5, "the one who looks sees it move"
+
+
+async def slow_viewer(bench: BenchProcess) -> socket.socket:
+    """A page that was asked for and a socket that was opened for it, with the smallest buffer, never read again."""
+    async with httpx.AsyncClient() as client:
+        html = (await client.get(bench.address)).text
+    found = re.search(r'"client_id": ?"([^"]+)"', html) or re.search(r"client_id&?[^0-9a-f]*([0-9a-f-]{36})", html)
+    assert found, "the page names its client"
+    query = (
+        f"EIO=4&transport=websocket&client_id={found.group(1)}&next_message_id=0&implicit_handshake=true"
+        f"&document_id={uuid.uuid4()}&tab_id={uuid.uuid4()}"
+    )
+    raw = socket.socket()
+    raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+    raw.settimeout(10.0)
+    await asyncio.to_thread(raw.connect, ("127.0.0.1", bench.port))
+    raw.sendall(
+        f"GET /_nicegui_ws/socket.io/?{query} HTTP/1.1\r\nHost: 127.0.0.1:{bench.port}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+        "Sec-WebSocket-Version: 13\r\n\r\n".encode()
+    )
+    answer = await asyncio.to_thread(raw.recv, 4096)
+    assert b"101" in answer.split(b"\r\n")[0], answer
+    # socket.io: connect to the default namespace ("40"), as a masked text frame
+    mask, text = b"\x01\x02\x03\x04", b"40"
+    raw.sendall(bytes([0x81, 0x80 | len(text)]) + mask + bytes(b ^ mask[i % 4] for i, b in enumerate(text)))
+    return raw
+
+
+async def test_the_page_needs_its_own_address(tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(AssertionError, match=f"127.0.0.1:{port}: web: cannot be listened on"):
+            async with bench_process(tmp_path, "--set", f"web.port={port}"):
+                pass
