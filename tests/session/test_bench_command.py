@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import pty
+import select
 import signal
 import subprocess
 import sys
+import termios
 import time
 from pathlib import Path
 
@@ -176,3 +179,44 @@ def test_poses_of_a_table_are_a_plan(tmp_path: Path) -> None:
     done = run(*arguments(tmp_path, "--auto", "--plain", sets=[*QUICK, f'plan={{kind="custom",file="{table}"}}']))
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout.splitlines()[-1])["poses"] == 5
+
+
+def test_the_live_picture_takes_single_keys_on_a_terminal(tmp_path: Path) -> None:
+    """Started on a terminal: it draws, s starts, p pauses, g goes on, Q aborts, and the terminal is as it was."""
+    master, slave = pty.openpty()
+    before = termios.tcgetattr(slave)
+    process = subprocess.Popen(
+        arguments(tmp_path, "--operator", "ann"),
+        stdin=slave,
+        stdout=slave,
+        stderr=slave,
+        env=os.environ | {"TERM": "xterm"},
+    )
+    seen = b""
+
+    def wait_for(text: bytes) -> None:
+        nonlocal seen
+        end = time.monotonic() + 30.0
+        while text not in seen:
+            assert time.monotonic() < end, (text, seen[-2000:])
+            if select.select([master], [], [], 0.2)[0]:
+                seen += os.read(master, 65536)
+        seen = b""
+
+    try:
+        wait_for(b"choose start")
+        os.write(master, b"s")
+        wait_for(b"start: done")
+        os.write(master, b"p")
+        wait_for(b"Paused")
+        os.write(master, b"g")
+        wait_for(b"resume: done")
+        os.write(master, b"Q")
+        wait_for(b"Aborted")
+        assert process.wait(20) == 1
+        assert termios.tcgetattr(slave) == before
+    finally:
+        process.kill()
+        process.wait()
+        os.close(master)
+        os.close(slave)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
+import os
 import sys
 import termios
 import tty
@@ -145,7 +146,7 @@ class RichFace(_Face):
         pressed: asyncio.Queue[str] = asyncio.Queue()
         descriptor = sys.stdin.fileno()
         with _single_keys(descriptor):
-            loop.add_reader(descriptor, lambda: pressed.put_nowait(sys.stdin.read(1)))
+            loop.add_reader(descriptor, lambda: pressed.put_nowait(os.read(descriptor, 1).decode("ascii", "replace")))
             try:
                 while True:
                     key = await pressed.get()
@@ -160,7 +161,8 @@ def _single_keys(descriptor: int) -> Iterator[None]:
     """Keys come one by one and unechoed; Ctrl-C works as ever."""
     before = termios.tcgetattr(descriptor)
     try:
-        tty.setcbreak(descriptor)
+        # what was typed while the program started counts
+        tty.setcbreak(descriptor, termios.TCSANOW)
         yield
     finally:
         termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
@@ -187,7 +189,7 @@ def picture(snapshot: Snapshot, answer: str = "") -> Group:
     foot = Text(keys, style="dim")
     if answer:
         foot.append(f"\n{answer}")
-    return Group(Panel(head, title=f"highside  {snapshot.state.value}"), _gauges(snapshot), _poses(snapshot), foot)
+    return Group(Panel(head, title=f"highside  {snapshot.state.value}"), _gauges(snapshot), foot, _poses(snapshot))
 
 
 def _gauges(snapshot: Snapshot) -> Table:
