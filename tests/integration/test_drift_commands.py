@@ -185,5 +185,5 @@ def test_the_papers_experiments_beside_ours() -> None:
     curved = {row["method"]: row for row in result["curved_hole"]["methods"]}
     assert "constraint" in curved["literal, policy hold"]["azimuth_basis"]
     page = page_of(study)
-    assert page.count("<figure>") == 4
+    assert page.count("<figure>") == (7 if len(result["not_installed"]) < 3 else 4)
     assert "by construction" in page

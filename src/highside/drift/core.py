@@ -328,10 +328,10 @@ def zero_rate(z: Numbers, believed: bool, m: Memory, c: Constants) -> None:
 
 
 def straight(m: Memory, std: float) -> None:
-    """The assertion that the azimuth is that of the alignment; its weight never exceeds its own deviation."""
+    """The assertion that the azimuth is that of the alignment, in every block anew."""
     q = attitude_of(m)
     C = cosines(q)
-    if C[2] * C[2] + C[8] * C[8] < _VERTICAL_COS * _VERTICAL_COS or azimuth_variance(m) <= std * std:
+    if C[2] * C[2] + C[8] * C[8] < _VERTICAL_COS * _VERTICAL_COS:
         return
     x, y, w = azimuth_row(q)
     r = m.psi0[0] - azimuth_of(q)

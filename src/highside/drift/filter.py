@@ -13,8 +13,8 @@ is measured, as far as the tool's motion allows it:
                 the tool looks like a rate of a * w, and without its state the gyro biases would take it up.
     zero rate   a tool at rest: mean(w) - b - C w_ie = [C w_ie x] dth + db. The attitude is then not propagated: one
                 noise must not count twice.
-    straight    optional: azimuth = azimuth at the start. A constraint, not a measurement; its weight never
-                exceeds its own standard deviation.
+    straight    optional: azimuth = azimuth at the start, asserted in every block. A constraint, not a measurement: a
+                real change is taken for gyro bias. What is stated never is less than its own deviation.
 
 Each update is gated by its innovation and applied in Joseph's form (`core`). Causal: a row knows nothing of later ones.
 
@@ -112,8 +112,9 @@ def azimuth_std(variance: FloatArray, moved_s: FloatArray, shaken: FloatArray, s
     """Standard deviation of the azimuth: what the filter knows, and what it does not model."""
     # turning an unknown East-North part away is in the filter; the part about Up is integrated
     unmodelled = EARTH_RATE_RADPS if settings.latitude_rad is None else 0.0
-    rectified = 0.0 if settings.straight_hole_std_rad is not None else settings.rectification_std
-    total = np.sqrt(variance + (unmodelled * moved_s) ** 2 + (rectified * shaken) ** 2)
+    if settings.straight_hole_std_rad is not None:
+        return np.asarray(np.sqrt(variance + settings.straight_hole_std_rad**2))
+    total = np.sqrt(variance + (unmodelled * moved_s) ** 2 + (settings.rectification_std * shaken) ** 2)
     return np.asarray(np.minimum(total, math.pi / math.sqrt(3.0)))
 
 

@@ -168,7 +168,9 @@ def recursive(
     # along Up the bias is as uncertain as that direction is uncorrected
     axes = to_tool(np.sqrt(bias_var * (1.0 - up * up) + up_bias_var * up * up))
     unmodelled = 0.0 if settings.latitude_rad is not None else EARTH_RATE_RADPS
-    std = np.sqrt(up_var + (0.0 if hold else unmodelled * (batch.ends - t_s[0])) ** 2)
+    # what is asserted is no better than the assertion
+    beyond = math.radians(0.1) if hold else unmodelled * (batch.ends - t_s[0])
+    std = np.sqrt(up_var + beyond**2)
     notes = []
     if settings.latitude_rad is None:
         notes.append("no latitude: the Earth's rotation (15 deg/h) is not modelled and counts as gyro bias")

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from highside.report.drift_sweep import WHY
 from highside.report.page import Page, new_figure, plotting
-from highside.report.reproduce_drift import ASSUMPTIONS, PAPER, Row, Study, Told
+from highside.report.reproduce_drift import ASSUMPTIONS, PAPER, Row, Study
+
+FloatArray = NDArray[np.float64]
+
+_POINTS = 180
+_POINTS_IN = "a 180th"
 
 
 def page_of(study: Study) -> str:
@@ -46,11 +54,16 @@ def _page_of(study: Study) -> str:
             f"Least azimuth drift that the rest and gravity allow on average: {one.bound_dph:.2f} deg/h.",
             words=(6,),
         )
+        ours = [row for row in one.rows if row.ours]
         page.figure(
-            _figure(one),
-            f"{name.capitalize()}: errors over time (logarithmic beyond 0.1 deg). Above the methods of highside, below "
-            "those of others beside the gyro alone and the filter with its rest declared.",
+            _figure(ours),
+            f"{name.capitalize()}, the methods of highside: errors over time, each point the median of {_POINTS_IN} of "
+            "the run; logarithmic beyond 0.1 deg.",
         )
+        theirs = [row for row in one.rows if not row.ours]
+        if theirs:
+            beside = [ours[0], next(row for row in ours if row.method.startswith("kinematic, rest"))]
+            page.figure(_figure([*beside, *theirs]), f"{name.capitalize()}, filters of others beside two of these.")
     page.heading("A hole that turns by 5 deg")
     page.paragraph(
         "After five minutes of rest the azimuth turns by 5 deg in ten minutes. What asserts that it does not change "
@@ -103,32 +116,32 @@ def _cells(row: Row) -> list[str]:
     return [row.method, *drifts, f"{row.azi_max_deg:.2f}", _std(row), row.basis]
 
 
-def _figure(one: Told) -> Any:
-    ours = [row for row in one.rows if row.ours]
-    theirs = [row for row in one.rows if not row.ours]
-    beside = [ours[0], next(row for row in ours if row.method.startswith("kinematic, rest"))]
-    groups = [ours, [*beside, *theirs]] if theirs else [ours]
-    figure, axes = new_figure(len(groups), 2, height=3.6)
-    for pair, rows in zip(axes, groups, strict=True):
-        for index, row in enumerate(rows):
-            style: dict[str, Any] = {
-                "color": f"C{index % 10}",
-                "linewidth": 0.9,
-                "linestyle": "-" if index < 10 else "--",
-            }
-            pair[0].plot(row.t_s / 60, row.azi_error_deg, label=row.method, **style)
-            pair[1].plot(row.t_s / 60, row.inc_error_deg, **style)
-        for ax, title in zip(pair, ("Azimuth error, deg", "Inclination error, deg"), strict=True):
-            ax.set_yscale("symlog", linthresh=0.1)
-            ax.set_xlabel("minutes")
-            ax.set_title(title)
-        figure.legend(*pair[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=7)
+def _figure(rows: list[Row]) -> Any:
+    figure, axes = new_figure(1, 2, height=4.0)
+    left, right = axes[0]
+    for index, row in enumerate(rows):
+        style: dict[str, Any] = {"color": f"C{index % 10}", "linestyle": "-" if index < 10 else "--"}
+        if row.method.startswith("kinematic"):
+            style |= {"linewidth": 1.6, "zorder": 3}
+        else:
+            style |= {"linewidth": 0.9, "alpha": 0.75}
+        minutes = _medians(row.t_s) / 60
+        left.plot(minutes, _medians(row.azi_error_deg), label=row.method, **style)
+        right.plot(minutes, _medians(row.inc_error_deg), **style)
+    for ax, title in ((left, "Azimuth error, deg"), (right, "Inclination error, deg")):
+        ax.set_yscale("symlog", linthresh=0.1)
+        ax.set_xlabel("minutes")
+        ax.set_title(title)
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 
-def _sweep_figure(study: Study) -> Any:
-    import numpy as np
+def _medians(values: FloatArray) -> FloatArray:
+    """The medians of `_POINTS` equal parts."""
+    return np.array([np.median(part) for part in np.array_split(values, min(_POINTS, values.size))])
 
+
+def _sweep_figure(study: Study) -> Any:
     figure, axes = new_figure(1, 1, width=7.0, height=3.4)
     ax = axes[0][0]
     theta = [point.theta_deg for point in study.sweep]
