@@ -396,9 +396,10 @@ def take(
             P[10 * j + i] = value
     q = attitude_of(m)
     store(m, times(q, turning(work[90], work[91], work[92])))
-    C = cosines(q)
-    about = work[90] * C[2] + work[91] * C[5] + work[92] * C[8]
-    tilted = turning(work[90] - about * C[2], work[91] - about * C[5], work[92] - about * C[8])
+    rows = cosines(q)
+    up_x, up_y, up_z = rows[2], rows[5], rows[8]
+    about = work[90] * up_x + work[91] * up_y + work[92] * up_z
+    tilted = turning(work[90] - about * up_x, work[91] - about * up_y, work[92] - about * up_z)
     follow_up(m, cosines(tilted))
     for i in range(3):
         m.bias[i] += work[93 + i]
