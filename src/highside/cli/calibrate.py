@@ -132,6 +132,9 @@ def solve(
     turntable: Annotated[
         Path | None, typer.Option(help="Errors of the bench's own encoder and axis (`rotation turntable`).")
     ] = None,
+    model: Annotated[
+        Path | None, typer.Option("--model", help="Model file: its bench effects (`diagnose --write-model`).")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Solve a pose table and write a calibration record. Exit 1: something was refused (see what is said)."""
@@ -157,6 +160,13 @@ def solve(
         from highside.cli.turntable import correct_poses
 
         table, turntable_id = correct_poses(table, turntable)
+    if model is not None:
+        from highside.cli.bench_model import correct_poses_by_model
+
+        table, model_id, left = correct_poses_by_model(table, model)
+        turntable_id = model_id if turntable_id is None else f"{turntable_id} {model_id}"
+        if left:
+            typer.echo(f"of {model} only the bench is used; estimated anew: {', '.join(left)}", err=True)
     columns = _pose_columns(table)
     solution = solve_poses(columns, request, where=str(poses_file))
     now = time.time()
