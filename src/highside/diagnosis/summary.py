@@ -104,6 +104,8 @@ class Summarised:
     named: ForwardModel
     whole: ForwardModel
     noise_g: float
+    noise_log_std: float
+    """how well the noise is known: standard deviation of its logarithm"""
 
 
 @dataclass(frozen=True)
@@ -269,6 +271,7 @@ def _conclude(
         named=instrument(*knows, best, believed if told else []),
         whole=instrument(*knows, best, range(len(best.options))),
         noise_g=best.noise_g,
+        noise_log_std=0.0 if table.noise_g else float(np.sqrt(covariance_of_values(table, best)[-1, -1])),
     )
 
 

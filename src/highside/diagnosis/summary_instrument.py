@@ -68,13 +68,23 @@ class Predicted:
 
 
 def predict_table(
-    inc_deg: Array, procedure: Procedure, instrument: ForwardModel, noise_g: float, *, seed: int = 1, count: int = 200
+    inc_deg: Array,
+    procedure: Procedure,
+    instrument: ForwardModel,
+    noise_g: float,
+    *,
+    noise_log_std: float = 0.0,
+    seed: int = 1,
+    count: int = 200,
 ) -> Predicted:
-    """What a table of this instrument would say; NaN where the correction has no meaning."""
+    """What a table of this instrument would say; NaN where the correction has no meaning.
+
+    `noise_log_std` is the standard deviation of the logarithm of the noise, where that is not well known.
+    """
     sessions = Sessions.of(np.radians(inc_deg), procedure)
     draws = draw(sessions, instrument, count, seed, noise_g)
     linear = Linear.about(sessions, instrument, np.empty((0, 3, sessions.state.n)))
-    cells = tell(linear, np.empty(0), noise_g, draws, slopes=False).cells
-    mean, std = cells.mean(axis=0), cells.std(axis=0, ddof=1)
+    said = tell(linear, np.empty(0), noise_g, draws)
+    mean, std = said.cells.mean(axis=0), said.cells.std(axis=0, ddof=1)
     mean[sessions.degenerate()] = np.nan
-    return Predicted(mean, std)
+    return Predicted(mean, np.hypot(std, said.slope[-1] * noise_g * noise_log_std))

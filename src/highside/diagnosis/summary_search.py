@@ -1,7 +1,7 @@
 """Which set of effects explains a published table: a beam search over sets, what each member can be exchanged for, and
 rows that no set explains.
 
-A few dozen numbers, half of them peak-to-peaks that have lost their phase, are explained by many sets nearly as well.
+A few dozen numbers, half of them peak-to-peaks that have lost order and phase, are explained by many sets nearly as well.
 One path of best next steps goes astray among them, so the best few sets of each size are kept. A member of the best set
 is believed where no set without it comes near; what takes its place in a set that does come near is of its class.
 """
@@ -26,6 +26,8 @@ SAME = 6.0
 """Sets whose scores differ by less cannot be told apart."""
 CLEAR = 15.0
 """Sets that score worse by more are not looked at again."""
+OVER = 3.0
+"""Sigma by which a predicted peak-to-peak may exceed the one that is told."""
 UNEXPLAINED_P = 1e-3
 """A row less likely than this, predicted from the others, is not explained (over all rows)."""
 
@@ -130,6 +132,9 @@ def standing(
         if cost(fitted) >= SAME or _needed(table, fitted, place):
             instead[effect] = fitted
     instead |= {effect: fitted for effect, fitted in grown.items() if cost(fitted) < SAME}
+    for effect, fitted in _by_means(table, allowed, best, index).items():
+        if effect not in kept and cost(instead.get(effect, fitted)) >= SAME:
+            instead[effect] = replace(fitted, score=best.score)
     same = tuple(effect for effect, fitted in instead.items() if cost(fitted) < SAME)
     clear = {effect: cost(fitted) for effect, fitted in instead.items() if effect not in same}
     without = min((cost(f) for f in (*rivals, *instead.values()) if not f.effects & set(same)), default=np.inf)
@@ -142,6 +147,27 @@ def standing(
         if o.effect == option.effect
     }
     return Standing(option, float(without), (option.effect, *same), instead, clear, len(shapes))
+
+
+def _by_means(table: Table, options: Sequence[Option], best: Fitted, index: int) -> dict[str, Fitted]:
+    """Effects that explain the means as well as one member does, and ask for no larger peak-to-peaks than there are.
+
+    What is missing of a peak-to-peak may be any ripple, so it speaks for no effect; only too much speaks against one.
+    """
+    told = table.told.copy()
+    told[:, [1, 3]] = np.nan
+    means = replace(table, told=told)
+    others = tuple(o for k, o in enumerate(best.options) if k != index)
+    level = fit_set(means, best.options, best).score
+    sigma = best.sigma(table)
+    found: dict[str, Fitted] = {}
+    for option in options:
+        fitted = fit_set(means, (*others, option), best)
+        over = ((fitted.cells - table.told) / sigma)[table.use][:, [1, 3]]
+        near = fitted.score - level < SAME and np.nanmax(over) < OVER
+        if near and (option.effect not in found or fitted.score < found[option.effect].score):
+            found[option.effect] = fitted
+    return found
 
 
 def alike(best: Fitted, tried: Sequence[Fitted], index: int) -> tuple[str, ...]:
