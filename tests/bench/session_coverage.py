@@ -1,0 +1,64 @@
+"""How often a session's record is within twice its stated uncertainty of the simulated truth, for each plan.
+
+    python tests/bench/session_coverage.py [SEEDS]      (10 where not given; `make evidence` takes 100)
+
+Sensors at random (scale within 0.5 %, misalignment 0.2 deg, offset 2 mg), benches at random (tilt 0.02 deg, settings
+0.0052 deg, half of the variance common to ring or station), everything through the session: stillness, recognition,
+capture, checks, solution. Errors and stated uncertainties are root mean squares over all attitudes.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "session"))
+
+from rehearsal import Rehearsal, random_sensor
+
+from highside.session import plans
+from highside.session.plans import Limits, Plan
+from highside.session.snapshot import State
+
+LIMITS = Limits(std_error_g=4e-5, min_hold_s=1.0, max_hold_s=3.0, soak_s=15.0)
+PLANS: dict[str, Plan] = {
+    "balance at 30 deg": plans.balance_plan([30.0], LIMITS),
+    "balance at 1.2, 10, 45 deg": plans.balance_plan([1.2, 10.0, 45.0], LIMITS),
+    "conventional 6": plans.conventional_plan(6, LIMITS),
+    "conventional 12": plans.conventional_plan(12, LIMITS),
+    "joint 8": plans.joint_plan(8, LIMITS),
+    "joint 16": plans.joint_plan(16, LIMITS),
+    "oven 25 65 25 C": plans.soak_plan([25.0, 65.0, 25.0], (5.0, 45.0, 90.0), (45.0, 135.0, 225.0, 315.0), LIMITS),
+}
+
+
+def one(plan: Plan, seed: int) -> tuple[bool, bool, float, float]:
+    """Accepted, within, and the two errors in units of what is stated."""
+    tilt = tuple(np.random.default_rng([seed, 3]).normal(0.0, 0.02, 2).tolist())
+    options = {"tilt_deg": tilt, "settle_s": 0.5, "turn_rate_dps": 120.0, "oven_tau_s": 10.0}
+    options |= {"offset_per_c": tuple(np.random.default_rng([seed, 4]).normal(0.0, 1e-5, 3).tolist())}
+    rehearsal = Rehearsal(
+        plan, seed=seed, rate_hz=20.0, sensor=random_sensor(seed), gyros=False, bench_options=options
+    ).run(limit_s=20_000.0, look_s=0.4)
+    if rehearsal.state is not State.ACCEPTED:
+        return False, False, np.nan, np.nan
+    (e_inc, e_tf), (s_inc, s_tf) = rehearsal.errors_deg(), rehearsal.stated_deg()
+    return True, rehearsal.within(2.0), e_inc / s_inc, e_tf / s_tf
+
+
+def main(seeds: int) -> None:
+    print(
+        f"| plan | poses | accepted of {seeds} | within 2 sigma | median I error / stated | median T error / stated |"
+    )
+    print("|---|---|---|---|---|---|")
+    for name, plan in PLANS.items():
+        found = [one(plan, seed) for seed in range(seeds)]
+        accepted, within = sum(f[0] for f in found), sum(f[1] for f in found)
+        inc, tf = np.nanmedian([f[2] for f in found]), np.nanmedian([f[3] for f in found])
+        print(f"| {name} | {len(plan.poses)} | {accepted} | {within} | {inc:.2f} | {tf:.2f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 10)
