@@ -78,10 +78,11 @@ class BenchProcess:
         return found
 
     async def ended(self) -> int:
-        """Ctrl-C; the exit status."""
-        with contextlib.suppress(ProcessLookupError):
-            self.process.send_signal(signal.SIGINT)
+        """Ctrl-C once the session is over; the exit status."""
         async with asyncio.timeout(30.0):
+            while not any("the session is over" in line for line in self.said):
+                await asyncio.sleep(0.05)
+            self.process.send_signal(signal.SIGINT)
             return await self.process.wait()
 
 

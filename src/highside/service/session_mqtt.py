@@ -33,6 +33,7 @@ log = logging.getLogger(__name__)
 RATE_HZ = 2.0
 PAYLOAD_MAX = 10_000
 """Bytes of a command; more is none."""
+FAREWELL_S = 1.0
 RETAINED = "retained"
 MALFORMED = "malformed"
 
@@ -82,8 +83,11 @@ class SessionMqtt:
                 for task in (listening, showing):
                     task.cancel()
                 await asyncio.gather(listening, showing, return_exceptions=True)
-            with contextlib.suppress(aiomqtt.MqttError, TimeoutError):
-                await client.publish(self._status, OFFLINE, qos=1, retain=True, timeout=1.0)
+                # whoever ends this task waits for it: time enough for the last state and a farewell
+                with contextlib.suppress(aiomqtt.MqttError, TimeoutError):
+                    last = self._driver.snapshot().to_json()
+                    await client.publish(self._topics["state"], last, qos=1, retain=True, timeout=FAREWELL_S)
+                    await client.publish(self._status, OFFLINE, qos=1, retain=True, timeout=FAREWELL_S)
 
     async def _show(self, client: aiomqtt.Client) -> None:
         timeout = self._settings.ack_timeout_s
