@@ -13,6 +13,7 @@ from highside.physics import effects
 from highside.physics.effect import Effect, RandomEffect, Stage
 from highside.physics.effects_page import markdown
 from highside.physics.forward import ForwardModel
+from highside.physics.memory import low_pass, play
 from highside.physics.state import ChainState
 
 LIBRARY = list(effects.all_effects().values())
@@ -215,3 +216,23 @@ def test_an_effect_is_found_by_its_file_alone(tmp_path: Path, monkeypatch: pytes
     finally:
         effects.all_effects.cache_clear()
         sys.modules.pop("highside.physics.effects.droop", None)
+
+
+@pytest.mark.parametrize("half_width", [0.0, 0.01, 0.5, 3.0])
+def test_play_by_stretches_is_play_row_by_row(half_width: float) -> None:
+    t = np.arange(4000) / 50
+    rng = np.random.default_rng(0)
+    steps = np.repeat(rng.normal(size=40), 100)
+    for x in (np.sin(t) + 0.3 * np.sin(0.3 * t), np.cumsum(steps), steps):
+        last, expected = float(x[0]), []
+        for value in x.tolist():
+            last = min(max(last, value - half_width), value + half_width)
+            expected.append(last)
+        assert np.array_equal(play(x, half_width), expected)
+
+
+def test_lag_of_even_rows_is_that_of_uneven_ones() -> None:
+    t = np.arange(3000) / 50
+    x = 25 + 10 * np.sin(t / 5)
+    uneven = t + np.where(np.arange(t.size) == 1500, 1e-9, 0.0)
+    assert np.allclose(low_pass(t, x, 7.0), low_pass(uneven, x, 7.0), rtol=0, atol=1e-8)

@@ -48,11 +48,12 @@ def _visible(session: RotationSession, hz: float) -> bool:
 def _peak(power: Array, skip: NDArray[np.bool_]) -> tuple[int, int] | None:
     """Cell and loudest channel of the highest peak of spectra (C, cells) above their neighbourhood, if it is more than
     chance gives: each in units of its local level is exponential, so their sum has a gamma distribution."""
-    from scipy.ndimage import median_filter
     from scipy.special import gammainccinv
 
-    width = min(SMOOTH, power.shape[1] | 1)
-    level = median_filter(power, size=(1, width), mode="reflect") / np.log(2)
+    stretches = np.array_split(power, max(1, power.shape[1] // SMOOTH), axis=1)
+    level = np.concatenate(
+        [np.broadcast_to(np.median(s, axis=1, keepdims=True), s.shape) for s in stretches], axis=1
+    ) / np.log(2)
     ratio = power / np.maximum(level, 1e-30)
     total = np.where(skip, 0.0, ratio.sum(axis=0))
     at = int(np.argmax(total))
