@@ -206,7 +206,7 @@ def _scan(scene: Scene, judged: Judged, members: Sequence[Member]) -> _Scanned:
 
 
 def _conclude(scene: Scene, judged: Judged, suspicion: _Suspicion, version: str) -> tuple[Diagnosis, Picture]:
-    judged = replace(judged, members=scene.believed(judged.selector, _widened(scene, judged)))
+    judged = replace(judged, members=scene.believed(judged, _widened(scene, judged)))
     members, selector, wanders = judged.members, judged.selector, suspicion.wanders
     named = [m for m in members if scene.candidates[m.candidate].named]
     after = _scan(scene, judged, members)

@@ -111,7 +111,7 @@ class Scene(ABC):
         """More effects than this are a fit and no finding: their names are not given."""
         return MAX_CLAIMS
 
-    def believed(self, selector: Selector, members: list[Member]) -> list[Member]:
+    def believed(self, judged: Judged, members: list[Member]) -> list[Member]:
         """The members that are large enough to be more than what is left of others."""
         return members
 

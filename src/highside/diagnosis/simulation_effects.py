@@ -10,13 +10,11 @@ Where an effect of the library is meant, its name, story and splitter are taken 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.signal import lfilter
 
 from highside.diagnosis.simulation_session import SimulationSession
 from highside.physics.effect import Effect, LinearEffect, Parameter, Stage
@@ -229,25 +227,39 @@ def _timed(session: SimulationSession, around: Around) -> list[Tried]:
 
 
 def _behind(values: Array, step_s: float, tau: float) -> Array:
-    """(n,) what a first-order lag changes, for each second of its time constant, solved on a grid eight times finer."""
-    fine = 8
-    at = np.arange(values.size)
-    between = CubicSpline(at, values)(np.arange((values.size - 1) * fine + 1) / fine)
-    u = step_s / fine / tau
-    decay = float(np.exp(-u))
-    share = 1 - (1 - decay) / u
-    drive = [share, 1 - decay - share]
-    lagged, _ = lfilter(drive, [1.0, -decay], between, zi=np.array([between[0] * (1 - share)]))
-    return np.asarray((lagged[::fine] - values) / tau)
+    """(n,) what a first-order lag changes, for each second of its time constant."""
+    return np.asarray((_through(values, step_s, lambda w: 1 / (1 + 1j * w * tau)) - values) / tau)
 
 
 def _delayed(session: SimulationSession, delay_s: float) -> Array:
     """(C, n) change of the prediction for each second of delay, at that delay."""
+    step = session.step_s
     if abs(delay_s) < 1e-9:
-        return np.asarray(-np.gradient(session.predicted, session.step_s, axis=1))
-    times = session.state.t_s
-    late = CubicSpline(times, session.predicted, axis=1)(np.clip(times - delay_s, times[0], times[-1]))
+        return np.stack([_through(s, step, lambda w: -1j * w) for s in session.predicted])
+    late = np.stack([_through(s, step, lambda w: np.exp(-1j * w * delay_s)) for s in session.predicted])
     return np.asarray((late - session.predicted) / delay_s)
+
+
+def _through(values: Array, step_s: float, response: Callable[[Array], NDArray[np.complex128]]) -> Array:
+    """Values (n,) through a linear system, exact for what is sampled finely enough; both ends are turned over."""
+    n = values.size
+    reach = min(n - 1, max(64, n // 8))
+    before = 2 * values[0] - values[reach:0:-1]
+    after = 2 * values[-1] - values[-2 : -reach - 2 : -1]
+    whole = np.concatenate([before, values, after])
+    # what the two far ends differ by is no jump: a straight line is taken off, and follows by itself
+    at = np.arange(whole.size)
+    slope = (whole[-1] - whole[0]) / (whole.size - 1)
+    line = whole[0] + slope * at
+    omega = 2 * np.pi * np.fft.rfftfreq(whole.size, step_s)
+    gain = response(omega)
+    gain = np.where(np.arange(omega.size) == omega.size - 1, gain.real, gain) if whole.size % 2 == 0 else gain
+    turned = np.fft.irfft(np.fft.rfft(whole - line) * gain, whole.size)
+    small = 1e-6
+    at_rest = float(np.real(response(np.array([0.0], dtype=float))[0]))
+    lateness = float(-np.imag(response(np.array([small]))[0]) / small)
+    straight = at_rest * line - slope / step_s * lateness
+    return np.asarray((turned + straight)[reach : reach + n])
 
 
 def _slow(session: SimulationSession) -> list[Tried]:

@@ -16,10 +16,10 @@ from highside.diagnosis.memory import Channel, Memory, SlowEffect
 from highside.diagnosis.regression import outside
 from highside.diagnosis.result import Fit, FittedParameter
 from highside.diagnosis.rivals import Rivalry
-from highside.diagnosis.rotation_noise import estimate, with_walk
+from highside.diagnosis.rotation_noise import RotationNoise, estimate, with_walk
 from highside.diagnosis.rotation_scene import RotationScene, _chance
 from highside.diagnosis.scene import SLOW, Judged, Picture
-from highside.diagnosis.selection import Member, Selector, gain_interval
+from highside.diagnosis.selection import Member, gain_interval
 from highside.diagnosis.simulation_design import SimulationDesign, covariates_of
 from highside.diagnosis.simulation_effects import Around
 from highside.diagnosis.simulation_session import SimulationSession
@@ -28,7 +28,11 @@ from highside.physics.forward import ForwardModel
 Array = NDArray[np.float64]
 
 TURNS = 4
+MOST_BINS, LEAST_IN_BIN = 24, 100
 MOST_NAMED = 6
+OFFSETS = frozenset({"bias", "gyro_bias", "offset"})
+FAR = 3.0
+"""Standard deviations of a walk's mean beyond which an offset is none."""
 LEAST_NAMED, LEAST_PRODUCT = 0.003, 0.02
 """Of all that is explained, what an effect, or an unnamed product, must explain to be more than a remainder."""
 
@@ -75,7 +79,7 @@ class SimulationScene(RotationScene):
             rows = (columns / sizes * kept).reshape(len(columns), -1)
             weights = np.linalg.lstsq(rows.T, (residual / sizes * kept).reshape(-1), rcond=1e-9)[0]
             residual = residual - np.tensordot(weights, columns, 1)
-        noise = estimate(design, residual, seed)
+        noise = _by_activity(design, estimate(design, residual, seed), residual)
         grams, segments = accumulate(design, noise, residual)
         chance = _chance(design, noise, residual, grams, segments)
         return cls(
@@ -104,7 +108,10 @@ class SimulationScene(RotationScene):
         # there is no base to absorb the simple ones
         return MOST_NAMED
 
-    def believed(self, selector: Selector, members: list[Member]) -> list[Member]:
+    def believed(self, judged: Judged, members: list[Member]) -> list[Member]:
+        selector = judged.selector
+        members = [m for m in members if not self._wanders_as_far(judged.noise.noise, m, members)]
+
         def gain(some: Sequence[Member]) -> float:
             left = outside(selector.space_with(some), selector.residual)
             return float(selector.residual @ selector.residual - left @ left)
@@ -117,6 +124,25 @@ class SimulationScene(RotationScene):
             if others and total - gain(others) < least * total:
                 kept = others
         return kept
+
+    def _wanders_as_far(self, noise: RotationNoise, member: Member, members: Sequence[Member]) -> bool:
+        """Whether an offset is no larger than the mean of a walk as large as the noise may hold."""
+        if self.candidates[member.candidate].id not in OFFSETS or not noise.memories:
+            return False
+        numbers = [
+            int(k) for m in members if self.candidates[m.candidate].named for k in self.variant(m).columns if k >= 0
+        ]
+        every = np.concatenate([self.design.base, np.array(numbers, dtype=np.intp)])
+        gram, moment = self._inner(every)
+        sizes = np.linalg.lstsq(gram, moment, rcond=1e-12)[0]
+        for number in self.variant(member).columns:
+            c = int(np.flatnonzero(self.design.where[number] >= 0)[0])
+            rows = float(np.sum(noise.weight[c] > 0))
+            white = np.mean(noise.weight[c]) * np.sum(noise.filters[c])
+            mean = sizes[int(np.flatnonzero(every == number)[0])] * white
+            if abs(mean) > FAR * np.sqrt(noise.memories[c].upper * rows / 3):
+                return False
+        return True
 
     def likelihoods(self, members: Sequence[Member]) -> list[Channel]:
         block = self.block(members)
@@ -305,3 +331,31 @@ def _near(one: Around, other: Around) -> bool:
         return False
     pairs = [(one.delay_s, other.delay_s), *zip(one.lags_s, other.lags_s, strict=True)]
     return all(abs(a - b) <= 0.01 * max(abs(a), abs(b)) for a, b in pairs)
+
+
+def _by_activity(design: SimulationDesign, noise: RotationNoise, residual: Array) -> RotationNoise:
+    """The noise with its size following how much it moves, in whatever way: by bins of activity."""
+    session = design.session
+    activity = session.state.vibration_rms_g
+    order = np.argsort(activity, kind="stable")
+    bins = np.array_split(order, max(1, min(MOST_BINS, session.n // LEAST_IN_BIN)))
+    weight = noise.weight.copy()
+    for c, functions in enumerate(design.functions(slice(0, session.n), residual)):
+
+        def left(c: int = c, functions: Array = functions) -> Array:
+            white = replace(noise, weight=weight).whiten(c, functions, slice(0, session.n))
+            explained = np.linalg.lstsq(white[:-1].T, white[-1], rcond=1e-9)[0]
+            return np.asarray(white[-1] - explained @ white[:-1])
+
+        for _ in range(2):
+            innovations, counts = left(), weight[c] > 0
+            full = [rows[counts[rows]] for rows in bins if counts[rows].sum() > LEAST_IN_BIN // 4]
+            if len(full) < 3:
+                break
+            sizes = [float(np.sqrt(np.mean(innovations[rows] ** 2))) for rows in full]
+            middles = [float(activity[rows].mean()) for rows in full]
+            weight[c] /= np.maximum(np.interp(activity, middles, sizes), 1e-3 * max(sizes))
+        innovations = left()
+        freedom = int(np.sum(weight[c] > 0)) - design.sizes[c]
+        weight[c] *= np.sqrt(freedom / max(float(innovations @ innovations), 1e-300))
+    return replace(noise, weight=weight)

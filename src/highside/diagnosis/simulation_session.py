@@ -142,7 +142,10 @@ def simulation_session(columns: Mapping[str, Array], predicted: Mapping[str, Arr
     }
     rates = {name[1]: np.radians(covariates[name]) for name in RATES if name in covariates}
     temp = sampled(t_s, columns["temp_c"]) if "temp_c" in columns and not np.isnan(columns["temp_c"]).all() else 25.0
-    state = ChainState.build(np.zeros(grid.size), np.zeros(grid.size), t_s=grid, temp_c=temp, row_seconds=1 / grid_hz)
+    nothing = np.zeros(grid.size)
+    state = ChainState.build(
+        nothing, nothing, t_s=grid, temp_c=temp, row_seconds=1 / grid_hz, vibration_rms_g=_activity(model, rates)
+    )  # fmt: skip
     return SimulationSession(
         measured, state, lost if lost.any() else None, names, model, rates,
         covariates.get(SPEED), found, 0.4 * grid_hz,
@@ -176,7 +179,7 @@ def _band(
     for name, values in side_sim.items():
         series = filled(times, t_sim_s, values)
         power = np.abs(np.fft.rfft((series - series.mean()) * np.hanning(series.size))) ** 2
-        if power.sum() <= 1e-20 * max(float(series @ series), 1e-300):
+        if power.sum() <= 1e-20 * max(float(series @ series), 1e-300) or np.nanstd(side[name]) == 0:
             continue
         content = int(np.searchsorted(np.cumsum(power), CONTENT * power.sum())) * raw_hz / series.size
         frequency, shared = coherence(filled(times, t_s, side[name]), series, fs=raw_hz, nperseg=length)
@@ -184,6 +187,14 @@ def _band(
         common = float(frequency[np.flatnonzero(octave >= COHERENT)[-1]])
         band = max(band, min(content, common))
     return band
+
+
+def _activity(model: Array, rates: Mapping[str, Array]) -> Array:
+    """(n,) how much it moves, of mean square 1: what goes wrong in motion scatters with it, as with vibration."""
+    moving = np.stack(list(rates.values())) if rates else np.gradient(model, axis=1)
+    size = moving.std(axis=1, keepdims=True)
+    square = np.sum((moving / np.where(size > 0, size, 1.0)) ** 2 if not rates else moving**2, axis=0)
+    return np.asarray(np.sqrt(square / max(float(square.mean()), 1e-30)))
 
 
 def _sampled(grid: Array, t_s: Array, values: Array, band_hz: float, raw_hz: float) -> Array:
