@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from highside.diagnosis import noise as noise_model
 from highside.diagnosis.candidates import CHANNELS, Candidate, pose_candidates, shadows
+from highside.diagnosis.causes import located_by_cause
 from highside.diagnosis.fit import JointFit, Observed, base_fit, joint_fit
 from highside.diagnosis.location import locate, on_channel, pose_bases, scan_of
 from highside.diagnosis.memory import Channel, Likelihoods, Memory, SlowEffect
 from highside.diagnosis.method import WHOLE, Method
 from highside.diagnosis.noise import PoseNoise
 from highside.diagnosis.regression import outside, span
-from highside.diagnosis.result import Fit, Location
+from highside.diagnosis.result import Diagnosis, Fit, Location
 from highside.diagnosis.rivals import Rivalry, next_poses
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
 from highside.diagnosis.selection import (
@@ -128,6 +129,9 @@ class PoseScene(Scene):
 
     def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
         return locate(judged.scan, signal, space, p, share)
+
+    def completed(self, diagnosis: Diagnosis) -> Diagnosis:
+        return located_by_cause(diagnosis, self.model, self.session.state)
 
     def advice(self, member: Member, r: Rivalry, fit: JointFit) -> str:
         candidate = self.candidates[member.candidate]

@@ -1,0 +1,56 @@
+"""Named effects are located along what they follow, not along what their readings happen to look like."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from highside.diagnosis.causes import followed_covariate
+from highside.physics.effects import get
+from highside.physics.forward import ForwardModel
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "bench"))
+
+import diagnosis_deck as deck
+
+STATE = deck.design()
+
+
+@pytest.mark.parametrize(
+    ("effect", "covariate"),
+    [
+        ("encoder_first_harmonic", "tf_ref_deg"),
+        ("encoder_second_harmonic", "tf_ref_deg"),
+        ("cogging", "tf_ref_deg"),
+        ("base_tilt", "tf_ref_deg"),
+        ("sag", "inc_ref_deg"),
+        ("reference_twist", "inc_ref_deg"),
+        ("backlash", "direction"),
+        ("temperature_bias", "temp_c"),
+        ("bias_drift", "t_s"),
+        ("temperature_scale", None),
+        ("axis_nonorthogonality", None),
+    ],
+)
+def test_an_effect_follows_its_cause(effect: str, covariate: str | None) -> None:
+    known = get(effect)
+    p = known.vector({q.name: q.typical for q in known.parameters if not q.shape})
+    assert followed_covariate(known, p, ForwardModel.of({}), STATE) == covariate
+
+
+@pytest.mark.parametrize(
+    ("effect", "covariate", "harmonic"),
+    [("encoder_first_harmonic", "tf_ref_deg", 1), ("encoder_second_harmonic", "tf_ref_deg", 2),
+     ("sag", "inc_ref_deg", None)],
+)  # fmt: skip
+def test_a_diagnosis_tells_the_cause(effect: str, covariate: str, harmonic: int | None) -> None:
+    session, _ = deck.single(STATE, effect, 400.0, seed=3)
+    found = deck.diagnosed(session)
+    assert [claim.effect for claim in found.claims] == [effect]
+    place = found.location[0]
+    assert (place.covariate, place.harmonic) == (covariate, harmonic)
+    along = np.degrees(STATE.inc_rad) if covariate == "inc_ref_deg" else np.mod(np.degrees(STATE.tf_rad), 360)
+    assert all(along.min() - 1e-6 <= low <= high <= along.max() + 1e-6 for low, high in place.intervals)
