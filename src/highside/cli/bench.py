@@ -107,11 +107,15 @@ async def _run(driver: BenchDriver, *, auto: bool, web: bool, plain: bool, opera
 
 async def _page(driver: BenchDriver, operator: str) -> BenchPage:
     """The bench page, listening. Raises InputError where the extra is not installed or the address is taken."""
+    from highside.config.certificate import load_certificate_fields
+
     try:
         from highside.web.server import BenchPage
     except ImportError as error:
         raise InputError(f"the bench page needs {error.name}", remedy="pip install 'highside[web]'") from None
-    page = BenchPage(driver, driver.settings.web, operator=operator)
+    table = driver.settings.web
+    fields = None if table.certificate is None else load_certificate_fields(table.certificate)
+    page = BenchPage(driver, table, operator=operator, fields=fields)
     await page.start()
     typer.echo(f"bench page: {page.link}", err=True)
     return page

@@ -210,6 +210,7 @@ PATHS = (
     ("store", "directory"),
     ("store", "sessions"),
     ("web", "token_file"),
+    ("web", "certificate"),
     ("mqtt", "password_file"),
     ("mqtt", "tls", "ca"),
     ("mqtt", "tls", "cert"),

@@ -26,6 +26,9 @@ class WebTable(Table):
         default=(),
         description="Names under which the page may be asked for; absent: the loopback's, or any if not bound to it.",
     )
+    certificate: Path | None = Field(
+        default=None, description="What the page's certificate says beyond the record; see config/certificate.toml."
+    )
     rate_hz: float = Field(default=5.0, gt=0, le=20, description="Pictures a second for each viewer, at most.")
 
     @property

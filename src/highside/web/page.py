@@ -20,7 +20,7 @@ from nicegui.events import KeyEventArguments
 from pydantic import ValidationError
 
 from highside.session.driver import SessionDriver
-from highside.session.snapshot import Command, CommandName, PoseState, Snapshot
+from highside.session.snapshot import Command, CommandName, PoseState, Snapshot, State
 from highside.web.parts import Parts, parts_of
 
 SEEN_TIMEOUT_S = 10.0
@@ -45,6 +45,8 @@ ASKED = {
     CommandName.REJECT: "End the session and keep no calibration?",
 }
 """Commands that are asked about once more."""
+OVER = frozenset({State.REVIEW, State.ACCEPTED, State.REJECTED, State.ABORTED})
+"""Nothing is measured: the result takes the place of the pose."""
 NO_TOKEN = "You are looking on: commands need the token of this session (see the terminal where it was started)."
 
 
@@ -73,6 +75,7 @@ class BenchView:
         self._places: dict[str, Html] = {}
         self._buttons: dict[CommandName, Button] = {}
         self._target: str | None = None
+        self._over = False
         self._done: tuple[str, ...] = ()
         self._operator = operator
         self._build()
@@ -86,7 +89,7 @@ class BenchView:
         return made
 
     def _build(self) -> None:
-        with ui.element("div").classes("bench"):
+        with ui.element("div").classes("bench") as self._root:
             with ui.element("section").classes("top").props('aria-label="what to do next"'):
                 self._place("sign")
                 self._place("prompt", tag="h1")
@@ -156,6 +159,10 @@ class BenchView:
         for name, button in self._buttons.items():
             if button.visible is not (name in allowed):
                 button.set_visibility(name in allowed)
+        over = snapshot.state in OVER
+        if over is not self._over:
+            self._over = over
+            self._root.classes(add="over" if over else None, remove=None if over else "over")
         self._end.set_visibility(snapshot.result is not None or snapshot.state.ended)
         self._certificate.set_visibility(snapshot.result is not None and snapshot.result.record_id is not None)
         done = tuple(row.pose for row in snapshot.poses if row.state is PoseState.DONE)
