@@ -39,7 +39,7 @@ class Motion(IntEnum):
     STILL = 3
 
 
-ENTER, LEAVE = 2.5, 5.0
+ENTER, LEAVE = 1.75, 3.0
 DWELL_S = 2.0
 STILL_RATE_RADPS = math.radians(0.05)
 VISIBLE_RATE_RADPS = math.radians(1.0)
