@@ -28,8 +28,10 @@ id = "tool-7"
 [simulated]
 speed = 1.5
 [plan]
-kind = "balance"
+kind = "joint"
+poses = 12
 inclinations_deg = [5.0, 45.0, 120.0]
+toolfaces_deg = [45.0, 135.0, 225.0, 315.0]
 [bench]
 name = "simulated bench"
 [store]
