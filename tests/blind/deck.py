@@ -152,6 +152,8 @@ class Case:
     interval: tuple[str, float, float] | None = None
     """where the effect sits, if it has a place: covariate, from, to (in the units of the recording)"""
     noise: str = "white"
+    legit: tuple[str, ...] = ()
+    """what the recording shows by itself"""
 
 
 def _model(gyros: bool, p: Programme, earth: bool) -> str:
