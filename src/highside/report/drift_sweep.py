@@ -32,7 +32,7 @@ WHY = (
     "near 90 deg of inclination and does not say from where it counts: counted from the vertical, the first is what is "
     "seen here and the second is not; counted from the horizontal it is the other way round.",
     "A tool that does not turn is equally badly off at every inclination: the drift about the vertical is not seen at "
-    "all but for the Earth's rotation, which a wrong azimuth tilts (1.6 deg after an hour).",
+    "all but for the Earth's rotation, which a wrong azimuth tilts (1.7 deg after an hour).",
 )
 
 

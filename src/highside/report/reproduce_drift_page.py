@@ -81,7 +81,7 @@ def _page_of(study: Study) -> str:
         ["elevation, deg", "inclination from vertical", "turning: bound", "filter, rms", "stated", "at rest: bound"],
         [
             [
-                f"{p.theta_deg:g}", f"{90 - p.theta_deg:g} or {90 + p.theta_deg:g}", f"{p.turning_bound_deg:.3f}",
+                f"{p.theta_deg:g}", _from_vertical(p.theta_deg), f"{p.turning_bound_deg:.3f}",
                 f"{p.turning_deg:.3f}", f"{p.turning_stated_deg:.3f}",
                 f"{p.standing_bound_deg:.2f}" if p.theta_deg < 88.0 else "no azimuth",
             ]
@@ -105,6 +105,11 @@ def _published(name: str) -> list[list[str]]:
             cells.append("not given" if value is None else f"{value:.2f}")
         rows.append([f"the paper, {when}", *cells, "", "", "not stated" if index else ""])
     return rows
+
+
+def _from_vertical(theta_deg: float) -> str:
+    """An elevation, up or down, as inclinations from the vertical."""
+    return " or ".join(dict.fromkeys(f"{90 + side * theta_deg:g}" for side in (-1, 1)))
 
 
 def _std(row: Row) -> str:
