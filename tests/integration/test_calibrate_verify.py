@@ -74,3 +74,37 @@ def test_wrong_usage_is_one_line(session: tuple[Path, Path], more: list[str], sa
     record, poses = session
     done = highside("calibrate", "verify", str(record), str(poses), *more, check=2)
     assert said in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_the_journal_of_a_verification_session_is_judged(tmp_path: Path, session: tuple[Path, Path]) -> None:
+    """Poses taken on the simulated bench by the plan `verification`: their journal is what is judged."""
+    config = tmp_path / "bench.toml"
+    settings = """
+[simulated]
+speed = 20.0
+{seed}
+[plan]
+{plan}
+[store]
+directory = "calibrations"
+sessions = "sessions"
+"""
+    config.write_text(settings.format(seed="", plan='kind = "joint"\nposes = 12'))
+    done = highside("calibrate", "bench", "--config", str(config), "--auto")
+    record = json.loads(done.stdout.splitlines()[-1])["record"]
+    before = set((tmp_path / "sessions").iterdir())
+    config.write_text(settings.format(seed="seed = 7", plan='kind = "verification"'))
+    highside("calibrate", "bench", "--config", str(config), "--auto")
+    (journal,) = set((tmp_path / "sessions").iterdir()) - before
+    done = highside(
+        "calibrate", "verify", record, str(journal), "--limit-inc-deg", "0.1", "--limit-tf-deg", "2", "--same-bench",
+        "--json",
+    )  # fmt: skip
+    found = json.loads(done.stdout)
+    assert found["verdict"] == "pass" and len(found["poses"]) == 9
+    damaged = tmp_path / "x.journal"
+    damaged.write_text("{}")
+    assert (
+        "x.journal"
+        in highside("calibrate", "verify", record, str(damaged), "--limit-inc-deg", "1", "--roll", check=2).stderr
+    )

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-
-if TYPE_CHECKING:
-    from highside.calibration.poses import PoseSet
 
 
 def certificate(
@@ -22,14 +19,16 @@ def certificate(
         Path | None, typer.Option("--previous", help="Record in force before: gives the state as found.")
     ] = None,
     as_found: Annotated[
-        Path | None, typer.Option("--as-found", help="Pose table measured before; else the poses of the record.")
+        Path | None,
+        typer.Option("--as-found", help="Poses measured before (table or journal); else those of the record."),
     ] = None,
     as_left: Annotated[
-        Path | None, typer.Option("--as-left", help="Pose table measured afterwards; else the poses of the record.")
+        Path | None, typer.Option("--as-left", help="Poses measured afterwards; else those of the record.")
     ] = None,
 ) -> None:
     """Write a certificate: result, uncertainty budget (GUM, k = 2), as found / as left, method, poses, identity."""
     from highside.calibration.record import RecordError, RecordReason, to_utc
+    from highside.cli.verification import read_poses
     from highside.config.certificate import CertificateFields, load_certificate_fields
     from highside.recording.calibration_store import read_record
     from highside.recording.files import write_whole
@@ -44,18 +43,10 @@ def certificate(
         raise RecordError(
             RecordReason.WRONG_TOOL, f"{previous_file}: is of tool {previous.tool_id!r}, not of {record.tool_id!r}"
         )
-    inputs = Inputs(record, fields, to_utc(time.time()), previous, _poses(as_found), _poses(as_left))
+    found, left = (None if path is None else read_poses(path) for path in (as_found, as_left))
+    inputs = Inputs(record, fields, to_utc(time.time()), previous, found, left)
     sheets = make(inputs)
     write_whole(output, sheets.html().encode())
     typer.echo(f"{output}: certificate of record {record.id[:12]}, {len(sheets.sheets())} pages")
     for line in verdict_lines(inputs):
         typer.echo(line)
-
-
-def _poses(path: Path | None) -> PoseSet | None:
-    from highside.calibration.poses import PoseSet
-    from highside.cli.calibrate import _pose_columns, _read_pose_table
-
-    if path is None:
-        return None
-    return PoseSet.from_columns(_pose_columns(_read_pose_table(path)[0]), where=str(path))  # type: ignore[arg-type]

@@ -12,13 +12,16 @@ import typer
 from highside.errors import InputError
 
 if TYPE_CHECKING:
+    from highside.calibration.poses import PoseSet
     from highside.calibration.roll_test import RollTest
     from highside.calibration.verification import Judged, Verification
 
 
 def verify(
     record_file: Annotated[Path, typer.Argument(metavar="RECORD", help="Calibration record (JSON) to be checked.")],
-    poses_file: Annotated[Path, typer.Argument(metavar="POSES", help="Pose table (CSV) of raw means.")],
+    poses_file: Annotated[
+        Path, typer.Argument(metavar="POSES", help="Pose table (CSV) of raw means, or the journal of a bench session.")
+    ],
     limit_inc_deg: Annotated[float, typer.Option(help="Limit on the error of I (roll test: on its range), deg.")],
     limit_tf_deg: Annotated[float | None, typer.Option(help="Limit on the error of T, deg.")] = None,
     limit_gtotal_mg: Annotated[
@@ -47,11 +50,9 @@ def verify(
 
     Exit 0: pass; 1: fail or undecided.
     """
-    from highside.calibration.poses import PoseSet
     from highside.calibration.result import BenchAccuracy
     from highside.calibration.roll_test import roll_test
     from highside.calibration.verification import Verdict, tilt_of, verify_poses
-    from highside.cli.calibrate import _pose_columns, _read_pose_table
     from highside.recording.calibration_store import read_record
     from highside.recording.files import write_whole
 
@@ -63,9 +64,7 @@ def verify(
         if not (math.isfinite(value) and 0.0 <= value < 10.0):
             raise InputError(f"{value:g} is no standard deviation of a bench", field=name, remedy="give 0 to 10 deg")
     record = read_record(record_file)
-    table, _ = _read_pose_table(poses_file)
-    reference = "magnitude" if roll else "pose"
-    poses = PoseSet.from_columns(_pose_columns(table), where=str(poses_file), reference=reference)  # type: ignore[arg-type]
+    poses = read_poses(poses_file, reference="magnitude" if roll else "pose")
     found: Verification | RollTest
     if roll:
         found = roll_test(
@@ -101,6 +100,23 @@ def verify(
     typer.echo(json.dumps(plain, allow_nan=False) if as_json else "\n".join(lines(found)))
     if found.verdict is not Verdict.PASS:
         raise typer.Exit(1)
+
+
+def read_poses(path: Path, *, reference: str = "pose") -> PoseSet:
+    """The poses of a table, or those that a bench session accepted. Raises InputError."""
+    from highside.calibration.poses import PoseSet
+    from highside.cli.calibrate import _pose_columns, _read_pose_table
+    from highside.recording.files import read_bytes
+    from highside.service.bench_journal import SUFFIX
+    from highside.session.journal import read_journal
+
+    if path.suffix == SUFFIX:
+        columns = read_journal(read_bytes(path), where=str(path)).ledger().pose_columns()
+        if not columns["ax"]:
+            raise InputError("no pose was accepted in this session", where=str(path))
+    else:
+        columns = _pose_columns(_read_pose_table(path)[0])
+    return PoseSet.from_columns(columns, where=str(path), reference=reference)  # type: ignore[arg-type]
 
 
 def lines(found: Verification | RollTest) -> list[str]:
