@@ -3,10 +3,11 @@
     python tests/bench/diagnosis_deck.py [--runs 4] [--strengths 30 100 400] [--seed 0] [--only singles|nulls|open]
     python tests/bench/diagnosis_deck.py --design rotation [--only singles|nulls|open|pairs] [--gyros] [--rows NAME...]
 
-Design of the poses (of the rotation: `rotation_cases`): 7 inclinations x 12 toolfaces + 42 returns from the other side, one pose a minute, a temperature loop
-25 -> 55 -> 25 C with a bump, 40 ug of noise a pose; the sensor's bias, scale and misalignment are drawn anew each time.
-`strength` is the energy of the effect in units of the noise, outside of what the base fit absorbs. The cases share the
-forward model with the engine, so this is a deck to develop with: it proves nothing blind.
+Design of the poses (of the rotation: `rotation_cases`): 7 inclinations x 12 toolfaces + 42 returns from the other
+side, one pose a minute, a temperature loop 25 -> 55 -> 25 C with a bump, 40 ug of noise a pose; the sensor's bias,
+scale and misalignment are drawn anew each time. `strength` is the energy of the effect in units of the noise, outside
+of what the base fit absorbs. The cases share the forward model with the engine, so this is a deck to develop with: it
+proves nothing blind.
 """
 
 from __future__ import annotations

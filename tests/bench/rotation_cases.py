@@ -8,8 +8,7 @@ energy of the signal in units of the true noise, outside of the base.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,7 +134,7 @@ def noise_of(kind: str, state: ChainState, rng: np.random.Generator, gyros: bool
 
 def outsiders(state: ChainState) -> dict[str, Array]:
     """Signals (3, n) of no effect of the library."""
-    x, y, z = gravity_direction(state.inc_rad, state.tf_rad)
+    x, y, _ = gravity_direction(state.inc_rad, state.tf_rad)
     warm = (state.temp_c - state.temp_c.mean()) / 10.0
     tf, nothing = state.tf_rad, np.zeros(state.n)
     rate = state.rotor_rate_radps / np.abs(state.rotor_rate_radps).max()

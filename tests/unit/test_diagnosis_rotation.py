@@ -1,4 +1,4 @@
-"""The parts of the rotation diagnosis: noise with memory in state-space form, columns in chunks, inner products, noise."""
+"""Parts of the rotation diagnosis: noise with memory in state-space form, columns in chunks, inner products, noise."""
 
 from __future__ import annotations
 

@@ -256,7 +256,7 @@ def _conclude(scene: Scene, judged: Judged, suspicion: _Suspicion, version: str)
 
 
 def _widened(scene: Scene, judged: Judged) -> list[Member]:
-    """The members; where the scan is loud beside them, with one of them told whole or exchanged, if that makes it quiet.
+    """The members; where the scan is loud beside them, with one told whole or exchanged, if that makes it quiet.
 
     The rest of an effect that was let act in part may be too small to be worth its parameters, and still be there; and
     of rivals that cannot be told apart, the one that leaves nothing is the better answer.

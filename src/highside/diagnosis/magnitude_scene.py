@@ -10,19 +10,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.candidates import Blind, Candidate, Variant, pose_candidates, shadows
+from highside.diagnosis.directed_walk import DirectedLikelihoods, DirectedNoise
 from highside.diagnosis.fit import JointFit, base_fit, joint_fit
 from highside.diagnosis.location import Basis, followed, intervals, scan_of
 from highside.diagnosis.magnitude_observed import Magnitudes
 from highside.diagnosis.magnitude_session import MagnitudeSession
 from highside.diagnosis.markov import LevelNoise
-from highside.diagnosis.memory import Channel, Likelihoods, Memory, SlowEffect
+from highside.diagnosis.memory import Channel, Innovating, Likelihoods, Memory, SlowEffect
 from highside.diagnosis.memory import intervals as in_intervals
 from highside.diagnosis.pose_scene import RICH_SHARE, block_proof
-from highside.diagnosis.regression import VISIBLE, outside, span
+from highside.diagnosis.regression import VISIBLE, log10_p, outside, span
 from highside.diagnosis.result import Fit, FittedParameter, Location
 from highside.diagnosis.rivals import Rivalry
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
-from highside.diagnosis.selection import HeldOut, Member, Pool, PoseGains, Selector, block_gain, pose_flips, threshold
+from highside.diagnosis.selection import (
+    ALARM_RATE,
+    MAX_CLAIMS,
+    HeldOut,
+    Member,
+    Pool,
+    PoseGains,
+    Selector,
+    block_gain,
+    pose_flips,
+    threshold,
+)
 from highside.physics.effect import Stage
 from highside.physics.forward import ForwardModel
 
@@ -33,6 +45,9 @@ ONE_BY_ONE = 60
 """Up to so many poses each is left out by itself."""
 BLOCKS = 10
 ALIKE = 0.999
+MOST_ASKED = 2
+PER_NAME = 6
+"""Readings beyond the base for each effect that is given a name."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +56,7 @@ class MagnitudeNoise:
 
     std: Array
     freedom: float
-    level: LevelNoise | None = None
+    level: Innovating | None = None
 
     def white(self, columns: Array) -> Array:
         """(..., 1, n) in g -> (..., n) in units of the noise."""
@@ -79,7 +94,7 @@ class MagnitudeScene(Scene):
             candidates += _projected(seen, model, shadows(aligned.state, force))
         candidates = _beyond_linear(candidates, base)
         bases = _bases(session, aligned.state.reading.shape[1])
-        rich = _rich(base, candidates, bases)
+        rich = _beside(_rich(base, candidates, bases), base, residual, candidates)
         return cls(
             candidates, blind, free, seed, session, model, seen, base, residual, rich,
             _noise(session, residual, rich), bases,
@@ -99,6 +114,12 @@ class MagnitudeScene(Scene):
             return frozenset(SLOW)
         # at rest the load is constant: whatever shows at all follows time or temperature
         return frozenset(c.id for c in self.candidates)
+
+    @property
+    def most_named(self) -> int:
+        # a few readings are soon explained by anything
+        room = self.session.n - int(span(self.base[:, 0]).shape[0])
+        return max(1, min(MAX_CLAIMS, room // PER_NAME))
 
     def judge(self, noise: MagnitudeNoise) -> Judged:
         rng = np.random.default_rng(self.seed)
@@ -125,7 +146,10 @@ class MagnitudeScene(Scene):
 
     def likelihoods(self, members: Sequence[Member]) -> list[Channel]:
         explained = np.concatenate([self.base, self.block(members)])[:, 0]
-        return [Likelihoods(self.residual[0], self.noise.std**2, explained, self.session.t_s)]
+        residual, variance, t_s = self.residual[0], self.noise.std**2, self.session.t_s
+        if self.session.rest:
+            return [Likelihoods(residual, variance, explained, t_s)]
+        return [DirectedLikelihoods(residual, variance, explained, t_s, self.session.direction)]
 
     def block(self, members: Sequence[Member]) -> NDArray[Any]:
         return np.concatenate([np.empty((0, 1, self.session.n)), *(self.variant(m).columns for m in members)])
@@ -166,10 +190,12 @@ class MagnitudeScene(Scene):
     def with_memory(self, memories: Sequence[Memory]) -> MagnitudeNoise:
         memory, variance = memories[0], self.noise.std**2
         share = memory.upper if memory.share > 0 else 0.0
-        level = LevelNoise.of(
-            variance, in_intervals(self.session.t_s), np.array([share * float(variance.mean())]),
-            np.array([memory.length]),
-        )  # fmt: skip
+        level: Innovating
+        if self.session.rest:
+            size, length = np.array([share * float(variance.mean())]), np.array([memory.length])
+            level = LevelNoise.of(variance, in_intervals(self.session.t_s), size, length)
+        else:
+            level = DirectedNoise.of(variance, self.session.direction, self.session.t_s, np.array([share]))
         return replace(self.noise, level=level)
 
     def fit(self, members: Sequence[Member], noise: MagnitudeNoise) -> JointFit:
@@ -345,6 +371,41 @@ def _rich(base: Array, candidates: Sequence[Candidate], bases: Sequence[Basis]) 
         if taken == room:
             break
     return kept
+
+
+def _beside(rich: Array, base: Array, residual: Array, candidates: Sequence[Candidate]) -> Array:
+    """The rich columns and what the readings plainly ask for beyond them.
+
+    Few readings do not afford a rich model of everything, and what it lacks would pass as scatter and hide itself. An F
+    test with the residual of its own fit does not have that flaw.
+    """
+    space = span(base[:, 0])
+    n = residual.size
+    for _ in range(MOST_ASKED):
+        left = outside(space, residual[0])
+        total, freedom = float(left @ left), n - space.shape[0]
+        best: tuple[float, Array] | None = None
+        for candidate in candidates:
+            for variant in candidate.variants:
+                own = span(outside(space, variant.columns[:, 0] / _size(variant.columns[:, 0])), tolerance=VISIBLE)
+                k = own.shape[0]
+                if not 0 < k < freedom - 3:
+                    continue
+                gain = float(np.sum((own @ left) ** 2))
+                per_noise = gain * (freedom - k) / max(total - gain, 1e-12 * total)
+                p = float(log10_p(np.array(per_noise), np.array(k), freedom - k, len(candidate.variants)))
+                if best is None or p > best[0]:
+                    best = (p, variant.columns)
+        if best is None or best[0] < -np.log10(ALARM_RATE / len(candidates)):
+            break
+        rich = np.concatenate([rich, best[1]])
+        space = span(np.concatenate([space, best[1][:, 0] / _size(best[1][:, 0])]))
+    return rich
+
+
+def _size(columns: Array) -> Array:
+    norm = np.linalg.norm(columns, axis=1, keepdims=True)
+    return np.where(norm > 0, norm, 1.0)
 
 
 def _noise(session: MagnitudeSession, residual: Array, rich: Array) -> MagnitudeNoise:

@@ -1,9 +1,10 @@
 """Which set of effects explains a published table: a beam search over sets, what each member can be exchanged for, and
 rows that no set explains.
 
-A few dozen numbers, half of them peak-to-peaks that have lost order and phase, are explained by many sets nearly as well.
-One path of best next steps goes astray among them, so the best few sets of each size are kept. A member of the best set
-is believed where no set without it comes near; what takes its place in a set that does come near is of its class.
+A few dozen numbers, half of them peak-to-peaks that have lost order and phase, are explained by many sets nearly as
+well. One path of best next steps goes astray among them, so the best few sets of each size are kept. A member of the
+best set is believed where no set without it comes near; what takes its place in a set that does come near is of its
+class.
 """
 
 from __future__ import annotations

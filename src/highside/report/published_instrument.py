@@ -118,7 +118,8 @@ def as_dict(comparison: Comparison) -> dict[str, Any]:
                 }
                 for name, said in comparison.predicted.items()
             },
-            "counts_as_predicted": f"within {CLOSE:.0%} of the published figure or two sigma (chance and what is open of the noise)",
+            "counts_as_predicted": f"within {CLOSE:.0%} of the published figure or two sigma"
+            " (chance and what is open of the noise)",
         },
     }
 
