@@ -241,7 +241,7 @@ def _delayed(session: SimulationSession, delay_s: float) -> Array:
     return np.asarray((late - session.predicted) / delay_s)
 
 
-def _through(values: Array, step_s: float, response: Callable[[Array], Any]) -> Array:
+def _through(values: Array, step_s: float, response: Callable[[Any], Any]) -> Array:
     """Values (n,) through a linear system, exact for what is sampled finely enough; both ends are turned over."""
     n = values.size
     reach = min(n - 1, max(64, n // 8))
