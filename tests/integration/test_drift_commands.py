@@ -168,7 +168,7 @@ def test_smoothing_ends_where_the_filter_ends_and_knows_more_before(tmp_path: Pa
 
 def test_the_papers_experiments_beside_ours() -> None:
     # the command runs the whole hours; here the same code on minutes
-    study = run_study(1 / 30)
+    study = run_study(1 / 60)
     result = json.loads(json.dumps(as_dict(study)))
     assert [e["experiment"] for e in result["experiments"]] == ["turntable", "vibration table", "drilling"]
     for experiment in result["experiments"]:
