@@ -3,7 +3,7 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 
-.PHONY: demo test check bench evidence lock clean
+.PHONY: demo test check bench evidence blind lock clean
 
 ## demo: set up a virtual environment and show I and T of a simulated tool, live
 demo: $(VENV)/.run
@@ -46,6 +46,23 @@ evidence: $(VENV)/.test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/session_coverage.py 100
 	$(BIN)/python tests/bench/drift_scenarios.py --only "S1r elevation 0" --seeds 1 --no-rivals --efficiency 60 --consistency 100 --false-stops-h 10
 	$(BIN)/python -m pytest -q -s tests/integration/test_soak.py tests/integration/test_mqtt_faults.py tests/integration/test_mqtt_sigkill.py
+
+## blind: the sealed decks (hours), seeded by the commit that last changed the engine; BLIND="--seed mine --small" for a look
+BLIND ?=
+SCORE = OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/blind/score.py $(BLIND)
+blind: $(VENV)/.test
+	$(SCORE)
+	$(SCORE) --real
+	for part in colour refit refusal; do \
+	  for kind in null single pair open; do \
+	    $(SCORE) --without $$part --only $$kind/poses || exit 1; \
+	    $(SCORE) --without $$part --only $$kind/rotation --every 4 || exit 1; \
+	  done; \
+	done
+	for kind in null single pair open; do \
+	  $(SCORE) --rivals --only $$kind/poses || exit 1; \
+	  $(SCORE) --rivals --only $$kind/rotation --every 12 || exit 1; \
+	done
 
 ## lock: pin every dependency with its hashes (needs uv)
 lock:

@@ -37,7 +37,12 @@ XYZ = "xyz"
 
 
 def frozen_seed() -> str:
-    """Hash of the last commit that changed the engine."""
+    """Hash of the last commit that changed the engine; an engine that differs from it has no seed yet."""
+    changed = subprocess.run(
+        ["git", "status", "--porcelain", "--", *ENGINE], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    if changed:
+        raise SystemExit(f"the engine is not frozen; commit first, or give --seed:\n{changed}")
     return subprocess.run(
         ["git", "log", "-1", "--format=%H", "--", *ENGINE], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout.strip()

@@ -42,7 +42,7 @@ def judged(row: Row) -> Row:
         "said_blind": any(t in {n["effect"] for n in answer["not_testable"]} for t in truth),
         "channels_f1": _f1(answer["location"], row["channels"]),
         "iou": _iou(answer["location"], row["interval"]),
-        "closed": _closed(answer["fit"]),
+        "closed": _closed(answer["fit"] or {}),
         "errors": [], "covered": [],
     }  # fmt: skip
     if row["group"] == "null":

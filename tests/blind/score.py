@@ -114,18 +114,17 @@ def whole_table(folder: Path, seed: str) -> str:
         lines += ["", f"## Simulated worlds: {len(simulated)} cases", "", table.deck_table(simulated, table.DESIGNS)]
     if real:
         lines += ["", f"## Real noise: {len(real)} cases", "", table.deck_table(real, table.REAL_DESIGNS)]
-    ways = {"this engine": {r["name"]: r | judged(r) for r in simulated}}
+    whole = {"this engine": {r["name"]: r | judged(r) for r in simulated}}
     words = {"colour": "white noise assumed", "refit": "no joint refit", "refusal": "no refusal rule"}
-    for part in PARTS:
-        rows = written(folder / f"answers-{short}-without-{part}.jsonl")
-        if rows:
-            ways[words[part]] = {r["name"]: r | judged(r) for r in rows}
+    left_out = {words[part]: written(folder / f"answers-{short}-without-{part}.jsonl") for part in PARTS}
+    ways = {way: {r["name"]: r | judged(r) for r in rows} for way, rows in left_out.items() if rows}
+    if simulated and ways:
+        lines += ["", "## What the parts of the method are worth", "", table.methods_table(whole | ways)]
     rivals = written(folder / f"rivals-{short}.jsonl")
-    for way in rivals[0]["names"] if rivals else ():
-        ways[way] = {r["name"]: table.plain(r, r["names"][way]) for r in rivals}
-    if len(ways) > 1:
-        lines += ["", "## What the parts of the method are worth, and others beside it (the same cases)", ""]
-        lines += [table.methods_table(ways)]
+    if simulated and rivals:
+        names = rivals[0]["names"]
+        ways = {way: {r["name"]: table.plain(r, r["names"][way]) for r in rivals} for way in names}
+        lines += ["", "## Sparse regressions beside it", "", table.methods_table(whole | ways)]
     return "\n".join(lines)
 
 
