@@ -85,6 +85,14 @@ def intervals(t_s: Array) -> Array:
     return np.asarray((t_s - t_s[0]) / max(float(t_s[-1] - t_s[0]) / max(t_s.size - 1, 1), 1e-12))
 
 
+class Innovating(Protocol):
+    """Noise under several settings S, by its innovations."""
+
+    @property
+    def log_determinant(self) -> Array: ...
+    def white(self, columns: Array) -> Array: ...
+
+
 class Likelihoods:
     """Restricted likelihood of a channel under each noise with memory, prepared once for many regressors.
 
@@ -94,7 +102,12 @@ class Likelihoods:
     def __init__(self, residual: Array, variance: Array, nuisance: Array, t_s: Array) -> None:
         self.settings = settings()
         lengths, shares = np.array(self.settings).T
-        self._noise = LevelNoise.of(variance, intervals(t_s), shares * float(variance.mean()), lengths)
+        self._prepare(
+            residual, LevelNoise.of(variance, intervals(t_s), shares * float(variance.mean()), lengths), nuisance
+        )
+
+    def _prepare(self, residual: Array, noise: Innovating, nuisance: Array) -> None:
+        self._noise = noise
         space = _basis(nuisance)
         turned = self._noise.white(np.vstack([residual[None], space]))
         q, r = np.linalg.qr(turned[:, 1:].transpose(0, 2, 1))

@@ -252,7 +252,7 @@ def _through(values: Array, step_s: float, response: Callable[[Any], Any]) -> Ar
     at = np.arange(whole.size)
     slope = (whole[-1] - whole[0]) / (whole.size - 1)
     line = whole[0] + slope * at
-    omega = 2 * np.pi * np.fft.rfftfreq(whole.size, step_s)
+    omega = np.asarray(2 * np.pi * np.fft.rfftfreq(whole.size, step_s), dtype=float)
     gain = response(omega)
     gain = np.where(np.arange(omega.size) == omega.size - 1, gain.real, gain) if whole.size % 2 == 0 else gain
     turned = np.fft.irfft(np.fft.rfft(whole - line) * gain, whole.size)
