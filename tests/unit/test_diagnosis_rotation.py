@@ -270,6 +270,19 @@ class TestVerdicts:
         diagnosis, _ = diagnose_rotation(session, ForwardModel.of({}), (*FREE, "gyro_bias", "gyro_scale"))
         assert [claim.effect for claim in diagnosis.claims] == ["time_offset"]
 
+    def test_the_earth_is_named_by_its_known_size_and_not_as_g_sensitivity(self) -> None:
+        state = turning(20.0)
+        rng = np.random.default_rng(2)
+        model = random_sensor(rng).with_effects({"earth_rotation": {"share": 1.0}})
+        gyro = model.gyro(state)
+        for share, names in ((1.0, ["earth_rotation"]), (3.0, ["gyro_g_sensitivity"])):
+            rates = share * gyro + (1 - share) * random_sensor(rng).gyro(state) + 2e-4 * rng.standard_normal(gyro.shape)
+            readings = np.concatenate([model.predict(state) + SIGMA * rng.standard_normal(gyro.shape), rates])
+            diagnosis, _ = diagnose_rotation(
+                RotationSession(readings, state), ForwardModel.of({}), (*FREE, "gyro_bias", "gyro_scale")
+            )
+            assert [claim.effect for claim in diagnosis.claims] == names
+
     def test_the_same_seed_gives_the_same_answer(self) -> None:
         session = recording({"cubic": {"k3_x": 1e-4}}, turning())
         first, second = (diagnose_rotation(session, ForwardModel.of({}), FREE)[0].to_dict() for _ in range(2))

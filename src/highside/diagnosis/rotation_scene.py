@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from highside.diagnosis.design import CHUNK, Design
 from highside.diagnosis.fit import JointFit, Observed, base_fit, joint_fit
 from highside.diagnosis.gram import Gram, HeldOutRows, Segments, Space, WalkingChannel, Walks, accumulate
-from highside.diagnosis.location import followed, intervals, scan_of
+from highside.diagnosis.location import Scan, followed, intervals, scan_of
 from highside.diagnosis.memory import Channel, Memory, SlowEffect
 from highside.diagnosis.method import WHOLE, Method
 from highside.diagnosis.regression import outside, span
@@ -131,7 +131,6 @@ class RotationScene(Scene):
         return 2
 
     def judge(self, noise: RotationNoise) -> Judged:
-        rng = np.random.default_rng(self.seed)
         totals = []
         for c, gram in enumerate(self.grams):
             memory = noise.memories[c] if c < len(noise.memories) else None
@@ -143,23 +142,35 @@ class RotationScene(Scene):
         base = span(space.columns(self.design.base if self.method.refit else self.design.base[:0]))
         residual = outside(base, space.residual)
         pool = Pool(self.candidates, [space.columns(v.columns) for c in self.candidates for v in c.variants])
-        signs = rng.choice([-1.0, 1.0], size=(FLIPS, self.chance[0].shape[0]))
-        chance = space.moments([signs @ blocks for blocks in self.chance])
-        if not self.method.colour:
-            # nothing is remembered: chance is what the F test says
-            chance = np.zeros_like(chance)
-        limit = threshold(pool.race, pool.owner, chance, base, noise.freedom)
         gains = RotationGains(pool, HeldOutRows(self.design, self.grams))
         size = sum(int(np.sum(w > 0)) for w in noise.weight)
-        selector = Selector(pool, base, residual, noise.freedom, limit, gains, size)
         cells = self.design.cell_of
         slow_freedom = 2 * SLOW_BAND_HZ * self.session.n * self.session.step_s
         freedom = [slow_freedom if self.design.groups[b].slow else noise.freedom for _, b in cells]
         scan = scan_of(
             self.design.groups, [space.columns(numbers) for numbers in self.design.cells], cells, np.array(freedom)
         )
-        scan_limit = threshold(scan.race, np.arange(len(cells)), chance, base, scan.freedom)
+        # a walk is no matter of flipped signs: what the rows show by chance was found without it
+        if not any(m.upper for m in noise.memories):
+            limit, scan_limit = self._limits(space, base, pool, scan, noise.freedom)
+        else:
+            judged = self.judge(with_walk(noise, []))
+            limit, scan_limit = judged.selector.threshold, judged.scan_threshold
+        selector = Selector(pool, base, residual, noise.freedom, limit, gains, size)
         return Judged(selector, scan, scan_limit, [], _Judging(noise, space))
+
+    def _limits(self, space: Space, base: Array, pool: Pool, scan: Scan, freedom: float) -> tuple[float, float]:
+        """What race and scan exceed by chance, from flipped blocks."""
+        rng = np.random.default_rng(self.seed)
+        signs = rng.choice([-1.0, 1.0], size=(FLIPS, self.chance[0].shape[0]))
+        chance = space.moments([signs @ blocks for blocks in self.chance])
+        if not self.method.colour:
+            # nothing is remembered: chance is what the F test says
+            chance = np.zeros_like(chance)
+        return (
+            threshold(pool.race, pool.owner, chance, base, freedom),
+            threshold(scan.race, np.arange(scan.freedom.size), chance, base, scan.freedom),
+        )
 
     def likelihoods(self, members: Sequence[Member]) -> list[Channel]:
         block = self.block(members)

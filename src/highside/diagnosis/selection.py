@@ -25,6 +25,7 @@ FLIPS = 300
 BLOCK_POSES = 6
 MAX_CLAIMS = 4
 TIE = 0.5
+MERGE_BIC = 6.0
 SHORTLIST = 4
 
 
@@ -51,6 +52,8 @@ class Pool:
         self.one_sided = [
             i for i, m in enumerate(self.members) if _one_sided(self.candidates[m.candidate]) and len(blocks[i]) == 1
         ]
+        sizes = [_known_size(self.candidates[m.candidate]) for m in self.members]
+        self.known = [(i, size) for i, size in enumerate(sizes) if size is not None]
         self._index = {member: i for i, member in enumerate(self.members)}
 
     def columns(self, member: Member) -> Array:
@@ -69,6 +72,14 @@ def _one_sided(candidate: Candidate) -> bool:
     if candidate.effect is None or len(candidate.amplitudes) != 1:
         return False
     return next(p.gate[0] for p in candidate.effect.parameters if not p.shape) == 0.0
+
+
+def _known_size(candidate: Candidate) -> float | None:
+    """The only amplitude that an effect may have."""
+    effect = candidate.effect
+    if effect is None or not effect.known_size or len(candidate.amplitudes) != 1:
+        return None
+    return next(p.typical for p in effect.parameters if not p.shape)
 
 
 @dataclass(frozen=True)
@@ -95,6 +106,10 @@ def standing(pool: Pool, space: Array, residual: Array, freedom: float, size: in
         else:
             # as good as one that may have either sign: half of what that might be has been ruled out
             gain[i] += TIE
+    for i, amplitude in pool.known:
+        # taken as large as it must be, not as large as would suit
+        bare = amplitude * outside(space, pool.blocks[i])[0]
+        gain[i] = max(0.0, float(2 * bare @ residual - bare @ bare))
     score = gain - dof * np.log(size)
     best: list[Member] = []
     picked = np.zeros(len(pool.candidates), dtype=np.intp)
@@ -235,7 +250,30 @@ class Selector:
             if step is None:
                 break
             members = self._settle([*members, step])
+        return self._merged(members)
+
+    def _merged(self, members: list[Member]) -> list[Member]:
+        """One name instead of two where another variant of the one explains nearly what both do.
+
+        An effect that was let act in part leaves a rest, which something else may then be found to explain.
+        """
+        for kept in members:
+            for dropped in members:
+                if kept == dropped or {kept, dropped} & set(self.fixed):
+                    continue
+                others = [m for m in members if m not in (kept, dropped)]
+                variants = [m for m in self.pool.members if m.candidate == kept.candidate]
+                score, best = min((self._cost([*others, m]), i) for i, m in enumerate(variants))
+                if score < self._cost(members) + MERGE_BIC:
+                    return self._merged([*others, variants[best]])
         return members
+
+    def _cost(self, members: Sequence[Member]) -> float:
+        """BIC of members: what they leave, their directions, and how many shapes were tried for each."""
+        space = self.space_with(members)
+        left = outside(space, self.residual)
+        directions = (len(space) - len(self.base)) * float(np.log(self.size))
+        return float(left @ left) + directions + float(sum(2 * np.log(self.pool.tries[m.candidate]) for m in members))
 
     def _forward(self, members: list[Member]) -> Member | None:
         now = self.standing(members)

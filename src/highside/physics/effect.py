@@ -96,6 +96,8 @@ class Effect(ABC):
     """fields of ChainState that must vary (or be known) for the effect to show"""
     complex_safe: ClassVar[bool] = True
     random: ClassVar[bool] = False
+    known_size: ClassVar[bool] = False
+    """True: the amplitude is no free number but has its typical value, or the effect is absent"""
     depends_on_input: ClassVar[bool] = True
     """False: `delta` does not read the stage's input, so nothing before it passes through it"""
 

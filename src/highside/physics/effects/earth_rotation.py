@@ -23,6 +23,7 @@ class EarthRotation(LinearEffect):
     parameters = (Parameter("share", "1", 1.0, (-0.03, 1.03)),)
     confused_with = ("gyro_g_sensitivity", "gyro_bias")
     splitter = "latitude and azimuth fix its size and direction; turn the bench by 180 deg in azimuth"
+    known_size = True
     depends_on_input = False
 
     def basis(self, state: ChainState, x: Array) -> Array:
