@@ -20,7 +20,7 @@ from highside.diagnosis.memory import Channel, Innovating, Likelihoods, Memory, 
 from highside.diagnosis.memory import intervals as in_intervals
 from highside.diagnosis.pose_scene import RICH_SHARE, block_proof
 from highside.diagnosis.regression import VISIBLE, log10_p, outside, span
-from highside.diagnosis.result import Fit, FittedParameter, Location
+from highside.diagnosis.result import Diagnosis, Fit, FittedParameter, Location
 from highside.diagnosis.rivals import Rivalry
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
 from highside.diagnosis.selection import (
@@ -236,6 +236,16 @@ class MagnitudeScene(Scene):
     def picture(self, fit: JointFit | None) -> Picture:
         after = self.residual if fit is None else fit.residual
         return Picture(self.session, self.residual, after, self.channels)
+
+    def completed(self, diagnosis: Diagnosis) -> Diagnosis:
+        if not self.session.rest or not diagnosis.claims:
+            return diagnosis
+        words = (
+            "in one attitude only what acts along gravity shows: the parameters are its smallest explanation, and what "
+            "acts across gravity, or whether an offset or a scale factor changes, is not told"
+        )
+        remainder = replace(diagnosis.remainder, hints=(words, *diagnosis.remainder.hints))
+        return replace(diagnosis, remainder=remainder)
 
     def told_of_noise(self) -> dict[str, Any]:
         return {

@@ -72,6 +72,16 @@ class Around:
     lags_s: tuple[float, ...] = ()
 
 
+_STORIES = {
+    "bandwidth_lag": "The channel answers with a delay and a loss of swing, as any filter of finite bandwidth.",
+    "time_offset": "The recording and the prediction do not mean the same instant by the same time.",
+    "lever_arm": "The accelerometers do not sit at the point whose motion is predicted, so turning throws them outward "
+    "and speeding up drags them sideways.",
+    "gyro_bias": "The gyro shows a small rotation where there is none.",
+}
+"""Where the library's words speak of a tool on a bench."""
+
+
 def effects_of(session: SimulationSession, around: Around) -> list[Tried]:
     """Everything whose covariates were recorded."""
     return [*_channels(session), *_coupled(session), *_timed(session, around), *_slow(session), *_moved(session)]
@@ -90,6 +100,7 @@ def _effect(effect_id: str, parameters: Sequence[Parameter], stage: Stage = Stag
     if known is not None:
         title, formula, story, splitter = known.title, known.formula, known.story, known.splitter
         confused, stage = known.confused_with, known.stage
+        story = _STORIES.get(effect_id, story)
     else:
         title, formula, story, splitter = _OWN[effect_id]
         confused = ()

@@ -82,7 +82,8 @@ def sureness(claim: Claim) -> str:
 def sizes(claim: Claim) -> str:
     """Parameters with their 95 % intervals; shapes without."""
     return ", ".join(
-        f"{name} = {p.value:.3g} {p.unit}" + (f" ({p.low:.3g} to {p.high:.3g})" if p.std > 0 else "")
+        f"{name} = {p.value:.3g} {p.unit if p.unit != '1' else ''}".rstrip()
+        + (f" ({p.low:.3g} to {p.high:.3g})" if p.std > 0 else "")
         for name, p in claim.parameters.items()
     )
 
@@ -116,7 +117,12 @@ def proof(fit: Fit) -> str:
 
 
 def blame(diagnosis: Diagnosis) -> str:
-    """Whether the bench or the sensor is to blame, by the stages of each claim's class; empty without claims."""
+    """Whether the bench or the sensor is to blame, by the stages of each claim's class; empty without claims.
+
+    Beside another program's prediction of any channel that is not asked.
+    """
+    if "alignment" in diagnosis.noise:
+        return ""
     effects = all_effects()
     sides: dict[str, list[str]] = {}
     for claim in diagnosis.claims:
