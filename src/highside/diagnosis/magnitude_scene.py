@@ -13,18 +13,18 @@ from highside.diagnosis.candidates import Blind, Candidate, Variant, pose_candid
 from highside.diagnosis.directed_walk import DirectedLikelihoods, DirectedNoise
 from highside.diagnosis.fit import JointFit, base_fit, joint_fit
 from highside.diagnosis.location import Basis, followed, intervals, scan_of
+from highside.diagnosis.magnitude_noise import MagnitudeNoise, plainly_asked, rich_columns, scatter
 from highside.diagnosis.magnitude_observed import Magnitudes
 from highside.diagnosis.magnitude_session import MagnitudeSession
 from highside.diagnosis.markov import LevelNoise
 from highside.diagnosis.memory import Channel, Innovating, Likelihoods, Memory, SlowEffect
 from highside.diagnosis.memory import intervals as in_intervals
-from highside.diagnosis.pose_scene import RICH_SHARE, block_proof
-from highside.diagnosis.regression import VISIBLE, log10_p, outside, span
+from highside.diagnosis.pose_scene import block_proof
+from highside.diagnosis.regression import VISIBLE, outside, span
 from highside.diagnosis.result import Diagnosis, Fit, FittedParameter, Location
 from highside.diagnosis.rivals import Rivalry
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
 from highside.diagnosis.selection import (
-    ALARM_RATE,
     MAX_CLAIMS,
     HeldOut,
     Member,
@@ -35,7 +35,6 @@ from highside.diagnosis.selection import (
     pose_flips,
     threshold,
 )
-from highside.physics.effect import Stage
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
@@ -45,26 +44,8 @@ ONE_BY_ONE = 60
 """Up to so many poses each is left out by itself."""
 BLOCKS = 10
 ALIKE = 0.999
-MOST_ASKED = 2
 PER_NAME = 6
 """Readings beyond the base for each effect that is given a name."""
-
-
-@dataclass(frozen=True)
-class MagnitudeNoise:
-    """`std` (n,) in g of each reading; `level` whitens in time order where the scatter has a memory."""
-
-    std: Array
-    freedom: float
-    level: Innovating | None = None
-
-    def white(self, columns: Array) -> Array:
-        """(..., 1, n) in g -> (..., n) in units of the noise."""
-        rows = columns[..., 0, :]
-        if self.level is None:
-            return np.asarray(rows / self.std)
-        turned = self.level.white(rows.reshape(-1, rows.shape[-1]))[0]
-        return np.asarray(turned.reshape(rows.shape))
 
 
 @dataclass(frozen=True)
@@ -94,10 +75,10 @@ class MagnitudeScene(Scene):
             candidates += _projected(seen, model, shadows(aligned.state, force))
         candidates = _beyond_linear(candidates, base)
         bases = _bases(session, aligned.state.reading.shape[1])
-        rich = _beside(_rich(base, candidates, bases), base, residual, candidates)
+        rich = plainly_asked(rich_columns(base, candidates, bases), base, residual, candidates)
         return cls(
             candidates, blind, free, seed, session, model, seen, base, residual, rich,
-            _noise(session, residual, rich), bases,
+            scatter(session, residual, rich), bases,
         )  # fmt: skip
 
     @property
@@ -358,72 +339,3 @@ def _bases(session: MagnitudeSession, n: int) -> list[Basis]:
     u = (session.t_s - session.t_s[0]) / max(float(np.ptp(session.t_s)), 1e-9)
     add("t_s", session.t_s, [np.cos(np.pi * k * u) for k in range(1, 4 if n < 40 else 7)])
     return found
-
-
-def _rich(base: Array, candidates: Sequence[Candidate], bases: Sequence[Basis]) -> Array:
-    """Columns (P, 1, n) of what could be systematic, the likeliest first, as many directions as the session affords."""
-    room = int(RICH_SHARE * base.shape[2])
-    stages = [Stage.SENSOR, Stage.THERMAL]
-    named = sorted(
-        (c for c in candidates if c.effect is not None and len([v for v in c.variants if v.whole]) == 1),
-        key=lambda c: (stages.index(c.effect.stage) if c.effect and c.effect.stage in stages else 9, len(c.amplitudes)),
-    )
-    first = [c for c in named if c.id in ("bias", "scale", "misalignment")]
-    parts = [v.columns for c in [*first, *(c for c in named if c not in first)] for v in c.variants if v.whole]
-    parts += [basis.functions[:, None] for basis in bases]
-    kept = base
-    taken = span(base[:, 0]).shape[0]
-    for part in parts:
-        wider = np.concatenate([kept, part])
-        rank = span(wider[:, 0], tolerance=1e-4).shape[0]
-        if rank <= room:
-            kept, taken = wider, rank
-        if taken == room:
-            break
-    return kept
-
-
-def _beside(rich: Array, base: Array, residual: Array, candidates: Sequence[Candidate]) -> Array:
-    """The rich columns and what the readings plainly ask for beyond them.
-
-    Few readings do not afford a rich model of everything, and what it lacks would pass as scatter and hide itself. An F
-    test with the residual of its own fit does not have that flaw.
-    """
-    space = span(base[:, 0])
-    n = residual.size
-    for _ in range(MOST_ASKED):
-        left = outside(space, residual[0])
-        total, freedom = float(left @ left), n - space.shape[0]
-        best: tuple[float, Array] | None = None
-        for candidate in candidates:
-            for variant in candidate.variants:
-                own = span(outside(space, variant.columns[:, 0] / _size(variant.columns[:, 0])), tolerance=VISIBLE)
-                k = own.shape[0]
-                if not 0 < k < freedom - 3:
-                    continue
-                gain = float(np.sum((own @ left) ** 2))
-                per_noise = gain * (freedom - k) / max(total - gain, 1e-12 * total)
-                p = float(log10_p(np.array(per_noise), np.array(k), freedom - k, len(candidate.variants)))
-                if best is None or p > best[0]:
-                    best = (p, variant.columns)
-        if best is None or best[0] < -np.log10(ALARM_RATE / len(candidates)):
-            break
-        rich = np.concatenate([rich, best[1]])
-        space = span(np.concatenate([space, best[1][:, 0] / _size(best[1][:, 0])]))
-    return rich
-
-
-def _size(columns: Array) -> Array:
-    norm = np.linalg.norm(columns, axis=1, keepdims=True)
-    return np.where(norm > 0, norm, 1.0)
-
-
-def _noise(session: MagnitudeSession, residual: Array, rich: Array) -> MagnitudeNoise:
-    """Scatter of the readings beyond the rich columns. Poses of a hand scatter alike whatever their length; blocks of a
-    rest by the number of rows they hold."""
-    relative = np.sqrt(np.median(session.count) / session.count) if session.rest else np.ones(session.n)
-    space = span(rich[:, 0] / relative, tolerance=1e-4)
-    left = outside(space, residual[0] / relative)
-    freedom = session.n - space.shape[0]
-    size = max(float(np.sqrt(left @ left / freedom)), 1e-9)
-    return MagnitudeNoise(size * relative, float(freedom))
