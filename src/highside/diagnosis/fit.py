@@ -178,6 +178,8 @@ def joint_fit(
         return np.concatenate(parts)
 
     every = [*now.free_names(names or []), *amplitude_names]
+    if not every:
+        return JointFit({}, seen.residual(now), ())
     inverse = np.zeros((len(every), len(every)))
     unseen = np.zeros(len(every), dtype=bool)
     for step_number in range(steps):

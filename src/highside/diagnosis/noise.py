@@ -47,7 +47,7 @@ class PoseNoise:
         if self.full is not None:
             return self.full.white(columns)
         turned = np.einsum("ijn,...jn->...in", self.whitening, columns)
-        return np.asarray(turned.reshape(*columns.shape[:-2], -1))
+        return np.asarray(turned.reshape(*columns.shape[:-2], columns.shape[-2] * columns.shape[-1]))
 
 
 def estimate(residual: Array, rich: Array, tangents: Array) -> PoseNoise:

@@ -74,7 +74,7 @@ class RotationNoise:
         """(..., C, N) readings -> (..., C N) in units of the noise, a wandering offset left aside."""
         flat = columns.reshape(-1, *columns.shape[-2:])
         turned = np.stack([self.whiten(c, flat[:, c], slice(0, flat.shape[2])) for c in range(flat.shape[1])], axis=1)
-        return np.asarray(turned.reshape(*columns.shape[:-2], -1))
+        return np.asarray(turned.reshape(*columns.shape[:-2], columns.shape[-2] * columns.shape[-1]))
 
 
 def filtered(polynomial: Array, rows: Array, led: int) -> Array:
