@@ -85,8 +85,7 @@ class RotationScene(Scene):
         design = Design(session, model, free, found_lines(session, residual))
         noise = estimate(design, residual, seed, coloured=method.colour)
         grams, segments = accumulate(design, noise, residual)
-        if method.colour:
-            chance = _chance(design, noise, residual, grams, segments)
+        chance = _chance(design, noise, residual, grams, segments)
         return cls(
             design.candidates,
             design.blind,
