@@ -211,7 +211,9 @@ class BenchDriver:
             return
         self._changed.clear()
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(self._changed.wait(), TICK_S)
+            # not wait_for: in Python 3.11 it may swallow a cancellation that comes together with the event
+            async with asyncio.timeout(TICK_S):
+                await self._changed.wait()
 
     def _transport_factory(self) -> Callable[[], Transport]:
         bench, link = self.bench, self.settings.link
