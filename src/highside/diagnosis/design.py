@@ -161,10 +161,6 @@ class Design:
             elif not absent:
                 vectors = [(shape, self._vector(effect, shape)) for shape in self._shapes(effect)]
                 tried = [(shape, self._through(effect, vector, effect.amplitudes)) for shape, vector in vectors]
-                if effect.stage is Stage.THERMAL and np.ptp(np.degrees(self.session.state.inc_rad)) < 0.1:
-                    # at one inclination the load along the tool is constant: there it is an offset, not a scale
-                    axes = [effect.parameters[k].name.rpartition("_")[2] for k in effect.amplitudes]
-                    tried = [(s, [-1 if a == "z" else n for n, a in zip(c, axes, strict=True)]) for s, c in tried]
             names = tuple(effect.parameters[k].name for k in effect.amplitudes)
             variants = []
             for shape, columns in tried:
