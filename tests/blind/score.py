@@ -3,7 +3,9 @@
     python tests/blind/score.py [--seed HASH] [--real] [--without colour|refit|refusal] [--rivals] [--small]
                                 [--every N] [--jobs 2] [--only PREFIX] [--out FOLDER]
 
-Without --seed the deck is that of the commit that froze the engine. Every case goes through the command itself: files
+Without --seed the deck is that of the commit that froze the engine, and what answers is the package as it was at that
+commit, taken out of the history: edits of the tree during a run of hours do not reach it. So it is with any --seed that is a
+whole commit hash; with any other seed the tree itself answers. Every case goes through the command itself: files
 in, `diagnosis.json` out. The answers are kept line by line in FOLDER, so an interrupted run goes on where it was:
 
     answers-SEED.jsonl                  the deck of simulated worlds
@@ -23,7 +25,10 @@ import json
 import multiprocessing
 import os
 import random
+import re
+import subprocess
 import sys
+import tarfile
 import tempfile
 import time
 from collections.abc import Callable
@@ -34,7 +39,6 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent))
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import baselines
 import deck
 import real_noise
 import table
@@ -95,10 +99,25 @@ def run_case(name: str, without: str | None = None) -> Row:
 
 def run_rivals(name: str) -> Row:
     """What sparse regressions answer to a case."""
+    import baselines
+
     case = _MADE[name]()
     assert case is not None
     began = time.perf_counter()
     return {**about(case), "names": baselines.names_of(case), "seconds": time.perf_counter() - began}
+
+
+def use_frozen(commit: str, folder: Path) -> None:
+    """Take the package of a commit into a folder and let it be the one that is imported."""
+    packed = subprocess.run(["git", "archive", commit, "src"], cwd=deck.ROOT, capture_output=True, check=True).stdout
+    with tarfile.open(fileobj=io.BytesIO(packed)) as files:
+        files.extractall(folder, filter="data")
+    sys.path.insert(0, str(folder / "src"))
+    import highside
+
+    found = Path(str(highside.__file__)).resolve()
+    if folder.resolve() not in found.parents:
+        raise SystemExit(f"{found} would answer in place of the package of {commit}")
 
 
 def written(path: Path) -> list[Row]:
@@ -162,7 +181,10 @@ def main() -> None:
     random.Random(seed).shuffle(todo)  # cut short, the table is still one of the whole deck
     began = time.perf_counter()
     run = run_rivals if given.rivals else partial(run_case, without=given.without)
-    with multiprocessing.Pool(given.jobs, maxtasksperchild=200) as pool, answers.open("a") as file:
+    frozen = tempfile.TemporaryDirectory(prefix="frozen-")
+    if re.fullmatch("[0-9a-f]{40}", seed):
+        use_frozen(seed, Path(frozen.name))
+    with frozen, multiprocessing.Pool(given.jobs, maxtasksperchild=200) as pool, answers.open("a") as file:
         for number, row in enumerate(pool.imap_unordered(run, todo, chunksize=1), 1):
             file.write(json.dumps(row) + "\n")
             file.flush()

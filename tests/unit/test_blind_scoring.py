@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -142,3 +143,14 @@ def test_a_bench_with_real_noise_has_the_noise_of_the_rest(shared_data: Path) ->
     # rows are means of two readings of a converter: its steps are still there
     steps = np.diff(rows, axis=1) / (real_recordings.recording("tomisuarez").step / 2)
     assert np.abs(steps - np.round(steps)).max() < 1e-6
+
+
+def test_the_frozen_package_answers_and_not_the_tree(tmp_path: Path, project_root: Path) -> None:
+    head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=project_root, capture_output=True, text=True, check=True)
+    words = (
+        f"import sys; sys.path.insert(0, {str(project_root / 'tests' / 'blind')!r}); from pathlib import Path;"
+        f"import score; score.use_frozen({head.stdout.strip()!r}, Path({str(tmp_path)!r}));"
+        "import highside.cli.main as m; print(m.__file__)"
+    )
+    told = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
+    assert Path(told.stdout.strip()) == tmp_path / "src/highside/cli/main.py"
