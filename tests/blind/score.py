@@ -4,8 +4,8 @@
                                 [--every N] [--jobs 2] [--only PREFIX] [--out FOLDER]
 
 Without --seed the deck is that of the commit that froze the engine, and what answers is the package as it was at that
-commit, taken out of the history: edits of the tree during a run of hours do not reach it. So it is with any --seed that is a
-whole commit hash; with any other seed the tree itself answers. Every case goes through the command itself: files
+commit, taken out of the history: edits of the tree during a run of hours do not reach it. So it is with any --seed that
+is a whole commit hash; with any other seed the tree itself answers. Every case goes through the command itself: files
 in, `diagnosis.json` out. The answers are kept line by line in FOLDER, so an interrupted run goes on where it was:
 
     answers-SEED.jsonl                  the deck of simulated worlds
