@@ -114,10 +114,15 @@ def base_fit(
     return model, seen.jacobian(model, free), seen.residual(model)
 
 
+UNMOVED = 1e-12
+"""Length of a column beside the longest, below which it is rounding."""
+
+
 def _solve(columns: Array, residual: Array) -> Array:
     """Least squares; of a long recording the normal equations, of few readings the columns themselves."""
     norm = np.linalg.norm(columns, axis=1)
-    norm = np.where(norm > 0, norm, 1.0)
+    # what a design does not move at all (a load that is zero but for rounding) is not fitted
+    norm = np.where(norm > UNMOVED * norm.max(initial=0.0), norm, np.inf)
     scaled = columns / norm[:, None]
     if columns.shape[1] > MANY:
         return np.asarray(np.linalg.pinv(scaled @ scaled.T, rcond=1e-10, hermitian=True) @ (scaled @ residual) / norm)

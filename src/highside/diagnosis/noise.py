@@ -25,6 +25,8 @@ from highside.diagnosis.regression import outside, span
 
 Array = NDArray[np.float64]
 
+QUIETEST = 0.02
+"""A channel is taken to be at least so noisy beside the loudest one."""
 TABLE_GAIN = 9.0
 """Gain of -2 log likelihood from which the bench's own scatter is believed."""
 
@@ -102,7 +104,9 @@ def _components(residual: Array, tangents: Array) -> tuple[Array, float, float]:
     """Scatter of the sensors (3,) and of the bench's two angles by maximum likelihood, from (3, n)."""
     from scipy.optimize import minimize
 
-    plain = np.maximum(residual.std(axis=1), 1e-12)
+    plain = residual.std(axis=1)
+    # a channel of which the rich model has left nothing is not without noise
+    plain = np.maximum(plain, max(QUIETEST * float(plain.max()), 1e-12))
     rows = residual.T
     angle = float(plain.mean())
 
