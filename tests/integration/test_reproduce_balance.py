@@ -228,6 +228,28 @@ def test_json_and_page_come_from_one_experiment(
     assert page_of(experiment).count("<svg") == 7
 
 
+def test_the_published_instrument_is_diagnosed_and_table_6_predicted(run: tuple[Path, dict[str, Any]]) -> None:
+    folder, printed = run
+    told = printed["published_instrument"]
+    found = told["table1_diagnosis"]
+    assert found["verdict"] in ("named", "named_plus")
+    classes = [set(claim["equivalence_class"]) for claim in found["claims"]]
+    # near vertical only a bench that is not level explains means and peak-to-peaks of both angles
+    assert any("base_tilt" in names for names in classes)
+    # the toolface that runs with cos I has several names
+    assert any({"reference_twist", "cross_product"} <= names for names in classes)
+    assert any("a ring at" in claim["next_manoeuvre"] for claim in found["claims"])
+    assert found["fit"]["unit"] == "sigma"
+    assert found["fit"]["heldout_rmse_after"] < 0.6 * found["fit"]["heldout_rmse_before"]
+    assert found["fit"]["heldout_gain_low"] > 0
+    assert "1.998 deg" in " ".join(found["remainder"]["hints"])
+    table6 = told["table6"]["predicted"]
+    assert table6["whole"]["verdict"]["d_inc_mean_deg"] == "predicted"
+    assert table6["whole"]["verdict"]["d_tf_pp_deg"] == "not predicted"
+    assert table6["named"]["cells"][0] == [None] * 4
+    assert "What the published instrument leaves out" in (folder / "balance.html").read_text()
+
+
 def test_a_folder_that_cannot_be_made_is_one_clear_line(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     command = [sys.executable, "-c", "from highside.cli.main import main; main()", "reproduce", "balance"]

@@ -314,7 +314,7 @@ def covariance_of_values(table: Table, fitted: Fitted) -> Array:
     mask = table.mask
     cov = fitted.covariance(table)[np.ix_(mask, mask)]
     slope = fitted.jacobian[:, mask]
-    inner = slope @ np.linalg.solve(cov, slope.T) + np.eye(len(slope)) / 30.0**2
+    inner = slope @ np.linalg.solve(cov, slope.T) + np.diag(table.precision(len(slope)))
     return np.asarray(np.linalg.inv(inner))
 
 

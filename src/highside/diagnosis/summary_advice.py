@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.candidates import columns_of
-from highside.diagnosis.summary_chain import CELLS, Draws, Linear, Sessions, draw, tell
-from highside.diagnosis.summary_fit import PEAK, Fitted, Table
+from highside.diagnosis.summary_chain import CELLS, Draws, Linear, Sessions, draw, errors_in_common, tell
+from highside.diagnosis.summary_fit import NOISE_G, PEAK, Fitted, Table
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 
@@ -38,7 +38,7 @@ def next_ring(
     if not instead:
         return "none needed: no other effect explains the table as well"
     sessions = Sessions.of(np.radians(np.array(RINGS_DEG)), table.sessions.procedure)
-    draws = draw(sessions, model, 24, seed + 2, best.noise_g)
+    draws = draw(sessions, model, 24, seed + 2, best.noise_g, own=table.base.shape[0] == len(base_names))
     sin = np.sin(sessions.inc_rad)
     one = np.ones_like(sin)
     spread = np.degrees(np.stack([one, PEAK * one, one / sin, PEAK / sin], axis=1))
@@ -82,6 +82,7 @@ def _predicted(
     columns = []
     if base_names:
         columns.append(np.asarray(model.jacobian(state, list(base_names)), dtype=float) * base_units[:, None, None])
+    columns.append(errors_in_common(sessions, model, table.noise_g or NOISE_G))
     for option in fitted.options:
         effect = all_effects()[option.effect]
         every = columns_of(model, state, effect, dict(option.shape))
@@ -94,6 +95,6 @@ def _predicted(
     mask = table.mask
     cov = fitted.covariance(table)[np.ix_(mask, mask)]
     inner = fitted.jacobian[:-1, mask] @ np.linalg.solve(cov, fitted.jacobian[:-1, mask].T)
-    open_values = np.linalg.inv(inner + np.eye(len(inner)) / 30.0**2)
+    open_values = np.linalg.inv(inner + np.diag(table.precision(len(inner))))
     slope = said.slope[:-1]
     return said.cells, np.einsum("prc,pq,qrd->rcd", slope, open_values, slope)

@@ -119,9 +119,9 @@ class Draws:
     bench: Array
 
 
-def draw(sessions: Sessions, model: ForwardModel, count: int, seed: int, noise_g: float) -> Draws:
+def draw(sessions: Sessions, model: ForwardModel, count: int, seed: int, noise_g: float, *, own: bool = True) -> Draws:
     """Realisations at a model whose random effects move the bench; `noise_g` is the size at which the noise of the
-    correction's poses is linearised."""
+    correction's poses is linearised. Without `own` those poses are taken as they are (see `errors_in_common`)."""
     rng = np.random.default_rng(seed)
     state, procedure = sessions.state, sessions.procedure
     rows, stations = sessions.inc_rad.size, procedure.stations
@@ -131,18 +131,43 @@ def draw(sessions: Sessions, model: ForwardModel, count: int, seed: int, noise_g
     start = sessions.corrected(clean)
     moved = np.empty((count, 3, rows, stations))
     noise = np.empty((count, 3, rows, stations, procedure.readings))
-    own = state.n - sessions.turns
+    poses = state.n - sessions.turns if own else 0
     for k in range(count):
         stops = model.draw(state, rng).get(Stage.POSE, np.zeros((3, state.n)))
+        if not own:
+            stops[:, sessions.turns :] = 0.0
         moved[k] = sessions.corrected(clean + np.einsum("ijn,jn->in", tangents, stops)) - start
         by_matrix = np.zeros((3, rows, stations))
-        if own:
+        if poses:
             trembling = np.zeros((3, state.n))
-            trembling[:, sessions.turns :] = rng.standard_normal((3, own)) / np.sqrt(procedure.readings)
+            trembling[:, sessions.turns :] = rng.standard_normal((3, poses)) / np.sqrt(procedure.readings)
             by_matrix = (sessions.corrected(clean + noise_g * trembling) - start) / noise_g
         trembling = rng.standard_normal((procedure.readings, 3, rows, stations))
         noise[k] = np.moveaxis(sessions.apply(matrices, trembling), 0, -1) + by_matrix[..., None]
     return Draws(noise.astype(np.float32), moved)
+
+
+def errors_in_common(sessions: Sessions, model: ForwardModel, noise_g: float) -> Array:
+    """What chance did to the few poses of one correction, as columns (9, 3, N) of unit normal amounts.
+
+    All rows share these errors, and peak-to-peaks depend on them too strongly to be averaged over: they are fitted,
+    each with its size known beforehand. Empty where each row has a correction of its own.
+    """
+    if sessions.procedure.corrected_by != "conventional3":
+        return np.empty((0, 3, sessions.state.n))
+    three = sessions.state.rows(np.arange(sessions.turns, sessions.state.n))
+    rng = np.random.default_rng(0)
+    nowhere = np.zeros((3, three.n))
+    stops = np.stack([model.draw(three, rng).get(Stage.POSE, nowhere).reshape(-1) for _ in range(400)])
+    tangents = np.asarray(model.pose_sensitivity(three), dtype=float)
+    turned = np.zeros((3 * three.n, 3 * three.n))
+    for k in range(three.n):
+        turned[k :: three.n, k :: three.n] = tangents[:, :, k]
+    cov = turned @ (stops.T @ stops / len(stops)) @ turned.T
+    cov += noise_g**2 / sessions.procedure.readings * np.eye(len(cov))
+    columns = np.zeros((len(cov), 3, sessions.state.n))
+    columns[:, :, sessions.turns :] = np.linalg.cholesky(cov).T.reshape(-1, 3, three.n)
+    return columns
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.candidates import Candidate, Variant
-from highside.diagnosis.summary_chain import Draws, Linear, Sessions, draw, tell, through
+from highside.diagnosis.summary_chain import Draws, Linear, Sessions, draw, errors_in_common, tell, through
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
@@ -24,9 +24,11 @@ Array = NDArray[np.float64]
 NOISE_G = 50e-6
 """One reading's noise where the model gives none; then known within a factor of about two and fitted."""
 NOISE_LOG_STD = 0.7
+WIDE = 30.0
+"""Standard deviation beforehand of what may be refitted, in typical sizes: hardly any knowledge."""
 HEAVY = 3.0
 """Sizes beyond this many typical ones cost."""
-FIT_DRAWS, CHANCE_DRAWS = 20, 1200
+FIT_DRAWS, CHANCE_DRAWS = 12, 400
 MAX_AMPLITUDES = 4
 """More at once fit anything that forty numbers can say."""
 PEAK = float(np.sqrt(2.0))
@@ -83,13 +85,16 @@ def _which(variant: Variant, whole: Variant) -> list[int]:
 class Table:
     """What is to be explained: `told` (R, 4) deg with NaN where lost, and how it was measured.
 
-    `base` (P, 3, R, S) are the fields of what may be refitted anyway, in typical units; `use` (R,) the rows believed.
+    `base` (P, 3, R, S) are the fields of what is fitted anyway: what may be refitted, in typical units, and behind it
+    the errors of the correction's poses; `known` (P,) is the standard deviation of each beforehand. `use` (R,) are the rows
+    believed.
     """
 
     sessions: Sessions
     told: Array
     start: Array
     base: Array
+    known: Array
     noise_g: float | None
     draws: Draws
     many: Draws
@@ -102,10 +107,13 @@ class Table:
         """At a model whose random effects say how the bench stops; `base` (P, 3, N) columns of its free parameters."""
         clean = np.asarray(model.predict(sessions.state), dtype=float)
         size = noise_g or NOISE_G
+        errors = errors_in_common(sessions, model, size)
+        own = not len(errors)
         return cls(
-            sessions, told, sessions.corrected(clean), through(sessions, clean, base), noise_g,
-            draw(sessions, model, FIT_DRAWS, seed, size), draw(sessions, model, CHANCE_DRAWS, seed + 1, size),
-            np.ones(len(told), dtype=bool),
+            sessions, told, sessions.corrected(clean), through(sessions, clean, np.concatenate([base, errors])),
+            np.concatenate([np.full(len(base), WIDE), np.ones(len(errors))]), noise_g,
+            draw(sessions, model, FIT_DRAWS, seed, size, own=own),
+            draw(sessions, model, CHANCE_DRAWS, seed + 1, size, own=own), np.ones(len(told), dtype=bool),
         )  # fmt: skip
 
     @property
@@ -114,6 +122,12 @@ class Table:
         usable = np.isfinite(self.told)
         usable[self.sessions.degenerate(), :2] = False
         return np.asarray((usable & self.use[:, None]).reshape(-1))
+
+    def precision(self, size: int) -> Array:
+        """(size,) what is known beforehand of values (and of the logarithm of the noise behind them)."""
+        known = np.full(size, WIDE)
+        known[: self.known.size] = self.known
+        return np.asarray(known**-2.0)
 
     def without_row(self, row: int) -> Table:
         """The same with one more row left out."""
@@ -196,7 +210,7 @@ def fit_set(
     if len(starts) > 1:
         # a peak-to-peak hardly knows signs, and a fit does not cross zero: a few steps from several sides first
         starts = [min((_descend(table, linear, s, chance, tau, steps=4) for s in starts), key=lambda f: f[0])[1]]
-    theta = _descend(table, linear, starts[0], chance, tau)[1]
+    theta = starts[0]
     for _ in range(rounds):
         tau, _ = _most_likely_tau(table, linear, theta, chance)
         theta = _descend(table, linear, theta, chance, tau)[1]
@@ -227,7 +241,7 @@ def _start_values(table: Table, options: Sequence[Option], start: Fitted | None)
 
 
 def _descend(
-    table: Table, linear: Linear, theta: Array, chance: Array, tau: float, steps: int = 15
+    table: Table, linear: Linear, theta: Array, chance: Array, tau: float, steps: int = 12
 ) -> tuple[float, Array]:
     mask, base = table.mask, len(table.base)
     lower = np.linalg.cholesky((chance + np.diag((tau * table.spread) ** 2))[np.ix_(mask, mask)])
@@ -241,6 +255,9 @@ def _descend(
         left = np.linalg.solve(lower, np.column_stack([told - said.cells.mean(axis=0).reshape(-1)[mask], slope.T]))
         gram, pull = left[:, 1:].T @ left[:, 1:], left[:, 1:].T @ left[:, 0]
         cost = float(left[:, 0] @ left[:, 0])
+        cost += float(np.sum((at[:base] / table.known) ** 2))
+        gram[np.arange(base), np.arange(base)] += table.known**-2
+        pull[:base] -= at[:base] / table.known**2
         for k in range(base, sizes):
             # heavy-tailed: 2 log(1 + (x / s)^2), with the curvature of its majorant
             weight = 2.0 / (HEAVY**2 + at[k] ** 2)
@@ -264,7 +281,7 @@ def _descend(
         moved[-1] = np.clip(moved[-1], np.log(1e-6), np.log(5e-3))
         new = residual(moved)
         if new[0] < cost:
-            done = cost - new[0] < 0.05
+            done = cost - new[0] < 0.1
             theta, (cost, gram, pull) = moved, new
             damping = max(damping / 8, 1e-6)
             if done:
@@ -306,6 +323,7 @@ def _finished(table: Table, linear: Linear, options: tuple[Option, ...], theta: 
     extra = theta[len(table.base) : -1]
     price = extra.size * np.log(table.mask.sum()) + sum(2 * np.log(option.tries) for option in options)
     score = deviance + price + 2.0 * float(np.sum(np.log1p((extra / HEAVY) ** 2)))
+    score += float(np.sum((theta[: len(table.base)] / table.known) ** 2))
     return Fitted(
         options, theta[:-1], float(np.exp(theta[-1])), tau, deviance, float(score), said.cells.mean(axis=0), chance,
         slope,

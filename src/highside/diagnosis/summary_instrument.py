@@ -33,7 +33,7 @@ def detectable(table: Table, options: Sequence[Option], best: Fitted) -> dict[st
         linear = Linear(table.sessions, table.start, np.concatenate(fields))
         values = np.concatenate([best.values, np.full(len(option.amplitudes), 0.3)])
         slope = tell(linear, values, best.noise_g, table.draws).slope.reshape(values.size + 1, -1)[:, mask]
-        inner = slope @ np.linalg.solve(cov, slope.T) + np.eye(len(slope)) * 1e-6
+        inner = slope @ np.linalg.solve(cov, slope.T) + np.diag(table.precision(len(slope)))
         inverse = np.linalg.inv(inner)
         own = slice(best.values.size, values.size)
         sizes = np.sqrt(EVIDENCE_80 * np.diag(inverse)[own]) * option.typical

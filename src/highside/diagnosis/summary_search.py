@@ -21,8 +21,10 @@ Array = NDArray[np.float64]
 
 WIDTH = 4
 MAX_EFFECTS = 4
-STEP = 6.0
-"""What one more effect must improve the score by (as a difference of BIC: strong)."""
+FINISHED = 10
+"""Of the sets that one more effect makes, those that are fitted to the end."""
+STEP = 9.0
+"""What one more effect must improve the score by: a difference of BIC that is strong among some forty candidates."""
 SAME = 6.0
 """Sets whose scores differ by less cannot be told apart."""
 CLEAR = 15.0
@@ -60,11 +62,16 @@ def search(
     for size in range(1, depth + 1):
         grown: dict[frozenset[Option], Fitted] = {}
         for count, parent in enumerate(beam):
+            fresh: list[frozenset[Option]] = []
             for option in options:
                 key = frozenset((*parent.options, option))
                 if option.effect in parent.effects or key in grown or key in every:
                     continue
-                grown[key] = fit_set(table, (*parent.options, option), parent)
+                grown[key] = fit_set(table, (*parent.options, option), parent, rounds=0)
+                fresh.append(key)
+            # a few steps tell which are worth more
+            for key in sorted(fresh, key=lambda k: grown[k].score)[:FINISHED]:
+                grown[key] = fit_set(table, grown[key].options, grown[key], rounds=1)
             if report:
                 report((size - 1 + (count + 1) / len(beam)) / depth, f"sets of {size}")
         if not grown:
@@ -241,7 +248,7 @@ def left_out_row(table: Table, fitted: Fitted, row: int) -> tuple[Array, Array, 
     # and what the others do not determine of the parameters adds to the uncertainty
     open_slope = part.jacobian[:, cells].T - gain @ part.jacobian[:, rest].T
     inner = part.jacobian[:, rest] @ np.linalg.solve(cov[np.ix_(rest, rest)], part.jacobian[:, rest].T)
-    inner += np.eye(inner.shape[0]) / 30.0**2
+    inner += np.diag(table.precision(inner.shape[0]))
     spread = cov[np.ix_(cells, cells)] - gain @ cov[np.ix_(rest, cells)]
     spread = spread + open_slope @ np.linalg.solve(inner, open_slope.T)
     return np.nan_to_num(left[cells] - gain @ left[rest]), np.asarray(spread), mask
