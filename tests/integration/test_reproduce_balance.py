@@ -202,7 +202,7 @@ def test_the_page_stands_alone(run: tuple[Path, dict[str, Any]]) -> None:
     found = Collector()
     found.feed(page)
     assert found.tags.count("svg") == 9  # seven figures of the paper, two of the published instrument
-    assert found.tags.count("table") >= 11
+    assert found.tags.count("table") == 12
     for number in range(1, 8):
         assert f"Figure {number}." in page
     for number in range(1, 7):
@@ -244,7 +244,7 @@ def test_the_published_instrument_is_diagnosed_and_table_6_predicted(run: tuple[
     assert found["fit"]["heldout_gain_low"] > 0
     assert "1.998 deg" in " ".join(found["remainder"]["hints"])
     table6 = told["table6"]["predicted"]
-    assert table6["whole"]["verdict"]["d_inc_mean_deg"] == "predicted"
+    assert table6["whole"]["verdict"]["d_inc_mean_deg"] in ("predicted", "partly")
     assert table6["whole"]["verdict"]["d_tf_pp_deg"] == "not predicted"
     assert table6["named"]["cells"][0] == [None] * 4
     assert "What the published instrument leaves out" in (folder / "balance.html").read_text()

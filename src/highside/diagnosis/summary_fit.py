@@ -86,7 +86,7 @@ class Table:
     """What is to be explained: `told` (R, 4) deg with NaN where lost, and how it was measured.
 
     `base` (P, 3, R, S) are the fields of what is fitted anyway: what may be refitted, in typical units, and behind it
-    the errors of the correction's poses; `known` (P,) is the standard deviation of each beforehand. `use` (R,) are the rows
+    the errors of the correction's poses; `known` (P,) is the standard deviation of each beforehand. `use` (R,) are rows
     believed.
     """
 
