@@ -163,9 +163,10 @@ def methods_table(answered: dict[str, dict[str, Row]]) -> str:
     """
     common = set.intersection(*(set(rows) for rows in answered.values()))
     lines = [
-        "| way | design | a name on nulls | exact and alone, 100 | 400 | confident and wrong, of all"
-        " | outside of the library: a name | names a case (nulls aside) | error of parameters, median, >= 400 |",
-        "|---" * 9 + "|",
+        "| way | design | any alarm on nulls | a name on nulls | exact and alone, 100 | 400"
+        " | confident and wrong, of all | outside of the library: a name | names a case (nulls aside)"
+        " | error of parameters, median, >= 400 |",
+        "|---" * 10 + "|",
     ]
     for design, words in DESIGNS.items():
         for way, rows in answered.items():
@@ -177,6 +178,7 @@ def methods_table(answered: dict[str, dict[str, Row]]) -> str:
             errors = [e for r in stronger for e in r["errors"]]
             named = [len(r["names"]) for r in chosen if r["group"] != "null"]
             cells = [
+                share([r for r in chosen if r["group"] == "null"], "alarm"),
                 share([r for r in chosen if r["group"] == "null"], lambda r: bool(r["names"])),
                 share([r for r in single if STRONG <= r["strength"] < 200], "exact"),
                 share(stronger, "exact"),
@@ -193,5 +195,6 @@ def plain(row: Row, names: list[str]) -> Row:
     """A row as the comparison wants it, from names alone: nothing is refused, no class is told."""
     truth = set(row["truth"]) if row["group"] in ("single", "pair") else set()
     return row | {
-        "names": names, "exact": bool(names) and set(names) == truth, "wrong": bool(set(names) - truth), "errors": [],
+        "alarm": bool(names), "names": names, "exact": bool(names) and set(names) == truth,
+        "wrong": bool(set(names) - truth), "errors": [],
     }  # fmt: skip
