@@ -152,7 +152,8 @@ class PoseScene(Scene):
         flat = self.residual.reshape(-1)
         base, claimed = (c.reshape(-1, flat.size) for c in (self.base, self.block(members)))
         floor = float(np.sqrt(np.mean(self.noise.sigma**2)))
-        return block_proof(base, flat, claimed, folds, fit.residual, floor, f"{len(folds)} contiguous blocks of poses")
+        after = fit.residual if fit.parameters else self.residual
+        return block_proof(base, flat, claimed, folds, after, floor, f"{len(folds)} contiguous blocks of poses")
 
     def picture(self, fit: JointFit | None) -> Picture:
         return Picture(self.session, self.residual, self.residual if fit is None else fit.residual)

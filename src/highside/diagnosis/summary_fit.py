@@ -28,7 +28,7 @@ WIDE = 30.0
 """Standard deviation beforehand of what may be refitted, in typical sizes: hardly any knowledge."""
 HEAVY = 3.0
 """Sizes beyond this many typical ones cost."""
-FIT_DRAWS, CHANCE_DRAWS = 12, 400
+FIT_DRAWS, CHANCE_DRAWS = 16, 400
 MAX_AMPLITUDES = 4
 """More at once fit anything that forty numbers can say."""
 PEAK = float(np.sqrt(2.0))

@@ -25,9 +25,9 @@ FINISHED = 10
 """Of the sets that one more effect makes, those that are fitted to the end."""
 STEP = 9.0
 """What one more effect must improve the score by: a difference of BIC that is strong among some forty candidates."""
-SAME = 6.0
-"""Sets whose scores differ by less cannot be told apart."""
-CLEAR = 15.0
+SAME = 10.0
+"""Sets whose scores differ by less are not told apart: 6 as a difference of BIC, the rest for what the draws leave."""
+CLEAR = 20.0
 """Sets that score worse by more are not looked at again."""
 OVER = 3.0
 """Sigma by which a predicted peak-to-peak may exceed the one that is told."""

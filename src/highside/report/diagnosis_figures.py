@@ -46,7 +46,10 @@ def residuals(picture: Picture, location: Location) -> Figure:
         if picture.units:
             size, unit = 1.0, picture.units[channel]
         _shade(axis, along, location.intervals)
-        for values, colour, word in ((picture.before, BEFORE, "before"), (picture.after, AFTER, "after")):
+        drawn = [(picture.before, BEFORE, "before"), (picture.after, AFTER, "after")]
+        if np.array_equal(picture.before, picture.after):
+            drawn = [(picture.before, AFTER, "residual")]
+        for values, colour, word in drawn:
             _points(axis, along, size * values[channel], colour, word)
         axis.axhline(0, color=SHADE, linewidth=0.8)
         axis.set(xlabel=label, ylabel=f"residual, {unit}".rstrip(", "), title=name)
