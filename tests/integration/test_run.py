@@ -260,12 +260,10 @@ def test_killed_at_thirty_random_points_it_loses_at_most_one_commit_interval(tmp
     worst_lost_s = 0.0
     try:
         for _ in range(30):
-            opens = len([1 for p in subscriber.payloads("health") if p["link"]["opens"] >= 1])
+            opens = reports_of_an_open_link(subscriber)
             with running(path) as daemon:
                 wait_for(
-                    lambda opens=opens: (
-                        len([1 for p in subscriber.payloads("health") if p["link"]["opens"] >= 1]) > opens
-                    ),
+                    lambda opens=opens: reports_of_an_open_link(subscriber) > opens,
                     20,
                     "the link to open",
                     daemon,
@@ -287,11 +285,17 @@ def test_killed_at_thirty_random_points_it_loses_at_most_one_commit_interval(tmp
                 for _ in read_segments(segment):
                     pass
         # one clean run delivers what the killed ones left behind
+        opens = reports_of_an_open_link(subscriber)
         with running(path) as daemon:
             wait_for(
-                lambda: (h := subscriber.latest("health")) and h["outbox"]["queued"] == 0 and h["broker"]["connected"],
+                lambda: (
+                    reports_of_an_open_link(subscriber) > opens
+                    and (h := subscriber.latest("health"))
+                    and h["outbox"]["queued"] == 0
+                    and h["broker"]["connected"]
+                ),
                 20,
-                "the rest",
+                "the rest, told by this run and not by one that was killed",
                 daemon,
             )
             assert daemon.terminate() == 0
