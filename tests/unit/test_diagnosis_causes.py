@@ -52,5 +52,6 @@ def test_a_diagnosis_tells_the_cause(effect: str, covariate: str, harmonic: int 
     assert [claim.effect for claim in found.claims] == [effect]
     place = found.location[0]
     assert (place.covariate, place.harmonic) == (covariate, harmonic)
-    along = np.degrees(STATE.inc_rad) if covariate == "inc_ref_deg" else np.mod(np.degrees(STATE.tf_rad), 360)
-    assert all(along.min() - 1e-6 <= low <= high <= along.max() + 1e-6 for low, high in place.intervals)
+    inc = np.degrees(STATE.inc_rad)
+    first, last = (inc.min(), inc.max()) if covariate == "inc_ref_deg" else (0.0, 360.0)
+    assert all(first - 1e-6 <= low < high <= last + 1e-6 for low, high in place.intervals)

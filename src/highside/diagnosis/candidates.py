@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 
 CHANNELS = ("ax", "ay", "az")
 MAX_STEP_TIMES = 60
+LEAST_A_RING = 6
+"""poses of a ring, on average, for single rings to be looked at: one that is off looks like noise that remembers"""
 _NEVER = {
     "tone": "a tone averages out while a pose is held",
     "aliased_vibration": "vibration in step with the rotation needs rotation",
@@ -237,8 +239,10 @@ def shadows(state: ChainState, force: Array) -> list[Candidate]:
                     continue
                 column = np.zeros((1, 3, state.n))
                 column[0, channel] = covariate * term
-                variants.append(Variant({}, column, f"{name} x {label} on {CHANNELS[channel]}"))
-        found.append(Candidate(f"shadow:{name}:{next(iter(terms))}", None, ("a",), tuple(variants)))
+                words = label if name == "one" else f"{name} x {label}"
+                variants.append(Variant({}, column, f"{words} on {CHANNELS[channel]}"))
+        kind = "ring" if name == "one" else name
+        found.append(Candidate(f"shadow:{kind}:{next(iter(terms))}", None, ("a",), tuple(variants)))
 
     if np.ptp(state.temp_c) > 0.5:
         warm = (state.temp_c - state.temp_c.mean()) / state.temp_c.std()
@@ -250,4 +254,9 @@ def shadows(state: ChainState, force: Array) -> list[Candidate]:
     add("time", time, square)
     if np.ptp(state.direction) > 0:
         add("direction of approach", np.asarray(state.direction), linear)
+    numbers, first = np.unique(state.ring, return_index=True)
+    if numbers.size > 4 and LEAST_A_RING * numbers.size <= state.n:
+        rings = {f"ring at {np.degrees(state.inc_rad[i]):g} deg": np.asarray(state.ring == k, dtype=float)
+                 for k, i in zip(numbers, first, strict=True)}  # fmt: skip
+        add("one", np.ones(state.n), rings)
     return found

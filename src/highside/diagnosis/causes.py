@@ -22,6 +22,8 @@ from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
 
+FINE = 400
+"""cells of a covariate, where every setting is not one: what an effect adds has no noise"""
 FOLLOWS = 0.02
 """Share of its variance that may be left within equal values of the covariate it follows."""
 TOLD = (Stage.POSE, Stage.GRAVITY, Stage.THERMAL)
@@ -54,7 +56,7 @@ def _by_cause(claim: Claim, place: Location, model: ForwardModel, state: ChainSt
     added = model.with_effects({claim.effect: values}).predict(state) - model.without(claim.effect).predict(state)
     energy = np.sum(np.asarray(added, dtype=float) ** 2, axis=0)
     harmonic = _harmonic(effect, effect.vector(values), model, state) if covariate == "tf_ref_deg" else None
-    return replace(place, covariate=covariate, intervals=intervals(along, energy), harmonic=harmonic)
+    return replace(place, covariate=covariate, intervals=intervals(covariate, along, energy, FINE), harmonic=harmonic)
 
 
 def covariates(state: ChainState) -> Mapping[str, Array]:

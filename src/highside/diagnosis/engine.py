@@ -36,6 +36,8 @@ __all__ = ["Picture", "diagnose", "diagnose_magnitudes", "diagnose_poses", "diag
 
 Array = NDArray[np.float64]
 
+RING = "shadow:ring"
+"""Id of what is off on one ring alone: measured in one go, it looks like noise that remembers."""
 SLOW_COVARIATES = frozenset({"t_s", "temp_c"})
 
 
@@ -85,8 +87,9 @@ def diagnose(scene: Scene, version: str = "") -> tuple[Diagnosis, Picture]:
     channels = scene.likelihoods([])
     slow = frozenset(i for i, c in enumerate(scene.candidates) if c.id in scene.slow_ids)
     unnamed = frozenset(i for i, c in enumerate(scene.candidates) if not c.named)
-    # first what has a name and does not follow time; then, beside that, whether anything slow beats a walk
-    first = _choose(scene, judged, channels, slow | unnamed)
+    rings = frozenset(i for i in unnamed if scene.candidates[i].id.startswith(RING))
+    # first what has a name and does not follow time, or one ring; then, beside that, whether anything slow beats a walk
+    first = _choose(scene, judged, channels, (slow | unnamed) - rings)
     suspicion = _suspect(scene, first.members) if scene.method.colour else _unsuspecting(scene)
     if suspicion.noise is not scene.noise:
         judged = scene.judge(suspicion.noise)
@@ -133,11 +136,13 @@ def _choose(
     doubted = set()
     for m in members:
         candidate = scene.candidates[m.candidate]
-        if not candidate.named or candidate.id in scene.slow_ids:
+        ring = candidate.id.startswith(RING)
+        if not (candidate.named or ring) or candidate.id in scene.slow_ids:
             continue
         others = [o for o in members if o != m]
         dof = int(selector.standing(others).dof[m.candidate])
-        if not beats_the_walk(channels, scene.block(others), scene.block([m]), dof):
+        tries = float(selector.pool.tries[m.candidate]) if ring else 1.0
+        if not beats_the_walk(channels, scene.block(others), scene.block([m]), dof, tries):
             doubted.add(m.candidate)
     if doubted:
         selector = replace(selector, banned=banned | doubted)
@@ -228,9 +233,9 @@ def _conclude(scene: Scene, judged: Judged, suspicion: _Suspicion, version: str)
     )  # fmt: skip
     told = verdict in ("named", "named_plus")
     claims = tuple(_claim(scene, judged, m, r, fit) for m, r in zip(members, rivalries, strict=True)) if told else ()
-    location = _located(scene, judged, members, after, loud, share)
+    location = _located(scene, judged, members, share) if told else _located_whole(scene, judged, members, after, loud)
     remainder = Remainder(
-        location=scene.locate(judged, after.signal, selector.space_with(members), _as_p(after), 1.0 - share)
+        location=scene.locate_whole(judged, after.signal, selector.space_with(members), _as_p(after), 1.0 - share)
         if loud
         else (),
         hints=_hints(scene, judged, after, loud, members, wanders),
@@ -320,9 +325,8 @@ def _verdict(
     return "named_plus" if loud else "named"
 
 
-def _located(
-    scene: Scene, judged: Judged, members: Sequence[Member], after: _Scanned, loud: bool, share: float
-) -> tuple[Location, ...]:
+def _located(scene: Scene, judged: Judged, members: Sequence[Member], share: float) -> tuple[Location, ...]:
+    """Where each of the named members sits."""
     selector = judged.selector
     found: tuple[Location, ...] = ()
     for m in members:
@@ -333,9 +337,25 @@ def _located(
         p = float(10.0 ** -selector.standing([o for o in members if o != m]).log_p[m.candidate])
         portion = min(1.0, share * float(signal @ signal) / total)
         found += scene.locate(judged, signal, selector.base, p, portion)
-    if not members and loud:
-        found += scene.locate(judged, after.signal, selector.base, _as_p(after), 1.0)
     return found
+
+
+def _located_whole(
+    scene: Scene, judged: Judged, members: Sequence[Member], after: _Scanned, loud: bool
+) -> tuple[Location, ...]:
+    """Where all of the mismatch sits, where it has no name: members that are not believed have no places of their own.
+
+    What is not chance of it is taken to be what the members and the loudest cell of the scan explain.
+    """
+    if not members and not loud:
+        return ()
+    selector = judged.selector
+    own = [selector.pool.stack(members)] + ([judged.scan.white[after.loudest]] if loud else [])
+    explained = span(outside(selector.base, np.concatenate(own)), tolerance=5e-3)
+    signal = (explained @ selector.residual) @ explained
+    log_p = [float(selector.standing([o for o in members if o != m]).log_p[m.candidate]) for m in members]
+    p = float(10.0 ** -max([*log_p, float(after.log_p[after.loudest])]))
+    return scene.locate_whole(judged, signal, selector.base, p, 1.0)
 
 
 def _hints(

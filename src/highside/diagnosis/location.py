@@ -6,22 +6,24 @@ among them, because an interaction without a group of its own goes unseen or is 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.candidates import CHANNELS
+from highside.diagnosis.candidates import CHANNELS, LEAST_A_RING
 from highside.diagnosis.regression import Race, outside, span
 from highside.diagnosis.result import Location
+from highside.diagnosis.support import CELLS, Cells, Window, cells_of, runs, support
 from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
 
 HARMONICS = 8
+TOOLFACE = "tf_ref_deg"
+TIME_CELLS = 40
 
 
 class Located(Protocol):
@@ -54,7 +56,9 @@ def pose_bases(state: ChainState, force: Array) -> list[Basis]:
     bases: list[Basis] = []
 
     def add(covariate: str, along: Array, functions: Sequence[Array], harmonics: tuple[int, ...] = ()) -> None:
-        bases.append(Basis(covariate, np.asarray(along), np.stack(functions), harmonics))
+        bases.append(
+            Basis(covariate, np.asarray(along), np.stack([np.asarray(f, dtype=float) for f in functions]), harmonics)
+        )
 
     stations = np.unique(state.station).size
     orders = tuple(k for k in range(1, HARMONICS + 1) if 2 * k <= stations)
@@ -63,6 +67,9 @@ def pose_bases(state: ChainState, force: Array) -> list[Basis]:
     rings = np.unique(state.ring).size
     if rings > 1:
         add("inc_ref_deg", inc_deg, [f(k * inc) for k in range(1, min(4, rings)) for f in (np.cos, np.sin)])
+        if rings > 4 and LEAST_A_RING * rings <= n:
+            # one ring may be off: no smooth function shows that
+            add("inc_ref_deg", inc_deg, [state.ring == k for k in np.unique(state.ring)])
         if orders:
             add("inc_ref_deg x tf_ref_deg", inc_deg, [z * f(k * tf) for k in orders[:4] for f in (np.cos, np.sin)])
     square = [x * x, y * y, x * y, x * z, y * z]
@@ -125,7 +132,7 @@ def locate(scan: Scan, signal: Array, base: Array, p: float, share: float) -> tu
         Location(
             channels=tuple(CHANNELS[c] for c in channels),
             covariate=chosen.covariate,
-            intervals=intervals(chosen.along, np.sum(rows[channels] ** 2, axis=0)),
+            intervals=intervals(chosen.covariate, chosen.along, np.sum(rows[channels] ** 2, axis=0)),
             harmonic=_harmonic(chosen, rows[channels]),
             share_of_misfit=share,
             p=p,
@@ -133,24 +140,90 @@ def locate(scan: Scan, signal: Array, base: Array, p: float, share: float) -> tu
     )
 
 
-def followed(scan: Scan, signal: Array, parts: Sequence[slice], base: Array) -> tuple[list[int], Located] | None:
+def locate_whole(
+    scan: Scan, cells: Sequence[Cells], white: Callable[[Array], Array], residual: Array, base: Array, signal: Array
+) -> tuple[list[int], str, tuple[tuple[float, float], ...], int | None] | None:
+    """Channels, covariate, intervals and harmonic of a mismatch of poses that nothing has a name for.
+
+    `residual`, and `signal`, what of it chance does not explain (3 n,), whitened and outside of `base`; `white` takes
+    (k, 3, n) to (k, 3 n). A range of one covariate in which anything may be is preferred to functions of more.
+    """
+    n = residual.size // 3
+    parts = [slice(c * n, (c + 1) * n) for c in range(3)]
+
+    def windows(channels: list[int]) -> list[Window]:
+        return [support(one, *products(white(_each(one, channels)), residual, base)) for one in cells]
+
+    sought = followed(scan, signal, parts, base, windows)
+    if sought is None:
+        return None
+    channels, chosen = sought
+    if isinstance(chosen, Window):
+        return channels, chosen.covariate, chosen.intervals, None
+    assert isinstance(chosen, Basis)
+    rows = signal.reshape(3, -1)[channels]
+    energy = np.sum(rows**2, axis=0)
+    return channels, chosen.covariate, intervals(chosen.covariate, chosen.along, energy), _harmonic(chosen, rows)
+
+
+def _each(cells: Cells, channels: Sequence[int]) -> Array:
+    """(B k, 3, n): each cell on each of k channels."""
+    functions = cells.functions()
+    columns = np.zeros((cells.count, len(channels), 3, functions.shape[1]))
+    for k, channel in enumerate(channels):
+        columns[:, k, channel] = functions
+    return columns.reshape(-1, 3, functions.shape[1])
+
+
+def products(columns: Array, residual: Array, base: Array) -> tuple[Array, Array, Array]:
+    """Inner products (K, K), (K,) of whitened columns outside of a base, and their squared lengths before, (K,)."""
+    bare = outside(base, columns)
+    return bare @ bare.T, bare @ residual, np.sum(columns**2, axis=1)
+
+
+def pose_cells(state: ChainState) -> list[Cells]:
+    """The covariates of a session of poses that a mismatch may have a range of."""
+    found = []
+    for covariate, along, count in (
+        (TOOLFACE, np.mod(np.degrees(state.tf_rad), 360.0), CELLS),
+        ("inc_ref_deg", np.degrees(state.inc_rad), CELLS),
+        ("temp_c", np.asarray(state.temp_c), CELLS),
+        ("t_s", np.asarray(state.t_s), TIME_CELLS),
+    ):
+        if np.ptp(along) > 0:
+            found.append(cells_of(covariate, along, circular=covariate == TOOLFACE, count=count))
+    return found
+
+
+def followed(
+    scan: Scan,
+    signal: Array,
+    parts: Sequence[slice],
+    base: Array,
+    windows: Callable[[list[int]], Sequence[Window]] | None = None,
+) -> tuple[list[int], Located | Window] | None:
     """The channels that a whitened signal sits on, and the covariate it follows; `parts` are the channels' numbers.
 
-    The covariate is the simplest one that explains nine tenths of what the best explains.
+    The covariate is the simplest one that explains nine tenths of what the best explains; `windows` gives, for the
+    channels, the ranges of covariates that may stand in place of functions.
     """
     by_channel = np.array([float(np.sum(signal[part] ** 2)) for part in parts])
     total = float(by_channel.sum())
     if total <= 0:
         return None
     channels = [c for c in range(len(parts)) if by_channel[c] > 0.1 * by_channel.max()]
+    ranges = list(windows(channels)) if windows is not None else []
     explained, sizes = np.zeros(len(scan.bases)), np.full(len(scan.bases), np.inf)
     for k in range(len(scan.bases)):
         own = [scan.white[i] for i, (c, b) in enumerate(scan.cells) if b == k and c in channels]
         if own:
-            explained[k] = float(np.sum((span(outside(base, np.vstack(own))) @ signal) ** 2)) / total
-            sizes[k] = len(own[0])
+            explained[k] = float(np.sum((span(outside(base, np.vstack(own))) @ signal) ** 2))
+            sizes[k] = len(own) * len(own[0])
+    every: list[Located | Window] = [*scan.bases, *ranges]
+    explained = np.concatenate([explained, [max(w.gain - w.dof, 0.0) for w in ranges]])
+    sizes = np.concatenate([sizes, [float(w.dof) if w.dof else np.inf for w in ranges]])
     good = np.flatnonzero(explained >= 0.9 * explained.max())
-    return channels, scan.bases[int(good[np.argmin(sizes[good])])]
+    return channels, every[int(good[np.argmin(sizes[good])])]
 
 
 def _harmonic(basis: Basis, signal: Array) -> int | None:
@@ -162,25 +235,11 @@ def _harmonic(basis: Basis, signal: Array) -> int | None:
     return basis.harmonics[int(np.argmax(by_order))]
 
 
-def intervals(along: Array, energy: Array, bins: int = 24) -> tuple[tuple[float, float], ...]:
-    """Ranges of a covariate where the mean energy is above a quarter of its largest."""
-    values = np.unique(np.round(along, 6))
-    if values.size <= bins:
-        edges = [(float(v), float(v)) for v in values]
-    else:
-        cuts = np.quantile(along, np.linspace(0, 1, bins + 1))
-        edges = [(float(a), float(b)) for a, b in pairwise(cuts.tolist())]
-    mean = np.array([
-        float(energy[(along >= low - 1e-6) & (along <= high + 1e-6)].mean()) for low, high in edges
-    ])  # fmt: skip
-    found: list[tuple[float, float]] = []
-    open_run = False
-    for (low, high), one in zip(edges, mean, strict=True):
-        if one < 0.25 * mean.max():
-            open_run = False
-        elif open_run:
-            found[-1] = (found[-1][0], high)
-        else:
-            found.append((low, high))
-            open_run = True
-    return tuple(found)
+def intervals(covariate: str, along: Array, energy: Array, count: int = CELLS) -> tuple[tuple[float, float], ...]:
+    """Ranges of a covariate (n,) where the mean energy (n,) is above a quarter of its largest."""
+    cells = cells_of(covariate, along, circular=covariate == TOOLFACE, count=count)
+    rows = np.bincount(cells.of, minlength=cells.count)
+    mean = np.bincount(cells.of, energy, minlength=cells.count) / np.maximum(rows, 1)
+    # a cell without rows is like its neighbour
+    filled = np.maximum.accumulate(np.where(rows > 0, np.arange(cells.count), 0))
+    return runs(cells, (mean > 0.25 * mean.max())[filled])

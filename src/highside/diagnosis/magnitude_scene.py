@@ -198,7 +198,9 @@ class MagnitudeScene(Scene):
         if sought is None:
             return ()
         chosen = sought[1]
-        return (Location((CHANNEL,), chosen.covariate, intervals(chosen.along, signal**2), None, share, p),)
+        assert isinstance(chosen, Basis)
+        where = intervals(chosen.covariate, chosen.along, signal**2)
+        return (Location((CHANNEL,), chosen.covariate, where, None, share, p),)
 
     def advice(self, member: Member, r: Rivalry, fit: JointFit) -> str:
         effect = self.candidates[member.candidate].effect

@@ -186,8 +186,12 @@ class Channel(Protocol):
     def memory(self, columns: Any) -> Memory: ...
 
 
-def beats_the_walk(channels: Sequence[Channel], others: NDArray[Any], block: NDArray[Any], dof: int) -> bool:
+def beats_the_walk(
+    channels: Sequence[Channel], others: NDArray[Any], block: NDArray[Any], dof: int, tries: float = 1.0
+) -> bool:
     """Whether a claim of `dof` directions, block (B, C, ...), is still needed where the noise may have any memory.
+
+    It is the best of so many `tries`.
 
     The memory is chosen anew with and without it; `others` (K, C, ...) are the other claims.
     """
@@ -196,7 +200,8 @@ def beats_the_walk(channels: Sequence[Channel], others: NDArray[Any], block: NDA
         nothing = block[:0, c]
         plain = channel.with_block(nothing, others[:, c]) if len(others) else channel.without(nothing)
         gain += float(plain.min() - channel.with_block(nothing, np.concatenate([others[:, c], block[:, c]])).min())
-    return bool(-np.log10(max(float(chdtrc(dof, max(gain, 0.0))), 1e-300)) > SLOW_LOG_P)
+    p = tries * float(chdtrc(dof, max(gain, 0.0)))
+    return bool(-np.log10(max(p, 1e-300)) > SLOW_LOG_P)
 
 
 def _basis(columns: Array) -> Array:

@@ -13,7 +13,7 @@ from highside.diagnosis import noise as noise_model
 from highside.diagnosis.candidates import CHANNELS, Candidate, pose_candidates, shadows
 from highside.diagnosis.causes import located_by_cause
 from highside.diagnosis.fit import JointFit, Observed, base_fit, joint_fit
-from highside.diagnosis.location import locate, on_channel, pose_bases, scan_of
+from highside.diagnosis.location import locate, locate_whole, on_channel, pose_bases, pose_cells, scan_of
 from highside.diagnosis.memory import Channel, Likelihoods, Memory, SlowEffect
 from highside.diagnosis.method import WHOLE, Method
 from highside.diagnosis.noise import PoseNoise
@@ -129,6 +129,15 @@ class PoseScene(Scene):
 
     def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
         return locate(judged.scan, signal, space, p, share)
+
+    def locate_whole(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
+        residual = outside(space, judged.selector.residual)
+        cells = pose_cells(self.session.state)
+        found = locate_whole(judged.scan, cells, judged.noise.white, residual, space, signal)
+        if found is None:
+            return ()
+        channels, covariate, where, harmonic = found
+        return (Location(tuple(CHANNELS[c] for c in channels), covariate, where, harmonic, share, p),)
 
     def completed(self, diagnosis: Diagnosis) -> Diagnosis:
         return located_by_cause(diagnosis, self.model, self.session.state)

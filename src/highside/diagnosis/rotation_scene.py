@@ -232,7 +232,7 @@ class RotationScene(Scene):
             Location(
                 channels=tuple(self.channels[c] for c in channels),
                 covariate=chosen.covariate,
-                intervals=intervals(np.concatenate(along), np.concatenate(energy)),
+                intervals=intervals(chosen.covariate, np.concatenate(along), np.concatenate(energy)),
                 harmonic=chosen.harmonics[int(np.argmax(power))] if chosen.harmonics else None,
                 share_of_misfit=share,
                 p=p,
