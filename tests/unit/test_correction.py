@@ -12,13 +12,13 @@ from highside.calibration.correction import (
     OUTSIDE_ZONE,
     TEMPERATURE_OUTSIDE,
     TEMPERATURE_UNKNOWN,
-    UPPER,
     Covariance,
     LinearCorrection,
     TemperatureTrust,
 )
 from highside.calibration.result import Parameters, TemperatureRange, Zone
 from highside.calibration.sensor import CROSS_NAMES, CUBIC_NAMES, MATRIX_NAMES, OFFSET_NAMES, QUADRATIC_NAMES
+from highside.calibration.student import UPPER
 from highside.errors import InputError
 from highside.physics.gravity import gravity_direction
 

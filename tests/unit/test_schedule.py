@@ -16,13 +16,13 @@ from highside.calibration.conventional import conventional
 from highside.calibration.correction import (
     OUTSIDE_ZONE,
     TEMPERATURE_OUTSIDE,
-    UPPER,
     LinearCorrection,
     TemperatureTrust,
 )
 from highside.calibration.poses import PoseSet
 from highside.calibration.result import Parameters, TemperatureRange, linear_parameters
 from highside.calibration.schedule import ScheduledCorrection, Window, key_of, key_of_inclination, windows
+from highside.calibration.student import UPPER
 from highside.errors import InputError
 from highside.physics.gravity import bench_gravity, gravity_direction
 

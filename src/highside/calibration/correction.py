@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.attitude.block import attitude_by, correct_and_attitude
-from highside.calibration.result import BENCH_NAMES, Zone
+from highside.calibration.result import SHARED_NAMES, Zone
 from highside.calibration.sensor import (
     CROSS_PAIRS,
     MATRIX_NAMES,
@@ -31,6 +31,7 @@ from highside.calibration.sensor import (
     is_sensor_parameter,
     sensor_columns,
 )
+from highside.calibration.student import UPPER, widening, widening_block
 from highside.errors import InputError
 
 Vector = tuple[float, float, float]
@@ -39,9 +40,6 @@ FloatArray = NDArray[np.float64]
 Form = tuple[float, float, float, float, float, float, float, float, float, float]
 
 ZERO_COVARIANCE: Covariance = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-"""Row and column of the six elements of a covariance."""
-
 OUTSIDE_ZONE = "outside_zone"
 TEMPERATURE_OUTSIDE = "temperature_outside"
 TEMPERATURE_UNKNOWN = "temperature_unknown"
@@ -83,11 +81,13 @@ class Correction(Protocol):
 class BlockCorrected:
     """N corrected readings: `g` (3, N) in g, `cov` (6, N) in g^2, not a number where no correction holds.
 
+    `reading` (6, N): that part of `cov` which is the noise of the readings themselves.
     `zone` (N,): which of `names` made it (the one with the greatest weight), -1 for none. `temperature_outside` (N,).
     """
 
     g: FloatArray
     cov: FloatArray
+    reading: FloatArray
     zone: NDArray[np.intp]
     names: tuple[str, ...]
     temperature_outside: NDArray[np.bool_]
@@ -145,7 +145,8 @@ class _Nonlinear:
     columns: NDArray[np.intp]
     monomials: NDArray[np.intp]
     C: FloatArray
-    covariance: FloatArray
+    covariances: FloatArray
+    """(1, P, P), or (2, P, P) with its widening"""
 
     def of(self, x: float, y: float, z: float) -> Vector:
         """The terms at one vector."""
@@ -162,26 +163,25 @@ class _Nonlinear:
         squares = g * g
         return np.asarray(self.squares @ squares + self.cubes @ (squares * g) + self.products @ products)
 
-    def covariance_at(self, x: float, y: float, z: float) -> Covariance:
-        """Covariance of the corrected vector by all parameters of the sensor."""
+    def covariances_at(self, x: float, y: float, z: float) -> list[Covariance]:
+        """Covariance of the corrected vector by all parameters of the sensor, and its widening if there is one."""
         x2, y2, z2 = x * x, y * y, z * z
         values = np.array((x, y, z, 1.0, x2, y2, z2, x2 * x, y2 * y, z2 * z, x * y, x * z, y * z))
-        D = np.zeros((3, self.covariance.shape[0]))
+        D = np.zeros((3, self.covariances.shape[1]))
         D[self.rows, self.columns] = values[self.monomials]
         J = self.C @ D
-        cov = (J @ self.covariance @ J.T).tolist()
-        return cov[0][0], cov[0][1], cov[0][2], cov[1][1], cov[1][2], cov[2][2]
+        both = (J @ self.covariances @ J.T).tolist()
+        return [(m[0][0], m[0][1], m[0][2], m[1][1], m[1][2], m[2][2]) for m in both]
 
-    def covariance_block(self, g: FloatArray) -> FloatArray:
-        """`covariance_at` of vectors (3, N), as (6, N)."""
+    def covariances_block(self, g: FloatArray) -> FloatArray:
+        """`covariances_at` of vectors (3, N), as (K, 6, N)."""
         x, y, z = g
         one = np.ones_like(x)
         values = np.stack([x, y, z, one, x * x, y * y, z * z, x**3, y**3, z**3, x * y, x * z, y * z])
-        D = np.zeros((g.shape[1], 3, self.covariance.shape[0]))
+        D = np.zeros((g.shape[1], 3, self.covariances.shape[1]))
         D[:, self.rows, self.columns] = values[self.monomials].T
         J = self.C @ D
-        cov = (J @ self.covariance) @ J.transpose(0, 2, 1)
-        return np.stack([cov[:, i, j] for i, j in UPPER])
+        return np.stack([_six((J @ covariance) @ J.transpose(0, 2, 1)) for covariance in self.covariances])
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +192,8 @@ class _Structured:
     model: SensorModel
     C: FloatArray
     names: tuple[str, ...]
-    covariance: FloatArray
+    covariances: FloatArray
+    """(1, P, P), or (2, P, P) with its widening"""
 
     def of(self, x: float, y: float, z: float) -> Vector:
         """The terms at one vector."""
@@ -202,19 +203,24 @@ class _Structured:
     def of_block(self, g: FloatArray) -> FloatArray:
         return np.asarray(self.C @ self.model.nonlinear(g))
 
-    def covariance_at(self, x: float, y: float, z: float) -> Covariance:
-        """Covariance of the corrected vector by all parameters of the sensor."""
-        xx, xy, xz, yy, yz, zz = self.covariance_block(np.array([[x], [y], [z]]))[:, 0].tolist()
-        return xx, xy, xz, yy, yz, zz
+    def covariances_at(self, x: float, y: float, z: float) -> list[Covariance]:
+        """Covariance of the corrected vector by all parameters of the sensor, and its widening if there is one."""
+        both = self.covariances_block(np.array([[x], [y], [z]]))[:, :, 0].tolist()
+        return [(xx, xy, xz, yy, yz, zz) for xx, xy, xz, yy, yz, zz in both]
 
-    def covariance_block(self, g: FloatArray) -> FloatArray:
-        """`covariance_at` of vectors (3, N), as (6, N)."""
-        out = np.empty((6, g.shape[1]))
+    def covariances_block(self, g: FloatArray) -> FloatArray:
+        """`covariances_at` of vectors (3, N), as (K, 6, N)."""
+        out = np.empty((len(self.covariances), 6, g.shape[1]))
         for at in range(0, g.shape[1], _STRUCTURED_PIECE):
             J = (self.C @ sensor_columns(self.names, g[:, at : at + _STRUCTURED_PIECE])).transpose(2, 1, 0)
-            cov = (J @ self.covariance) @ J.transpose(0, 2, 1)
-            out[:, at : at + _STRUCTURED_PIECE] = [cov[:, i, j] for i, j in UPPER]
+            for k, covariance in enumerate(self.covariances):
+                out[k, :, at : at + _STRUCTURED_PIECE] = _six((J @ covariance) @ J.transpose(0, 2, 1))
         return out
+
+
+def _six(matrices: FloatArray) -> FloatArray:
+    """The six elements (6, N) of covariances (N, 3, 3)."""
+    return np.stack([matrices[:, i, j] for i, j in UPPER])
 
 
 _STRUCTURED_PIECE = 1024
@@ -240,10 +246,23 @@ class _Coefficients:
     """C b"""
     form: tuple[Form, ...]
     """for each element of the covariance the factors of xx, xy, xz, yy, yz, zz, x, y, z, 1"""
-    common: FloatArray | None
-    """(2, 3, 4): error of the vector, by (gx, gy, gz, 1), that one standard deviation of either tilt of the bench makes
-    and that all corrections of a session share; None where the zone does not say"""
+    student: tuple[Form, ...] | None
+    """the same for its widening; None where there is none"""
+    shared: FloatArray | None
+    """(K, 3, 4): error of the vector, by (gx, gy, gz, 1), that one standard deviation of each of `SHARED_NAMES` makes
+    and that all corrections of a session have in common; None where the zone does not say"""
     nonlinear: _Nonlinear | _Structured | None
+    flags: tuple[str, ...]
+
+
+class Evaluated(NamedTuple):
+    """A corrected vector (g), its covariance by the calibration alone and the widening of that (g^2), and flags."""
+
+    gx: float
+    gy: float
+    gz: float
+    calibration: Covariance
+    student: Covariance | None
     flags: tuple[str, ...]
 
 
@@ -260,6 +279,15 @@ def _quadratic_forms(C: FloatArray, covariance: FloatArray, beyond: FloatArray, 
         by_g[i, i, 3, 3] += extra_variance
     pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2), (0, 3), (1, 3), (2, 3), (3, 3)]
     return np.array([[by_g[p, q, j, m] + (by_g[p, q, m, j] if j != m else 0.0) for j, m in pairs] for p, q in UPPER])
+
+
+def _of_form(form: tuple[Form, ...], x: float, y: float, z: float) -> Covariance:
+    xx, xy, xz, yy, yz, zz = x * x, x * y, x * z, y * y, y * z, z * z
+    p0, p1, p2, p3, p4, p5 = [
+        f0 * xx + f1 * xy + f2 * xz + f3 * yy + f4 * yz + f5 * zz + f6 * x + f7 * y + f8 * z + f9
+        for f0, f1, f2, f3, f4, f5, f6, f7, f8, f9 in form
+    ]
+    return p0, p1, p2, p3, p4, p5
 
 
 def carry(c: tuple[float, ...], cov: Covariance) -> Covariance:
@@ -321,6 +349,22 @@ class LinearCorrection:
 
     def correct(self, a: Vector, cov: Covariance = ZERO_COVARIANCE, temp_c: float | None = None) -> Corrected:
         k = self.coefficients(temp_c)
+        one = self.evaluate(a, temp_c)
+        if one is None:
+            return refused(k.flags)
+        p0, p1, p2, p3, p4, p5 = one.calibration
+        q0, q1, q2, q3, q4, q5 = carry(k.c, cov)
+        total = (p0 + q0, p1 + q1, p2 + q2, p3 + q3, p4 + q4, p5 + q5)
+        if one.student is not None:
+            s0, s1, s2, s3, s4, s5 = widening(one.student, one.calibration, total)
+            q0, q1, q2, q3, q4, q5 = total
+            total = (s0 + q0, s1 + q1, s2 + q2, s3 + q3, s4 + q4, s5 + q5)
+        return Corrected(one.gx, one.gy, one.gz, total, self.zone.name, k.flags)
+
+    def evaluate(self, a: Vector, temp_c: float | None = None) -> Evaluated | None:
+        """The corrected vector of a reading, and what the calibration's errors do to it; None where it does not
+        hold."""
+        k = self.coefficients(temp_c)
         c = k.c
         m0, m1, m2 = a
         o0, o1, o2 = k.o
@@ -330,17 +374,15 @@ class LinearCorrection:
         if k.nonlinear is not None:
             x, y, z = _invert(k.nonlinear, x, y, z)
         if self.guarded and self.zone.inc_center_rad is not None and not self.zone.holds_at(_inclination(x, y, z)):
-            return refused(k.flags)
-        xx, xy, xz, yy, yz, zz = x * x, x * y, x * z, y * y, y * z, z * z
-        p0, p1, p2, p3, p4, p5 = [
-            f0 * xx + f1 * xy + f2 * xz + f3 * yy + f4 * yz + f5 * zz + f6 * x + f7 * y + f8 * z + f9
-            for f0, f1, f2, f3, f4, f5, f6, f7, f8, f9 in k.form
-        ]
+            return None
+        cov = _of_form(k.form, x, y, z)
+        student = None if k.student is None else _of_form(k.student, x, y, z)
         if k.nonlinear is not None:
-            n0, n1, n2, n3, n4, n5 = k.nonlinear.covariance_at(x, y, z)
-            p0, p1, p2, p3, p4, p5 = p0 + n0, p1 + n1, p2 + n2, p3 + n3, p4 + n4, p5 + n5
-        q0, q1, q2, q3, q4, q5 = carry(c, cov)
-        return Corrected(x, y, z, (p0 + q0, p1 + q1, p2 + q2, p3 + q3, p4 + q4, p5 + q5), self.zone.name, k.flags)
+            (n0, n1, n2, n3, n4, n5), *widened = k.nonlinear.covariances_at(x, y, z)
+            p0, p1, p2, p3, p4, p5 = cov
+            cov = p0 + n0, p1 + n1, p2 + n2, p3 + n3, p4 + n4, p5 + n5
+            student = widened[0] if widened else None
+        return Evaluated(x, y, z, cov, student, k.flags)
 
     def correct_block(self, a: FloatArray, temp_c: FloatArray | float | None = None) -> FloatArray:
         """Corrected vectors (3, N) from raw readings `a` (3, N); readings outside of a guarded local zone become NaN.
@@ -366,28 +408,48 @@ class LinearCorrection:
 
     def covariance_block(self, g: FloatArray, temp_c: FloatArray | float | None = None) -> FloatArray:
         """Covariance (6, N) of corrected vectors `g` (3, N) by the errors of the calibration alone."""
+        cov, student = self.covariances_block(g, temp_c)
+        return cov if student is None else cov + student
+
+    def covariances_block(
+        self, g: FloatArray, temp_c: FloatArray | float | None = None
+    ) -> tuple[FloatArray, FloatArray | None]:
+        """`covariance_block` in two parts: without widening, and the widening (6, N) if there is one."""
         if temp_c is not None and np.ndim(temp_c):
-            out = np.empty((6, g.shape[1]))
-            for rows, at in _by_temperature(np.asarray(temp_c, dtype=float)):
-                out[:, rows] = self.covariance_block(g[:, rows], at)
-            return out
+            pieces = [
+                (rows, self.covariances_block(g[:, rows], at))
+                for rows, at in _by_temperature(np.asarray(temp_c, dtype=float))
+            ]
+            out, wide = np.empty((6, g.shape[1])), np.zeros((6, g.shape[1]))
+            for rows, (cov, student) in pieces:
+                out[:, rows] = cov
+                if student is not None:
+                    wide[:, rows] = student
+            return out, wide if any(student is not None for _, (_, student) in pieces) else None
         k = self.coefficients(None if temp_c is None else float(temp_c))
         x, y, z = g
         basis = np.stack([x * x, x * y, x * z, y * y, y * z, z * z, x, y, z, np.ones_like(x)])
         cov = np.asarray(np.array(k.form) @ basis)
+        student = None if k.student is None else np.asarray(np.array(k.student) @ basis)
         if k.nonlinear is not None:
-            cov += k.nonlinear.covariance_block(g)
-        return cov
+            by_terms = k.nonlinear.covariances_block(g)
+            cov += by_terms[0]
+            student = by_terms[1] if len(by_terms) > 1 else None
+        return cov, student
 
     def corrected_block(
         self, a: FloatArray, noise_g: FloatArray | float, temp_c: FloatArray | float | None = None
     ) -> BlockCorrected:
         """Correct readings `a` (3, N) whose own standard deviation is `noise_g` (one, or (N,)) in each axis."""
         g = self.correct_block(a, temp_c)
-        cov = self.covariance_block(g, temp_c) + self.reading_covariance(temp_c) * np.square(noise_g)
+        cov, student = self.covariances_block(g, temp_c)
+        reading = self.reading_covariance(temp_c) * np.square(np.broadcast_to(noise_g, a.shape[1:]))
+        total = cov + reading
+        if student is not None:
+            total = total + widening_block(student, cov, total)
         inside = np.isfinite(g[2])
         zone = np.where(inside, 0, -1).astype(np.intp)
-        return BlockCorrected(g, cov, zone, (self.name,), self.temperature_outside(temp_c, a.shape[1]))
+        return BlockCorrected(g, total, reading, zone, (self.name,), self.temperature_outside(temp_c, a.shape[1]))
 
     def attitude(
         self,
@@ -439,22 +501,25 @@ class LinearCorrection:
             if beyond > 0.0:
                 flags = (TEMPERATURE_OUTSIDE,)
                 grown = (beyond * self.trust.growth_g_per_c) ** 2
-        covariance, bases = _at_temperature(zone, temp_c)
+        covariances, bases = _at_temperature(zone, temp_c)
         linear = [i for i, name in enumerate(MATRIX_NAMES + OFFSET_NAMES) if name in bases]
-        affine = np.zeros((12, 12))
+        affine = np.zeros((len(covariances), 12, 12))
         nonlinear: _Nonlinear | _Structured | None = None
         if model.is_linear:
             index = [bases.index((MATRIX_NAMES + OFFSET_NAMES)[i]) for i in linear]
-            affine[np.ix_(linear, linear)] = covariance[np.ix_(index, index)]
+            for whole, part in zip(affine, covariances, strict=True):
+                whole[np.ix_(linear, linear)] = part[np.ix_(index, index)]
         else:
-            nonlinear = _nonlinear(model, C, bases, covariance)
-        form = _quadratic_forms(C, affine, _beyond_temperature(zone, model, temp_c), grown)
+            nonlinear = _nonlinear(model, C, bases, covariances)
+        form = _quadratic_forms(C, affine[0], _beyond_temperature(zone, model, temp_c), grown)
+        student = None if len(affine) == 1 else _quadratic_forms(C, affine[1], np.zeros((3, 4)), 0.0)
         o = C @ model.b
         return _Coefficients(
             c=tuple(C.ravel().tolist()),
             o=(float(o[0]), float(o[1]), float(o[2])),
             form=tuple(tuple(row) for row in form.tolist()),
-            common=_common(zone),
+            student=None if student is None else tuple(tuple(row) for row in student.tolist()),
+            shared=_shared(zone),
             nonlinear=nonlinear,
             flags=flags,
         )
@@ -485,10 +550,10 @@ def _invert(nonlinear: _Nonlinear | _Structured, x0: float, y0: float, z0: float
 
 
 def _nonlinear(
-    model: SensorModel, C: FloatArray, bases: tuple[str, ...], covariance: FloatArray
+    model: SensorModel, C: FloatArray, bases: tuple[str, ...], covariances: FloatArray
 ) -> _Nonlinear | _Structured:
     if model.S.any() or model.H.any():
-        return _Structured(model, C, bases, covariance)
+        return _Structured(model, C, bases, covariances)
     places = [_monomial(base) for base in bases]
     squares, cubes, products = C * model.K2[None, :], C * model.K3[None, :], C @ model.KX
     return _Nonlinear(
@@ -500,12 +565,13 @@ def _nonlinear(
         columns=np.arange(len(places), dtype=np.intp),
         monomials=np.array([monomial for _, monomial in places], dtype=np.intp),
         C=C,
-        covariance=covariance,
+        covariances=covariances,
     )
 
 
 def _at_temperature(zone: Zone, temp_c: float | None) -> tuple[FloatArray, tuple[str, ...]]:
-    """Covariance of the sensor's parameters at one temperature, polynomial coefficients summed up, and their names."""
+    """Covariance of the sensor's parameters at one temperature, polynomial coefficients summed up, with its widening if
+    there is one (K, P, P), and their names."""
     names = tuple(name for name in zone.parameters.names if is_sensor_parameter(name))
     bases = tuple(dict.fromkeys(name.partition("@")[0] for name in names))
     by_power = dict(zone._temperature_weights(temp_c))
@@ -514,22 +580,25 @@ def _at_temperature(zone: Zone, temp_c: float | None) -> tuple[FloatArray, tuple
     for j, name in enumerate(names):
         base, _, power = name.partition("@")
         B[bases.index(base), j] = by_power.get(int(power), 0.0) if power else 1.0
-    return np.asarray(B @ zone.parameters.covariance[np.ix_(index, index)] @ B.T), bases
+    p = zone.parameters
+    parts = [p.covariance] if p.student is None else [p.covariance, p.student]
+    return np.stack([B @ part[np.ix_(index, index)] @ B.T for part in parts]), bases
 
 
-def _common(zone: Zone) -> FloatArray | None:
-    """`_Coefficients.common`: regression of the parameters' errors on the bench's tilt (at the reference temperature:
-    a matrix near unity does not care)."""
+def _shared(zone: Zone) -> FloatArray | None:
+    """`_Coefficients.shared`: regression of the parameters' errors on what was taken for known (at the reference
+    temperature: a matrix near unity does not care); zero for what did not move this zone."""
     p, C = zone.parameters, zone.model().C
-    if not all(name in p for name in BENCH_NAMES + MATRIX_NAMES + OFFSET_NAMES):
+    if not set(SHARED_NAMES) & set(p.names) or not all(name in p for name in MATRIX_NAMES + OFFSET_NAMES):
         return None
     index = [p.names.index(name) for name in MATRIX_NAMES + OFFSET_NAMES]
-    levers = []
-    for name in BENCH_NAMES:
+    levers = np.zeros((len(SHARED_NAMES), 3, 4))
+    for lever, name in zip(levers, SHARED_NAMES, strict=True):
         std = p.std(name)
-        moved = p.covariance[index, p.names.index(name)] / std if std > 0.0 else np.zeros(12)
-        levers.append(np.asarray(C @ np.column_stack([moved[:9].reshape(3, 3), moved[9:]])))
-    return np.stack(levers)
+        if std > 0.0:
+            moved = p.covariance[index, p.names.index(name)] / std
+            lever[:] = C @ np.column_stack([moved[:9].reshape(3, 3), moved[9:]])
+    return levers
 
 
 def _beyond_temperature(zone: Zone, model: SensorModel, temp_c: float | None) -> FloatArray:

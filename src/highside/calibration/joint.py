@@ -140,8 +140,12 @@ def joint(
         fit = solve(session, names, variances, again, fit.theta)
         used, fit = leave_out_bad(session, fit, variances, again)
         away = departure(session, fit, variances, used)
-    covariance = covariance_with_variances(session, fit, variances, bench) if estimate_variances else fit.covariance
-    return result_of(session, fit, variances, used, away, bench, toolface_zero_rad, toolface_zero_std_rad, covariance)
+    covariance, student = fit.covariance, None
+    if estimate_variances:
+        covariance, student = covariance_with_variances(session, fit, variances, bench)
+    return result_of(
+        session, fit, variances, used, away, bench, toolface_zero_rad, toolface_zero_std_rad, covariance, student
+    )
 
 
 def deviance_of(poses: PoseSet, thermal: ThermalTerms | None, bench: BenchAccuracy = NOMINAL_BENCH) -> float:
@@ -296,6 +300,7 @@ def result_of(
     toolface_zero_rad: float,
     toolface_zero_std_rad: float,
     covariance: Array,
+    student: Array | None,
 ) -> CalibrationResult:
     poses = session.poses
     bad = np.flatnonzero(~used)
@@ -326,7 +331,7 @@ def result_of(
         None,
         0.0,
         float(np.pi),
-        Parameters(fit.names, fit.theta, covariance),
+        Parameters(fit.names, fit.theta, covariance, student),
         _root_condition(fit),
     )
     return CalibrationResult(

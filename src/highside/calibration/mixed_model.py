@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from highside.calibration.forward import StructureSize, Variances, linearise, prior_mean, prior_std, whiten
 from highside.calibration.poses import Array, Indices, PoseSet
 from highside.calibration.result import BenchAccuracy
+from highside.calibration.student import widened
 from highside.physics.gravity import gravity_direction
 from highside.physics.state import ChainState
 
@@ -367,17 +368,17 @@ def _information(session: Session, system: System, size: int, v: Array) -> tuple
     return gradient * v, (S.T @ S - FS.T @ inverse @ FS) * np.outer(v, v), FS * v
 
 
-def covariance_with_variances(session: Session, fit: Fit, variances: Variances, bench: BenchAccuracy) -> Array:
-    """Covariance (P, P) of the parameters, the variance components being estimated and not known.
+def covariance_with_variances(
+    session: Session, fit: Fit, variances: Variances, bench: BenchAccuracy
+) -> tuple[Array, Array]:
+    """Covariance (P, P) of the parameters, the variance components being estimated and not known, and its widening.
 
-    With W the covariance of the estimated logarithms of the variances (inverse of the information, priors included),
+    With W the covariance of the estimated logarithms of the variances (inverse of the information, priors included):
 
-        cov = Phi + sum W_kl (d_k theta) (d_l theta)' + (z^2 + 1) / 4 sum W_kl (d_k Phi) Phi^-1 (d_l Phi):
+        cov = Phi + sum W_kl (d_k theta) (d_l theta)',  S = (z^2 + 1) / 4 sum W_kl (d_k Phi) Phi^-1 (d_l Phi).
 
-    the solution moves with the weights (Kackar and Harville, J. Am. Stat. Assoc. 79, 1984, 853), and a variance that is
-    estimated makes intervals of Student's kind: with f = 2 / W degrees of freedom the quantile of the normal
-    distribution grows by `1 + (z^2 + 1) / (4 f)`. The factor is that for z = 1.96, so that intervals of 1.96 stated
-    standard deviations hold 95 %.
+    The solution moves with the weights, and a variance that is estimated makes intervals of Student's kind; see
+    `highside.calibration.student`.
     """
     v, size, system = variances.as_array(), fit.theta.size, fit.system
     _, information, moved = _information(session, system, size, v)
@@ -398,19 +399,6 @@ def covariance_with_variances(session: Session, fit: Fit, variances: Variances, 
         levers[:, :, 2:].reshape(size, -1) * np.sqrt(v[4]),
     ]
     return widened(fit.covariance, W, by_variance, np.stack([part @ part.T for part in parts]))
-
-
-def widened(covariance: Array, W: Array, moved: Array, changes: Array) -> Array:
-    """Covariance (P, P) of parameters whose estimate rests on K other estimates with covariance `W` (K, K): `moved`
-    (P, K) the derivatives of the parameters by them, `changes` (K, P, P) those of `covariance`; see
-    `covariance_with_variances`."""
-    lower = np.linalg.cholesky(covariance)
-    slopes = np.linalg.solve(lower, changes)
-    student = np.sum(slopes.transpose(0, 2, 1) @ np.tensordot(W, slopes, 1), axis=0)
-    return np.asarray(covariance + moved @ W @ moved.T + _STUDENT * student)
-
-
-_STUDENT = (1.96**2 + 1.0) / 4.0
 
 
 def studentised(fit: Fit, used: NDArray[np.bool_]) -> Array:

@@ -22,7 +22,7 @@ from typing import Any
 from highside import __version__
 from highside.calibration.correction import OUTSIDE_ZONE, Correction, LinearCorrection, TemperatureTrust
 from highside.calibration.poses import PoseSet
-from highside.calibration.result import BenchAccuracy, CalibrationResult
+from highside.calibration.result import SHARED_NAMES, BenchAccuracy, CalibrationResult
 from highside.calibration.schedule import ScheduledCorrection
 from highside.errors import InputError, Refused
 
@@ -451,7 +451,8 @@ def largest_difference(record: CalibrationRecord, solution: Solution) -> float:
         return math.inf
     worst = 0.0
     for mine, other in zip(record.result.zones, solution.result.zones, strict=True):
-        if mine.parameters.names != other.parameters.names:
+        names = [tuple(n for n in zone.parameters.names if n not in SHARED_NAMES) for zone in (mine, other)]
+        if names[0] != names[1]:
             return math.inf
-        worst = max(worst, float(abs(mine.parameters.values - other.parameters.values).max()))
+        worst = max(worst, float(abs(mine.parameters.block(names[0]) - other.parameters.block(names[0])).max()))
     return worst

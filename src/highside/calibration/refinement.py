@@ -32,11 +32,11 @@ from highside.calibration.mixed_model import (
     reml_variances,
     solve,
     whitened,
-    widened,
 )
 from highside.calibration.poses import Array, PoseSet
 from highside.calibration.result import NOMINAL_BENCH, BenchAccuracy, CalibrationResult, Reason
 from highside.calibration.sensor import DIRECTION_NAMES, OWN_LOAD_NAMES
+from highside.calibration.student import widened
 
 ADMIT_LOG_LIKELIHOOD = 8.0
 """Gain in log likelihood for four numbers before structure is believed."""
@@ -108,8 +108,8 @@ def refine(result: CalibrationResult, poses: PoseSet, *, bench: BenchAccuracy = 
         bench,
         result.toolface_zero_rad,
         result.toolface_zero_std_rad,
-        _with_sizes(
-            session, fit, variances, used, size, likelihood, covariance_with_variances(session, fit, variances, bench)
+        *_with_sizes(
+            session, fit, variances, used, size, likelihood, *covariance_with_variances(session, fit, variances, bench)
         ),
     )
     sizes = {"structure_own_g": size.own_g, "structure_field_g": size.field_g}
@@ -141,8 +141,10 @@ def _with_sizes(
     size: StructureSize,
     likelihood: _Likelihood,
     covariance: Array,
-) -> Array:
-    """`covariance` (P, P), sizes and lengths of the structure being estimated too (derivatives by differences)."""
+    student: Array,
+) -> tuple[Array, Array]:
+    """`covariance` and its widening `student` (P, P), sizes and lengths of the structure being estimated too
+    (derivatives by differences)."""
     at = np.log(np.array([size.own_g, size.own_length_g, size.field_g, size.field_length_rad]))
     # of what is hardly there neither size nor length matters
     active = [k for k in range(4) if np.exp(at[k - k % 2]) > _HARDLY_G]
@@ -173,7 +175,8 @@ def _with_sizes(
     pairs = [(solved(moved((k, h))), solved(moved((k, -h)))) for k in active]
     theta = np.stack([(up[0] - down[0]) / (2.0 * h) for up, down in pairs], axis=1)
     changes = np.stack([(up[1] - down[1]) / (2.0 * h) for up, down in pairs])
-    return widened(covariance, W, theta, changes)
+    covariance, more = widened(covariance, W, theta, changes)
+    return covariance, student + more
 
 
 class _Likelihood:

@@ -31,6 +31,7 @@ from highside.calibration.sensor import (
     sensor_columns,
     sensor_of,
 )
+from highside.calibration.student import with_widening
 from highside.errors import InputError, Refused
 from highside.physics import effects as library
 from highside.physics.forward import ForwardModel
@@ -45,6 +46,9 @@ TILT_NAMES = ("tilt_x", "tilt_y")
 BENCH_NAMES = ("bench_x", "bench_y")
 """The same tilt where a method takes it for zero: its covariance with the sensor's parameters says how far it moves
 them, and hence what several zones of one session have in common."""
+SHARED_NAMES = (*BENCH_NAMES, "offset_x", "offset_y", "offset_z")
+"""All that is taken for known (zero) and moves every zone of a session, each by its own lever: the tilt of the bench,
+and what is not known of the sensor's offset where a method does not observe it."""
 
 
 class Reason(StrEnum):
@@ -101,6 +105,9 @@ class CalibrationRefused(Refused):
 class Parameters:
     """P named numbers with their covariance (P, P). Matrix elements have no unit; offsets and K are in g; tilts in rad.
 
+    `student` (P, P): the widening of `covariance` where the variances behind it are themselves estimates; None where
+    they are not (see `highside.calibration.student`).
+
     Names of the sensor: `A_xy` (row, column), `b_x`, `K2_x`, `K3_x`, `KX_x_yz` (channel x, product g_y g_z); with `@k`
     the coefficient of the k-th power of reduced temperature (`b_x@1`).
     """
@@ -108,10 +115,12 @@ class Parameters:
     names: tuple[str, ...]
     values: Array
     covariance: Array
+    student: Array | None = None
 
     def __post_init__(self) -> None:
         size = len(self.names)
-        if self.values.shape != (size,) or self.covariance.shape != (size, size):
+        square = [self.covariance] if self.student is None else [self.covariance, self.student]
+        if self.values.shape != (size,) or any(matrix.shape != (size, size) for matrix in square):
             raise InputError(f"{size} names, values {self.values.shape}, covariance {self.covariance.shape}")
 
     def __contains__(self, name: str) -> bool:
@@ -121,11 +130,17 @@ class Parameters:
         return float(self.values[self.names.index(name)]) if name in self.names else default
 
     def std(self, name: str) -> float:
-        """Standard deviation of one parameter; 0 for one that is not estimated."""
+        """Standard deviation of one parameter, widening included; 0 for one that is not estimated."""
         if name not in self.names:
             return 0.0
         i = self.names.index(name)
-        return float(np.sqrt(max(self.covariance[i, i], 0.0)))
+        variance = self.covariance[i, i] + (0.0 if self.student is None else self.student[i, i])
+        return float(np.sqrt(max(variance, 0.0)))
+
+    @property
+    def estimated(self) -> int:
+        """How many of them the poses were asked for: all but what was taken for known."""
+        return sum(name not in SHARED_NAMES for name in self.names)
 
     def unit(self, name: str) -> str:
         return UNITS.get(name.partition("_")[0], "rad")
@@ -135,17 +150,22 @@ class Parameters:
         return np.array([self.get(name) for name in names])
 
     def to_dict(self) -> dict[str, Any]:
-        return {
+        out: dict[str, Any] = {
             "names": list(self.names),
             "units": [self.unit(name) for name in self.names],
             "values": self.values.tolist(),
             "covariance": self.covariance.tolist(),
         }
+        return out if self.student is None else out | {"student": self.student.tolist()}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Parameters:
+        student = data.get("student")
         return cls(
-            tuple(data["names"]), np.array(data["values"], dtype=float), np.array(data["covariance"], dtype=float)
+            tuple(data["names"]),
+            np.array(data["values"], dtype=float),
+            np.array(data["covariance"], dtype=float),
+            None if student is None else np.array(student, dtype=float),
         )
 
 
@@ -235,11 +255,18 @@ class Zone:
         wide = np.atleast_2d(np.asarray(g, dtype=float).T).T.reshape(3, -1)
         C = self.model(temp_c).C
         J = np.einsum("ij,jpn->nip", C, self.design(wide, temp_c))
-        cov = J @ self.parameters.covariance @ J.transpose(0, 2, 1)
-        beyond = self._beyond_temperature(wide, temp_c)
+        cov = self.stated_covariance(J, wide, temp_c)
+        return np.asarray(cov[0] if np.ndim(g) == 1 else cov)
+
+    def stated_covariance(self, J: Array, g: Array, temp_c: float | None, rest: Array | float = 0.0) -> Array:
+        """Covariance (N, 3, 3) in g^2 of corrected vectors `g` (3, N) that `J` (N, 3, P) makes of the errors of the
+        parameters, and of errors of their own with covariance `rest`: the reading's noise."""
+        p, across = self.parameters, J.transpose(0, 2, 1)
+        cov = J @ p.covariance @ across
+        beyond = self._beyond_temperature(g, temp_c)
         if beyond is not None:
             cov = cov + np.einsum("in,jn->nij", beyond, beyond)
-        return np.asarray(cov[0] if np.ndim(g) == 1 else cov)
+        return with_widening(cov, None if p.student is None else J @ p.student @ across, rest)
 
     def _beyond_temperature(self, g: Array, temp_c: float | None) -> Array | None:
         if self.temperature is None or temp_c is None or self.temperature.inside(temp_c) or not self.max_power():
@@ -429,15 +456,15 @@ class CalibrationResult:
         self,
         inc_rad: Array | float,
         tf_rad: Array | float,
-        noise_g: float | None = None,
+        noise_g: Array | float | None = None,
         *,
         zone: Zone | None = None,
         temp_c: float | None = None,
         frame: str = "gravity",
     ) -> tuple[Array, Array]:
-        """Standard deviations (rad) of I and T of a reading with noise `noise_g` (the record's own if None; 0 for the
-        calibration's part alone). In the bench's frame the errors of the estimated tilt count with their
-        correlation."""
+        """Standard deviations (rad) of I and T of readings with noise `noise_g` (one, or one each; the record's own if
+        None; 0 for the calibration's part alone). In the bench's frame the errors of the estimated tilt count with
+        their correlation."""
         inc, tf = np.broadcast_arrays(np.atleast_1d(np.asarray(inc_rad, dtype=float)), np.asarray(tf_rad, dtype=float))
         use = zone or self.main
         g = gravity_direction(inc, tf)
@@ -451,11 +478,8 @@ class CalibrationResult:
             for name, direction in zip(TILT_NAMES, (radial, across), strict=True):
                 if name in use.parameters:
                     J[:, :, use.parameters.names.index(name)] += direction.T
-        cov = J @ use.parameters.covariance @ J.transpose(0, 2, 1) + noise**2 * (C @ C.T)
-        beyond = use._beyond_temperature(g, temp_c)
-        if beyond is not None:
-            cov = cov + np.einsum("in,jn->nij", beyond, beyond)
-        std_inc, std_tf = angle_std(inc, tf, cov)
+        own = np.square(np.broadcast_to(noise, inc.shape))[:, None, None] * (C @ C.T)
+        std_inc, std_tf = angle_std(inc, tf, use.stated_covariance(J, g, temp_c, own))
         if self.toolface_zero_std_rad:
             std_tf = np.minimum(np.hypot(std_tf, self.toolface_zero_std_rad), UNIFORM_ANGLE_STD_RAD)
         return std_inc, std_tf
@@ -541,8 +565,8 @@ def linear_covariance(
     offset_std_g: float,
     offset_weights: Array | None = None,
 ) -> Array:
-    """Covariance (14, 14) of the errors of (A row by row, b) and of the bench's tilt `BENCH_NAMES`, taken for zero, for
-    an estimator that is linear in the pose means.
+    """Covariance of the errors of (A row by row, b) and of what is taken for zero, for an estimator that is linear in
+    the pose means: (14, 14) with the bench's tilt, (17, 17) with the unknown part of the offset too (`SHARED_NAMES`).
 
     `A_hat = S weights` with `weights` (N, 3); where the offset is estimated too, `b_hat = S offset_weights` (N,), else
     it is taken as known with standard deviation `offset_std_g` in each axis, the same offset that stands in every
@@ -562,23 +586,27 @@ def linear_covariance(
     cov = np.einsum("nij,nk,nl->ikjl", per_pose, lever, lever)
     by_tilt = np.stack([np.einsum("in,nk->ik", direction, lever) for direction in A @ level.columns])
     cov += np.einsum("tik,tjl->ikjl", by_tilt, by_tilt) * bench.tilt_rad**2
+    by_shared, sizes = by_tilt, [bench.tilt_rad] * 2
     if offset_weights is None and offset_std_g > 0:
-        taken_up = lever.sum(axis=0) * offset_std_g  # what the matrix swallows of the offset
-        taken_up[3] = -offset_std_g  # and what the model then lacks
-        for i in range(3):
-            cov[i, :, i, :] += np.outer(taken_up, taken_up)
+        taken_up = lever.sum(axis=0)  # what the matrix swallows of the offset
+        taken_up[3] = -1.0  # and what the model then lacks
+        by_offset = np.eye(3)[:, :, None] * taken_up  # of each axis, on its own channel
+        cov += np.einsum("tik,tjl->ikjl", by_offset, by_offset) * offset_std_g**2
+        by_shared, sizes = np.concatenate([by_tilt, by_offset]), sizes + [offset_std_g] * 3
     flat = cov.reshape(12, 12)
     order = [4 * i + k for i in range(3) for k in range(3)] + [4 * i + 3 for i in range(3)]
-    out = bench.tilt_rad**2 * np.eye(14)
+    variances = np.square(sizes)
+    out = np.zeros((12 + len(sizes), 12 + len(sizes)))
     out[:12, :12] = flat[np.ix_(order, order)]
-    out[12:, :12] = by_tilt.reshape(2, 12)[:, order] * bench.tilt_rad**2
+    out[12:, 12:] = np.diag(variances)
+    out[12:, :12] = by_shared.reshape(len(sizes), 12)[:, order] * variances[:, None]
     out[:12, 12:] = out[12:, :12].T
     return out
 
 
 def linear_parameters(A: Array, b: Array, covariance: Array) -> Parameters:
-    """Parameters of an affine sensor from A (3, 3), b (3,) and their covariance (12, 12), or (14, 14) with the tilt of
-    the bench that was taken for zero."""
-    unknown = BENCH_NAMES[: len(covariance) - 12]
+    """Parameters of an affine sensor from A (3, 3), b (3,) and their covariance (12, 12), or that of
+    `linear_covariance`, with what was taken for zero."""
+    unknown = SHARED_NAMES[: len(covariance) - 12]
     values = np.concatenate([A.ravel(), b, np.zeros(len(unknown))])
     return Parameters(MATRIX_NAMES + OFFSET_NAMES + unknown, values, covariance)

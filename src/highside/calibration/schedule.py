@@ -12,16 +12,19 @@ hence no hysteresis.
 
 Covariance of the blend of local corrections `z_i` (weights w_i) and the fallback f, all solved from one session:
 
-- the tilt of a bench that was taken for level moves them together, each by its own lever; these errors add with their
-  signs, `E = sum w e`;
-- apart from it the zones share no reading (each is of its own ring) and are independent of one another, while the
+- what was taken for known in all of them moves them together, each by its own lever: the tilt of a bench taken for
+  level, the sensor's offset where it was not observed (between two balance zones it acts with opposite signs). These
+  errors add with their signs, `E = sum w e`;
+- apart from these the zones share no reading (each is of its own ring) and are independent of one another, while the
   global solution makes the best of all poses, so that any other solution errs by what f errs by and by something
   uncorrelated with it (Gauss and Markov: `Cov(z, f) = Cov(f)`). Hence `sum w_i^2 R_i + (1 - (sum w_i)^2) R_f` with R
-  the covariance without the tilt, sums over the zones;
+  the covariance without what is shared, sums over the zones;
 - without a fallback, `sum w_i^2 R_i`;
-- the reading's noise is one and the same in all.
+- the reading's noise is one and the same in all;
+- where the variances behind R_i are estimated, the sum is widened by what they make of it
+  (`highside.calibration.student`).
 
-A zone that does not say what it has in common with the others (`BENCH_NAMES` or `TILT_NAMES` among its parameters) may
+A zone that does not say what it has in common with the others (`SHARED_NAMES` or `TILT_NAMES` among its parameters) may
 be correlated with them in any way. Whatever it is, `Cov(sum w x) <= sum w Cov(x)` (as matrices, for weights that sum to
 one): then the right side is stated.
 """
@@ -39,7 +42,6 @@ from numpy.typing import NDArray
 from highside.attitude import compiled
 from highside.attitude.block import attitude_by, checked, share_out
 from highside.calibration.correction import (
-    UPPER,
     ZERO_COVARIANCE,
     BlockCorrected,
     Corrected,
@@ -50,8 +52,9 @@ from highside.calibration.correction import (
     carry,
     refused,
 )
-from highside.calibration.result import BENCH_NAMES, TILT_NAMES, Zone
+from highside.calibration.result import SHARED_NAMES, TILT_NAMES, Zone
 from highside.calibration.schedule_loop import WHOLE, key_of, scheduled_loop, window_weight
+from highside.calibration.student import UPPER, widening, widening_block
 from highside.errors import InputError
 
 Value = TypeVar("Value", FloatArray, float, FloatArray | float, FloatArray | float | None)
@@ -196,7 +199,7 @@ class ScheduledCorrection:
         object.__setattr__(self, "_guide", self.guide or self.fallback)
         object.__setattr__(self, "_windows", windows([part.zone for part in ordered]))
         object.__setattr__(self, "_edges", tuple(window.edges for window in self._windows))
-        names = BENCH_NAMES + TILT_NAMES if self.fallback is not None else BENCH_NAMES
+        names = SHARED_NAMES + TILT_NAMES if self.fallback is not None else SHARED_NAMES
         parts = (*ordered, self.fallback) if self.fallback is not None else ordered
         object.__setattr__(self, "_unknown", any(not set(names) & set(part.zone.parameters.names) for part in parts))
 
@@ -224,31 +227,42 @@ class ScheduledCorrection:
             return parts[0][0].correct(a, cov, temp_c)
         if not parts:
             return refused()
-        ones = [part.correct(a, ZERO_COVARIANCE, temp_c) for part, _ in parts]
+        ones = []
+        for part, w in parts:
+            one = part.evaluate(a, temp_c)
+            if one is None:
+                return refused()
+            ones.append((part, w, one))
         x = y = z = 0.0
-        total, common = [0.0] * 6, [0.0] * 6
+        total = [0.0] * 6
+        shared = np.zeros((len(SHARED_NAMES), 3))
         flags: dict[str, None] = {}
-        for (part, w), one in zip(parts, ones, strict=True):
+        widened = []
+        for part, w, one in ones:
             x, y, z = x + w * one.gx, y + w * one.gy, z + w * one.gz
-            noise = carry(part.coefficients(temp_c).c, cov)
-            for i in range(6):
-                total[i] += w * noise[i]
             flags.update(dict.fromkeys(one.flags))
+            own = w if self._unknown else 1.0 - (1.0 - w) ** 2 if part is self.fallback else w * w
+            calibration = one.calibration
+            levers = None if self._unknown else part.coefficients(None).shared
+            if levers is not None:
+                e = levers @ (one.gx, one.gy, one.gz, 1.0)
+                shared += w * e
+                both = (e.T @ e).tolist()
+                c0, c1, c2, c3, c4, c5 = (value - both[i][j] for value, (i, j) in zip(calibration, UPPER, strict=True))
+                calibration = c0, c1, c2, c3, c4, c5
+            for i, (value, noise) in enumerate(zip(calibration, carry(part.coefficients(temp_c).c, cov), strict=True)):
+                total[i] += own * value + w * noise
+            if one.student is not None:
+                widened.append((own, one.student, calibration))
+        both = (shared.T @ shared).tolist()
+        t0, t1, t2, t3, t4, t5 = (value + both[i][j] for value, (i, j) in zip(total, UPPER, strict=True))
+        stated = t0, t1, t2, t3, t4, t5
+        for own, student, calibration in widened:
+            more = widening(student, calibration, (t0, t1, t2, t3, t4, t5))
+            s0, s1, s2, s3, s4, s5 = (value + own * own * extra for value, extra in zip(stated, more, strict=True))
+            stated = s0, s1, s2, s3, s4, s5
         name = " + ".join(part.name for part, _ in parts)
-        own = [w if self._unknown else w * w for _, w in parts]
-        if parts[-1][0] is self.fallback and not self._unknown:
-            own[-1] = 1.0 - (1.0 - parts[-1][1]) ** 2
-        for (part, w), one, v in zip(parts, ones, own, strict=True):
-            e = None if self._unknown else _tilted(part, one)
-            for i, (j, k) in enumerate(UPPER):
-                total[i] += v * one.cov[i]
-                if e is not None:
-                    total[i] -= v * (e[j] * e[k] + e[j + 3] * e[k + 3])
-            if e is not None:
-                common = [sum_of + w * value for sum_of, value in zip(common, e, strict=True)]
-        for i, (j, k) in enumerate(UPPER):
-            total[i] += common[j] * common[k] + common[j + 3] * common[k + 3]
-        return Corrected(x, y, z, (total[0], total[1], total[2], total[3], total[4], total[5]), name, tuple(flags))
+        return Corrected(x, y, z, stated, name, tuple(flags))
 
     def correct_block(self, a: FloatArray, temp_c: FloatArray | float | None = None) -> FloatArray:
         """Corrected vectors (3, N) from raw readings (3, N); NaN where no correction holds.
@@ -268,30 +282,37 @@ class ScheduledCorrection:
     ) -> BlockCorrected:
         """Correct readings `a` (3, N) whose own standard deviation is `noise_g` (one, or (N,)) in each axis."""
         count = a.shape[1]
-        g, cov = np.zeros_like(a), np.zeros((6, count))
-        common = np.zeros((6, count))
+        g, cov, reading = np.zeros_like(a), np.zeros((6, count)), np.zeros((6, count))
+        shared = np.zeros((len(SHARED_NAMES), 3, count))
         zone, most = np.full(count, -1, dtype=np.intp), np.zeros(count)
         outside = np.zeros(count, dtype=bool)
         shares = self._shares(a, temp_c)
+        widened = []
         for k, (part, rows, w) in enumerate(shares):
             temps = _of_rows(temp_c, rows)
             one = part.correct_block(a[:, rows], temps)
             g[:, rows] += one * w
-            cov[:, rows] += part.reading_covariance(temps) * np.square(_of_rows(noise_g, rows)) * w
+            reading[:, rows] += part.reading_covariance(temps) * np.square(_of_rows(noise_g, rows)) * w
             outside[rows] |= part.temperature_outside(temps, rows.size)
             more = w > most[rows]
             zone[rows[more]], most[rows[more]] = k, w[more]
-            if self._unknown:
-                cov[:, rows] += part.covariance_block(one, temps) * w
-            else:
-                e = _tilted_block(part, one)
-                common[:, rows] += e * w
-                own = 1.0 - (1.0 - w) ** 2 if part is self.fallback else w**2
-                cov[:, rows] += (part.covariance_block(one, temps) - _outer(e)) * own
-        cov += _outer(common)
+            own = w if self._unknown else 1.0 - (1.0 - w) ** 2 if part is self.fallback else w**2
+            calibration, student = part.covariances_block(one, temps)
+            levers = None if self._unknown else part.coefficients(None).shared
+            if levers is not None:
+                e = levers[:, :, :3] @ one + levers[:, :, 3:]
+                shared[:, :, rows] += e * w
+                calibration = calibration - _outer(e)
+            cov[:, rows] += calibration * own
+            if student is not None:
+                widened.append((rows, own, student, calibration))
+        cov += _outer(shared) + reading
+        total = cov.copy()
+        for rows, own, student, calibration in widened:
+            cov[:, rows] += own**2 * widening_block(student, calibration, total[:, rows])
         g[:, zone < 0] = np.nan
         cov[:, zone < 0] = np.nan
-        return BlockCorrected(g, cov, zone, tuple(part.name for part, _, _ in shares), outside)
+        return BlockCorrected(g, cov, reading, zone, tuple(part.name for part, _, _ in shares), outside)
 
     def _shares(
         self, a: FloatArray, temp_c: FloatArray | float | None
@@ -467,27 +488,9 @@ class _AffineBlocks:
         return meet and least >= one.center and most <= other.center
 
 
-def _tilted(part: LinearCorrection, one: Corrected) -> list[float] | None:
-    """Error of a corrected vector by one standard deviation of either tilt of the bench: three elements and three."""
-    common = part.coefficients(None).common
-    if common is None:
-        return None
-    out: list[float] = (common.reshape(6, 4) @ (one.gx, one.gy, one.gz, 1.0)).tolist()
-    return out
-
-
-def _tilted_block(part: LinearCorrection, g: FloatArray) -> FloatArray:
-    """`_tilted` of vectors (3, N), as (6, N)."""
-    common = part.coefficients(None).common
-    if common is None:
-        return np.zeros((6, g.shape[1]))
-    levers = common.reshape(6, 4)
-    return np.asarray(levers[:, :3] @ g + levers[:, 3:])
-
-
 def _outer(e: FloatArray) -> FloatArray:
-    """Covariance (6, N) of errors `e` (6, N) of two independent sources."""
-    return np.stack([e[j] * e[k] + e[j + 3] * e[k + 3] for j, k in UPPER])
+    """Covariance (6, N) of errors `e` (K, 3, N) of K independent sources."""
+    return np.stack([np.sum(e[:, j] * e[:, k], axis=0) for j, k in UPPER])
 
 
 def _matrix(part: LinearCorrection) -> FloatArray:

@@ -32,7 +32,7 @@ OWN_LOAD_NAMES = tuple(f"S_{i}_{k + 1}" for i in AXES for k in range(structure.W
 DIRECTION_NAMES = tuple(f"H_{i}_{k + 1}" for i in AXES for k in range(structure.HARMONICS))
 """Coefficients of `physics.structure.Direction`, in g."""
 
-UNITS = {"A": "1", "b": "g", "K2": "1/g", "K3": "1/g^2", "KX": "1/g", "K": "1/g", "S": "g", "H": "g"}
+UNITS = {"A": "1", "b": "g", "K2": "1/g", "K3": "1/g^2", "KX": "1/g", "K": "1/g", "S": "g", "H": "g", "offset": "g"}
 """Units by the head of a name; all others are angles."""
 
 _DIAGONAL = ("A_xx", "A_yy", "A_zz")

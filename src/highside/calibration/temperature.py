@@ -24,7 +24,6 @@ from highside.calibration.result import (
     NOMINAL_BENCH,
     BenchAccuracy,
     CalibrationResult,
-    Parameters,
     Reason,
     Remark,
     TemperatureRange,
@@ -166,5 +165,5 @@ def _with_temperature(
             )
         )
     local: tuple[Zone, ...] = tuple(z for z in result.zones if z is not zone)
-    main = replace(zone, parameters=Parameters(p.names, p.values, covariance), temperature=window)
+    main = replace(zone, parameters=replace(p, covariance=covariance), temperature=window)
     return replace(result, zones=(main, *local), remarks=tuple(remarks), options=options)

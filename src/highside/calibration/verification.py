@@ -212,7 +212,7 @@ def indicated(record: CalibrationRecord, poses: PoseSet) -> Indicated:
     noisy = correction.corrected_block(poses.a, noise, temp)
     inc, tf = attitude_block(alone.g)
     inc_cal, tf_cal, _ = attitude_std_block(alone.g, alone.cov)
-    inc_noise, tf_noise, _ = attitude_std_block(alone.g, noisy.cov - alone.cov)
+    inc_noise, tf_noise, _ = attitude_std_block(alone.g, noisy.reading)
     names = (*alone.names, "none")
     return Indicated(
         alone.g, inc, tf, inc_noise, tf_noise, inc_cal, tf_cal, tuple(names[index] for index in alone.zone.tolist())

@@ -508,7 +508,7 @@ def _apply(record: CalibrationRecord, table: Table, frame: str, noise_g: float |
         inc, tf = attitude_block(done.g)
         inc_std, tf_std, _ = attitude_std_block(done.g, done.cov)
         if frame == "bench":
-            inc, tf, inc_std, tf_std = _in_bench_frame(record, inc, tf, inc_std, tf_std)
+            inc, tf, inc_std, tf_std = _in_bench_frame(record, inc, tf, inc_std, tf_std, own)
         inc_std[done.zone < 0] = np.nan
         tf_std[done.zone < 0] = np.nan
         for name, values in zip(out.columns, (inc, tf, inc_std, tf_std), strict=True):
@@ -520,7 +520,12 @@ def _apply(record: CalibrationRecord, table: Table, frame: str, noise_g: float |
 
 
 def _in_bench_frame(
-    record: CalibrationRecord, inc: FloatArray, tf: FloatArray, inc_std: FloatArray, tf_std: FloatArray
+    record: CalibrationRecord,
+    inc: FloatArray,
+    tf: FloatArray,
+    inc_std: FloatArray,
+    tf_std: FloatArray,
+    noise: FloatArray | float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """I and T as the bench reads them. The tilt's error is correlated with the vector's: both are taken together."""
     import numpy as np
@@ -530,8 +535,8 @@ def _in_bench_frame(
     result = record.result
     if result.frame != "gravity":
         return inc, tf, inc_std, tf_std  # the bench was taken as level: its frame is all there is
-    alone = result.predict_std(inc, tf, 0.0)
-    together = result.predict_std(inc, tf, 0.0, frame="bench")
+    alone = result.predict_std(inc, tf, noise)
+    together = result.predict_std(inc, tf, noise, frame="bench")
     bench_inc, bench_tf = result.to_bench_frame(inc, tf)
     stds = [
         np.sqrt(np.maximum(total**2 - without**2 + with_tilt**2, 0.0))

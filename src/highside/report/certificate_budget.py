@@ -76,7 +76,7 @@ class Budget:
 def freedom_of(record: CalibrationRecord) -> float:
     """Degrees of freedom of the fit: three readings a pose less the parameters estimated."""
     used = int(np.count_nonzero(record.result.poses.used))
-    held = len(record.result.zones) * len(record.result.main.parameters.names)
+    held = len(record.result.zones) * record.result.main.parameters.estimated
     return float(max(3 * used - held, 1))
 
 
@@ -102,7 +102,7 @@ def budget_at(record: CalibrationRecord, fields: CertificateFields, inclination_
     noise = result.reading_noise_g
     sources = [
         Source(
-            "Parameters of the correction", "A", f"covariance of {len(result.main.parameters.names)} parameters",
+            "Parameters of the correction", "A", f"covariance of {result.main.parameters.estimated} parameters",
             "normal", "1", float(stated.inc_std_deg[0]), float(stated.tf_std_deg[0]), freedom_of(record),
             _inside(record),
         ),
