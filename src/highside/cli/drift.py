@@ -74,6 +74,14 @@ def drift(
         bool,
         typer.Option("--smooth", help="Let every row know the whole recording (kinematic); else a row knows its past."),
     ] = False,
+    by_hand: Annotated[
+        bool,
+        typer.Option(
+            "--carried",
+            help="The sensor is carried or waved by hand (kinematic): accelerations of any size, a velocity that stays "
+            "bounded. Else accelerations are vibration, which averages out.",
+        ),
+    ] = False,
     arw: Annotated[
         float, typer.Option("--gyro-arw", min=1e-6, help="Angle random walk of the gyros, deg/sqrt(h).")
     ] = 0.1,
@@ -88,6 +96,7 @@ def drift(
     import numpy as np
 
     from highside.drift.checks import check_units, saturated_rows
+    from highside.drift.filter import carried
     from highside.errors import InputError
     from highside.recording.table import Recording, read_recording, write_recording
 
@@ -99,6 +108,8 @@ def drift(
         raise InputError(f"has no meaning with --method {method.value}", field="--straight-hole", remedy="leave it out")
     if smooth and method is not Method.KINEMATIC:
         raise InputError(f"has no meaning with --method {method.value}", field="--smooth", remedy="leave it out")
+    if by_hand and method is not Method.KINEMATIC:
+        raise InputError(f"has no meaning with --method {method.value}", field="--carried", remedy="leave it out")
     intervals = _intervals(rest)
     table = read_recording(recording)
     where = str(recording)
@@ -124,8 +135,10 @@ def drift(
                 f"{begin:g}-{end:g} lies outside of the recording ({t_s[0]:g} to {t_s[-1]:g} s)", field="--rest"
             )
     check_units(t_s, rate, accel, where)
-    result = _run(method, t_s, rate, accel, intervals, azimuth_policy, straight_hole,
-                  _settings(latitude_deg, azimuth_deg, azimuth_std_deg, arw, rrw, bias_std), smooth=smooth)  # fmt: skip
+    settings = _settings(latitude_deg, azimuth_deg, azimuth_std_deg, arw, rrw, bias_std)
+    if by_hand:
+        settings = carried(settings)
+    result = _run(method, t_s, rate, accel, intervals, azimuth_policy, straight_hole, settings, smooth=smooth)
     write_recording(output, Recording(_columns(result)))
     typer.echo(f"{t_s.size} rows, {method.value}; azimuth from {result.basis_words}", err=True)
     for note in result.notes:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.drift import core
+from highside.drift import algebra, core
 from highside.drift.blocks import EMPTY, MAX_GAP_S, SUMS, advance
 from highside.drift.core import times, turning
 
@@ -126,8 +126,9 @@ def follow(
 
 _CORE = (
     "times", "turning", "cosines", "attitude_of", "store", "earth_in_body", "azimuth_of", "azimuth_row",
-    "azimuth_variance", "turn_left", "random_walk_of", "agrees", "motion_of", "spread", "predict", "innovation_row",
-    "follow_up", "take", "gravity", "zero_rate", "straight", "correct", "run",
+    "azimuth_variance", "turn_left", "random_walk_of", "agrees", "motion_of", "spread", "carry", "standing",
+    "reading_at_end", "reading_variance", "predict", "innovation_row", "follow_up", "take", "bounded", "gravity",
+    "zero_rate", "straight", "correct", "run",
 )  # fmt: skip
 """each after those that it calls"""
 
@@ -148,7 +149,7 @@ def _compile() -> Kernels | None:
             # nowhere to keep it: compiled anew in each process
             return numba.njit(copy, error_model="numpy")
 
-    names = dict(vars(core))
+    names = vars(algebra) | vars(core)
     for name in _CORE:
         names[name] = compiled(names[name], names)
     own = dict(globals())

@@ -16,6 +16,11 @@ is measured, as far as the tool's motion allows it:
     straight    optional: azimuth = azimuth at the start, asserted in every block. A constraint, not a measurement: a
                 real change is taken for gyro bias. What is stated never is less than its own deviation.
 
+    velocity    instead of gravity, for a sensor that is carried: what a hand does to it is no noise that averages out
+                with the square root of time, but goes forth and back. Velocity v is a state (in the place of a), moved
+                by the readings, v' = v + g (A - p) t, and measured as none, give or take what a hand does: the mean
+                acceleration over a time T then errs by v / T.
+
 Each update is gated by its innovation and applied in Joseph's form (`core`). Causal: a row knows nothing of later ones.
 
 How well it can do at best: a gyro noise of N turns the azimuth about Up by N sqrt(t), and gravity never shows it. On a
@@ -73,12 +78,27 @@ class Settings:
     """standard deviation of "the azimuth is that of the start"; None: the hole may turn"""
     gravity_while_moving: bool = True
     detect_stops: bool = True
+    velocity_std_mps: float = 0.0
+    """0: what accelerates a tool is vibration, and averages out as noise does. Else it is carried or waved by hand:
+    accelerations of any size for as long as its velocity stays near this, an independent one each second. The velocity
+    then is a state, in place of the accelerometers' biases"""
+    gyro_scatter: float = 0.0
+    """errors of scale and alignment of the gyros that are no state, as a part of the angle turned"""
     block_s: float = 1.0
 
     @property
     def earth_known(self) -> bool:
         """Whether all of the Earth's rotation can be modelled."""
         return self.latitude_rad is not None and self.azimuth_rad is not None
+
+
+def carried(settings: Settings) -> Settings:
+    """The settings for a sensor that is carried or waved by hand, and not mounted in a tool.
+
+    Velocities of a hand, gyros true to some parts in a thousand, accelerometers to 5 mg; blocks short enough to follow.
+    Twice or half of each changes little.
+    """
+    return replace(settings, velocity_std_mps=0.3, gyro_scatter=3e-3, accel_floor_g=5e-3, block_s=0.25)
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +165,8 @@ def constants_of(settings: Settings) -> core.Constants:
         straight_std=settings.straight_hole_std_rad or 0.0,
         gravity_while_moving=settings.gravity_while_moving,
         detect_stops=settings.detect_stops,
+        velocity_std=settings.velocity_std_mps,
+        gyro_scatter=settings.gyro_scatter,
     )
 
 
@@ -171,7 +193,7 @@ def aligned(block: Block, settings: Settings) -> core.Memory:
     bias_var = s.bias_std_radps**2 + (0.0 if s.earth_known else EARTH_RATE_RADPS**2)
     P[3:6, 3:6] = bias_var * np.eye(3)
     P[6, 6] = s.scale_std**2
-    P[7:, 7:] = s.accel_bias_std_g**2 * np.eye(3)
+    P[7:, 7:] = (s.velocity_std_mps or s.accel_bias_std_g) ** 2 * np.eye(3)
     return core.Memory(
         q=from_angles(theta, phi, psi).tolist(),
         bias=[0.0] * 3,

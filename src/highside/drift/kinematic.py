@@ -83,7 +83,7 @@ def kinematic(
     still_s, turned, gap_s = (float(memory.tally[i]) for i in (core.STILL_S, core.TURNED, core.GAP_S))
     leap = np.zeros((data.table.shape[0], 3))
     if smooth:
-        trace, leap = smoothed(data.table, trace)
+        trace, leap = smoothed(data.table, trace, carried=settings.velocity_std_mps > 0.0)
     earth = np.array([constants.earth_e, constants.earth_n, constants.earth_u])
     angles = _angles(t_s, rate, accel, data, trace, leap, earth, compiled, causal=not smooth)
     known = data.number
@@ -127,6 +127,7 @@ def _empty_trace(count: int, *, smooth: bool) -> core.Trace:
         shaken=np.empty(count),
         accel_bias=np.empty((count, 3)),
         q_before=np.empty((kept, 4)),
+        accel_bias_before=np.empty((kept, 3)),
         P=np.empty((kept, covariance)),
         P_before=np.empty((kept, covariance)),
     )

@@ -21,8 +21,10 @@ from highside.attitude.quaternion import (
     multiply,
     normalised,
     to_rotation_vector,
+    up_direction,
 )
 from highside.drift import core
+from highside.drift.algebra import STANDARD_GRAVITY
 
 FloatArray = NDArray[np.float64]
 
@@ -30,8 +32,10 @@ _RANK = 1e-13
 """eigenvalues of the correlation matrix below this are none: a direction that the filter holds for certain"""
 
 
-def smoothed(blocks: FloatArray, trace: core.Trace) -> tuple[core.Trace, FloatArray]:
+def smoothed(blocks: FloatArray, trace: core.Trace, *, carried: bool = False) -> tuple[core.Trace, FloatArray]:
     """The trace with all that later blocks tell: blocks (M, 34), a trace with its covariances.
+
+    `carried`: its last three states are a velocity.
 
     Also leap (M, 3): the rotation vector by which the smoothed end of a block differs from what its smoothed start
     predicts, to be given out over its rows.
@@ -43,7 +47,7 @@ def smoothed(blocks: FloatArray, trace: core.Trace) -> tuple[core.Trace, FloatAr
     P = after.copy()
     leap = np.zeros((count, 3))
     for k in range(count - 2, -1, -1):
-        F = _transition(blocks[k + 1], trace, k)
+        F = _transition(blocks[k + 1], trace, k, carried=carried)
         G = after[k] @ F.T @ _inverse(before[k + 1])
         # the smoothed state one block on, less the one predicted from here
         dx = np.concatenate(
@@ -51,7 +55,7 @@ def smoothed(blocks: FloatArray, trace: core.Trace) -> tuple[core.Trace, FloatAr
                 to_rotation_vector(multiply(conjugate(trace.q_before[k + 1]), q[k + 1])),
                 bias[k + 1] - trace.bias[k],
                 [scale[k + 1] - trace.scale[k]],
-                accel_bias[k + 1] - trace.accel_bias[k],
+                accel_bias[k + 1] - trace.accel_bias_before[k + 1],
             ]
         )
         dx = G @ dx
@@ -63,8 +67,8 @@ def smoothed(blocks: FloatArray, trace: core.Trace) -> tuple[core.Trace, FloatAr
         P[k] = 0.5 * (own + own.T)
         # first order: the start's correction carried to the end, against the end as smoothed
         start = np.concatenate([dx[:3], bias[k] - trace.bias[k], [scale[k] - trace.scale[k]], np.zeros(3)])
-        carried = multiply(trace.q_before[k + 1], from_rotation_vector((F @ start)[:3]))
-        leap[k + 1] = to_rotation_vector(multiply(conjugate(carried), q[k + 1]))
+        reached = multiply(trace.q_before[k + 1], from_rotation_vector((F @ start)[:3]))
+        leap[k + 1] = to_rotation_vector(multiply(conjugate(reached), q[k + 1]))
     rows = np.array([core.azimuth_row(tuple(each)) for each in q.tolist()])
     done = trace._replace(
         q=q,
@@ -78,16 +82,24 @@ def smoothed(blocks: FloatArray, trace: core.Trace) -> tuple[core.Trace, FloatAr
     return done, leap
 
 
-def _transition(block: FloatArray, trace: core.Trace, k: int) -> FloatArray:
+def _transition(block: FloatArray, trace: core.Trace, k: int, *, carried: bool) -> FloatArray:
     """F over a block that begins with the state k."""
     F = np.eye(core.STATES)
-    if trace.motion[k + 1] == core.STILL:
+    still, gap = trace.motion[k + 1] == core.STILL, block[31] > 0.0
+    if carried and (still or gap):
+        # `core.standing`: no velocity comes out of an earlier one
+        F[7:, 7:] = 0.0
+    if still:
         return F
     J, S = block[4:13].reshape(3, 3), block[13:16]
     small = from_rotation_vector(-(J @ trace.bias[k] + S * trace.scale[k]))
     F[:3, :3] = direction_cosines(multiply(block[:4], small))
     F[:3, 3:6] = -J
     F[:3, 6] = -S
+    if carried and not gap:
+        x, y, z = STANDARD_GRAVITY * block[19] * up_direction(trace.q_before[k + 1])
+        F[7:] = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]) @ F[:3]
+        F[7:, 7:] = F[:3, :3]
     return F
 
 
