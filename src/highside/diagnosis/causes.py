@@ -1,5 +1,5 @@
 """Where a named effect sits, told by its cause: an error of the toolface encoder follows the toolface, whatever its
-shape in the readings; sag follows the inclination.
+shape in the readings; sag follows the inclination; a lever arm follows the rate, a step is there from its time on.
 
 The readings of an effect of the bench follow the direction of gravity as well, because that is what they are made of.
 What the effect itself adds at its own stage of the chain (an angle, a force) follows one covariate or none.
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.location import HARMONICS, intervals
 from highside.diagnosis.result import Claim, Diagnosis, Location
+from highside.diagnosis.support import cells_of
 from highside.physics.effect import Effect, Stage
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
@@ -24,19 +25,26 @@ Array = NDArray[np.float64]
 
 FINE = 400
 """cells of a covariate, where every setting is not one: what an effect adds has no noise"""
+CELLS_TO_AGREE = 200
 FOLLOWS = 0.02
 """Share of its variance that may be left within equal values of the covariate it follows."""
-TOLD = (Stage.POSE, Stage.GRAVITY, Stage.THERMAL)
-"""Stages whose effects are located by cause; those of the sensor follow the load, which their readings show."""
+DRIVEN = {"rotor_rate_radps": "rotor_rate_dps", "temp_c": "temp_c", "vibration_rms_g": "vibration_rms_g", "t_s": "t_s"}
+"""covariates that an effect says it needs, by their names in a recording"""
+AT_THEIR_STAGE = (Stage.POSE, Stage.THERMAL, Stage.SENSOR)
+"""Stages at which what an effect adds is asked for; of others by what it adds to the readings of a plain tool."""
+MOST_ROWS = 20_000
+"""Of a longer recording every so many rows."""
 
 
 def located_by_cause(diagnosis: Diagnosis, model: ForwardModel, state: ChainState) -> Diagnosis:
-    """The diagnosis of poses with its claims' locations along what the effects follow, where that is one covariate.
+    """The diagnosis with its claims' locations along what the effects follow, where that is one covariate.
 
     Claims and locations stand in the same order; `model` is what the claims come on top of.
     """
     if not diagnosis.claims or len(diagnosis.location) != len(diagnosis.claims):
         return diagnosis
+    if state.n > MOST_ROWS:
+        state = state.rows(slice(None, None, -(-state.n // MOST_ROWS)))
     places = [
         _by_cause(claim, place, model, state)
         for claim, place in zip(diagnosis.claims, diagnosis.location, strict=True)
@@ -46,24 +54,33 @@ def located_by_cause(diagnosis: Diagnosis, model: ForwardModel, state: ChainStat
 
 def _by_cause(claim: Claim, place: Location, model: ForwardModel, state: ChainState) -> Location:
     effect = all_effects()[claim.effect]
-    if effect.stage not in TOLD:
-        return place
     values = {name: p.value for name, p in claim.parameters.items()}
     covariate = followed_covariate(effect, effect.vector(values), model, state)
-    if covariate is None:
+    driven = [DRIVEN[name] for name in effect.needs if name in DRIVEN and np.ptp(covariates(state)[DRIVEN[name]]) > 0]
+    if covariate is None and not driven:
         return place
-    along = covariates(state)[covariate]
-    added = model.with_effects({claim.effect: values}).predict(state) - model.without(claim.effect).predict(state)
-    energy = np.sum(np.asarray(added, dtype=float) ** 2, axis=0)
+    energy = np.sum(_added(effect, effect.vector(values), model, state) ** 2, axis=0)
     harmonic = _harmonic(effect, effect.vector(values), model, state) if covariate == "tf_ref_deg" else None
+    if covariate is None:
+        # its size is driven by one covariate, what it does with that turns with the load
+        along = covariates(state)[driven[0]]
+        load = "gravity_direction" if np.ptp(state.inc_rad) > 0.002 else "tf_ref_deg"
+        words = driven[0] if driven[0] == "t_s" else f"{driven[0]} x {load}"
+        return replace(place, covariate=words, intervals=intervals(driven[0], along, energy), harmonic=None)
+    along = covariates(state)[covariate]
     return replace(place, covariate=covariate, intervals=intervals(covariate, along, energy, FINE), harmonic=harmonic)
 
 
 def covariates(state: ChainState) -> Mapping[str, Array]:
-    """What an effect may follow, by its name in a recording, in the order in which a tie is decided."""
+    """What an effect may follow, by its name in a recording, in the order in which a tie is decided.
+
+    While the tool turns all is smooth in time: that comes last.
+    """
     return {
         "direction": np.asarray(state.direction, dtype=float),
         "inc_ref_deg": np.degrees(state.inc_rad),
+        "vibration_rms_g": np.asarray(state.vibration_rms_g, dtype=float),
+        "rotor_rate_dps": np.degrees(state.rotor_rate_radps),
         "tf_ref_deg": np.mod(np.degrees(state.tf_rad), 360.0),
         "temp_c": np.asarray(state.temp_c, dtype=float),
         "t_s": np.asarray(state.t_s, dtype=float),
@@ -86,8 +103,11 @@ def followed_covariate(effect: Effect, p: Array, model: ForwardModel, state: Cha
         settings, group = np.unique(np.round(values, 3), return_inverse=True)
         if settings.size < 2:
             continue
-        if settings.size <= state.n / 2:
-            count = np.bincount(group)
+        if settings.size > FINE:
+            # as good as continuous: hardly any variance may be left within a narrow cell
+            group = cells_of(name, values, count=CELLS_TO_AGREE).of
+        if settings.size <= state.n / 2 or settings.size > FINE:
+            count = np.maximum(np.bincount(group), 1)
             within = sum(float(np.sum((row - (np.bincount(group, row) / count)[group]) ** 2)) for row in left)
         else:
             # hardly a value twice: neighbours along the covariate must agree
@@ -99,10 +119,21 @@ def followed_covariate(effect: Effect, p: Array, model: ForwardModel, state: Cha
 
 def _increment(effect: Effect, p: Array, model: ForwardModel, state: ChainState) -> Array:
     """(3, n) what the effect adds at its stage."""
+    if effect.stage not in AT_THEIR_STAGE:
+        return _added(effect, p, ForwardModel.of({}), state)
     chain = model.chain(state)
     reading = np.stack([state.inc_rad, np.zeros(state.n), state.tf_rad])
     added = effect.delta(state, p, reading if effect.stage is Stage.POSE else chain.force)
     return np.asarray(np.broadcast_to(added, (3, state.n)), dtype=float)
+
+
+def _added(effect: Effect, p: Array, model: ForwardModel, state: ChainState) -> Array:
+    """(3, n) what the effect adds to the readings: of the gyros, where it is theirs."""
+    values = dict(zip((q.name for q in effect.parameters), p.tolist(), strict=True))
+    with_it, without = model.with_effects({effect.id: values}), model.without(effect.id)
+    if effect.stage is Stage.GYRO:
+        return np.asarray(with_it.gyro(state) - without.gyro(state), dtype=float)
+    return np.asarray(with_it.predict(state) - without.predict(state), dtype=float)
 
 
 def _harmonic(effect: Effect, p: Array, model: ForwardModel, state: ChainState) -> int:

@@ -235,9 +235,7 @@ def _conclude(scene: Scene, judged: Judged, suspicion: _Suspicion, version: str)
     claims = tuple(_claim(scene, judged, m, r, fit) for m, r in zip(members, rivalries, strict=True)) if told else ()
     location = _located(scene, judged, members, share) if told else _located_whole(scene, judged, members, after, loud)
     remainder = Remainder(
-        location=scene.locate_whole(judged, after.signal, selector.space_with(members), _as_p(after), 1.0 - share)
-        if loud
-        else (),
+        location=scene.locate_whole(judged, after.signal, members, _as_p(after), 1.0 - share) if loud else (),
         hints=_hints(scene, judged, after, loud, members, wanders),
         p=_as_p(after),
         resembles=() if told else (*resembles, *(n for n in suspicion.near if n not in resembles)),
@@ -355,7 +353,7 @@ def _located_whole(
     signal = (explained @ selector.residual) @ explained
     log_p = [float(selector.standing([o for o in members if o != m]).log_p[m.candidate]) for m in members]
     p = float(10.0 ** -max([*log_p, float(after.log_p[after.loudest])]))
-    return scene.locate_whole(judged, signal, selector.base, p, 1.0)
+    return scene.locate_whole(judged, signal, [], p, 1.0)
 
 
 def _hints(

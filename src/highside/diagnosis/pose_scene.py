@@ -130,7 +130,10 @@ class PoseScene(Scene):
     def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
         return locate(judged.scan, signal, space, p, share)
 
-    def locate_whole(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
+    def locate_whole(
+        self, judged: Judged, signal: Array, members: Sequence[Member], p: float, share: float
+    ) -> tuple[Location, ...]:
+        space = judged.selector.space_with(members)
         residual = outside(space, judged.selector.residual)
         cells = pose_cells(self.session.state)
         found = locate_whole(judged.scan, cells, judged.noise.white, residual, space, signal)

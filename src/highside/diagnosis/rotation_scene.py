@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.causes import located_by_cause
 from highside.diagnosis.design import CHUNK, Design
 from highside.diagnosis.fit import JointFit, Observed, base_fit, joint_fit
 from highside.diagnosis.gram import Gram, HeldOutRows, Segments, Space, WalkingChannel, Walks, accumulate
-from highside.diagnosis.location import Scan, followed, intervals, scan_of
+from highside.diagnosis.location import Located, Scan, followed, intervals, scan_of
 from highside.diagnosis.memory import Channel, Memory, SlowEffect
 from highside.diagnosis.method import WHOLE, Method
 from highside.diagnosis.regression import outside, span
@@ -23,10 +24,13 @@ from highside.diagnosis.rotation_advice import next_rates
 from highside.diagnosis.rotation_bases import Group
 from highside.diagnosis.rotation_jitter import with_jitter
 from highside.diagnosis.rotation_lines import found_lines
-from highside.diagnosis.rotation_noise import RotationNoise, estimate, windows, with_walk
+from highside.diagnosis.rotation_noise import RotationNoise, estimate, with_walk
+from highside.diagnosis.rotation_noise import windows as learned_from
 from highside.diagnosis.rotation_session import RotationSession
+from highside.diagnosis.rotation_support import rotation_cells, windows
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
 from highside.diagnosis.selection import FLIPS, Member, Pool, Selector, block_gain, gain_interval, threshold
+from highside.diagnosis.support import Window
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
@@ -209,18 +213,41 @@ class RotationScene(Scene):
         sought = followed(judged.scan, signal, coordinates.channels, space)
         if sought is None:
             return ()
+        return self._placed(sought, coordinates.weights(signal), p, share)
+
+    def locate_whole(
+        self, judged: Judged, signal: Array, members: Sequence[Member], p: float, share: float
+    ) -> tuple[Location, ...]:
+        coordinates: Space = judged.noise.space
+        fitted = np.concatenate([self.design.base, *(self.variant(m).columns for m in members)]).astype(np.intp)
+        cells = rotation_cells(self.session.state, slow=not any(m.upper for m in judged.noise.noise.memories))
+
+        def ranges(channels: list[int]) -> list[Window]:
+            return windows(self.design, self.noise, self.residual, fitted[fitted >= 0], cells, channels, self._parts)
+
+        space = judged.selector.space_with(members)
+        sought = followed(judged.scan, signal, coordinates.channels, space, ranges)
+        return () if sought is None else self._placed(sought, coordinates.weights(signal), p, share)
+
+    @property
+    def _parts(self) -> list[slice]:
+        """The rows that places are found by."""
+        n, length = self.session.n, PLACES // 4
+        if n <= PLACES:
+            return [slice(0, n)]
+        return [slice(int(s), int(s) + length) for s in np.linspace(0, n - length, 4).astype(int)]
+
+    def _placed(
+        self, sought: tuple[list[int], Located | Window], weights: Sequence[Array], p: float, share: float
+    ) -> tuple[Location, ...]:
+        """A location from what was found to be followed; a signal's weights (m,) on each channel say how much where."""
         channels, chosen = sought
+        names = tuple(self.channels[c] for c in channels)
+        if isinstance(chosen, Window):
+            return (Location(names, chosen.covariate, chosen.intervals, None, share, p),)
         assert isinstance(chosen, Group)
-        weights = coordinates.weights(signal)
-        length = min(PLACES, self.session.n)
-        starts = np.linspace(0, self.session.n - length // 4, 4).astype(int)
-        parts = (
-            [slice(0, self.session.n)]
-            if self.session.n <= length
-            else [slice(int(s), int(s) + length // 4) for s in starts]
-        )
         along, energy, power = [], [], np.zeros(len(chosen.harmonics))
-        for part in parts:
+        for part in self._parts:
             made = self.design.functions(part)
             rows = np.stack([weights[c] @ made[c] for c in channels])
             along.append(chosen.along[part])
@@ -230,7 +257,7 @@ class RotationScene(Scene):
                 power[i] += float(np.sum((rows @ np.cos(phase)) ** 2 + (rows @ np.sin(phase)) ** 2))
         return (
             Location(
-                channels=tuple(self.channels[c] for c in channels),
+                channels=names,
                 covariate=chosen.covariate,
                 intervals=intervals(chosen.covariate, np.concatenate(along), np.concatenate(energy)),
                 harmonic=chosen.harmonics[int(np.argmax(power))] if chosen.harmonics else None,
@@ -280,7 +307,8 @@ class RotationScene(Scene):
         )
 
     def completed(self, diagnosis: Diagnosis) -> Diagnosis:
-        return with_jitter(diagnosis, self.noise, self.channels)
+        told = located_by_cause(diagnosis, self.model, self.session.state)
+        return with_jitter(told, self.noise, self.channels)
 
     def picture(self, fit: JointFit | None) -> Picture:
         return Picture(self.session, self.residual, self.residual if fit is None else fit.residual, self.channels)
@@ -319,7 +347,7 @@ def _chance(
     explained = [Space.of_channel(gram.total) for gram in grams]
     parts = [
         slice(start, min(start + CHUNK, window.stop))
-        for window in windows(session.n)
+        for window in learned_from(session.n)
         for start in range(window.start, window.stop, CHUNK)
     ]
     used = np.unique(np.concatenate([segments.flip[part] for part in parts]))

@@ -157,9 +157,11 @@ class Scene(ABC):
     def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
         """Where a whitened signal outside of a space sits."""
 
-    def locate_whole(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
-        """Where a mismatch sits that has no name: all of it, of which `signal` is what chance does not explain."""
-        return self.locate(judged, signal, space, p, share)
+    def locate_whole(
+        self, judged: Judged, signal: Array, members: Sequence[Member], p: float, share: float
+    ) -> tuple[Location, ...]:
+        """Where sits all that base and members leave, of which `signal` is what chance does not explain."""
+        return self.locate(judged, signal, judged.selector.space_with(members), p, share)
 
     def completed(self, diagnosis: Diagnosis) -> Diagnosis:
         """The diagnosis with what is no regression: found by the scatter, not by the mean."""
