@@ -1,4 +1,4 @@
-"""The error-state filter on one block (gate, prediction, corrections), in the subset of Python that a compiler can take.
+"""The error-state filter on one block (gate, prediction, corrections), in the subset of Python that a compiler takes.
 
 Plain functions on sequences of floats and two named tuples, no objects and no arrays: interpreted as they stand (on
 lists: the online form, or where nothing compiles), or compiled together with all they call (on arrays: `compiled`). One
