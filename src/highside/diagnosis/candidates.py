@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.physics.effect import Effect, Stage
+from highside.diagnosis.untestable import one_sided
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
@@ -29,6 +30,7 @@ MAX_STEP_TIMES = 60
 LEAST_A_RING = 6
 """poses of a ring, on average, for single rings to be looked at: one that is off looks like noise that remembers"""
 _NEVER = {
+ONE_SIDE = "every attitude is reached from one side, so it is a constant; or the side is not recorded"
     "tone": "a tone averages out while a pose is held",
     "aliased_vibration": "vibration in step with the rotation needs rotation",
 }
@@ -97,6 +99,9 @@ def pose_candidates(model: ForwardModel, state: ChainState, free: Sequence[str])
     for effect in wanted:
         names = tuple(effect.parameters[k].name for k in effect.amplitudes)
         if effect.id in _NEVER:
+        if one_sided(effect, state):
+            blind.append(Blind(effect, ONE_SIDE))
+            continue
             blind.append(Blind(effect, _NEVER[effect.id]))
             continue
         variants = [Variant({}, columns[effect.id])] if effect in plain else _shaped(model, state, effect)
@@ -212,13 +217,16 @@ def what_lacks(effect: Effect, state: ChainState) -> str:
         "rotor_rate_radps": "the tool does not rotate while it is read",
         "rotor_accel_radps2": "the rotation is not sped up or slowed down",
         "vibration_rms_g": "vibration is not recorded, or there is none",
-        "direction": "the direction of approach is not recorded",
+        "direction": ONE_SIDE,
         "t_s": "the recording has no length",
     }
     lacking = [words[name] for name in effect.needs if name in words and np.ptp(getattr(state, name)) == 0.0]
     if effect.stage is Stage.GYRO and not lacking:
         return "gyros are not recorded, or do not respond to it here"
-    return lacking[0] if lacking else "the tool does not move while it is read"
+    if lacking:
+        return lacking[0]
+    moves = max(float(np.ptp(state.inc_rad)), float(np.ptp(state.tf_rad))) > 0.0
+    return "it does not act in any attitude of this recording" if moves else "the tool does not move while it is read"
 
 
 def shadows(state: ChainState, force: Array) -> list[Candidate]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from highside.diagnosis.candidates import MAX_STEP_TIMES, Blind, Candidate, Variant, parts_of, what_lacks
 from highside.diagnosis.rotation_bases import Group, Recipe, Rows, rotation_groups, rotation_shadows
 from highside.diagnosis.rotation_session import RotationSession
+from highside.diagnosis.untestable import one_sided
 from highside.physics.effect import Effect, Stage
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
@@ -147,6 +148,7 @@ class Design:
     def _add_effects(self, lines: Sequence[Line]) -> None:
         for effect in all_effects().values():
             absent = effect.stage is Stage.GYRO and not self.session.gyros
+            absent |= one_sided(effect, self.session.state)
             if effect.random or effect.id in self.free:
                 continue
             searched = 0

@@ -33,6 +33,7 @@ from highside.diagnosis.selection import (
     threshold,
 )  # fmt: skip
 from highside.diagnosis.session import PoseSession
+from highside.diagnosis.untestable import with_manoeuvres
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
@@ -143,7 +144,8 @@ class PoseScene(Scene):
         return (Location(tuple(CHANNELS[c] for c in channels), covariate, where, harmonic, share, p),)
 
     def completed(self, diagnosis: Diagnosis) -> Diagnosis:
-        return located_by_cause(diagnosis, self.model, self.session.state)
+        told = located_by_cause(diagnosis, self.model, self.session.state)
+        return with_manoeuvres(told, self.session.state)
 
     def advice(self, member: Member, r: Rivalry, fit: JointFit) -> str:
         candidate = self.candidates[member.candidate]

@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 SAME_CLASS_BIC = 6.0
 SAME_CLASS_EVIDENCE = 12.0
 RIVAL_LOG_P = 1.5
+BEYOND_REASON = 100.0
+"""An effect that would have to be so many times as large as is plausible is as good as absorbed."""
 POWER_80 = 0.8416
 """Standard normal quantile of 80 %."""
 
@@ -90,7 +92,7 @@ def what_shows(
         ratio = np.min(sizes, axis=0) / gates
         seen = ratio < 1
         if not seen.any():
-            why = f"it is absorbed by {', '.join(absorbing)}" if absorbing else "these poses do not respond to it"
+            why = _why(np.min(sizes, axis=0), gates, [p.unit for p in amplitudes], absorbing)
             lacking.append(NotTestable(candidate.id, why, candidate.effect.splitter))
             continue
         # amplitudes of one unit are comparable: the figure is of the first kind that shows
@@ -98,6 +100,16 @@ def what_shows(
         alike = seen & np.array([p.unit == unit for p in amplitudes])
         smallest[candidate.id] = Detectable(float(np.median(np.min(sizes, axis=0)[alike])), unit)
     return lacking, smallest
+
+
+def _why(sizes: Array, gates: Array, units: Sequence[str], absorbing: Sequence[str]) -> str:
+    """Why amplitudes (k,) do not show: absorbed whatever their size, or too small wherever they are plausible."""
+    k = int(np.argmin(sizes / gates))
+    if sizes[k] < BEYOND_REASON * gates[k]:
+        return f"it would show from {sizes[k]:.2g} {units[k]} on, and is not plausible beyond {gates[k]:.2g} {units[k]}"
+    if absorbing:
+        return f"whatever its size, it is absorbed by {', '.join(absorbing)}"
+    return "whatever its size, these readings do not respond to it"
 
 
 def _smallest(columns: Array, base: Array, freedom: float, threshold: float) -> Array:

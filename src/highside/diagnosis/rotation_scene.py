@@ -31,6 +31,7 @@ from highside.diagnosis.rotation_support import rotation_cells, windows
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
 from highside.diagnosis.selection import FLIPS, Member, Pool, Selector, block_gain, gain_interval, threshold
 from highside.diagnosis.support import Window
+from highside.diagnosis.untestable import with_manoeuvres
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
@@ -307,7 +308,7 @@ class RotationScene(Scene):
         )
 
     def completed(self, diagnosis: Diagnosis) -> Diagnosis:
-        told = located_by_cause(diagnosis, self.model, self.session.state)
+        told = with_manoeuvres(located_by_cause(diagnosis, self.model, self.session.state), self.session.state)
         return with_jitter(told, self.noise, self.channels)
 
     def picture(self, fit: JointFit | None) -> Picture:
