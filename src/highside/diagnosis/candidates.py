@@ -12,13 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.physics.effect import Effect, Stage
 from highside.diagnosis.untestable import one_sided
+from highside.physics.effect import Effect, Stage
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
@@ -29,8 +30,8 @@ CHANNELS = ("ax", "ay", "az")
 MAX_STEP_TIMES = 60
 LEAST_A_RING = 6
 """poses of a ring, on average, for single rings to be looked at: one that is off looks like noise that remembers"""
-_NEVER = {
 ONE_SIDE = "every attitude is reached from one side, so it is a constant; or the side is not recorded"
+_NEVER = {
     "tone": "a tone averages out while a pose is held",
     "aliased_vibration": "vibration in step with the rotation needs rotation",
 }
@@ -98,10 +99,10 @@ def pose_candidates(model: ForwardModel, state: ChainState, free: Sequence[str])
     blind: list[Blind] = []
     for effect in wanted:
         names = tuple(effect.parameters[k].name for k in effect.amplitudes)
-        if effect.id in _NEVER:
         if one_sided(effect, state):
             blind.append(Blind(effect, ONE_SIDE))
             continue
+        if effect.id in _NEVER:
             blind.append(Blind(effect, _NEVER[effect.id]))
             continue
         variants = [Variant({}, columns[effect.id])] if effect in plain else _shaped(model, state, effect)
@@ -132,9 +133,14 @@ def parts_of(names: Sequence[str]) -> list[tuple[int, ...]]:
     for k, name in enumerate(names):
         prefix, _, suffix = name.rpartition("_")
         if len(suffix) == 2 and "_" not in prefix:
-            # of a matrix (who reads, what leaks in) each row may act alone
+            # of a matrix (who reads, what leaks in) each row may act alone, or two
             rows.setdefault((prefix, suffix[0]), []).append(k)
     parts += [tuple(row) for row in rows.values()]
+    if not rows and len(names) == 9:
+        rows = {("", name): [k for k, n in enumerate(names) if n[: n.rfind("_")] == name]
+                for name in dict.fromkeys(n[: n.rfind("_")] for n in names)}  # fmt: skip
+    if len(rows) == 3:
+        parts += [(*one, *other) for one, other in combinations(rows.values(), 2)]
     if len(names) <= 3 and not {"c", "s"} <= {name[0] for name in names}:
         # a cosine and a sine are one amplitude and one phase, and stay together
         parts += [(k,) for k in everything]
