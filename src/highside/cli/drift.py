@@ -134,14 +134,14 @@ def drift(
             raise InputError(
                 f"{begin:g}-{end:g} lies outside of the recording ({t_s[0]:g} to {t_s[-1]:g} s)", field="--rest"
             )
-    check_units(t_s, rate, accel, where)
     settings = _settings(latitude_deg, azimuth_deg, azimuth_std_deg, arw, rrw, bias_std)
+    doubts = check_units(t_s, rate, accel, where, arw=settings.arw)
     if by_hand:
         settings = carried(settings)
     result = _run(method, t_s, rate, accel, intervals, azimuth_policy, straight_hole, settings, smooth=smooth)
     write_recording(output, Recording(_columns(result)))
     typer.echo(f"{t_s.size} rows, {method.value}; azimuth from {result.basis_words}", err=True)
-    for note in result.notes:
+    for note in (*result.notes, *doubts):
         typer.echo(f"note: {note}", err=True)
     clipped = saturated_rows(rate)
     if clipped:
