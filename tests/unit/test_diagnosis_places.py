@@ -126,3 +126,34 @@ def test_one_side_of_approach_cannot_show_backlash_and_it_is_told_what_can() -> 
     assert needs["backlash"].startswith("approach the same poses from both sides")
     assert "rotates" in needs["lever_arm"]
     assert "backlash" not in found.minimum_detectable
+
+
+def turning_rows(signal_share: float, seed: int) -> tuple[RotationSession, tuple[float, float]]:
+    """A rotation with a square wave of a while on x, and when it was there."""
+    rates = tuple(2 * np.pi * np.array([0.5, -1.0, 2.0, -2.0, 1.0]))
+    state = Session(RotationPlan(62.0, rates, 16.0, 1.0, 50.0), Site(latitude_rad=0.9)).rows().state
+    rng = np.random.default_rng(seed)
+    # it grows and shrinks, and remembers: neither is a burst
+    white = rng.standard_normal((3, state.n)) * (1.0 + 0.6 * np.sin(0.07 * state.t_s))
+    noise = 8e-5 * (white + 0.7 * np.concatenate([np.zeros((3, 1)), white[:, :-1]], axis=1))
+    middle = float(state.t_s[-1]) * 0.6
+    during = np.abs(state.t_s - middle) < 5.0
+    signal = np.zeros((3, state.n))
+    signal[0] = np.where(during, np.sign(np.sin(8.1 * state.t_s)), 0.0) * signal_share * 8e-5
+    readings = random_sensor(rng).simulate(state, rng) + noise + signal
+    return RotationSession(readings, state), (middle - 5.0, middle + 5.0)
+
+
+def test_a_vibration_of_a_while_is_found_when_it_was_there() -> None:
+    session, (first, last) = turning_rows(1.6, 1)
+    found = diagnose_rotation(session, ForwardModel.of({}), FREE)[0]
+    assert found.verdict == "unknown"
+    assert "comes and goes on ax" in found.remainder.hints[0]
+    assert (found.location[0].channels, found.location[0].covariate) == (("ax",), "t_s")
+    assert overlap(found.location[0].intervals, first, last) > 0.6
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_noise_that_grows_and_shrinks_and_remembers_is_no_burst(seed: int) -> None:
+    session, _ = turning_rows(0.0, seed)
+    assert diagnose_rotation(session, ForwardModel.of({}), FREE)[0].verdict == "nothing_left_out"

@@ -22,6 +22,7 @@ from highside.diagnosis.result import Diagnosis, Fit, Location
 from highside.diagnosis.rivals import Rivalry
 from highside.diagnosis.rotation_advice import next_rates
 from highside.diagnosis.rotation_bases import Group
+from highside.diagnosis.rotation_bursts import found_burst, with_burst
 from highside.diagnosis.rotation_jitter import with_jitter
 from highside.diagnosis.rotation_lines import found_lines
 from highside.diagnosis.rotation_noise import RotationNoise, estimate, with_walk
@@ -79,6 +80,8 @@ class RotationScene(Scene):
     segments: Segments
     chance: list[Array]
     """(flip blocks, m) on each channel: inner products of the functions with what is left of everything, by blocks"""
+    rest: list[tuple[slice, Array]]
+    """what is left of everything, whitened, (C, n) of the rows that the noise was learned from"""
 
     @classmethod
     def of(
@@ -90,7 +93,7 @@ class RotationScene(Scene):
         design = Design(session, model, free, found_lines(session, residual))
         noise = estimate(design, residual, seed, coloured=method.colour)
         grams, segments = accumulate(design, noise, residual)
-        chance = _chance(design, noise, residual, grams, segments)
+        chance, rest = _chance(design, noise, residual, grams, segments)
         return cls(
             design.candidates,
             design.blind,
@@ -104,6 +107,7 @@ class RotationScene(Scene):
             grams,
             segments,
             chance,
+            rest,
             method=method,
         )
 
@@ -309,6 +313,7 @@ class RotationScene(Scene):
 
     def completed(self, diagnosis: Diagnosis) -> Diagnosis:
         told = with_manoeuvres(located_by_cause(diagnosis, self.model, self.session.state), self.session.state)
+        told = with_burst(told, found_burst(self.rest), self.session.state.t_s, self.channels)
         return with_jitter(told, self.noise, self.channels)
 
     def picture(self, fit: JointFit | None) -> Picture:
@@ -339,29 +344,32 @@ class _Judging:
 
 def _chance(
     design: Design, noise: RotationNoise, residual: Array, grams: Sequence[Gram], segments: Segments
-) -> list[Array]:
-    """(flip blocks, m) on each channel: inner products of functions with the residual of everything, block by block.
+) -> tuple[list[Array], list[tuple[slice, Array]]]:
+    """(flip blocks, m) on each channel: inner products of functions with the residual of everything, block by block;
+    and that residual itself.
 
     Of long recordings the windows that the noise was learned from stand for the rest.
     """
     session = design.session
     explained = [Space.of_channel(gram.total) for gram in grams]
+    rest = [(window, np.zeros((len(grams), window.stop - window.start))) for window in learned_from(session.n)]
     parts = [
-        slice(start, min(start + CHUNK, window.stop))
-        for window in learned_from(session.n)
+        (slice(start, min(start + CHUNK, window.stop)), left[:, start - window.start :])
+        for window, left in rest
         for start in range(window.start, window.stop, CHUNK)
     ]
-    used = np.unique(np.concatenate([segments.flip[part] for part in parts]))
+    used = np.unique(np.concatenate([segments.flip[part] for part, _ in parts]))
     result = [np.zeros((used.size, m)) for m in design.sizes]
-    for part in parts:
+    for part, kept in parts:
         led = slice(max(0, part.start - noise.lead), part.stop)
         starts = np.concatenate([[0], np.flatnonzero(np.diff(segments.flip[part])) + 1])
         blocks = np.searchsorted(used, segments.flip[part][starts])
         for c, functions in enumerate(design.functions(led, residual)):
             white = noise.whiten(c, functions, part)
             left = white[-1] - explained[c] @ white[:-1]
+            kept[c, : left.size] = left
             result[c][blocks] += np.add.reduceat(white[:-1] * left, starts, axis=1).T
-    rows = sum(part.stop - part.start for part in parts)
+    rows = sum(part.stop - part.start for part, _ in parts)
     # to the size it has in all rows, and with what the projection took given back
     swell = [session.n / rows / max(1 - m / session.n, 0.1) for m in design.sizes]
-    return [r * np.sqrt(s) for r, s in zip(result, swell, strict=True)]
+    return [r * np.sqrt(s) for r, s in zip(result, swell, strict=True)], rest

@@ -14,8 +14,9 @@ from highside.diagnosis.fit import JointFit
 from highside.diagnosis.gram import HeldOutRows, WalkingChannel, Walks, accumulate
 from highside.diagnosis.memory import Channel, Memory, SlowEffect
 from highside.diagnosis.regression import outside
-from highside.diagnosis.result import Fit, FittedParameter
+from highside.diagnosis.result import Diagnosis, Fit, FittedParameter, Location
 from highside.diagnosis.rivals import Rivalry
+from highside.diagnosis.rotation_jitter import with_jitter
 from highside.diagnosis.rotation_noise import RotationNoise, estimate, with_walk
 from highside.diagnosis.rotation_scene import RotationScene, _chance
 from highside.diagnosis.scene import SLOW, Judged, Picture
@@ -81,10 +82,10 @@ class SimulationScene(RotationScene):
             residual = residual - np.tensordot(weights, columns, 1)
         noise = _by_activity(design, estimate(design, residual, seed), residual)
         grams, segments = accumulate(design, noise, residual)
-        chance = _chance(design, noise, residual, grams, segments)
+        chance, rest = _chance(design, noise, residual, grams, segments)
         return cls(
             design.candidates, design.blind, free, seed, session, ForwardModel.of({}), design, residual, noise, grams,
-            segments, chance,
+            segments, chance, rest,
         )  # fmt: skip
 
     @cached_property
@@ -102,6 +103,16 @@ class SimulationScene(RotationScene):
         # what is drawn to find the thresholds has no walk in it: they are those of the noise without
         selector = replace(found.selector, threshold=limits.selector.threshold, most=MOST_NAMED)
         return replace(found, selector=selector, scan_threshold=limits.scan_threshold)
+
+    def locate_whole(
+        self, judged: Judged, signal: Array, members: Sequence[Member], p: float, share: float
+    ) -> tuple[Location, ...]:
+        # the covariates are what was recorded, and have no cells
+        return self.locate(judged, signal, judged.selector.space_with(members), p, share)
+
+    def completed(self, diagnosis: Diagnosis) -> Diagnosis:
+        # causes and manoeuvres are told for the library's own effects
+        return with_jitter(diagnosis, self.noise, self.channels)
 
     @property
     def most_named(self) -> int:
