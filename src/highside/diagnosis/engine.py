@@ -91,6 +91,12 @@ def diagnose(scene: Scene, version: str = "") -> tuple[Diagnosis, Picture]:
     # first what has a name and does not follow time, or one ring; then, beside that, whether anything slow beats a walk
     first = _choose(scene, judged, channels, (slow | unnamed) - rings)
     suspicion = _suspect(scene, first.members) if scene.method.colour else _unsuspecting(scene)
+    if suspicion.wanders and not suspicion.claimed and first.members:
+        # what was chosen may stand in place of something slow: once more beside what is chosen where that may be too
+        fast = [m for m in _choose(scene, judged, channels, unnamed - rings).members if m.candidate not in slow]
+        if fast != first.members:
+            again = _suspect(scene, fast)
+            suspicion = again if again.claimed or again.admitted else suspicion
     if suspicion.noise is not scene.noise:
         judged = scene.judge(suspicion.noise)
     fixed = tuple(Member(score.effect.candidate, score.effect.variant) for score in suspicion.claimed)
@@ -155,8 +161,8 @@ def _suspect(scene: Scene, members: Sequence[Member]) -> _Suspicion:
     candidates = scene.candidates
     channels = scene.likelihoods(members)
     slow = scene.slow()
-    tries = {i: sum(s.candidate == i for s in slow) for i in {s.candidate for s in slow}}
-    found = slow_effects(channels, slow, tries, forgiven=scene.forgiven) if slow else SlowStage([], [], [])
+    names = [candidates[s.candidate].id for s in slow]
+    found = slow_effects(channels, slow, names, scene.slow_limits) if slow else SlowStage([], [], [])
 
     def upheld(scores: Sequence[SlowScore]) -> list[SlowScore]:
         return [s for s in scores if scene.holds_up(Member(s.effect.candidate, s.effect.variant))]

@@ -17,7 +17,7 @@ from highside.diagnosis.magnitude_noise import MagnitudeNoise, plainly_asked, ri
 from highside.diagnosis.magnitude_observed import Magnitudes
 from highside.diagnosis.magnitude_session import MagnitudeSession
 from highside.diagnosis.markov import LevelNoise
-from highside.diagnosis.memory import Channel, Innovating, Likelihoods, Memory, SlowEffect
+from highside.diagnosis.memory import Channel, Innovating, Likelihoods, Memory, SlowEffect, SlowLimits
 from highside.diagnosis.memory import intervals as in_intervals
 from highside.diagnosis.pose_scene import block_proof
 from highside.diagnosis.regression import VISIBLE, outside, span
@@ -154,9 +154,9 @@ class MagnitudeScene(Scene):
         return found
 
     @property
-    def forgiven(self) -> float:
+    def slow_limits(self) -> SlowLimits:
         # a temperature coefficient that is not quite constant leaves a little that looks like a walk
-        return 0.05 if self.session.rest else 0.0
+        return SlowLimits(forgiven=0.05 if self.session.rest else 0.0)
 
     def holds_up(self, member: Member) -> bool:
         unit = self.noise.std

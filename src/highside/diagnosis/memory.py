@@ -12,8 +12,8 @@ answer is "wander", with the slow effects as what it resembles.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -214,24 +214,57 @@ def _basis(columns: Array) -> Array:
     return np.asarray(rows[values > 1e-6 * values[0]])
 
 
+@dataclass(frozen=True, slots=True)
+class SlowLimits:
+    """What a slow effect must show to be believed beside a walk.
+
+    The figures are of simulated walks of every size: of the size that looks most like an effect, one in twenty passes.
+    """
+
+    log_p: float = SLOW_LOG_P
+    remaining: float = REMAINING
+    quiet_log_p: float = SLOW_LOG_P
+    """asked where hardly any memory remains"""
+    quiet: float = 6.0
+    """evidence of memory that is hardly any"""
+    alike: Mapping[str, float] = field(default_factory=dict)
+    """asked of effects, by id, that a walk imitates more easily than others"""
+    forgiven: float = 0.0
+    """share of the evidence of memory that may remain beside one that beats the walk twice as clearly as asked"""
+    pairs: bool = False
+    """whether two may pass together where neither passes alone"""
+
+    def passes(self, effect: str, log_p: float, remaining: float, evidence: float) -> bool:
+        """Whether an effect of -log10 p, that leaves so much of the evidence of memory, is believed."""
+        return (
+            (log_p > self.alike.get(effect, self.quiet_log_p) and remaining < self.quiet)
+            or (log_p > max(self.log_p, self.alike.get(effect, 0.0)) and remaining < self.remaining)
+            or (log_p > 2 * self.log_p and remaining < self.forgiven * evidence)
+        )
+
+
+SEEDS = 4
+"""Slow effects with each of which a second one is tried."""
+PAIR_SCORE = 12.0
+"""Two slow effects stand in place of one that is enough by itself where they gain so much more of -2 log likelihood."""
+
+
 def slow_effects(
     channels: Sequence[Channel],
     slow: Sequence[SlowEffect],
-    tries: dict[int, int],
-    limit: int = 2,
-    forgiven: float = 0.0,
+    ids: Sequence[str],
+    limits: SlowLimits,
+    most: int = 2,
 ) -> SlowStage:
-    """Test each slow effect against the walk, then again beside the first that is claimed.
-
-    One that beats the walk twice as clearly as asked may leave the share `forgiven` of the evidence of memory.
-    """
-    claimed: list[SlowScore] = []
-    admitted: list[SlowScore] = []
-    near: list[SlowScore] = []
+    """Test each slow effect (`ids` name them) against the walk, then again beside the first that is claimed."""
     functions = np.stack([e.function for e in slow])
     channels = channels[: functions.shape[1]]
-    for turn in range(limit):
-        columns = np.stack([score.effect.function for score in claimed]) if claimed else functions[:0]
+    owners, count = np.unique([e.candidate for e in slow], return_counts=True)
+    tries = np.array([float(count[owners == e.candidate][0]) for e in slow])
+
+    def scored(beside: Sequence[SlowScore]) -> tuple[list[SlowScore], Array, float]:
+        """Every slow effect beside those; what each gains of -2 log likelihood; the evidence of memory."""
+        columns = np.stack([score.effect.function for score in beside]) if beside else functions[:0]
         gain, remaining, evidence = np.zeros(len(slow)), np.zeros(len(slow)), 0.0
         for c, channel in enumerate(channels):
             without = channel.without(columns[:, c])
@@ -240,24 +273,69 @@ def slow_effects(
             tested = channel.with_each(columns[:, c], functions[:, c])
             gain += plain - tested.min(axis=0)
             remaining += tested[0] - tested.min(axis=0)
-        count = np.array([float(tries[e.candidate]) for e in slow])
-        log_p = -np.log10(np.maximum(chdtrc(len(channels), np.maximum(gain, 0.0)), 1e-300)) - np.log10(count)
-        score = gain - 2 * np.log(count)
-        scores = [
-            SlowScore(e, float(log_p[k]), float(remaining[k]), float(score[k])) for k, e in enumerate(slow)
-        ]  # fmt: skip
+        log_p, score = _slow_log_p(gain, len(channels), tries), gain - 2 * np.log(tries)
+        rows = zip(slow, log_p.tolist(), remaining.tolist(), score.tolist(), strict=True)
+        return [SlowScore(*row) for row in rows], gain, evidence
+
+    claimed: list[SlowScore] = []
+    admitted: list[SlowScore] = []
+    near: list[SlowScore] = []
+    for turn in range(most):
+        scores, gain, evidence = scored(claimed)
         taken = {c.effect.candidate for c in claimed}
         passing = [
-            s for s in scores if s.effect.candidate not in taken and (
-                (s.log_p > SLOW_LOG_P and s.remaining < REMAINING)
-                or (s.log_p > 2 * SLOW_LOG_P and s.remaining < forgiven * evidence)
-            )
+            s for s, name in zip(scores, ids, strict=True)
+            if s.effect.candidate not in taken and limits.passes(name, s.log_p, s.remaining, evidence)
         ]  # fmt: skip
         if turn == 0:
             near = [s for s in scores if s.log_p > 1.0]
         admitted += passing
-        if not passing:
-            break
         # of two that fit alike the one that stands first in the library
-        claimed.append(max(passing, key=lambda s: round(s.score, 1)))
+        best = max(passing, key=lambda s: round(s.score, 1)) if passing else None
+        if turn == 0 and limits.pairs and evidence > SUSPECT:
+            pair = _pair(scores, gain, ids, limits, tries, len(channels), lambda one: scored([one]))
+            if pair and (best is None or sum(s.score for s in pair) > best.score + PAIR_SCORE):
+                claimed += pair
+                admitted += pair
+                break
+        if best is None:
+            break
+        claimed.append(best)
     return SlowStage(claimed, admitted, near)
+
+
+def _pair(
+    scores: Sequence[SlowScore],
+    gain: Array,
+    ids: Sequence[str],
+    limits: SlowLimits,
+    tries: Array,
+    channels: int,
+    beside: Callable[[SlowScore], tuple[list[SlowScore], Array, float]],
+) -> list[SlowScore]:
+    """Two that only together leave no walk, each of which is needed beside the other; none if there are no such."""
+    seeds: dict[int, int] = {}
+    for k in np.argsort([-s.score for s in scores]).tolist():
+        if scores[k].log_p > 1.0:
+            seeds.setdefault(scores[k].effect.candidate, k)
+    best: tuple[float, list[SlowScore]] = (0.0, [])
+    for k in list(seeds.values())[:SEEDS]:
+        after, more, evidence = beside(scores[k])
+        # what the first gains where the second is there already
+        back = _slow_log_p(gain[k] + more - gain, channels, tries[k])
+        for j, second in enumerate(after):
+            if second.effect.candidate == scores[k].effect.candidate:
+                continue
+            needed = all(
+                limits.passes(name, log_p, second.remaining, evidence)
+                for name, log_p in ((ids[j], second.log_p), (ids[k], float(back[j])))
+            )
+            total = scores[k].score + second.score
+            if needed and total > best[0]:
+                best = (total, [scores[k], second])
+    return best[1]
+
+
+def _slow_log_p(gain: Array, channels: int, tries: Array | float) -> Array:
+    """-log10 p of gains of -2 log likelihood by one function on each channel, the best of so many tries."""
+    return np.asarray(-np.log10(np.maximum(chdtrc(channels, np.maximum(gain, 0.0)), 1e-300)) - np.log10(tries))

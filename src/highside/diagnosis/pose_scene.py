@@ -14,7 +14,7 @@ from highside.diagnosis.candidates import CHANNELS, Candidate, pose_candidates, 
 from highside.diagnosis.causes import located_by_cause
 from highside.diagnosis.fit import JointFit, Observed, base_fit, joint_fit
 from highside.diagnosis.location import locate, locate_whole, on_channel, pose_bases, pose_cells, scan_of
-from highside.diagnosis.memory import Channel, Likelihoods, Memory, SlowEffect
+from highside.diagnosis.memory import Channel, Likelihoods, Memory, SlowEffect, SlowLimits
 from highside.diagnosis.method import WHOLE, Method
 from highside.diagnosis.noise import PoseNoise
 from highside.diagnosis.regression import outside, span
@@ -38,6 +38,7 @@ from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
 
+STARTS = 4
 RICH_SHARE = 0.5
 """Of all readings, how many directions at most the rich model may take."""
 
@@ -93,8 +94,10 @@ class PoseScene(Scene):
             # nothing is remembered: chance is what the F test says
             rich = np.zeros_like(rich)
         limit = threshold(pool.race, pool.owner, pose_flips(rich, rng), base, noise.freedom)
-        held_out = HeldOut(noise.white(fitted), noise.white(self.residual), pose_folds(self.session.n))
-        selector = Selector(pool, base, residual, noise.freedom, limit, PoseGains(pool, held_out), residual.size)
+        rows = noise.white(fitted), noise.white(self.residual)
+        folds, apart = (pose_folds(self.session.n, interleaved=i) for i in (False, True))
+        gains = PoseGains(pool, HeldOut(*rows, folds), HeldOut(*rows, apart))
+        selector = Selector(pool, base, residual, noise.freedom, limit, gains, residual.size, starts=STARTS)
         bases = pose_bases(self.session.state, self.force)
         cells = [(channel, b) for b in range(len(bases)) for channel in range(3)]
         groups = all_white(noise, [on_channel(bases[b].functions, c) for c, b in cells])
@@ -119,6 +122,10 @@ class PoseScene(Scene):
             for j, v in enumerate(c.variants)
             if v.whole
         ]
+
+    @property
+    def slow_limits(self) -> SlowLimits:
+        return SlowLimits(quiet_log_p=2.4, alike={"bias_drift": 3.0}, pairs=True)
 
     def with_memory(self, memories: Sequence[Memory]) -> PoseNoise:
         return noise_model.with_memory(self.noise, memories, self.tangents, self.session.state.t_s)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from highside.diagnosis.candidates import Blind, Candidate, Variant
 from highside.diagnosis.fit import JointFit
 from highside.diagnosis.location import Scan
-from highside.diagnosis.memory import Channel, Memory, SlowEffect
+from highside.diagnosis.memory import Channel, Memory, SlowEffect, SlowLimits
 from highside.diagnosis.method import WHOLE, Method
 from highside.diagnosis.result import Diagnosis, Fit, Location
 from highside.diagnosis.rivals import Rivalry
@@ -92,9 +92,9 @@ class Scene(ABC):
         return frozenset(SLOW)
 
     @property
-    def forgiven(self) -> float:
-        """Share of the evidence of memory that may remain beside a slow effect that beats the walk by far."""
-        return 0.0
+    def slow_limits(self) -> SlowLimits:
+        """What a slow effect must show to be believed beside a walk."""
+        return SlowLimits()
 
     @property
     def named_share(self) -> float:

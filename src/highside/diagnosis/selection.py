@@ -27,6 +27,8 @@ MAX_CLAIMS = 4
 TIE = 0.5
 MERGE_BIC = 6.0
 SHORTLIST = 4
+TRANSIENT = 0.1
+"""Share of a member's energy outside of a block, below which the other blocks say nothing of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +168,11 @@ class HeldOut:
     def __init__(self, base: Array, residual: Array, folds: Sequence[NDArray[np.intp]]) -> None:
         self._base, self._residual, self._folds = base, residual, folds
 
+    def hides(self, columns: Array) -> bool:
+        """Whether leaving out one of the blocks leaves next to nothing of columns (K, N)."""
+        energy = np.sum(columns**2, axis=0)
+        return bool(max(energy[fold].sum() for fold in self._folds) > (1 - TRANSIENT) * energy.sum())
+
     def errors(self, columns: Array) -> list[Array]:
         """Prediction errors of each fold with these columns (K, N) fitted beside the base."""
         every = np.vstack([self._base, columns])
@@ -185,13 +192,21 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class PoseGains:
-    """Held-out likelihood of members of a pool, from their whitened columns."""
+    """Held-out likelihood of members of a pool, from their whitened columns.
+
+    What lives within one block cannot be predicted from the others: with such a member the blocks of `apart`, of every
+    so many poses, are left out instead.
+    """
 
     pool: Pool
     held_out: HeldOut
+    apart: HeldOut | None = None
 
     def gain(self, before: Sequence[Member], after: Sequence[Member]) -> tuple[float, float]:
-        pairs = [self.held_out.errors(self.pool.stack(members)) for members in (before, after)]
+        held_out = self.held_out
+        if self.apart is not None and any(held_out.hides(self.pool.columns(m)) for m in {*before, *after}):
+            held_out = self.apart
+        pairs = [held_out.errors(self.pool.stack(members)) for members in (before, after)]
         return block_gain(*(np.array([float(e @ e) for e in errors]) for errors in pairs))
 
 
@@ -209,9 +224,12 @@ def gain_interval(before: Array, after: Array) -> tuple[float, float]:
     return 1.0 - left - 1.96 * error, 1.0 - left + 1.96 * error
 
 
-def pose_folds(n: int, count: int = 10) -> list[NDArray[np.intp]]:
-    """Contiguous blocks of poses, as indices into whitened vectors (3 n,)."""
-    return [np.concatenate([part, part + n, part + 2 * n]) for part in np.array_split(np.arange(n), min(count, n // 3))]
+def pose_folds(n: int, count: int = 10, *, interleaved: bool = False) -> list[NDArray[np.intp]]:
+    """Contiguous blocks of poses, or every so many poses, as indices into whitened vectors (3 n,)."""
+    count = min(count, n // 3)
+    poses = np.arange(n)
+    parts = [poses[k::count] for k in range(count)] if interleaved else np.array_split(poses, count)
+    return [np.concatenate([part, part + n, part + 2 * n]) for part in parts]
 
 
 @dataclass(frozen=True)
@@ -233,6 +251,8 @@ class Selector:
     """candidates that may not be chosen"""
     most: int = MAX_CLAIMS
     """claims at which choosing ends"""
+    starts: int = 1
+    """candidates from each of which choosing begins; the cheapest in BIC and names is kept"""
 
     def space_with(self, members: Sequence[Member]) -> Array:
         """Base and members."""
@@ -244,13 +264,34 @@ class Selector:
 
     def select(self) -> list[Member]:
         """The claims, in the order in which they were found."""
-        members = list(self.fixed)
+        found = self._grown(list(self.fixed))
+        if self.starts > 1 and len(found) > len(self.fixed):
+            # one that stands between two true ones is found before them, and no single exchange leads on from it
+            grown = [found, *self._from_others(found)]
+            found = min(grown, key=lambda members: self._cost(members) + MERGE_BIC * len(members))
+        return self._merged(found)
+
+    def _grown(self, members: list[Member]) -> list[Member]:
+        """Members with what is asked for beside them."""
         while len(members) < self.most:
             step = self._forward(members)
             if step is None:
                 break
             members = self._settle([*members, step])
-        return self._merged(members)
+        return members
+
+    def _from_others(self, found: Sequence[Member]) -> list[list[Member]]:
+        """What grows from candidates that are not the first choice, if that is more than themselves."""
+        now = self.standing(self.fixed)
+        taken = {m.candidate for m in self.fixed} | self.banned
+        passing = [k for k in np.argsort(-now.bic) if now.log_p[k] > self.threshold and k not in taken]
+        grown = []
+        for k in passing[: self.starts]:
+            begun = [*self.fixed, now.best[k]]
+            step = self._forward(begun) if now.best[k] not in found and len(begun) < self.most else None
+            if step is not None:
+                grown.append(self._grown(self._settle([*begun, step])))
+        return grown
 
     def _merged(self, members: list[Member]) -> list[Member]:
         """One name instead of two where another variant of the one explains nearly what both do.

@@ -21,7 +21,7 @@ class ThermalHysteresis(Effect):
     )
     parameters = (
         *(Parameter(f"h_{axis}", "g", 2e-4, (-5e-3, 5e-3)) for axis in AXES),
-        Parameter("width", "C", 3.0, (0.1, 50.0), default=3.0, shape=True, grid=(1.0, 3.0, 10.0)),
+        Parameter("width", "C", 3.0, (0.1, 50.0), default=3.0, shape=True, grid=(1.0, 1.5, 2.2, 3.2, 4.6, 6.8, 10.0)),
     )
     confused_with = ("thermal_lag", "temperature_bias")
     splitter = "two ramp rates: this loop does not close when the ramp is slow"

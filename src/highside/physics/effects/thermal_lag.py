@@ -19,7 +19,15 @@ class ThermalLag(Effect):
     )
     parameters = (
         *(Parameter(f"c_{axis}", "g/C", 1e-4, (-3e-3, 3e-3)) for axis in AXES),
-        Parameter("tau", "s", 300.0, (10.0, 5e3), default=300.0, shape=True, grid=(60.0, 120.0, 300.0, 600.0, 1200.0)),
+        Parameter(
+            "tau",
+            "s",
+            300.0,
+            (10.0, 5e3),
+            default=300.0,
+            shape=True,
+            grid=(60.0, 100.0, 170.0, 300.0, 500.0, 850.0, 1500.0),
+        ),
     )
     confused_with = ("warmup", "bias_drift", "thermal_hysteresis", "temperature_bias")
     splitter = "two ramp rates: the loop opens with the rate and closes when it is slow"

@@ -23,7 +23,13 @@ class Warmup(Effect):
     parameters = (
         *(Parameter(f"a_{axis}", "g", 5e-4, (-0.02, 0.02)) for axis in AXES),
         Parameter(
-            "tau", "s", 300.0, (5.0, 2e4), default=300.0, shape=True, grid=(30.0, 60.0, 120.0, 300.0, 600.0, 900.0)
+            "tau",
+            "s",
+            300.0,
+            (5.0, 2e4),
+            default=300.0,
+            shape=True,
+            grid=(30.0, 60.0, 120.0, 240.0, 480.0, 900.0, 1700.0),
         ),
     )
     confused_with = ("thermal_lag", "wander", "bias_drift", "temperature_bias")
