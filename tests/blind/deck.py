@@ -34,6 +34,8 @@ SIGMA_GYRO = np.radians(0.02)
 """of a row of a rotation, rad/s"""
 
 XYZ = "xyz"
+SETTINGS = 60
+"""A covariate of at most so many values is stepped."""
 
 
 def frozen_seed() -> str:
@@ -159,6 +161,14 @@ class Case:
     noise: str = "white"
     legit: tuple[str, ...] = ()
     """what the recording shows by itself"""
+
+    @property
+    def settings(self) -> list[float] | None:
+        """The values of the covariate that the effect has an interval of, where the recording steps through it."""
+        if self.interval is None:
+            return None
+        values = np.unique(np.round(self.columns[self.interval[0]], 3))
+        return values.tolist() if values.size <= SETTINGS else None
 
 
 def _model(gyros: bool, p: Programme, earth: bool) -> str:
@@ -316,9 +326,13 @@ def _case(
         lefts.append(left)
     data = _stacked(*world.readings(p, sensor, {**base, **truth})) + _noise(p, noise, rng)
     channels = _channels(sum(lefts)) if lefts else ()
-    return Case(
+    case = Case(
         name, group, p.kind, _columns(p, data), _model(p.gyros, p, True), strength, truth, channels, noise=noise
     )
+    if list(truth) == ["bias_step"]:
+        # it is there from its time on; what the base fit makes of that is no matter of where it is
+        case.interval = ("t_s", float(p.t[0] + truth["bias_step"]["t0"]), float(p.t[-1]))
+    return case
 
 
 # --- outside of the library ----------------------------------------------------------------------------------------

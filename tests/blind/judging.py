@@ -41,7 +41,7 @@ def judged(row: Row) -> Row:
         "refused": not claims and answer["verdict"] in ("partial", "unknown", "wander", "implausible_fit"),
         "said_blind": any(t in {n["effect"] for n in answer["not_testable"]} for t in truth),
         "channels_f1": _f1(answer["location"], row["channels"]),
-        "iou": _iou(answer["location"], row["interval"]),
+        "iou": _iou(answer["location"], row["interval"], row.get("settings")),
         "closed": _closed(answer["fit"] or {}),
         "errors": [], "covered": [],
     }  # fmt: skip
@@ -89,7 +89,15 @@ def _f1(location: list[Row], truth: list[str] | tuple[str, ...]) -> float | None
     return 2.0 * both / (len(told) + len(truth))
 
 
-def _iou(location: list[Row], interval: list[Any] | None) -> float | None:
+def _iou(location: list[Row], interval: list[Any] | None, settings: list[float] | None) -> float | None:
+    """What the told and the true interval have in common, of all that either has.
+
+    Along a continuous covariate lengths are compared. Where the recording steps through a few settings (rings, stops of
+    the toolface) there is nothing between them: an interval is then the set of settings inside, since where between two
+    of them it ends is known to nobody. A ring that is off is (ring - 0.1, ring + 0.1) in truth; whoever says halfway to
+    its neighbours has said the same, and whoever adds a neighbour has said twice as much. An end that touches a setting
+    by rounding is inside.
+    """
     if interval is None:
         return None
     covariate, low, high = interval
@@ -98,6 +106,11 @@ def _iou(location: list[Row], interval: list[Any] | None) -> float | None:
         if place["covariate"] not in (covariate, {"tf_ref_deg": "rotor_deg"}.get(covariate)):
             continue
         told = [(float(a), float(b)) for a, b in place["intervals"] or []]
+        if settings is not None:
+            true = {s for s in settings if low - 1e-3 <= s <= high + 1e-3}
+            said = {s for s in settings if any(a - 1e-3 <= s <= b + 1e-3 for a, b in told)}
+            best = max(best, len(true & said) / max(len(true | said), 1))
+            continue
         common = sum(max(min(b, high) - max(a, low), 0.0) for a, b in told)
         union = sum(b - a for a, b in told) + (high - low) - common
         best = max(best, common / union if union > 0 else 0.0)

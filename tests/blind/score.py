@@ -67,7 +67,8 @@ def about(case: deck.Case) -> Row:
     """What a row says of its case."""
     return {
         "name": case.name, "group": case.group, "design": case.design, "noise": case.noise, "strength": case.strength,
-        "truth": case.truth, "channels": case.channels, "interval": case.interval, "legit": case.legit,
+        "truth": case.truth, "channels": case.channels, "interval": case.interval, "settings": case.settings,
+        "legit": case.legit,
     }  # fmt: skip
 
 

@@ -154,3 +154,35 @@ def test_the_frozen_package_answers_and_not_the_tree(tmp_path: Path, project_roo
     )
     told = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
     assert Path(told.stdout.strip()) == tmp_path / "src/highside/cli/main.py"
+
+
+def located(covariate: str, *intervals: tuple[float, float]) -> list[dict[str, Any]]:
+    return [{"channels": ["az"], "covariate": covariate, "intervals": [list(i) for i in intervals]}]
+
+
+def test_an_interval_is_compared_by_length_and_where_the_recording_steps_by_settings() -> None:
+    def iou(interval: tuple[str, float, float], place: list[dict[str, Any]], settings: list[float] | None) -> float:
+        case = row("open", {"a bump": {}}, "unknown", interval=interval, settings=settings)
+        case["answer"]["location"] = place
+        return float(judged(case)["iou"])
+
+    bump = ("tf_ref_deg", 80.0, 160.0)
+    assert iou(bump, located("tf_ref_deg", (100.0, 180.0)), None) == pytest.approx(0.6)
+    assert iou(bump, located("inc_ref_deg", (80.0, 160.0)), None) == 0.0
+    ring, rings = ("inc_ref_deg", 54.9, 55.1), [25.0, 40.0, 55.0, 70.0]
+    assert iou(ring, located("inc_ref_deg", (47.5, 62.5)), rings) == 1.0
+    assert iou(ring, located("inc_ref_deg", (47.5, 77.5)), rings) == 0.5
+    assert iou(ring, located("inc_ref_deg", (62.5, 77.5)), rings) == 0.0
+    assert iou(ring, [], rings) == 0.0
+
+
+def test_a_step_is_where_it_is_from_its_time_on_and_rings_are_settings() -> None:
+    made = deck.cases("test", deck.Size())
+    step = made["single/poses/bias_step/400/0"]()
+    assert step is not None and step.interval is not None
+    t0 = step.truth["bias_step"]["t0"]
+    assert step.interval == ("t_s", pytest.approx(30.0 + t0), float(step.columns["t_s"][-1]))
+    assert step.settings is None
+    ring = made["open/poses/one ring off/0"]()
+    assert ring is not None and ring.settings is not None
+    assert len(ring.settings) == 11
