@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from highside.calibration.record import Environment
+from highside.calibration.record import CalibrationRecord, Environment
 from highside.link.bench import BenchSettings, SimulatedBench
 from highside.link.device import DeviceSettings
 from highside.physics.motion import still
 from highside.service.bench_operator import Habits, Mistake, SimulatedOperator, rehearse
 from highside.session import outcome
+from highside.session.force import Store
 from highside.session.journal import Encoder, Header, read_journal
 from highside.session.ledger import Entry, Ledger
 from highside.session.plans import Plan
@@ -61,6 +62,9 @@ class Rehearsal:
     sensor: tuple[tuple[tuple[float, ...], ...], tuple[float, ...]] | None = None
     hand_poses: int = 20
     gyros: bool = True
+    judged: CalibrationRecord | None = None
+    store: Store | None = None
+    expires_days: float | None = None
 
     def __post_init__(self) -> None:
         matrix, offset = self.sensor or (MATRIX, OFFSET_G)
@@ -75,7 +79,10 @@ class Rehearsal:
         options = {"tilt_deg": (0.02, -0.01), "seed": self.seed} | self.bench_options
         self.bench = SimulatedBench(device, BenchSettings(**options), NoWire())  # type: ignore[arg-type]
         self.bench.plug()
-        self.header = Header("rehearsal", "tool", "7", self.plan, Environment("simulated"), None, "0", WALL_S)
+        environment = Environment("simulated")
+        self.header = Header(
+            "rehearsal", "tool", "7", self.plan, environment, self.expires_days, "0", WALL_S, self.judged
+        )
         self.encoder = Encoder()
         self.lines = [self.encoder.header(self.header)]
         self.entries: list[Entry] = []
@@ -86,7 +93,7 @@ class Rehearsal:
         self.took_s = 0.0
 
     def make_session(self, ledger: Ledger | None = None) -> BenchSession:
-        return BenchSession(self.header, self.write, lambda: WALL_S + 1.0, ledger=ledger)
+        return BenchSession(self.header, self.write, lambda: WALL_S + 1.0, ledger=ledger, store=self.store)
 
     def write(self, entry: Entry) -> None:
         if self.refuse_writing is not None:

@@ -11,12 +11,14 @@ import subprocess
 import sys
 import termios
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from rehearsal import Rehearsal
 
-from highside.recording.calibration_store import read_record
-from highside.session import outcome
+from highside.recording.calibration_store import CalibrationStore, read_record
+from highside.session import outcome, plans
 from highside.session.journal import read_journal
 
 HIGHSIDE = str(Path(sys.executable).with_name("highside"))
@@ -30,8 +32,8 @@ PLANS = {
     "oven": ('{kind="oven",temperatures_c=[25,45,25],inclinations_deg=[20,80],toolfaces_deg=[0,120,240]}', 18),
     "heated_roll": ('{kind="heated_roll",temperatures_c=[30,40],inclination_deg=60}', 8),
     "unguided": ('{kind="unguided",min_poses=12}', 20),
-    "verification": ('{kind="verification"}', 9),
-    "roll_test": ('{kind="roll_test",inclination_deg=45}', 8),
+    "verification": ('{kind="verification",limit_inc_deg=0.3,limit_tf_deg=3}', 9),
+    "roll_test": ('{kind="roll_test",inclination_deg=45,limit_inc_deg=0.3}', 8),
 }
 QUICK = ["simulated.speed=25", "simulated.oven_tau_s=10", "session.soak_s=10", "session.std_error_g=3e-5"]
 
@@ -46,19 +48,36 @@ def run(*command: str, timeout: float = 120.0) -> subprocess.CompletedProcess[st
     return subprocess.run(command, capture_output=True, text=True, timeout=timeout)
 
 
+JUDGING = ("verification", "roll_test")
+
+
+def in_force(store: Path, **changes: object) -> str:
+    """Put a good calibration of the simulated tool in force; its id."""
+    done = Rehearsal(plans.joint_plan(12, plans.Limits(std_error_g=3e-5, min_hold_s=1.0, max_hold_s=4.0))).run()
+    assert done.session.solved is not None
+    header = replace(done.header, tool_id="bench-demo", serial=None)
+    header = replace(header, **changes)  # type: ignore[arg-type]
+    record = outcome.make_record(header, done.session.ledger, done.session.solved, time.time())
+    CalibrationStore(store).activate(record, now_s=time.time())
+    return record.id
+
+
 @pytest.mark.parametrize("kind", PLANS)
 def test_a_session_of_each_plan_through_a_pty(kind: str, tmp_path: Path) -> None:
     plan, poses = PLANS[kind]
+    judged = in_force(tmp_path / "store") if kind in JUDGING else None
     done = run(*arguments(tmp_path, "--auto", "--plain", sets=[*QUICK, f"plan={plan}"]))
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout.splitlines()[-1])
-    assert set(found) == KEYS
+    assert set(found) == KEYS | ({"verdict", "judged"} if kind in JUDGING else set())
     assert found["poses"] == poses and found["retaken"] == 0
     (journal_path,) = (tmp_path / "sessions").glob("*.journal")
     journal = read_journal(journal_path.read_bytes())
     _, _, replayed = outcome.replay(journal)
-    if kind in ("verification", "roll_test"):
+    if kind in JUDGING:
         assert found["record"] is None and replayed is None
+        assert (found["verdict"], found["judged"]) == ("pass", judged)
+        assert f"calibration {judged[:12]} is kept. Pass" in done.stdout  # type: ignore[index]
         return
     record = read_record(Path(found["record"]))
     assert replayed is not None and replayed.to_json() == record.to_json()
@@ -153,6 +172,36 @@ def test_ctrl_c_leaves_a_session_that_can_be_gone_on_with(tmp_path: Path) -> Non
     (journal_path,) = (tmp_path / "sessions").glob("*.journal")
     ledger = read_journal(journal_path.read_bytes()).ledger()
     assert ledger.ended is None and len(ledger.done) >= 2
+
+
+def test_a_failed_verification_ends_with_exit_status_1(tmp_path: Path) -> None:
+    in_force(tmp_path / "store")
+    sets = [*QUICK, f"plan={PLANS['roll_test'][0]}", "simulated.offset_g=[0.02,-0.0008,0.0015]"]
+    done = run(*arguments(tmp_path, "--auto", "--plain", sets=sets))
+    assert done.returncode == 1, done.stderr
+    assert json.loads(done.stdout.splitlines()[-1])["verdict"] == "fail"
+    assert "range of I: +" in done.stdout and "Fail: I varies by" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("plan", "tool", "says"),
+    [
+        (PLANS["verification"][0], None, "has no calibration in force for tool 'bench-demo'"),
+        (PLANS["verification"][0], "tool-8", "(it has one of 'tool-8')"),
+        ('{kind="verification",limit_tf_deg=3}', None, "plan.limit_inc_deg"),
+        ('{kind="roll_test",limit_inc_deg=1,record="0123456789"}', "bench-demo", "no record 0123456789"),
+        ('{kind="roll_test",limit_inc_deg=1,record_file="/does/not/exist.json"}', None, "cannot be read"),
+    ],
+)
+def test_nothing_to_judge_is_said_in_one_line(plan: str, tool: str | None, says: str, tmp_path: Path) -> None:
+    if tool is not None:
+        in_force(tmp_path / "store", tool_id=tool)
+    elif "store" not in says:
+        (tmp_path / "store").mkdir()
+    done = run(*arguments(tmp_path, "--auto", sets=[*QUICK, f"plan={plan}"]))
+    assert done.returncode in (1, 2), done.stdout
+    assert says in done.stderr and len(done.stderr.splitlines()) == 1, done.stderr
+    assert not list(tmp_path.glob("sessions/*")), "no journal was begun"
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,9 @@ def test_from_every_state_every_end_can_be_reached(start: State) -> None:
 @pytest.mark.parametrize("state", [state for state in State if state.ended])
 def test_nothing_leads_out_of_an_end(state: State) -> None:
     assert successors(state) == set()
-    assert all(TABLE[state][event] == NOT_NOW for event in COMMANDS)
+    store = {Event.ACTIVATE, Event.ROLLBACK} if state is State.ACCEPTED else set()
+    assert all(TABLE[state][event] == Go(None, Action.PUT_IN_FORCE) for event in store)
+    assert all(TABLE[state][event] == NOT_NOW for event in COMMANDS - store)
     assert all(TABLE[state][event] == STAY for event in set(Event) - COMMANDS)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import getpass
 import json
 import sys
@@ -39,9 +38,14 @@ def bench(
     ] = False,
     operator: Annotated[str | None, typer.Option(help="Your name, for the record.")] = None,
 ) -> None:
-    """Walk through a calibration session on the bench. Exit 1: it ended without a result that was accepted."""
+    """Walk through a calibration session on the bench, or one that judges a calibration.
+
+    Exit 1: it ended without a result that was accepted, or with a verdict other than pass.
+    """
     from highside.config.bench import load_bench
     from highside.service.bench import BenchDriver
+    from highside.session.outcome import verdict_of
+    from highside.session.snapshot import State
 
     settings = load_bench(config, overrides)
     if auto and settings.simulated is None:
@@ -59,12 +63,12 @@ def bench(
         return driver
 
     driver = asyncio.run(session())
-    state = driver.session.state
+    verdict = None if driver.session.solved is None else verdict_of(driver.session.solved)
     if auto:
         typer.echo(json.dumps(summary(driver)))
     elif driver.stored is not None:
         typer.echo(f"record {driver.stored}")
-    if state.value != "accepted":
+    if driver.session.state is not State.ACCEPTED or verdict not in (None, "pass"):
         raise typer.Exit(1)
 
 
@@ -82,7 +86,10 @@ async def _run(driver: BenchDriver, *, auto: bool, web: bool, plain: bool, opera
         tasks.append(asyncio.create_task(at_broker.run()))
     if driver.bench is not None:
         tasks.append(asyncio.create_task(_operate(driver, commands=auto)))
-    running = asyncio.create_task(driver.run())
+    # who looks on from elsewhere may still want the report, the certificate, or the calibration in force
+    stay = not auto and (page is not None or driver.settings.mqtt is not None)
+    running = asyncio.create_task(driver.run(stay=stay))
+    ended = asyncio.create_task(_say_when_ended(driver, page is not None, stay))
     try:
         # the first to end is the session itself, or the fault of a face
         while not running.done():
@@ -91,18 +98,17 @@ async def _run(driver: BenchDriver, *, auto: bool, web: bool, plain: bool, opera
                 if task is not running:
                     tasks.remove(task)
                     await task
+    except asyncio.CancelledError:
+        if not (stay and driver.ended.is_set()):
+            raise
     finally:
-        for task in tasks:
+        for task in (ended, *tasks, running):
             task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-        if not running.done():
-            running.cancel()
-            await asyncio.gather(running, return_exceptions=True)
+        await asyncio.gather(ended, *tasks, running, return_exceptions=True)
         if page is not None:
-            if running.done() and not running.cancelled() and running.exception() is None and not auto:
-                await _linger()
             await page.stop()
-    await running
+    if not running.cancelled():
+        await running
 
 
 async def _page(driver: BenchDriver, operator: str) -> BenchPage:
@@ -121,11 +127,13 @@ async def _page(driver: BenchDriver, operator: str) -> BenchPage:
     return page
 
 
-async def _linger() -> None:
-    """The page stays for its readers until Ctrl-C."""
-    typer.echo("the session is over; the bench page stays until Ctrl-C", err=True)
-    with contextlib.suppress(asyncio.CancelledError):
-        await asyncio.Event().wait()
+async def _say_when_ended(driver: BenchDriver, page: bool, stay: bool) -> None:
+    """What stays until Ctrl-C."""
+    await driver.ended.wait()
+    if not stay:
+        return
+    what = "the bench page stays" if page else "commands at the broker are answered"
+    typer.echo(f"the session is over; {what} until Ctrl-C", err=True)
 
 
 async def _operate(driver: BenchDriver, *, commands: bool) -> None:
@@ -145,10 +153,11 @@ async def _operate(driver: BenchDriver, *, commands: bool) -> None:
 
 
 def summary(driver: BenchDriver) -> dict[str, Any]:
-    """The line of JSON that `--auto` ends with; errors are those against the simulated truth."""
+    """The line of JSON that `--auto` ends with; errors are those against the simulated truth. A session that judges a
+    calibration has its id and the verdict beside."""
     import numpy as np
 
-    from highside.session.outcome import errors_against
+    from highside.session.outcome import errors_against, verdict_of
 
     session = driver.session
     record, solved = session.record, session.solved
@@ -157,7 +166,9 @@ def summary(driver: BenchDriver) -> dict[str, Any]:
         temp = session.ledger.mean_temp_c()
         offset = driver.bench.true_offset(driver.bench.bench.temp_c if temp is None else temp)
         errors = errors_against(record, np.array(driver.bench.settings.matrix), offset, temp)
-    return {
+    judged = session.plan.criterion
+    verdict = None if solved is None or judged is None else {"verdict": verdict_of(solved), "judged": judged.record}
+    return (verdict or {}) | {
         "record": None if driver.stored is None else str(driver.stored),
         "inc_error_deg": errors[0],
         "tf_error_deg": errors[1],

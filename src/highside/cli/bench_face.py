@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
-from highside.session.snapshot import Command, CommandName, PoseState, Snapshot
+from highside.session.snapshot import Command, CommandName, PoseState, Snapshot, VerdictRow, VerdictState
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -37,8 +37,10 @@ KEYS = {
     "a": CommandName.ACCEPT,
     "x": CommandName.REJECT,
     "Q": CommandName.ABORT,
+    "F": CommandName.ACTIVATE,
+    "B": CommandName.ROLLBACK,
 }
-"""Letters of the live picture; abort is a capital, so that no glove hits it."""
+"""Letters of the live picture; what cannot be undone is a capital, so that no glove hits it."""
 PLAIN_EVERY_S = 5.0
 BAR = 30
 
@@ -53,13 +55,16 @@ class _Face:
         self.answer = ""
         self._ids = itertools.count(1)
 
-    async def send(self, name: CommandName, pose: str | None = None) -> None:
+    async def send(self, name: CommandName, word: str | None = None) -> None:
+        """`word`: the pose, or for `activate` and `rollback` the record that is to be in force."""
+        which = "confirm" if name in (CommandName.ACTIVATE, CommandName.ROLLBACK) else "pose"
         try:
-            command = Command(
-                name=name, request_id=f"terminal-{next(self._ids)}", operator=self.operator, pose=pose or None
+            command = Command.model_validate(
+                {"name": name, "request_id": f"terminal-{next(self._ids)}", "operator": self.operator}
+                | {which: word or None}
             )
         except ValidationError:
-            self.answer = f"{pose!r} is no name of a pose"
+            self.answer = f"{word!r} is no name of a {'record' if which == 'confirm' else 'pose'}"
             return
         reply = await self.driver.command(command)
         self.answer = f"{name.value}: {reply.text}"
@@ -91,6 +96,10 @@ class PlainFace(_Face):
         for fault in snapshot.faults:
             line += f"  [{fault.text}{' ' + fault.detail if fault.detail else ''}]"
         print(line, flush=True)  # noqa: T201
+        verdict = None if snapshot.result is None else snapshot.result.verdict
+        for row in verdict.rows if verdict is not None else ():
+            cells = "  ".join(cell for cell in verdict_cells(row) if cell)
+            print(f"           {row.name}: {cells}  {row.verdict}", flush=True)  # noqa: T201
 
     async def _words(self) -> None:
         loop = asyncio.get_running_loop()
@@ -124,7 +133,9 @@ class PlainFace(_Face):
 
 
 class RichFace(_Face):
-    """The live picture; single keys in."""
+    """The live picture; single keys in. `F` and `B`, which put calibrations in force, are pressed twice."""
+
+    _asked: tuple[CommandName, str | None] | None = None
 
     async def run(self) -> None:
         from rich.console import Console
@@ -151,9 +162,28 @@ class RichFace(_Face):
                 while True:
                     key = await pressed.get()
                     if key in KEYS:
-                        await self.send(KEYS[key])
+                        await self.send(KEYS[key], self._confirmed(KEYS[key]))
             finally:
                 loop.remove_reader(descriptor)
+
+    def _confirmed(self, name: CommandName) -> str | None:
+        """The record meant, where a key that puts one in force is pressed for the second time."""
+        snapshot = self.driver.snapshot()
+        after = meant(name, snapshot)
+        asked, self._asked = self._asked, (name, after)
+        if after is None or name not in snapshot.allowed or asked != self._asked:
+            return None
+        self._asked = None
+        return after
+
+
+def meant(name: CommandName, snapshot: Snapshot) -> str | None:
+    """The record that is in force after `activate` or `rollback`."""
+    if name is CommandName.ACTIVATE:
+        return None if snapshot.result is None else snapshot.result.record_id
+    if name is CommandName.ROLLBACK:
+        return None if snapshot.in_force is None else snapshot.in_force.before
+    return None
 
 
 @contextlib.contextmanager
@@ -189,7 +219,37 @@ def picture(snapshot: Snapshot, answer: str = "") -> Group:
     foot = Text(keys, style="dim")
     if answer:
         foot.append(f"\n{answer}")
-    return Group(Panel(head, title=f"highside  {snapshot.state.value}"), _gauges(snapshot), foot, _poses(snapshot))
+    result = _verdict(snapshot.result.verdict) if snapshot.result and snapshot.result.verdict else _poses(snapshot)
+    return Group(Panel(head, title=f"highside  {snapshot.state.value}"), _gauges(snapshot), foot, result)
+
+
+def _verdict(verdict: VerdictState) -> Table:
+    """The comparisons of a verification or roll test."""
+    from rich.table import Table
+
+    limits = f"I {verdict.limit_inc_deg:g}°"
+    limits += "" if verdict.limit_tf_deg is None else f", T {verdict.limit_tf_deg:g}°"
+    limits += "" if verdict.limit_g_total_g is None else f", Gtotal {1e3 * verdict.limit_g_total_g:g} mg"
+    table = Table(box=None, pad_edge=False, title=f"{verdict.verdict.upper()}  calibration {verdict.record[:12]}")
+    table.caption = f"limits {limits}; ± is U (k = 2)"
+    for name in ("", "I error", "T error", "Gtotal", ""):
+        table.add_column(name, justify="right" if name else "left")
+    for row in verdict.rows:
+        table.add_row(row.name, *verdict_cells(row), row.verdict)
+    return table
+
+
+def verdict_cells(row: VerdictRow) -> tuple[str, str, str]:
+    """Error and U of I, T (deg) and Gtotal (mg)."""
+
+    def cell(error: float | None, u: float | None, unit: str, scale: float = 1.0) -> str:
+        return "" if error is None or u is None else f"{scale * error:+.4f} ± {scale * u:.4f}{unit}"
+
+    return (
+        cell(row.inc_error_deg, row.inc_u_deg, "°"),
+        cell(row.tf_error_deg, row.tf_u_deg, "°"),
+        cell(row.g_error_g, row.g_u_g, " mg", 1e3),
+    )
 
 
 def _gauges(snapshot: Snapshot) -> Table:

@@ -272,14 +272,12 @@ def activate(
     as_json: JsonOption = False,
 ) -> None:
     """Put a record in force for its tool."""
-    from highside.calibration.result import Reason
-    from highside.recording.calibration_store import CalibrationStore
+    from highside.recording.calibration_store import CalibrationStore, contradiction
 
     record = _find_record(target, store, None)
-    doubt = {Reason.CLOSURE, Reason.TOO_MANY_BAD, Reason.SWAPPED_POSES}
-    doubts = [remark for remark in record.result.remarks if remark.refused and remark.reason in doubt]
-    if doubts and not force:
-        raise Refused(f"record {record.id[:12]} is not put in force: {doubts[0].text} (or --force)")
+    doubt = contradiction(record)
+    if doubt is not None and not force:
+        raise Refused(f"{doubt} (or --force)")
     entry = CalibrationStore(store).activate(record, now_s=time.time(), tool_id=tool, serial=serial)
     _say_entry(entry, as_json)
 

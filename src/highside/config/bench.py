@@ -84,18 +84,34 @@ class UnguidedPlan(Table):
     min_poses: int = Field(default=12, ge=10, le=1000)
 
 
-class VerificationPlan(Table):
+class _JudgingPlan(Table):
+    """Which calibration is judged."""
+
+    record: str = Field(
+        default="active", min_length=6, description="`active`: the one in force in [store]; or the id of one there."
+    )
+    record_file: Path | None = Field(default=None, description="A record's file instead.")
+    limit_inc_deg: float = Field(gt=0, le=180, description="Limit on the error of I (roll test: on its range), deg.")
+
+
+class VerificationPlan(_JudgingPlan):
     """A few poses to judge an existing calibration by."""
 
     kind: Literal["verification"]
+    limit_tf_deg: float = Field(gt=0, le=180, description="Limit on the error of T, deg.")
+    tilt_sigma_deg: float = Field(default=0.05, ge=0, lt=10, description="How well the bench is level, 1 sigma.")
+    same_bench: bool = Field(default=False, description="The bench of the record: its tilt is known from there.")
+    toolface_zero_sigma_deg: float = Field(default=0.0, ge=0, lt=10, description="How well the tool is clamped in T.")
+    free_toolface_zero: bool = Field(default=False, description="Estimate the toolface zero of this clamping.")
     inclinations_deg: tuple[Inclination, ...] = Field(default=(5.0, 45.0, 90.0), min_length=1)
     toolfaces_deg: tuple[Toolface, ...] = Field(default=(20.0, 140.0, 260.0), min_length=1)
 
 
-class RollTestPlan(Table):
+class RollTestPlan(_JudgingPlan):
     """The field roll test: toolfaces all around at one inclination."""
 
     kind: Literal["roll_test"]
+    limit_gtotal_mg: float = Field(default=2.5, gt=0, description="Limit on the range of Gtotal, mg.")
     inclination_deg: Inclination = 90.0
     toolfaces: int = Field(default=8, ge=8, le=72)
 
@@ -205,6 +221,7 @@ class BenchFile(Table):
 
 PATHS = (
     ("plan", "file"),
+    ("plan", "record_file"),
     ("codec", "dbc"),
     ("link", "path"),
     ("store", "directory"),

@@ -30,6 +30,7 @@ from highside.calibration.record import (
     to_utc,
     verify,
 )
+from highside.calibration.result import Reason
 from highside.errors import InputError
 from highside.recording.files import write_whole
 
@@ -74,6 +75,13 @@ def load_active(store_dir: Path, *, tool_id: str, serial: str | None = None, now
     record = CalibrationStore(store_dir).active(tool_id)
     verify(record, tool_id=tool_id, serial=serial, now_s=now_s)
     return correction_from_record(record)
+
+
+def contradiction(record: CalibrationRecord) -> str | None:
+    """Why a record should not be put in force although it is whole: its poses contradict one another."""
+    doubt = {Reason.CLOSURE, Reason.TOO_MANY_BAD, Reason.SWAPPED_POSES}
+    found = [remark.text for remark in record.result.remarks if remark.refused and remark.reason in doubt]
+    return f"record {record.id[:12]} is not put in force: {found[0]}" if found else None
 
 
 def flush_directory(path: Path) -> None:
@@ -164,6 +172,11 @@ class CalibrationStore:
         """Id of the record in force, without reading it; None where there is none."""
         stack = self._stack(tool_id)
         return stack[-1].record_id if stack else None
+
+    def before_id(self, tool_id: str) -> str | None:
+        """Id of the record that a roll back would put in force; None where there is none."""
+        stack = self._stack(tool_id)
+        return stack[-2].record_id if len(stack) > 1 else None
 
     def tools(self) -> list[str]:
         """The tools for which something was ever put in force."""

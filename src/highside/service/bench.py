@@ -23,15 +23,16 @@ from highside.config.links import SerialLink
 from highside.errors import HighsideError, InputError
 from highside.link.base import Batch, Chunk, LinkReason, LinkState, LinkSupervisor, SupervisorSettings, Transport
 from highside.link.bench import SimulatedBench
-from highside.recording.calibration_store import CalibrationStore
 from highside.service.bench_journal import JournalFile, session_name, unfinished
 from highside.service.bench_setup import header_of, simulated_bench
+from highside.service.bench_store import BenchStore
 from highside.service.monitor import Monitor
 from highside.session import outcome
+from highside.session.journal import StorageError
 from highside.session.ledger import Entry, Noted
 from highside.session.reasons import Refusal
-from highside.session.session import BenchSession, StorageError
-from highside.session.snapshot import Command, Reply, Snapshot
+from highside.session.session import BenchSession
+from highside.session.snapshot import Command, Reply, Snapshot, Uncertainty
 from highside.session.view import View
 
 log = logging.getLogger("highside")
@@ -51,10 +52,12 @@ class BenchDriver:
         session: BenchSession,
         journal: JournalFile,
         bench: SimulatedBench | None,
+        store: BenchStore,
     ) -> None:
         self.settings = settings
         self.session = session
         self.bench = bench
+        self._store = store
         self._journal = journal
         self._view = View(session)
         self._codec: ByteCodec | CanCodec = settings.codec.build()
@@ -63,7 +66,10 @@ class BenchDriver:
         self._cached: Snapshot | None = None
         self._changed = asyncio.Event()
         self._over = asyncio.Event()
+        self.ended = asyncio.Event()
+        """set when acquisition is over and the record is stored"""
         self._commands = asyncio.Lock()
+        self._looking_ahead: asyncio.Task[None] | None = None
         self.stored: Path | None = None
         """the record in the store, once it is there"""
 
@@ -76,8 +82,9 @@ class BenchDriver:
         directory = settings.store.sessions
         header = header_of(settings, session_name(directory, settings.tool.id, now), now, operator)
         journal = JournalFile.create(directory, header)
-        session = BenchSession(header, _keeper(journal), time.time, known_noise_g=settings.tool.noise_g)
-        return cls(settings, session, journal, _bench(settings, 0))
+        store = BenchStore(settings.store.directory, settings.tool.serial)
+        session = BenchSession(header, _keeper(journal), time.time, known_noise_g=settings.tool.noise_g, store=store)
+        return cls(settings, session, journal, _bench(settings, 0), store)
 
     @classmethod
     def go_on(cls, settings: BenchFile) -> BenchDriver:
@@ -92,8 +99,10 @@ class BenchDriver:
         journal, read = JournalFile.reopen(path)
         ledger = read.ledger()
         attempt = 1 + sum(isinstance(entry, Noted) and entry.code == "interrupted" for entry in read.entries)
+        store = BenchStore(settings.store.directory, settings.tool.serial)
+        noise = settings.tool.noise_g
         session = BenchSession(
-            read.header, _keeper(journal), time.time, ledger=ledger, known_noise_g=settings.tool.noise_g
+            read.header, _keeper(journal), time.time, ledger=ledger, known_noise_g=noise, store=store
         )
         if ledger.began:
             try:
@@ -101,7 +110,7 @@ class BenchDriver:
             except StorageError as error:
                 journal.close()
                 raise InputError(f"cannot be written: {error}", remedy="free the disk") from None
-        return cls(settings, session, journal, _bench(settings, attempt))
+        return cls(settings, session, journal, _bench(settings, attempt), store)
 
     @property
     def journal_path(self) -> str | None:
@@ -154,7 +163,7 @@ class BenchDriver:
             reply = self.session.command(command, time.monotonic())
             if reply.accepted and self.session.record is not None and self.stored is None:
                 try:
-                    await asyncio.to_thread(self._store)
+                    await asyncio.to_thread(self._keep_record)
                 except HighsideError as error:
                     log.error("the record could not be stored: %s", error)
                     text = f"{Refusal.STORAGE.text} ({error}) The journal has it: go on with --resume."
@@ -162,17 +171,32 @@ class BenchDriver:
         self._changed.set()
         return reply
 
-    def _store(self) -> None:
-        record = self.session.record
-        assert record is not None
-        store = CalibrationStore(self.settings.store.directory)
-        store.add(record)
-        self.stored = self.settings.store.directory / "records" / f"{record.id}.json"
+    def _keep_record(self) -> None:
+        assert self.session.record is not None
+        self.stored = self._store.keep(self.session.record)
 
     # --- running -----------------------------------------------------------------------------------------------
 
-    async def run(self) -> None:
-        """Run until the session has ended; link and journal are then closed."""
+    @property
+    def open(self) -> bool:
+        """Whether faces are still shown the session and answered."""
+        return not self._over.is_set()
+
+    async def run(self, *, stay: bool = False) -> None:
+        """Run until the session has ended; the link is then closed, and the journal.
+
+        `stay`: for as long as it is not cancelled the faces may still look and put the calibration in force.
+        """
+        try:
+            await self._acquire()
+            self._changed.set()
+            self.ended.set()
+            await (asyncio.Event().wait() if stay else asyncio.sleep(AFTER_END_S))
+        finally:
+            self._over.set()
+            self._journal.close()
+
+    async def _acquire(self) -> None:
         supervisor = LinkSupervisor(self._transport_factory(), self, self._supervisor_settings())
         if self.bench is not None:
             self.bench.start()
@@ -183,17 +207,13 @@ class BenchDriver:
                 if link.done() and (error := link.exception()) is not None:
                     raise error
             if self.session.record is not None and self.stored is None:
-                await asyncio.to_thread(self._store)
-            self._changed.set()
-            await asyncio.sleep(AFTER_END_S)
+                await asyncio.to_thread(self._keep_record)
         finally:
-            self._over.set()
             link.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await link
             if self.bench is not None:
                 await asyncio.to_thread(self.bench.stop)
-            self._journal.close()
 
     async def _turn(self) -> None:
         """One look at the clock, and the solver's work if there is some."""
@@ -209,11 +229,19 @@ class BenchDriver:
             self.session.finish_work(solved, time.monotonic())
             self._changed.set()
             return
+        ahead = self.session.look_ahead()
+        if ahead is not None:
+            self._looking_ahead = asyncio.create_task(self._look_ahead(ahead))
         self._changed.clear()
         with contextlib.suppress(TimeoutError):
             # not wait_for: in Python 3.11 it may swallow a cancellation that comes together with the event
             async with asyncio.timeout(TICK_S):
                 await self._changed.wait()
+
+    async def _look_ahead(self, job: Callable[[], Uncertainty | None]) -> None:
+        """How good the calibration is by now; acquisition goes on meanwhile."""
+        self.session.finish_look_ahead(await asyncio.to_thread(job))
+        self._changed.set()
 
     def _transport_factory(self) -> Callable[[], Transport]:
         bench, link = self.bench, self.settings.link

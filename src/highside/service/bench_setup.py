@@ -5,17 +5,19 @@ from __future__ import annotations
 from dataclasses import fields, replace
 
 from highside import __version__
-from highside.calibration.record import Environment
+from highside.calibration.record import CalibrationRecord, Environment, verify
 from highside.config import bench as config
 from highside.errors import InputError
 from highside.link.bench import BenchSettings, SimulatedBench
 from highside.link.device import DeviceSettings
 from highside.link.wire import PtyWire
 from highside.physics.motion import still
+from highside.recording.calibration_store import CalibrationStore, read_record
 from highside.recording.table import Table
 from highside.service.bench_operator import Habits, Mistake
 from highside.session import plans
 from highside.session.journal import Header
+from highside.session.verdict import require_judgeable
 
 
 def plan_of(settings: config.BenchFile) -> plans.Plan:
@@ -54,6 +56,33 @@ def _plan(plan: config.PlanConfig, limits: plans.Limits) -> plans.Plan:
             return plans.roll_test_plan(plan.inclination_deg, plan.toolfaces, limits)
 
 
+def judged_by(settings: config.BenchFile) -> tuple[CalibrationRecord, plans.Criterion] | None:
+    """The calibration that a session judges, and how; None for one that calibrates. Raises InputError, RecordError."""
+    plan, tool = settings.plan, settings.tool
+    if not isinstance(plan, config.VerificationPlan | config.RollTestPlan):
+        return None
+    if plan.record_file is not None:
+        record = read_record(plan.record_file)
+    else:
+        store = CalibrationStore(settings.store.directory)
+        record = store.active(tool.id) if plan.record == "active" else store.get(plan.record)
+    # an expired calibration may be judged: that is what such a session is for
+    verify(record, tool_id=tool.id, serial=tool.serial, now_s=None)
+    if isinstance(plan, config.RollTestPlan):
+        return record, plans.Criterion(record.id, plan.limit_inc_deg, limit_g_total_g=1e-3 * plan.limit_gtotal_mg)
+    criterion = plans.Criterion(
+        record.id,
+        plan.limit_inc_deg,
+        plan.limit_tf_deg,
+        tilt_sigma_deg=plan.tilt_sigma_deg,
+        same_bench=plan.same_bench,
+        toolface_zero_sigma_deg=plan.toolface_zero_sigma_deg,
+        free_toolface_zero=plan.free_toolface_zero,
+    )
+    require_judgeable(record, criterion)
+    return record, criterion
+
+
 class _Settings(Table):
     """A table of poses to set: only the bench's settings are asked for."""
 
@@ -70,12 +99,12 @@ def _reference_columns(plan: config.CustomPlan) -> list[tuple[float, float]]:
 
 def header_of(settings: config.BenchFile, name: str, t_wall_s: float, operator: str | None) -> Header:
     """The first line of a new journal."""
-    bench = settings.bench
+    bench, judged, plan = settings.bench, judged_by(settings), plan_of(settings)
     return Header(
         session=name,
         tool_id=settings.tool.id,
         serial=settings.tool.serial,
-        plan=plan_of(settings),
+        plan=plan if judged is None else replace(plan, criterion=judged[1]),
         environment=Environment(
             bench.name,
             operator,
@@ -86,6 +115,7 @@ def header_of(settings: config.BenchFile, name: str, t_wall_s: float, operator: 
         expires_days=settings.store.expires_days,
         software=__version__,
         t_wall_s=t_wall_s,
+        judged=None if judged is None else judged[0],
     )
 
 

@@ -5,6 +5,9 @@
     <prefix>/<tool>/session/reply     a Reply (JSON) with the `request_id` of the command
     <prefix>/<tool>/session/status    retained: `online`, or `offline` by farewell or last will
 
+After the end, while the bench command stays (until Ctrl-C), `activate` and `rollback` put the calibration in force or
+take that back: {"name": "activate", "confirm": "<first digits of the record's id>", ...}.
+
 A command that was retained is not obeyed: nobody knows how old it is. One that the broker delivers twice is done once
 (the session knows its `request_id`). Who may publish commands is the broker's access list; who holds the session among
 them is the session's business. A broker that is away costs this face and nothing else: it connects again for ever, and
@@ -39,7 +42,7 @@ MALFORMED = "malformed"
 
 
 class SessionMqtt:
-    """`run` is the task; it ends with the session."""
+    """`run` is the task; it ends when the session is no longer open."""
 
     def __init__(
         self, driver: SessionDriver, settings: MqttSettings, *, tool_id: str, rate_hz: float = RATE_HZ
@@ -53,16 +56,16 @@ class SessionMqtt:
         self.connects = 0
 
     async def run(self) -> None:
-        """Connect, show and obey until the session is over. Never raises for a broker that is away."""
+        """Connect, show and obey for as long as the session is open. Never raises for a broker that is away."""
         wait_s = self._settings.reconnect_min_s
-        while not self._driver.snapshot().state.ended:
+        while self._driver.open:
             before = self.connects
             try:
                 await self._one_connection()
             except (aiomqtt.MqttError, TimeoutError, OSError, InputError, ValueError) as error:
                 log.warning("session over mqtt: %s", error)
             wait_s = self._settings.reconnect_min_s if self.connects > before else wait_s
-            if self._driver.snapshot().state.ended:
+            if not self._driver.open:
                 return
             await asyncio.sleep(wait_s)
             wait_s = min(2.0 * wait_s, self._settings.reconnect_max_s)

@@ -6,6 +6,7 @@ paused. What the table refuses is refused first, then what makes no sense for wa
 
 from __future__ import annotations
 
+from highside.session.force import InForce, what_is_missing
 from highside.session.hold import Hold
 from highside.session.ledger import Ledger, PoseLine
 from highside.session.machine import MEASURING, Event, Refuse, outcome
@@ -39,6 +40,8 @@ def refusal(
     target: str | None,
     hold: Hold | None,
     solved: Solved | None,
+    record: str | None = None,
+    in_force: InForce | None = None,
 ) -> Refusal | None:
     """Why a command would be refused now; None: it would be done."""
     result = outcome(state, event_of(name, state, ledger))
@@ -60,6 +63,8 @@ def refusal(
             return Refusal.NOT_STILL
         case CommandName.ACCEPT if state is State.REVIEW and (solved is None or not solved.may_be_accepted):
             return Refusal.NOT_SOLVED
+        case CommandName.ACTIVATE | CommandName.ROLLBACK:
+            return what_is_missing(name, record, in_force or InForce())
         case _:
             pass
     return None

@@ -22,7 +22,12 @@ class SessionDriver(Protocol):
         ...
 
     def subscribe(self, max_rate_hz: float = 10.0) -> AsyncIterator[Snapshot]:
-        """The present state, then every newer one, at most `max_rate_hz` a second; ends some time after the session."""
+        """The present state, then every newer one, at most `max_rate_hz` a second; ends when it is no longer open."""
+        ...
+
+    @property
+    def open(self) -> bool:
+        """Whether there will be more to see or to command."""
         ...
 
     async def command(self, command: Command) -> Reply:

@@ -16,11 +16,11 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from highside.calibration.record import Environment
-from highside.errors import InputError
+from highside.calibration.record import CalibrationRecord, Environment, parse_record
+from highside.errors import HighsideError, InputError
 from highside.session import ledger as entries
 from highside.session.ledger import Entry, Ledger, Readings
 from highside.session.plans import Plan
@@ -41,8 +41,13 @@ _KINDS: dict[str, type] = {
     "resumed": entries.Resumed,
     "noted": entries.Noted,
     "ended": entries.Ended,
+    "put_in_force": entries.PutInForce,
 }
 _NAMES = {kind: name for name, kind in _KINDS.items()}
+
+
+class StorageError(Exception):
+    """A line could not be kept; the text says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +62,8 @@ class Header:
     expires_days: float | None
     software: str
     t_wall_s: float
+    judged: CalibrationRecord | None = field(default=None, compare=False)
+    """the calibration that a verification or roll test judges, whole: the journal tells its verdict alone"""
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -68,6 +75,7 @@ class Header:
             "environment": self.environment.to_dict(),
             "expires_days": self.expires_days,
             "software": self.software,
+            "judged": None if self.judged is None else json.loads(self.judged.to_json()),
         }
 
 
@@ -160,7 +168,7 @@ def read_journal(data: bytes, *, where: str | None = None) -> Journal:
             else:
                 found.append(_entry(content))
                 times.append(float(content["t"]))
-        except (ValueError, KeyError, TypeError, RecursionError, InputError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError, HighsideError) as error:
             if number == len(lines) - 2 and header is not None:
                 break  # a torn sector may hold its line's end but not its middle
             what = " ".join(str(error).split())[:200]
@@ -177,15 +185,22 @@ def _header(content: Mapping[str, Any]) -> Header:
     data = content["d"]
     if content["e"] != "session" or data["schema"] != SCHEMA:
         raise ValueError(f"is not the beginning of a journal of schema {SCHEMA!r}")
+    plan, judged = Plan.from_dict(data["plan"]), data.get("judged")
+    record = None if judged is None else parse_record(json.dumps(judged))
+    if (plan.criterion is None) != (record is None) or (
+        plan.criterion and record and plan.criterion.record != record.id
+    ):
+        raise ValueError("does not hold the calibration that its plan judges")
     return Header(
         session=str(data["session"]),
         tool_id=str(data["tool_id"]),
         serial=data["serial"],
-        plan=Plan.from_dict(data["plan"]),
+        plan=plan,
         environment=Environment(**data["environment"]),
         expires_days=data["expires_days"],
         software=str(data["software"]),
         t_wall_s=float(content["t"]),
+        judged=record,
     )
 
 

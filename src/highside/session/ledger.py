@@ -13,18 +13,19 @@ import hashlib
 import json
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from highside.calibration.poses import PoseSet
 from highside.calibration.record import SolveRequest
-from highside.session.plans import Plan
+from highside.session.plans import Plan, Reference
 from highside.session.reasons import Rejection
 from highside.session.snapshot import PoseState
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Readings:
     """The raw readings of one hold: `a` three lists of equal length in nominal g, device time of first and last."""
 
@@ -41,16 +42,24 @@ class Readings:
         return len(self.a[0])
 
     def mean(self) -> tuple[float, float, float]:
-        x, y, z = (math.fsum(row) / len(row) for row in self.a)
-        return x, y, z
+        return self._mean
 
     def std(self) -> tuple[float, float, float]:
         """Standard deviation of one reading about the mean, each axis."""
+        return self._std
+
+    @cached_property
+    def _mean(self) -> tuple[float, float, float]:
+        x, y, z = (math.fsum(row) / len(row) for row in self.a)
+        return x, y, z
+
+    @cached_property
+    def _std(self) -> tuple[float, float, float]:
         if self.n < 2:
             return 0.0, 0.0, 0.0
         out = [
             math.sqrt(math.fsum((v - m) * (v - m) for v in row) / (self.n - 1))
-            for row, m in zip(self.a, self.mean(), strict=True)
+            for row, m in zip(self.a, self._mean, strict=True)
         ]
         return out[0], out[1], out[2]
 
@@ -152,10 +161,33 @@ class Ended:
     t_wall_s: float
     record: str | None = None
     note: str = ""
+    verdict: str | None = None
+    """of a session that judges an existing calibration"""
+
+
+@dataclass(frozen=True, slots=True)
+class PutInForce:
+    """The store was told, after the end: `record` is in force from then on. `how`: activate, rollback."""
+
+    how: str
+    record: str
+    operator: str
 
 
 Entry = (
-    Began | Taken | Refused | Skipped | Reopened | Undone | StageReady | PlanClosed | Paused | Resumed | Noted | Ended
+    Began
+    | Taken
+    | Refused
+    | Skipped
+    | Reopened
+    | Undone
+    | StageReady
+    | PlanClosed
+    | Paused
+    | Resumed
+    | Noted
+    | Ended
+    | PutInForce
 )
 
 
@@ -251,7 +283,7 @@ class Ledger:
                 self.operator = operator
             case Ended():
                 self.ended = entry
-            case Paused() | Noted():
+            case Paused() | Noted() | PutInForce():
                 pass
         self._enter_stage()
 
@@ -356,9 +388,10 @@ class Ledger:
         columns["pose"] = [line.id for line, _ in lines]
         return columns
 
-    def pose_set(self) -> PoseSet:
-        """The accepted poses as the solvers take them; at least one must have been taken."""
-        return PoseSet.from_columns(self.pose_columns(), reference=self.plan.reference)  # type: ignore[arg-type]
+    def pose_set(self, reference: Reference | None = None) -> PoseSet:
+        """The accepted poses as the solvers take them, with the plan's reference or another; at least one must have
+        been taken."""
+        return PoseSet.from_columns(self.pose_columns(), reference=reference or self.plan.reference)  # type: ignore[arg-type]
 
     def raw_sha256(self) -> str:
         """Hash of the raw readings of the accepted poses, in the order of time."""

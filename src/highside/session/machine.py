@@ -23,6 +23,7 @@ out by `onward`, from three booleans.
                                                                                                          \\-> REJECTED
     PAUSED and NO_DATA may be entered from every state in which something is measured, and lead ONWARD again.
     Nothing ends for want of time: a wait that grows long is said, and goes on. Only operators end a session.
+    No step leads out of an end; an accepted calibration may still be put in force there, or that be taken back.
 
 A hold under way is the only thing that is ever lost: by motion, pause, abort, loss of data, or the end of the process.
 """
@@ -51,6 +52,8 @@ class Event(StrEnum):
     ABORT = "abort"
     ACCEPT = "accept"
     REJECT = "reject"
+    ACTIVATE = "activate"
+    ROLLBACK = "rollback"
     FINISH = "finish"
     """`accept` in a plan of no fixed length while it is measured: that was the last pose"""
 
@@ -125,6 +128,8 @@ class Action(StrEnum):
     END = "end"
     """rejected or aborted"""
     REMIND = "remind"
+    PUT_IN_FORCE = "put_in_force"
+    """ask the store to put the session's record in force, or the one before"""
 
 
 class Onward(StrEnum):
@@ -229,7 +234,7 @@ TABLE: Mapping[State, Mapping[Event, Outcome]] = MappingProxyType(
             | _FINISH
             | {_E.DATA_BACK: Go(ONWARD), _E.LONG_WAIT: Go(None, _A.REMIND), _E.CAPTURE: Refuse(Refusal.NOT_STILL)}
         ),
-        _S.ACCEPTED: _row({}),
+        _S.ACCEPTED: _row({_E.ACTIVATE: Go(None, _A.PUT_IN_FORCE), _E.ROLLBACK: Go(None, _A.PUT_IN_FORCE)}),
         _S.REJECTED: _row({}),
         _S.ABORTED: _row({}),
     }

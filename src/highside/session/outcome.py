@@ -13,6 +13,7 @@ import numpy as np
 from highside.calibration.poses import Array
 from highside.calibration.record import (
     CalibrationRecord,
+    PoseColumns,
     Solution,
     SolveRequest,
     build_record,
@@ -23,9 +24,10 @@ from highside.errors import HighsideError, InputError
 from highside.physics.gravity import gravity_direction
 from highside.session.journal import Header, Journal
 from highside.session.ledger import Ledger
-from highside.session.plans import Kind
+from highside.session.plans import Plan
 from highside.session.reasons import Rejection
-from highside.session.snapshot import PoseState
+from highside.session.snapshot import PoseState, Uncertainty
+from highside.session.verdict import Found, judge
 
 DAY_S = 86_400.0
 ALL_INC_DEG = (3.0, 177.0)
@@ -53,18 +55,22 @@ class Solved:
     tf_std_deg: float | None
     refused: tuple[str, ...]
     remarks: tuple[str, ...]
+    uncertainty: Uncertainty | None = None
+    verdict: Found | None = None
+    """of a session that judges an existing calibration"""
 
     @property
     def may_be_accepted(self) -> bool:
         return self.solution is not None or not self.why
 
 
-def solve(ledger: Ledger) -> Solved:
-    """Solve the poses of a ledger as its plan says. Takes milliseconds to seconds; touches nothing."""
+def solve(ledger: Ledger, judged: CalibrationRecord | None = None) -> Solved:
+    """Solve the poses of a ledger as its plan says, or judge by them the record `judged`. Takes milliseconds to
+    seconds; touches nothing."""
     plan = ledger.plan
     revision = ledger.revision
-    if plan.kind in (Kind.VERIFICATION, Kind.ROLL_TEST):
-        return Solved(revision, None, "" if ledger.done else "no pose was taken", (), None, None, (), ())
+    if not plan.kind.calibrates:
+        return _judge(ledger, judged)
     if len(ledger.done) < max(plan.min_poses, 1):
         why = f"{len(ledger.done)} poses were taken, {max(plan.min_poses, 1)} are needed"
         return Solved(revision, None, why, (), None, None, (why,), ())
@@ -74,17 +80,38 @@ def solve(ledger: Ledger) -> Solved:
         why = str(error)
         return Solved(revision, None, why, (), None, None, (why,), ())
     result = solution.result
-    inc_std, tf_std = stated_uncertainty(solution)
+    uncertainty = uncertainty_of(solution, plan)
     return Solved(
         revision=revision,
         solution=solution,
         why="",
         again=_contradicted(result),
-        inc_std_deg=inc_std,
-        tf_std_deg=tf_std,
+        inc_std_deg=uncertainty.rms_inc_std_deg,
+        tf_std_deg=uncertainty.rms_tf_std_deg,
+        uncertainty=uncertainty,
         refused=tuple(remark.text for remark in result.remarks if remark.refused),
         remarks=tuple(remark.text for remark in result.remarks if not remark.refused),
     )
+
+
+def _judge(ledger: Ledger, judged: CalibrationRecord | None) -> Solved:
+    """The verdict of a session that calibrates nothing; without a record its poses are all it has."""
+    why, verdict = "" if ledger.done else "no pose was taken", None
+    if not why and judged is not None and ledger.plan.criterion is not None:
+        try:
+            verdict = judge(ledger, judged, ledger.plan.criterion)
+        except HighsideError as error:
+            why = str(error)
+    refused = (why,) if why else ()
+    return Solved(ledger.revision, None, why, (), None, None, refused, (), verdict=verdict)
+
+
+def solve_so_far(columns: PoseColumns, request: SolveRequest, plan: Plan) -> Uncertainty | None:
+    """What the result would state if the session ended with these poses; None while none follows from them."""
+    try:
+        return uncertainty_of(solve_poses(columns, request), plan)
+    except (HighsideError, np.linalg.LinAlgError):
+        return None
 
 
 def _contradicted(result: CalibrationResult) -> tuple[tuple[str, Rejection, str], ...]:
@@ -136,20 +163,50 @@ def attitudes_of_use(solution: Solution) -> tuple[Array, Array]:
     return np.repeat(rings, around.size), np.tile(around, len(rings))
 
 
-def stated_uncertainty(solution: Solution) -> tuple[float, float]:
-    """Standard deviations of I and T in degrees by the calibration alone, rms over the attitudes of use."""
-    inc, tf = attitudes_of_use(solution)
-    var_inc, var_tf = np.zeros(inc.size), np.zeros(inc.size)
+def stated_uncertainty(solution: Solution, temp_c: float | None = None) -> tuple[float, float]:
+    """Standard deviations of I and T in degrees by the calibration alone, rms over the attitudes of use, at `temp_c`
+    (None: the calibration's own reference)."""
+    std_inc, std_tf = _std(solution, *attitudes_of_use(solution), temp_c)
+    return float(np.rad2deg(np.sqrt(np.nanmean(std_inc**2)))), float(np.rad2deg(np.sqrt(np.nanmean(std_tf**2))))
+
+
+def _std(solution: Solution, inc: Array, tf: Array, temp_c: float | None = None) -> tuple[Array, Array]:
+    """Standard deviations (rad) of I and T at attitudes (N,), each by the zone that holds there."""
+    var_inc, var_tf = np.full(inc.size, np.nan), np.full(inc.size, np.nan)
     result, fallback = solution.result, solution.fallback
     zones = [result.zone_at(float(value)) for value in inc]
     for name in {None if zone is None else zone.name for zone in zones}:
         rows = np.array([(None if zone is None else zone.name) == name for zone in zones])
         source, zone = result, zones[int(np.argmax(rows))]
+        if zone is None and fallback is None:
+            continue  # it holds nowhere near: no value, and no uncertainty of it
         if zone is None and fallback is not None:
             source, zone = fallback, fallback.main
-        one_inc, one_tf = source.predict_std(inc[rows], tf[rows], 0.0, zone=zone)
+        one_inc, one_tf = source.predict_std(inc[rows], tf[rows], 0.0, zone=zone, temp_c=temp_c)
         var_inc[rows], var_tf[rows] = one_inc**2, one_tf**2
-    return float(np.rad2deg(np.sqrt(var_inc.mean()))), float(np.rad2deg(np.sqrt(var_tf.mean())))
+    return np.sqrt(var_inc), np.sqrt(var_tf)
+
+
+USE_INC_DEG = (1.0, 5.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
+"""Where the curve of uncertainty is shown, but for a local method, which holds at its own rings."""
+
+
+def uncertainty_of(solution: Solution, plan: Plan) -> Uncertainty:
+    """What a solution states of itself: rms over the attitudes of use, and the curve over inclination."""
+    around = np.deg2rad(np.arange(0.0, 360.0, 45.0))
+    use = sorted({abs(pose.inc_deg) for pose in plan.poses}) if plan.method == "balance" else USE_INC_DEG
+    shown, inc_std, tf_std = [], [], []
+    for inc_deg in use:
+        one_inc, one_tf = _std(solution, np.full(around.size, np.deg2rad(inc_deg)), around)
+        values = [float(np.rad2deg(np.sqrt(np.mean(one**2)))) for one in (one_inc, one_tf)]
+        if np.all(np.isfinite(values)):
+            shown.append(inc_deg)
+            inc_std.append(values[0])
+            tf_std.append(values[1])
+    rms_inc, rms_tf = stated_uncertainty(solution)
+    return Uncertainty(
+        inc_deg=shown, inc_std_deg=inc_std, tf_std_deg=tf_std, rms_inc_std_deg=rms_inc, rms_tf_std_deg=rms_tf
+    )
 
 
 def errors_against(
@@ -179,11 +236,16 @@ def errors_against(
 def replay(journal: Journal) -> tuple[Ledger, Solved, CalibrationRecord | None]:
     """The session as its journal tells it: the ledger, its solution, and, if it was accepted, its record.
 
-    Raises InputError where an accepted session does not give the record that its last line names.
+    Raises InputError where an accepted session does not give the record or the verdict that its end names.
     """
     ledger = journal.ledger()
-    solved = solve(ledger)
+    solved = solve(ledger, journal.header.judged)
     ended = ledger.ended
+    if ended is not None and ended.verdict is not None and ended.verdict != verdict_of(solved):
+        raise InputError(
+            f"session {journal.header.session} gives the verdict {verdict_of(solved)}, not {ended.verdict} as written",
+            remedy=f"replay it with the version that made it ({journal.header.software})",
+        )
     if ended is None or ended.record is None:
         return ledger, solved, None
     record = make_record(journal.header, ledger, solved, ended.t_wall_s)
@@ -193,6 +255,11 @@ def replay(journal: Journal) -> tuple[Ledger, Solved, CalibrationRecord | None]:
             remedy=f"replay it with the version that made it ({journal.header.software})",
         )
     return ledger, solved, record
+
+
+def verdict_of(solved: Solved) -> str | None:
+    """The word for the journal."""
+    return None if solved.verdict is None else solved.verdict.verdict.value
 
 
 def make_record(header: Header, ledger: Ledger, solved: Solved, t_wall_s: float) -> CalibrationRecord:

@@ -23,6 +23,8 @@ from highside.calibration.conventional import position_plan
 from highside.calibration.result import BenchAccuracy
 from highside.errors import InputError
 
+Reference = Literal["pose", "magnitude"]
+
 
 class Kind(StrEnum):
     """What a session is for."""
@@ -101,6 +103,25 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
+class Criterion:
+    """What a verification or roll test judges (`record`: the id of the calibration), and by which limits.
+
+    A verification has limits on the errors of I and T at a bench whose tilts are known to `tilt_sigma_deg` each
+    (`same_bench`: as the record has found them), its tool clamped in toolface to `toolface_zero_sigma_deg`
+    (`free_toolface_zero`: estimated). A roll test has limits on the ranges of I and of Gtotal.
+    """
+
+    record: str
+    limit_inc_deg: float
+    limit_tf_deg: float | None = None
+    limit_g_total_g: float | None = None
+    tilt_sigma_deg: float = 0.05
+    same_bench: bool = False
+    toolface_zero_sigma_deg: float = 0.0
+    free_toolface_zero: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Plan:
     """A whole session as planned. `poses` is empty, and `open_ended` true, where poses are found by themselves."""
 
@@ -110,10 +131,11 @@ class Plan:
     poses: tuple[PlannedPose, ...]
     stages: tuple[Stage, ...] = (Stage(),)
     limits: Limits = field(default_factory=Limits)
-    reference: Literal["pose", "magnitude"] = "pose"
+    reference: Reference = "pose"
     triples: str = "average"
     fallback: str = "none"
     min_poses: int = 1
+    criterion: Criterion | None = None
 
     def __post_init__(self) -> None:
         if self.open_ended:
@@ -148,6 +170,7 @@ class Plan:
                     "poses": tuple(PlannedPose(**pose) for pose in data["poses"]),
                     "stages": tuple(Stage(**stage) for stage in data["stages"]),
                     "limits": Limits(**data["limits"]),
+                    "criterion": None if data.get("criterion") is None else Criterion(**data["criterion"]),
                 }
             )
         )
@@ -293,17 +316,23 @@ def unguided_plan(limits: Limits | None = None, *, min_poses: int = 10) -> Plan:
     )
 
 
-def verification_plan(poses: Sequence[tuple[float, float]], limits: Limits | None = None) -> Plan:
-    """A few poses to judge an existing calibration by ("as found")."""
-    return replace(custom_plan(poses, "joint", limits, title="verification"), kind=Kind.VERIFICATION, method="none")
+def verification_plan(
+    poses: Sequence[tuple[float, float]], limits: Limits | None = None, criterion: Criterion | None = None
+) -> Plan:
+    """A few poses to judge an existing calibration by ("as found"). Without a criterion they are only taken."""
+    made = custom_plan(poses, "joint", limits, title="verification")
+    return replace(made, kind=Kind.VERIFICATION, method="none", criterion=criterion)
 
 
-def roll_test_plan(inclination_deg: float, toolfaces: int = 8, limits: Limits | None = None) -> Plan:
-    """The field roll test: toolfaces all around at one inclination."""
+def roll_test_plan(
+    inclination_deg: float, toolfaces: int = 8, limits: Limits | None = None, criterion: Criterion | None = None
+) -> Plan:
+    """The field roll test: toolfaces all around at one inclination. Without a criterion they are only taken."""
     if toolfaces < ROLL_TEST_MIN_TOOLFACES:
         raise InputError(f"{toolfaces} toolfaces", field="plan.toolfaces", remedy=f"at least {ROLL_TEST_MIN_TOOLFACES}")
     poses = _grid((inclination_deg,), tuple(360.0 * k / toolfaces for k in range(toolfaces)))
-    return Plan(Kind.ROLL_TEST, f"roll test at {inclination_deg:g} deg", "none", poses, limits=limits or Limits())
+    title = f"roll test at {inclination_deg:g} deg"
+    return Plan(Kind.ROLL_TEST, title, "none", poses, limits=limits or Limits(), criterion=criterion)
 
 
 def _grid(inclinations_deg: Sequence[float], toolfaces_deg: Sequence[float]) -> tuple[PlannedPose, ...]:

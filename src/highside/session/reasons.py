@@ -66,6 +66,14 @@ class Refusal(_Said):
     NO_OPERATOR = "no_operator", "Say who you are: a command needs an operator's name."
     NOT_SOLVED = "not_solved", "There is no solution to accept. Measure the poses asked for, or reject the session."
     STORAGE = "storage", "The journal cannot be written. Free the disk; nothing was changed."
+    NO_RECORD = "no_record", "This session has made no calibration that could be put in force."
+    IN_FORCE = "in_force", "This calibration is in force already."
+    NOTHING_BEFORE = "nothing_before", "There is no earlier calibration to go back to."
+    NOT_CONFIRMED = (
+        "not_confirmed",
+        "Confirm it: name (`confirm`) the record that is to be in force, by the first 6 digits of its id or more.",
+    )
+    STORE = "store", "The calibration store has refused, and nothing was changed."
 
 
 class Fault(_Said):

@@ -1,11 +1,11 @@
 """A bench session: readings and commands in, journal entries and snapshots out. Pure; the clock comes with each call.
 
-`machine` says what a state and an event lead to; this module finds the events (it looks at the readings) and does the
-actions (it writes journal entries, by `write`, and applies them to the ledger). An entry that cannot be written is not
-applied: what is not on the disk has not happened.
+`machine` says what a state and an event lead to; this module finds the events (it looks at the readings, by `watch`)
+and steps from state to state; `actions` does what belongs to a step.
 
 Who drives it calls `readings` with what the tool sends, `tick` from time to time, `command` for each command, and, when
-`work()` gives a job, runs it (in a thread, if it likes) and hands the answer to `finish_work`.
+`work()` gives a job, runs it (in a thread, if it likes) and hands the answer to `finish_work`. In the same way
+`look_ahead()` gives, after each pose, the job of saying how good the calibration would be by now.
 """
 
 from __future__ import annotations
@@ -15,33 +15,30 @@ from functools import partial
 
 from highside.calibration.record import CalibrationRecord
 from highside.codec.frame import Frame
+from highside.session import force, outcome
 from highside.session import ledger as entries
-from highside.session import outcome
-from highside.session.commands import Replies, event_of, line_for, refusal
+from highside.session.actions import Actions
+from highside.session.commands import Replies, event_of, refusal
 from highside.session.faults import Faults
+from highside.session.force import InForce, Store, StoreError
 from highside.session.guidance import Candidate, Provisional
 from highside.session.hold import Hold
-from highside.session.journal import Header
-from highside.session.judge import Judged, contradictions, judge_hold
+from highside.session.journal import Header, StorageError
 from highside.session.ledger import Entry, Ledger
 from highside.session.machine import LIVE, MEASURING, Action, Event, Go, Onward, Outcome, Refuse, onward
 from highside.session.machine import outcome as outcome_of
 from highside.session.reasons import Fault, Refusal, Rejection
-from highside.session.snapshot import Command, CommandName, Reply, State
+from highside.session.snapshot import Command, CommandName, Reply, State, Uncertainty
 from highside.session.stillness import Window
 from highside.session.tracker import Gap, Tracker
-from highside.session.watch import SAME_ATTITUDE_DEG, Watch
+from highside.session.watch import Watch
 
 DATA_LOST_S = 2.0
-MAX_SAME_REFUSALS = 3
-
-
-class StorageError(Exception):
-    """`write` could not keep an entry."""
 
 
 class BenchSession:
-    """See the module's docstring. `write` keeps an entry for good or raises StorageError; `wall` is the UTC clock."""
+    """See the module's docstring. `write` keeps an entry for good or raises StorageError; `wall` is the UTC clock;
+    `store` is asked to put the calibration in force (None: it cannot be)."""
 
     def __init__(
         self,
@@ -51,29 +48,23 @@ class BenchSession:
         *,
         ledger: Ledger | None = None,
         known_noise_g: float | None = None,
+        store: Store | None = None,
     ) -> None:
         self.header = header
         self.plan = header.plan
         self.ledger = ledger or Ledger(header.plan)
         self.tracker = Tracker(header.plan.limits, known_noise_g)
         self.state = State.IDLE
-        self.solved: outcome.Solved | None = None
-        self.record: CalibrationRecord | None = None
         self.faults = Faults()
         self.watch = Watch(self.ledger, self.tracker, self.faults)
-        self.last_rejection: tuple[Rejection, str] | None = None
-        self.seq = 0
+        self.actions = Actions(header, self.ledger, self.tracker, self.watch, self.faults, write, wall, store)
         self.now_s = 0.0
         self.started_s: float | None = None
-        self._write = write
-        self._wall = wall
+        self._moments = 0
         self._replies = Replies()
-        self._judged: Judged | None = None
-        self._again: tuple[tuple[str, Rejection, str], ...] = ()
         self._working = False
-        self._unsteady = False
-        self._refused_last: tuple[str | None, Rejection] | None = None
-        self._same_refusals = 0
+        self._so_far: tuple[int, Uncertainty | None] | None = None
+        self._looking_ahead = False
         self._last_data_s: float | None = None
         self._since_s = 0.0
         if self.ledger.began:
@@ -83,10 +74,33 @@ class BenchSession:
         """A journal was read back: wait, paused, for an operator to go on (or stay ended)."""
         ended = self.ledger.ended
         self.state = State(ended.how) if ended is not None else State.PAUSED
-        if ended is not None and ended.record is not None:
-            self.solved = outcome.solve(self.ledger)
-            self.record = outcome.make_record(self.header, self.ledger, self.solved, ended.t_wall_s)
+        if ended is not None:
+            self.actions.end_again(ended)
         self.watch.learn_again()
+
+    @property
+    def seq(self) -> int:
+        """Grows with every change."""
+        return self._moments + self.actions.kept
+
+    @property
+    def solved(self) -> outcome.Solved | None:
+        """The solver's answer for the poses as they were then."""
+        return self.actions.solved
+
+    @property
+    def record(self) -> CalibrationRecord | None:
+        """The record of an accepted session."""
+        return self.actions.record
+
+    @property
+    def in_force(self) -> InForce | None:
+        """What the store has in force; None until a record was accepted."""
+        return self.actions.in_force
+
+    @property
+    def last_rejection(self) -> tuple[Rejection, str] | None:
+        return self.actions.last_rejection
 
     # --- what comes in -----------------------------------------------------------------------------------------
 
@@ -105,7 +119,7 @@ class BenchSession:
                 self._spoil(Rejection.GAP, f"{item.missing_s:+.2f} s of the tool's time")
             else:
                 self._window(item)
-        self.seq += 1
+        self._moments += 1
 
     def tick(self, now_s: float) -> None:
         """Time passes, whether or not anything arrives."""
@@ -144,7 +158,7 @@ class BenchSession:
         self._at(now_s)
         self.faults.put(Fault.CLOCK_STEP, f"{by_s:+.0f} s")
         try:
-            self._keep(entries.Noted("clock_step", f"{by_s:+.3f} s"))
+            self.actions.keep(entries.Noted("clock_step", f"{by_s:+.3f} s"))
         except StorageError as error:
             self.faults.put(Fault.STORAGE, str(error))
 
@@ -155,48 +169,54 @@ class BenchSession:
         if known is not None:
             return known
         refused, detail = self._refuse(command.name, command.operator, command.pose), ""
+        if refused is None and command.name in force.COMMANDS:
+            name = None if self.record is None else self.record.id
+            wrong = force.not_confirmed(command, name, self.in_force or InForce())
+            refused, detail = (None, "") if wrong is None else (Refusal.NOT_CONFIRMED, wrong)
         if refused is None:
             try:
                 self._event(event_of(command.name, self.state, self.ledger), command)
             except StorageError as error:
                 refused, detail = Refusal.STORAGE, str(error)
-        self.seq += 1
+            except StoreError as error:
+                refused, detail = Refusal.STORE, str(error)
+        self._moments += 1
         return self._replies.give(command, refused, detail, self.state, self.seq)
 
     def allowed(self, operator: str | None = None) -> list[CommandName]:
         """What would not be refused now, to the operator who holds the session if none is named."""
-        who = operator or self.ledger.operator or ""
-        return [name for name in CommandName if self._refuse(name, who, None) is None]
+        who, target = operator or self.ledger.operator or "", self.target
+        return [name for name in CommandName if self._refuse(name, who, None, target) is None]
 
-    def _refuse(self, name: CommandName, operator: str, pose: str | None) -> Refusal | None:
+    def _refuse(
+        self, name: CommandName, operator: str, pose: str | None, target: Candidate | None = None
+    ) -> Refusal | None:
+        target = target or (self.target if name in (CommandName.SKIP, CommandName.REDO) and pose is None else None)
         return refusal(
             name,
             operator,
             pose,
             state=self.state,
             ledger=self.ledger,
-            target=self._target_id,
+            target=None if target is None else target.id,
             hold=self.hold,
             solved=self.solved,
+            record=None if self.record is None else self.record.id,
+            in_force=self.in_force,
         )
-
-    @property
-    def _target_id(self) -> str | None:
-        target = self.target
-        return None if target is None else target.id
 
     def note_interruption(self) -> None:
         """This journal is gone on with by a new process: an operator has to resume, and then holds the session."""
         if not self.state.ended:
-            self._keep(entries.Noted("interrupted", "the process was started again"))
-            self._keep(entries.Resumed(None))
+            self.actions.keep(entries.Noted("interrupted", "the process was started again"))
+            self.actions.keep(entries.Resumed(None))
 
     def work(self) -> Callable[[], outcome.Solved] | None:
         """The job to be run now, once; its answer goes to `finish_work`."""
         if self.state is not State.SOLVING or self._working:
             return None
         self._working = True
-        return partial(outcome.solve, self.ledger)
+        return partial(outcome.solve, self.ledger, self.header.judged)
 
     def finish_work(self, solved: outcome.Solved, now_s: float) -> None:
         """The solver has answered."""
@@ -204,9 +224,9 @@ class BenchSession:
         self._working = False
         if self.state is not State.SOLVING:
             return
-        self.solved = solved
-        self._again = () if self.plan.open_ended else outcome.to_ask_again(solved, self.ledger)
-        if self._again:
+        self.actions.solved = solved
+        self.actions.again = () if self.plan.open_ended else outcome.to_ask_again(solved, self.ledger)
+        if self.actions.again:
             self._event(Event.AGAIN)
             return
         if solved.again:
@@ -214,6 +234,32 @@ class BenchSession:
         else:
             self.faults.clear(Fault.CONTRADICTION)
         self._event(Event.SOLVED)
+
+    def look_ahead(self) -> Callable[[], Uncertainty | None] | None:
+        """The job of saying what the result would state if the session ended with the poses taken so far, once for
+        each change of them; its answer goes to `finish_look_ahead`. What it works on does not change meanwhile."""
+        revision = self.ledger.revision
+        known = self._so_far is not None and self._so_far[0] == revision
+        if known or self._looking_ahead or not self.plan.kind.calibrates or self.state not in MEASURING:
+            return None
+        self._looking_ahead = True
+        self._so_far = (revision, self.uncertainty)
+        return partial(outcome.solve_so_far, self.ledger.pose_columns(), self.ledger.request(), self.plan)
+
+    def finish_look_ahead(self, uncertainty: Uncertainty | None) -> None:
+        """The answer of `look_ahead`'s job."""
+        self._looking_ahead = False
+        if self._so_far is not None:
+            self._so_far = (self._so_far[0], uncertainty)
+        self._moments += 1
+
+    @property
+    def uncertainty(self) -> Uncertainty | None:
+        """What the calibration states of itself: the solution's, else that of the poses so far; None: none follows."""
+        solved = self.solved
+        if solved is not None and solved.revision == self.ledger.revision:
+            return solved.uncertainty
+        return None if self._so_far is None else self._so_far[1]
 
     # --- the machine -------------------------------------------------------------------------------------------
 
@@ -231,7 +277,7 @@ class BenchSession:
                 raise
             if self.state is not State.CHECKING:
                 return
-            self.last_rejection = (Rejection.STORAGE, Rejection.STORAGE.text)
+            self.actions.last_rejection = (Rejection.STORAGE, Rejection.STORAGE.text)
         self._enter(result)
 
     def _enter(self, step: Go) -> None:
@@ -245,89 +291,24 @@ class BenchSession:
             self.faults.clear(Fault.WAITING_LONG)
         self.state = target
         if target is State.CHECKING:
-            self._check()
+            # takes no time: the state is onward again before anybody looks
+            self._event(Event.GOOD if self.actions.check() else Event.BAD)
 
     def _onward(self) -> State:
         ledger = self.ledger
         solved = self.solved is not None and self.solved.revision == ledger.revision
         return onward(
-            waits_for_temperature=ledger.waits_for_temperature or self._unsteady,
+            waits_for_temperature=ledger.waits_for_temperature or self.actions.unsteady,
             has_open=ledger.has_open,
             solved=solved,
         )
 
-    def _keep(self, entry: Entry) -> None:
-        """To the disk first, then into the ledger."""
-        self._write(entry)
-        self.faults.clear(Fault.STORAGE)
-        self.ledger.apply(entry)
-        self.seq += 1
-
     def _do(self, action: Action, event: Event, command: Command | None) -> None:
-        operator = command.operator if command is not None else None
-        match action:
-            case Action.BEGIN:
-                self._keep(entries.Began(operator or ""))
-                self.started_s = self.now_s
-            case Action.BEGIN_HOLD:
-                self.watch.begin_hold()
-            case Action.REFUSE_HOLD:
-                self._refuse_hold()
-            case Action.TAKE:
-                self._take()
-            case Action.REFUSE_POSE:
-                self._refuse_pose()
-            case Action.REOPEN | Action.SKIP | Action.UNDO:
-                self._edit(action, command)
-            case Action.STAGE:
-                self._unsteady = event is Event.UNSTEADY
-                if not self._unsteady and self.ledger.waits_for_temperature:
-                    self._keep(entries.StageReady(self.ledger.stage, self.tracker.temp_c))
-            case Action.ASK_AGAIN:
-                for pose, reason, text in self._again:
-                    self._keep(entries.Reopened(pose, reason, text))
-                    self.last_rejection = (reason, f"pose {pose}: {text}")
-                self._again = ()
-            case Action.CLOSE_PLAN:
-                self._finish_hold()
-                if self.plan.open_ended:
-                    self._keep(entries.PlanClosed(operator))
-            case Action.PAUSE:
-                self._keep(entries.Paused(operator or ""))
-            case Action.RESUME:
-                self._keep(entries.Resumed(operator))
-                self.tracker.stillness.forget()
-            case Action.KEEP:
-                self._accept(command)
-            case Action.END:
-                how = "aborted" if event is Event.ABORT else "rejected"
-                note = (command.note or "") if command is not None else ""
-                self._keep(entries.Ended(how, operator or "", self._wall(), None, note))
-            case Action.REMIND:
-                self.faults.put(Fault.WAITING_LONG)
-            case Action.NONE | Action.ADD | Action.CLOSE_HOLD | Action.SHOW:
-                pass  # done where the readings are looked at, or by `_enter`
-
-    def _edit(self, action: Action, command: Command | None) -> None:
-        assert command is not None, "only operators edit"
-        if action is Action.UNDO:
-            self._keep(entries.Undone(command.operator))
-        else:
-            line = line_for(command.name, command.pose, self.ledger, self._target_id)
-            assert line is not None, "refused before"
-            if action is Action.SKIP:
-                self._keep(entries.Skipped(line.id, command.operator))
-            else:
-                self._keep(entries.Reopened(line.id, Rejection.OPERATOR, command.note or "", command.operator))
-        self.watch.learn_again()
-
-    def _accept(self, command: Command | None) -> None:
-        assert command is not None and self.solved is not None, "refused before"
-        now = self._wall()
-        if self.solved.solution is not None:
-            self.record = outcome.make_record(self.header, self.ledger, self.solved, now)
-        name = self.record.id if self.record is not None else None
-        self._keep(entries.Ended("accepted", command.operator, now, name, command.note or ""))
+        if action is Action.CLOSE_PLAN:
+            self._finish_hold()
+        self.actions.do(action, event, command)
+        if action is Action.BEGIN:
+            self.started_s = self.now_s
 
     # --- judging windows ---------------------------------------------------------------------------------------
 
@@ -343,8 +324,8 @@ class BenchSession:
                 self._event(event)
             if self.watch.repeated is not None:
                 pose, self.watch.repeated = self.watch.repeated, None
-                self.last_rejection = (Rejection.REPEATED, f"pose {pose}: {Rejection.REPEATED.text}")
-                self._note_refusal(entries.Refused(pose, Rejection.REPEATED))
+                self.actions.last_rejection = (Rejection.REPEATED, f"pose {pose}: {Rejection.REPEATED.text}")
+                self.actions.note_refusal(entries.Refused(pose, Rejection.REPEATED))
 
     def _spoil(self, reason: Rejection, detail: str) -> None:
         if self.hold is not None:
@@ -357,68 +338,6 @@ class BenchSession:
         """The stream is over: what was held long enough counts."""
         if self.hold is not None and self.hold.long_enough and self.state is State.CAPTURING:
             self._event(Event.FULL)
-
-    # --- poses -------------------------------------------------------------------------------------------------
-
-    def _check(self) -> None:
-        """A hold is complete: take it or refuse it. Ends with the state onward."""
-        assert self.hold is not None, "a hold leads here"
-        mirrored = self.tracker.mirrored() is True
-        self._judged = judge_hold(self.ledger, self.hold, mirrored=mirrored, same_deg=SAME_ATTITUDE_DEG)
-        self._event(Event.GOOD if self._judged.good else Event.BAD)
-
-    def _take(self) -> None:
-        judged = self._judged
-        assert judged is not None and isinstance(judged.entry, entries.Taken) and self.hold is not None
-        asked_for, taken = self.target, judged.entry
-        self._keep(taken)
-        self.hold.learn()
-        self.last_rejection = None
-        other = asked_for is not None and asked_for.id != taken.pose
-        detail = f"asked for {asked_for.id}, found {taken.pose}" if asked_for is not None else ""
-        self.faults.set(Fault.NOT_AS_ASKED, other, detail)
-        self.faults.clear(*_FAULT_OF.values(), Fault.AXES_SUSPECT)
-        for again in contradictions(self.ledger, judged):
-            self._keep(again)
-            self.last_rejection = (again.reason, f"pose {again.pose}: {again.reason.text}")
-            self.watch.must_leave = again.pose
-        self.watch.learn_again()
-
-    def _refuse_pose(self) -> None:
-        judged = self._judged
-        entry = judged.entry if judged is not None else None
-        if not isinstance(entry, entries.Refused):
-            return
-        self.last_rejection = (
-            entry.reason,
-            f"{entry.reason.text} ({entry.detail})" if entry.detail else entry.reason.text,
-        )
-        fault = _FAULT_OF.get(entry.reason)
-        if fault is not None:
-            self.faults.put(fault, entry.detail)
-        if entry.reason is Rejection.OUTLIER:
-            self.watch.must_leave = entry.pose
-        self._note_refusal(entry)
-
-    def _refuse_hold(self) -> None:
-        """A hold was spoilt. Said, and written down if it had lasted a second."""
-        blame, self.watch.blame = self.watch.blame, None
-        hold = self.hold
-        if hold is None or hold.elapsed_s < 1.0:
-            return
-        reason, detail = blame or (Rejection.MOVED, "")
-        if self.plan.open_ended and reason in (Rejection.MOVED, Rejection.SHAKEN, Rejection.TOO_SHORT):
-            return  # hands between two attitudes
-        self.last_rejection = (reason, reason.text)
-        self._note_refusal(entries.Refused(hold.pose, reason, detail))
-
-    def _note_refusal(self, entry: entries.Refused) -> None:
-        """Write a refusal down, but not the same one over and over."""
-        key = (entry.pose, entry.reason)
-        self._same_refusals = self._same_refusals + 1 if key == self._refused_last else 0
-        self._refused_last = key
-        if self._same_refusals < MAX_SAME_REFUSALS:
-            self._keep(entry)
 
     # --- what is asked for -------------------------------------------------------------------------------------
 
@@ -451,11 +370,3 @@ class BenchSession:
         if not self._since_s:
             self._since_s = now_s
         self.now_s = self.faults.now_s = now_s
-
-
-_FAULT_OF = {
-    Rejection.MIRRORED: Fault.MIRRORED,
-    Rejection.NOT_ONE_G: Fault.NOT_ONE_G,
-    Rejection.FROZEN: Fault.FROZEN,
-    Rejection.SHAKEN: Fault.NOT_STILL,
-}

@@ -71,6 +71,10 @@ class CommandName(StrEnum):
     """in review: keep the result. While measuring with a plan of no fixed length: that was the last pose"""
     REJECT = "reject"
     """in review: end without keeping the result"""
+    ACTIVATE = "activate"
+    """accepted: put the calibration in force for its tool; `confirm` names it"""
+    ROLLBACK = "rollback"
+    """accepted: put the calibration in force that was so before; `confirm` names that one"""
 
 
 class PoseState(StrEnum):
@@ -146,7 +150,8 @@ class PoseRow(_Model):
 
 
 class Uncertainty(_Model):
-    """Standard deviation of I and T by the calibration from the poses taken so far, over the inclinations of use."""
+    """Standard deviation of I and T by the calibration as the plan's method solves it from the poses taken so far: over
+    inclination, and rms over all attitudes of use, which is what the result states at the end."""
 
     inc_deg: list[float]
     inc_std_deg: list[float]
@@ -173,6 +178,40 @@ class FaultState(_Model):
     detail: str = ""
 
 
+class VerdictRow(_Model):
+    """One comparison with a limit: a pose of a verification, or a range of a roll test."""
+
+    name: str
+    inc_error_deg: float | None = None
+    inc_u_deg: float | None = Field(default=None, description="Expanded uncertainty (k = 2) of the comparison.")
+    tf_error_deg: float | None = None
+    tf_u_deg: float | None = None
+    g_error_g: float | None = None
+    g_u_g: float | None = None
+    verdict: str
+
+
+class VerdictState(_Model):
+    """What a verification or a roll test says of an existing calibration."""
+
+    kind: Literal["verification", "roll_test"]
+    record: str = Field(description="Id of the calibration judged.")
+    verdict: Literal["pass", "fail", "undecided", "not_covered"]
+    text: str
+    consistent: bool | None = Field(description="Errors as large as the record's stated uncertainty lets expect.")
+    limit_inc_deg: float
+    limit_tf_deg: float | None = None
+    limit_g_total_g: float | None = None
+    rows: list[VerdictRow]
+
+
+class ForceState(_Model):
+    """Calibrations in the store, by id."""
+
+    present: str | None = Field(description="In force for this tool.")
+    before: str | None = Field(description="What a roll back puts in force.")
+
+
 class ResultState(_Model):
     """The solution under review, or kept."""
 
@@ -184,6 +223,7 @@ class ResultState(_Model):
     retaken: int
     refused: list[str] = Field(description="What the solver refused, one sentence each; empty is good.")
     remarks: list[str] = Field(default_factory=list)
+    verdict: VerdictState | None = Field(default=None, description="Of a session that judges a calibration.")
 
 
 class PlanState(_Model):
@@ -196,6 +236,7 @@ class PlanState(_Model):
     stage: int = 0
     stages: int = 1
     stage_temp_c: float | None = None
+    judges: str | None = Field(default=None, description="Id of the calibration that this session judges.")
 
 
 class Snapshot(_Model):
@@ -224,6 +265,7 @@ class Snapshot(_Model):
     operator: str | None = Field(description="Who holds the session.")
     allowed: list[CommandName] = Field(description="Commands that would not be refused now.")
     result: ResultState | None
+    in_force: ForceState | None = Field(default=None, description="Known once a record was accepted.")
     elapsed_s: float = Field(ge=0, description="Session time: that of the tool's own clock while data came.")
 
     def to_json(self) -> str:
@@ -241,6 +283,9 @@ class Command(_Model):
     operator: Name
     pose: Name | None = Field(default=None, description="For redo and skip.")
     note: str | None = Field(default=None, max_length=500, description="Kept in the journal.")
+    confirm: Name | None = Field(
+        default=None, description="For activate and rollback: id (its first 6 digits or more) of the record meant."
+    )
 
 
 class Reply(_Model):

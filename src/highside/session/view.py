@@ -18,6 +18,7 @@ from highside.session.snapshot import (
     ClosureState,
     Deviation,
     FaultState,
+    ForceState,
     PlanState,
     PoseRow,
     ResultState,
@@ -25,8 +26,8 @@ from highside.session.snapshot import (
     State,
     Stillness,
     Target,
-    Uncertainty,
 )
+from highside.session.verdict import as_state
 
 
 class View:
@@ -35,7 +36,6 @@ class View:
     def __init__(self, session: BenchSession) -> None:
         self._session = session
         self._revision = -1
-        self._uncertainty: Uncertainty | None = None
         self._closures: list[ClosureState] = []
 
     def snapshot(self) -> Snapshot:
@@ -63,6 +63,7 @@ class View:
                 stage=ledger.stage,
                 stages=len(plan.stages),
                 stage_temp_c=stage.temp_c,
+                judges=None if plan.criterion is None else plan.criterion.record,
             ),
             prompt=prompt(session, target, deviation),
             target=None
@@ -74,7 +75,7 @@ class View:
             capture=self._capture(),
             temp_c=session.tracker.temp_c,
             poses=[_row(line, plan.stages[line.stage].temp_c) for line in ledger.lines.values()],
-            uncertainty=self._uncertainty,
+            uncertainty=session.uncertainty,
             closures=self._closures,
             faults=[
                 FaultState(code=fault.value, text=fault.text, since_s=max(0.0, since), detail=detail)
@@ -84,6 +85,9 @@ class View:
             operator=ledger.operator,
             allowed=session.allowed(),
             result=None if session.solved is None else _result(session, session.solved),
+            in_force=None
+            if session.in_force is None
+            else ForceState(present=session.in_force.present, before=session.in_force.before),
             elapsed_s=0.0 if session.started_s is None else max(0.0, session.now_s - session.started_s),
         )
 
@@ -92,7 +96,6 @@ class View:
         if ledger.revision == self._revision:
             return
         self._revision = ledger.revision
-        self._uncertainty = checks.uncertainty_so_far(ledger)
         limit = checks.closure_limit(ledger.plan)
         closures = checks.ring_closures(ledger.pose_set(), ledger.plan.limits) if ledger.done else []
         self._closures = [
@@ -177,11 +180,11 @@ def _result(session: BenchSession, solved: Solved) -> ResultState:
         retaken=session.ledger.retaken,
         refused=list(solved.refused),
         remarks=list(solved.remarks),
+        verdict=None if solved.verdict is None else as_state(solved.verdict),
     )
 
 
 _ENDED = {
-    State.ACCEPTED: "Done: the result is accepted and kept.",
     State.REJECTED: "Ended: the result was rejected. The journal keeps what was measured.",
     State.ABORTED: "Aborted. The journal keeps what was measured.",
 }
@@ -192,8 +195,12 @@ def prompt(session: BenchSession, target: Candidate | None, deviation: Deviation
     state = session.state
     if state in _ENDED:
         return _ENDED[state]
+    if state is State.ACCEPTED:
+        return _accepted(session)
     if state is State.IDLE:
-        return f"Clamp the tool, check that the table is level, then choose start ({session.plan.title})."
+        judged = session.plan.criterion
+        what = session.plan.title if judged is None else f"{session.plan.title} of calibration {judged.record[:12]}"
+        return f"Clamp the tool, check that the table is level, then choose start ({what})."
     if state is State.PAUSED:
         return "Paused: choose resume to go on; what has been measured is kept."
     for fault in (Fault.STORAGE, Fault.LINK_DOWN, Fault.NO_DATA, Fault.FROZEN, Fault.MIRRORED, Fault.NO_TEMPERATURE):
@@ -241,13 +248,29 @@ def _soak(session: BenchSession) -> str:
     return f"Bring the tool to {stage.temp_c:g} deg C{here}; the session goes on by itself once that is steady."
 
 
+def _accepted(session: BenchSession) -> str:
+    """What became of the result, and what may still be done with it."""
+    record, force = session.record, session.in_force
+    if record is None:
+        verdict = session.solved.verdict if session.solved is not None else None
+        if verdict is not None:
+            return f"Done: the verdict on calibration {verdict.record_id[:12]} is kept. {verdict.text}"
+        return "Done: the result is accepted and kept."
+    if force is not None and force.present == record.id:
+        return f"Calibration {record.id[:12]} is in force: a running service takes it at its next reload."
+    return f"Done: calibration {record.id[:12]} is kept. It is not in force until somebody puts it in force."
+
+
 def _review(session: BenchSession) -> str:
     solved = session.solved
     if solved is None or not solved.may_be_accepted:
         why = solved.why if solved is not None else "not solved"
-        return f"No calibration follows: {why}. Measure the poses named again, or reject."
+        what = "calibration" if session.plan.kind.calibrates else "verdict"
+        return f"No {what} follows: {why}. Measure the poses named again, or reject."
+    if solved.verdict is not None:
+        return f"Calibration {solved.verdict.record_id[:12]}: {solved.verdict.text} Accept or reject."
     if Fault.CONTRADICTION in session.faults:
         return "The poses still contradict one another: look at the list, then accept, redo a pose, or reject."
     if not session.plan.kind.calibrates:
-        return "All poses are taken: look at the verdict, then accept or reject."
+        return "All poses are taken; nothing was named to be judged by them. Accept or reject."
     return f"All poses are taken and agree: I within {solved.inc_std_deg or 0:.4f} deg (1 sigma); accept or reject."

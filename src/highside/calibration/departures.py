@@ -1,0 +1,33 @@
+"""How far each pose departs from what the others predict: the joint estimator's check alone, for a session under way.
+
+The affine sensor with the bench's tilt, the variances as stated; no evidence, no variance components, no advice. The
+numbers are those of `joint(..., nonlinear="none", encoder="none", estimate_variances=False)`, in a few milliseconds
+whatever the poses cannot tell.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.calibration.forward import BASE_NAMES
+from highside.calibration.joint import BAD_POSE_SIGMA, departure, leave_out_bad
+from highside.calibration.mixed_model import Session, initial_variances, rough_start, solve
+from highside.calibration.poses import Array, PoseSet
+from highside.calibration.result import BenchAccuracy
+
+
+def departures(poses: PoseSet, bench: BenchAccuracy) -> Array:
+    """Standard deviations (N,) of each pose from what the others predict. Raises numpy's LinAlgError where the poses
+    determine nothing."""
+    session = Session.of(poses, bench, 0.0, None)
+    start = initial_variances(session, bench)
+    used = np.ones(len(poses), dtype=bool)
+    fit = solve(session, BASE_NAMES, start, used, rough_start(session, BASE_NAMES))
+    used, fit = leave_out_bad(session, fit, start, used)
+    away = departure(session, fit, start, used)
+    again = used | (away <= BAD_POSE_SIGMA)
+    if not np.array_equal(again, used) or away[used].max() > BAD_POSE_SIGMA:
+        fit = solve(session, BASE_NAMES, start, again, fit.theta)
+        used, fit = leave_out_bad(session, fit, start, again)
+        away = departure(session, fit, start, used)
+    return away

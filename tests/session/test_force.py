@@ -1,0 +1,127 @@
+"""The session's calibration put in force and taken back: by whom, how confirmed, what the store refuses."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+from rehearsal import Rehearsal
+
+from highside.calibration.record import CalibrationRecord
+from highside.recording.calibration_store import CalibrationStore
+from highside.service.bench_store import BenchStore
+from highside.session import plans
+from highside.session.journal import StorageError, read_journal
+from highside.session.ledger import PutInForce
+from highside.session.plans import Limits
+from highside.session.snapshot import Command, CommandName, Reply, State
+from highside.session.view import View
+
+PLAN = plans.balance_plan([30.0], Limits(std_error_g=4e-5, min_hold_s=1.0, max_hold_s=3.0))
+
+
+class Bench:
+    """An accepted session beside a real store."""
+
+    def __init__(self, folder: Path, seed: int = 1) -> None:
+        self.store = BenchStore(folder, "7")
+        self.rehearsal = Rehearsal(PLAN, seed=seed, store=self.store, expires_days=365.0).run()
+        self.session = self.rehearsal.session
+        assert self.session.record is not None
+        self.record: CalibrationRecord = self.session.record
+        self.store.keep(self.record)
+
+    def say(self, name: CommandName, confirm: str | None = None, operator: str = "simulated") -> Reply:
+        request = os.urandom(8).hex()
+        return self.session.command(Command(name=name, request_id=request, operator=operator, confirm=confirm), 0.0)
+
+    @property
+    def allowed(self) -> list[CommandName]:
+        return View(self.session).snapshot().allowed
+
+
+def test_put_in_force_and_taken_back(tmp_path: Path) -> None:
+    first = Bench(tmp_path, seed=1)
+    assert first.allowed == [CommandName.ACTIVATE]
+    assert first.say(CommandName.ACTIVATE, first.record.id[:6]).accepted
+    kept = CalibrationStore(tmp_path)
+    assert kept.active_id("tool") == first.record.id
+    assert first.allowed == [], "it is in force, and there is nothing before"
+    assert first.say(CommandName.ACTIVATE, first.record.id).reason == "in_force"
+    assert first.say(CommandName.ROLLBACK, first.record.id).reason == "nothing_before"
+
+    second = Bench(tmp_path, seed=2)
+    shown = View(second.session).snapshot()
+    assert shown.in_force is not None and shown.in_force.present == first.record.id
+    assert "not in force" in shown.prompt
+    assert second.say(CommandName.ACTIVATE, second.record.id).accepted
+    shown = View(second.session).snapshot()
+    assert shown.in_force is not None
+    assert (shown.in_force.present, shown.in_force.before) == (second.record.id, first.record.id)
+    assert "is in force" in shown.prompt and shown.allowed == [CommandName.ROLLBACK]
+    # back to the first, which has to be named
+    assert second.say(CommandName.ROLLBACK, second.record.id).reason == "not_confirmed"
+    assert second.say(CommandName.ROLLBACK, first.record.id[:8]).accepted
+    assert kept.active_id("tool") == first.record.id
+    assert [entry.action for entry in kept.history("tool")] == ["activate", "activate", "rollback"]
+    # told by the journal, which is whole
+    told = [e for e in read_journal(second.rehearsal.journal).entries if isinstance(e, PutInForce)]
+    assert [(e.how, e.record) for e in told] == [("activate", second.record.id), ("rollback", first.record.id)]
+    assert second.rehearsal.replayed()[2].id == second.record.id  # type: ignore[attr-defined]
+
+
+def test_only_the_operator_who_holds_it_and_only_by_name(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+    record = bench.record.id
+    assert bench.say(CommandName.ACTIVATE, record, "stranger").reason == "held_by_other"
+    for confirm in (None, record[:5], "0" * 64 if record[0] != "0" else "1" * 64):
+        reply = bench.say(CommandName.ACTIVATE, confirm)
+        assert reply.reason == "not_confirmed" and record[:12] in reply.text
+    assert CalibrationStore(tmp_path).active_id("tool") is None
+    # the same request twice is done once
+    command = Command(name=CommandName.ACTIVATE, request_id="one", operator="simulated", confirm=record)
+    first = bench.session.command(command, 0.0)
+    assert first.accepted and bench.session.command(command, 0.0) == first
+    assert len(CalibrationStore(tmp_path).history()) == 1
+
+
+def test_not_before_it_is_accepted(tmp_path: Path) -> None:
+    rehearsal = Rehearsal(PLAN, store=BenchStore(tmp_path, "7"))
+    for state in (State.IDLE, State.GUIDING, State.REVIEW):
+        look = rehearsal.operator.look
+        rehearsal.operator.look = lambda s, look=look: [] if s.state is State.REVIEW else look(s)  # type: ignore
+        while rehearsal.session.state is not state:
+            rehearsal.run(limit_s=0.5)
+        for name in (CommandName.ACTIVATE, CommandName.ROLLBACK):
+            command = Command(name=name, request_id=f"{state}{name}", operator="simulated", confirm="abcdef")
+            assert rehearsal.session.command(command, 0.0).reason == "not_now"
+
+
+@pytest.mark.parametrize("wrong", ["expired", "serial", "read-only"])
+def test_what_the_store_refuses_is_said_in_a_line(wrong: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench(tmp_path)
+    if wrong == "expired":
+        monkeypatch.setattr(time, "time", lambda: bench.record.created_s + 400 * 86_400.0)
+    elif wrong == "serial":
+        bench.store._serial = "8"
+    else:
+        (tmp_path / "activations").write_text("in the way")
+    reply = bench.say(CommandName.ACTIVATE, bench.record.id)
+    assert (reply.accepted, reply.reason) == (False, "store")
+    assert len(reply.text.splitlines()) == 1 and len(reply.text) < 400, reply.text
+    assert bench.session.state is State.ACCEPTED
+    assert not [e for e in bench.rehearsal.entries if isinstance(e, PutInForce)]
+
+
+def test_a_full_disk_of_the_journal_does_not_undo_it(tmp_path: Path) -> None:
+    bench = Bench(tmp_path)
+
+    def full(_: object) -> None:
+        raise StorageError("disk full")
+
+    bench.rehearsal.refuse_writing = full
+    assert bench.say(CommandName.ACTIVATE, bench.record.id).accepted
+    assert CalibrationStore(tmp_path).active_id("tool") == bench.record.id
+    assert "storage" in {fault.code for fault in View(bench.session).snapshot().faults}
