@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from highside.attitude.quaternion import conjugate, from_angles, multiply, to_tool
-from highside.drift.filter import Settings
+from highside.drift.filter import Settings, carried
 from highside.drift.kinematic import kinematic
 from highside.drift.result import AzimuthBasis
 
@@ -22,27 +22,29 @@ MEMS = Settings(
 
 
 @pytest.mark.parametrize(
-    ("trial", "worst_deg"),
+    ("trial", "worst_deg", "by_hand_deg"),
     [
-        ("02_undisturbed_slow_rotation_B", 0.7),
-        ("07_undisturbed_fast_rotation_B", 1.2),
-        ("10_undisturbed_slow_translation_A", 0.6),
-        ("27_disturbed_phone_vibration_B", 0.5),
+        ("02_undisturbed_slow_rotation_B", 0.7, 0.50),
+        ("07_undisturbed_fast_rotation_B", 1.2, 1.05),
+        ("10_undisturbed_slow_translation_A", 0.6, 0.27),
+        ("27_disturbed_phone_vibration_B", 0.5, 0.30),
     ],
 )
+@pytest.mark.parametrize("by_hand", [False, True])
 def test_the_inclination_of_a_hand_held_sensor_and_the_bias_of_its_rest(
-    shared_data: Path, trial: str, worst_deg: float
+    shared_data: Path, trial: str, worst_deg: float, by_hand_deg: float, by_hand: bool
 ) -> None:
+    # vqf at its defaults: 0.43, 1.02, 0.30, 0.37 deg
     z = np.load(shared_data / "broad" / f"{trial}.npz")
     rate, accel = (np.ascontiguousarray(z[name].astype(float).T) for name in ("imu_gyr", "imu_acc"))
     t = np.arange(rate.shape[1]) / float(z["fs"])
     moving, reference = z["movement"].astype(bool), z["opt_quat"].astype(float).T
-    result = kinematic(t, to_tool(rate), to_tool(accel / G), MEMS)
+    result = kinematic(t, to_tool(rate), to_tool(accel / G), carried(MEMS) if by_hand else MEMS)
     known = np.flatnonzero(~np.isnan(reference).any(axis=0) & moving)
     ours = from_angles(result.inc_rad - 0.5 * np.pi, result.tf_rad, result.azi_rad)
     e = multiply(ours[:, known], conjugate(reference[:, known]))
     inclination = 2.0 * np.arccos(np.clip(np.sqrt(e[0] ** 2 + e[3] ** 2), 0.0, 1.0))
-    assert np.degrees(np.sqrt(np.mean(inclination**2))) < worst_deg
+    assert np.degrees(np.sqrt(np.mean(inclination**2))) < (by_hand_deg if by_hand else worst_deg)
     # stops are found: before it moves the bias is that of the rest
     begin = int(np.argmax(moving)) - 300
     rest = rate[:, :begin].mean(axis=1)
