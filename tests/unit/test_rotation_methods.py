@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
+import sys
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,6 +30,7 @@ from highside.rotation.scenarios import SCENARIOS, A, B, Draw, Scenario, draw
 SEEDS = range(6)
 CHANNELS = range(3)
 THETA = draw(A, 0, 0).theta_rad
+AT = np.linspace(0.0, 2 * np.pi, 90)
 PURE = Scenario("two harmonics", (0.0140, 0.0135, 0.0145), 0.0, 0.0018)
 
 
@@ -246,18 +250,65 @@ def test_a_quarter_of_the_turn_missing_is_bridged_with_a_warning(start_deg: floa
             assert curve.coverage.largest_gap_rad == pytest.approx(np.pi / 2, abs=0.01)
 
 
-def test_a_gap_under_strong_wobble_is_bridged_within_what_the_curve_says_of_itself() -> None:
-    worst, rms = [], []
+@pytest.mark.parametrize("rows", [60, 600])
+def test_a_gap_anywhere_under_strong_wobble_is_bridged_as_well_as_can_be(rows: int) -> None:
+    # of many seeds 95 % (60 rows) and more are within 0.01' (rms over the gap); this is a part of that benchmark
+    path = Path(__file__).parent.parent / "bench" / "rotation_gap.py"
+    spec = importlib.util.spec_from_file_location("rotation_gap", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["rotation_gap"] = module
+    spec.loader.exec_module(module)
+    found = module.score(B, rows, range(700, 706), np.arange(6) * (np.pi / 3))
+    ours, told = found["auto"], found["told"]
+    for name in ("rms", "worst"):
+        share = [float(np.mean(np.array(getattr(one, name)) <= 0.01)) for one in (ours, told)]
+        assert share[0] >= share[1] - 0.08
+        assert np.mean(getattr(ours, name)) < 1.15 * np.mean(getattr(told, name))
+    assert np.mean(np.array(ours.rms) <= 0.01) >= (0.88 if rows == 60 else 0.97)
+    assert np.mean(ours.inside) > 0.88
+
+
+def test_a_gap_where_it_was_always_looked_at() -> None:
     for seed in SEEDS:
         one = draw(B, seed, 0)
         gap = one.theta_rad > 1.5 * np.pi
         curve = auto(Samples.build(one.theta_rad[~gap], one.error[~gap]))
         off = np.abs(curve(one.theta_rad[gap]) - one.truth[gap])
-        worst.append(off.max())
-        rms.append(np.sqrt(np.mean(off**2)))
+        assert off.max() <= 0.01
         assert off.max() <= 5.0 * curve.std(one.theta_rad[gap]).max()
-    assert max(worst) <= 0.01
-    assert max(rms) < 0.01
+
+
+@pytest.mark.parametrize("rows", [60, 1200])
+def test_outliers_do_not_pull_auto_in_a_gap(rows: int) -> None:
+    clean, spoiled, plain = [], [], []
+    for seed in SEEDS:
+        one = draw(B, seed, 1, rows=rows)
+        seen = one.theta_rad < 1.5 * np.pi
+        theta, error = one.theta_rad[seen], one.error[seen].copy()
+
+        def rms(values: np.ndarray, robust: bool = True, theta: np.ndarray = theta, one: Draw = one) -> float:
+            curve = auto(Samples.build(theta, values), robust=robust)
+            return float(np.sqrt(np.mean((curve(AT) - one.true_at(AT)) ** 2)))
+
+        clean.append(rms(error))
+        rng = np.random.default_rng(seed)
+        bad = rng.random(error.size) < 0.05
+        error[bad] += rng.normal(0.05, 0.1, int(bad.sum()))
+        spoiled.append(rms(error))
+        plain.append(rms(error, robust=False))
+    assert np.mean(spoiled) < 2.0 * np.mean(clean)
+    assert np.mean(spoiled) < 0.5 * np.mean(plain)
+
+
+def test_a_gap_in_errors_without_noise_or_without_size_has_no_trouble() -> None:
+    theta = np.linspace(0.0, 1.5 * np.pi, 300)
+    curve = auto(Samples.build(theta, 0.02 * np.sin(theta) + 0.01))
+    assert np.abs(curve(np.linspace(0, 6.28, 99)) - 0.02 * np.sin(np.linspace(0, 6.28, 99)) - 0.01).max() < 1e-4
+    nothing = auto(Samples.build(theta, np.zeros(300)))
+    assert np.abs(nothing(theta)).max() == 0.0
+    assert np.isfinite(nothing.std(theta)).all()
 
 
 def test_a_polynomial_does_not_bridge_a_gap() -> None:

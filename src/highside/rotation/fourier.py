@@ -6,9 +6,7 @@
    modified residuals: beta += (F'F)^-1 F' psi(r), with the same triangle R each time (Huber and Ronchetti, Robust
    Statistics, section 7.8). The pseudo-values F beta + psi(r) are the errors with outliers pulled in.
 3. Order by BIC of the pseudo-values, n ln(RSS_k / n) + p_k ln n; then Huber's estimate of that order.
-4. Where part of the turn was not seen, no order is chosen: every harmonic up to K gets the prior N(0, (s / k^2)^2), and
-   both s (from the third harmonic on) and K are averaged over, each by how probable it makes the data. The covariance
-   then says how far the curve may be off in the gap.
+4. Where part of the turn was not seen, no order is chosen: see `gap`.
 """
 
 from __future__ import annotations
@@ -21,6 +19,7 @@ from highside.attitude.angles import TURN, wrap_positive
 from highside.errors import Refused
 from highside.rotation.bases import RateTerms, combined, fourier_rows, projected, triangle_of
 from highside.rotation.curve import Curve, Form, Method
+from highside.rotation.gap import bridged
 from highside.rotation.linear import identifiable_rate
 from highside.rotation.samples import Samples
 
@@ -30,8 +29,6 @@ LARGEST_ORDER = 12
 HUBER = 1.345
 _MAD_TO_STD = 1.482602218505602
 _ROUNDS = 30
-_SIZES = 9
-"""sizes of the third and higher harmonics that are tried where a part of the turn was not seen"""
 _CONVERGED = 1e-5
 """largest change of a parameter, in standard deviations of a row, at which the robust rounds end"""
 
@@ -39,14 +36,13 @@ _CONVERGED = 1e-5
 def auto(samples: Samples, *, rate_terms: int = 0, largest_order: int = LARGEST_ORDER, robust: bool = True) -> Curve:
     """Fit. Raises Refused where less than half of the turn was seen or asked-for rate terms cannot be identified."""
     samples.require_coverage()
-    order = _order_allowed(samples, largest_order)
+    order = _order_allowed(samples, largest_order, 4)
     rows = fourier_rows(samples.theta_rad, order)
     rate: RateTerms | None = None
     remarks: list[str] = []
     if rate_terms:
         rate, remarks = identifiable_rate(samples, rows, rate_terms)
-        # the rate's columns stand behind the constant, so that the harmonics stay nested
-        rows = np.vstack([rows[:1], rate.rows(np.asarray(samples.rate_radps)), rows[1:]])
+    rows = _with_rate(rows, samples, rate)
     extra = 0 if rate is None else len(rate.powers)
     fit = _Fit(rows, samples.error)
     full = rows.shape[0]
@@ -55,8 +51,11 @@ def auto(samples: Samples, *, rate_terms: int = 0, largest_order: int = LARGEST_
     scale = max(scale, 1e-13 * float(np.abs(samples.error).max()), 1e-300)
     pseudo = fit.huber(full, scale) if robust else samples.error
     if samples.coverage.has_gap:
-        solution, covariance = _shrunken(fit, pseudo, scale, order, extra)
-        used = order
+        # with a prior half as many parameters as rows are not too many
+        used = _order_allowed(samples, largest_order, 2)
+        rows = _with_rate(fourier_rows(samples.theta_rad, used), samples, rate)
+        bridge = bridged(rows, samples.error, extra, (fit.residual, scale) if robust else None)
+        solution, covariance, spent = bridge.parameters, bridge.covariance, bridge.determined
     else:
         used = fit.order_by_bic(pseudo, order, extra)
         count = 2 * used + 1 + extra
@@ -64,12 +63,12 @@ def auto(samples: Samples, *, rate_terms: int = 0, largest_order: int = LARGEST_
             fit.huber(count, scale)
         else:
             fit.least_squares(count)
-        solution, covariance = fit.beta, fit.covariance(count, scale if robust else np.inf)
+        solution, covariance, spent = fit.beta, fit.covariance(count, scale if robust else np.inf), float(count)
     count = solution.size
     residual = samples.error - combined(solution, rows[:count])
     bound = HUBER * scale if robust else np.inf
     psi = np.clip(residual, -bound, bound)
-    noise = _robust_std(residual, count) if robust else float(np.sqrt(residual @ residual / max(1, samples.n - count)))
+    noise = _robust_std(residual, spent) if robust else float(np.sqrt(residual @ residual / max(1, samples.n - spent)))
     held_down = float(np.mean(np.abs(residual) > 4.0 * scale)) if robust else 0.0
     if held_down > 0.01:
         remarks.append(f"{100 * held_down:.1f} % of the rows lie more than four standard deviations off: held down")
@@ -85,16 +84,23 @@ def auto(samples: Samples, *, rate_terms: int = 0, largest_order: int = LARGEST_
     )  # fmt: skip
 
 
-def _order_allowed(samples: Samples, largest: int) -> int:
-    """At most `largest`, a quarter of the rows, and half of the five-degree sectors that hold rows."""
+def _with_rate(rows: Floats, samples: Samples, rate: RateTerms | None) -> Floats:
+    """The rate's columns stand behind the constant, so that the harmonics stay nested."""
+    if rate is None:
+        return rows
+    return np.vstack([rows[:1], rate.rows(np.asarray(samples.rate_radps)), rows[1:]])
+
+
+def _order_allowed(samples: Samples, largest: int, rows_a_parameter: int) -> int:
+    """At most `largest`, so many rows a parameter, and half of the five-degree sectors that hold rows."""
     sectors = np.unique((wrap_positive(samples.theta_rad) * (72 / TURN)).astype(np.int64)).size
-    order = min(largest, (samples.n // 4 - 1) // 2, (sectors - 1) // 2)
+    order = min(largest, (samples.n // rows_a_parameter - 1) // 2, (sectors - 1) // 2)
     if order < 1:
         raise Refused("the rotor stood at too few different angles for a curve over the turn")
     return order
 
 
-def _robust_std(residual: Floats, parameters: int) -> float:
+def _robust_std(residual: Floats, parameters: float) -> float:
     """Normal-consistent median absolute residual, widened for the parameters already spent."""
     n = residual.size
     middle = np.abs(residual)
@@ -170,48 +176,3 @@ class _Fit:
         factor = float(psi @ psi) / max(1, psi.size - count) / max(float(np.mean(inside)), 0.1) ** 2
         inverse = np.linalg.inv(self.R[:count, :count])
         return np.asarray(factor * (inverse @ inverse.T))
-
-
-def _shrunken(fit: _Fit, values: Floats, scale: float, order: int, extra: int) -> tuple[Floats, Floats]:
-    """Posterior mean and covariance under N(0, (s / k^2)^2) on each harmonic up to K, averaged over s and K.
-
-    The constant, the rate terms and the first two harmonics get a prior as wide as the data themselves.
-    """
-    count = 2 * order + 1 + extra
-    z, R = fit.project(values, count), fit.R[:count, :count]
-    size = float(np.std(values)) + abs(float(np.mean(values)))
-    harmonic = np.repeat(np.arange(1, order + 1), 2)
-    wide = np.full(count, 10.0 * size)
-    wide[1 + extra :][harmonic <= 2] = 2.0 * size / harmonic[harmonic <= 2] ** 2
-
-    def posterior(s: float, top: int) -> tuple[float, Floats, Floats]:
-        p = min(2 * top + 1 + extra, count)
-        prior = wide[:p].copy()
-        high = harmonic[: p - 1 - extra] > 2
-        prior[1 + extra :][high] = s / harmonic[: p - 1 - extra][high] ** 2
-        # z ~ N(0, R D R' + scale^2 I); R is a triangle, so the rows beyond p hold nothing but noise
-        reach = R[:p, :p] * prior**2
-        spread = reach @ R[:p, :p].T + scale**2 * np.eye(p)
-        chol = np.linalg.cholesky(spread)
-        white = np.asarray(solve_triangular(chol, z[:p], lower=True, check_finite=False))
-        rest = z[p:] / scale
-        evidence = -0.5 * float(white @ white + rest @ rest) - float(np.log(np.diag(chol)).sum())
-        evidence -= (count - p) * float(np.log(scale))
-        gain = np.asarray(solve_triangular(chol, reach, lower=True, check_finite=False))
-        mean, covariance = np.zeros(count), np.zeros((count, count))
-        mean[:p] = gain.T @ white
-        covariance[:p, :p] = np.diag(prior**2) - gain.T @ gain
-        return evidence, mean, covariance
-
-    # neither size nor order is believed: each counts by the probability it gives the data; their spread adds to the
-    # covariance. Orders below the one that BIC takes have none to speak of
-    least = min(max(2, fit.order_by_bic(values, order, extra) - 1), order)
-    tried = [posterior(s, top) for s in size * np.geomspace(1e-3, 4.0, _SIZES) for top in range(least, order + 1)]
-    evidence = np.array([one[0] for one in tried])
-    share = np.exp(evidence - evidence.max())
-    share /= share.sum()
-    means = np.stack([one[1] for one in tried])
-    mean = share @ means
-    off = means - mean
-    within = np.tensordot(share, np.stack([one[2] for one in tried]), 1)
-    return mean, within + (share[:, None] * off).T @ off

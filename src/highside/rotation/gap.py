@@ -1,0 +1,157 @@
+"""A Fourier series where part of the turn was not seen: no order is chosen, every harmonic is held small instead.
+
+The k-th harmonic has the prior N(0, (s / k^2)^2) on its sine and on its cosine, up to an order K; the constant, the
+rate terms and the first two harmonics get a prior as wide as the data themselves. Neither s, K nor the noise sigma is
+believed: each is tried on a grid, and the curves are averaged, each by how probable it makes the data (the evidence)
+and by how probable it was before: a half-Cauchy for s (Gelman 2006: flat near zero, of the size of the data), every
+order K from half of the largest on alike - a lower one would assert that nothing is above it, which nobody saw. The
+covariance holds the spread, so that it tells how far the curve may be off in the gap.
+
+With the triangle R of the rows, z = Q'y and S the standard deviations of the prior, z ~ N(0, R S S R' + sigma^2 I). Of
+R S = U diag(r) V' are made evidence and posterior of every sigma at once:
+
+    mean = S V r / (r^2 + sigma^2) U'z,      covariance = S V sigma^2 / (r^2 + sigma^2) V' S
+
+Outliers are held down by Huber's weights, found at the most probable s, K and sigma. They begin at 2.5 standard
+deviations: the evidence takes what is left for normal noise, and a row matters more where others are missing.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.rotation.bases import combined, triangle_of
+
+Floats = NDArray[np.float64]
+
+_SIZES = np.geomspace(1e-3, 4.0, 13)
+"""sizes s that are tried, in units of the data's own size"""
+_NOISES = np.geomspace(1.0 / 3.0, 3.0, 9)
+"""noises that are tried, in units of what least squares leave"""
+_LEAST_NOISE = 1e-5
+"""in units of the data's size; below it nothing changes in a gap"""
+_NO_WEIGHT = 1e-6
+_BOUND = 2.5
+_ROUNDS = 20
+_CONVERGED = 1e-3
+
+
+class Bridged(NamedTuple):
+    """Parameters (P,) with covariance, Huber's weight of each row (N,), and how many parameters the rows determined."""
+
+    parameters: Floats
+    covariance: Floats
+    weight: Floats
+    determined: float
+
+
+class _Tried(NamedTuple):
+    """One order and size: how probable with each noise, and what the posteriors are made of."""
+
+    evidence: Floats
+    """log, by noise"""
+    prior: Floats
+    """standard deviations S, (q,)"""
+    reach: Floats
+    """S V, (q, q)"""
+    r: Floats
+    """(q,)"""
+    seen: Floats
+    """U'z, (q,)"""
+
+    def mean(self, noise: float) -> Floats:
+        return np.asarray(self.reach @ (self.seen * self.r / (self.r**2 + noise**2)))
+
+    def covariance(self, noise: float) -> Floats:
+        return np.asarray((self.reach * (noise**2 / (self.r**2 + noise**2))) @ self.reach.T)
+
+    def determined(self, noise: float) -> float:
+        return float(np.sum(self.r**2 / (self.r**2 + noise**2)))
+
+
+def bridged(rows: Floats, error: Floats, extra: int, first: tuple[Floats, float] | None) -> Bridged:
+    """Fit `error` (N,) on `rows` (P, N): the constant, `extra` rate terms, then sine and cosine of each harmonic.
+
+    `first`: residuals (N,) and noise of a fit from which the weights begin; None: every row counts in full.
+    """
+    weight = np.ones(error.size) if first is None else _weights(first[0], _BOUND * first[1])
+    if first is not None:
+        tried, noises = _grid(rows, error, weight, extra)
+        best = max(tried, key=lambda one: float(one.evidence.max()))
+        noise = float(noises[np.argmax(best.evidence)])
+        weight = _held_down(rows[: best.prior.size], error, weight, best.prior, noise)
+    tried, noises = _grid(rows, error, weight, extra)
+    evidence = np.stack([one.evidence for one in tried])
+    share = np.exp(evidence - evidence.max())
+    share[share < _NO_WEIGHT] = 0.0
+    share /= share.sum()
+    chosen = [(tried[i], float(noises[j]), float(share[i, j])) for i, j in zip(*np.nonzero(share), strict=True)]
+    mean = np.zeros(rows.shape[0])
+    for one, noise, counts in chosen:
+        mean[: one.prior.size] += counts * one.mean(noise)
+    covariance = np.zeros((mean.size, mean.size))
+    for one, noise, counts in chosen:
+        q = one.prior.size
+        off = -mean
+        off[:q] += one.mean(noise)
+        covariance += counts * np.outer(off, off)
+        covariance[:q, :q] += counts * one.covariance(noise)
+    determined = sum(counts * one.determined(noise) for one, noise, counts in chosen)
+    return Bridged(mean, covariance, weight, determined)
+
+
+def _grid(rows: Floats, error: Floats, weight: Floats, extra: int) -> tuple[list[_Tried], Floats]:
+    """Every order and size, and the noises (standard deviations) that their evidences stand for."""
+    p, n = rows.shape
+    root = np.sqrt(weight)
+    triangle = triangle_of(rows * root, error * root)
+    R, z, rest = triangle[:p, :p], triangle[:p, p], float(triangle[p, p] ** 2)
+    size = float(np.std(error)) + abs(float(np.mean(error)))
+    # squares of it must not vanish
+    size = max(size, 1e-100)
+    noises = max(np.sqrt(rest / max(1, n - p)), _LEAST_NOISE * size) * _NOISES
+    order = (p - 1 - extra) // 2
+    harmonic = np.repeat(np.arange(1, order + 1), 2)
+    tried: list[_Tried] = []
+    for top in range((order + 1) // 2, order + 1):
+        q = 2 * top + 1 + extra
+        k = harmonic[: 2 * top]
+        prior = np.full((_SIZES.size, q), 10.0 * size)
+        prior[:, 1 + extra :] = np.where(k <= 2, 2.0 * size / k**2, size * _SIZES[:, None] / k**2)
+        U, r, V = np.linalg.svd(R[:q, :q] * prior[:, None, :])
+        seen = np.einsum("sij,i->sj", U, z[:q])
+        reach = prior[:, :, None] * V.transpose(0, 2, 1)
+        # rows that the orders above would have explained hold noise alone
+        left = rest + float(z[q:] @ z[q:])
+        total = r[:, None, :] ** 2 + noises[:, None] ** 2
+        evidence = -0.5 * np.sum(seen[:, None, :] ** 2 / total + np.log(total), axis=2)
+        evidence -= 0.5 * left / noises**2 + (n - q) * np.log(noises)
+        # the half-Cauchy on a grid of equal ratios
+        evidence += np.log(_SIZES / (1.0 + _SIZES**2))[:, None]
+        tried += [_Tried(*one) for one in zip(evidence, prior, reach, r, seen, strict=True)]
+    return tried, np.asarray(noises)
+
+
+def _held_down(rows: Floats, error: Floats, weight: Floats, prior: Floats, noise: float) -> Floats:
+    """Huber's weights (N,) under one prior, by rounds of weighted posterior means."""
+    p = prior.size
+    for _ in range(_ROUNDS):
+        root = np.sqrt(weight)
+        triangle = triangle_of(rows * root, error * root)
+        U, r, V = np.linalg.svd(triangle[:p, :p] * prior)
+        residual = error - combined(prior * (V.T @ (r / (r**2 + noise**2) * (U.T @ triangle[:p, p]))), rows)
+        determined = float(np.sum(r**2 / (r**2 + noise**2)))
+        middle = 1.482602218505602 * float(np.median(np.abs(residual)))
+        noise = max(middle * np.sqrt(error.size / max(1.0, error.size - determined)), noise / 3.0)
+        before, weight = weight, _weights(residual, _BOUND * noise)
+        if float(np.abs(weight - before).max()) < _CONVERGED:
+            break
+    return weight
+
+
+def _weights(residual: Floats, limit: float) -> Floats:
+    """1 within the limit, falling as 1 / |residual| beyond it."""
+    return limit / np.maximum(np.abs(residual), limit)
