@@ -101,6 +101,8 @@ class Study:
     """toolface limit of a perfect calibration: reading noise alone"""
     coverage_inc: Array
     coverage_tf: Array
+    coverage_std: tuple[float, float]
+    """standard deviation of a share, the largest over inclinations: readings of one sensor share its calibration"""
     coverage_vertical: tuple[float, float]
     """of I and T over nearly vertical attitudes"""
     methods: dict[str, tuple[float, float, float]]
@@ -179,7 +181,8 @@ def run(
     bound_inc, bound_tf = bound_of_angles(np.linalg.inv(F), kind.names, inc, tf, noise_g=scenario.reading_sigma_g)
     rms_inc, rms_tf = (np.sqrt(np.mean(np.array([pair[k] for pair in error]) ** 2, axis=(0, 2))) for k in (0, 1))
     best_inc, best_tf = (np.sqrt(np.mean(x.reshape(cells) ** 2, axis=1)) for x in (bound_inc, bound_tf))
-    coverage = [np.mean(np.array([pair[k] for pair in inside]), axis=(0, 2)) for k in (0, 1)]
+    by_sensor = [np.mean(np.array([pair[k] for pair in inside]), axis=2) for k in (0, 1)]
+    scatter = [float(one.std(axis=0, ddof=1).max()) / np.sqrt(sensors) for one in by_sensor]
     middle = int(np.argmin(np.abs(ASCENDING - np.deg2rad(45.0))))
     methods = {}
     for name, values in squares.items():
@@ -194,8 +197,9 @@ def run(
         rms_inc=rms_inc,
         rms_tf=rms_tf,
         limit_tf=scenario.reading_sigma_g / np.sin(ASCENDING),
-        coverage_inc=coverage[0],
-        coverage_tf=coverage[1],
+        coverage_inc=by_sensor[0].mean(axis=0),
+        coverage_tf=by_sensor[1].mean(axis=0),
+        coverage_std=(scatter[0], scatter[1]),
         coverage_vertical=(
             float(np.mean([pair[0] for pair in vertical])),
             float(np.mean([pair[1] for pair in vertical])),
@@ -295,6 +299,8 @@ def to_markdown(studies: list[Study]) -> str:
             )
         lines += [
             "",
+            f"Two standard deviations of a share: I {200 * study.coverage_std[0]:.1f} %, "
+            f"T {200 * study.coverage_std[1]:.1f} % at most. "
             f"Nearly vertical (0.02 and 0.1 deg): I in 95 % {100 * study.coverage_vertical[0]:.1f}, "
             f"T {100 * study.coverage_vertical[1]:.1f}. Median solve {study.joint_ms:.1f} ms of CPU time. "
             f"Terms admitted: {study.admitted}. Remarks: {study.remarks or 'none'}. "

@@ -2,10 +2,15 @@
 
     python tests/bench/schedule_coverage.py [--sensors N] [--only KIND]
 
-Every sensor is calibrated on a bench of its own and read at known attitudes, one reading a row of the table. A bench's
-tilt is normal with the standard deviation that the method is told: a uniform one has no tails, and where it dominates
-every interval of 1.96 standard deviations holds the truth. Tilts are stratified (each two-hundredth, say, of the normal
-distribution has one of two hundred sensors), because one draw of tilt decides over all readings of its sensor.
+Every sensor is calibrated on a bench of its own and read at known attitudes, one reading a row of the table. What a
+method takes for zero and knows the size of, the bench's tilt and the sensor's offset, is normal with just that standard
+deviation: a uniform one has no tails, and where it dominates every interval of 1.96 standard deviations holds the
+truth; one drawn smaller than stated makes intervals that are wide by right. Tilts are stratified (each two-hundredth,
+say, of the normal distribution has one of two hundred sensors), because one draw of tilt decides over all readings of
+its sensor.
+
+The last line of a kind gives two standard deviations of a share, from the scatter over sensors: six readings of one
+sensor share its calibration, so that they are fewer than six independent trials.
 """
 
 from __future__ import annotations
@@ -20,7 +25,7 @@ import numpy as np
 
 from highside.attitude.block import attitude_std_block
 from highside.calibration.balance import balance
-from highside.calibration.conventional import conventional
+from highside.calibration.conventional import DEFAULT_OFFSET_STD_G, conventional
 from highside.calibration.correction import LinearCorrection
 from highside.calibration.joint import joint
 from highside.calibration.poses import Array, PoseSet
@@ -90,6 +95,9 @@ def held(kind: Kind, seed: int, tilt: Array) -> tuple[Array, int]:
     `tilt` (2,) rad, and its number of zones."""
     rng = np.random.default_rng([seed, 77])
     scenario = reference_scenario(seed, structure_g=kind.structure_g, toolfaces_deg=kind.toolfaces_deg)
+    offset = DEFAULT_OFFSET_STD_G * rng.standard_normal(3)
+    known = tuple((effect, offset if effect.id == "bias" else p) for effect, p in scenario.sensor.effects)
+    scenario = replace(scenario, sensor=ForwardModel(known))
     bench = ForwardModel.of(
         {
             "base_tilt": {"tilt_x": float(tilt[0]), "tilt_y": float(tilt[1])},
@@ -116,28 +124,43 @@ def held(kind: Kind, seed: int, tilt: Array) -> tuple[Array, int]:
     return inside.reshape(2, len(PLACES_DEG), READINGS), len(correction.zones)
 
 
-def coverage(kind: Kind, sensors: int, first_seed: int = 0) -> tuple[Array, float]:
-    """Shares (2, places) of intervals of I and T that hold the truth, and the mean number of zones."""
+@dataclass(frozen=True)
+class Coverage:
+    """Shares (2, places) of intervals of I and T that hold the truth, their standard deviations over draws of sensors,
+    and the mean number of zones."""
+
+    share: Array
+    std: Array
+    zones: float
+
+
+def coverage(kind: Kind, sensors: int, first_seed: int = 0) -> Coverage:
+    """Of `sensors` sensors from `first_seed` on."""
     middles = [NormalDist().inv_cdf((k + 0.5) / sensors) for k in range(sensors)]
     rng = np.random.default_rng(first_seed)
     tilts = np.deg2rad(kind.tilt_deg) * np.stack([rng.permutation(middles) for _ in range(2)], axis=1)
     found = [held(kind, first_seed + k, tilt) for k, tilt in enumerate(tilts)]
-    return np.mean([inside for inside, _ in found], axis=(0, 3)), float(np.mean([zones for _, zones in found]))
+    by_sensor = np.mean([inside for inside, _ in found], axis=3)
+    std = by_sensor.std(axis=0, ddof=1) / math.sqrt(sensors)
+    return Coverage(by_sensor.mean(axis=0), std, float(np.mean([zones for _, zones in found])))
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--sensors", type=int, default=300)
+    parser.add_argument("--first-seed", type=int, default=0, help="sensors of another number are other sensors")
     parser.add_argument("--only", choices=sorted(KINDS))
     options = parser.parse_args()
     print("| " + " | ".join(["kind", "", *(f"{place:g}" for place in PLACES_DEG), "mean", "zones"]) + " |")
     print("|" + "---|" * (len(PLACES_DEG) + 4))
     for name, kind in KINDS.items():
         if options.only in (None, name):
-            share, zones = coverage(kind, options.sensors)
-            for label, row in zip("IT", share, strict=True):
+            found = coverage(kind, options.sensors, options.first_seed)
+            for label, row in zip("IT", found.share, strict=True):
                 cells = [f"{100 * value:.1f}" for value in (*row, row.mean())]
-                print("| " + " | ".join([name, label, *cells, f"{zones:.1f}"]) + " |")
+                print("| " + " | ".join([name, label, *cells, f"{found.zones:.1f}"]) + " |")
+            limits = [f"{200 * value:.1f}" for value in found.std.max(axis=0)]
+            print("| " + " | ".join(["", "±", *limits, "", ""]) + " |", flush=True)
 
 
 if __name__ == "__main__":

@@ -36,8 +36,9 @@ def test_stated_intervals_of_blends_hold_the_truth_in_95_percent(name: str) -> N
     The bounds lie four standard deviations and more away: other draws fail by chance in fewer than one of 1,000 runs.
     The bound `sum w Cov(x)` would give 97.8 % on a level bench.
     """
-    share, zones = STUDY.coverage(STUDY.KINDS[name], SENSORS)
-    assert zones == 10.0
+    found = STUDY.coverage(STUDY.KINDS[name], SENSORS)
+    share = found.share
+    assert found.zones == 10.0
     inside = np.mean(share[:, BLENDS], axis=1)
     assert np.all(inside > 0.93)
     assert np.all(inside < 0.97)

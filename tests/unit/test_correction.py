@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import timeit
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -100,6 +101,33 @@ def test_stated_covariance_is_the_scatter_over_sensors_drawn_from_it() -> None:
     stated = matrix(correction.correct(vector(zone.model().forward(g))).cov)
     ratio = np.linalg.eigvals(np.linalg.solve(stated, np.cov(np.array(got).T))).real
     assert np.all(np.abs(ratio - 1.0) < 0.12)  # five standard deviations of a variance of 4000 draws
+
+
+@pytest.mark.parametrize("names", [MATRIX_NAMES + OFFSET_NAMES, EVERYTHING], ids=["affine", "all"])
+def test_what_widens_a_covariance_fades_with_noise_one_by_one_in_blocks_and_in_the_model(
+    names: tuple[str, ...],
+) -> None:
+    known = zone_of(names)
+    zone = replace(known, parameters=replace(known.parameters, student=0.4 * known.parameters.covariance))
+    correction, plain = LinearCorrection(zone), LinearCorrection(known)
+    g = directions(20)
+    readings = zone.model().forward(g)
+    C = zone.model().C
+    for noise in (0.0, 1e-5, 1e-2):
+        block = correction.corrected_block(readings, noise)
+        J = np.einsum("ij,jpn->nip", C, zone.design(g))
+        expected = zone.stated_covariance(J, g, None, noise**2 * (C @ C.T))
+        for k in range(20):
+            one = correction.correct(vector(readings[:, k]), (noise**2, 0.0, 0.0, noise**2, 0.0, noise**2))
+            assert np.allclose(block.cov[:, k], one.cov, rtol=1e-9, atol=1e-20)
+            assert np.allclose(matrix(one.cov), expected[k], rtol=1e-7, atol=1e-18)
+            bare = matrix(plain.correct(vector(readings[:, k])).cov)
+            if noise == 0.0:
+                assert np.allclose(matrix(one.cov), 1.4 * bare, rtol=1e-9)
+                assert np.allclose(zone.covariance_of(g[:, k]), 1.4 * bare, rtol=1e-9)
+            if noise == 1e-2:
+                assert np.allclose(matrix(one.cov), bare + noise**2 * C @ C.T, rtol=0.0, atol=1e-2 * bare.max())
+        assert np.allclose(block.reading[0], noise**2 * (C @ C.T)[0, 0])
 
 
 @pytest.mark.parametrize("names", [MATRIX_NAMES + OFFSET_NAMES, EVERYTHING], ids=["affine", "all"])

@@ -20,7 +20,7 @@ from highside.calibration.correction import (
     TemperatureTrust,
 )
 from highside.calibration.poses import PoseSet
-from highside.calibration.result import Parameters, TemperatureRange, linear_parameters
+from highside.calibration.result import BenchAccuracy, Parameters, TemperatureRange, linear_parameters
 from highside.calibration.schedule import ScheduledCorrection, Window, key_of, key_of_inclination, windows
 from highside.calibration.student import UPPER
 from highside.errors import InputError
@@ -55,6 +55,17 @@ def schedule(*, with_fallback: bool, rings_deg: tuple[float, ...] = RINGS_DEG) -
 
 
 WITH, WITHOUT = schedule(with_fallback=True), schedule(with_fallback=False)
+
+
+def widened(one: ScheduledCorrection, factor: float) -> ScheduledCorrection:
+    """With a fallback whose variances are estimated."""
+    assert one.fallback is not None
+    zone = one.fallback.zone
+    parameters = replace(zone.parameters, student=factor * zone.parameters.covariance)
+    return replace(one, fallback=LinearCorrection(replace(zone, parameters=parameters)))
+
+
+WIDENED = widened(WITH, 0.5)
 
 
 @settings(max_examples=300, deadline=None)
@@ -115,7 +126,7 @@ def test_a_gap_between_zones_is_refused_too() -> None:
 
 
 @pytest.mark.usefixtures("engine")
-@pytest.mark.parametrize("which", [WITH, WITHOUT], ids=["fallback", "zones only"])
+@pytest.mark.parametrize("which", [WITH, WITHOUT, WIDENED], ids=["fallback", "zones only", "widened"])
 @pytest.mark.parametrize("spread", ["log", "all attitudes"])
 def test_blocks_equal_single_readings(which: ScheduledCorrection, spread: str) -> None:
     rng = np.random.default_rng(11)
@@ -267,6 +278,54 @@ def test_the_covariance_of_a_blend_is_never_below_its_true_scatter() -> None:
         excess = np.linalg.eigvalsh(stated - np.cov(errors.T))
         assert excess.min() > -0.08 * np.trace(stated) / 3.0
     assert np.trace(stated) == pytest.approx(3.0 * 2.0 * 1e-9, rel=1e-6)
+
+
+def test_the_unknown_offset_acts_on_neighbouring_zones_with_opposite_signs() -> None:
+    """A level bench, rings close enough to blend: what the offset does between them is stated with its sign."""
+    rng = np.random.default_rng(4)
+    rings, places = (15.0, 20.0), np.deg2rad([15.0, 16.0, 17.5, 19.0, 20.0])
+    inc = np.deg2rad(np.repeat(rings, 4))
+    tf = np.deg2rad(np.tile([45.0, 135.0, 225.0, 315.0], len(rings)))
+    g = gravity_direction(places, np.full(places.size, 0.7))
+    level, noise, std = BenchAccuracy(tilt_rad=1e-9, pose_rad=1e-9), 1e-6, 2e-3
+    errors, stated, levers = [], [], []
+    for _ in range(500):
+        offset = std * rng.standard_normal(3)
+        a = A @ gravity_direction(inc, tf) + offset[:, None] + noise / 10.0 * rng.standard_normal((3, inc.size))
+        poses = PoseSet.build(a, inc_ref_rad=inc, tf_ref_rad=tf, n=100.0, std=noise)
+        zones = balance(poses, bench=level, offset_std_g=std).zones
+        blend = ScheduledCorrection(
+            tuple(LinearCorrection(zone, guarded=False) for zone in zones),
+            guide=LinearCorrection(replace(zones[0], inc_center_rad=None)),
+        )
+        out = blend.corrected_block(A @ g + offset[:, None], 0.0)
+        errors.append(out.g - g)
+        stated.append(out.cov[[0, 3, 5]])
+        levers.append([zone.outside_error(places, std) for zone in zones])
+    scatter, expected = np.std(errors, axis=0), np.sqrt(np.mean(stated, axis=0))
+    assert np.allclose(scatter, expected, rtol=0.16)  # five standard deviations of 500 draws
+    # either zone alone, or both as if they were independent, would be wrong by far in the middle
+    one, other = np.mean(levers, axis=0)[:, 2]
+    assert np.all(expected[:, 2] < 0.25 * math.hypot(0.5 * one, 0.5 * other))
+
+
+def test_estimated_variances_widen_a_blend_by_the_fallbacks_share_and_less_beside_noise() -> None:
+    assert WITH.fallback is not None and WIDENED.fallback is not None
+    for inc_deg in (0.9, 14.0, 25.0, 39.0, 120.0):
+        m = reading(math.radians(inc_deg), 2.0)
+        share = {part is WITH.fallback: w for part, w in WITH.weights(m)}.get(True, 0.0)
+        own, sizes = 1.0 - (1.0 - share) ** 2, []
+        for noise in (0.0, 1e-2):
+            of_reading = (noise**2, 0.0, 0.0, noise**2, 0.0, noise**2)
+            blend, whole = (
+                np.array(wide.correct(m, of_reading).cov) - np.array(plain.correct(m, of_reading).cov)
+                for wide, plain in ((WIDENED, WITH), (WIDENED.fallback, WITH.fallback))
+            )
+            if share in (0.0, 1.0) or noise:
+                # where noise is nearly all of the variance, the fallback's part counts with the square of its share
+                assert np.allclose(blend, own**2 * whole, rtol=0.03, atol=1e-3 * np.abs(whole).max() * own**2)
+            sizes.append(np.abs(whole).max())
+        assert sizes[1] < 0.2 * sizes[0]
 
 
 @given(inc=st.floats(0.0, math.pi), tf=st.floats(0.0, 6.3), size=st.floats(0.9, 1.1))

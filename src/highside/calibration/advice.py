@@ -18,7 +18,7 @@ from typing import Literal
 
 import numpy as np
 
-from highside.calibration.forward import BASE_NAMES, Variances, linearise, prior_mean, prior_std, whiten
+from highside.calibration.forward import BASE_NAMES, Variances, linearise, pose_parts, prior_mean, prior_std, whiten
 from highside.calibration.poses import Array, PoseSet, group_settings
 from highside.calibration.result import NOMINAL_BENCH, UNIFORM_ANGLE_STD_RAD, BenchAccuracy, angle_std
 from highside.calibration.sensor import sensor_columns, sensor_of
@@ -69,7 +69,7 @@ def plan_information(
     _, design, by_inc, by_tf = linearise(names, at, ChainState.build(inc_rad, tf_rad))
     noise = np.array(np.broadcast_to(np.asarray(noise_g, dtype=float), (3, inc_rad.size)))
     stacked = np.concatenate([design, by_inc[:, :, None], by_tf[:, :, None]], axis=2).transpose(1, 0, 2)
-    white, _ = whiten(stacked, noise, by_inc, by_tf, v)
+    white, _ = whiten(stacked, pose_parts(noise, by_inc, by_tf), v)
     size = len(names)
     X = white[:, :, :size].reshape(-1, size)
     F = X.T @ X

@@ -192,13 +192,14 @@ def closures_of(
         sigma = pose_covariance[index]
     covariance = np.einsum("rk,rkij->rij", null**2, sigma)
     inverse = np.linalg.inv(covariance)
-    chi2 = np.einsum("ri,rij,rj->r", value, inverse, value)
+    chi2 = np.einsum("ri,rij,rj->r", value, inverse, value).tolist()
+    centers = inc[index].mean(axis=1).tolist()
     out = []
     for r, four in enumerate(fours):
-        p = _chi2_3_tail(float(chi2[r]))
+        p = _chi2_3_tail(chi2[r])
         suspects = _closure_suspects(poses, four, A[r], null[r], value[r], inverse[r]) if p < CLOSURE_P else ""
         ids = tuple(poses.ids[i] for i in four)
-        out.append(Closure(float(inc[four].mean()), value[r], covariance[r], float(chi2[r]), p, ids, suspects))
+        out.append(Closure(centers[r], value[r], covariance[r], chi2[r], p, ids, suspects))
     return out
 
 
@@ -250,14 +251,11 @@ def rings_of_four(poses: PoseSet) -> list[Indices]:
     if poses.temp_c is not None:  # a ring is measured at one temperature
         stage = group_settings(poses.temp_c, tolerance=SAME_TEMPERATURE_C)
         rings = rings * (int(stage.max()) + 1) + stage
-    found = []
-    for ring in np.flatnonzero(np.bincount(rings) >= 4):
-        members = np.flatnonzero(rings == ring)
-        part = away[:, members]
-        nearest = part.argmin(axis=1)
-        if part[(0, 1, 2, 3), nearest].max() <= QUADRANT_TOLERANCE_RAD:
-            found.append(members[nearest])
-    return found
+    members = rings == np.arange(int(rings.max()) + 1)[:, None]
+    apart = np.where(members[:, None, :], away, np.inf)
+    nearest = apart.argmin(axis=2)
+    whole = np.take_along_axis(apart, nearest[:, :, None], axis=2).max(axis=(1, 2)) <= QUADRANT_TOLERANCE_RAD
+    return list(nearest[whole & (members.sum(axis=1) >= 4)])
 
 
 def _away_from_quadrants(tf: Array) -> Array:

@@ -594,9 +594,9 @@ def _shared(zone: Zone) -> FloatArray | None:
     index = [p.names.index(name) for name in MATRIX_NAMES + OFFSET_NAMES]
     levers = np.zeros((len(SHARED_NAMES), 3, 4))
     for lever, name in zip(levers, SHARED_NAMES, strict=True):
-        std = p.std(name)
-        if std > 0.0:
-            moved = p.covariance[index, p.names.index(name)] / std
+        place = p.names.index(name) if name in p else -1
+        if place >= 0 and p.covariance[place, place] > 0.0:
+            moved = p.covariance[index, place] / math.sqrt(p.covariance[place, place])
             lever[:] = C @ np.column_stack([moved[:9].reshape(3, 3), moved[9:]])
     return levers
 

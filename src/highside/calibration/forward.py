@@ -191,24 +191,38 @@ def linearise(
     return found.reported, design, found.by_pose[:, 0], found.by_pose[:, 2]
 
 
-def pose_covariance(noise: Array, by_inc: Array, by_tf: Array, variances: Variances) -> Array:
-    """Covariance (N, 3, 3) of the pose means by reading noise and the pose parts of dI and dT."""
-    inc = by_inc.T
-    tf = by_tf.T
-    out = variances.pose_inc * inc[:, :, None] * inc[:, None, :] + variances.pose_tf * tf[:, :, None] * tf[:, None, :]
-    out[:, (0, 1, 2), (0, 1, 2)] += variances.reading * (noise**2).T
+def pose_parts(noise: Array, by_inc: Array, by_tf: Array) -> Array:
+    """What dI, dT and the reading noise make of the covariance of the N pose means, each at a variance of one:
+    (3, N, 9)."""
+    count = noise.shape[1]
+    out = np.zeros((3, count, 9))
+    for part, direction in zip(out, (by_inc, by_tf), strict=False):
+        np.multiply(direction.T[:, :, None], direction.T[:, None, :], out=part.reshape(count, 3, 3))
+    out[2, :, ::4] = (noise**2).T
     return out
 
 
-def whiten(columns: Array, noise: Array, by_inc: Array, by_tf: Array, variances: Variances) -> tuple[Array, float]:
-    """`L^-1 columns` (N, 3, K), with `L L'` the covariance of each pose, and the sum of the logarithms of its
-    determinants.
+def covariance_of_parts(parts: Array, variances: Variances) -> Array:
+    """Covariance (N, 3, 3) of the pose means from `pose_parts`."""
+    v = np.array([variances.pose_inc, variances.pose_tf, variances.reading])
+    return np.asarray((v @ parts.reshape(3, -1)).reshape(-1, 3, 3))
+
+
+def pose_covariance(noise: Array, by_inc: Array, by_tf: Array, variances: Variances) -> Array:
+    """Covariance (N, 3, 3) of the pose means by reading noise and the pose parts of dI and dT."""
+    return covariance_of_parts(pose_parts(noise, by_inc, by_tf), variances)
+
+
+def whiten(columns: Array, parts: Array, variances: Variances) -> tuple[Array, float]:
+    """`L^-1 columns` (N, 3, K), with `L L'` the covariance of each pose (`pose_parts`), and the sum of the logarithms
+    of its determinants.
     """
-    lower = np.linalg.cholesky(pose_covariance(noise, by_inc, by_tf, variances))
-    diagonal = lower[:, (0, 1, 2), (0, 1, 2)]
-    d, e, f = lower[:, 1, 0], lower[:, 2, 0], lower[:, 2, 1]
-    out = np.empty_like(columns)
-    out[:, 0] = columns[:, 0] / diagonal[:, 0, None]
-    out[:, 1] = (columns[:, 1] - d[:, None] * out[:, 0]) / diagonal[:, 1, None]
-    out[:, 2] = (columns[:, 2] - e[:, None] * out[:, 0] - f[:, None] * out[:, 1]) / diagonal[:, 2, None]
+    lower = np.linalg.cholesky(covariance_of_parts(parts, variances)).reshape(-1, 9)
+    diagonal = lower[:, ::4]
+    out = columns / diagonal[:, :, None]
+    first, second, third = out[:, 0], out[:, 1], out[:, 2]
+    below = lower[:, (3, 6, 7)] / diagonal[:, (1, 2, 2)]
+    second -= below[:, :1] * first
+    third -= below[:, 1:2] * first
+    third -= below[:, 2:] * second
     return out, 2.0 * float(np.log(diagonal).sum())

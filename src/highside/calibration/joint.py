@@ -124,13 +124,13 @@ def joint(
         used, fit = leave_out_bad(session, fit, start, used)
     variances = start
     if estimate_variances:
-        variances = reml_variances(session, fit, start, bench, used)
+        variances = reml_variances(session, fit, start, bench)
         fit = solve(session, names, variances, used, fit.theta)
         dropped = [group for group in admitted if log_bayes(fit, GROUPS[group]) < ADMIT_LOG_BAYES]
         if dropped:
             names = tuple(name for name in names if not any(name in GROUPS[group] for group in dropped))
             fit = solve(session, names, variances, used, fit.take(names))
-            variances = reml_variances(session, fit, variances, bench, used)
+            variances = reml_variances(session, fit, variances, bench)
             fit = solve(session, names, variances, used, fit.theta)
     _require_agreement(session, fit, variances)
     _require_nominal(fit)
@@ -156,7 +156,7 @@ def deviance_of(poses: PoseSet, thermal: ThermalTerms | None, bench: BenchAccura
     used = np.ones(len(poses), dtype=bool)
     start = initial_variances(session, bench)
     fit = solve(session, names, start, used, rough_start(session, names))
-    return evaluate(session, fit.design, fit.by_inc, fit.by_tf, fit.y, fit.prior, start, used).deviance
+    return evaluate(session, fit.equations, fit.prior, start).deviance
 
 
 def _require_enough(poses: PoseSet) -> None:
@@ -346,7 +346,7 @@ def result_of(
         poses=PoseFit(poses.ids, fit.left_over, away, used),
         closures=tuple(closures),
         variance={
-            "reading_g": _reading_noise(poses, variances),
+            "reading_g": _reading_noise(session, variances),
             "pose_inc_rad": float(np.sqrt(variances.pose_inc)),
             "pose_tf_rad": float(np.sqrt(variances.pose_tf)),
             "ring_inc_rad": float(np.sqrt(variances.ring_inc)),
@@ -456,7 +456,7 @@ def _root_condition(fit: Fit) -> float:
     return float(np.sqrt(sizes[-1] / sizes[0]))
 
 
-def _reading_noise(poses: PoseSet, variances: Variances) -> float:
+def _reading_noise(session: Session, variances: Variances) -> float:
     """Noise of one reading: as measured, or where it was not, as the residuals say."""
-    stated = float(np.mean(poses.noise_of_one() ** 2))
-    return float(np.sqrt(stated if poses.std_known else stated * variances.reading))
+    stated = float(np.mean(session.noise**2 * session.poses.n))
+    return float(np.sqrt(stated if session.poses.std_known else stated * variances.reading))

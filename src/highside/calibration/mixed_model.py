@@ -11,11 +11,12 @@ Thompson and Cullis, Biometrics 51, 1995, 1440) in their logarithms.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import log
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.calibration.forward import StructureSize, Variances, linearise, prior_mean, prior_std, whiten
+from highside.calibration.forward import StructureSize, Variances, linearise, pose_parts, prior_mean, prior_std, whiten
 from highside.calibration.poses import Array, Indices, PoseSet
 from highside.calibration.result import BenchAccuracy
 from highside.calibration.student import widened
@@ -82,6 +83,37 @@ def initial_variances(session: Session, bench: BenchAccuracy) -> Variances:
 
 
 @dataclass(frozen=True, slots=True)
+class Equations:
+    """A session linearised: `y = design (theta - prior mean)` and errors, before anything is weighted."""
+
+    stacked: Array
+    """(N, 3, P + 6): design, directions of dI and of dT, those of the three axes' reading noise, and y"""
+    parts: Array
+    """(3, N, 9), see `forward.pose_parts`"""
+    used: NDArray[np.bool_]
+    """(N,)"""
+
+    @classmethod
+    def of(
+        cls, session: Session, design: Array, by_inc: Array, by_tf: Array, y: Array, used: NDArray[np.bool_]
+    ) -> Equations:
+        """From the derivatives (3, N, P), (3, N), (3, N) of the readings and the linearised readings `y` (3, N)."""
+        count, size = y.shape[1], design.shape[2]
+        stacked = np.zeros((count, 3, size + 6))
+        stacked[:, :, :size] = design.transpose(1, 0, 2)
+        stacked[:, :, size] = by_inc.T
+        stacked[:, :, size + 1] = by_tf.T
+        stacked.reshape(count, -1)[:, size + 2 :: size + 7] = session.noise.T
+        stacked[:, :, size + 5] = y.T
+        return cls(stacked, pose_parts(session.noise, by_inc, by_tf), used)
+
+    @property
+    def size(self) -> int:
+        """Number of parameters, P."""
+        return int(self.stacked.shape[2]) - 6
+
+
+@dataclass(frozen=True, slots=True)
 class Fit:
     """A solution: parameters `theta` (P,) with their covariance, and what is needed to judge its poses."""
 
@@ -95,8 +127,7 @@ class Fit:
     """(3, N) raw residual of all poses, in g, random parts not taken out"""
     design: Array
     """(3, N, P) derivatives of a reading by the parameters, where the model was linearised"""
-    y: Array
-    """(3, N) linearised readings: `y = design (theta - prior mean)` and errors"""
+    equations: Equations
     by_inc: Array
     by_tf: Array
     """(3, N) derivatives of a reading by the pose's inclination and toolface"""
@@ -132,7 +163,8 @@ def solve(session: Session, names: tuple[str, ...], variances: Variances, used: 
     reading, design, by_inc, by_tf = session.linearise(names, at)
     prior, mean = prior_std(names, session.bench, session.structure), prior_mean(names)
     y = session.poses.a - reading + design @ (at - mean)
-    system = evaluate(session, design, by_inc, by_tf, y, prior, variances, used)
+    equations = Equations.of(session, design, by_inc, by_tf, y, used)
+    system = evaluate(session, equations, prior, variances)
     size = len(names)
     return Fit(
         names=names,
@@ -142,7 +174,7 @@ def solve(session: Session, names: tuple[str, ...], variances: Variances, used: 
         system=system,
         left_over=y - design @ system.solution[:size],
         design=design,
-        y=y,
+        equations=equations,
         by_inc=by_inc,
         by_tf=by_tf,
     )
@@ -164,47 +196,28 @@ class System:
     """`log|V| + y' V^-1 y` but for a constant"""
 
 
-def whitened(
-    session: Session,
-    design: Array,
-    by_inc: Array,
-    by_tf: Array,
-    y: Array,
-    variances: Variances,
-    used: NDArray[np.bool_],
-) -> tuple[Array, Array, Array, float]:
+def whitened(session: Session, equations: Equations, variances: Variances) -> tuple[Array, Array, Array, float]:
     """Design, rings and stations (N, 3, P + R + S), directions of dI, dT and of the three axes' noise (N, 3, 5), and
     readings (3 N,), each pose by its own covariance, zero where not used; the logarithm of the determinant."""
-    count, size = y.shape[1], design.shape[2]
-    stacked = np.zeros((count, 3, size + 6))
-    stacked[:, :, :size] = design.transpose(1, 0, 2)
-    stacked[:, :, size] = by_inc.T
-    stacked[:, :, size + 1] = by_tf.T
-    stacked[:, (0, 1, 2), (size + 2, size + 3, size + 4)] = session.noise.T
-    stacked[:, :, size + 5] = y.T
-    noise = session.noise
+    stacked, parts, used, size = equations.stacked, equations.parts, equations.used, equations.size
     if used.all():
-        white, log_det = whiten(stacked, noise, by_inc, by_tf, variances)
+        white, log_det = whiten(stacked, parts, variances)
     else:
         white = np.zeros_like(stacked)
-        white[used], log_det = whiten(stacked[used], noise[:, used], by_inc[:, used], by_tf[:, used], variances)
-    columns = _with_random_columns(white, size, session)
+        white[used], log_det = whiten(stacked[used], parts[:, used], variances)
+    rings = session.ring_of.shape[1]
+    columns = np.empty((white.shape[0], 3, size + rings + session.station_of.shape[1]))
+    columns[:, :, :size] = white[:, :, :size]
+    np.multiply(white[:, :, size, None], session.ring_of[:, None, :], out=columns[:, :, size : size + rings])
+    np.multiply(white[:, :, size + 1, None], session.station_of[:, None, :], out=columns[:, :, size + rings :])
     yw = np.ascontiguousarray(white[:, :, size + 5]).reshape(-1)
     return columns, white[:, :, size : size + 5], yw, log_det
 
 
-def evaluate(
-    session: Session,
-    design: Array,
-    by_inc: Array,
-    by_tf: Array,
-    y: Array,
-    prior: Array,
-    variances: Variances,
-    used: NDArray[np.bool_],
-) -> System:
-    columns, pose_columns, yw, log_det = whitened(session, design, by_inc, by_tf, y, variances, used)
-    count = y.shape[1]
+def evaluate(session: Session, equations: Equations, prior: Array, variances: Variances) -> System:
+    """The system of the equations at given variances, the parameters' priors `prior` (P,) in it."""
+    columns, pose_columns, yw, log_det = whitened(session, equations, variances)
+    count = columns.shape[0]
     flat = columns.reshape(3 * count, -1)
     penalty = _penalty(prior, variances, session)
     normal = flat.T @ flat
@@ -212,7 +225,7 @@ def evaluate(
     inverse: Array = np.asarray(np.linalg.inv(normal), dtype=np.float64)
     solution = inverse @ (flat.T @ yw)
     residual = yw - flat @ solution
-    log_det += float(np.linalg.slogdet(normal)[1]) - float(np.log(penalty).sum())
+    log_det += 2.0 * float(np.log(np.linalg.cholesky(normal).diagonal()).sum()) - float(np.log(penalty).sum())
     return System(
         columns=columns,
         pose_columns=pose_columns,
@@ -221,13 +234,6 @@ def evaluate(
         residual=residual.reshape(count, 3),
         deviance=log_det + float(yw @ residual),
     )
-
-
-def _with_random_columns(white: Array, size: int, session: Session) -> Array:
-    """The whitened design followed by a column for each ring and each station."""
-    rings = white[:, :, size, None] * session.ring_of[:, None, :]
-    stations = white[:, :, size + 1, None] * session.station_of[:, None, :]
-    return np.concatenate([white[:, :, :size], rings, stations], axis=2)
 
 
 def _penalty(prior: Array, variances: Variances, session: Session) -> Array:
@@ -240,9 +246,7 @@ def _penalty(prior: Array, variances: Variances, session: Session) -> Array:
     )
 
 
-def reml_variances(
-    session: Session, fit: Fit, start: Variances, bench: BenchAccuracy, used: NDArray[np.bool_]
-) -> Variances:
+def reml_variances(session: Session, fit: Fit, start: Variances, bench: BenchAccuracy) -> Variances:
     """Restricted maximum likelihood of the variance components: minimises `log|V| + y' V^-1 y`, V with the parameters'
     priors in it (which accounts for their number), plus `_variance_penalty`."""
     prior = VariancePrior.of(session, bench)
@@ -250,7 +254,7 @@ def reml_variances(
     lowest = np.inf
     for _ in range(_MAX_REML_STEPS):
         v = np.exp(log_v)
-        system = evaluate(session, fit.design, fit.by_inc, fit.by_tf, fit.y, fit.prior, Variances(*v.tolist()), used)
+        system = evaluate(session, fit.equations, fit.prior, Variances(*v.tolist()))
         objective = system.deviance + prior.penalty(v)
         if objective > lowest + 1e-9:  # overshot
             log_v = 0.5 * (log_v + best)
@@ -261,7 +265,7 @@ def reml_variances(
         gradient, information, _ = _information(session, system, len(fit.names), v)
         prior_gradient, prior_information = prior.derivatives(v)
         slope = gradient + prior_gradient
-        step = -np.linalg.solve(information + prior_information + 1e-6 * np.eye(v.size), slope)
+        step = -np.linalg.solve(information + prior_information + _RIDGE, slope)
         step *= min(1.0, 2.0 / (float(np.max(np.abs(step))) + 1e-300))
         promised = -0.5 * float(slope @ step)
         log_v = np.maximum(log_v + step, np.log(bench.pose_rad**2) - 14.0)
@@ -271,6 +275,8 @@ def reml_variances(
     return Variances(*np.exp(best).tolist())
 
 
+_EYE = np.eye(3)
+_RIDGE = 1e-6 * np.eye(5)
 _MAX_REML_STEPS = 25
 _REML_TOLERANCE = 0.02
 """Twice the log-likelihood; 0.02 is far below what the data can tell."""
@@ -303,31 +309,26 @@ class VariancePrior:
 
     def penalty(self, v: Array) -> float:
         """Minus twice the log density of `v` (5,) in its logarithms."""
-        totals = v[:2] + v[2:4]
-        split = np.log(v[:4]) + _SMALL_SHARE * self.stated / v[:4]
-        scale = np.log(v[4]) + 1.0 / v[4]
-        return float(
-            _TOTAL_PRIOR * np.sum(np.log(totals) + self.stated / totals)
-            + _SPLIT_PRIOR * np.sum(split)
-            + self.reading * scale
-        )
+        inc, tf, ring, station, reading = map(float, v)
+        totals = [log(total) + self.stated / total for total in (inc + ring, tf + station)]
+        split = [log(one) + _SMALL_SHARE * self.stated / one for one in (inc, tf, ring, station)]
+        return _TOTAL_PRIOR * sum(totals) + _SPLIT_PRIOR * sum(split) + self.reading * (log(reading) + 1.0 / reading)
 
     def derivatives(self, v: Array) -> tuple[Array, Array]:
         """Gradient and (positive) second derivative of `penalty` by the logarithms of the variances."""
-        gradient = np.zeros(5)
-        curvature = np.zeros((5, 5))
-        small = _SMALL_SHARE * self.stated / v[:4]
-        gradient[:4] = _SPLIT_PRIOR * (1.0 - small)
-        curvature[(0, 1, 2, 3), (0, 1, 2, 3)] = _SPLIT_PRIOR * small
+        each = v.tolist()
+        gradient = [0.0] * 4 + [self.reading * (1.0 - 1.0 / each[4])]
+        curvature = [[0.0] * 5 for _ in range(5)]
+        curvature[4][4] = self.reading / each[4]
         for pair in ((0, 2), (1, 3)):
-            total = v[pair[0]] + v[pair[1]]
-            share = np.zeros(5)
-            share[list(pair)] = v[list(pair)] / total
-            gradient += _TOTAL_PRIOR * (1.0 - self.stated / total) * share
-            curvature += _TOTAL_PRIOR * np.outer(share, share)
-        gradient[4] = self.reading * (1.0 - 1.0 / v[4])
-        curvature[4, 4] = self.reading / v[4]
-        return gradient, curvature
+            total = each[pair[0]] + each[pair[1]]
+            for k in pair:
+                small, share = _SMALL_SHARE * self.stated / each[k], each[k] / total
+                gradient[k] = _SPLIT_PRIOR * (1.0 - small) + _TOTAL_PRIOR * (1.0 - self.stated / total) * share
+                for m in pair:
+                    curvature[k][m] = _TOTAL_PRIOR * share * each[m] / total
+                curvature[k][k] += _SPLIT_PRIOR * small
+        return np.array(gradient), np.array(curvature)
 
 
 def _information(session: Session, system: System, size: int, v: Array) -> tuple[Array, Array, Array]:
@@ -340,13 +341,13 @@ def _information(session: Session, system: System, size: int, v: Array) -> tuple
     rings, stations = session.ring_of.shape[1], session.station_of.shape[1]
     count = system.residual.shape[0]
     columns, inverse, residual = system.columns, system.inverse, system.residual
-    # per pose: dI, dT and the three axes of reading noise
+    # per pose: dI, dT and the three axes of reading noise; `left` is what the solution leaves of a pose's own error
     Z = system.pose_columns
-    projection = (columns.transpose(0, 2, 1) @ Z).transpose(1, 0, 2).reshape(columns.shape[2], -1)
-    taken = np.sum(projection * (inverse @ projection), axis=0).reshape(count, 5).sum(axis=0)
-    trace = np.sum(Z**2, axis=(0, 1)) - taken
-    t = np.sum(Z * residual[:, :, None], axis=1)
-    square = np.sum(t**2, axis=0)
+    flat = columns.reshape(3 * count, -1)
+    left = _EYE - (flat @ inverse).reshape(columns.shape) @ columns.transpose(0, 2, 1)
+    trace = np.einsum("nik,nik->k", Z, left @ Z)
+    t = (residual[:, None, :] @ Z)[:, 0]
+    square = np.einsum("nk,nk->k", t, t)
     pulled = Z * t[:, None, :]
     gradient = np.empty(5)
     spread = np.empty((count, 3, 5))
@@ -364,7 +365,7 @@ def _information(session: Session, system: System, size: int, v: Array) -> tuple
         gradient[k] = (number - diagonal[first : first + number].sum() / v[k]) / v[k] - effect @ effect
         spread[:, :, k] = Z[:, :, k - 2] * (groups @ effect)[:, None]
     S = spread.reshape(-1, 5)
-    FS = columns.reshape(3 * count, -1).T @ S
+    FS = flat.T @ S
     return gradient * v, (S.T @ S - FS.T @ inverse @ FS) * np.outer(v, v), FS * v
 
 
@@ -383,7 +384,7 @@ def covariance_with_variances(
     v, size, system = variances.as_array(), fit.theta.size, fit.system
     _, information, moved = _information(session, system, size, v)
     _, prior_information = VariancePrior.of(session, bench).derivatives(v)
-    W: Array = np.asarray(2.0 * np.linalg.inv(information + prior_information + 1e-6 * np.eye(5)), dtype=np.float64)
+    W: Array = np.asarray(2.0 * np.linalg.inv(information + prior_information + _RIDGE), dtype=np.float64)
     by_variance = system.inverse[:size] @ moved
     count, _, width = system.columns.shape
     # how an error of each pose, and of each axis of its reading, moves the parameters
@@ -409,6 +410,6 @@ def studentised(fit: Fit, used: NDArray[np.bool_]) -> Array:
     """
     count, _, size = fit.system.columns.shape
     carried = (fit.system.columns.reshape(-1, size) @ fit.inverse).reshape(count, 3, size)
-    left = (1.0 + 1e-12) * np.eye(3) - carried @ fit.system.columns.transpose(0, 2, 1)
+    left = (1.0 + 1e-12) * _EYE - carried @ fit.system.columns.transpose(0, 2, 1)
     out = np.sum(fit.system.residual * np.linalg.solve(left, fit.system.residual[:, :, None])[:, :, 0], axis=1)
     return np.where(used, np.sqrt(np.maximum(out, 0.0)), 0.0)

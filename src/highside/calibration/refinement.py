@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from highside.calibration.forward import BASE_NAMES, GROUPS, StructureSize, Variances, prior_mean, prior_std
 from highside.calibration.joint import BAD_POSE_SIGMA, departure, leave_out_bad, result_of
 from highside.calibration.mixed_model import (
+    Equations,
     Fit,
     Session,
     VariancePrior,
@@ -75,7 +76,7 @@ def refine(result: CalibrationResult, poses: PoseSet, *, bench: BenchAccuracy = 
     stated = initial_variances(session, bench)
     at = result.main.parameters.block(names)
     plain = solve(session, names, stated, used, at)
-    settled = reml_variances(session, plain, stated, bench, used)
+    settled = reml_variances(session, plain, stated, bench)
     likelihood = _Likelihood(session, solve(session, names, settled, used, at), bench, used)
     without = likelihood.of_plain(settled)
     trials = [
@@ -92,7 +93,7 @@ def refine(result: CalibrationResult, poses: PoseSet, *, bench: BenchAccuracy = 
         session = replace(session, structure=size)
         theta = np.concatenate([at, np.zeros(len(kept) - len(names))])
         fit = solve(session, kept, variances, used, theta)
-        variances = reml_variances(session, fit, variances, bench, used)
+        variances = reml_variances(session, fit, variances, bench)
     fit = solve(session, kept, variances, used, fit.theta)
     # what departed from a model without structure may fit one with it
     used = used | (departure(session, fit, variances, used) <= BAD_POSE_SIGMA)
@@ -109,7 +110,7 @@ def refine(result: CalibrationResult, poses: PoseSet, *, bench: BenchAccuracy = 
         result.toolface_zero_rad,
         result.toolface_zero_std_rad,
         *_with_sizes(
-            session, fit, variances, used, size, likelihood, *covariance_with_variances(session, fit, variances, bench)
+            session, fit, variances, size, likelihood, *covariance_with_variances(session, fit, variances, bench)
         ),
     )
     sizes = {"structure_own_g": size.own_g, "structure_field_g": size.field_g}
@@ -137,7 +138,6 @@ def _with_sizes(
     session: Session,
     fit: Fit,
     variances: Variances,
-    used: NDArray[np.bool_],
     size: StructureSize,
     likelihood: _Likelihood,
     covariance: Array,
@@ -157,7 +157,7 @@ def _with_sizes(
 
     def solved(trial: StructureSize) -> tuple[Array, Array]:
         prior = prior_std(fit.names, session.bench, trial)
-        system = evaluate(session, fit.design, fit.by_inc, fit.by_tf, fit.y, prior, variances, used)
+        system = evaluate(session, fit.equations, prior, variances)
         return system.solution[: prior.size], system.inverse[: prior.size, : prior.size]
 
     h = _STEP
@@ -187,15 +187,15 @@ class _Likelihood:
         self._prior = VariancePrior.of(session, bench)
         self._names = fit.names + OWN_LOAD_NAMES + DIRECTION_NAMES
         theta = np.concatenate([fit.theta, np.zeros(len(self._names) - len(fit.names))])
-        reading, self._design, self._by_inc, self._by_tf = session.linearise(self._names, theta)
-        self._y = session.poses.a - reading + self._design @ (theta - prior_mean(self._names))
-        self._used = used
+        reading, design, by_inc, by_tf = session.linearise(self._names, theta)
+        y = session.poses.a - reading + design @ (theta - prior_mean(self._names))
+        self._equations = Equations.of(session, design, by_inc, by_tf, y, used)
         self._held: tuple[Variances, Array, Array, float] | None = None
 
     def of_plain(self, variances: Variances) -> float:
         """Without structure."""
         fit = self._plain
-        system = evaluate(self._session, fit.design, fit.by_inc, fit.by_tf, fit.y, fit.prior, variances, self._used)
+        system = evaluate(self._session, fit.equations, fit.prior, variances)
         return system.deviance + self._prior.penalty(variances.as_array())
 
     def at(self, variances: Variances, size: StructureSize) -> float:
@@ -247,9 +247,7 @@ class _Likelihood:
         """Normal matrix (parameters without their priors, rings and stations with theirs), right side, and the rest of
         the deviance."""
         session = self._session
-        columns, _, y, log_det = whitened(
-            session, self._design, self._by_inc, self._by_tf, self._y, variances, self._used
-        )
+        columns, _, y, log_det = whitened(session, self._equations, variances)
         flat = columns.reshape(y.size, -1)
         normal = flat.T @ flat
         rings, stations = session.ring_of.shape[1], session.station_of.shape[1]

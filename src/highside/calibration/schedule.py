@@ -253,7 +253,7 @@ class ScheduledCorrection:
             for i, (value, noise) in enumerate(zip(calibration, carry(part.coefficients(temp_c).c, cov), strict=True)):
                 total[i] += own * value + w * noise
             if one.student is not None:
-                widened.append((own, one.student, calibration))
+                widened.append((own, one.student, one.calibration))
         both = (shared.T @ shared).tolist()
         t0, t1, t2, t3, t4, t5 = (value + both[i][j] for value, (i, j) in zip(total, UPPER, strict=True))
         stated = t0, t1, t2, t3, t4, t5
@@ -302,7 +302,7 @@ class ScheduledCorrection:
             if levers is not None:
                 e = levers[:, :, :3] @ one + levers[:, :, 3:]
                 shared[:, :, rows] += e * w
-                calibration = calibration - _outer(e)
+                cov[:, rows] -= _outer(e) * own
             cov[:, rows] += calibration * own
             if student is not None:
                 widened.append((rows, own, student, calibration))

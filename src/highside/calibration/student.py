@@ -43,10 +43,10 @@ def widened(covariance: Array, W: Array, moved: Array, changes: Array) -> tuple[
     `moved` (P, K): derivatives of the parameters by the K others: the solution moves with the weights (Kackar and
     Harville, J. Am. Stat. Assoc. 79, 1984, 853). `changes` (K, P, P): those of `covariance`.
     """
-    lower = np.linalg.cholesky(covariance)
-    slopes = np.linalg.solve(lower, changes)
-    student = np.sum(slopes.transpose(0, 2, 1) @ np.tensordot(W, slopes, 1), axis=0)
-    return np.asarray(covariance + moved @ W @ moved.T), np.asarray(_FACTOR * student)
+    slopes = np.linalg.inv(np.linalg.cholesky(covariance)) @ changes
+    flat = slopes.reshape(-1, covariance.shape[0])
+    mixed = (W @ slopes.reshape(len(W), -1)).reshape(flat.shape)
+    return np.asarray(covariance + moved @ W @ moved.T), np.asarray(_FACTOR * flat.T @ mixed)
 
 
 def widening(alone: Six[Element], calibration: Six[Element], total: Six[Element]) -> Six[Element]:

@@ -252,7 +252,7 @@ class ForwardModel:
         after_cross = rotate_x(pose[1], after_inc)
         gravity = rotate_z(pose[2], after_cross)
         mounting = total(Stage.MOUNTING, np.zeros((3, 1)), np.zeros((3, 1)))[:, 0]
-        rotation = rotation_matrix(mounting)
+        rotation = rotation_matrix(mounting) if mounting.any() else np.eye(3)
         force = total(Stage.KINEMATIC, rotation @ gravity, gravity)
         reported = total(Stage.SENSOR, force, force)
         reported = total(Stage.THERMAL, reported, force)
