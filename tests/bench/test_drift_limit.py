@@ -1,0 +1,69 @@
+"""The least azimuth drift by recursion and by one sparse least-squares problem: the same, and what the optimum reaches."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from highside.drift.frames import to_body
+from highside.drift.kinematic import kinematic
+from highside.physics.drift_bound import azimuth_bound
+from highside.physics.drift_scenarios import Experiment, drilling, record, rotating_rod, rotating_table, turntable
+
+
+def load_study() -> ModuleType:
+    here = Path(__file__).parent
+    sys.path.insert(0, str(here))  # it stands on its neighbour
+    spec = importlib.util.spec_from_file_location("drift_limit", here / "drift_limit.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    sys.path.remove(str(here))
+    return module
+
+
+STUDY = load_study()
+CASES: dict[str, tuple[Experiment, bool]] = {
+    "turning, level": (rotating_table(0.0, 900.0, 20.0), False),
+    "turning, 30 deg": (rotating_table(30.0, 900.0, 20.0), False),
+    "standing": (turntable(900.0, 20.0), False),
+    "standing, declared for half": (replace(turntable(900.0, 20.0), rest=np.array([[0.0, 450.0]])), True),
+    "drilling": (drilling(900.0, 20.0, leg_s=300.0), True),
+    "turning rod": (rotating_rod(900.0, 20.0), True),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_both_ways_find_the_same_bound(name: str) -> None:
+    e, declared = CASES[name]
+    rest = e.rest if declared else None
+    recursion = azimuth_bound(e, azimuth_std_rad=STUDY.AZIMUTH_STD_RAD, rest=rest)[-1]
+    # the length of the readings (1 g, here alone) shows something of the accelerometers' biases
+    assert 0.9 * recursion < STUDY.Problem(e, rest).bound_rad < 1.005 * recursion
+    known = replace(e, triad=replace(e.triad, accel_bias_g=1e-9))
+    recursion = azimuth_bound(known, azimuth_std_rad=STUDY.AZIMUTH_STD_RAD, rest=rest)[-1]
+    assert STUDY.Problem(known, rest).bound_rad == pytest.approx(recursion, rel=0.005)
+
+
+def test_the_optimum_errs_by_the_bound_and_the_filter_by_little_more() -> None:
+    e, _ = CASES["turning, 30 deg"]
+    problem = STUDY.Problem(e, None)
+    settings = replace(STUDY.SETTINGS, detect_stops=False, azimuth_std_rad=1e-5)
+    best, own = [], []
+    for seed in range(50):
+        data = record(e, seed)
+        best.append(problem.optimum_error_rad(to_body(data.rate), to_body(data.accel)))
+        result = kinematic(e.t_s, data.rate, data.accel, settings)
+        own.append(float(result.azi_rad[-1] - e.psi[-1]))
+    optimum, ours = (float(np.sqrt(np.mean(np.square(each)))) for each in (best, own))
+    # fifty runs tell a standard deviation to 10 %
+    assert optimum == pytest.approx(problem.bound_rad, rel=0.3)
+    assert ours < 1.1 * optimum
