@@ -45,6 +45,7 @@ evidence: $(VENV)/.test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/calibration_montecarlo.py --sensors 300 --first-seed 1000
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/session_coverage.py 100
 	$(BIN)/python tests/bench/drift_scenarios.py --only "S1r elevation 0" --seeds 1 --no-rivals --efficiency 60 --consistency 100 --false-stops-h 10
+	$(BIN)/python tests/bench/drift_limit.py
 	$(BIN)/python -m pytest -q -s tests/integration/test_soak.py tests/integration/test_mqtt_faults.py tests/integration/test_mqtt_sigkill.py
 
 ## blind: the sealed decks (hours), seeded by the commit that last changed the engine; BLIND="--seed mine --small" for a look

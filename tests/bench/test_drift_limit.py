@@ -1,4 +1,4 @@
-"""The least azimuth drift by recursion and by one sparse least-squares problem: the same, and what the optimum reaches."""
+"""The least azimuth drift by recursion and by one sparse least-squares problem: the same."""
 
 from __future__ import annotations
 

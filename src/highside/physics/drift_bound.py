@@ -10,8 +10,8 @@ many runs; single runs, and a handful of them, may. Written apart from the filte
     at rest     C w_ie x d + b        with N / sqrt(t); the attitude then does not move, and the tool is known to stand
 
 d attitude error (body frame, inertial rate in R), b gyro biases, s scale error along the tool axis, a accelerometer
-biases. Of a reading its direction counts: that its length is 1 g to the last digit holds in a simulation only, and would
-lower the bound by up to 6 % on a tilted table. `tests/bench/drift_limit.py` finds the same bound another way.
+biases. Of a reading its direction counts: that its length is 1 g to the last digit holds in a simulation only, and
+would lower the bound by up to 6 % on a tilted table. `tests/bench/drift_limit.py` finds the same bound another way.
 """
 
 from __future__ import annotations
