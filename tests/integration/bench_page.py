@@ -37,6 +37,7 @@ sessions = "state/sessions"
 port = 0
 """
 JOINT = 'kind = "joint"\nposes = 16'
+SIX = 'kind = "conventional"\npositions = 6'
 RING = 'kind = "balance"\ninclinations_deg = [45.0]'
 
 

@@ -15,9 +15,11 @@ import httpx
 import pytest
 import websockets
 from axe_playwright_python.async_playwright import Axe
-from bench_page import RING, BenchProcess, bench_process, chromium
+from bench_page import RING, SIX, BenchProcess, bench_process, chromium
 from broker import Proxy
 from playwright.async_api import Page, expect
+
+from highside.recording.calibration_store import CalibrationStore
 
 BADGE = ".badge"
 CLICK_S = 60_000
@@ -106,9 +108,74 @@ async def test_a_whole_session_is_clicked_through(tmp_path: Path) -> None:
         record = snapshot["result"]["record_id"]
         assert made.ok and record in await made.text()
         assert (tmp_path / "state" / "calibrations" / "records" / f"{record}.json").is_file()
+
+        # in force: asked about once more, then done, and seen
+        store = CalibrationStore(tmp_path / "state" / "calibrations")
+        await page.click("[data-command=activate]")
+        await expect(page.locator(".question")).to_contain_text(record[:12])
+        await page.get_by_role("button", name="No, go back").click()
+        assert store.active_id("tool-7") is None
+        await page.click("[data-command=activate]")
+        await page.click("[data-command=yes]")
+        await expect(page.locator("section.end")).to_contain_text("in force")
+        await expect(page.locator("h1")).to_contain_text("is in force")
+        assert store.active_id("tool-7") == record
+        await expect(page.locator("[data-command=activate]")).to_be_hidden()
+        await assert_accessible(page, "in force")
+        nothing = await bench.command("rollback", confirm=record, operator="A. Operator")
+        assert nothing.status_code == 409 and nothing.json()["reason"] == "nothing_before"
+        assert (await bench.command("activate", confirm=record, token="x")).status_code == 401
         assert faults == [], "nothing went wrong in the browser"
         assert await bench.ended() == 0
     assert hosts <= {"127.0.0.1", "data", "blob"}, "no request leaves the host"
+
+
+async def test_a_verification_shows_its_verdict_and_a_roll_back_its_record(tmp_path: Path) -> None:
+    """Two calibrations put in force one after the other, the later taken back, the one in force verified."""
+    store = CalibrationStore(tmp_path / "state" / "calibrations")
+    async with chromium() as browser:
+        page = await browser.new_page(viewport={"width": 1440, "height": 860})
+        page.set_default_timeout(CLICK_S)
+        records = []
+        for seed in (1, 2):
+            async with bench_process(tmp_path, "--set", f"simulated.seed={seed}", plan=SIX, speed=20.0) as bench:
+                await page.goto(bench.link)
+                await page.click("[data-command=start]")
+                await page.click("[data-command=accept]")
+                await page.keyboard.press("F")
+                await page.click("[data-command=yes]")
+                await expect(page.locator("h1")).to_contain_text("is in force")
+                records.append((await bench.state())["result"]["record_id"])
+                if seed == 2:
+                    assert store.active_id("tool-7") == records[1]
+                    await page.click("[data-command=rollback]")
+                    await expect(page.locator(".question")).to_contain_text(records[0][:12])
+                    await page.click("[data-command=yes]")
+                    await expect(page.locator("section.end")).to_contain_text(
+                        f"not in force; in force is {records[0][:12]}"
+                    )
+                    assert store.active_id("tool-7") == records[0]
+                assert await bench.ended() == 0
+        plan = 'kind = "verification"\ninclinations_deg = [45.0]\nlimit_inc_deg = 0.3\nlimit_tf_deg = 1.0'
+        async with bench_process(tmp_path, plan=plan, speed=20.0) as bench:
+            await page.goto(bench.link)
+            await expect(page.locator("h1")).to_contain_text(records[0][:12])
+            await page.click("[data-command=start]")
+            await badge(page, "review").wait_for()
+            await expect(page.locator("section.end")).to_contain_text("Verdict")
+            await expect(page.locator("section.end tbody tr")).to_have_count(3)
+            for size in ((1440, 860), (390, 844)):
+                await page.set_viewport_size({"width": size[0], "height": size[1]})
+                await assert_accessible(page, f"verdict {size}")
+                await assert_fits(page, f"verdict {size}")
+            verdict = (await bench.state())["result"]["verdict"]
+            assert (verdict["verdict"], verdict["record"]) == ("pass", records[0])
+            report = await page.context.request.get(f"{bench.address}report")
+            assert report.ok and "Pass: all 3 poses" in await report.text()
+            await page.click("[data-command=accept]")
+            await expect(page.locator("h1")).to_contain_text("the verdict on calibration")
+            await expect(page.locator("[data-command=activate]")).to_be_hidden()
+            assert await bench.ended() == 0
 
 
 async def test_commands_need_the_token(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import signal
 import uuid
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 import aiomqtt
 from bench_page import RING, BenchProcess, bench_process
 from broker import Mosquitto
+from daemon import Subscriber, running, wait_for
 
 TOPIC = "highside/tool-7/session"
 
@@ -112,12 +114,58 @@ async def test_a_session_is_driven_over_mqtt_by_one_of_two_operators(tmp_path: P
             assert state["plan"]["done"] == 4
             accepted = await other.say("accept")
             assert accepted["accepted"] and accepted["state"] == "accepted"
-            await other.see("accepted")
+            state = await other.see("accepted")
+            await put_in_force(tmp_path, broker.port, other, holder, state["result"]["record_id"])
+            assert await bench.ended() == 0
             async with asyncio.timeout(20.0):
                 while other.statuses[-1] != "offline":
                     await asyncio.sleep(0.05)
             await keeps_the_last_state(broker.port)
-            assert await bench.ended() == 0
+
+
+SERVICE = """
+[tool]
+id = "tool-7"
+serial = "42"
+[link]
+kind = "simulated"
+[codec]
+name = "tool"
+[calibration]
+store = "state/calibrations"
+[mqtt]
+port = {port}
+[service]
+state_dir = "service"
+"""
+
+
+async def put_in_force(folder: Path, port: int, holder: Operator, other: Operator, record: str) -> None:
+    """By whoever holds the session, if they name it; a running service takes it at its next reload."""
+    config = folder / "highside.toml"
+    config.write_text(SERVICE.format(port=port))
+    subscriber = Subscriber(port)
+    try:
+        with running(config) as daemon:
+
+            def corrected_by(cal_id: str) -> bool:
+                return any(message["cal_id"] == cal_id for message in subscriber.payloads("attitude")[-5:])
+
+            await asyncio.to_thread(wait_for, lambda: subscriber.payloads("attitude"), 30, "attitudes", daemon)
+            assert not corrected_by(record)
+            assert (await other.say("activate", confirm=record))["reason"] == "held_by_other"
+            for confirm in ({}, {"confirm": "000000"}):
+                unnamed = await holder.say("activate", **confirm)
+                assert unnamed["reason"] == "not_confirmed" and record[:12] in unnamed["text"]
+            assert (await holder.say("rollback", confirm=record))["reason"] == "nothing_before"
+            assert (await holder.say("activate", confirm=record[:8]))["accepted"]
+            async with asyncio.timeout(10.0):
+                while (holder.states[-1]["in_force"] or {}).get("present") != record:
+                    await asyncio.sleep(0.05)
+            daemon.process.send_signal(signal.SIGHUP)
+            await asyncio.to_thread(wait_for, lambda: corrected_by(record), 20, "the new calibration", daemon)
+    finally:
+        subscriber.close()
 
 
 async def said_wrongly(person: Operator) -> None:

@@ -21,6 +21,7 @@ from highside.session.snapshot import (
     CommandName,
     Deviation,
     FaultState,
+    ForceState,
     PlanState,
     PoseRow,
     PoseState,
@@ -30,6 +31,8 @@ from highside.session.snapshot import (
     Stillness,
     Target,
     Uncertainty,
+    VerdictRow,
+    VerdictState,
 )
 from highside.web.access import Access
 from highside.web.drawings import bulls_eye, place, radius_of, table_reads
@@ -79,8 +82,21 @@ closures = st.builds(
     ClosureState, inc_deg=ANGLES, size_g=st.floats(0, 1), p=st.floats(0, 1), good=st.booleans(),
     poses=st.lists(NAMES, max_size=4), worst=NAMES,
 )  # fmt: skip
+numbers = st.one_of(MAYBE, st.floats(-180, 180))
+verdicts = st.builds(
+    VerdictState, kind=st.sampled_from(["verification", "roll_test"]), record=NAMES,
+    verdict=st.sampled_from(["pass", "fail", "undecided", "not_covered"]), text=NAMES,
+    consistent=st.one_of(MAYBE, st.booleans()), limit_inc_deg=st.floats(0.01, 1), limit_tf_deg=numbers,
+    limit_g_total_g=numbers,
+    rows=st.lists(
+        st.builds(VerdictRow, name=NAMES, inc_error_deg=numbers, inc_u_deg=numbers, tf_error_deg=numbers,
+                  tf_u_deg=numbers, g_error_g=numbers, g_u_g=numbers, verdict=NAMES),
+        max_size=3,
+    ),
+)  # fmt: skip
 results = st.builds(
-    ResultState, method=NAMES, record_id=st.one_of(MAYBE, NAMES), inc_std_deg=st.one_of(MAYBE, st.floats(0, 9)),
+    ResultState, verdict=st.one_of(MAYBE, verdicts), method=NAMES,
+    record_id=st.one_of(MAYBE, NAMES), inc_std_deg=st.one_of(MAYBE, st.floats(0, 9)),
     tf_std_deg=st.one_of(MAYBE, st.floats(0, 9)), poses=st.just(3), retaken=st.just(0),
     refused=st.lists(NAMES, max_size=2), remarks=st.lists(NAMES, max_size=2),
 )  # fmt: skip
@@ -97,6 +113,7 @@ snapshots = st.builds(
     faults=st.lists(st.builds(FaultState, code=NAMES, text=NAMES, since_s=SIZES, detail=NAMES), max_size=2),
     last_rejection=st.one_of(MAYBE, NAMES), operator=st.one_of(MAYBE, NAMES), allowed=st.just(list(CommandName)),
     result=st.one_of(MAYBE, results), elapsed_s=SIZES,
+    in_force=st.one_of(MAYBE, st.builds(ForceState, present=st.one_of(MAYBE, NAMES), before=st.one_of(MAYBE, NAMES))),
 )  # fmt: skip
 
 

@@ -169,21 +169,12 @@ class RichFace(_Face):
     def _confirmed(self, name: CommandName) -> str | None:
         """The record meant, where a key that puts one in force is pressed for the second time."""
         snapshot = self.driver.snapshot()
-        after = meant(name, snapshot)
+        after = snapshot.meant(name)
         asked, self._asked = self._asked, (name, after)
         if after is None or name not in snapshot.allowed or asked != self._asked:
             return None
         self._asked = None
         return after
-
-
-def meant(name: CommandName, snapshot: Snapshot) -> str | None:
-    """The record that is in force after `activate` or `rollback`."""
-    if name is CommandName.ACTIVATE:
-        return None if snapshot.result is None else snapshot.result.record_id
-    if name is CommandName.ROLLBACK:
-        return None if snapshot.in_force is None else snapshot.in_force.before
-    return None
 
 
 @contextlib.contextmanager

@@ -17,6 +17,8 @@ from highside.report.bench_or_sensor import Findings, bench_or_sensor
 from highside.report.page import Page, new_figure, plotting
 from highside.session.journal import Journal
 from highside.session.outcome import solve
+from highside.session.snapshot import VerdictRow, VerdictState
+from highside.session.verdict import as_state
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,7 +29,7 @@ COLOURS = {"conventional": "#c2691c", "balance": "#3d8b40", "joint": "#2f7fd1", 
 def session_page(journal: Journal) -> str:
     """The page as HTML. Raises InputError where matplotlib is missing."""
     header, ledger = journal.header, journal.ledger()
-    solved = solve(ledger)
+    solved = solve(ledger, header.judged)
     name = f"{header.tool_id}{' ' + header.serial if header.serial else ''}"
     page = Page(f"Session {header.session}: {name}")
     page.paragraph(
@@ -35,6 +37,9 @@ def session_page(journal: Journal) -> str:
         f" Bench: {header.environment.bench or 'not named'}; operator: {header.environment.operator or 'not named'}.",
         soft=True,
     )
+    if solved.verdict is not None:
+        add_verdict(page, as_state(solved.verdict))
+        return page.html()
     if solved.solution is None:
         page.paragraph(f"No calibration follows: {solved.why}." if solved.why else "This session calibrates nothing.")
         return page.html()
@@ -47,6 +52,28 @@ def session_page(journal: Journal) -> str:
     with plotting():
         add_methods(page, ledger.pose_columns(), ledger.request(), solved.solution, header.environment.gravity_mps2)
     return page.html()
+
+
+def add_verdict(page: Page, verdict: VerdictState) -> None:
+    """What the session says of an existing calibration."""
+    page.heading(f"Verdict: {verdict.verdict.replace('_', ' ')}")
+    page.paragraph(f"{verdict.text} Calibration judged: {verdict.record}.")
+    if verdict.consistent is False:
+        page.paragraph("The errors are larger than its own stated uncertainty lets expect: the sensor has changed.")
+    limits = f"Limits: I {verdict.limit_inc_deg:g} deg"
+    limits += "" if verdict.limit_tf_deg is None else f", T {verdict.limit_tf_deg:g} deg"
+    limits += "" if verdict.limit_g_total_g is None else f", Gtotal {1e3 * verdict.limit_g_total_g:g} mg"
+
+    def cells(row: VerdictRow) -> list[str]:
+        values = (row.inc_error_deg, row.inc_u_deg, row.tf_error_deg, row.tf_u_deg, row.g_error_g, row.g_u_g)
+        return ["-" if value is None else f"{value:.5f}" for value in values]
+
+    page.table(
+        ["", "I error, deg", "U", "T error, deg", "U", "Gtotal, g", "U", "verdict"],
+        [[row.name, *cells(row), row.verdict] for row in verdict.rows],
+        f"{limits}. U is the expanded uncertainty (k = 2) of the comparison; guarded acceptance: pass only where error"
+        " and U together stay within the limit.",
+    )
 
 
 def add_methods(

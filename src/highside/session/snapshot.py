@@ -271,6 +271,14 @@ class Snapshot(_Model):
     def to_json(self) -> str:
         return self.model_dump_json(by_alias=True)
 
+    def meant(self, name: CommandName) -> str | None:
+        """The record that is in force after `activate` or `rollback`: what a face has to name to confirm it."""
+        if name is CommandName.ACTIVATE:
+            return None if self.result is None else self.result.record_id
+        if name is CommandName.ROLLBACK:
+            return None if self.in_force is None else self.in_force.before
+        return None
+
 
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\x00-\x1f\x7f]+$")]
 

@@ -129,7 +129,7 @@ def uncertainty_curve(uncertainty: Uncertainty | None) -> str:
         pane = f'<rect class="pane" x="{left:g}" width="{width - left:g}" height="{height - low:g}"/>'
         return svg(pane, "no uncertainty yet", box=f"0 0 {width:g} {height:g}", name="curve")
     values = [v for v in (*uncertainty.inc_std_deg, *uncertainty.tf_std_deg) if v > 0]
-    bottom = math.floor(math.log10(min(values, default=1e-3)))
+    bottom = max(-9, math.floor(math.log10(min(values, default=1e-3))))
     top = max(bottom + 1, math.ceil(math.log10(max(values, default=1.0))))
     span_deg = max(max(uncertainty.inc_deg), 1.0)
 

@@ -37,14 +37,19 @@ LABELS = {
     CommandName.UNDO: ("Undo", "u"),
     CommandName.REJECT: ("Reject", "x"),
     CommandName.ABORT: ("Abort", "Q"),
+    CommandName.ACTIVATE: ("Put in force", "F"),
+    CommandName.ROLLBACK: ("Roll back", "B"),
 }
-"""Words and keys, those of the terminal; abort is a capital, so that no glove hits it."""
-GO = frozenset({CommandName.START, CommandName.ACCEPT, CommandName.RESUME, CommandName.CAPTURE})
+"""Words and keys, those of the terminal; what cannot be undone is a capital, so that no glove hits it."""
+GO = frozenset({CommandName.START, CommandName.ACCEPT, CommandName.RESUME, CommandName.CAPTURE, CommandName.ACTIVATE})
 ASKED = {
     CommandName.ABORT: "End the session without a result? What was measured stays in the journal.",
     CommandName.REJECT: "End the session and keep no calibration?",
+    CommandName.ACTIVATE: "Put calibration {record} in force for {tool}? A service takes it at its next reload.",
+    CommandName.ROLLBACK: "Put the earlier calibration {record} in force again for {tool}?",
 }
 """Commands that are asked about once more."""
+STOP = frozenset({CommandName.ABORT, CommandName.REJECT, CommandName.ROLLBACK})
 OVER = frozenset({State.REVIEW, State.ACCEPTED, State.REJECTED, State.ABORTED})
 """Nothing is measured: the result takes the place of the pose."""
 NO_TOKEN = "You are looking on: commands need the token of this session (see the terminal where it was started)."
@@ -122,7 +127,7 @@ class BenchView:
         with ui.element("section").classes("commands").props('aria-label="commands"'):
             with ui.element("div").classes("keys"):
                 for name, (label, key) in LABELS.items():
-                    kind = "go" if name in GO else "stop" if name in ASKED else "plain"
+                    kind = "go" if name in GO else "stop" if name in STOP else "plain"
                     shown = "space" if key == " " else key
                     button = ui.button(color=None, on_click=partial(self._clicked, name)).classes(f"command {kind}")
                     button.props(f'no-caps unelevated no-wrap data-command="{name.value}"')
@@ -196,11 +201,14 @@ class BenchView:
     # --- commanding --------------------------------------------------------------------------------------------
 
     async def _clicked(self, name: CommandName) -> None:
+        record = None
         if name in ASKED:
-            self._question.set_text(ASKED[name])
+            snapshot = self._driver.snapshot()
+            record = snapshot.meant(name)
+            self._question.set_text(ASKED[name].format(record=(record or "")[:12], tool=snapshot.tool))
             if not await self._dialog:
                 return
-        await self.send(name)
+        await self.send(name, confirm=record)
 
     async def _redo(self, pose: str | None) -> None:
         if pose is not None:
@@ -215,14 +223,18 @@ class BenchView:
                 await self._clicked(name)
                 return
 
-    async def send(self, name: CommandName, pose: str | None = None) -> None:
-        """Give a command in the operator's name and show the answer."""
+    async def send(self, name: CommandName, pose: str | None = None, *, confirm: str | None = None) -> None:
+        """Give a command in the operator's name and show the answer; `confirm`: the record that was asked about."""
         if not self._commands:
             self._answer.set_text(NO_TOKEN)
             return
         try:
             command = Command(
-                name=name, request_id=next(self._request), operator=(self._name.value or "").strip(), pose=pose
+                name=name,
+                request_id=next(self._request),
+                operator=(self._name.value or "").strip(),
+                pose=pose,
+                confirm=confirm,
             )
         except ValidationError:
             self._answer.set_text("Say who you are: the field Operator is empty.")

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from html import escape
 
-from highside.session.snapshot import PoseRow, PoseState, Snapshot, State
+from highside.session.snapshot import PoseRow, PoseState, Snapshot, State, VerdictState
 from highside.web.drawings import pictures, table_reads
 
 STATES = {
@@ -201,11 +201,58 @@ def _result(snapshot: Snapshot) -> str:
         std = f"<p class='big'>I ± {result.inc_std_deg:.4f}°, T ± {result.tf_std_deg:.4f}°</p>"
     notes = "".join(f"<li class='bad'>{escape(text)}</li>" for text in result.refused)
     notes += "".join(f"<li>{escape(text)}</li>" for text in result.remarks)
-    record = f"<p>record <code>{escape(result.record_id)}</code></p>" if result.record_id else ""
+    record = f"<p>record <code>{escape(result.record_id)}</code>{_force(snapshot)}</p>" if result.record_id else ""
+    if result.verdict is not None:
+        return _verdict(result.verdict) + f"<ul>{notes}</ul>"
     return (
         f"<h2>Result ({escape(result.method)})</h2>{std}<p>{result.poses} poses, {result.retaken} taken again;"
         f" one standard deviation by the calibration alone</p>{record}<ul>{notes}</ul>"
     )
+
+
+def _force(snapshot: Snapshot) -> str:
+    """Whether the record is in force, and what else is."""
+    force, result = snapshot.in_force, snapshot.result
+    if force is None or result is None:
+        return ""
+    if force.present == result.record_id:
+        return ", <strong>in force</strong>"
+    present = f"; in force is <code>{escape(force.present[:12])}</code>" if force.present else ""
+    return f", not in force{present}"
+
+
+def _verdict(verdict: VerdictState) -> str:
+    """A verification's or roll test's comparisons with their limits."""
+    limits = [f"I {verdict.limit_inc_deg:g}°"]
+    limits += [] if verdict.limit_tf_deg is None else [f"T {verdict.limit_tf_deg:g}°"]
+    limits += [] if verdict.limit_g_total_g is None else [f"Gtotal {1e3 * verdict.limit_g_total_g:g} mg"]
+    rows = "".join(
+        f"<tr><td>{escape(row.name)}</td><td>{_with_u(row.inc_error_deg, row.inc_u_deg, '°')}</td>"
+        f"<td>{_with_u(row.tf_error_deg, row.tf_u_deg, '°')}</td>"
+        f"<td>{_with_u(row.g_error_g, row.g_u_g, ' mg', 1e3)}</td>"
+        f"<td class='{'good' if row.verdict == 'pass' else 'bad'}'>{escape(row.verdict)}</td></tr>"
+        for row in verdict.rows
+    )
+    changed = (
+        ""
+        if verdict.consistent is not False
+        else (
+            "<p class='bad'>The errors are larger than the calibration's own stated uncertainty lets expect: the"
+            " sensor has changed.</p>"
+        )
+    )
+    good = verdict.verdict == "pass"
+    return (
+        f"<h2>Verdict</h2><p class='big {'good' if good else 'bad'}'><b aria-hidden='true'>{'✓' if good else '✗'}</b>"
+        f" {escape(verdict.verdict.replace('_', ' '))}</p><p>{escape(verdict.text)}</p>{changed}"
+        f"<p>calibration <code>{escape(verdict.record)}</code>; limits {', '.join(limits)}; ± is U (k = 2)</p>"
+        '<table><thead><tr><th scope="col">pose</th><th scope="col">I error</th><th scope="col">T error</th>'
+        f'<th scope="col">Gtotal</th><th scope="col">verdict</th></tr></thead><tbody>{rows}</tbody></table>'
+    )
+
+
+def _with_u(error: float | None, u: float | None, unit: str, scale: float = 1.0) -> str:
+    return "" if error is None or u is None else f"{scale * error:+.4f} ± {scale * u:.4f}{unit}"
 
 
 def _foot(snapshot: Snapshot) -> str:
