@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
 
 BEFORE, AFTER, SHADE = "#d9822b", "#2f7fd1", "#808890"
 MANY = 3000
@@ -33,12 +34,18 @@ TOLD = {
 }
 
 
-def residuals(picture: Picture, location: Location) -> Figure:
-    """One panel a channel: residuals over the covariate of a location, the location shaded."""
+def residuals(picture: Picture, location: Location) -> list[Figure]:
+    """One figure a channel: residuals over the covariate of a location, the location shaded.
+
+    What turns with the load cancels in the mean over a covariate that only drives its size: then the rms is drawn.
+    """
     along, label = _along(picture, location.covariate)
     names = [name for name in location.channels if name in picture.channels] or list(picture.channels)
-    figure, axes = new_figure(1, len(names))
-    for axis, name in zip(axes[0], names, strict=True):
+    figures = []
+    for name in names:
+        figure, axes = new_figure(1, 1, width=max(10.5 / len(names), 3.5), height=3.0)
+        figures.append(figure)
+        axis = axes[0][0]
         channel = picture.channels.index(name)
         size, unit = (1e6, "ug") if name in ("ax", "ay", "az", "g_total") else (1.0, "")
         if name in ("gx", "gy", "gz"):
@@ -49,12 +56,40 @@ def residuals(picture: Picture, location: Location) -> Figure:
         drawn = [(picture.before, BEFORE, "before"), (picture.after, AFTER, "after")]
         if np.array_equal(picture.before, picture.after):
             drawn = [(picture.before, AFTER, "residual")]
+        how = _mean if _cancels_not(along, picture.before[channel], picture.after[channel]) else _rms
         for values, colour, word in drawn:
-            _points(axis, along, size * values[channel], colour, word)
+            _points(axis, along, size * values[channel], colour, word, how)
         axis.axhline(0, color=SHADE, linewidth=0.8)
         axis.set(xlabel=label, ylabel=f"residual, {unit}".rstrip(", "), title=name)
         axis.legend()
-    return figure
+    return figures
+
+
+def _mean(values: Array, which: Ints, count: Ints) -> Array:
+    return np.asarray(np.bincount(which, values, count.size) / np.maximum(count, 1))
+
+
+def _rms(values: Array, which: Ints, count: Ints) -> Array:
+    return np.asarray(np.sqrt(np.bincount(which, values**2, count.size) / np.maximum(count, 1)))
+
+
+def _binned(along: Array) -> tuple[Ints, Ints, Array]:
+    """Bin of each row, rows of each bin, middle of each bin: settings where there are few."""
+    settings = np.unique(np.round(along, 3))
+    if settings.size <= BINS:
+        which = np.searchsorted(settings, np.round(along, 3))
+        return which, np.bincount(which, minlength=settings.size), settings
+    edges = np.linspace(along.min(), along.max(), BINS + 1)
+    which = np.clip(np.digitize(along, edges) - 1, 0, BINS - 1)
+    return which, np.bincount(which, minlength=BINS), (edges[:-1] + edges[1:]) / 2
+
+
+def _cancels_not(along: Array, before: Array, after: Array) -> bool:
+    """Whether the means over bins show a third at least of what was explained."""
+    which, count, _ = _binned(along)
+    removed = float(np.mean(before**2) - np.mean(after**2))
+    shown = float(np.sum(count * (_mean(before, which, count) ** 2 - _mean(after, which, count) ** 2)) / before.size)
+    return removed <= 0.0 or shown > removed / 3
 
 
 def _shade(axis: Axes, along: Array, intervals: Sequence[tuple[float, float]]) -> None:
@@ -64,19 +99,17 @@ def _shade(axis: Axes, along: Array, intervals: Sequence[tuple[float, float]]) -
         axis.axvspan(low - pad, high + pad, color=SHADE, alpha=0.18, linewidth=0)
 
 
-def _points(axis: Axes, along: Array, values: Array, colour: str, word: str) -> None:
-    if along.size <= MANY:
-        axis.plot(along, values, ".", color=colour, label=word, markersize=4)
-        return
-    # a picture of every row would be megabytes: a sample, and what the rows of a bin have in common
-    some = np.linspace(0, along.size - 1, MANY // 2).astype(int)
-    axis.plot(along[some], values[some], ".", color=colour, alpha=0.15, markersize=2)
-    edges = np.linspace(along.min(), along.max(), BINS + 1)
-    which = np.clip(np.digitize(along, edges) - 1, 0, BINS - 1)
-    count = np.bincount(which, minlength=BINS)
-    mean = np.bincount(which, values, BINS) / np.maximum(count, 1)
-    middle = (edges[:-1] + edges[1:]) / 2
-    axis.plot(middle[count > 0], mean[count > 0], "-", color=colour, label=f"{word} (mean of a bin)")
+def _points(
+    axis: Axes, along: Array, values: Array, colour: str, word: str, how: Callable[[Array, Ints, Ints], Array]
+) -> None:
+    """The points, and over them what those of a bin have in common; of many points a sample."""
+    some = np.linspace(0, along.size - 1, min(along.size, MANY // 2)).astype(int)
+    few = along.size <= MANY
+    axis.plot(along[some], values[some], ".", color=colour, alpha=0.55 if few else 0.15, markersize=4 if few else 2)
+    which, count, middle = _binned(along)
+    told = "mean" if how is _mean else "rms"
+    shows = count > (0 if few else 1)
+    axis.plot(middle[shows], how(values, which, count)[shows], "-", color=colour, label=f"{word} ({told})")
 
 
 def _along(picture: Picture, covariate: str) -> tuple[Array, str]:
@@ -92,10 +125,11 @@ def _along(picture: Picture, covariate: str) -> tuple[Array, str]:
         "vibration_rms_g": state.vibration_rms_g,
         "rotor_rate_dps": np.degrees(state.rotor_rate_radps),
     }
-    parts = covariate.split(" x ")
-    varying = [name for name in (*parts[::-1], "inc_ref_deg", "tf_ref_deg", "t_s") if name in columns]
-    if covariate.startswith("temp_c"):
-        varying.insert(0, "temp_c")
+    # the intervals of a product are told along its first covariate, but for a side of approach
+    parts = [part.removesuffix("^2") for part in covariate.split(" x ")]
+    if parts[0] == "direction" and len(parts) > 1:
+        parts = parts[1:]
+    varying = [name for name in (*parts[:1], "inc_ref_deg", "tf_ref_deg", "t_s") if name in columns]
     name = next((name for name in varying if np.ptp(columns[name]) > 0), "t_s")
     return np.asarray(columns[name], dtype=float), AXIS_NAMES[name]
 

@@ -8,9 +8,9 @@ from highside.diagnosis.simulation_effects import title_of
 from highside.diagnosis.summary import SummaryPicture
 from highside.report.diagnosis_figures import residuals, table_misfit, table_values
 from highside.report.diagnosis_words import (
-    AXIS_NAMES,
     KINDS,
     VERDICTS,
+    axis_name,
     blame,
     headline,
     proof,
@@ -114,7 +114,7 @@ def _figures(page: Page, diagnosis: Diagnosis, picture: Picture | SummaryPicture
     if not drawn:
         drawn = [place for place in diagnosis.remainder.location if place.covariate != "reading_g"]
     for place in drawn[:DRAWN] or [Location(picture.channels, "t_s", (), None, 0.0, 1.0)]:
-        page.figure(residuals(picture, place), _caption(place))
+        page.panels(residuals(picture, place), _caption(place))
 
 
 def _caption(place: Location) -> str:
@@ -123,7 +123,7 @@ def _caption(place: Location) -> str:
     shade = "; ".join(f"{low:g} to {high:g}" for low, high in place.intervals)
     harmonic = f", harmonic {place.harmonic}" if place.harmonic else ""
     return (
-        f"Residual of {', '.join(place.channels)} along {AXIS_NAMES.get(place.covariate, place.covariate)}{harmonic}: "
+        f"Residual of {', '.join(place.channels)} along {axis_name(place.covariate)}{harmonic}: "
         f"before (orange) and after (blue) what was found is added; the mismatch sits at {shade}."
     )
 
@@ -134,7 +134,7 @@ def _evidence(page: Page, claim: Claim) -> None:
     if claim.rivals_ruled_out:
         page.table(
             ["rival", "BIC against it"],
-            [[r.effect, f"{r.delta_bic:.1f}"] for r in claim.rivals_ruled_out],
+            [[r.effect, f"{r.delta_bic:,.0f}"] for r in claim.rivals_ruled_out],
             "Rivals that the data speak against: beyond 6 is strong, beyond 10 decisive.",
         )
     page.paragraph(f"To split or confirm it: {claim.next_manoeuvre}.")

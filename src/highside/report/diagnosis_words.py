@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from highside.diagnosis.result import Claim, Diagnosis, Fit, Location
@@ -57,6 +58,24 @@ def headline(diagnosis: Diagnosis) -> str:
     return f"{words.rstrip('.')}: {' and '.join(titles)}" if titles else words
 
 
+def axis_name(covariate: str) -> str:
+    """A covariate, or a product of some, in words."""
+    parts = [AXIS_NAMES.get(part, part) for part in covariate.split(" x ")]
+    if len(parts) == 1:
+        return parts[0]
+    return (
+        f"{parts[0]} (what it does there turns with {' and '.join(p.split(',')[0].split(' (')[0] for p in parts[1:])})"
+    )
+
+
+def rounded(value: float, error: float) -> str:
+    """A value with two digits of its error."""
+    if not error > 0.0 or value == 0.0:
+        return f"{value:.3g}"
+    digits = 1 + math.floor(math.log10(abs(value))) - math.floor(math.log10(error)) + 1
+    return f"{value:.{min(max(digits, 2), 9)}g}"
+
+
 def shown(value: float, unit: str) -> str:
     """A misfit with its unit, readable."""
     if unit == "g":
@@ -82,8 +101,8 @@ def sureness(claim: Claim) -> str:
 def sizes(claim: Claim) -> str:
     """Parameters with their 95 % intervals; shapes without."""
     return ", ".join(
-        f"{name} = {p.value:.3g} {p.unit if p.unit != '1' else ''}".rstrip()
-        + (f" ({p.low:.3g} to {p.high:.3g})" if p.std > 0 else "")
+        f"{name} = {rounded(p.value, p.std)} {p.unit if p.unit != '1' else ''}".rstrip()
+        + (f" ({rounded(p.low, p.std)} to {rounded(p.high, p.std)})" if p.std > 0 else "")
         for name, p in claim.parameters.items()
     )
 
@@ -94,7 +113,7 @@ def where(places: Sequence[Location]) -> str:
     for place in places:
         ranges = "; ".join(f"{low:g}" if low == high else f"{low:g} to {high:g}" for low, high in place.intervals)
         harmonic = f", harmonic {place.harmonic}" if place.harmonic else ""
-        axis = AXIS_NAMES.get(place.covariate, place.covariate)
+        axis = axis_name(place.covariate)
         parts.append(f"{', '.join(place.channels)} along {axis}{harmonic}" + (f": {ranges}" if ranges else ""))
     return ". ".join(parts)
 
@@ -110,10 +129,14 @@ def proof(fit: Fit) -> str:
         assert fit.heldout_gain_low is not None and fit.heldout_gain_high is not None
         words += (
             f" On readings that the fit had not seen: {shown(fit.heldout_rmse_before, fit.unit)} before, "
-            f"{shown(fit.heldout_rmse_after, fit.unit)} after; {fit.heldout_gain_low:.0%} to "
-            f"{fit.heldout_gain_high:.0%} of the mean square removed ({fit.how_held_out})."
+            f"{shown(fit.heldout_rmse_after, fit.unit)} after; {_percent(fit.heldout_gain_low)} to "
+            f"{_percent(fit.heldout_gain_high)} of the mean square removed ({fit.how_held_out})."
         )
     return words[0].upper() + words[1:]
+
+
+def _percent(share: float) -> str:
+    return f"{share:.0%}" if share < 0.985 else f"{share:.2%}"
 
 
 def blame(diagnosis: Diagnosis) -> str:

@@ -49,6 +49,15 @@ dl.facts dt { color: var(--soft); } dl.facts dd { margin: 0; } dl.facts dd + dd 
 @media (prefers-color-scheme: dark) { .good { color: #6cc592; } .bad { color: #ef8a74; } .open { color: #d9b64a; }
   .found { color: #7fb2ea; } }
 td.words, th.words { text-align: left; } tbody tr:nth-child(even) { background: var(--band); }
+.panels { display: flex; flex-wrap: wrap; gap: .5rem; } .panels svg { flex: 1 1 17rem; width: auto; min-width: 0; }
+@media (max-width: 40rem) {
+  dl.facts { grid-template-columns: 1fr; gap: 0; } dl.facts dd { margin-bottom: .6rem; }
+  dl.facts dd + dd { grid-column: 1; }
+  .told thead { display: none; } .told table, .told tbody, .told tr, .told td, .told caption { display: block; }
+  .told td { text-align: left; white-space: normal; border: 0; padding: .05rem .5rem; }
+  .told td:first-child { font-weight: 600; } .told tr { border-bottom: 1px solid var(--line); padding: .3rem 0; }
+  .told td:not(:first-child)::before { content: attr(data-name) ": "; color: var(--soft); }
+}
 """
 
 
@@ -83,18 +92,22 @@ class Page:
     def table(
         self, headers: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "", *, words: Sequence[int] = ()
     ) -> None:
-        """`words`: indices of the columns that hold text and are set flush left."""
+        """`words`: indices of the columns that hold text and are set flush left.
+
+        Where there are such, a narrow screen shows each row as lines with the headers before them.
+        """
 
         def cell(tag: str, index: int, text: str) -> str:
-            return (
-                f'<{tag} class="words">{escape(text)}</{tag}>' if index in words else f"<{tag}>{escape(text)}</{tag}>"
-            )
+            kind = ' class="words"' if index in words else ""
+            name = f' data-name="{escape(headers[index])}"' if words and tag == "td" else ""
+            return f"<{tag}{kind}{name}>{escape(text)}</{tag}>"
 
         head = "".join(cell("th", i, text) for i, text in enumerate(headers))
         body = "".join("<tr>" + "".join(cell("td", i, text) for i, text in enumerate(row)) + "</tr>" for row in rows)
         title = f"<caption>{escape(caption)}</caption>" if caption else ""
+        kind = "wide told" if words else "wide"
         self._parts.append(
-            f'<div class="wide"><table>{title}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+            f'<div class="{kind}"><table>{title}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
         )
 
     def figure(self, figure: Figure, caption: str) -> None:
@@ -102,6 +115,16 @@ class Page:
         self._figures += 1
         self._parts.append(
             f"<figure>{as_svg(figure, self._figures)}<figcaption>{escape(caption)}</figcaption></figure>"
+        )
+
+    def panels(self, figures: Sequence[Figure], caption: str) -> None:
+        """Figures beside one another, or below where the screen is narrow, under one caption."""
+        drawn = []
+        for figure in figures:
+            self._figures += 1
+            drawn.append(as_svg(figure, self._figures))
+        self._parts.append(
+            f'<figure><div class="panels">{"".join(drawn)}</div><figcaption>{escape(caption)}</figcaption></figure>'
         )
 
     def html(self) -> str:
