@@ -1,4 +1,4 @@
-"""The report of a diagnosis: drawn along the covariate that its intervals are told in, sizes with the digits they have."""
+"""The report of a diagnosis: drawn along what its intervals are told in, sizes with the digits they have."""
 
 from __future__ import annotations
 
