@@ -12,6 +12,7 @@ import pytest
 from highside.config.drift import DriftSettings
 from highside.drift.filter import Settings as FilterSettings
 from highside.drift.kinematic import kinematic
+from highside.drift.recursive import recursive
 from highside.errors import Refused
 from highside.physics.drift_scenarios import DriftData, Triad, curved_hole, drilling, record, turntable
 from highside.service import saved_drift
@@ -286,6 +287,69 @@ def test_the_literal_algorithm_can_be_chosen_or_run_beside(method: str) -> None:
         assert (azimuth.azi_deg, azimuth.azi_std_deg) == (message.literal.azi_deg, None)
         assert azimuth.basis == ("nothing",)
     DriftMessage.model_validate_json(message.model_dump_json())
+
+
+@pytest.mark.parametrize("hold", [False, True])
+def test_the_recursive_filter_can_be_chosen_and_is_the_one_of_highside_drift(hold: bool) -> None:
+    experiment = drilling(150.0, 50.0, leg_s=60.0, stop_s=20.0, start_s=30.0)
+    data = record(experiment, 2)
+    settings = DriftSettings(azimuth_deg=60.0, azimuth_std_deg=0.1, method="recursive", straight_hole=hold)
+    stage = DriftStage(settings, LATITUDE)
+    feed(stage, data)
+    bulk = recursive(
+        experiment.t_s, data.rate, data.accel, settings.filter_settings(LATITUDE, first_start=True), hold=hold
+    )
+    azimuth, message = stage.azimuth(150.0), stage.message(0.0)
+    assert azimuth is not None
+    assert azimuth.azi_deg is not None
+    assert azimuth.azi_std_deg is not None
+    # its blocks begin a sample after those of the recording
+    assert math.remainder(azimuth.azi_deg - math.degrees(bulk.azi_rad[-1]), 360.0) == pytest.approx(0.0, abs=0.01)
+    assert azimuth.azi_std_deg == pytest.approx(math.degrees(bulk.azi_std_rad[-1]), rel=0.05, abs=0.01)
+    assert azimuth.basis == (("constraint",) if hold else ("nothing",))
+    assert message.method == "recursive"
+    assert message.recursive is not None
+    assert (message.recursive.azi_deg, message.recursive.azi_std_deg) == (azimuth.azi_deg, azimuth.azi_std_deg)
+    assert message.recursive.bias_dph == pytest.approx(np.degrees(bulk.bias_radps[:, -1]) * 3600.0, abs=0.5)
+    assert DriftMessage.model_validate_json(message.model_dump_json()) == message
+
+
+def test_the_recursive_filter_is_aligned_by_command_while_the_tool_turns() -> None:
+    stage = DriftStage(DriftSettings(method="recursive"), LATITUDE)
+    data = record(turntable(40.0, 20.0), 1)
+    feed(stage, data, until_s=20.345)
+    assert stage.azimuth(20.34) == (None, None, ("unaligned",), ())
+    assert stage.align(123.0, 0.2, 0.0) is None
+    for until_s in (20.5, 40.0):
+        feed(stage, data, after_s=20.345 if until_s < 21 else 20.5, until_s=until_s)
+        azimuth = stage.azimuth(until_s - 0.02)
+        assert azimuth is not None
+        assert azimuth.azi_deg == pytest.approx(123.0, abs=0.1)
+    assert stage.restart() is None
+    assert stage.message(0.0).recursive is None
+
+
+def test_an_azimuth_is_told_of_the_hole_and_kept_of_the_package() -> None:
+    data = record(turntable(10.0, 20.0), 1)
+    t, rates = data.experiment.t_s, np.degrees(data.rate)
+
+    def run(stage: DriftStage, error_rad: float | None, since_s: float, until_s: float) -> float | None:
+        for i in np.flatnonzero((t >= since_s) & (t < until_s)):
+            stage.add(*rates[:, i].tolist())
+            stage.close(float(t[i]), float(t[i]), tuple(data.accel[:, i].tolist()), error_rad)
+        found = stage.azimuth(until_s)
+        assert found is not None
+        return found.azi_deg
+
+    stage = DriftStage(ALIGNED, LATITUDE)
+    assert run(stage, math.radians(0.5), 0.0, 2.0) == pytest.approx(60.5, abs=0.02)
+    assert stage.align(70.0, 0.1, 0.0) is None
+    assert run(stage, math.radians(-0.25), 2.0, 4.0) == pytest.approx(70.5, abs=0.02)
+    assert stage.reset_heading() is None
+    assert run(stage, None, 4.0, 6.0) == pytest.approx(69.75, abs=0.02)
+    for refused in (stage.align(1.0, 0.1, 0.0), stage.reset_heading()):
+        assert refused is not None
+        assert "rotor angle is not known" in refused
 
 
 class Desk:

@@ -5,10 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from highside.attitude.quaternion import direction_cosines, to_body
+from highside.drift.frames import quaternion
 from highside.errors import InputError
 from highside.physics.forward import ForwardModel
-from highside.physics.gravity import attitude_of
-from highside.physics.rotation_chain import Faults, attitude_errors, inclination_toolface_errors
+from highside.physics.gravity import attitude_of, gravity_direction
+from highside.physics.rotation_chain import (
+    Faults,
+    attitude_errors,
+    azimuth_errors,
+    inclination_toolface_errors,
+    package_turn,
+)
 from highside.physics.state import ChainState
 
 MINUTE = np.radians(1.0 / 60.0)
@@ -93,6 +101,29 @@ def test_inclination_and_toolface_are_those_of_the_bench_model() -> None:
     felt_inc, felt_tf = attitude_of(np.asarray(felt))
     assert np.allclose(inc + d_inc, felt_inc, atol=1e-12)
     assert np.allclose(np.exp(1j * (THETA + d_tf)), np.exp(1j * felt_tf), atol=1e-12)
+
+
+def test_the_azimuth_is_that_of_the_axis_of_the_turned_package() -> None:
+    faults = [
+        ("encoder_first_harmonic", {"c1": 6e-3, "s1": -4e-3}),
+        ("wobble", {"ck": 3e-3, "sk": 1e-3, "dk": -2e-3, "tk": 2e-3, "k": 2.0}),
+        ("mounting", {"tilt_x": 4e-3, "tilt_y": -2e-3}),
+    ]
+    theta, inc, azi = np.linspace(0.0, 6.2, 40), np.full(40, np.radians(35.0)), np.radians(200.0)
+    turn = package_turn(theta, inc, faults)
+    felt_inc, felt_tf = attitude_of(np.einsum("ijn,jn->in", turn, gravity_direction(inc, theta)))
+    d_inc, d_tf = inclination_toolface_errors(theta, inc, faults)
+    assert np.allclose(felt_inc, inc + d_inc, atol=1e-12)
+    assert np.allclose(np.sin(felt_tf - theta - d_tf), 0.0, atol=1e-12)
+    # by way of the navigation frame: East, North, Up
+    to_body_frame = direction_cosines(quaternion(inc, theta, azi))
+    east, north, _ = -np.einsum("ijn,in->jn", to_body_frame, to_body(turn[2]))
+    found = azimuth_errors(theta, inc, faults)
+    assert np.allclose(np.sin(np.arctan2(east, north) - azi - found), 0.0, atol=1e-12)
+    # a mounting of 4.5 mrad is 4.5 / sin I of azimuth; the encoder does not move the axis
+    only = azimuth_errors(theta, inc, faults[2:])
+    assert np.abs(only).max() == pytest.approx(np.hypot(4e-3, 2e-3) / np.sin(inc[0]), rel=0.02)
+    assert np.abs(azimuth_errors(theta, inc, faults[:1])).max() < 1e-12
 
 
 def test_without_faults_there_is_no_error() -> None:

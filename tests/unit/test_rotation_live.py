@@ -17,6 +17,7 @@ from highside.physics.gravity import gravity_direction
 from highside.rotation import Compensation, Curve, FitOptions, Method, NetworkInput, Samples, Validity, fit
 from highside.rotation.live import ROTATION_GAP, ROTATION_OUTSIDE, ROTOR_UNKNOWN, LiveCompensation, point
 from highside.rotation.scenarios import A, draw
+from highside.service.drift_stage import Azimuth
 from highside.service.pipeline import Attitude, Survey
 
 ONE = draw(A, 0, 0)
@@ -164,6 +165,80 @@ def test_a_turntable_in_its_axis_frame_holds_at_any_inclination() -> None:
         assert math.degrees(theta - got.tf_rad) * 60.0 == pytest.approx(off, abs=0.02)
         assert math.degrees(inc - got.inc_rad) * 60.0 == pytest.approx(math.sin(theta), abs=2e-3)
         assert got.flags == ()
+
+
+def of_heading(t: np.ndarray | float) -> np.ndarray:
+    return np.asarray(30.0 * np.cos(t) - 6.0 * np.sin(2 * t))
+
+
+class Compass:
+    """In place of a drift stage: an azimuth of 200 deg, off by the rotor's error."""
+
+    def __init__(self) -> None:
+        self.told: list[float | None] = []
+        self.theta = 0.0
+
+    def add(self, *_: float) -> None: ...
+
+    def close(self, t_s: float, _t_mono: float, _a: object, rotor_error_rad: float | None) -> None:
+        self.theta = math.radians(120.0 * t_s)
+        self.told.append(rotor_error_rad)
+
+    def azimuth(self, _t_s: float) -> Azimuth:
+        return Azimuth((200.0 + float(of_heading(self.theta)) / 60.0) % 360.0, 0.3, ("rotation",))
+
+
+def headings(frames: list[Frame], made: Compensation | None) -> tuple[list[Attitude], Compass]:
+    pipeline, out = make()
+    compass = Compass()
+    pipeline.drift = compass  # type: ignore[assignment]
+    pipeline.rotation = None if made is None else LiveCompensation(made)
+    for frame in frames:
+        pipeline.on_frame(frame._replace(gx=0.0, gy=0.0, gz=0.0))
+    return [one for one in out if isinstance(one, Attitude)], compass
+
+
+def test_the_azimuth_is_compensated_by_the_angle_of_its_own_reading() -> None:
+    made = compensation({**BOTH, "heading": of_heading})
+    live = LiveCompensation(made)
+    plain, _ = headings(stream(4.0), None)
+    found, compass = headings(stream(4.0), made)
+    assert max(abs(one.azimuth.azi_deg - 200.0) for one in plain if one.azimuth and one.azimuth.azi_deg) > 0.4
+    for one in found:
+        assert one.azimuth is not None
+        assert one.azimuth.azi_deg == pytest.approx(200.0, abs=1e-4)
+        own = math.degrees(live.heading(120.0 * one.t_device_s % 360.0, None, math.radians(40.0)).std_rad)
+        assert one.azimuth.azi_std_deg == math.hypot(0.3, own) > 0.3
+        assert one.azimuth.basis == ("rotation",)
+        assert set(one.flags) <= {"uncalibrated", "moving"}
+        assert one.comp_id == made.id
+    # the stage is told what to add when an azimuth is told
+    assert compass.told[-1] == pytest.approx(math.radians(float(of_heading(compass.theta)) / 60.0), abs=1e-6)
+
+
+def test_a_compensation_of_the_heading_alone_leaves_inclination_and_toolface() -> None:
+    plain, _ = headings(stream(2.0), None)
+    found, _ = headings(stream(2.0), compensation({"heading": of_heading, "roll": of_heading}))
+    assert [(one.inc_deg, one.inc_std_deg, one.tf_deg) for one in plain] == [
+        (one.inc_deg, one.inc_std_deg, one.tf_deg) for one in found
+    ]
+    live = LiveCompensation(compensation({"heading": of_heading, "roll": of_heading}))
+    assert (live.channels, live.unused) == (("heading",), ("roll",))
+    assert all(one.azimuth and one.azimuth.azi_deg == pytest.approx(200.0, abs=1e-4) for one in found)
+
+
+def test_where_the_heading_does_not_hold_nothing_is_taken_off_and_one_flag_says_so() -> None:
+    whole = compensation({**BOTH, "heading": of_heading})
+    for frames, flag in ((stream(2.0, rotor=False), ROTOR_UNKNOWN), (stream(2.0, inc_deg=60.0), ROTATION_OUTSIDE)):
+        plain, _ = headings(frames, None)
+        found, compass = headings(frames, whole)
+        assert [one.azimuth for one in plain] == [one.azimuth and one.azimuth._replace(flags=()) for one in found]
+        assert all(one.flags.count(flag) == 1 for one in found)
+        assert set(compass.told) == ({None} if flag == ROTOR_UNKNOWN else {0.0})
+    found, _ = headings(stream(3.0), compensation({"heading": of_heading}, gap=True))
+    for one in found:
+        theta = 120.0 * one.t_device_s % 360.0
+        assert (ROTATION_GAP in one.flags) == (270.0 - 0.6 < theta < 360.0 - 0.1)
 
 
 def test_a_compensation_of_roll_and_pitch_is_refused_for_a_tool() -> None:

@@ -18,9 +18,10 @@ class DriftSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     enabled: bool = True
-    method: Literal["kinematic", "literal", "literal_block"] = Field(
+    method: Literal["kinematic", "literal", "literal_block", "recursive"] = Field(
         default="kinematic",
-        description="What the published azimuth comes from; literal and literal_block state no uncertainty.",
+        description="What the published azimuth comes from, for comparison; literal and literal_block state no"
+        " uncertainty, recursive (one gain for all directions) believes gravity alone.",
     )
     compare_literal: bool = Field(
         default=False, description="Run the literal algorithm beside, in the `drift` message."

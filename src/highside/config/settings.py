@@ -119,7 +119,7 @@ class CalibrationSettings(Table):
 
 
 class RotationSettings(Table):
-    """Errors that repeat with the rotor angle, taken off inclination and toolface."""
+    """Errors that repeat with the rotor angle, taken off inclination, toolface and azimuth."""
 
     compensation: Path | None = Field(
         default=None, description="A compensation (JSON) of `rotation fit` or `rotation turntable`."

@@ -79,7 +79,20 @@ class RecursiveFilter:
         # what nothing measures: the rotation about Up, unless the azimuth is held
         self.about_up = Scalar(settings.azimuth_std_rad**2, 0.0, bias)
         self.q: FloatArray | None = None
+        """at the end of the last block; set it to begin at a known attitude"""
         self.bias = np.zeros(3)
+        self.followed_s = 0.0
+
+    def attitude_now(self) -> FloatArray:
+        """Quaternion (4,) at the newest sample, predicted from the last block. Raises ValueError before the first."""
+        if self.q is None:
+            raise ValueError("no block is closed yet")
+        return predicted(self.q, self.bias, 0.0, self.earth, np.array(self._gatherer.sums[:20]))
+
+    @property
+    def azimuth_std_rad(self) -> float:
+        """At the end of the last block."""
+        return float(azimuth_std(self.about_up.p11, self.followed_s, self.settings, hold=self.hold))
 
     def update(self, t_s: float, rate: tuple[float, float, float], accel: tuple[float, float, float],
                *, believe: bool = True) -> bool:  # fmt: skip
@@ -103,6 +116,7 @@ class RecursiveFilter:
             return
         sums = block.vector[:20]
         self.q = normalised(predicted(self.q, self.bias, 0.0, self.earth, sums))
+        self.followed_s += block.seconds
         arw = max(s.arw, block.rate_noise * math.sqrt(block.seconds / max(block.n, 1)))
         self.level.predict(block.seconds, arw, s.rrw)
         self.about_up.predict(block.seconds, arw, s.rrw)
@@ -124,6 +138,16 @@ class RecursiveFilter:
             self.about_up = Scalar(self.level.p11, self.level.p12, self.level.p22)
         self.q = normalised(multiply(self.q, from_rotation_vector(kt * e)))
         self.bias = self.bias - kb * e
+
+
+def azimuth_std(
+    variance: FloatArray | float, followed_s: FloatArray | float, settings: Settings, *, hold: bool
+) -> FloatArray:
+    """Standard deviation of the azimuth, rad, for the variance about Up after so many seconds."""
+    unmodelled = 0.0 if settings.latitude_rad is not None else EARTH_RATE_RADPS
+    # what is asserted is no better than the assertion
+    beyond = math.radians(0.1) if hold else unmodelled * followed_s
+    return np.asarray(np.minimum(np.sqrt(variance + np.square(beyond)), math.pi / math.sqrt(3.0)))
 
 
 def recursive(
@@ -167,10 +191,7 @@ def recursive(
     up = up_direction(q_end)
     # along Up the bias is as uncertain as that direction is uncorrected
     axes = to_tool(np.sqrt(bias_var * (1.0 - up * up) + up_bias_var * up * up))
-    unmodelled = 0.0 if settings.latitude_rad is not None else EARTH_RATE_RADPS
-    # what is asserted is no better than the assertion
-    beyond = math.radians(0.1) if hold else unmodelled * (batch.ends - t_s[0])
-    std = np.sqrt(up_var + beyond**2)
+    std = azimuth_std(up_var, batch.ends - t_s[0], settings, hold=hold)
     notes = []
     if settings.latitude_rad is None:
         notes.append("no latitude: the Earth's rotation (15 deg/h) is not modelled and counts as gyro bias")
@@ -181,7 +202,7 @@ def recursive(
         inc_rad=inc,
         tf_rad=tf,
         azi_rad=azi,
-        azi_std_rad=np.minimum(std, math.pi / math.sqrt(3.0))[known],
+        azi_std_rad=std[known],
         bias_radps=to_tool(bias)[:, known],
         bias_std_radps=np.abs(axes)[:, known],
         basis=(AzimuthBasis.CONSTRAINT if hold else AzimuthBasis.NOTHING,),

@@ -30,7 +30,7 @@ from highside.link.base import Deliver, LinkError, Transport
 from highside.link.wire import Wire
 from highside.physics.gravity import EARTH_RATE_RADPS, gravity_direction
 from highside.physics.motion import Floats, Leg, Motion, MotionBlock, demo, still
-from highside.physics.rotation_chain import Faults, inclination_toolface_errors
+from highside.physics.rotation_chain import Faults, inclination_toolface_errors, package_turn
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 MAX_CATCH_UP_S = 1.0
@@ -220,7 +220,7 @@ class SimulatedDevice:
             noise = self._rng.standard_normal((count, 6)).T
             accel = self._matrix @ (self._felt(motion) + motion.vibration_g) + self._offset
             accel += settings.noise_g * noise[:3]
-            gyro = np.rad2deg(motion.gyro_rad_s + self._earth(motion)) + self._gyro_bias
+            gyro = np.rad2deg(self._rates(motion)) + self._gyro_bias
             gyro += settings.gyro_noise_density_dps * math.sqrt(settings.rate_hz / 2.0) * noise[3:]
             boot = self._boots[-1]
         rotor: list[float | None] = [None] * count
@@ -240,6 +240,22 @@ class SimulatedDevice:
             return motion.gravity
         d_inc, d_tf = inclination_toolface_errors(motion.toolface_rad, motion.inclination_rad, faults)
         return gravity_direction(motion.inclination_rad + d_inc, motion.toolface_rad + d_tf)
+
+    def _rates(self, motion: MotionBlock) -> Floats:
+        """What its gyros feel, (3, N) rad/s: a rotor with faults turns the tool other than its encoder says."""
+        rates = motion.gyro_rad_s + self._earth(motion)
+        faults = self.settings.rotor_faults
+        if not faults:
+            return rates
+        inc, tf = motion.inclination_rad, motion.toolface_rad
+        wx, wy, wz = motion.gyro_rad_s
+        inc_rate, tf_rate = wx * np.sin(tf) - wy * np.cos(tf), -wz
+        h = 1e-4
+        before, now, after = (package_turn(tf + k * tf_rate, inc + k * inc_rate, faults) for k in (-h, 0.0, h))
+        # u = E u_perfect and du/dt = -w x u for every direction u fixed in space: [w]x = E [w_perfect]x E^T - dE/dt E^T
+        own = np.einsum("ijn,kjn->ikn", (after - before) / (2.0 * h), now)
+        turn = 0.5 * np.stack([own[2, 1] - own[1, 2], own[0, 2] - own[2, 0], own[1, 0] - own[0, 1]])
+        return np.asarray(np.einsum("ijn,jn->in", now, rates) - turn)
 
     def _earth(self, motion: MotionBlock) -> Floats:
         """The Earth's rotation in the tool's axes, (3, N) rad/s."""

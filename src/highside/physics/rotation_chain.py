@@ -80,6 +80,36 @@ def inclination_toolface_errors(theta_rad: Array, inc_rad: Array | float, faults
     return felt_inc - inc, np.asarray(wrap_signed(felt_tf - theta))
 
 
+def package_turn(theta_rad: Array, inc_rad: Array | float, faults: Faults = ()) -> Array:
+    """What a package on a rotor with faults is turned by against one on a perfect rotor: (3, 3, N).
+
+    It maps vectors of the perfect package's frame, at rotor angles (N,) and inclination(s) as the bench reads them,
+    into the real one's: gravity, the Earth's rotation, rates. A base that is not level (stage GRAVITY) tilts the
+    vertical against the bench, not the package in it, and is left out.
+    """
+    theta = np.asarray(theta_rad, dtype=float)
+    inc = np.full_like(theta, inc_rad)
+    pose, _, mounting = _faults(theta, inc, faults)
+    columns = []
+    for axis in np.eye(3):
+        in_bench = rotate_y(-inc, rotate_z(-theta, np.repeat(axis[:, None], theta.size, axis=1)))
+        real = rotate_z(theta + pose[2], rotate_x(pose[1], rotate_y(inc + pose[0], in_bench)))
+        columns.append(mounting @ real)
+    return np.stack(columns, axis=1)
+
+
+def azimuth_errors(theta_rad: Array, inc_rad: Array | float, faults: Faults = ()) -> Array:
+    """(N,) rad: azimuth of the package's axis minus that of the hole, at rotor angles (N,) and inclination(s)."""
+    theta = np.asarray(theta_rad, dtype=float)
+    inc = np.full_like(theta, inc_rad)
+    # the package's axis in the perfect package's frame is the last row of the turn; seen from the hole's high side
+    axis = rotate_z(-theta, package_turn(theta, inc, faults)[2])
+    # y points to the left of the high side, looking along the hole's azimuth: an axis that leans there points down-hole
+    # to the right
+    level = np.sin(inc) * axis[2] - np.cos(inc) * axis[0]
+    return np.asarray(np.arctan2(axis[1], level))
+
+
 def _faults(theta: Array, inc: Array, faults: Faults) -> tuple[Array, Array, Array]:
     """Pose increments (3, N), vertical in the bench's frame (3, 1), mounting (3, 3): the faults summed by stage."""
     state = ChainState.build(inc, theta)

@@ -1,14 +1,18 @@
-"""A compensation one reading at a time, in plain floats: what the live service subtracts from I and T.
+"""A compensation one reading at a time, in plain floats: what the live service subtracts from I, T and the azimuth.
 
 `point` makes of a fitted curve a function of one angle, without numpy (1 to 3 us; an array of one costs 30). The
-channels that concern inclination and toolface are
+channels that concern a tool are
 
     inclination, toolface        fitted at one inclination, and good near it
     encoder, across, along       a turntable in its axis frame (`rotation.turntable`), good at every inclination
+    heading                      of the azimuth that gyros give; fitted at one inclination, and good near it
 
 so that with I the measured inclination and t the rotor angle
 
-    I = I measured - inclination(t) - along(t),     T = T measured - toolface(t) - encoder(t) + across(t) cot I
+    I = I measured - inclination(t) - along(t),     T = T measured - toolface(t) - encoder(t) + across(t) cot I,
+    azimuth = azimuth measured - heading(t)
+
+The same over arrays, for recordings, is in `rotation.recorded`.
 """
 
 from __future__ import annotations
@@ -28,7 +32,9 @@ from highside.rotation.turntable import ARCMIN, AXIS_CHANNELS
 Point = Callable[[float, float | None], float]
 """(angle rad, rate rad/s or None) -> error in the curve's unit; NaN where the curve needs a rate and gets none."""
 
-TOOL_CHANNELS = ("inclination", "toolface", *AXIS_CHANNELS)
+ATTITUDE_CHANNELS = ("inclination", "toolface", *AXIS_CHANNELS)
+HEADING = "heading"
+TOOL_CHANNELS = (*ATTITUDE_CHANNELS, HEADING)
 _STD_STEPS = 360
 
 ROTOR_UNKNOWN = "rotor_unknown"
@@ -52,6 +58,14 @@ class Compensated(NamedTuple):
     tf_rad: float
     inc_std_rad: float
     tf_std_rad: float
+    flags: tuple[str, ...]
+
+
+class CompensatedHeading(NamedTuple):
+    """What to take off the azimuth (rad; 0 where it is not known) and its standard deviation."""
+
+    error_rad: float
+    std_rad: float
     flags: tuple[str, ...]
 
 
@@ -123,16 +137,22 @@ def _angle_part(curve: Curve, p: list[float]) -> Callable[[float], float]:
 
 
 class LiveCompensation:
-    """A compensation for I and T, made ready. Raises Refused for one that has no channel of I or T."""
+    """A compensation for I, T and azimuth, made ready. Raises Refused for one that has no channel of these."""
 
     def __init__(self, compensation: Compensation) -> None:
         curves = {name: curve for name, curve in compensation.curves.items() if name in TOOL_CHANNELS}
         if not curves:
             raise Refused(
-                f"this compensation is for {', '.join(compensation.curves)}: of inclination and toolface it says"
-                f" nothing; fit {' or '.join(TOOL_CHANNELS)}"
+                f"this compensation is for {', '.join(compensation.curves)}: of inclination, toolface and azimuth it"
+                f" says nothing; fit {' or '.join(TOOL_CHANNELS)}"
             )
         self.id = compensation.id
+        self.channels = tuple(curves)
+        self.unused = tuple(name for name in compensation.curves if name not in curves)
+        """channels that a tool has not: roll and pitch of a vehicle"""
+        heading = curves.pop(HEADING, None)
+        self.corrects_attitude = bool(curves)
+        self.corrects_heading = heading is not None
         self._inclination = self._points(curves, "inclination", "along")
         self._toolface = self._points(curves, "toolface", "encoder")
         self._across = self._points(curves, "across")
@@ -141,8 +161,13 @@ class LiveCompensation:
         bound = not set(curves) <= set(AXIS_CHANNELS)
         self._centre = compensation.validity.inclination_deg if bound else None
         self._within = compensation.validity.within_deg
-        self._std = {name: _std_table(curve) for name, curve in curves.items()}
+        self._std = {name: std_table(curve) for name, curve in curves.items()}
         self._gaps = [_gap(curve) for curve in curves.values() if curve.coverage.has_gap]
+        self._heading = None if heading is None else point(heading)
+        self._heading_needs_rate = heading is not None and heading.rate is not None
+        self._heading_centre = compensation.validity.inclination_deg
+        self._heading_std = [] if heading is None else std_table(heading)
+        self._heading_gaps = [] if heading is None or not heading.coverage.has_gap else [_gap(heading)]
 
     @staticmethod
     def _points(curves: dict[str, Curve], *names: str) -> tuple[Point, ...]:
@@ -167,14 +192,36 @@ class LiveCompensation:
             across += one(theta, rate)
         return RotorError(theta, inclination * ARCMIN, toolface * ARCMIN, across * ARCMIN)
 
+    def heading(self, rotor_deg: float | None, rate_dps: float | None, inc_rad: float) -> CompensatedHeading:
+        """The azimuth's error at one rotor angle. Nothing where the rotor is unknown or I is another: a flag."""
+        if self._heading is None:
+            return CompensatedHeading(0.0, 0.0, ())
+        if rotor_deg is None or not math.isfinite(rotor_deg):
+            return CompensatedHeading(0.0, 0.0, (ROTOR_UNKNOWN,))
+        rate = None
+        if self._heading_needs_rate:
+            if rate_dps is None or not math.isfinite(rate_dps):
+                return CompensatedHeading(0.0, 0.0, (ROTOR_UNKNOWN,))
+            rate = math.radians(rate_dps)
+        # an inclination that is not known is not the one of the fit either
+        if self._heading_centre is not None and not abs(math.degrees(inc_rad) - self._heading_centre) <= self._within:
+            return CompensatedHeading(0.0, 0.0, (ROTATION_OUTSIDE,))
+        angle = math.radians(rotor_deg)
+        theta = wrap_positive(angle)
+        gap = (ROTATION_GAP,) if _in_gap(theta, self._heading_gaps) else ()
+        return CompensatedHeading(self._heading(angle, rate) * ARCMIN, self._heading_std[std_place(theta)], gap)
+
     def apply(self, inc_rad: float, tf_rad: float, error: RotorError | None) -> Compensated:
         """Take `error` off. Nothing is taken off where the rotor is unknown or the inclination is another: a flag."""
+        if not self.corrects_attitude:
+            return Compensated(inc_rad, tf_rad, 0.0, 0.0, ())
         if error is None:
             return Compensated(inc_rad, tf_rad, 0.0, 0.0, (ROTOR_UNKNOWN,))
         if self._centre is not None and abs(math.degrees(inc_rad) - self._centre) > self._within:
             return Compensated(inc_rad, tf_rad, 0.0, 0.0, (ROTATION_OUTSIDE,))
         theta = wrap_positive(error.theta_rad)
-        std = {name: table[int(theta / TURN * _STD_STEPS)] for name, table in self._std.items()}
+        place = std_place(theta)
+        std = {name: table[place] for name, table in self._std.items()}
         toolface, tf_std = error.toolface, math.hypot(std.get("toolface", 0.0), std.get("encoder", 0.0))
         if self._across:
             sin = math.sin(inc_rad)
@@ -183,7 +230,7 @@ class LiveCompensation:
             toolface -= lever * error.across
             tf_std = math.hypot(tf_std, lever * std["across"])
         inc = abs(inc_rad - error.inclination)
-        gap = (ROTATION_GAP,) if any(wrap_positive(theta - start) < width for start, width in self._gaps) else ()
+        gap = (ROTATION_GAP,) if _in_gap(theta, self._gaps) else ()
         inc_std = math.hypot(std.get("inclination", 0.0), std.get("along", 0.0))
         return Compensated(inc, wrap_positive(tf_rad - toolface), inc_std, tf_std, gap)
 
@@ -198,7 +245,7 @@ def mean_error(errors: Iterable[RotorError | None]) -> RotorError | None:
     return RotorError(known[-1].theta_rad, inclination / n, toolface / n, across / n)
 
 
-def _std_table(curve: Curve) -> list[float]:
+def std_table(curve: Curve) -> list[float]:
     """Standard deviation of the curve, rad, in the middle of each degree (at the rate in the middle of those seen)."""
     theta = np.asarray((np.arange(_STD_STEPS) + 0.5) * (TURN / _STD_STEPS), dtype=float)
     rate = None if curve.rate is None else np.full(theta.size, curve.rate.centre_radps)
@@ -206,5 +253,15 @@ def _std_table(curve: Curve) -> list[float]:
     return table
 
 
+def std_place(theta_rad: float) -> int:
+    """Where an angle in [0, 2 pi) stands in `std_table`."""
+    # rounding may reach the whole turn
+    return int(theta_rad / TURN * _STD_STEPS) % _STD_STEPS
+
+
 def _gap(curve: Curve) -> tuple[float, float]:
     return curve.coverage.gap_start_rad, curve.coverage.largest_gap_rad
+
+
+def _in_gap(theta_rad: float, gaps: list[tuple[float, float]]) -> bool:
+    return any(wrap_positive(theta_rad - start) < width for start, width in gaps)

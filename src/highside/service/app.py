@@ -284,7 +284,12 @@ class Service:
         if self.settings.rotation.compensation is None:
             return None
         live = self.pipeline.rotation
-        return {"comp_id": None if live is None else live.id, "refused": self._rotation_error}
+        return {
+            "comp_id": None if live is None else live.id,
+            "channels": [] if live is None else list(live.channels),
+            "unused": [] if live is None else list(live.unused),
+            "refused": self._rotation_error,
+        }
 
     def _rebalance_health(self) -> dict[str, Any]:
         rebalancer = self.pipeline.rebalancer
@@ -603,7 +608,7 @@ def correction_of(settings: Settings) -> Correction:
 def compensation_of(settings: Settings) -> LiveCompensation | None:
     """The rotor-angle compensation that a configuration asks for.
 
-    Raises Refused if the file was changed or says nothing of I and T, InputError if it cannot be read.
+    Raises Refused if the file was changed or says nothing of I, T and azimuth, InputError if it cannot be read.
     """
     path = settings.rotation.compensation
     if path is None:

@@ -8,11 +8,15 @@ An azimuth is never guessed. Until it is configured or told by the command `alig
 reading came (a gap, a restart of tool or service) it is not followed: it is taken up again with the turn that may have
 gone unseen (`unseen_turn_dps`), or as it was if the tool stood before and stands now with the same gravity; after
 `max_age_s` it is dropped. Gyro biases outlive that, but not another power-up of the tool.
+
+The filter follows the package of the sensors. Where a rotor-angle compensation says that the package looks elsewhere
+than the hole, an azimuth that is told is that of the hole: the compensation's error at that moment is added.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +31,9 @@ from highside.drift.filter import KinematicFilter, azimuth_basis
 from highside.drift.frames import DEG_PER_HOUR, std_to_tool, to_tool
 from highside.drift.gates import Motion
 from highside.drift.literal import AzimuthPolicy, Literal
-from highside.service.messages import DriftMessage, LiteralAzimuth
+from highside.drift.recursive import RecursiveFilter
+from highside.drift.result import AzimuthBasis
+from highside.service.messages import DriftMessage, LiteralAzimuth, RecursiveAzimuth
 from highside.service.saved_drift import Alignment, SavedDrift
 
 STALE_S = 1.0
@@ -35,6 +41,9 @@ STALE_S = 1.0
 LONGEST_CONNECTION_S = 1800.0
 WORTHLESS_STD_DEG = 30.0
 """An azimuth less certain is none: and the filter is linear."""
+_NO_ROTOR = (
+    "the rotor angle is not known, and the compensation of the azimuth needs it: give it, or leave [rotation] out"
+)
 _SAME_TILT_RAD = math.radians(0.1)
 _VERTICAL_COS = 0.05
 
@@ -70,10 +79,14 @@ class DriftStage:
         self._t_mono = 0.0
         self._sum = [0.0, 0.0, 0.0]
         self._n = 0
+        self._sample: tuple[float, Vector, Vector] | None = None
+        self._rotor_error_rad: float | None = 0.0
+        """by which the package's azimuth exceeds the hole's, at the last reading; None: the rotor angle is not known"""
         self._connection: tuple[float, float] | None = None
         """declared to stand, from and to"""
         self._units = UnitWatch()
         self._literal: Literal | None = None
+        self._recursive: RecursiveFilter | None = None
         self.filter = self._new_filter()
 
     def _new_filter(self) -> KinematicFilter:
@@ -94,8 +107,12 @@ class DriftStage:
         self._sum[2] += gz_dps
         self._n += 1
 
-    def close(self, t_s: float, t_mono: float, a: Vector) -> None:
-        """The frames added since the last call end at the device time `t_s`; `a` is their corrected mean reading, g."""
+    def close(self, t_s: float, t_mono: float, a: Vector, rotor_error_rad: float | None = 0.0) -> None:
+        """The frames added since the last call end at the device time `t_s`; `a` is their corrected mean reading, g.
+
+        `rotor_error_rad`: what a compensation of the azimuth would take off there; None: it needs a rotor angle.
+        """
+        self._rotor_error_rad = rotor_error_rad
         n = self._n
         if not n:
             return
@@ -113,6 +130,9 @@ class DriftStage:
             self._date(self._before, t_s, t_mono)
         self._t, self._t_mono = t_s, t_mono
         body_w, body_a = (-y, -z, x), (-ay, -az, ax)
+        self._sample = t_s, body_w, body_a
+        if self._recursive is not None:
+            self._recursive.update(*self._sample)
         block = self.filter.gather(t_s, body_w, body_a)
         if block is not None:
             self._on_block(block, t_s)
@@ -127,7 +147,7 @@ class DriftStage:
             self._age_s = max(age_s, 0.0)
             # until it is taken up
             self.alignment = None
-        self._literal = self._connection = None
+        self._literal = self._recursive = self._connection = None
         self.filter = self._new_filter()
 
     def _date(self, before: SavedDrift, t_s: float, t_mono: float) -> None:
@@ -159,6 +179,9 @@ class DriftStage:
             self._before = None
         elif self._first_start and self.settings.azimuth_deg is not None:
             std = self.settings.azimuth_std_deg
+            if self._rotor_error_rad:
+                told = math.radians(self.settings.azimuth_deg) + self._rotor_error_rad
+                self.filter.set_azimuth(told, math.radians(std))
             self.alignment = Alignment(azimuth_deg=self.settings.azimuth_deg, std_deg=std, by="configuration", t=None)
         self._begin_literal()
 
@@ -246,7 +269,9 @@ class DriftStage:
         """The hole's azimuth is this now; returns why it cannot be taken, if so."""
         if self.filter.memory is None:
             return "no second of gyro readings has come yet: align again when the tool is heard"
-        self.filter.set_azimuth(math.radians(azimuth_deg), math.radians(std_deg))
+        if self._rotor_error_rad is None:
+            return _NO_ROTOR
+        self.filter.set_azimuth(math.radians(azimuth_deg) + self._rotor_error_rad, math.radians(std_deg))
         self.alignment = Alignment(azimuth_deg=azimuth_deg % 360.0, std_deg=std_deg, by="command", t=t)
         self.constrained = self.saturated = False
         self._begin_literal()
@@ -256,7 +281,10 @@ class DriftStage:
         """The azimuth is that of the alignment again: the assertion that the hole went straight on."""
         if self.alignment is None or self.filter.memory is None:
             return "there is no alignment to go back to: give the command align"
-        self.filter.set_azimuth(math.radians(self.alignment.azimuth_deg), math.radians(self.alignment.std_deg))
+        if self._rotor_error_rad is None:
+            return _NO_ROTOR
+        told = math.radians(self.alignment.azimuth_deg) + self._rotor_error_rad
+        self.filter.set_azimuth(told, math.radians(self.alignment.std_deg))
         self.constrained, self.saturated = True, False
         self._begin_literal()
         return None
@@ -272,7 +300,8 @@ class DriftStage:
     def restart(self) -> str | None:
         """Forget everything."""
         self.alignment, self.constrained, self.saturated, self.restored = None, False, False, None
-        self._before, self._first_start, self._literal, self._connection = None, True, None, None
+        self._before, self._first_start, self._connection = None, True, None
+        self._literal = self._recursive = None
         self._t = self._age_s = None
         self._units = UnitWatch()
         self.filter = self._new_filter()
@@ -292,8 +321,10 @@ class DriftStage:
         if m is None or self.alignment is None:
             return Azimuth(None, None, ("unaligned",))
         flags = ("gyro_saturated",) if self.saturated else ()
-        if self.settings.method != "kinematic":
+        if self.settings.method in ("literal", "literal_block"):
             return self._literal_azimuth(flags)
+        if self.settings.method == "recursive":
+            return self._recursive_azimuth(flags)
         theta, _, psi = to_angles(self.filter.attitude_now())
         if math.cos(float(theta)) < _VERTICAL_COS:
             return Azimuth(None, None, ("vertical",), flags)
@@ -312,10 +343,39 @@ class DriftStage:
 
     def _begin_literal(self) -> None:
         m, settings = self.filter.memory, self.settings
-        if m is None or self.alignment is None or not (settings.compare_literal or settings.method != "kinematic"):
-            self._literal = None
+        self._literal = self._recursive = None
+        if m is None or self.alignment is None:
+            return
+        if settings.method == "recursive":
+            self._begin_recursive()
+        if not (settings.compare_literal or settings.method in ("literal", "literal_block")):
             return
         self._literal = Literal(settings.policy, core.attitude_of(m), average=settings.method == "literal_block")
+
+    def _begin_recursive(self) -> None:
+        own = self.filter.settings
+        azimuth = core.azimuth_of(tuple(self.filter.attitude_now().tolist()))
+        std = self.filter.azimuth_std_rad
+        engine = RecursiveFilter(
+            replace(own, azimuth_rad=azimuth, azimuth_std_rad=std), hold=self.settings.straight_hole
+        )
+        engine.q = self.filter.attitude_now()
+        if self._sample is not None:
+            # the next sample is integrated from this one on
+            engine.update(*self._sample)
+        self._recursive = engine
+
+    def _recursive_azimuth(self, flags: tuple[str, ...]) -> Azimuth:
+        engine = self._recursive
+        if engine is None:
+            return Azimuth(None, None, ("unaligned",), flags)
+        theta, _, psi = to_angles(engine.attitude_now())
+        if math.cos(float(theta)) < _VERTICAL_COS:
+            return Azimuth(None, None, ("vertical",), flags)
+        basis = AzimuthBasis.CONSTRAINT if engine.hold else AzimuthBasis.NOTHING
+        return Azimuth(
+            math.degrees(float(psi)) % 360.0, math.degrees(engine.azimuth_std_rad), (basis.name.lower(),), flags
+        )
 
     def _literal_azimuth(self, flags: tuple[str, ...]) -> Azimuth:
         if self._literal is None:
@@ -347,6 +407,13 @@ class DriftStage:
                 azi_deg=own.azi_deg,
                 bias_dph=[round(float(v), 4) for v in drift],
             )
+        recursive = None
+        if self._recursive is not None:
+            own = self._recursive_azimuth(())
+            drift = to_tool(self._recursive.bias) / DEG_PER_HOUR
+            recursive = RecursiveAzimuth(
+                azi_deg=own.azi_deg, azi_std_deg=own.azi_std_deg, bias_dph=[round(float(v), 4) for v in drift]
+            )
         notes = []
         if self.latitude_deg is None:
             notes.append("no latitude in [site]: the Earth's rotation counts as gyro bias")
@@ -368,6 +435,7 @@ class DriftStage:
             scale_ppm=None if state is None else round(1e6 * state.scale, 2),
             refused={} if state is None else state.refused,
             literal=literal,
+            recursive=recursive,
             restored=self.restored,
             notes=notes,
         )

@@ -54,8 +54,8 @@ class _Reading(_Payload):
         default=None,
         ge=0,
         le=360,
-        description="Azimuth of the hole, clockwise from true north, at the last reading; absent without gyros, null"
-        " where it is not known.",
+        description="Azimuth of the hole, clockwise from true north, at the last reading, freed of what `comp_id` says"
+        " of the heading; absent without gyros, null where it is not known.",
     )
     azi_std_deg: float | None = Field(default=None, ge=0, description="Its standard deviation; null: none is stated.")
     azi_basis: list[AzimuthSource] | None = Field(
@@ -68,7 +68,11 @@ class _Reading(_Payload):
     g_total: float | None = Field(description="Magnitude of the corrected acceleration in local g; 1 at rest.")
     cal_id: str = Field(description="The calibration that made these values.")
     comp_id: str | None = Field(
-        default=None, description="The rotor-angle compensation in force; absent where none is. Flags: not applied."
+        default=None,
+        description="The rotor-angle compensation in force, of inclination, toolface and azimuth as far as it has their"
+        " channels; absent where none is. Its variance is part of theirs. Flags: `rotor_unknown`, `rotation_outside`"
+        " (fitted at another inclination): nothing was taken off; `rotation_gap`: it is a guess at this angle;"
+        " `rotation_refused`: the file was refused.",
     )
     zone: str = Field(description="Zone of that calibration.")
     flags: list[str] = Field(description="What is doubtful about this message; empty if nothing.")
@@ -143,7 +147,9 @@ class HealthMessage(_Payload):
     rebalance: dict[str, Any] = Field(description="Cross-axis offset of this power-up, and whether it is taken off.")
     drift: dict[str, Any] | None = Field(default=None, description="How the azimuth's state is kept; null: no stage.")
     rotation: dict[str, Any] | None = Field(
-        default=None, description="Rotor-angle compensation: `comp_id`, and why a file was refused; null: none."
+        default=None,
+        description="Rotor-angle compensation: `comp_id`, its channels, those `unused` (roll and pitch of a vehicle),"
+        " and why a file was refused; null: none.",
     )
     reload: dict[str, Any] = Field(description="Reloads taken, and why the last one was refused (null: it was not).")
     balance: dict[str, bool] = Field(description="Whether the counters of bytes, frames and messages add up.")
@@ -158,13 +164,23 @@ class LiteralAzimuth(_Payload):
     bias_dph: list[float] = Field(description="Its drift estimate, tool frame, deg/h.")
 
 
+class RecursiveAzimuth(_Payload):
+    """The light filter with one gain for all directions, on the same readings, for comparison."""
+
+    azi_deg: float | None
+    azi_std_deg: float | None
+    bias_dph: list[float] = Field(description="Its gyro biases, tool frame, deg/h.")
+
+
 class DriftMessage(_Payload):
     """`<prefix>/<tool>/drift` (retained, tools with gyros): what the azimuth is and rests on, and the gyros' biases."""
 
     t: float
-    method: Literal["kinematic", "literal", "literal_block"]
+    method: Literal["kinematic", "literal", "literal_block", "recursive"]
     motion: Literal["none", "vibrating", "turning", "quiet", "still"]
-    azi_deg: float | None
+    azi_deg: float | None = Field(
+        description="Of the sensors' package: what a rotor-angle compensation takes off the attitude's is still in it."
+    )
     azi_std_deg: float | None
     azi_basis: list[AzimuthSource]
     alignment: Alignment | None = Field(description="When and how the azimuth was told; null: it was not.")
@@ -174,6 +190,7 @@ class DriftMessage(_Payload):
     scale_ppm: float | None = Field(description="Scale error of the gyro along the tool axis.")
     refused: dict[str, Count] = Field(description="Seconds in which a measurement was not believed, by kind.")
     literal: LiteralAzimuth | None
+    recursive: RecursiveAzimuth | None = Field(default=None, description="With the method recursive.")
     restored: str | None = Field(description="What was taken up from before the last restart or gap; null: nothing.")
     notes: list[str]
 

@@ -26,7 +26,7 @@ from highside.codec.frame import ByteCodec, CanCodec, Frame
 from highside.config.rig import ToolfaceSettings, VibrationSettings
 from highside.config.settings import MonitorSettings, PipelineSettings, RebalanceTable, SurveySettings, ToolSettings
 from highside.link.base import Batch, Chunk
-from highside.rotation.live import LiveCompensation, RotorError, mean_error
+from highside.rotation.live import ROTOR_UNKNOWN, LiveCompensation, RotorError, mean_error
 from highside.service.drift_stage import Azimuth, DriftStage
 from highside.service.monitor import Monitor
 from highside.service.shock import ShockMeter
@@ -313,6 +313,8 @@ class Pipeline:
         self._rebalance_applied = rebalance.apply
         self.rebalancer = Rebalancer(rebalance.build())
         self._block = _Block()
+        self._gyro_rotor: tuple[float | None, float | None] = (None, None)
+        """rotor angle and rate (deg, deg/s) at the reading that the azimuth refers to"""
         self.monitor = Monitor(
             seq_modulus=codec.seq_modulus, range_g=monitor.range_g, stuck_frames=monitor.stuck_frames
         )
@@ -360,6 +362,7 @@ class Pipeline:
         self._rotation = rotation
         if before != (None if rotation is None else rotation.id):
             self._window = deque(row._replace(rotor=None) for row in self._window)
+            self._gyro_rotor = (None, None)
             self._stillness.forget()
 
     def apply(self, tool: ToolSettings, pipeline: PipelineSettings, survey: SurveySettings) -> None:
@@ -442,14 +445,14 @@ class Pipeline:
         if self.drift is not None and frame.gx is not None and frame.gy is not None and frame.gz is not None:
             self.drift.add(frame.gx, frame.gy, frame.gz)
         if self._block.t - self._block.start >= REBALANCE_BLOCK_S:
-            self._close_block(frame.t_mono)
+            self._close_block(frame)
         if self._due is None:
             self._due = self._next_due(t)
         elif t >= self._due:
             self._due = self._next_due(t)
             self._output(frame, t)
 
-    def _close_block(self, t_mono: float) -> None:
+    def _close_block(self, frame: Frame) -> None:
         block = self._block
         t, mean, temp = block.take()
         corrected = self._correction.correct(mean, temp_c=temp)
@@ -457,7 +460,13 @@ class Pipeline:
         if self.drift is not None:
             if self._rebalance_applied:
                 corrected = self._in_force().correct(mean, temp_c=temp)
-            self.drift.close(block.t, t_mono, (corrected.gx, corrected.gy, corrected.gz))
+            gx, gy, gz = corrected.gx, corrected.gy, corrected.gz
+            heading: float | None = 0.0
+            if self._rotation is not None and self._rotation.corrects_heading:
+                self._gyro_rotor = frame.rotor_deg, frame.rotor_rate_dps
+                said = self._rotation.heading(*self._gyro_rotor, math.atan2(math.hypot(gx, gy), gz))
+                heading = None if ROTOR_UNKNOWN in said.flags else said.error_rad
+            self.drift.close(block.t, frame.t_mono, (gx, gy, gz), heading)
 
     def _begin_anew(self) -> None:
         # the device began again: a new power-up has a new turn-on bias
@@ -560,13 +569,14 @@ class Pipeline:
         g_total_std = math.nan
         if math.isnan(g_total):
             # no correction holds here (its flag says so): no angle, rather than a wrong one
-            inc = inc_std = tf = tf_std = math.nan
+            inc = inc_std = tf = tf_std = felt_inc = math.nan
         else:
             xx, xy, xz, yy, yz, zz = corrected.cov
             along = gx * gx * xx + gy * gy * yy + gz * gz * zz + 2.0 * (gx * gy * xy + gx * gz * xz + gy * gz * yz)
             g_total_std = math.sqrt(max(along, 0.0)) / g_total if g_total > 0.0 else math.nan
             result = attitude_with_std(gx, gy, gz, corrected.cov)
             inc, inc_std, tf, tf_std = result.inc_rad, result.inc_std_rad, result.tf_rad, result.tf_std_rad
+            felt_inc = inc
             if self._rotation is not None:
                 inc, tf, own_inc, own_tf, said = self._rotation.apply(inc, tf, rotor)
                 inc_std, tf_std = math.hypot(inc_std, own_inc), math.hypot(tf_std, own_tf)
@@ -581,9 +591,9 @@ class Pipeline:
         flags.extend(f"stuck_{axis}" for axis in self.monitor.stuck_axes)
         if self.monitor.frozen:
             flags.append("frozen")
-        azimuth = None if self.drift is None else self.drift.azimuth(t)
+        azimuth = None if self.drift is None else self._azimuth(self.drift, t, felt_inc)
         if azimuth is not None:
-            flags.extend(azimuth.flags)
+            flags.extend(flag for flag in azimuth.flags if flag not in flags)
         return Attitude(
             t_device_s=t,
             t_mono=frame.t_mono,
@@ -603,6 +613,20 @@ class Pipeline:
             temp_c=temp,
             azimuth=azimuth,
             comp_id=None if self._rotation is None else self._rotation.id,
+        )
+
+    def _azimuth(self, drift: DriftStage, t: float, inc_rad: float) -> Azimuth | None:
+        """The azimuth, freed of the rotor's error where there is something to free."""
+        azimuth, rotation = drift.azimuth(t), self._rotation
+        if azimuth is None or azimuth.azi_deg is None or rotation is None or not rotation.corrects_heading:
+            return azimuth
+        error, own_std, said = rotation.heading(*self._gyro_rotor, inc_rad)
+        std = azimuth.azi_std_deg
+        return Azimuth(
+            (azimuth.azi_deg - math.degrees(error)) % 360.0,
+            None if std is None else math.hypot(std, math.degrees(own_std)),
+            azimuth.basis,
+            azimuth.flags + said,
         )
 
 
