@@ -251,7 +251,7 @@ def false_stops(hours: float) -> Iterator[str]:
     yield f"\n### Zero-rate verdicts in {hours:g} h of weak vibration\n"
     yield "| vibration, g rms | false, s |"
     yield "|---|---|"
-    for level in (0.003, 0.005, 0.007, 0.01, 0.02, 0.05, 0.1, 0.3):
+    for level in (0.003, 0.004, 0.005, 0.007, 0.01, 0.02, 0.05, 0.1, 0.3):
         false = 0
         for hour in range(round(hours)):
             experiment = drilling(3600.0, 50.0, leg_s=1e6, vibration_rms_g=level)

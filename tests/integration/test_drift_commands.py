@@ -187,3 +187,23 @@ def test_the_papers_experiments_beside_ours() -> None:
     page = page_of(study)
     assert page.count("<figure>") == (7 if len(result["not_installed"]) < 3 else 4)
     assert "by construction" in page
+
+
+def test_an_experiment_is_recorded_with_its_truth_and_followed(tmp_path: Path) -> None:
+    path = tmp_path / "hole.csv.gz"
+    done = _highside("simulate", "--experiment", "curved-hole", "-o", path, "--seed", "3")
+    assert done.returncode == 0, done.stderr
+    assert "--rest 0-300" in done.stderr
+    truth = read_recording(tmp_path / "hole.truth.csv.gz").columns
+    about = json.loads((tmp_path / "hole.truth.json").read_text())
+    out = tmp_path / "out.csv"
+    done = _highside(
+        "drift", path, "--method", "kinematic", "-o", out, "--latitude-deg", about["latitude_deg"],
+        "--azimuth-deg", about["azimuth_deg"], "--rest", "0-300",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    error = wrap_signed(read_recording(out).columns["azi_deg"] - truth["azi_true_deg"], 360.0)
+    assert np.ptp(truth["azi_true_deg"]) == pytest.approx(5.0)
+    assert np.abs(error).max() < 0.5
+    _refused(_highside("simulate", "-o", path), "--experiment")
+    _refused(_highside("simulate", "--experiment", "drilling", "-o", path, "--poses", out), "--poses")

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from highside.cli.simulate_drift import DriftExperiment, write_experiment
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -24,10 +26,17 @@ if TYPE_CHECKING:
 
 
 def simulate(
-    model: Annotated[Path, typer.Argument(help="Model file (TOML) with a [motion] table.")],
+    *,
+    model: Annotated[Path | None, typer.Argument(help="Model file (TOML) with a [motion] table.")] = None,
     output: Annotated[Path, typer.Option("-o", "--output", help="The Recording to write; .gz zips it.")],
     seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same file, byte for byte.")] = 1,
     poses: Annotated[Path | None, typer.Option("--poses", help="Also write the pose table of the stops (CSV).")] = None,
+    experiment: Annotated[
+        DriftExperiment | None, typer.Option("--experiment", help="An experiment on gyro drift instead of a model.")
+    ] = None,
+    elevation_deg: Annotated[
+        float, typer.Option("--elevation-deg", min=-89, max=89, help="Of the rotating table, above the horizontal.")
+    ] = 30.0,
 ) -> None:
     """Simulate a session on a bench, or a drilling leg, with the effects that the model names."""
     from highside.config.model import MAX_ROWS, load_model
@@ -36,6 +45,14 @@ def simulate(
     from highside.recording.files import write_whole
     from highside.recording.table import Recording, write_poses, write_recording
 
+    if (model is None) == (experiment is None):
+        raise InputError("either is needed, and not both", field="MODEL, --experiment", remedy="name a model file")
+    if experiment is not None:
+        if poses is not None:
+            raise InputError("has no meaning with --experiment", field="--poses", remedy="leave it out")
+        write_experiment(experiment, elevation_deg, output, seed)
+        return
+    assert model is not None
     knows = load_model(model)
     try:
         session = knows.session()
