@@ -17,6 +17,8 @@ from highside.diagnosis.regression import outside, span
 from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.session import PoseSession
 from highside.diagnosis.support import cells_of, support
+from highside.diagnosis.untestable import what_splits
+from highside.physics.effects import get
 from highside.physics.forward import ForwardModel
 from highside.physics.plan import RotationPlan, Session, Site
 from highside.physics.scenario import random_sensor
@@ -157,3 +159,9 @@ def test_a_vibration_of_a_while_is_found_when_it_was_there() -> None:
 def test_noise_that_grows_and_shrinks_and_remembers_is_no_burst(seed: int) -> None:
     session, _ = turning_rows(0.0, seed)
     assert diagnose_rotation(session, ForwardModel.of({}), FREE)[0].verdict == "nothing_left_out"
+
+
+def test_what_splits_a_lever_arm_from_the_size_of_the_triad_is_no_repetition_of_what_was_done() -> None:
+    lever, size = get("lever_arm"), get("size_effect")
+    assert what_splits(lever, [size]) == size.splitter
+    assert what_splits(get("sag"), []) == get("sag").splitter

@@ -30,6 +30,7 @@ from highside.diagnosis.selection import Member, Selector
 from highside.diagnosis.session import PoseSession
 from highside.diagnosis.simulation_scene import SimulationScene
 from highside.diagnosis.simulation_session import SimulationSession
+from highside.diagnosis.untestable import what_splits
 from highside.physics.forward import ForwardModel
 
 __all__ = ["Picture", "diagnose", "diagnose_magnitudes", "diagnose_poses", "diagnose_rotation", "diagnose_simulation"]
@@ -412,7 +413,4 @@ def _advice(scene: Scene, member: Member, r: Rivalry, fit: JointFit) -> str:
     if effect.stage.value != "thermal":
         return scene.advice(member, r, fit)
     rivals = [e for k in r.same if k != member.candidate and (e := scene.candidates[k].effect) is not None]
-    # what splits a pair stands with the one that knows the other
-    known = [effect if e.id in effect.confused_with else e for e in rivals if e.id in effect.confused_with
-             or effect.id in e.confused_with]  # fmt: skip
-    return "; ".join(dict.fromkeys(e.splitter for e in known)) or effect.splitter
+    return what_splits(effect, rivals)

@@ -32,7 +32,7 @@ from highside.diagnosis.rotation_support import rotation_cells, windows
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
 from highside.diagnosis.selection import FLIPS, Member, Pool, Selector, block_gain, gain_interval, threshold
 from highside.diagnosis.support import Window
-from highside.diagnosis.untestable import with_manoeuvres
+from highside.diagnosis.untestable import what_splits, with_manoeuvres
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
@@ -280,10 +280,11 @@ class RotationScene(Scene):
             self.model, self.session, self.free, (candidate, self.variant(member).shape, amplitude), rivals,
             1.0 / self.noise.sigma,
         )  # fmt: skip
+        otherwise = what_splits(candidate.effect, [c.effect for c, _ in rivals if c.effect is not None])
         if advice.after < max(2 * advice.before, 12.0):
-            return candidate.effect.splitter
+            return otherwise
         words = "; ".join(stretch.words for stretch in advice.stretches)
-        return f"turn for 20 s each: {words}; otherwise: {candidate.effect.splitter}"
+        return f"turn for 20 s each: {words}; otherwise: {otherwise}"
 
     def proof(self, members: Sequence[Member], fit: JointFit) -> Fit:
         held = HeldOutRows(self.design, self.grams)

@@ -1,7 +1,8 @@
-"""What to do so that a recording shows an effect that this one cannot: the contrast that it lacks, in plain words."""
+"""What to do so that a recording shows what this one cannot, in plain words: an effect, or which of two it is."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,14 @@ ONE_INCLINATION_RAD = 2e-4
 def one_sided(effect: Effect, state: ChainState) -> bool:
     """Whether an effect of the side of approach is a constant here, because there is one side only."""
     return "direction" in effect.needs and float(np.ptp(state.direction)) == 0.0
+
+
+def what_splits(effect: Effect, rivals: Sequence[Effect]) -> str:
+    """What tells an effect from its rivals: as the library has it with the rival, else with the effect, of those pairs
+    of which one knows the other."""
+    known = [e if effect.id in e.confused_with else effect for e in rivals
+             if e.id in effect.confused_with or effect.id in e.confused_with]  # fmt: skip
+    return "; ".join(dict.fromkeys(e.splitter for e in known)) or effect.splitter
 
 
 def with_manoeuvres(diagnosis: Diagnosis, state: ChainState) -> Diagnosis:
