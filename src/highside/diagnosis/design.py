@@ -32,6 +32,8 @@ PROBE = 400
 NOTHING = 1e-12
 STEP_MARGIN = 0.03
 """Share of a recording at each end in which a step is not looked for."""
+SHORTEST = 0.03
+"""Share of a recording that a time constant has at least."""
 LINES = ("tone", "aliased_vibration")
 _FAR = 1 << 40
 
@@ -67,7 +69,7 @@ class Design:
     def __init__(
         self, session: RotationSession, model: ForwardModel, free: Sequence[str], lines: Sequence[Line] = ()
     ) -> None:
-        self.session, self.model, self.free = session, model, tuple(free)
+        self.session, self.model, self.free, self.lines = session, model, tuple(free), tuple(lines)
         self._sources: list[_Source] = []
         self._recipes: list[Recipe] = []
         self._shared = 0
@@ -93,6 +95,14 @@ class Design:
         where = np.array(self._columns)
         self.where = np.where(where >= _FAR, where - _FAR + self._own, where)
         self.sizes = [int(own) + self._shared for own in self._own]
+
+    def turns(self) -> list[Array]:
+        """(N,) revolutions of the tool, then of each line, from any beginning."""
+        state = self.session.state
+        turned = np.asarray(state.tf_rad / (2 * np.pi), dtype=float)
+        return [turned] + [
+            np.asarray(line.value * (state.t_s if line.effect == "tone" else turned)) for line in self.lines
+        ]
 
     # -- what the rows become
 
@@ -197,7 +207,20 @@ class Design:
         shapes = [p for p in effect.parameters if p.shape]
         if len(shapes) > 1:
             raise ValueError(f"effect '{effect.id}' has {len(shapes)} shape parameters, one is supported")
-        return [{shapes[0].name: v} for v in shapes[0].grid or self._step_times()] if shapes else [{}]
+        if not shapes:
+            return [{}]
+        values = shapes[0].grid or self._step_times()
+        if shapes[0].grid and shapes[0].unit == "s":
+            values = self._time_constants(shapes[0].grid, shapes[0].gate[0])
+        return [{shapes[0].name: v} for v in values]
+
+    def _time_constants(self, grid: Sequence[float], least: float) -> list[float]:
+        """The grid of an effect, and below it halves as short as the recording tells apart."""
+        shortest = max(least, float(np.ptp(self.session.state.t_s)) * SHORTEST)
+        below: list[float] = []
+        while (below or grid)[0] / 2 >= shortest:
+            below.insert(0, (below or grid)[0] / 2)
+        return [*below, *grid]
 
     def _step_times(self) -> list[float]:
         length = float(np.ptp(self.session.state.t_s))

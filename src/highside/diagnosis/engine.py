@@ -37,6 +37,8 @@ __all__ = ["Picture", "diagnose", "diagnose_magnitudes", "diagnose_poses", "diag
 
 Array = NDArray[np.float64]
 
+CHANGING = 0.97
+"""Share of the misfit that a claim explains from which it may still vary a little along a covariate."""
 RING = "shadow:ring"
 """Id of what is off on one ring alone: measured in one go, it looks like noise that remembers."""
 SLOW_COVARIATES = frozenset({"t_s", "temp_c"})
@@ -91,7 +93,7 @@ def diagnose(scene: Scene, version: str = "") -> tuple[Diagnosis, Picture]:
     rings = frozenset(i for i in unnamed if scene.candidates[i].id.startswith(RING))
     # first what has a name and does not follow time, or one ring; then, beside that, whether anything slow beats a walk
     first = _choose(scene, judged, channels, (slow | unnamed) - rings)
-    suspicion = _suspect(scene, first.members) if scene.method.colour else _unsuspecting(scene)
+    suspicion = _suspected(scene, judged, first, slow, unnamed - rings) if scene.method.colour else _unsuspecting(scene)
     if suspicion.wanders and not suspicion.claimed and first.members:
         # what was chosen may stand in place of something slow: once more beside what is chosen where that may be too
         fast = [m for m in _choose(scene, judged, channels, unnamed - rings).members if m.candidate not in slow]
@@ -140,21 +142,43 @@ def _choose(
     members = selector.select()
     if not scene.method.colour:
         return replace(judged, selector=selector, members=members)
-    doubted = set()
-    for m in members:
-        candidate = scene.candidates[m.candidate]
-        ring = candidate.id.startswith(RING)
-        if not (candidate.named or ring) or candidate.id in scene.slow_ids:
-            continue
-        others = [o for o in members if o != m]
-        dof = int(selector.standing(others).dof[m.candidate])
-        tries = float(selector.pool.tries[m.candidate]) if ring else 1.0
-        if not beats_the_walk(channels, scene.block(others), scene.block([m]), dof, tries):
-            doubted.add(m.candidate)
-    if doubted:
-        selector = replace(selector, banned=banned | doubted)
+
+    def needed(some: Sequence[Member]) -> bool:
+        others = [o for o in members if o not in some]
+        dof = len(selector.space_with(members)) - len(selector.space_with(others))
+        rings = [m for m in some if not scene.candidates[m.candidate].named]
+        tries = float(np.prod([selector.pool.tries[m.candidate] for m in rings]))
+        return beats_the_walk(channels, scene.block(others), scene.block(some), dof, tries, scene.certain)
+
+    tested = [
+        m for m in members
+        if (scene.candidates[m.candidate].named or scene.candidates[m.candidate].id.startswith(RING))
+        and scene.candidates[m.candidate].id not in scene.slow_ids
+    ]  # fmt: skip
+    doubted = [m for m in tested if not needed([m])]
+    # beside the one a walk takes the other's place; what both do together it may not
+    if doubted and not (len(doubted) > 1 and needed(doubted)):
+        selector = replace(selector, banned=banned | {m.candidate for m in doubted})
         members = selector.select()
     return replace(judged, selector=selector, members=members)
+
+
+def _suspected(
+    scene: Scene, judged: Judged, first: Judged, slow: frozenset[int], unnamed: frozenset[int]
+) -> _Suspicion:
+    """The suspicion beside what was claimed of the fast effects alone.
+
+    Where time and the programme run alike, a slow effect is first taken for a fast one that resembles it. So the slow
+    are also tested beside what is chosen where both may be, if they all hold there.
+    """
+    if scene.slow_beside_fast:
+        both = replace(judged.selector, banned=unnamed).select()
+        chosen = {m.candidate for m in both} & slow
+        if chosen:
+            found = _suspect(scene, [m for m in both if m.candidate not in slow])
+            if all(scene.candidates[k].id in found.admitted for k in chosen) or len(found.claimed) >= len(chosen):
+                return found
+    return _suspect(scene, first.members)
 
 
 def _suspect(scene: Scene, members: Sequence[Member]) -> _Suspicion:
@@ -234,6 +258,8 @@ def _conclude(scene: Scene, judged: Judged, suspicion: _Suspicion, version: str)
         passing = np.flatnonzero(after.log_p > judged.scan_threshold)
         wanders |= all(judged.scan.bases[judged.scan.cells[i][1]].covariate in SLOW_COVARIATES for i in passing)
     verdict = _verdict(scene, members, rivalries, fit, wanders, loud, share)
+    if verdict == "named_plus" and share < CHANGING and _changes(scene, judged, members, after, share):
+        verdict = "partial"
 
     resembles = tuple(
         scene.variant(m).label or scene.candidates[m.candidate].id for m in members
@@ -328,6 +354,14 @@ def _verdict(
     if share < scene.named_share or len(members) > scene.most_named:
         return "partial"
     return "named_plus" if loud else "named"
+
+
+def _changes(scene: Scene, judged: Judged, members: Sequence[Member], after: _Scanned, share: float) -> bool:
+    """Whether the loudest remainder is a product of covariates on a channel that a claim acts on: its size changes."""
+    channel, basis = judged.scan.cells[after.loudest]
+    if " x " not in judged.scan.bases[basis].covariate:
+        return False
+    return any(scene.channels[channel] in place.channels for place in _located(scene, judged, members, share))
 
 
 def _located(scene: Scene, judged: Judged, members: Sequence[Member], share: float) -> tuple[Location, ...]:

@@ -199,8 +199,10 @@ def joint_fit(
             values[k] = float(np.clip(values[k], old / 1.33, old * 1.33))
         now = now.set_free(values, moved) if moved else now
         scale = np.linalg.norm(white, axis=1)
-        scale = np.where(scale > 0, scale, 1.0)
+        # what a design does not move is seen no better for being scaled up
+        scale = np.where(scale > UNMOVED * scale.max(initial=0.0), scale, np.inf)
         gram = (white / scale[:, None]) @ (white / scale[:, None]).T
+        scale = np.where(np.isfinite(scale), scale, 1.0)
         powers, vectors = np.linalg.eigh(gram)
         seen_well = powers > UNSEEN * powers[-1]
         inverse = (vectors[:, seen_well] / powers[seen_well]) @ vectors[:, seen_well].T / np.outer(scale, scale)

@@ -18,6 +18,7 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from highside.diagnosis.design import Design
 from highside.diagnosis.markov import LevelNoise
@@ -38,8 +39,15 @@ BLOCK_S = 0.5
 MAX_BLOCKS = 1000
 FEW_CHUNKS = 8
 FLIP_S = 3.0
+SECTORS = 12
+"""of a turn, by which the means of a stretch are told: of the toolface, or of the phase of a line"""
 WALK_SHARES = (0.0, 1e-6, 4e-6, 1.6e-5, 6e-5, 2.5e-4, 1e-3, 4e-3, 0.016)
 """Variance of a walk's step from row to row in units of the white variance of a row."""
+FORGETFUL = ((0.5, (0.03, 0.1, 0.3)), (4.0, (0.01, 0.04, 0.15)))
+"""Levels that forget, what a filter of few terms leaves of a noise's colour: their memory in blocks, and variances in
+units of the white variance of a block's mean."""
+MEMORIES = (*((np.inf, share) for share in WALK_SHARES), *((length, q) for length, own in FORGETFUL for q in own))
+"""(length, share) of each memory that is tried; the first is none."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +59,8 @@ class Segments:
     core: NDArray[np.bool_]
     block: Ints
     flip: Ints
+    cells: tuple[Ints, ...] = ()
+    """of each way of averaging the cell of a row, fold by fold, -1 for one that is not scored"""
 
     @classmethod
     def of(cls, design: Design, lead: int) -> Segments:
@@ -64,7 +74,11 @@ class Segments:
         core = (edge >= gap) | (fold == 0) & (rows < starts[1] - gap) | (fold == FOLDS - 1) & (rows >= starts[-2] + gap)
         length = max(BLOCK_S, session.n * session.step_s / MAX_BLOCKS)
         block = (rows * session.step_s / length).astype(np.intp)
-        return cls(fold, session.rate_group, core, block, (rows * session.step_s / FLIP_S).astype(np.intp))
+        cells = tuple(
+            np.where(core, fold * SECTORS + np.minimum((turned % 1.0 * SECTORS).astype(np.intp), SECTORS - 1), -1)
+            for turned in design.turns()
+        )
+        return cls(fold, session.rate_group, core, block, (rows * session.step_s / FLIP_S).astype(np.intp), cells)
 
 
 @dataclass(frozen=True)
@@ -79,6 +93,10 @@ class Gram:
     """(blocks,) rows of each block that count"""
     rows: dict[Key, float]
     """rows of each part that count"""
+    cells: list[Array]
+    """of each way of averaging (m + 1, folds x sectors) sums over cells"""
+    cell_rows: list[Array]
+    """(folds x sectors,) rows of each cell that count"""
 
     @property
     def total(self) -> Array:
@@ -94,6 +112,7 @@ def accumulate(design: Design, noise: RotationNoise, residual: Array) -> tuple[l
     parts: list[dict[Key, Array]] = [{} for _ in sizes]
     rows: list[dict[Key, float]] = [{} for _ in sizes]
     sums = [np.zeros((m, blocks)) for m in sizes]
+    cells = [[np.zeros((m, FOLDS * SECTORS)) for _ in segments.cells] for m in sizes]
     chunks = list(design.chunks())
 
     def one(part: slice) -> list[_Chunk]:
@@ -110,10 +129,17 @@ def accumulate(design: Design, noise: RotationNoise, residual: Array) -> tuple[l
                 parts[c][key] = parts[c][key] + gram if key in parts[c] else gram
                 rows[c][key] = rows[c].get(key, 0.0) + counted
             sums[c][:, first : first + chunk.sums.shape[1]] += chunk.sums
+            for kept, (start, found) in zip(cells[c], chunk.cells, strict=True):
+                kept[:, start : start + found.shape[1]] += found
     counts = [
         np.bincount(segments.block, weights=(w > 0).astype(float), minlength=blocks).astype(float) for w in noise.weight
     ]
-    return [Gram(*kept) for kept in zip(parts, sums, counts, rows, strict=True)], segments
+    cell_rows = [
+        [np.bincount(own[own >= 0], weights=(w > 0)[own >= 0], minlength=FOLDS * SECTORS) for own in segments.cells]
+        for w in noise.weight
+    ]
+    every = zip(parts, sums, counts, rows, cells, cell_rows, strict=True)
+    return [Gram(*kept) for kept in every], segments
 
 
 def in_order(work: Callable[[slice], T], chunks: Sequence[slice]) -> Iterator[T]:
@@ -131,6 +157,8 @@ class _Chunk:
 
     pieces: list[tuple[Key, Array, float]]
     sums: Array
+    cells: list[tuple[int, Array]]
+    """of each way of averaging the first cell, and (m + 1, cells) from it on"""
 
 
 def _chunk(white: Array, weight: Array, segments: Segments, part: slice) -> _Chunk:
@@ -142,7 +170,15 @@ def _chunk(white: Array, weight: Array, segments: Segments, part: slice) -> _Chu
         piece = white[:, start:stop]
         pieces.append((name, np.asarray(piece @ piece.T), float(np.sum(weight[start:stop] > 0))))
     starts = [start for start, _ in _runs(segments.block[part])]
-    return _Chunk(pieces, np.add.reduceat(white, starts, axis=1))
+    cells = []
+    for own in segments.cells:
+        scored = np.flatnonzero(own[part] >= 0)
+        number = own[part][scored]
+        low = int(number.min()) if scored.size else 0
+        size = int(number.max()) - low + 1 if scored.size else 0
+        belongs = csr_array((np.ones(scored.size), (number - low, scored)), shape=(size, white.shape[1]))
+        cells.append((low, np.asarray((belongs @ white.T).T)))
+    return _Chunk(pieces, np.add.reduceat(white, starts, axis=1), cells)
 
 
 def _runs(values: NDArray[np.generic]) -> list[tuple[int, int]]:
@@ -154,7 +190,7 @@ def _runs(values: NDArray[np.generic]) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class Walks:
-    """Inner products of one channel under walks of several sizes: (settings, m + 1, m + 1), and log determinants."""
+    """Inner products of one channel under each of `MEMORIES`: (settings, m + 1, m + 1), and log determinants."""
 
     grams: Array
     log_determinant: Array
@@ -167,30 +203,34 @@ class Walks:
         counts = gram.counts[used]
         means = gram.sums[:, used] / counts
         steps = np.cumsum(counts) - counts / 2
-        noise = LevelNoise.of(1 / counts, steps - steps[0], np.array(WALK_SHARES), np.full(len(WALK_SHARES), np.inf))
+        lengths, shares = np.array(MEMORIES).T
+        typical = float(np.median(counts))
+        forgets = np.isfinite(lengths)
+        shares = np.where(forgets, shares / typical, shares)
+        noise = LevelNoise.of(1 / counts, steps - steps[0], shares, np.where(forgets, lengths * typical, np.inf))
         within = gram.total - (means * counts) @ means.T
         between = noise.white(means)
         return cls(within + between @ between.transpose(0, 2, 1), noise.log_determinant, float(counts.sum()))
 
     def under(self, memory: Memory) -> Array:
-        """(m + 1, m + 1) under the largest walk that a memory allows."""
-        return np.asarray(self.grams[WALK_SHARES.index(memory.upper)])
+        """(m + 1, m + 1) under the largest memory of its length that the data allow."""
+        return np.asarray(self.grams[MEMORIES.index((memory.length, memory.upper))])
 
 
 class WalkingChannel:
-    """-2 log likelihood of a channel under a walk of any size: `functions` by their numbers, -1 for none.
+    """-2 log likelihood of a channel under each of `MEMORIES`: `functions` by their numbers, -1 for none.
 
     `base` are the numbers of functions that are always projected off.
     """
 
-    settings: ClassVar = [(np.inf, share) for share in WALK_SHARES]
+    settings: ClassVar = list(MEMORIES)
 
     def __init__(self, walks: Walks, base: Ints) -> None:
         self.grams, self._logdet, self._rows = walks.grams, walks.log_determinant, walks.rows
         self._base = base
 
     def memory(self, columns: Ints) -> Memory:
-        """The walk that the data ask for with functions (K,) projected off."""
+        """The memory that the data ask for with functions (K,) projected off."""
         return memory_of(self.settings, self.without(columns))
 
     def without(self, columns: Ints) -> Array:
@@ -211,7 +251,7 @@ class WalkingChannel:
             inner = gram[np.ix_(picked, picked)]
             if kept.size:
                 cross = gram[np.ix_(kept, picked)]
-                inner = inner - cross.T @ _solved(gram[np.ix_(kept, kept)], cross)
+                inner = inner - cross.T @ solved(gram[np.ix_(kept, kept)], cross)
             norm, moment = np.diag(inner)[:-1], inner[:-1, -1]
             shows = norm > 1e-6 * np.diag(gram)[picked[:-1]]
             energy[s] = inner[-1, -1]
@@ -226,7 +266,7 @@ class WalkingChannel:
         found = np.empty(len(self.grams))
         for s, gram in enumerate(self.grams):
             moment = gram[kept, -1]
-            found[s] = gram[-1, -1] - moment @ _solved(gram[np.ix_(kept, kept)], moment)
+            found[s] = gram[-1, -1] - moment @ solved(gram[np.ix_(kept, kept)], moment)
         return found
 
     def _minus2l(self, columns: Ints, energy: Array) -> Array:
@@ -243,7 +283,7 @@ class WalkingChannel:
         return np.asarray(freedom * np.log(energy / freedom) + logdet.reshape(shape))
 
 
-def _solved(inner: Array, right: Array) -> Array:
+def solved(inner: Array, right: Array) -> Array:
     """Least-squares solution of a singular normal equation, columns scaled to one size."""
     if not inner.size:
         return right
@@ -282,7 +322,7 @@ class Space:
     @staticmethod
     def of_channel(gram: Array) -> Array:
         """(m,) weights of the functions that explain the residual best, from (m + 1, m + 1)."""
-        return _solved(gram[:-1, :-1], gram[:-1, -1])
+        return solved(gram[:-1, :-1], gram[:-1, -1])
 
     def columns(self, numbers: Ints) -> Array:
         """(k, R) of columns of the design."""
@@ -306,11 +346,11 @@ class HeldOutRows:
     """Prediction of stretches of a recording from the rest of it, from inner products alone."""
 
     def __init__(self, design: Design, grams: Sequence[Gram]) -> None:
-        self._where = design.where
-        self._base = design.base
+        self.where = design.where
+        self.base = design.base
         self._grams = grams
         keys = sorted({key for gram in grams for key in gram.parts})
-        self._keys = keys
+        self.keys = keys
         self._rows = {key: sum(g.rows.get(key, 0.0) for g in grams) for key in keys}
         self.folds: list[Fold] = []
         for fold in range(FOLDS):
@@ -319,12 +359,12 @@ class HeldOutRows:
         rates = [[key for key in keys if key[1] == rate] for rate in sorted({key[1] for key in keys} - {-1})]
         self.by_rate: list[Fold] = [(own, own) for own in rates]
 
-    def _inner(self, numbers: Ints, keys: Sequence[Key]) -> Array:
+    def inner(self, numbers: Ints, keys: Sequence[Key]) -> Array:
         """(K + 1, K + 1) of columns and, last, the residual, over parts."""
         size = numbers.size + 1
         total = np.zeros((size, size))
         for c, gram in enumerate(self._grams):
-            functions = self._where[numbers, c]
+            functions = self.where[numbers, c]
             shows = np.append(np.where(numbers >= 0, functions, -1) >= 0, True)
             picked = np.append(functions, -1)[shows]
             place = np.ix_(np.flatnonzero(shows), np.flatnonzero(shows))
@@ -339,12 +379,12 @@ class HeldOutRows:
 
     def energies(self, numbers: Ints, folds: Sequence[Fold]) -> Array:
         """(folds,) squared prediction error of what is scored, with columns (K,) fitted beside the base."""
-        every = np.concatenate([self._base, numbers])
-        total = self._inner(every, self._keys)
+        every = np.concatenate([self.base, numbers])
+        total = self.inner(every, self.keys)
         result = []
         for left_out, scored in folds:
-            rest = total - self._inner(every, left_out)
-            test = self._inner(every, scored)
-            solution = np.append(-_solved(rest[:-1, :-1], rest[:-1, -1]), 1.0)
+            rest = total - self.inner(every, left_out)
+            test = self.inner(every, scored)
+            solution = np.append(-solved(rest[:-1, :-1], rest[:-1, -1]), 1.0)
             result.append(float(solution @ test @ solution))
         return np.array(result)

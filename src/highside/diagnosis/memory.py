@@ -187,11 +187,16 @@ class Channel(Protocol):
 
 
 def beats_the_walk(
-    channels: Sequence[Channel], others: NDArray[Any], block: NDArray[Any], dof: int, tries: float = 1.0
+    channels: Sequence[Channel],
+    others: NDArray[Any],
+    block: NDArray[Any],
+    dof: int,
+    tries: float = 1.0,
+    certain: float = SLOW_LOG_P,
 ) -> bool:
     """Whether a claim of `dof` directions, block (B, C, ...), is still needed where the noise may have any memory.
 
-    It is the best of so many `tries`.
+    It is the best of so many `tries`; `certain` is the -log10 p asked for.
 
     The memory is chosen anew with and without it; `others` (K, C, ...) are the other claims.
     """
@@ -201,7 +206,7 @@ def beats_the_walk(
         plain = channel.with_block(nothing, others[:, c]) if len(others) else channel.without(nothing)
         gain += float(plain.min() - channel.with_block(nothing, np.concatenate([others[:, c], block[:, c]])).min())
     p = tries * float(chdtrc(dof, max(gain, 0.0)))
-    return bool(-np.log10(max(p, 1e-300)) > SLOW_LOG_P)
+    return bool(-np.log10(max(p, 1e-300)) > certain)
 
 
 def _basis(columns: Array) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len, rfft
 
 from highside.diagnosis.design import Line
 from highside.diagnosis.rotation_session import RotationSession
@@ -21,8 +22,10 @@ CHANCE = 1e-3
 MAX_ORDER = 60.0
 LARGEST_WHOLE = 12
 """Whole orders up to this are harmonics of the toolface, which other effects and the scan stand for."""
-CELLS_PER_TURN = 512
+PADDED = 2
+"""A spectrum is told at so many times as many frequencies: a line between two of them would lose half its power."""
 SMOOTH = 101
+"""Independent cells of a spectrum by whose median the level around a cell is known."""
 
 
 def found_lines(session: RotationSession, residual: Array) -> list[Line]:
@@ -50,7 +53,7 @@ def _peak(power: Array, skip: NDArray[np.bool_]) -> tuple[int, int] | None:
     chance gives: each in units of its local level is exponential, so their sum has a gamma distribution."""
     from scipy.special import gammainccinv
 
-    stretches = np.array_split(power, max(1, power.shape[1] // SMOOTH), axis=1)
+    stretches = np.array_split(power, max(1, power.shape[1] // (PADDED * SMOOTH)), axis=1)
     level = np.concatenate(
         [np.broadcast_to(np.median(s, axis=1, keepdims=True), s.shape) for s in stretches], axis=1
     ) / np.log(2)
@@ -63,19 +66,25 @@ def _peak(power: Array, skip: NDArray[np.bool_]) -> tuple[int, int] | None:
 
 def _frequency(session: RotationSession, rows: Array) -> float | None:
     n = session.n
-    spectrum = np.abs(np.fft.rfft(rows, axis=1)) ** 2
+    length = next_fast_len(PADDED * n, real=True)
+    spectrum = np.abs(rfft(rows, length, axis=1)) ** 2
     skip = np.zeros(spectrum.shape[1], dtype=bool)
     # what is slower than a few waves is drift
-    skip[:24] = True
+    skip[: 12 * length // n] = True
     peak = _peak(spectrum, skip)
     if peak is None:
         return None
     # the frequency between the cells: the best of a fine grid on the row itself
     at, channel = peak
-    tries = (at + np.linspace(-0.75, 0.75, 31)) / n
-    phase = np.exp(-2j * np.pi * tries[:, None] * np.arange(n))
-    best = float(tries[int(np.argmax(np.abs(phase @ rows[channel])))])
+    tries = at / length + np.linspace(-0.75, 0.75, 31) / n
+    best = _best(tries, np.arange(n, dtype=float), rows[channel])
     return best / session.step_s
+
+
+def _best(tries: Array, places: Array, row: Array) -> float:
+    """The frequency (cycles for a unit of `places`) of a wave in a row (n,)."""
+    power = [float(np.abs(np.exp(-2j * np.pi * f * places) @ row)) for f in tries]
+    return float(tries[int(np.argmax(power))])
 
 
 def _order(session: RotationSession, rows: Array) -> tuple[float, int] | None:
@@ -87,8 +96,9 @@ def _order(session: RotationSession, rows: Array) -> tuple[float, int] | None:
     size = int(2 ** np.ceil(np.log2(turns * 2 * MAX_ORDER * 1.2)))
     cell = np.minimum((turned / turns * size).astype(np.intp), size - 1)
     gathered = np.stack([np.bincount(cell, weights=row, minlength=size) for row in rows])
-    spectrum = np.abs(np.fft.rfft(gathered, axis=1)) ** 2
-    orders = np.arange(spectrum.shape[1]) / turns
+    length = PADDED * size
+    spectrum = np.abs(rfft(gathered, length, axis=1)) ** 2
+    orders = np.arange(spectrum.shape[1]) / turns * (size / length)
     use = orders < MAX_ORDER
     orders = orders[use]
     near = np.abs(orders - np.round(orders)) < 2.5 / turns
@@ -97,5 +107,4 @@ def _order(session: RotationSession, rows: Array) -> tuple[float, int] | None:
         return None
     at, channel = peak
     tries = orders[at] + np.linspace(-0.75, 0.75, 31) / turns
-    phase = np.exp(-2j * np.pi * tries[:, None] * turned)
-    return float(tries[int(np.argmax(np.abs(phase @ rows[channel])))]), int(orders.size)
+    return _best(tries, turned, rows[channel]), orders.size // PADDED

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.causes import located_by_cause
-from highside.diagnosis.design import CHUNK, Design
+from highside.diagnosis.design import CHUNK, LINES, Design
 from highside.diagnosis.fit import JointFit, Observed, base_fit, joint_fit
-from highside.diagnosis.gram import Gram, HeldOutRows, Segments, Space, WalkingChannel, Walks, accumulate
+from highside.diagnosis.gram import SECTORS, Gram, HeldOutRows, Segments, Space, WalkingChannel, Walks, accumulate
 from highside.diagnosis.location import Located, Scan, followed, intervals, scan_of
-from highside.diagnosis.memory import Channel, Memory, SlowEffect
+from highside.diagnosis.memory import Channel, Memory, SlowEffect, SlowLimits
 from highside.diagnosis.method import WHOLE, Method
 from highside.diagnosis.regression import outside, span
 from highside.diagnosis.result import Diagnosis, Fit, Location
@@ -25,6 +25,7 @@ from highside.diagnosis.rotation_bases import Group
 from highside.diagnosis.rotation_bursts import found_burst, with_burst
 from highside.diagnosis.rotation_jitter import with_jitter
 from highside.diagnosis.rotation_lines import found_lines
+from highside.diagnosis.rotation_means import mean_errors
 from highside.diagnosis.rotation_noise import RotationNoise, estimate, with_walk
 from highside.diagnosis.rotation_noise import windows as learned_from
 from highside.diagnosis.rotation_session import RotationSession
@@ -122,6 +123,21 @@ class RotationScene(Scene):
     @cached_property
     def _walks(self) -> list[Walks]:
         return [Walks.of(gram) for gram in self.grams]
+
+    @property
+    def certain(self) -> float:
+        return 2.2
+
+    @property
+    def slow_limits(self) -> SlowLimits:
+        # of simulated walks of any size one in a hundred passes, of the size that looks most like an effect one in
+        # twelve; a straight line is what a walk imitates most easily
+        return SlowLimits(log_p=2.0, quiet_log_p=2.0, alike={"bias_drift": 3.0})
+
+    @property
+    def slow_beside_fast(self) -> bool:
+        # the rates of a programme usually go one way
+        return True
 
     @property
     def named_share(self) -> float:
@@ -291,24 +307,33 @@ class RotationScene(Scene):
         parts = [np.asarray(self.variant(m).columns, dtype=np.intp) for m in members]
         numbers = np.concatenate([np.empty(0, dtype=np.intp), *parts])
         none = numbers[:0]
-        before, after = held.energies(none, held.folds), held.energies(numbers, held.folds)
-        rows = np.array([held.scored(fold) for fold in held.folds])
+        names = [self.candidates[m.candidate].id for m in members]
+        told = [(self.candidates[m.candidate].id, v) for m in members for v in self.variant(m).shape.values()]
+        ways = [k for k, line in enumerate(self.design.lines, 1) if (line.effect, line.value) in told]
+        if not names or not set(names) <= set(LINES):
+            ways.insert(0, 0)
+        means = [mean_errors(held, self.grams, n, ways) for n in (none, numbers)]
         by_rate = [held.energies(n, held.by_rate).sum() for n in (none, numbers)] if len(held.by_rate) > 1 else [0, 0]
-        low, high = gain_interval(before, after)
+        low, high = gain_interval(means[0].energy, means[1].energy)
         # whitened errors, told in g: the innovations' size, and what the filter takes of slow signals
-        unit = float(np.sqrt(np.mean(self.noise.sigma[:3] ** 2)))
-        words = f"{len(held.folds)} contiguous stretches with gaps; whitened; gain = share of the mean square removed"
+        unit = float(np.sqrt(np.mean(self.noise.sigma[:3] ** 2) / max(means[0].rows, 1.0)))
+        size = float(max(means[0].count.sum(), 1.0))
+        words = (
+            f"{len(held.folds)} contiguous stretches with gaps, each predicted from the others; means over sectors of "
+            f"{360 // SECTORS} deg of the turn, of {means[0].rows:.0f} rows each; whitened; gain = share of the mean "
+            "square removed; the noise floor is what a complete simulation would leave there"
+        )
         if by_rate[0] > 0:
             words += f"; leaving out one steady rate at a time: {1 - by_rate[1] / by_rate[0]:.2%}"
         return Fit(
             unit="g",
             rmse_before=float(np.sqrt(np.mean(self.residual[:3] ** 2))),
             rmse_after=float(np.sqrt(np.mean(fit.residual[:3] ** 2))),
-            heldout_rmse_before=unit * float(np.sqrt(before.sum() / rows.sum())),
-            heldout_rmse_after=unit * float(np.sqrt(after.sum() / rows.sum())),
+            heldout_rmse_before=unit * float(np.sqrt(means[0].energy.sum() / size)),
+            heldout_rmse_after=unit * float(np.sqrt(means[1].energy.sum() / size)),
             heldout_gain_low=low,
             heldout_gain_high=high,
-            noise_floor=unit,
+            noise_floor=unit * float(np.sqrt(means[0].expected.sum() / size)),
             how_held_out=words,
         )
 

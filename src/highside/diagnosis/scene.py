@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from highside.diagnosis.candidates import Blind, Candidate, Variant
 from highside.diagnosis.fit import JointFit
 from highside.diagnosis.location import Scan
-from highside.diagnosis.memory import Channel, Memory, SlowEffect, SlowLimits
+from highside.diagnosis.memory import SLOW_LOG_P, Channel, Memory, SlowEffect, SlowLimits
 from highside.diagnosis.method import WHOLE, Method
 from highside.diagnosis.result import Diagnosis, Fit, Location
 from highside.diagnosis.rivals import Rivalry
@@ -95,6 +95,16 @@ class Scene(ABC):
     def slow_limits(self) -> SlowLimits:
         """What a slow effect must show to be believed beside a walk."""
         return SlowLimits()
+
+    @property
+    def certain(self) -> float:
+        """-log10 p from which an effect beats a noise with memory."""
+        return SLOW_LOG_P
+
+    @property
+    def slow_beside_fast(self) -> bool:
+        """Whether effects of time run like those of the programme, so that they must be chosen together."""
+        return False
 
     @property
     def named_share(self) -> float:

@@ -25,6 +25,8 @@ FLIPS = 300
 BLOCK_POSES = 6
 MAX_CLAIMS = 4
 TIE = 0.5
+REMEMBERS = 3.0
+"""Gain by which a slack that remembers must be better than one that does not, of which there are more variants."""
 MERGE_BIC = 6.0
 SHORTLIST = 4
 TRANSIENT = 0.1
@@ -106,8 +108,10 @@ def standing(pool: Pool, space: Array, residual: Array, freedom: float, size: in
         if float(outside(space, pool.blocks[i])[0] @ residual) < 0:
             gain[i] = 0.0
         else:
-            # as good as one that may have either sign: half of what that might be has been ruled out
-            gain[i] += TIE
+            # as good as one that may have either sign: half of what that might be has been ruled out. But of two slacks
+            # that lag alike the one that need not remember is the simpler
+            effect = pool.candidates[pool.members[i].candidate].effect
+            gain[i] = max(0.0, gain[i] + (TIE if effect is not None and effect.complex_safe else -REMEMBERS))
     for i, amplitude in pool.known:
         # taken as large as it must be, not as large as would suit
         bare = amplitude * outside(space, pool.blocks[i])[0]
@@ -275,9 +279,10 @@ class Selector:
         """Members with what is asked for beside them."""
         while len(members) < self.most:
             step = self._forward(members)
-            if step is None:
+            steps = [step] if step is not None else self._forward_two(members)
+            if not steps or len(members) + len(steps) > self.most:
                 break
-            members = self._settle([*members, step])
+            members = self._settle([*members, *steps])
         return members
 
     def _from_others(self, found: Sequence[Member]) -> list[list[Member]]:
@@ -325,6 +330,25 @@ class Selector:
             gain, error = self.held_out.gain(members, [*members, now.best[k]])
             if gain > error and (best is None or gain > best[0]):
                 best = (gain, now.best[k])
+        return best[1] if best else None
+
+    def _forward_two(self, members: list[Member]) -> list[Member] | None:
+        """Two at once, where one passes that predicts nothing by itself: what opposes it may be there as well."""
+        now = self.standing(members)
+        taken = {m.candidate for m in members} | self.banned
+        passing = [k for k in np.argsort(-now.bic) if now.log_p[k] > self.threshold and k not in taken]
+        best: tuple[float, list[Member]] | None = None
+        for k in passing[:SHORTLIST]:
+            first = now.best[k]
+            beside = self.standing([*members, first])
+            score = np.where(np.isin(np.arange(beside.bic.size), [*taken, k]), -np.inf, beside.bic)
+            other = int(np.argmax(score))
+            if not beside.log_p[other] > self.threshold:
+                continue
+            two = [first, beside.best[other]]
+            gain, error = self.held_out.gain(members, [*members, *two])
+            if gain > error and (best is None or gain > best[0]):
+                best = (gain, two)
         return best[1] if best else None
 
     def _settle(self, members: list[Member]) -> list[Member]:
