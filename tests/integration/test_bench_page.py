@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import re
 import socket
 import time
@@ -168,6 +169,8 @@ async def test_a_verification_shows_its_verdict_and_a_roll_back_its_record(tmp_p
                 await page.set_viewport_size({"width": size[0], "height": size[1]})
                 await assert_accessible(page, f"verdict {size}")
                 await assert_fits(page, f"verdict {size}")
+                if (shots := os.environ.get("HIGHSIDE_SHOTS")) is not None:
+                    await page.screenshot(path=f"{shots}/verdict-{size[0]}.png")
             verdict = (await bench.state())["result"]["verdict"]
             assert (verdict["verdict"], verdict["record"]) == ("pass", records[0])
             report = await page.context.request.get(f"{bench.address}report")

@@ -174,6 +174,11 @@ class Stillness:
         """what kept the last window from being still"""
         self._recent: deque[Window] = deque(maxlen=LOOK_BACK)
 
+    @property
+    def recent(self) -> tuple[Window, ...]:
+        """The windows by which stillness is judged, oldest first."""
+        return tuple(self._recent)
+
     def forget(self) -> None:
         """The stream was interrupted."""
         self._recent.clear()

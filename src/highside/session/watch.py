@@ -13,7 +13,7 @@ from highside.calibration.poses import Array
 from highside.session.faults import Faults
 from highside.session.guidance import Candidate, Chart, Provisional, Recognised, axes_that_fit, recognise
 from highside.session.hold import Hold
-from highside.session.ledger import Ledger, PoseLine
+from highside.session.ledger import Ledger, PoseLine, Readings
 from highside.session.machine import Event
 from highside.session.reasons import Fault, Rejection
 from highside.session.snapshot import PoseState
@@ -89,6 +89,12 @@ class Watch:
         pose = self.recognised.pose.id if self.recognised is not None and self.recognised.pose is not None else None
         rate = self.tracker.rate_hz or 1.0
         self.hold = Hold(pose, self.tracker.floor, self.tracker.allan, self.plan.limits, rate)
+        if self.plan.open_ended:
+            # nobody waits for the sign that it began: what stillness was judged by belongs to it, ends are trimmed
+            last = self._last_readings()
+            for window in self.tracker.stillness.recent:
+                if last is None or window.t_s - window.a.shape[1] / rate >= last.t_stop_s:
+                    self.hold.add(window)
 
     def reference(self) -> Array | None:
         """Mean (3,) of the hold under way, once it is worth comparing with. By hand a tool may sink slowly into what it
@@ -156,12 +162,15 @@ class Watch:
 
     def _is_last(self, mean: Array) -> bool:
         """Whether an attitude is that of the pose taken last, held as long as is allowed."""
-        last = self.ledger.last_taken
-        readings = self.ledger.lines[last].readings if last is not None else None
+        readings = self._last_readings()
         longest = self.plan.limits.max_hold_s * (self.tracker.rate_hz or 1.0)
         if readings is None or readings.n < LONGEST_SHARE * longest:
             return False
         return bool(np.linalg.norm(mean - np.array(readings.mean())) < np.deg2rad(SAME_ATTITUDE_DEG))
+
+    def _last_readings(self) -> Readings | None:
+        last = self.ledger.last_taken
+        return self.ledger.lines[last].readings if last is not None else None
 
 
 def _candidate(line: PoseLine) -> Candidate:

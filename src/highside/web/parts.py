@@ -246,8 +246,9 @@ def _verdict(verdict: VerdictState) -> str:
         f"<h2>Verdict</h2><p class='big {'good' if good else 'bad'}'><b aria-hidden='true'>{'✓' if good else '✗'}</b>"
         f" {escape(verdict.verdict.replace('_', ' '))}</p><p>{escape(verdict.text)}</p>{changed}"
         f"<p>calibration <code>{escape(verdict.record)}</code>; limits {', '.join(limits)}; ± is U (k = 2)</p>"
+        '<div class="wide" tabindex="0" role="region" aria-label="comparisons with the limits">'
         '<table><thead><tr><th scope="col">pose</th><th scope="col">I error</th><th scope="col">T error</th>'
-        f'<th scope="col">Gtotal</th><th scope="col">verdict</th></tr></thead><tbody>{rows}</tbody></table>'
+        f'<th scope="col">Gtotal</th><th scope="col">verdict</th></tr></thead><tbody>{rows}</tbody></table></div>'
     )
 
 
