@@ -143,6 +143,7 @@ async def test_a_verification_shows_its_verdict_and_a_roll_back_its_record(tmp_p
                 await page.goto(bench.link)
                 await page.click("[data-command=start]")
                 await page.click("[data-command=accept]")
+                await expect(page.locator("[data-command=activate]")).to_be_visible()
                 await page.keyboard.press("F")
                 await page.click("[data-command=yes]")
                 await expect(page.locator("h1")).to_contain_text("is in force")

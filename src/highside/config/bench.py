@@ -158,7 +158,7 @@ class BenchTable(Table):
 
 
 class StoreTable(Table):
-    """Where things are kept."""
+    """Where things are kept; relative names, the defaults too, start at the directory of the file."""
 
     directory: Path = Field(default=Path("state/calibrations"), description="The calibration store.")
     sessions: Path = Field(default=Path("state/sessions"), description="The journals, one file a session.")
@@ -236,9 +236,16 @@ PATHS = (
 
 
 def load_bench(path: Path, overrides: list[str] | None = None) -> BenchFile:
-    """Read and validate a session's file; `overrides` are `key.path=value`. Raises InputError in one line."""
-    tables = read_toml(path)
-    anchor_paths(tables, path.resolve().parent, PATHS)
+    """Read and validate a session's file; `overrides` are `key.path=value`. Raises InputError in one line.
+
+    Relative paths in the file start at its directory, those of overrides at the working directory.
+    """
+    tables, base = read_toml(path), path.resolve().parent
+    store = tables.setdefault("store", {})
+    if isinstance(store, dict):
+        for name in ("directory", "sessions"):
+            store.setdefault(name, str(StoreTable.model_fields[name].default))
+    anchor_paths(tables, base, PATHS)
     given = parse_overrides(overrides or [])
     try:
         return BenchFile.model_validate(_merged(tables, given))
