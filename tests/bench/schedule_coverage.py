@@ -29,11 +29,10 @@ from highside.calibration.conventional import DEFAULT_OFFSET_STD_G, conventional
 from highside.calibration.correction import LinearCorrection
 from highside.calibration.joint import joint
 from highside.calibration.poses import Array, PoseSet
-from highside.calibration.refinement import refine
 from highside.calibration.result import BenchAccuracy
 from highside.calibration.schedule import ScheduledCorrection
 from highside.physics.forward import ForwardModel
-from highside.physics.scenario import BALANCE_TOOLFACES_DEG, reference_scenario
+from highside.physics.scenario import reference_scenario
 
 PLACES_DEG = (0.2, 0.4, 0.612, 0.9, 1.0, 1.6, 2.0, 2.5, 4.0, 7.0, 10.0, 20.0, 25.0, 37.0, 50.0, 68.0, 82.0, 90.0, 100.0)
 """0.612 is the centre of a zone; 0.9, 1.6, 2.5, 4.0, 10, 25 and 37 lie in blends; 90 and 100 beyond balance zones."""
@@ -53,10 +52,8 @@ def balance_and_joint(poses: PoseSet, bench: BenchAccuracy) -> ScheduledCorrecti
     return ScheduledCorrection(zones, fallback=LinearCorrection(joint(poses, bench=bench).main))
 
 
-def joint_refined(poses: PoseSet, bench: BenchAccuracy) -> ScheduledCorrection:
-    result = refine(joint(poses, bench=bench), poses)
-    zones = tuple(LinearCorrection(zone, guarded=False) for zone in result.zones if zone.is_local)
-    return ScheduledCorrection(zones, fallback=LinearCorrection(result.main))
+def joint_alone(poses: PoseSet, bench: BenchAccuracy) -> ScheduledCorrection:
+    return ScheduledCorrection((), fallback=LinearCorrection(joint(poses, bench=bench).main))
 
 
 @dataclass(frozen=True)
@@ -69,8 +66,6 @@ class Kind:
     pose_deg: float = 0.009
     ring_deg: float = 0.0
     station_deg: float = 0.0
-    structure_g: float = 0.0
-    toolfaces_deg: tuple[float, ...] = BALANCE_TOOLFACES_DEG
 
 
 KINDS = {
@@ -81,12 +76,9 @@ KINDS = {
         balance_and_conventional, pose_deg=0.0, ring_deg=0.009, station_deg=0.009
     ),
     "balance+joint": Kind(balance_and_joint),
-    "joint+zones": Kind(joint_refined),
-    "joint+zones, structure": Kind(joint_refined, structure_g=3e-4),
-    "joint+zones, structure, 132 poses": Kind(
-        joint_refined, structure_g=1e-3, toolfaces_deg=tuple(15.0 + 30.0 * k for k in range(12))
-    ),
-    "joint+zones, ring, station": Kind(joint_refined, pose_deg=0.0, ring_deg=0.009, station_deg=0.009),
+    "balance+joint, ring, station": Kind(balance_and_joint, pose_deg=0.0, ring_deg=0.009, station_deg=0.009),
+    "joint": Kind(joint_alone),
+    "joint, ring, station": Kind(joint_alone, pose_deg=0.0, ring_deg=0.009, station_deg=0.009),
 }
 
 
@@ -94,7 +86,7 @@ def held(kind: Kind, seed: int, tilt: Array) -> tuple[Array, int]:
     """Whether I and T lie in their stated intervals (2, places, READINGS) for one sensor on a bench out of level by
     `tilt` (2,) rad, and its number of zones."""
     rng = np.random.default_rng([seed, 77])
-    scenario = reference_scenario(seed, structure_g=kind.structure_g, toolfaces_deg=kind.toolfaces_deg)
+    scenario = reference_scenario(seed)
     offset = DEFAULT_OFFSET_STD_G * rng.standard_normal(3)
     known = tuple((effect, offset if effect.id == "bias" else p) for effect, p in scenario.sensor.effects)
     scenario = replace(scenario, sensor=ForwardModel(known))
