@@ -8,6 +8,7 @@ fused or reordered: the states at the ends of blocks are the same bits, rows bet
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import math
 import types
@@ -133,23 +134,33 @@ _CORE = (
 """each after those that it calls"""
 
 
+def _digest(functions: list[Any], names: dict[str, Any]) -> str:
+    """A name for this version of these functions and of the constants that they see."""
+    codes = [(f.__code__.co_code.hex(), f.__code__.co_names, f.__code__.co_consts) for f in functions]
+    seen = sorted((name, value) for name, value in names.items() if isinstance(value, int | float | tuple))
+    return hashlib.sha256(repr((codes, seen)).encode()).hexdigest()[:12]
+
+
 @cache
 def _compile() -> Kernels | None:
     if importlib.util.find_spec("numba") is None:
         return None
     import numba
 
+    names = vars(algebra) | vars(core)
+    source = _digest([names[name] for name in _CORE] + [advance, gather, follow], names)
+
     def compiled(function: Any, names: dict[str, Any]) -> Any:
         # the same code, seeing the compiled forms of what it calls
         copy = types.FunctionType(function.__code__, names, function.__name__, function.__defaults__)
-        copy.__module__, copy.__qualname__ = function.__module__, function.__qualname__
+        # what is kept holds what it calls, too, but is looked up by its own file: so its name tells all of them
+        copy.__module__, copy.__qualname__ = function.__module__, f"{function.__qualname__}_{source}"
         try:
             return numba.njit(copy, cache=True, error_model="numpy")
         except RuntimeError:
             # nowhere to keep it: compiled anew in each process
             return numba.njit(copy, error_model="numpy")
 
-    names = vars(algebra) | vars(core)
     for name in _CORE:
         names[name] = compiled(names[name], names)
     own = dict(globals())
