@@ -42,7 +42,8 @@ bench: $(VENV)/.test
 
 ## evidence: the long Monte-Carlo runs and a minute of each soak, figures printed
 evidence: $(VENV)/.test
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/calibration_montecarlo.py --sensors 300 --first-seed 1000
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/calibration_montecarlo.py --sensors 1000 --first-seed 300000
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/schedule_coverage.py --sensors 600 --first-seed 400000
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/session_coverage.py 100
 	$(BIN)/python tests/bench/drift_scenarios.py --only "S1r elevation 0" --seeds 1 --no-rivals --efficiency 60 --consistency 100 --false-stops-h 10
 	$(BIN)/python tests/bench/drift_limit.py
