@@ -12,10 +12,18 @@ from hypothesis import strategies as st
 from test_pipeline import make
 
 from highside.codec.frame import Frame
+from highside.config.drift import DriftSettings
+from highside.drift.kinematic import kinematic
 from highside.errors import Refused
+from highside.link.device import DeviceSettings, SimulatedDevice
+from highside.link.wire import PtyWire
 from highside.physics.gravity import gravity_direction
+from highside.physics.motion import Leg, Motion
+from highside.physics.rotation_chain import Faults, azimuth_errors
 from highside.rotation import Compensation, Curve, FitOptions, Method, NetworkInput, Samples, Validity, fit
 from highside.rotation.live import ROTATION_GAP, ROTATION_OUTSIDE, ROTOR_UNKNOWN, LiveCompensation, point
+from highside.rotation.recorded import attitudes as attitudes_of
+from highside.rotation.recorded import azimuths
 from highside.rotation.scenarios import A, draw
 from highside.service.drift_stage import Azimuth
 from highside.service.pipeline import Attitude, Survey
@@ -239,6 +247,77 @@ def test_where_the_heading_does_not_hold_nothing_is_taken_off_and_one_flag_says_
     for one in found:
         theta = 120.0 * one.t_device_s % 360.0
         assert (ROTATION_GAP in one.flags) == (270.0 - 0.6 < theta < 360.0 - 0.1)
+
+
+@pytest.mark.parametrize("gap", [False, True])
+@pytest.mark.parametrize("axis", [False, True])
+@pytest.mark.parametrize("inclination_deg", [40.0, None])
+def test_a_recording_is_compensated_as_the_live_readings_are(
+    gap: bool, axis: bool, inclination_deg: float | None
+) -> None:
+    parts = {"encoder": of_toolface, "across": of_inclination, "along": of_heading} if axis else BOTH
+    made = compensation({**parts, "heading": of_heading}, inclination_deg, gap)
+    live = LiveCompensation(made)
+    rng = np.random.default_rng(3)
+    theta, inc = rng.uniform(-7.0, 7.0, 300), np.radians(rng.uniform(30.0, 50.0, 300))
+    tf, azi = rng.uniform(0.0, 2 * np.pi, (2, 300))
+    theta[::17], tf[::23] = np.nan, np.nan
+    inc[5] = 1e-4
+    bulk, compass = attitudes_of(made, theta, None, inc, tf), azimuths(made, theta, None, inc, azi)
+    assert bulk is not None
+    assert compass is not None
+    for i in range(300):
+        angle = None if np.isnan(theta[i]) else math.degrees(theta[i])
+        one = live.apply(float(inc[i]), float(tf[i]), live.at(angle))
+        way = live.heading(angle, None, float(inc[i]))
+        assert (ROTATION_GAP in one.flags) == bulk.why.gap[i]
+        assert (ROTATION_GAP in way.flags) == compass.why.gap[i]
+        off = {ROTOR_UNKNOWN, ROTATION_OUTSIDE}
+        assert (ROTOR_UNKNOWN in one.flags, ROTATION_OUTSIDE in one.flags) == (bulk.why.unknown[i], bulk.why.outside[i])
+        if off & set(one.flags):
+            assert np.isnan(bulk.inc_rad[i])
+        else:
+            expected = (one.inc_rad, one.tf_rad, one.inc_std_rad, one.tf_std_rad)
+            got = (bulk.inc_rad[i], bulk.tf_rad[i], bulk.inc_std_rad[i], bulk.tf_std_rad[i])
+            assert got == pytest.approx(expected, rel=1e-9, abs=1e-12, nan_ok=True)
+        if off & set(way.flags):
+            assert np.isnan(compass.azi_rad[i])
+        else:
+            assert math.remainder(compass.azi_rad[i] - azi[i] + way.error_rad, 2 * math.pi) == pytest.approx(
+                0, abs=1e-12
+            )
+            assert compass.azi_std_rad[i] == pytest.approx(way.std_rad, rel=1e-12)
+    assert attitudes_of(compensation({"heading": of_heading}), theta, None, inc, tf) is None
+    assert azimuths(compensation(BOTH), theta, None, inc, azi) is None
+
+
+def followed_deg(faults: Faults) -> tuple[np.ndarray, np.ndarray]:
+    """Azimuth less that of the hole as the filter follows a rotor with these faults, and as it truly is."""
+    programme = Motion((Leg(4.0), Leg(12.0, turn_deg=400.0), Leg(60.0)), 30.0, 20.0, repeat=False)
+    settings = DeviceSettings(
+        motion=programme, noise_density_g=1e-6, gyro_noise_density_dps=1e-4, latitude_deg=35.2, azimuth_deg=200.0,
+        rotor_faults=faults,
+    )  # fmt: skip
+    frames = list(SimulatedDevice(settings, PtyWire()).frames(1800))
+    t, theta = np.array([f.t_s for f in frames]), np.radians([f.rotor_deg for f in frames])
+    accel = np.array([[f.ax, f.ay, f.az] for f in frames]).T
+    rate = np.radians(np.array([[f.gx, f.gy, f.gz] for f in frames]).T)
+    true = np.degrees(azimuth_errors(theta, math.radians(30.0), faults))
+    begin = DriftSettings(azimuth_deg=200.0 + true[0], azimuth_std_deg=0.1).filter_settings(35.2, first_start=True)
+    return np.degrees(kinematic(t, rate, accel, begin).azi_rad) - 200.0, true
+
+
+def test_the_azimuth_of_a_package_held_askew_goes_round_with_the_rotor() -> None:
+    askew: Faults = [
+        ("wobble", {"ck": 3e-3, "sk": 1e-3, "dk": -2e-3, "tk": 2e-3, "k": 2.0}),
+        ("mounting", {"tilt_x": 6e-3, "tilt_y": -4e-3}),
+    ]
+    perfect, none = followed_deg([])
+    found, true = followed_deg(askew)
+    assert np.ptp(true) > 1.5
+    assert np.abs(none).max() < 1e-12
+    # what the filter is off by itself is there with and without
+    assert np.abs(found - true - perfect).max() < 0.01
 
 
 def test_a_compensation_of_roll_and_pitch_is_refused_for_a_tool() -> None:

@@ -139,7 +139,9 @@ def drift(
     if by_hand:
         settings = carried(settings)
     result = _run(method, t_s, rate, accel, intervals, azimuth_policy, straight_hole, settings, smooth=smooth)
-    write_recording(output, Recording(_columns(result)))
+    # the rotor's angle goes along: `rotation apply` takes its error off the azimuth
+    rotor = {name: table.columns[name] for name in ("rotor_deg", "rotor_rate_dps") if table.has(name)}
+    write_recording(output, Recording(_columns(result) | rotor))
     typer.echo(f"{t_s.size} rows, {method.value}; azimuth from {result.basis_words}", err=True)
     for note in (*result.notes, *doubts):
         typer.echo(f"note: {note}", err=True)

@@ -121,14 +121,24 @@ def apply(
     output: Output,
     as_json: JsonOption = False,
 ) -> None:
-    """Take the fitted errors off: adds d_roll_comp_arcmin, ... = measured - fitted."""
+    """Take the fitted errors off, of errors and of attitudes as the live service does.
+
+    Of d_roll_arcmin, ... it makes d_roll_comp_arcmin, ... = measured - fitted. Of inc_deg, tf_deg (`calibrate apply`)
+    and azi_deg (`drift`, which follows the sensors' package) it makes inc_comp_deg, tf_comp_deg, azi_comp_deg; to
+    inc_std_deg, ... its own variance is added.
+    """
     import numpy as np
+
+    from highside.cli.rotation_attitude import compensated_attitude
 
     compensation = read_compensation(compensation_file)
     table = _read(recording)
     added: dict[str, Floats] = {}
     left: dict[str, dict[str, float]] = {}
-    for channel, samples in _samples(table, any(c.rate is not None for c in compensation.curves.values())):
+    attitude = compensated_attitude(table, compensation)
+    has_errors = any(table.has(f"d_{channel}_arcmin") for channel in CHANNELS)
+    with_rate = any(c.rate is not None for c in compensation.curves.values())
+    for channel, samples in _samples(table, with_rate) if has_errors or not attitude.columns else ():
         curve = compensation.curves.get(channel)
         if curve is None:
             continue
@@ -141,19 +151,20 @@ def apply(
             "before_mean_abs_arcmin": float(np.mean(np.abs(samples.error))),
             "after_mean_abs_arcmin": float(np.mean(np.abs(out[kept]))),
         }
-    if not added:
+    if not added and not attitude.columns:
         raise InputError(
             f"has none of the errors this compensation is for ({', '.join(compensation.curves)})",
             where=str(recording),
-            remedy=f"give {' or '.join(f'd_{name}_arcmin' for name in compensation.curves)}",
+            remedy=f"give {' or '.join(f'd_{name}_arcmin' for name in compensation.curves)}, or inc_deg with tf_deg or"
+            " azi_deg",
         )
-    table.with_columns(added).write(output)
+    table.with_columns(added | attitude.columns).write(output)
     warning = _beyond_validity(table, compensation)
     if warning:
         typer.echo(warning, err=True)
     if as_json:
         said = {"output": str(output), "id": compensation.id, "rows": table.n, "channels": left, "warning": warning}
-        typer.echo(json.dumps(said))
+        typer.echo(json.dumps(said | {"attitude": attitude.said}))
         return
     typer.echo(f"{output}: {table.n} rows compensated by {compensation.id[:12]}")
     for channel, one in left.items():
@@ -161,6 +172,9 @@ def apply(
             f"  {channel:<8} mean absolute error {one['before_mean_abs_arcmin']:.4f}' ->"
             f" {one['after_mean_abs_arcmin']:.4f}'"
         )
+    for name, counts in attitude.said.items():
+        why = ", ".join(f"{n} {flag}" for flag, n in counts.items() if n and flag != "compensated")
+        typer.echo(f"  {name:<8} {counts['compensated']} rows compensated{f'; {why}' if why else ''}")
 
 
 def _beyond_validity(table: Recording, compensation: Compensation) -> str | None:

@@ -36,6 +36,7 @@ ATTITUDE_CHANNELS = ("inclination", "toolface", *AXIS_CHANNELS)
 HEADING = "heading"
 TOOL_CHANNELS = (*ATTITUDE_CHANNELS, HEADING)
 _STD_STEPS = 360
+LEAST_LEVER_SIN = 1e-3
 
 ROTOR_UNKNOWN = "rotor_unknown"
 ROTATION_OUTSIDE = "rotation_outside"
@@ -226,7 +227,7 @@ class LiveCompensation:
         if self._across:
             sin = math.sin(inc_rad)
             # near vertical there is no toolface to speak of, and no lever to divide by
-            lever = math.cos(inc_rad) / sin if sin > 1e-3 else 0.0
+            lever = math.cos(inc_rad) / sin if sin > LEAST_LEVER_SIN else 0.0
             toolface -= lever * error.across
             tf_std = math.hypot(tf_std, lever * std["across"])
         inc = abs(inc_rad - error.inclination)
