@@ -257,7 +257,8 @@ def _conclude(scene: Scene, judged: Judged, suspicion: _Suspicion, version: str)
         # nothing but time or temperature is followed, and no slow effect beat the walk
         passing = np.flatnonzero(after.log_p > judged.scan_threshold)
         wanders |= all(judged.scan.bases[judged.scan.cells[i][1]].covariate in SLOW_COVARIATES for i in passing)
-    verdict = _verdict(scene, members, rivalries, fit, wanders, loud, share)
+    clear = float(after.log_p[after.loudest]) > judged.scan_threshold + scene.faint
+    verdict = _verdict(scene, members, rivalries, fit, wanders, loud, share if clear else 1.0)
     if verdict == "named_plus" and share < CHANGING and _changes(scene, judged, members, after, share):
         verdict = "partial"
 

@@ -8,6 +8,10 @@ could explain is projected off first, and the lost degrees of freedom are counte
 the three sensors' own scatter, and that of the bench's stops in inclination and toolface (t_I, t_T: change of the
 reading with the angle), which is common to the channels. The second part is kept only where the likelihood asks.
 
+A bench may be quiet by night and shaken by day: the whole is scaled by a size that changes slowly with time, where it
+follows the scatter of the rows within the poses, or else where the mean squares of stretches of the session differ by
+more than chance lets them.
+
 Scatter that remembers from pose to pose is the matter of `memory`.
 """
 
@@ -18,6 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc, chdtri
 
 from highside.diagnosis.markov import VectorNoise
 from highside.diagnosis.memory import Memory, intervals
@@ -31,9 +36,20 @@ TABLE_GAIN = 9.0
 """Gain of -2 log likelihood from which the bench's own scatter is believed."""
 
 
+STRETCH = 16
+"""Poses of a stretch over which the size of the noise is averaged."""
+UNEVEN = 0.01
+"""Chance at which even noise would be taken for uneven."""
+POWERS = np.linspace(0.0, 1.5, 16)
+"""Powers of the scatter within poses that the scatter from pose to pose is tried to go with."""
+
+
 @dataclass(frozen=True)
 class PoseNoise:
-    """`sigma` (3,) in g, `inc`, `tf` in rad, and `whitening` (3, 3, n): W_i with W_i cov_i W_i' = 1."""
+    """`sigma` (3,) in g, `inc`, `tf` in rad, and `whitening` (3, 3, n): W_i with W_i cov_i W_i' = 1.
+
+    The components are means over the session; `size` (n,) is what they are multiplied by at each pose.
+    """
 
     sigma: Array
     inc: float
@@ -41,6 +57,7 @@ class PoseNoise:
     whitening: Array
     freedom: float
     """residual degrees of freedom that one component was estimated with"""
+    size: Array
     full: VectorNoise | None = None
     """whitening in time order, where the scatter has a memory"""
 
@@ -52,30 +69,94 @@ class PoseNoise:
         return np.asarray(turned.reshape(*columns.shape[:-2], columns.shape[-2] * columns.shape[-1]))
 
 
-def estimate(residual: Array, rich: Array, tangents: Array) -> PoseNoise:
-    """Noise of a residual (3, n) after the rich columns (P, 3, n). `tangents` (2, 3, n): d reading / d(I, T), g/rad."""
+def estimate(
+    residual: Array, rich: Array, tangents: Array, *, scatter: Array | None = None, uneven: bool = True
+) -> PoseNoise:
+    """Noise of a residual (3, n) after the rich columns (P, 3, n). `tangents` (2, 3, n): d reading / d(I, T), g/rad.
+
+    With `uneven` its size may change with time; `scatter` (3, n) is that of the rows within each pose, if known.
+    """
     n = residual.shape[1]
     sigma, inc, tf = np.full(3, max(float(residual.std()), 1e-12)), 0.0, 0.0
+    size = np.ones(n)
     for _ in range(2):
-        whitening = _whitening(sigma, inc, tf, tangents)
-        draft = PoseNoise(sigma, inc, tf, whitening, 1.0)
-        space = span(draft.white(rich))
-        left = outside(space, draft.white(residual))
-        share = 1.0 - np.sum(space**2, axis=0)
+        draft = _draft(sigma, inc, tf, tangents, size)
+        left, share = _left(draft, residual, rich)
         # back to g, scaled up for what the projection took
         swollen = (left / np.sqrt(np.maximum(share, 0.05))).reshape(3, n)
-        back = np.einsum("ijn,jn->in", np.linalg.inv(whitening.transpose(2, 0, 1)).transpose(1, 2, 0), swollen)
-        sigma, inc, tf = _components(back, tangents)
-    whitening = _whitening(sigma, inc, tf, tangents)
-    draft = PoseNoise(sigma, inc, tf, whitening, 1.0)
-    space = span(draft.white(rich))
-    freedom = residual.size - space.shape[0]
+        back = np.einsum("ijn,jn->in", np.linalg.inv(draft.whitening.transpose(2, 0, 1)).transpose(1, 2, 0), swollen)
+        sigma, inc, tf = _components(back / size, tangents)
+        if uneven:
+            even = _draft(sigma, inc, tf, tangents, np.ones(n)).whitening
+            size = _size(np.einsum("ijn,jn->in", even, back), share.reshape(3, n), scatter)
+    draft = _draft(sigma, inc, tf, tangents, size)
+    left, share = _left(draft, residual, rich)
+    freedom = float(share.sum())
     # the level to which F tests refer: mean square of the rich residual with its own degrees of freedom
-    level = float(np.sqrt(np.sum(outside(space, draft.white(residual)) ** 2) / freedom))
-    level = max(level, 1e-9)
+    level = max(float(np.sqrt(np.sum(left**2) / freedom)), 1e-9)
     # a test leans on the one component that its effect runs along, which is known to a share of this only
     components = 5 if inc or tf else 3
-    return PoseNoise(sigma * level, inc * level, tf * level, whitening / level, freedom / components)
+    return PoseNoise(sigma * level, inc * level, tf * level, draft.whitening / level, freedom / components, size)
+
+
+def _draft(sigma: Array, inc: float, tf: float, tangents: Array, size: Array) -> PoseNoise:
+    return PoseNoise(sigma, inc, tf, _whitening(sigma, inc, tf, tangents) / size, 1.0, size)
+
+
+def _left(noise: PoseNoise, residual: Array, rich: Array) -> tuple[Array, Array]:
+    """Whitened residual (3 n,) outside of the rich columns, and the share of each reading that these leave."""
+    space = span(noise.white(rich))
+    return outside(space, noise.white(residual)), np.asarray(1.0 - np.sum(space**2, axis=0))
+
+
+def _size(unit: Array, share: Array, scatter: Array | None) -> Array:
+    """(n,) size of the noise at each pose, mean square 1, from readings (3, n) that have variance 1 if it is even.
+
+    `share` (3, n) of each was left by the rich columns.
+    """
+    n = unit.shape[1]
+    if n < 4 * STRETCH:
+        return np.ones(n)
+    energy, known = np.sum(share * unit**2, axis=0), share.sum(axis=0)
+    at = np.arange(n)
+    near = np.exp(-0.5 * ((at[:, None] - at) / (STRETCH / 2)) ** 2)
+    logs = _by_scatter(energy, known, near, scatter)
+    if logs is None:
+        logs = _by_stretches(energy, known, near)
+    size = np.exp(0.5 * logs)
+    return np.asarray(size / np.sqrt(np.mean(size**2)))
+
+
+def _by_scatter(energy: Array, known: Array, near: Array, scatter: Array | None) -> Array | None:
+    """Logarithms (n,) of the variance as a power of the mean square within poses; None if it does not follow that."""
+    if scatter is None or not np.all(np.mean(scatter**2, axis=1) > 0):
+        return None
+    squares = np.mean(scatter**2 / np.mean(scatter**2, axis=1, keepdims=True), axis=0)
+    within = np.log(np.maximum(near @ squares / near.sum(axis=1), 1e-6))
+    tried = POWERS[:, None] * within
+    # -2 log likelihood of sums of squares with so many degrees of freedom, their level fitted
+    level = np.sum(energy * np.exp(-tried), axis=1) / known.sum()
+    minus2l = known.sum() * np.log(level) + tried @ known
+    best = int(np.argmin(minus2l))
+    return tried[best] if minus2l[0] - minus2l[best] > chdtri(1, UNEVEN) else None
+
+
+def _by_stretches(energy: Array, known: Array, near: Array) -> Array:
+    """Logarithms (n,) of the variance, smoothed; 0 where Bartlett's test finds stretches alike.
+
+    What scatter of the averages chance explains is taken off their differences.
+    """
+    n = energy.size
+    stretches = np.array_split(np.arange(n), n // STRETCH)
+    squares = np.array([energy[part].sum() for part in stretches])
+    dof = np.array([known[part].sum() for part in stretches])
+    differ = dof.sum() * np.log(squares.sum() / dof.sum()) - np.sum(dof * np.log(squares / dof))
+    differ /= 1 + (np.sum(1 / dof) - 1 / dof.sum()) / (3 * (len(dof) - 1))
+    if chdtrc(len(dof) - 1, differ) > UNEVEN:
+        return np.zeros(n)
+    logs = np.log((near @ energy) / (near @ known))
+    chance = float(np.mean(2 * (near**2 @ known) / (near @ known) ** 2))
+    return np.asarray(max(0.0, 1.0 - chance / float(np.var(logs))) * (logs - logs.mean()))
 
 
 def rich_residual(noise: PoseNoise, residual: Array, rich: Array) -> Array:
@@ -141,7 +222,7 @@ def _components(residual: Array, tangents: Array) -> tuple[Array, float, float]:
 
 def with_memory(noise: PoseNoise, memories: Sequence[Memory], tangents: Array, t_s: Array) -> PoseNoise:
     """The same noise with the memory of each channel added, as large as the data allow."""
-    cov = _covariance(noise.sigma, noise.inc, noise.tf, tangents)
+    cov = _covariance(noise.sigma, noise.inc, noise.tf, tangents) * noise.size[:, None, None] ** 2
     level = np.diagonal(cov, axis1=1, axis2=2).mean(axis=0)
     shares = level * [m.upper if m.share > 0 else 0.0 for m in memories]
     lengths = np.array([m.length for m in memories])
@@ -150,5 +231,5 @@ def with_memory(noise: PoseNoise, memories: Sequence[Memory], tangents: Array, t
 
 def white_variance(noise: PoseNoise, tangents: Array) -> Array:
     """(3, n) variance of each reading, memory left aside."""
-    cov = _covariance(noise.sigma, noise.inc, noise.tf, tangents)
+    cov = _covariance(noise.sigma, noise.inc, noise.tf, tangents) * noise.size[:, None, None] ** 2
     return np.asarray(np.diagonal(cov, axis1=1, axis2=2).T)

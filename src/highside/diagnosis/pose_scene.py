@@ -70,7 +70,10 @@ class PoseScene(Scene):
         force = np.asarray(model.chain(state).force, dtype=float)
         candidates += shadows(state, force)
         rich = _rich(base, candidates, session, force)
-        noise = noise_model.estimate(residual, rich, tangents if method.colour else np.zeros_like(tangents))
+        noise = noise_model.estimate(
+            residual, rich, tangents if method.colour else np.zeros_like(tangents),
+            scatter=session.scatter, uneven=method.colour,
+        )  # fmt: skip
         return cls(
             candidates, blind, free, seed, session, model, base, residual, tangents, rich, noise, force, method=method
         )
@@ -122,6 +125,11 @@ class PoseScene(Scene):
             for j, v in enumerate(c.variants)
             if v.whole
         ]
+
+    @property
+    def faint(self) -> float:
+        # one scan in a hundred is loud by chance; beside a name that is no reason to doubt it
+        return 1.0
 
     @property
     def slow_limits(self) -> SlowLimits:
@@ -186,6 +194,7 @@ class PoseScene(Scene):
             "sigma_g": [float(s) for s in noise.sigma],
             "bench_inclination_rad": noise.inc,
             "bench_toolface_rad": noise.tf,
+            "size_over_time": [float(noise.size.min()), float(noise.size.max())],
             "degrees_of_freedom": noise.freedom,
         }
 

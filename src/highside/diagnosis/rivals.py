@@ -58,8 +58,11 @@ def rivalry(selector: Selector, members: Sequence[Member], claim: Member) -> Riv
         if now.log_p[k] < RIVAL_LOG_P:
             # it explains nothing of this
             continue
-        wider = span_with(space, selector.pool.columns(now.best[k]))
-        beyond = float(np.sum(outside(wider, signal) ** 2))
+        # the rival's best may be a part of it; the whole may contain the claim
+        beyond = min(
+            float(np.sum(outside(span_with(space, selector.pool.columns(m)), signal) ** 2))
+            for m in {now.best[k], selector.pool.whole(now.best[k])}
+        )
         if delta[k] < SAME_CLASS_BIC or beyond < SAME_CLASS_EVIDENCE:
             same.append(int(k))
     return Rivalry(delta, now.best, tuple(same))

@@ -112,6 +112,11 @@ class Scene(ABC):
         return 0.85
 
     @property
+    def faint(self) -> float:
+        """A remainder that is louder than chance by no more than this in -log10 p withdraws no names."""
+        return 0.0
+
+    @property
     def shadow_margin(self) -> float:
         """A name is not given where something without a name comes nearer to it than this in BIC."""
         return 6.0

@@ -28,6 +28,8 @@ TIE = 0.5
 REMEMBERS = 3.0
 """Gain by which a slack that remembers must be better than one that does not, of which there are more variants."""
 MERGE_BIC = 6.0
+HELD = 0.01
+"""Share of an effect's energy outside of another, below which it is a case of that other."""
 SHORTLIST = 4
 TRANSIENT = 0.1
 """Share of a member's energy outside of a block, below which the other blocks say nothing of it."""
@@ -63,6 +65,15 @@ class Pool:
     def columns(self, member: Member) -> Array:
         """(k, N), whitened."""
         return self.blocks[self._index[member]]
+
+    def whole(self, member: Member) -> Member:
+        """The variant of the same shape in which all amplitudes act; of what has no name each stands for itself."""
+        if not self.candidates[member.candidate].named:
+            return member
+        variants = self.candidates[member.candidate].variants
+        shape = variants[member.variant].shape
+        of_it = (j for j, v in enumerate(variants) if v.whole and v.shape == shape)
+        return Member(member.candidate, next(of_it, member.variant))
 
     def stack(self, members: Sequence[Member]) -> Array:
         """Columns of several members, (K, N)."""
@@ -277,12 +288,17 @@ class Selector:
 
     def _grown(self, members: list[Member]) -> list[Member]:
         """Members with what is asked for beside them."""
+        seen = {frozenset(members)}
         while len(members) < self.most:
             step = self._forward(members)
             steps = [step] if step is not None else self._forward_two(members)
             if not steps or len(members) + len(steps) > self.most:
                 break
             members = self._settle([*members, *steps])
+            if frozenset(members) in seen:
+                # what was added is let go again, and would be for ever
+                break
+            seen.add(frozenset(members))
         return members
 
     def _from_others(self, found: Sequence[Member]) -> list[list[Member]]:
@@ -299,7 +315,7 @@ class Selector:
         return grown
 
     def _merged(self, members: list[Member]) -> list[Member]:
-        """One name instead of two where another variant of the one explains nearly what both do.
+        """One name instead of two where another variant of the one explains nearly what both do, or holds all of both.
 
         An effect that was let act in part leaves a rest, which something else may then be found to explain.
         """
@@ -312,7 +328,16 @@ class Selector:
                 score, best = min((self._cost([*others, m]), i) for i, m in enumerate(variants))
                 if score < self._cost(members) + MERGE_BIC:
                     return self._merged([*others, variants[best]])
+                whole = self.pool.whole(kept)
+                if whole != kept and self._holds([*others, whole], dropped):
+                    return self._merged([*others, whole])
         return members
+
+    def _holds(self, members: Sequence[Member], dropped: Member) -> bool:
+        """Whether next to nothing of what the dropped could explain lies outside of members."""
+        columns = self.pool.columns(dropped)
+        bare, left = (outside(self.space_with(some), columns) for some in ([], members))
+        return bool(np.sum(left**2) < HELD * np.sum(bare**2))
 
     def _cost(self, members: Sequence[Member]) -> float:
         """BIC of members: what they leave, their directions, and how many shapes were tried for each."""

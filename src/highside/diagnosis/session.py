@@ -24,11 +24,15 @@ MIN_POSES = 16
 
 @dataclass(frozen=True)
 class PoseSession:
-    """n poses: `mean` (3, n) in g, tool frame; `count` (n,) rows of each; `state` with n rows in time order."""
+    """n poses: `mean` (3, n) in g, tool frame; `count` (n,) rows of each; `state` with n rows in time order.
+
+    `scatter` (3, n) is the standard deviation of a row within each pose, g; None where a pose has one row only.
+    """
 
     mean: Array
     count: Array
     state: ChainState
+    scatter: Array | None = None
 
     @property
     def n(self) -> int:
@@ -75,7 +79,11 @@ def pose_session(
         table, gravity_mps2=gravity_mps2, latitude_rad=latitude_rad, azimuth_rad=azimuth_rad
     )
     mean = np.stack([accel_g[:, rows].mean(axis=1) for rows in groups], axis=1)
-    return PoseSession(mean, np.array([float(rows.size) for rows in groups]), state)
+    count = np.array([float(rows.size) for rows in groups])
+    scatter = None
+    if count.min() > 1:
+        scatter = np.stack([accel_g[:, rows].std(axis=1, ddof=1) for rows in groups], axis=1)
+    return PoseSession(mean, count, state, scatter)
 
 
 def _rows_of_poses(columns: Mapping[str, Array], accel_g: Array) -> list[NDArray[np.intp]]:

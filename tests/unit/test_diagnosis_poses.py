@@ -1,0 +1,114 @@
+"""Stepped sessions that are hard: noise of uneven size, two slow effects at once, effects that contain one another."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from highside.diagnosis.noise import STRETCH
+from highside.diagnosis.pose_scene import PoseScene
+from highside.diagnosis.session import PoseSession, pose_session
+from highside.physics.forward import ForwardModel
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "bench"))
+
+import diagnosis_deck as deck
+
+STATE = deck.design()
+UNREST = 0.4 + 1.6 * np.sin(np.linspace(0, 2 * np.pi, STATE.n)) ** 2
+"""How the noise grows and shrinks twice in a session."""
+
+
+def simulated(effects: dict[str, dict[str, float]], seed: int) -> PoseSession:
+    rng = np.random.default_rng(seed)
+    sensor, _ = deck.sensor_and_base(STATE, rng)
+    mean = sensor.with_effects(effects).predict(STATE) + deck.white_noise(STATE, rng)
+    return PoseSession(mean, np.ones(STATE.n), STATE)
+
+
+def restless(seed: int, rows: int, unrest: np.ndarray) -> PoseSession:
+    """A session of several rows a pose whose noise has a size of its own at each pose."""
+    rng = np.random.default_rng(seed)
+    sensor, _ = deck.sensor_and_base(STATE, rng)
+    noise = deck.SIGMA_G * np.sqrt(rows) * rng.standard_normal((3, STATE.n * rows)) * np.repeat(unrest, rows)
+    columns = {
+        "t_s": np.repeat(STATE.t_s, rows) + np.tile(np.arange(rows, dtype=float), STATE.n),
+        "inc_ref_deg": np.repeat(np.degrees(STATE.inc_rad), rows),
+        "tf_ref_deg": np.repeat(np.degrees(STATE.tf_rad), rows),
+        "direction": np.repeat(STATE.direction, rows),
+        "temp_c": np.repeat(STATE.temp_c, rows),
+        "pose": np.repeat(np.arange(STATE.n, dtype=float), rows),
+    }
+    accel = np.repeat(sensor.predict(STATE), rows, axis=1) + noise
+    return pose_session(columns, accel, gravity_mps2=9.80665)
+
+
+def size_of(session: PoseSession) -> np.ndarray:
+    return PoseScene.of(session, ForwardModel.of({}), deck.FREE, 1).noise.size
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_noise_that_follows_the_scatter_within_the_poses_is_weighed_by_it(seed: int) -> None:
+    session = restless(seed, 4, UNREST)
+    assert session.scatter is not None
+    ratio = size_of(session) / UNREST
+    assert np.std(np.log(ratio)) < 0.2 < np.std(np.log(UNREST))
+    assert deck.diagnosed(session).verdict == "nothing_left_out"
+
+
+def test_noise_of_one_row_a_pose_is_weighed_by_its_own_stretches() -> None:
+    session = restless(4, 1, UNREST)
+    assert session.scatter is None
+    size = size_of(session)
+    assert np.corrcoef(np.log(size), np.log(UNREST))[0, 1] > 0.6
+    assert np.mean(size**2) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("rows", [1, 4])
+def test_even_noise_is_hardly_ever_taken_for_uneven(rows: int) -> None:
+    uneven = [np.ptp(size_of(restless(seed, rows, np.ones(STATE.n)))) > 0 for seed in range(20)]
+    assert STATE.n >= 4 * STRETCH
+    assert sum(uneven) <= 2
+
+
+def test_two_slow_effects_that_hide_one_another_are_found_together() -> None:
+    effects = {
+        "bias_step": {"a_x": 1.2e-4, "a_z": -0.6e-4, "t0": 4170.0},
+        "bias_drift": {"d_x": 2e-8, "d_y": -2.5e-8, "d_z": 1e-8},
+    }
+    found = deck.diagnosed(simulated(effects, 6))
+    assert found.verdict in ("named", "named_plus")
+    assert {claim.effect for claim in found.claims} == set(effects)
+
+
+def test_what_decays_within_the_first_poses_does_not_hide_what_lasts() -> None:
+    effects = {"warmup": {"a_y": 3e-4, "a_z": -9e-4, "tau": 200.0}, "sag": {"s": 1.5e-4}}
+    found = deck.diagnosed(simulated(effects, 7))
+    assert {claim.effect for claim in found.claims} == set(effects)
+
+
+@pytest.mark.parametrize("width", [1.7, 4.0])
+def test_hysteresis_of_a_width_between_those_tried_is_not_taken_for_lag(width: float) -> None:
+    found = deck.diagnosed(
+        simulated({"thermal_hysteresis": {"h_x": 1e-4, "h_y": -8e-5, "h_z": 6e-5, "width": width}}, 3)
+    )
+    assert [claim.effect for claim in found.claims] == ["thermal_hysteresis"]
+
+
+def test_an_effect_that_another_contains_has_that_in_its_class() -> None:
+    found = deck.diagnosed(simulated({"reference_twist": {"k": 1e-4}}, 8))
+    (claim,) = found.claims
+    assert claim.effect == "reference_twist"
+    assert "cross_product" in claim.equivalence_class
+
+
+def test_an_effect_is_not_told_as_itself_and_a_case_of_itself() -> None:
+    # y z on x and x z on y turn the reading like a twist of the reference; the rest does not
+    terms = {"k_x_xy": 3e-5, "k_x_xz": 3e-5, "k_x_yz": 1e-4, "k_y_xy": -1.1e-4, "k_y_xz": -5e-5, "k_y_yz": 6e-5,
+             "k_z_xy": 3e-5, "k_z_xz": -9e-5, "k_z_yz": -2e-5}  # fmt: skip
+    for seed in (9, 10):
+        found = deck.diagnosed(simulated({"cross_product": terms}, seed))
+        assert [claim.effect for claim in found.claims] == ["cross_product"]
