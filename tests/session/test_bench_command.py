@@ -29,6 +29,7 @@ PLANS = {
     "balance": ('{kind="balance",inclinations_deg=[10.0]}', 4),
     "conventional": ('{kind="conventional",positions=6}', 6),
     "joint": ('{kind="joint",poses=8}', 8),
+    "turntable": ('{kind="turntable",inclinations_deg=[30,80],stations=8}', 16),
     "oven": ('{kind="oven",temperatures_c=[25,45,25],inclinations_deg=[20,80],toolfaces_deg=[0,120,240]}', 18),
     "heated_roll": ('{kind="heated_roll",temperatures_c=[30,40],inclination_deg=60}', 8),
     "unguided": ('{kind="unguided",min_poses=12}', 20),
@@ -81,6 +82,8 @@ def test_a_session_of_each_plan_through_a_pty(kind: str, tmp_path: Path) -> None
         return
     record = read_record(Path(found["record"]))
     assert replayed is not None and replayed.to_json() == record.to_json()
+    table = tmp_path / "store" / "turntables" / "simulated-bench.json"
+    assert table.is_file() is (kind == "turntable")
     # one session of one seed: three times what is stated (the statistics are those of a hundred seeds)
     assert found["inc_error_deg"] <= 3 * found["inc_std_deg"]
     assert found["tf_error_deg"] <= 3 * found["tf_std_deg"]

@@ -86,21 +86,12 @@ def turntable(
 
 def correct_poses(table: Table, path: Path) -> tuple[Table, str]:
     """The pose table with the bench's errors added to its readings, and the id of the compensation."""
-    import numpy as np
-
-    from highside.rotation.turntable import reference_errors
+    from highside.rotation.turntable import correct_settings
 
     compensation = read_compensation(path)
     inc_ref, tf_ref = table.require("inc_ref_deg", "tf_ref_deg")
-    angle = np.radians(table.columns.get("rotor_deg", tf_ref))
-    inc = np.radians(inc_ref)
-    # a vertical tool has no toolface to correct; its poses carry no weight there
-    upright = np.abs(np.sin(inc)) < 1e-3
-    d_inc, d_tf = reference_errors(compensation, angle, np.where(upright, 0.5 * np.pi, inc))
-    columns = {
-        "inc_ref_deg": inc_ref + np.degrees(d_inc),
-        "tf_ref_deg": tf_ref + np.degrees(np.where(upright, 0, d_tf)),
-    }
+    true_inc, true_tf = correct_settings(compensation, inc_ref, tf_ref, table.columns.get("rotor_deg"))
+    columns = {"inc_ref_deg": true_inc, "tf_ref_deg": true_tf}
     corrected = type(table)({**table.columns, **columns}, table.texts, table.order, table.source)
     return corrected, compensation.id
 

@@ -51,6 +51,14 @@ class JointPlan(Table):
     toolfaces_deg: tuple[Toolface, ...] | None = Field(default=None, description="Absent: every 45 deg.")
 
 
+class TurntablePlan(Table):
+    """Full turns in equal steps: the bench's own encoder and axis, fitted and kept for later sessions on it."""
+
+    kind: Literal["turntable"]
+    inclinations_deg: tuple[Inclination, ...] = Field(default=(20.0, 50.0, 90.0), min_length=2)
+    stations: int = Field(default=24, ge=8, le=360, description="Steps of a turn.")
+
+
 class OvenPlan(Table):
     """The poses repeated at each step of temperature, when it is steady."""
 
@@ -120,6 +128,7 @@ PlanConfig = Annotated[
     BalancePlan
     | ConventionalPlan
     | JointPlan
+    | TurntablePlan
     | OvenPlan
     | HeatedRollPlan
     | CustomPlan
@@ -155,6 +164,10 @@ class BenchTable(Table):
     gravity_mps2: float | None = Field(default=None, gt=9.7, lt=9.9)
     gravity_std_mps2: float = Field(default=1e-4, ge=0)
     temp_c: Celsius | None = Field(default=None, description="Where the tool itself tells none.")
+    turntable: Path | None = Field(
+        default=None, description="The fit of this bench's turntable (plan `turntable`); absent: in [store], by `name`."
+    )
+    use_turntable: bool = Field(default=True, description="Take it off the settings, where there is one.")
 
 
 class StoreTable(Table):
@@ -186,6 +199,9 @@ class SimulatedTable(Table):
     overshoot_deg: float = Field(default=0.6, ge=0, le=10)
     shake_g: float = Field(default=0.002, ge=0, le=0.5)
     turn_rate_dps: float = Field(default=45.0, gt=0, le=360)
+    encoder_deg: tuple[tuple[float, float], ...] = Field(
+        default=(), description="Error of the toolface encoder: cosine and sine of the 1st, 2nd, ... harmonic, deg."
+    )
     axes: str = Field(default="xyz", description="Order in which the axes come out: a wrong mapping, if not xyz.")
     mistakes: dict[str, str] = Field(
         default_factory=dict,
@@ -224,6 +240,7 @@ PATHS = (
     ("plan", "record_file"),
     ("codec", "dbc"),
     ("link", "path"),
+    ("bench", "turntable"),
     ("store", "directory"),
     ("store", "sessions"),
     ("web", "token_file"),

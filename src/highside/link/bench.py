@@ -40,6 +40,8 @@ class BenchSettings:
     temp_c: float = 25.0
     oven_tau_s: float = 60.0
     offset_per_c: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    encoder_deg: tuple[tuple[float, float], ...] = ()
+    """what the toolface encoder reads too little: amplitudes of cosine and sine of the 1st, 2nd, ... harmonic"""
     axes: str = "xyz"
     seed: int = 1
 
@@ -84,6 +86,7 @@ class SimulatedBench(SimulatedDevice):
         bench = self.bench
         inc = inclination_deg + wrong_inc_deg + self._setting_error("inc", inclination_deg)
         tf = toolface_deg + wrong_tf_deg + self._setting_error("tf", toolface_deg % 360.0)
+        tf += self._encoder_error(toolface_deg + wrong_tf_deg)
         true_inc, true_tf = self._with_tilt(inc, tf)
         with self._lock:
             start = self.time_s
@@ -141,6 +144,13 @@ class SimulatedBench(SimulatedDevice):
         common = self._common[key] * math.sqrt(bench.ring_share)
         own = float(self._pose_rng.standard_normal()) * math.sqrt(1.0 - bench.ring_share)
         return bench.pose_sigma_deg * (common + own)
+
+    def _encoder_error(self, reading_deg: float) -> float:
+        angle = math.radians(reading_deg)
+        return sum(
+            c * math.cos(k * angle) + s * math.sin(k * angle)
+            for k, (c, s) in enumerate(self.bench.encoder_deg, start=1)
+        )
 
     def _with_tilt(self, inc_deg: float, tf_deg: float) -> tuple[float, float]:
         """True inclination (in [0, 180]) and toolface of a setting on a bench that is not level."""

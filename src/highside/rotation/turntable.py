@@ -91,6 +91,20 @@ def reference_errors(compensation: Compensation, theta_rad: Floats, inc_rad: Flo
     return along, encoder - zero - across / np.tan(inc_rad)
 
 
+def correct_settings(
+    compensation: Compensation, inc_deg: Floats, tf_deg: Floats, encoder_deg: Floats | None = None
+) -> tuple[Floats, Floats]:
+    """Where a bench truly stands at its settings (N,), deg; `encoder_deg` its rotor angle where it is not the toolface.
+
+    A vertical tool has no toolface to correct. Raises Refused as `reference_errors` does.
+    """
+    inc = np.radians(inc_deg)
+    upright = np.abs(np.sin(inc)) < 1e-3
+    angle = np.radians(tf_deg if encoder_deg is None else encoder_deg)
+    d_inc, d_tf = reference_errors(compensation, angle, np.where(upright, 0.5 * np.pi, inc))
+    return inc_deg + np.degrees(d_inc), tf_deg + np.degrees(np.where(upright, 0.0, d_tf))
+
+
 def fit_turntable(
     theta_rad: Floats,
     inc_rad: Floats,

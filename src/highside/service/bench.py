@@ -24,8 +24,8 @@ from highside.errors import HighsideError, InputError
 from highside.link.base import Batch, Chunk, LinkReason, LinkState, LinkSupervisor, SupervisorSettings, Transport
 from highside.link.bench import SimulatedBench
 from highside.service.bench_journal import JournalFile, session_name, unfinished
-from highside.service.bench_setup import header_of, simulated_bench
-from highside.service.bench_store import BenchStore
+from highside.service.bench_setup import header_of, simulated_bench, turntable_path
+from highside.service.bench_store import BenchStore, keep_turntable
 from highside.service.monitor import Monitor
 from highside.session import outcome
 from highside.session.journal import StorageError
@@ -172,8 +172,12 @@ class BenchDriver:
         return reply
 
     def _keep_record(self) -> None:
-        assert self.session.record is not None
-        self.stored = self._store.keep(self.session.record)
+        solved, record = self.session.solved, self.session.record
+        assert record is not None
+        if solved is not None and solved.turntable is not None:
+            # before the record: while that is missing, going on with the journal makes both again
+            keep_turntable(turntable_path(self.settings), solved.turntable)
+        self.stored = self._store.keep(record)
 
     # --- running -----------------------------------------------------------------------------------------------
 

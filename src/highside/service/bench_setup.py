@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import fields, replace
+from pathlib import Path
 
 from highside import __version__
 from highside.calibration.record import CalibrationRecord, Environment, verify
@@ -13,10 +15,13 @@ from highside.link.device import DeviceSettings
 from highside.link.wire import PtyWire
 from highside.physics.motion import still
 from highside.recording.calibration_store import CalibrationStore, read_record
+from highside.recording.files import read_bytes
 from highside.recording.table import Table
+from highside.rotation.compensation import Compensation
 from highside.service.bench_operator import Habits, Mistake
 from highside.session import plans
 from highside.session.journal import Header
+from highside.session.turntable import at_true_settings
 from highside.session.verdict import require_judgeable
 
 
@@ -40,6 +45,8 @@ def _plan(plan: config.PlanConfig, limits: plans.Limits) -> plans.Plan:
             return plans.joint_plan(
                 plan.poses, limits, inclinations_deg=plan.inclinations_deg, toolfaces_deg=plan.toolfaces_deg
             )
+        case config.TurntablePlan():
+            return plans.turntable_plan(plan.inclinations_deg, plan.stations, limits)
         case config.OvenPlan():
             return plans.soak_plan(plan.temperatures_c, plan.inclinations_deg, plan.toolfaces_deg, limits)
         case config.HeatedRollPlan():
@@ -97,9 +104,46 @@ def _reference_columns(plan: config.CustomPlan) -> list[tuple[float, float]]:
     return list(zip(inc.tolist(), tf.tolist(), strict=True))
 
 
+def turntable_path(settings: config.BenchFile) -> Path:
+    """Where the fit of the bench's turntable is kept. Raises InputError for a bench without a name."""
+    bench = settings.bench
+    if bench.turntable is not None:
+        return bench.turntable
+    if bench.name is None:
+        raise InputError(
+            "is missing: the fit of a turntable is kept under the name of its bench",
+            field="bench.name",
+            remedy="name the bench, or give bench.turntable = FILE",
+        )
+    slug = re.sub(r"[^A-Za-z0-9._-]+", "-", bench.name).strip("-.") or "bench"
+    return settings.store.directory / "turntables" / f"{slug}.json"
+
+
+def turntable_of(settings: config.BenchFile) -> Compensation | None:
+    """The fit of the bench's turntable, if there is one and it is to be used. Raises InputError, Refused."""
+    bench = settings.bench
+    if not bench.use_turntable or (bench.name is None and bench.turntable is None):
+        return None
+    path = turntable_path(settings)
+    if not path.exists():
+        if bench.turntable is None:
+            return None
+        raise InputError(
+            "no such file", where=str(path), field="bench.turntable", remedy="run a plan `turntable` first"
+        )
+    return Compensation.from_json(read_bytes(path).decode("utf-8", errors="replace"), where=str(path))
+
+
 def header_of(settings: config.BenchFile, name: str, t_wall_s: float, operator: str | None) -> Header:
     """The first line of a new journal."""
     bench, judged, plan = settings.bench, judged_by(settings), plan_of(settings)
+    table = None
+    if plan.kind is plans.Kind.TURNTABLE:
+        turntable_path(settings)  # it has to be kept somewhere: better said now than after seventy poses
+    else:
+        table = turntable_of(settings)
+    if table is not None and plan.reference == "pose" and plan.poses:
+        plan = at_true_settings(plan, table)
     return Header(
         session=name,
         tool_id=settings.tool.id,
@@ -111,6 +155,7 @@ def header_of(settings: config.BenchFile, name: str, t_wall_s: float, operator: 
             bench.temp_c,
             bench.gravity_mps2,
             None if bench.gravity_mps2 is None else bench.gravity_std_mps2,
+            None if table is None else table.id,
         ),
         expires_days=settings.store.expires_days,
         software=__version__,
@@ -140,6 +185,7 @@ def simulated_bench(table: config.SimulatedTable, *, attempt: int = 0) -> Simula
         temp_c=table.temp_c,
         oven_tau_s=table.oven_tau_s,
         offset_per_c=table.offset_per_c,
+        encoder_deg=table.encoder_deg,
         axes=table.axes,
         seed=table.seed,
     )

@@ -10,8 +10,10 @@ import time
 from pathlib import Path
 
 from highside.calibration.record import CalibrationRecord
-from highside.errors import HighsideError, Refused
+from highside.errors import HighsideError, InputError, Refused
 from highside.recording.calibration_store import CalibrationStore, contradiction
+from highside.recording.files import write_whole
+from highside.rotation.compensation import Compensation
 from highside.session.force import InForce, StoreError
 
 
@@ -53,3 +55,12 @@ class BenchStore:
         except HighsideError as error:
             raise StoreError(str(error)) from error
         return self.in_force(tool_id)
+
+
+def keep_turntable(path: Path, compensation: Compensation) -> None:
+    """Write the fit of a bench's turntable, whole or not at all. Raises InputError."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot be made ({error.strerror})", where=str(path.parent)) from error
+    write_whole(path, compensation.to_json().encode())

@@ -145,7 +145,8 @@ class Actions:
             self.record = outcome.make_record(self.header, self.ledger, self.solved, now)
         name = self.record.id if self.record is not None else None
         verdict = outcome.verdict_of(self.solved)
-        self.keep(entries.Ended("accepted", command.operator, now, name, command.note or "", verdict))
+        turntable = None if self.solved.turntable is None else self.solved.turntable.id
+        self.keep(entries.Ended("accepted", command.operator, now, name, command.note or "", verdict, turntable))
         self._ask_store()
 
     def _ask_store(self) -> None:

@@ -163,6 +163,8 @@ class Ended:
     note: str = ""
     verdict: str | None = None
     """of a session that judges an existing calibration"""
+    turntable: str | None = None
+    """id of the fit of the bench's turntable"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,6 +224,7 @@ class Ledger:
         self.lines: dict[str, PoseLine] = {
             pose.id: PoseLine(pose.id, pose.inc_deg, pose.tf_deg, pose.stage) for pose in plan.poses
         }
+        self._planned = {pose.id: pose for pose in plan.poses}
         self.operator: str | None = None
         self.began = False
         self.closed = False
@@ -374,8 +377,9 @@ class Ledger:
         lines = [(line, line.readings) for line in self.done if line.readings is not None]
         columns: dict[str, list[float] | list[str]] = {}
         if self.plan.reference == "pose":
-            columns["inc_ref_deg"] = [float(line.inc_deg or 0.0) for line, _ in lines]
-            columns["tf_ref_deg"] = [float(line.tf_deg or 0.0) for line, _ in lines]
+            reference = [self._reference(line) for line, _ in lines]
+            columns["inc_ref_deg"] = [inc for inc, _ in reference]
+            columns["tf_ref_deg"] = [tf for _, tf in reference]
         means, stds = [r.mean() for _, r in lines], [r.std() for _, r in lines]
         for k, axis in enumerate("xyz"):
             columns[f"a{axis}"] = [mean[k] for mean in means]
@@ -387,6 +391,11 @@ class Ledger:
             columns["temp_c"] = [float(temp) for temp in temps if temp is not None]
         columns["pose"] = [line.id for line, _ in lines]
         return columns
+
+    def _reference(self, line: PoseLine) -> tuple[float, float]:
+        """Where the bench stood, deg."""
+        planned = self._planned.get(line.id)
+        return (float(line.inc_deg or 0.0), float(line.tf_deg or 0.0)) if planned is None else planned.reference
 
     def pose_set(self, reference: Reference | None = None) -> PoseSet:
         """The accepted poses as the solvers take them, with the plan's reference or another; at least one must have

@@ -22,9 +22,11 @@ from highside.calibration.record import (
 from highside.calibration.result import CalibrationResult, Reason
 from highside.errors import HighsideError, InputError
 from highside.physics.gravity import gravity_direction
+from highside.rotation.compensation import Compensation
+from highside.session import turntable
 from highside.session.journal import Header, Journal
 from highside.session.ledger import Ledger
-from highside.session.plans import Plan
+from highside.session.plans import Kind, Plan
 from highside.session.reasons import Rejection
 from highside.session.snapshot import PoseState, Uncertainty
 from highside.session.verdict import Found, judge
@@ -58,6 +60,8 @@ class Solved:
     uncertainty: Uncertainty | None = None
     verdict: Found | None = None
     """of a session that judges an existing calibration"""
+    turntable: Compensation | None = None
+    """of a session of full turns"""
 
     @property
     def may_be_accepted(self) -> bool:
@@ -81,16 +85,24 @@ def solve(ledger: Ledger, judged: CalibrationRecord | None = None) -> Solved:
         return Solved(revision, None, why, (), None, None, (why,), ())
     result = solution.result
     uncertainty = uncertainty_of(solution, plan)
+    why, table, said = "", None, list[str]()
+    if plan.kind is Kind.TURNTABLE:
+        try:
+            table = turntable.fit(ledger, solution, plan.title, ledger.raw_sha256())
+            said.append(turntable.describe(table))
+        except HighsideError as error:
+            why = str(error)
     return Solved(
         revision=revision,
-        solution=solution,
-        why="",
+        solution=None if why else solution,
+        why=why,
+        turntable=table,
         again=_contradicted(result),
         inc_std_deg=uncertainty.rms_inc_std_deg,
         tf_std_deg=uncertainty.rms_tf_std_deg,
         uncertainty=uncertainty,
         refused=tuple(remark.text for remark in result.remarks if remark.refused),
-        remarks=tuple(remark.text for remark in result.remarks if not remark.refused),
+        remarks=(*said, *(remark.text for remark in result.remarks if not remark.refused)),
     )
 
 
@@ -244,6 +256,12 @@ def replay(journal: Journal) -> tuple[Ledger, Solved, CalibrationRecord | None]:
     if ended is not None and ended.verdict is not None and ended.verdict != verdict_of(solved):
         raise InputError(
             f"session {journal.header.session} gives the verdict {verdict_of(solved)}, not {ended.verdict} as written",
+            remedy=f"replay it with the version that made it ({journal.header.software})",
+        )
+    made = None if solved.turntable is None else solved.turntable.id
+    if ended is not None and ended.how == "accepted" and ended.turntable != made:
+        raise InputError(
+            f"session {journal.header.session} does not give the fit of the turntable that its end names",
             remedy=f"replay it with the version that made it ({journal.header.software})",
         )
     if ended is None or ended.record is None:

@@ -32,6 +32,7 @@ class Kind(StrEnum):
     BALANCE = "balance"
     CONVENTIONAL = "conventional"
     JOINT = "joint"
+    TURNTABLE = "turntable"
     OVEN = "oven"
     HEATED_ROLL = "heated_roll"
     CUSTOM = "custom"
@@ -52,12 +53,23 @@ MAX_POSES = 2000
 
 @dataclass(frozen=True, slots=True)
 class PlannedPose:
-    """A pose to take: the bench's settings in degrees (negative inclination: the table turned the other way)."""
+    """A pose to take: the bench's settings in degrees (negative inclination: the table turned the other way).
+
+    `true_*`: where the bench stands at these settings, by the fit of its turntable; None: where it says.
+    """
 
     id: str
     inc_deg: float
     tf_deg: float
     stage: int = 0
+    true_inc_deg: float | None = None
+    true_tf_deg: float | None = None
+
+    @property
+    def reference(self) -> tuple[float, float]:
+        """Inclination and toolface that the pose is solved with, deg."""
+        inc, tf = self.true_inc_deg, self.true_tf_deg
+        return (self.inc_deg if inc is None else inc), (self.tf_deg if tf is None else tf)
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,6 +261,35 @@ def joint_plan(
         for k, (i, t) in enumerate(ordered)
     )
     return Plan(Kind.JOINT, f"joint, {count} poses by advice", "joint", poses, limits=limits)
+
+
+LEAST_TURNTABLE_SIN = 0.05
+LEAST_TURN = 8
+"""Fewest stations of a full turn."""
+
+
+def turntable_plan(
+    inclinations_deg: Sequence[float] = (20.0, 50.0, 90.0), stations: int = 24, limits: Limits | None = None
+) -> Plan:
+    """Full turns in equal steps at two inclinations or more: the sensor and the bench's own encoder and axis."""
+    inc = np.deg2rad(np.asarray(inclinations_deg, dtype=float))
+    if np.any(inc <= 0) or np.any(np.sin(inc) < LEAST_TURNTABLE_SIN):
+        raise InputError(
+            "a turn near vertical, or with the table on its other side, tells nothing of the encoder",
+            field="plan.inclinations_deg",
+            remedy="choose others between 3 and 177",
+        )
+    if np.ptp(1.0 / np.tan(inc)) < 0.1:
+        raise InputError(
+            "one inclination cannot tell the encoder from the wobble of the axis",
+            field="plan.inclinations_deg",
+            remedy="add a turn at another one",
+        )
+    if stations < LEAST_TURN:
+        raise InputError(f"{stations} stations", field="plan.stations", remedy=f"at least {LEAST_TURN}")
+    poses = _grid(inclinations_deg, tuple(360.0 * k / stations for k in range(stations)))
+    turns = ", ".join(f"{value:g}" for value in inclinations_deg)
+    return Plan(Kind.TURNTABLE, f"turntable, full turns at {turns} deg", "joint", poses, limits=limits or Limits())
 
 
 def soak_plan(

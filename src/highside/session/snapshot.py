@@ -224,6 +224,7 @@ class ResultState(_Model):
     refused: list[str] = Field(description="What the solver refused, one sentence each; empty is good.")
     remarks: list[str] = Field(default_factory=list)
     verdict: VerdictState | None = Field(default=None, description="Of a session that judges a calibration.")
+    turntable_id: str | None = Field(default=None, description="The fit of the bench's turntable, kept on `accept`.")
 
 
 class PlanState(_Model):

@@ -181,6 +181,7 @@ def _result(session: BenchSession, solved: Solved) -> ResultState:
         refused=list(solved.refused),
         remarks=list(solved.remarks),
         verdict=None if solved.verdict is None else as_state(solved.verdict),
+        turntable_id=None if solved.turntable is None else solved.turntable.id,
     )
 
 

@@ -178,7 +178,8 @@ def _pose(row: PoseRow, snapshot: Snapshot) -> str:
 
 def _calibration(snapshot: Snapshot, drawn: str) -> str:
     u = snapshot.uncertainty
-    text = "after the first poses" if u is None else f"I ± {u.rms_inc_std_deg:.4f}°, T ± {u.rms_tf_std_deg:.4f}°"
+    none = "after the first poses" if snapshot.plan.judges is None else "none: this session judges one"
+    text = none if u is None else f"I ± {u.rms_inc_std_deg:.4f}°, T ± {u.rms_tf_std_deg:.4f}°"
     closures = "".join(
         f'<li class="{"good" if c.good else "bad"}"><b aria-hidden="true">{"✓" if c.good else "✗"}</b> ring at'
         f" {c.inc_deg:.2f}°: {1e6 * c.size_g:.0f} µg, p = {c.p:.2g}"
@@ -226,12 +227,17 @@ def _verdict(verdict: VerdictState) -> str:
     limits = [f"I {verdict.limit_inc_deg:g}°"]
     limits += [] if verdict.limit_tf_deg is None else [f"T {verdict.limit_tf_deg:g}°"]
     limits += [] if verdict.limit_g_total_g is None else [f"Gtotal {1e3 * verdict.limit_g_total_g:g} mg"]
+    columns = {
+        "I error": [_with_u(row.inc_error_deg, row.inc_u_deg, "°") for row in verdict.rows],
+        "T error": [_with_u(row.tf_error_deg, row.tf_u_deg, "°") for row in verdict.rows],
+        "Gtotal": [_with_u(row.g_error_g, row.g_u_g, " mg", 1e3) for row in verdict.rows],
+    }
+    columns = {name: cells for name, cells in columns.items() if any(cells)}
+    head = "".join(f'<th scope="col">{name}</th>' for name in ("pose", *columns, "verdict"))
     rows = "".join(
-        f"<tr><td>{escape(row.name)}</td><td>{_with_u(row.inc_error_deg, row.inc_u_deg, '°')}</td>"
-        f"<td>{_with_u(row.tf_error_deg, row.tf_u_deg, '°')}</td>"
-        f"<td>{_with_u(row.g_error_g, row.g_u_g, ' mg', 1e3)}</td>"
+        f"<tr><td>{escape(row.name)}</td>{''.join(f'<td>{cells[k]}</td>' for cells in columns.values())}"
         f"<td class='{'good' if row.verdict == 'pass' else 'bad'}'>{escape(row.verdict)}</td></tr>"
-        for row in verdict.rows
+        for k, row in enumerate(verdict.rows)
     )
     changed = (
         ""
@@ -247,8 +253,7 @@ def _verdict(verdict: VerdictState) -> str:
         f" {escape(verdict.verdict.replace('_', ' '))}</p><p>{escape(verdict.text)}</p>{changed}"
         f"<p>calibration <code>{escape(verdict.record)}</code>; limits {', '.join(limits)}; ± is U (k = 2)</p>"
         '<div class="wide" tabindex="0" role="region" aria-label="comparisons with the limits">'
-        '<table><thead><tr><th scope="col">pose</th><th scope="col">I error</th><th scope="col">T error</th>'
-        f'<th scope="col">Gtotal</th><th scope="col">verdict</th></tr></thead><tbody>{rows}</tbody></table></div>'
+        f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>"
     )
 
 
