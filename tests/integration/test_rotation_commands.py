@@ -222,6 +222,29 @@ class Tags(HTMLParser):
         ]
 
 
+def test_fit_and_compare_write_pages_with_plots(tmp_path: Path) -> None:
+    made = columns(rows=900, turns=1.5)
+    seen = np.abs(made["rotor_deg"] - 10.0) > 45.0
+    kept = ("t_s", "rotor_deg", "rotor_rate_dps", "d_roll_arcmin", "d_heading_arcmin")
+    Recording({name: made[name][seen] for name in kept}).write(tmp_path / "gap.csv")
+    done = highside("rotation", "fit", "gap.csv", "-o", "c.json", "--html", "fit.html", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    done = highside("rotation", "compare", "gap.csv", "--html", "compare.html", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    for name, figures, tables, words in (
+        ("fit.html", 4, 0, Compensation.from_json((tmp_path / "c.json").read_text()).id),
+        ("compare.html", 4, 2, "4 network: "),
+    ):
+        text = (tmp_path / name).read_text()
+        tags = Tags()
+        tags.feed(text)
+        assert (tags.counts["figure"], tags.counts.get("table", 0)) == (figures, tables)
+        assert tags.links == []
+        assert words in text
+        assert "Shaded: not seen" in text
+        assert "the compensation is a guess in there" in text
+
+
 @pytest.mark.slow
 def test_reproduce_rotation_sets_our_figures_beside_the_statements_of_the_paper(tmp_path: Path) -> None:
     command = [*COMMAND, "reproduce", "rotation", "--json", "-o", "new"]

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from highside.recording.table import Recording
     from highside.rotation import Compensation
+    from highside.rotation.compare import Comparison
     from highside.rotation.curve import Curve
     from highside.rotation.samples import Samples
 
@@ -65,6 +66,7 @@ RecordingArgument = Annotated[
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print as JSON.")]
 Output = Annotated[Path, typer.Option("-o", "--output", help="File to write.")]
+PageOption = Annotated[Path | None, typer.Option("--html", help="Page with plots to write.")]
 
 
 @app.command("fit")
@@ -78,6 +80,7 @@ def fit_command(
     inclination_deg: Annotated[float | None, typer.Option(help="Inclination at which it was recorded.")] = None,
     roll_deg: Annotated[float | None, typer.Option(help="Roll of the vehicle at which it was recorded.")] = None,
     pitch_deg: Annotated[float | None, typer.Option(help="Pitch of the vehicle at which it was recorded.")] = None,
+    html: PageOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Fit each error of a recording against the rotor angle and write a compensation."""
@@ -88,16 +91,22 @@ def fit_command(
 
     table = _read(recording)
     options = FitOptions(rate_terms, NetworkInput(network_input.value), seed)
-    curves = {
-        channel: fit(samples, Method(method.value), options) for channel, samples in _samples(table, rate_terms > 0)
-    }
+    known = dict(_samples(table, rate_terms > 0))
+    curves = {channel: fit(samples, Method(method.value), options) for channel, samples in known.items()}
     compensation = Compensation(
         curves,
         Validity(inclination_deg, roll_deg, pitch_deg),
         recording.name,
         hashlib.sha256(read_bytes(recording)).hexdigest(),
     )
+    page = None
+    if html is not None:
+        from highside.report.rotation_page import fit_page
+
+        page = fit_page(compensation, known)
     write_whole(output, compensation.to_json().encode())
+    if html is not None and page is not None:
+        write_whole(html, page.encode())
     described = {name: _described(curve) for name, curve in curves.items()}
     if as_json:
         typer.echo(json.dumps({"output": str(output), "id": compensation.id, "curves": described}))
@@ -288,6 +297,7 @@ def compare(
     rate_terms: Annotated[int, typer.Option(help="Powers of the rotor rate for polynomial9 and auto.")] = 0,
     network_input: Annotated[InputName, typer.Option(help="For the network.")] = InputName.SCALED,
     seed: Annotated[int, typer.Option(help="For the network: its first weights.")] = 0,
+    html: PageOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Fit all methods to the same rows: what each leaves, on whole turns it had not seen too, and relative to sine."""
@@ -297,8 +307,10 @@ def compare(
     table = _read(recording)
     options = FitOptions(rate_terms, NetworkInput(network_input.value), seed)
     result: dict[str, Any] = {}
+    compared: dict[str, tuple[Samples, Comparison]] = {}
     for channel, samples in _samples(table, rate_terms > 0):
         comparison = compare_methods(samples, options=options)
+        compared[channel] = samples, comparison
         result[channel] = {
             "rows": samples.n,
             "mean_abs_before_arcmin": float(abs(samples.error).mean()),
@@ -317,6 +329,11 @@ def compare(
             },
             "refused": {method.value: why for method, why in comparison.refused.items()},
         }
+    if html is not None:
+        from highside.recording.files import write_whole
+        from highside.report.rotation_page import compare_page
+
+        write_whole(html, compare_page(recording.name, compared).encode())
     if as_json:
         typer.echo(json.dumps({"recording": str(recording), "channels": result}))
         return

@@ -273,7 +273,7 @@ def page_of(experiment: Experiment) -> str:
             [
                 [r["scenario"], NAMES[Method(r["method"])], r["channel"]]
                 + [
-                    f"{r[name]:.5f}"
+                    f"{round(r[name], 5) + 0.0:.5f}"  # no minus before nothing
                     for name in (
                         "mean_arcmin", "std_arcmin", "mean_abs_arcmin", "largest_arcmin", "rms_to_truth_arcmin"
                     )
@@ -319,6 +319,7 @@ def _errors(experiment: Experiment) -> Figure:
         axis.plot(at, one.error[_THIN], ".", ms=2, color="#9aa3ab")
         axis.plot(at, one.truth[_THIN], color="#010203")
         axis.set(title=channel, xlabel="rotor angle, deg", ylabel="arcmin" if number == 0 else "")
+        axis.set_xticks(range(0, 361, 90))
     return figure
 
 
@@ -331,6 +332,7 @@ def _curves(experiment: Experiment) -> Figure:
             curve = experiment.cases[scenario][method][SEEDS[0], 0].score.curve
             axis.plot(np.degrees(theta), curve(theta) - one.truth[_THIN], color=COLOURS[method], label=NAMES[method])
         axis.set(title=f"rotor {scenario}", xlabel="rotor angle, deg", ylabel="arcmin", ylim=(-0.02, 0.02))
+        axis.set_xticks(range(0, 361, 90))
     figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=len(METHODS))
     return figure
 
@@ -343,6 +345,7 @@ def _residuals(experiment: Experiment) -> Figure:
         curve = experiment.cases["B"][method][SEEDS[0], 0].score.curve
         axis.plot(np.degrees(theta), one.error[_THIN] - curve(theta), ".", ms=2, color=COLOURS[method])
         axis.set(title=NAMES[method], xlabel="deg", ylim=(-0.025, 0.025))
+        axis.set_xticks(range(0, 361, 180))
     return figure
 
 

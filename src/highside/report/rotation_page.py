@@ -1,0 +1,222 @@
+"""The pages of `rotation fit` and `rotation compare`: the errors against the rotor angle, the curves, what they leave.
+
+A part of the turn that no row saw is shaded: curves are guesses in it. Angles in degrees, errors in arcminutes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.report.page import Page, new_figure, plotting
+from highside.report.reproduce_rotation import COLOURS, NAMES
+from highside.rotation import Compensation, Curve, Method, Samples
+from highside.rotation.compare import Comparison
+from highside.rotation.curve import Form
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.float64]
+
+MOST_POINTS = 1500
+"""rows drawn of a channel; a page needs no more"""
+_GREY, _GAP = "#9aa3ab", "#d9822b"
+
+
+def fit_page(compensation: Compensation, samples: Mapping[str, Samples]) -> str:
+    """The page of one compensation, as HTML. Raises InputError where matplotlib is not installed."""
+    validity = compensation.validity
+    with plotting():
+        page = Page("Rotor-angle compensation")
+        facts = [("Recording", compensation.source), ("Compensation", compensation.id)]
+        for name, value in (
+            ("Inclination of the fit", validity.inclination_deg),
+            ("Roll", validity.roll_deg),
+            ("Pitch", validity.pitch_deg),
+        ):
+            if value is not None:
+                facts.append((name, f"{value:g} deg; holds within {validity.within_deg:g} deg of it"))
+        page.facts(facts)
+        for name, curve in compensation.curves.items():
+            one = samples[name]
+            page.heading(name)
+            page.facts(_facts(curve, one))
+            page.figure(
+                _fit_figure(curve, one),
+                "Left: errors (grey) and curve with twice its standard deviation. Right: what the curve leaves."
+                + (" Shaded: not seen." if curve.coverage.has_gap else ""),
+            )
+            if curve.form is Form.FOURIER and curve.order > 0:
+                page.figure(_harmonics_figure(curve), "Size of each harmonic with twice its standard deviation.")
+        return page.html()
+
+
+def compare_page(source: str, compared: Mapping[str, tuple[Samples, Comparison]]) -> str:
+    """The page of all methods on the same rows, as HTML. Raises InputError where matplotlib is not installed."""
+    with plotting():
+        page = Page("Rotor-angle compensation: the methods side by side")
+        page.facts([("Recording", source)])
+        page.paragraph(
+            "What is left of the rows a method was fitted to hides the difference between methods, because noise is"
+            " most of it. Held out: the error on whole turns that the fit had not seen."
+        )
+        for name, (samples, comparison) in compared.items():
+            before = float(np.mean(np.abs(samples.error)))
+            page.heading(name)
+            page.table(
+                ["method", "order", "mean |e|", "std", "largest", "held out", "better than sine"],
+                [_row(method, comparison) for method in comparison.scores],
+                caption=f"{samples.n} rows, mean absolute error {before:.4f}'; arcminutes",
+                words=(0,),
+            )
+            if comparison.refused:
+                page.bullets([f"{NAMES[method]}: {why}" for method, why in comparison.refused.items()])
+            curves = {method: score.curve for method, score in comparison.scores.items()}
+            if not curves:
+                continue
+            gap = " Shaded: not seen." if samples.coverage.has_gap else ""
+            page.figure(_curves_figure(curves, samples), f"Errors (grey) and the curve of each method.{gap}")
+            page.figure(_left_figure(curves, samples), "What each method leaves, on one scale.")
+            remarks = _remarks(curves)
+            if remarks:
+                page.bullets(remarks)
+        return page.html()
+
+
+def _facts(curve: Curve, samples: Samples) -> list[tuple[str, str]]:
+    held = curve.held_out
+    unit = {Form.FOURIER: "harmonics", Form.CHEBYSHEV: "degree", Form.NETWORK: "hidden units"}[curve.form]
+    left = samples.error - curve(samples.theta_rad, samples.rate_radps)
+    facts = [
+        ("Method", f"{NAMES.get(curve.method, curve.method.value)}, {curve.order} {unit}"),
+        ("Rows", f"{samples.n} over {curve.coverage.turns:.1f} turns"),
+        ("Mean absolute error", f"{np.mean(np.abs(samples.error)):.4f}' before, {np.mean(np.abs(left)):.4f}' after"),
+        ("Noise of a row", f"{curve.noise:.4f}'"),
+    ]
+    if held is not None:
+        facts.append(("On turns held out", f"rms {held.rms:.4f}', largest {held.worst:.4f}' ({held.turns} turns)"))
+    facts += [("Remark" if i == 0 else "", remark) for i, remark in enumerate(curve.remarks)]
+    return facts
+
+
+def _row(method: Method, comparison: Comparison) -> list[str]:
+    score, better = comparison.scores[method], comparison.better_than_sine(method)
+    held = score.curve.held_out
+    return [
+        NAMES[method],
+        str(score.curve.order),
+        f"{score.mean_abs:.5f}",
+        f"{score.std:.5f}",
+        f"{score.largest:.4f}",
+        "-" if held is None else f"{held.rms:.5f}",
+        "-" if better is None else f"{100 * better:.1f} %",
+    ]
+
+
+def _remarks(curves: Mapping[Method, Curve]) -> list[str]:
+    """Each remark once, with the methods it is about unless it is about all."""
+    about: dict[str, list[str]] = {}
+    for method, curve in curves.items():
+        for remark in curve.remarks:
+            about.setdefault(remark, []).append(NAMES[method])
+    return [r if len(names) == len(curves) else f"{', '.join(names)}: {r}" for r, names in about.items()]
+
+
+def _places(samples: Samples) -> tuple[slice, Floats]:
+    """Which rows are drawn, and where, deg."""
+    thin = slice(None, None, -(-samples.n // MOST_POINTS))
+    return thin, np.mod(np.degrees(samples.theta_rad[thin]), 360.0)
+
+
+def _line(curve: Curve) -> tuple[Floats, Floats, Floats]:
+    """Angles (deg), curve and its standard deviation over the turn, at the middle of the rates that were seen."""
+    at = np.linspace(0.0, 360.0, 721)[:-1]
+    rate = None if curve.rate is None else np.full(at.size, curve.rate.centre_radps)
+    theta = np.radians(at)
+    return at, curve(theta, rate), curve.std(theta, rate)
+
+
+def _frame(axis: Axes, title: str, label: str = "arcmin") -> None:
+    axis.set(title=title, xlabel="rotor angle, deg", ylabel=label, xlim=(0.0, 360.0))
+    axis.set_xticks(range(0, 361, 90))
+
+
+def _shade(axis: Axes, curve: Curve) -> None:
+    if not curve.coverage.has_gap:
+        return
+    start = float(np.degrees(curve.coverage.gap_start_rad))
+    end = start + float(np.degrees(curve.coverage.largest_gap_rad))
+    for shift in (0.0, -360.0):
+        axis.axvspan(max(start + shift, 0.0), max(min(end + shift, 360.0), 0.0), color=_GAP, alpha=0.15, lw=0)
+
+
+def _fit_figure(curve: Curve, samples: Samples) -> Figure:
+    figure, (axes,) = new_figure(1, 2)
+    thin, at = _places(samples)
+    where, values, std = _line(curve)
+    colour = COLOURS.get(curve.method, "#2f7fd1")
+    rate = None if samples.rate_radps is None else samples.rate_radps[thin]
+    axes[0].plot(at, samples.error[thin], ".", ms=2, color=_GREY)
+    axes[0].fill_between(where, values - 2 * std, values + 2 * std, color=colour, alpha=0.25, lw=0)
+    axes[0].plot(where, values, color=colour)
+    axes[1].plot(at, samples.error[thin] - curve(samples.theta_rad[thin], rate), ".", ms=2, color=colour)
+    for axis, title in zip(axes, ("error and curve", "left"), strict=True):
+        _shade(axis, curve)
+        _frame(axis, title)
+    return figure
+
+
+def _harmonics_figure(curve: Curve) -> Figure:
+    figure, ((axis,),) = new_figure(1, 1, height=2.4)
+    a, b = curve.parameters[1 : 2 * curve.order : 2], curve.parameters[2 : 2 * curve.order + 1 : 2]
+    variance = np.diag(curve.covariance)
+    size = np.hypot(a, b)
+    toward = np.where(size > 0.0, size, 1.0)
+    std = np.sqrt(
+        np.square(a / toward) * variance[1 : a.size * 2 : 2] + np.square(b / toward) * variance[2::2][: a.size]
+    )
+    orders = np.arange(1, curve.order + 1)
+    axis.bar(orders, size, 0.6, color=COLOURS.get(curve.method, "#2f7fd1"))
+    axis.errorbar(orders, size, yerr=np.minimum(2 * std, size), fmt="none", ecolor="#010203", lw=1)
+    axis.set_xticks(orders)
+    axis.set(xlabel="harmonic", ylabel="arcmin")
+    return figure
+
+
+def _curves_figure(curves: Mapping[Method, Curve], samples: Samples) -> Figure:
+    figure, ((axis,),) = new_figure(1, 1, height=3.4)
+    thin, at = _places(samples)
+    axis.plot(at, samples.error[thin], ".", ms=2, color=_GREY)
+    for method, curve in curves.items():
+        where, values, _ = _line(curve)
+        axis.plot(where, values, color=COLOURS[method], label=NAMES[method])
+    _shade(axis, next(iter(curves.values())))
+    _frame(axis, "")
+    # what runs away in a gap must not flatten the rest
+    low, high = float(samples.error.min()), float(samples.error.max())
+    axis.set_ylim(low - 0.3 * (high - low + 1e-9), high + 0.3 * (high - low + 1e-9))
+    figure.legend(*axis.get_legend_handles_labels(), loc="outside upper center", ncols=len(curves))
+    return figure
+
+
+def _left_figure(curves: Mapping[Method, Curve], samples: Samples) -> Figure:
+    figure, (axes,) = new_figure(1, len(curves), height=2.6)
+    thin, at = _places(samples)
+    rate = None if samples.rate_radps is None else samples.rate_radps[thin]
+    left = {m: samples.error[thin] - curve(samples.theta_rad[thin], rate) for m, curve in curves.items()}
+    most = 1.1 * max(float(np.abs(one).max()) for one in left.values()) or 1.0
+    _panels(axes, left, at, most)
+    return figure
+
+
+def _panels(axes: Sequence[Axes], left: Mapping[Method, Floats], at: Floats, most: float) -> None:
+    for number, (axis, (method, values)) in enumerate(zip(axes, left.items(), strict=True)):
+        axis.plot(at, values, ".", ms=2, color=COLOURS[method])
+        _frame(axis, NAMES[method], "arcmin" if number == 0 else "")
+        axis.set(xlabel="deg", ylim=(-most, most))
+        axis.set_xticks(range(0, 361, 180))
