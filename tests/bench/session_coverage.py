@@ -21,19 +21,25 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "session"))
 from rehearsal import Rehearsal, random_sensor
 
 from highside.session import outcome, plans
-from highside.session.plans import Limits, Plan
+from highside.session.plans import Criterion, Kind, Limits, Plan
 from highside.session.snapshot import State
 
 EIGHTHS = tuple(45.0 * k for k in range(8))
 LIMITS = Limits(std_error_g=4e-5, min_hold_s=1.0, max_hold_s=3.0, soak_s=15.0)
+HAND = Limits(std_error_g=4e-5, min_hold_s=1.5, max_hold_s=6.0, prior_offset_g=0.05, prior_matrix=0.05)
 PLANS: dict[str, Plan] = {
     "balance at 30 deg": plans.balance_plan([30.0], LIMITS),
     "balance at 1.2, 10, 45 deg": plans.balance_plan([1.2, 10.0, 45.0], LIMITS),
+    "conventional 3": plans.conventional_plan(3, LIMITS),
     "conventional 6": plans.conventional_plan(6, LIMITS),
     "conventional 12": plans.conventional_plan(12, LIMITS),
+    "conventional 8": plans.conventional_plan(8, LIMITS),
+    "conventional 24": plans.conventional_plan(24, LIMITS),
     "joint 8": plans.joint_plan(8, LIMITS),
     "joint 16": plans.joint_plan(16, LIMITS),
     "custom, 14 poses": plans.custom_plan([(inc, tf) for inc in (5.0, 45.0) for tf in EIGHTHS[:-1]], "joint", LIMITS),
+    "turntable, 16 stations at 20, 50, 90 deg": plans.turntable_plan((20.0, 50.0, 90.0), 16, LIMITS),
+    "unguided, 20 attitudes": plans.unguided_plan(HAND),
     "oven 25 65 25 C": plans.soak_plan([25.0, 65.0, 25.0], (5.0, 45.0, 90.0), (45.0, 135.0, 225.0, 315.0), LIMITS),
     "heated roll 30 45 60 C at 45 deg": plans.heated_roll_plan([30.0, 45.0, 60.0], 45.0, EIGHTHS, LIMITS),
     "heated roll 30 45 60 45 30 C at 90 deg": plans.heated_roll_plan(
@@ -47,6 +53,8 @@ def one(plan: Plan, seed: int) -> tuple[bool, bool, float, float]:
     tilt = tuple(np.random.default_rng([seed, 3]).normal(0.0, 0.02, 2).tolist())
     options = {"tilt_deg": tilt, "settle_s": 0.5, "turn_rate_dps": 120.0, "oven_tau_s": 10.0}
     options |= {"offset_per_c": tuple(np.random.default_rng([seed, 4]).normal(0.0, 1e-5, 3).tolist())}
+    if plan.kind is Kind.TURNTABLE:
+        options["encoder_deg"] = tuple(map(tuple, np.random.default_rng([seed, 6]).normal(0.0, 0.02, (3, 2)).tolist()))
     rehearsal = Rehearsal(
         plan, seed=seed, rate_hz=20.0, sensor=random_sensor(seed), gyros=False, bench_options=options
     ).run(limit_s=20_000.0, look_s=0.4)
@@ -63,6 +71,28 @@ def one(plan: Plan, seed: int) -> tuple[bool, bool, float, float]:
     return True, bool(np.all(worst <= 2.0)), float(worst[0]), float(worst[1])
 
 
+def verdict(seed: int, moved_g: float) -> str | None:
+    """Of a verification at a limit of 0.3 deg (T: 6), after the x offset has moved since the calibration."""
+    bench = {"settle_s": 0.5, "turn_rate_dps": 120.0}
+    matrix, offset = random_sensor(seed)
+    made = Rehearsal(
+        PLANS["joint 8"], seed=seed, rate_hz=20.0, sensor=(matrix, offset), gyros=False, bench_options=bench
+    ).run(look_s=0.4)
+    record = made.session.record
+    if record is None:
+        return None
+    plan = plans.verification_plan(
+        [(inc, tf) for inc in (5.0, 45.0, 90.0) for tf in (20.0, 140.0, 260.0)],
+        LIMITS,
+        Criterion(record.id, 0.3, 6.0),
+    )
+    sensor = (matrix, (offset[0] + moved_g, *offset[1:]))
+    done = Rehearsal(
+        plan, seed=seed + 500, rate_hz=20.0, sensor=sensor, gyros=False, bench_options=bench, judged=record
+    ).run(look_s=0.4)
+    return None if done.session.solved is None else outcome.verdict_of(done.session.solved)
+
+
 def main(seeds: int, word: str = "") -> None:
     print(
         f"| plan | poses | accepted of {seeds} | within 2 sigma | median I error / stated | median T error / stated |"
@@ -74,7 +104,12 @@ def main(seeds: int, word: str = "") -> None:
         found = [one(plan, seed) for seed in range(seeds)]
         accepted, within = sum(f[0] for f in found), sum(f[1] for f in found)
         inc, tf = np.nanmedian([f[2] for f in found]), np.nanmedian([f[3] for f in found])
-        print(f"| {name} | {len(plan.poses)} | {accepted} | {within} | {inc:.2f} | {tf:.2f} |", flush=True)
+        print(f"| {name} | {len(plan.poses) or 20} | {accepted} | {within} | {inc:.2f} | {tf:.2f} |", flush=True)
+    if word in ("", "verdict"):
+        for moved_g, what in ((0.0, "unchanged"), (10e-3, "offset moved by 10 mg (0.57 deg)")):
+            found = [verdict(seed, moved_g) for seed in range(seeds)]
+            told = ", ".join(f"{found.count(name)} {name}" for name in ("pass", "undecided", "fail"))
+            print(f"verification at 0.3 deg, sensor {what}: {told}", flush=True)
 
 
 if __name__ == "__main__":
