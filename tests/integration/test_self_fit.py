@@ -15,6 +15,7 @@ from highside.physics.rotation_chain import Faults, inclination_toolface_errors
 from highside.recording.table import Recording, read_recording
 from highside.rotation import Compensation
 from highside.rotation.live import LiveCompensation
+from highside.rotation.turntable import reference_errors
 
 FAULTS: Faults = [
     ("encoder_first_harmonic", {"c1": 9e-4, "s1": -6e-4}),
@@ -73,3 +74,30 @@ def test_what_cannot_be_fitted_is_one_line(folder: Path) -> None:
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "rotor_deg" in done.stderr
     assert not (folder / "x.json").exists()
+
+
+def test_recordings_at_two_inclinations_make_a_turntable_that_a_calibration_takes(tmp_path: Path) -> None:
+    for inc_deg in (25, 70):
+        t = np.arange(3600) * 0.01
+        theta = 2.0 * np.pi * t / 6.0
+        d_inc, d_tf = inclination_toolface_errors(theta, np.radians(inc_deg), FAULTS)
+        noise = 5e-5 * np.random.default_rng(inc_deg).standard_normal((3, t.size))
+        a = gravity_direction(np.radians(inc_deg) + d_inc, theta + d_tf + 1.0) + noise
+        rotor = np.degrees(theta) % 360.0
+        columns = {"t_s": t, "rotor_deg": rotor, "ax_g": a[0], "ay_g": a[1], "az_g": a[2]}
+        Recording(columns).write(tmp_path / f"at{inc_deg}.csv")
+    done = highside("rotation", "fit-self", "at25.csv", "at70.csv", "-o", "table.json", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    assert said["inclination_deg"] == [pytest.approx(25.0, abs=0.05), pytest.approx(70.0, abs=0.05)]
+    assert "give --calibration or --of rotor" in said["remarks"][0]
+    made = Compensation.from_json((tmp_path / "table.json").read_text())
+    assert made.validity.inclination_deg is None
+    theta, inc = np.radians(np.arange(0.0, 360.0, 5.0)), np.full(72, np.radians(48.0))
+    true = inclination_toolface_errors(theta, inc, FAULTS)
+    for error, exact in zip(reference_errors(made, theta, inc), true, strict=True):
+        left = error - exact
+        assert np.std(left) < 0.05 * np.std(exact) + 1e-6
+    one = highside("rotation", "fit-self", "at25.csv", "at25.csv", "-o", "no.json", cwd=tmp_path)
+    assert (one.returncode, "one inclination cannot tell" in one.stderr) == (1, True)
+    assert not (tmp_path / "no.json").exists()

@@ -13,7 +13,8 @@ from highside.errors import Refused
 from highside.physics.gravity import gravity_direction
 from highside.physics.rotation_chain import Faults, inclination_toolface_errors
 from highside.rotation.bases import fourier_rows
-from highside.rotation.self_reference import GyroDoubt, Part, self_errors
+from highside.rotation.self_reference import GyroDoubt, Part, SelfErrors, self_errors
+from highside.rotation.self_turntable import self_turntable
 
 ARCMIN = 10800.0 / math.pi
 FAULTS: Faults = [
@@ -163,3 +164,41 @@ def test_what_cannot_be_told_is_refused() -> None:
     upright = made(replace(Run(turns=4), inc_deg=1.0))
     with pytest.raises(Refused, match="vertical"):
         self_errors(upright.t_s, upright.accel, None, upright.theta)
+
+
+def errors_at(inc_deg: float, part: Part = Part.ROTOR, seed: int = 0) -> SelfErrors:
+    one = made(Run(inc_deg=inc_deg, seed=seed))
+    return self_errors(one.t_s, one.accel, one.gyro, one.theta, part)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_turns_at_two_inclinations_measure_the_turntable_for_all_others(seed: int) -> None:
+    # one tool: the same misaligned gyros in both
+    curves = self_turntable([errors_at(25.0, seed=seed), errors_at(70.0, seed=seed)], DOUBT)
+    assert set(curves) == {"encoder", "across", "along"}
+    theta = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+    for inc_deg in (40.0, 85.0):
+        inc = math.radians(inc_deg)
+        d_inc, d_tf = inclination_toolface_errors(theta, inc, FAULTS)
+        tf = curves["encoder"](theta) - curves["across"](theta) / math.tan(inc)
+        tf_std = np.hypot(curves["encoder"].std(theta), curves["across"].std(theta) / math.tan(inc))
+        off = {"toolface": (tf - ARCMIN * d_tf, tf_std), "inclination": (curves["along"](theta) - ARCMIN * d_inc, None)}
+        for name, (left, std) in off.items():
+            left = left - left.mean()
+            # all but the first harmonic to a twentieth of an arcminute, that within its doubt
+            later = left - fourier_rows(theta, 1).T @ (fourier_rows(theta, 1) @ left * 2.0 / theta.size)
+            assert np.abs(later).max() < 0.05
+            bound = curves["along"].std(theta) if std is None else std
+            assert np.abs(left).max() < 4.0 * bound.max(), name
+        assert np.std(ARCMIN * d_tf) > 0.8
+    for curve in curves.values():
+        assert curve.parameters[0] == 0.0
+        assert any("constant cannot be seen" in remark for remark in curve.remarks)
+        assert any("first harmonic is uncertain" in remark for remark in curve.remarks)
+
+
+def test_one_inclination_or_the_sensors_own_errors_make_no_turntable() -> None:
+    with pytest.raises(Refused, match="one inclination cannot tell the encoder"):
+        self_turntable([errors_at(50.0), errors_at(50.5, seed=1)], DOUBT)
+    with pytest.raises(Refused, match="'sensor' is no error of a turntable"):
+        self_turntable([errors_at(25.0, Part.SENSOR), errors_at(70.0, Part.SENSOR)], DOUBT)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,6 +14,8 @@ from highside.errors import InputError, Refused
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+    from highside.rotation.self_reference import SelfErrors
 
     Floats = NDArray[np.float64]
 
@@ -27,11 +29,13 @@ class PartName(StrEnum):
 
 
 def fit_self(
-    recording: Annotated[
-        Path,
+    recordings: Annotated[
+        list[Path],
         typer.Argument(
-            metavar="REC",
-            help="Recording (CSV) of a turning rotor: t_s, rotor_deg, ax_g.., and gx_dps.. if it has gyros.",
+            metavar="REC...",
+            help="Recording (CSV) of a turning rotor: t_s, rotor_deg, ax_g.., and gx_dps.. if it has gyros. Several, at"
+            " different inclinations: encoder and axis of the turntable, good at all of them (`calibrate solve"
+            " --turntable`).",
         ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Compensation (JSON) to write.")],
@@ -56,13 +60,70 @@ def fit_self(
     import numpy as np
 
     from highside.recording.files import read_bytes, write_whole
-    from highside.recording.table import read_recording
     from highside.rotation import Compensation, Validity
-    from highside.rotation.self_reference import GyroDoubt, Part, self_errors
+    from highside.rotation.self_reference import GyroDoubt
+    from highside.rotation.self_turntable import self_turntable
 
     for name, value in (("--gyro-bias-dph", gyro_bias_dph), ("--gyro-misalignment-arcmin", gyro_misalignment_arcmin)):
         if not value >= 0.0:
             raise InputError("must not be negative", field=name)
+    doubt = GyroDoubt(math.radians(gyro_bias_dph / 3600.0), math.radians(gyro_misalignment_arcmin / 60.0))
+    found = [_errors(recording, of, calibration) for recording in recordings]
+    inclinations = [math.degrees(one.mean_inclination_rad) for one in found]
+    digest = hashlib.sha256(b"".join(read_bytes(recording) for recording in recordings)).hexdigest()
+    source = " ".join(recording.name for recording in recordings)
+    remarks: list[str] = []
+    if len(found) == 1:
+        curves = found[0].curves(doubt)
+        validity = Validity(inclination_deg=inclinations[0])
+    else:
+        curves = self_turntable(found, doubt)
+        validity = Validity()
+        if of is PartName.DECODED and calibration is None:
+            remarks.append("the accelerometers' own errors pass for the turntable's: give --calibration or --of rotor")
+    made = Compensation(curves, validity, source, digest)
+    write_whole(output, made.to_json().encode())
+    theta = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
+    described = {
+        name: {
+            "order": curve.order,
+            "half_range_arcmin": float(np.ptp(curve(theta)) / 2.0),
+            "std_worst_arcmin": float(curve.std(theta).max()),
+            "held_out_rms_arcmin": None if curve.held_out is None else curve.held_out.rms,
+            "remarks": list(curve.remarks),
+        }
+        for name, curve in curves.items()
+    }
+    turns = sum(one.turns for one in found)
+    if as_json:
+        said: dict[str, Any] = {
+            "output": str(output),
+            "id": made.id,
+            "of": of.value,
+            "turns": turns,
+            "curves": described,
+        }
+        said |= {"inclination_deg": inclinations[0] if len(found) == 1 else inclinations, "remarks": remarks}
+        typer.echo(json.dumps(said))
+        return
+    at = ", ".join(f"{one:.2f}" for one in inclinations)
+    typer.echo(f"{output}: {of.value} errors of {turns:.1f} turns at I = {at} deg, {made.id[:12]}")
+    for name, one in described.items():
+        typer.echo(
+            f"  {name:<11} order {one['order']:<2} amplitude {one['half_range_arcmin']:.3f}',"
+            f" uncertain by {one['std_worst_arcmin']:.3f}'"
+        )
+    for remark in dict.fromkeys([*remarks, *(remark for curve in curves.values() for remark in curve.remarks)]):
+        typer.echo(remark, err=True)
+
+
+def _errors(recording: Path, of: PartName, calibration: Path | None) -> SelfErrors:
+    """What one recording tells of itself."""
+    import numpy as np
+
+    from highside.recording.table import read_recording
+    from highside.rotation.self_reference import Part, self_errors
+
     table = read_recording(recording)
     angle, *accel = table.require("rotor_deg", "ax_g", "ay_g", "az_g")
     gyros = ("gx_dps", "gy_dps", "gz_dps")
@@ -77,41 +138,12 @@ def fit_self(
     if int(known.sum()) < 8:
         raise Refused(f"{recording}: {int(known.sum())} rows in which rotor angle and readings are all known")
     try:
-        errors = self_errors(
+        return self_errors(
             t_s[known], a[:, known], None if rates is None else rates[:, known], np.radians(angle[known]),
             Part(of.value),
         )  # fmt: skip
     except Refused as problem:
         raise Refused(f"{recording}: {problem}") from None
-    doubt = GyroDoubt(math.radians(gyro_bias_dph / 3600.0), math.radians(gyro_misalignment_arcmin / 60.0))
-    curves = errors.curves(doubt)
-    inclination = math.degrees(errors.mean_inclination_rad)
-    digest = hashlib.sha256(read_bytes(recording)).hexdigest()
-    made = Compensation(curves, Validity(inclination_deg=inclination), recording.name, digest)
-    write_whole(output, made.to_json().encode())
-    theta = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
-    described = {
-        name: {
-            "order": curve.order,
-            "half_range_arcmin": float(np.ptp(curve(theta)) / 2.0),
-            "std_worst_arcmin": float(curve.std(theta).max()),
-            "held_out_rms_arcmin": None if curve.held_out is None else curve.held_out.rms,
-            "remarks": list(curve.remarks),
-        }
-        for name, curve in curves.items()
-    }
-    if as_json:
-        said = {"output": str(output), "id": made.id, "of": of.value, "turns": errors.turns, "curves": described}
-        typer.echo(json.dumps(said | {"inclination_deg": inclination}))
-        return
-    typer.echo(f"{output}: {of.value} errors of {errors.turns:.1f} turns at I = {inclination:.2f} deg, {made.id[:12]}")
-    for name, one in described.items():
-        typer.echo(
-            f"  {name:<11} order {one['order']:<2} amplitude {one['half_range_arcmin']:.3f}',"
-            f" uncertain by {one['std_worst_arcmin']:.3f}'"
-        )
-    for remark in dict.fromkeys(remark for curve in curves.values() for remark in curve.remarks):
-        typer.echo(remark, err=True)
 
 
 def _corrected(a: Floats, temp_c: Floats | None, path: Path) -> Floats:

@@ -87,12 +87,15 @@ class SelfErrors:
     """typical size of the rotor's rate"""
     turns: float
 
+    def circle_rad(self, doubt: GyroDoubt) -> float:
+        """Radius of the circle on which the gyros' errors may move the predicted vertical, one standard deviation."""
+        if self.part is Part.DECODED:
+            return 0.0
+        return math.hypot(doubt.bias_radps / self.rate_radps, doubt.misalignment_rad)
+
     def curves(self, doubt: GyroDoubt | None = None) -> dict[str, Curve]:
         """`inclination` and `toolface` by `auto`, in arcminutes, with their held-out errors and limits."""
-        doubt = doubt or GyroDoubt()
-        circle = 0.0
-        if self.part is not Part.DECODED:
-            circle = math.hypot(doubt.bias_radps / self.rate_radps, doubt.misalignment_rad)
+        circle = self.circle_rad(doubt or GyroDoubt())
         # a vertical that is off by a circle of radius c moves I by c and T by c / sin I
         arcmin = 10800.0 / math.pi
         levers = {"inclination": arcmin, "toolface": arcmin / math.sin(self.mean_inclination_rad)}
@@ -102,7 +105,7 @@ class SelfErrors:
     def _curve(self, error: Floats, circle: float) -> Curve:
         samples = Samples.build(self.theta_rad, error)
         curve = fit(samples, Method.AUTO, FitOptions())
-        return _stated(curve, _turn_to_turn(samples, curve), circle)
+        return _stated(curve, turn_to_turn(samples, curve), circle)
 
 
 def self_errors(
@@ -204,7 +207,7 @@ def _turned(t_s: Floats, gyro: Floats) -> Floats:
     return normalised(q)
 
 
-def _turn_to_turn(samples: Samples, curve: Curve) -> Floats:
+def turn_to_turn(samples: Samples, curve: Curve) -> Floats:
     """Standard deviation of each parameter by its scatter over the turns, (P,): noise of gyros is no noise of rows."""
     count = curve.parameters.size
     each = []
