@@ -35,7 +35,10 @@ def turntable(
     largest_order: Annotated[int, typer.Option(min=0, max=12, help="Highest harmonic looked for.")] = 8,
     as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
 ) -> None:
-    """Fit a bench's encoder and axis errors, good at every inclination; `calibrate solve --turntable` uses them."""
+    """Fit a bench's encoder and axis errors, good at every inclination; `calibrate solve --turntable` uses them.
+
+    It needs a reference: a calibrated tool, or another. Without one: `rotation fit-self`, turns at two inclinations.
+    """
     import hashlib
 
     import numpy as np
