@@ -165,18 +165,29 @@ def test_the_azimuth_is_told_followed_and_outlives_the_daemon(
         ear.close()
 
 
-def test_a_configured_azimuth_and_the_literal_algorithm(
-    tmp_path: Path, broker: Mosquitto, tool: SimulatedDevice
+@pytest.mark.parametrize("method", ["literal", "recursive"])
+def test_a_configured_azimuth_and_a_method_for_comparison(
+    tmp_path: Path, broker: Mosquitto, tool: SimulatedDevice, method: str
 ) -> None:
-    path = config(tmp_path, tool, broker, f'azimuth_deg = {AZIMUTH}\nmethod = "literal"\nazimuth_policy = "gyro"\n')
+    extra = f'azimuth_deg = {AZIMUTH}\nmethod = "{method}"\nazimuth_policy = "gyro"\n'
+    path = config(tmp_path, tool, broker, extra)
     ear = Subscriber(broker.port)
     try:
         with running(path) as daemon:
             wait_for(lambda: ear.latest("attitude") and latest(ear).azi_deg is not None, 20.0, "an azimuth", daemon)
             message = latest(ear)
             assert message.azi_basis == ["nothing"]
-            assert message.azi_std_deg is None
             assert away_deg(message) < 2.0
+            told = wait_for(lambda: (d := ear.latest("drift")) and d["literal"] and d, 10.0, "drift", daemon)
+            drift = DriftMessage.model_validate(told)
+            assert drift.method == method
+            if method == "literal":
+                assert message.azi_std_deg is None
+                assert drift.recursive is None
+            else:
+                assert message.azi_std_deg is not None
+                assert drift.recursive is not None
+                assert drift.recursive.azi_deg == pytest.approx(drift.azi_deg)
             assert daemon.terminate() == 0
     finally:
         ear.close()
