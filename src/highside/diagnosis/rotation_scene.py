@@ -145,6 +145,11 @@ class RotationScene(Scene):
         return 0.93
 
     @property
+    def faint(self) -> float:
+        # one scan in a hundred is loud by chance
+        return 1.0
+
+    @property
     def shadow_margin(self) -> float:
         # their number counts against them already
         return 4.0
