@@ -112,3 +112,8 @@ def test_an_effect_is_not_told_as_itself_and_a_case_of_itself() -> None:
     for seed in (9, 10):
         found = deck.diagnosed(simulated({"cross_product": terms}, seed))
         assert [claim.effect for claim in found.claims] == ["cross_product"]
+
+
+def test_what_decays_while_the_first_ring_is_measured_is_not_that_ring() -> None:
+    found = deck.diagnosed(simulated({"warmup": {"a_x": 5e-5, "a_z": 2.2e-4, "tau": 260.0}}, 11))
+    assert [claim.effect for claim in found.claims] == ["warmup"]

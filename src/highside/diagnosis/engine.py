@@ -94,7 +94,8 @@ def diagnose(scene: Scene, version: str = "") -> tuple[Diagnosis, Picture]:
     # first what has a name and does not follow time, or one ring; then, beside that, whether anything slow beats a walk
     first = _choose(scene, judged, channels, (slow | unnamed) - rings)
     suspicion = _suspected(scene, judged, first, slow, unnamed - rings) if scene.method.colour else _unsuspecting(scene)
-    if suspicion.wanders and not suspicion.claimed and first.members:
+    doubtful = suspicion.wanders or any(m.candidate in rings for m in first.members)
+    if doubtful and first.members and not (suspicion.claimed or suspicion.admitted):
         # what was chosen may stand in place of something slow: once more beside what is chosen where that may be too
         fast = [m for m in _choose(scene, judged, channels, unnamed - rings).members if m.candidate not in slow]
         if fast != first.members:

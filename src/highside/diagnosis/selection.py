@@ -28,6 +28,8 @@ TIE = 0.5
 REMEMBERS = 3.0
 """Gain by which a slack that remembers must be better than one that does not, of which there are more variants."""
 MERGE_BIC = 6.0
+PROMISING = 0.3
+"""Share of the first choice's gain of BIC from which choosing is begun from another candidate as well."""
 HELD = 0.01
 """Share of an effect's energy outside of another, below which it is a case of that other."""
 SHORTLIST = 4
@@ -306,6 +308,7 @@ class Selector:
         now = self.standing(self.fixed)
         taken = {m.candidate for m in self.fixed} | self.banned
         passing = [k for k in np.argsort(-now.bic) if now.log_p[k] > self.threshold and k not in taken]
+        passing = [k for k in passing if now.bic[k] > PROMISING * now.bic[passing[0]]]
         grown = []
         for k in passing[: self.starts]:
             begun = [*self.fixed, now.best[k]]
