@@ -41,6 +41,8 @@ CHANGING = 0.97
 """Share of the misfit that a claim explains from which it may still vary a little along a covariate."""
 RING = "shadow:ring"
 """Id of what is off on one ring alone: measured in one go, it looks like noise that remembers."""
+RING_MARGIN = 2.0
+"""As `Scene.shadow_margin`, for a single ring: its place was searched, and a name that is told beats a walk besides."""
 SLOW_COVARIATES = frozenset({"t_s", "temp_c"})
 
 
@@ -348,9 +350,11 @@ def _verdict(
         return "unknown"
     if fit.outside_gate:
         return "implausible_fit"
+    margin = np.array([
+        -np.inf if c.named else RING_MARGIN if c.id.startswith(RING) else scene.shadow_margin for c in candidates
+    ])  # fmt: skip
     for r in rivalries:
-        shadow = [not c.named for c in candidates]
-        if np.any(r.delta_bic[shadow] < scene.shadow_margin):
+        if np.any(r.delta_bic < margin):
             # an interaction without a name explains it as well
             return "partial"
     if share < scene.named_share or len(members) > scene.most_named:
