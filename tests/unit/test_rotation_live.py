@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from test_pipeline import make
 
 from highside.codec.frame import Frame
+from highside.codec.tool import ToolCodec
 from highside.config.drift import DriftSettings
 from highside.drift.kinematic import kinematic
 from highside.errors import Refused
-from highside.link.device import DeviceSettings, SimulatedDevice
+from highside.link.device import DeviceSettings, SimulatedDevice, encode
 from highside.link.wire import PtyWire
 from highside.physics.gravity import gravity_direction
 from highside.physics.motion import Leg, Motion
@@ -300,6 +301,13 @@ def followed_deg(faults: Faults) -> tuple[np.ndarray, np.ndarray]:
     )  # fmt: skip
     frames = list(SimulatedDevice(settings, PtyWire()).frames(1800))
     t, theta = np.array([f.t_s for f in frames]), np.radians([f.rotor_deg for f in frames])
+    # the encoder's rate is that of its angle, and both go over the wire
+    turned = sum(f.rotor_rate_dps or 0.0 for f in frames) / 100.0
+    assert turned == pytest.approx(400.0, abs=0.5)
+    (sent,) = ToolCodec().receive(encode(frames[1000]), 0.0)
+    assert sent.rotor_deg == pytest.approx(frames[1000].rotor_deg, abs=1e-6)
+    assert sent.rotor_rate_dps == pytest.approx(frames[1000].rotor_rate_dps, abs=1e-5)
+    assert abs(sent.rotor_rate_dps) > 10.0
     accel = np.array([[f.ax, f.ay, f.az] for f in frames]).T
     rate = np.radians(np.array([[f.gx, f.gy, f.gz] for f in frames]).T)
     true = np.degrees(azimuth_errors(theta, math.radians(30.0), faults))

@@ -15,9 +15,10 @@ class Frame(NamedTuple):
 
     `seq` is the device's own counter as sent (None where it sends none); `t_s` the device's time in seconds, unwrapped
     (None where it sends none); `t_mono` the monotonic time in seconds at which the frame's last byte was read (0.0 in
-    offline decoding); `ax..az` the reported gravity direction in g; `gx..gz` deg/s; `extra` the maker's own further
-    quantities, in the order of the codec's `extra_columns`. An acceleration that the source does not have (a car's
-    bus gives the lateral one alone) is NaN.
+    offline decoding); `ax..az` the reported gravity direction in g; `gx..gz` deg/s; `rotor_deg` and `rotor_rate_dps`
+    angle and rate of a rotor that turns the tool, by its encoder, for the rotor-angle compensation of I, T and azimuth;
+    `extra` the maker's own further quantities, in the order of the codec's `extra_columns`. An acceleration that the
+    source does not have (a car's bus gives the lateral one alone) is NaN.
     """
 
     seq: int | None

@@ -58,7 +58,7 @@ class DeviceSettings:
     """of the hole, held by every motion; clockwise from true north"""
     temp_c: float | None = 25.0
     rotor_faults: Faults | None = None
-    """it sends the angle of a rotor that turns it, read by an encoder; the faults of that rotor (maybe none)"""
+    """it sends angle and rate of a rotor that turns it, read by an encoder; the faults of that rotor (maybe none)"""
     seed: int = 1
     tick_s: float = 0.01
     speed: float = 1.0
@@ -223,15 +223,16 @@ class SimulatedDevice:
             gyro = np.rad2deg(self._rates(motion)) + self._gyro_bias
             gyro += settings.gyro_noise_density_dps * math.sqrt(settings.rate_hz / 2.0) * noise[3:]
             boot = self._boots[-1]
-        rotor: list[float | None] = [None] * count
+        rotor: list[tuple[float | None, float | None]] = [(None, None)] * count
         if settings.rotor_faults is not None:
-            rotor = (np.rad2deg(motion.toolface_rad) % 360.0).tolist()
+            angle, rate = np.rad2deg(motion.toolface_rad) % 360.0, np.rad2deg(-motion.gyro_rad_s[2])
+            rotor = list(zip(angle.tolist(), rate.tolist(), strict=True))
         # Python floats: the encoder packs one frame at a time
         rows = zip(range(first - boot, first - boot + count), accel.T.tolist(), gyro.T.tolist(), rotor, strict=True)
-        for k, a, w, angle in rows:
+        for k, a, w, turned in rows:
             gx, gy, gz = w if settings.gyros else (None, None, None)
             t_s = k / settings.rate_hz
-            yield Frame(k % tool.SEQ_MODULUS, t_s, 0.0, a[0], a[1], a[2], gx, gy, gz, settings.temp_c, angle)
+            yield Frame(k % tool.SEQ_MODULUS, t_s, 0.0, a[0], a[1], a[2], gx, gy, gz, settings.temp_c, *turned)
 
     def _felt(self, motion: MotionBlock) -> Floats:
         """Gravity in the tool's axes, (3, N): a rotor with faults holds the tool other than its encoder says."""
@@ -339,7 +340,7 @@ def encode(frame: Frame) -> bytes:
     """A reading as the tool's own serial frame."""
     return tool.encode(
         frame.seq or 0, frame.t_s or 0.0, frame[3:6], gyro_dps=_gyro(frame), temp_c=frame.temp_c,
-        rotor_deg=frame.rotor_deg,
+        rotor_deg=frame.rotor_deg, rotor_rate_dps=frame.rotor_rate_dps or 0.0,
     )  # fmt: skip
 
 
@@ -347,7 +348,7 @@ def encode_can(frame: Frame) -> list[CanFrame]:
     """A reading as the tool's own CAN messages (`config/highside.dbc`)."""
     return tool_can.encode(
         frame.seq or 0, frame.t_s or 0.0, frame[3:6], gyro_dps=_gyro(frame), temp_c=frame.temp_c,
-        rotor_deg=frame.rotor_deg,
+        rotor_deg=frame.rotor_deg, rotor_rate_dps=frame.rotor_rate_dps or 0.0,
     )  # fmt: skip
 
 
