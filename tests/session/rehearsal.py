@@ -13,9 +13,10 @@ from highside.link.device import DeviceSettings
 from highside.physics.motion import still
 from highside.service.bench_operator import Habits, Mistake, SimulatedOperator, rehearse
 from highside.session import outcome
+from highside.session.entries import Entry
 from highside.session.force import Store
 from highside.session.journal import Encoder, Header, read_journal
-from highside.session.ledger import Entry, Ledger
+from highside.session.ledger import Ledger
 from highside.session.plans import Plan
 from highside.session.session import BenchSession
 from highside.session.snapshot import Command, CommandName, State

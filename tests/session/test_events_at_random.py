@@ -14,9 +14,9 @@ from highside.calibration.poses import Array
 from highside.physics.gravity import gravity_direction
 from highside.service.bench_operator import SimulatedOperator
 from highside.session import plans
+from highside.session.entries import Entry, Reopened, Skipped, Taken, Undone
 from highside.session.guidance import angle_between_deg
 from highside.session.journal import read_journal
-from highside.session.ledger import Entry, Reopened, Skipped, Taken, Undone
 from highside.session.plans import Limits
 from highside.session.session import StorageError
 from highside.session.snapshot import CommandName, PoseState, State

@@ -9,7 +9,7 @@ from rehearsal import Rehearsal, command
 from highside.codec.frame import Frame
 from highside.service.bench_operator import Mistake, SimulatedOperator
 from highside.session import plans
-from highside.session.ledger import Refused, Reopened, Taken
+from highside.session.entries import Refused, Reopened, Taken
 from highside.session.plans import Limits
 from highside.session.reasons import Fault, Rejection
 from highside.session.snapshot import CommandName, PoseState, State

@@ -13,8 +13,8 @@ from highside.calibration.record import CalibrationRecord
 from highside.recording.calibration_store import CalibrationStore
 from highside.service.bench_store import BenchStore
 from highside.session import plans
+from highside.session.entries import PutInForce
 from highside.session.journal import StorageError, read_journal
-from highside.session.ledger import PutInForce
 from highside.session.plans import Limits
 from highside.session.snapshot import Command, CommandName, Reply, State
 from highside.session.view import View

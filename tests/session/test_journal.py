@@ -17,8 +17,8 @@ from highside.errors import InputError
 from highside.service.bench_journal import JournalFile, session_name, unfinished
 from highside.service.bench_operator import Mistake
 from highside.session import plans
+from highside.session.entries import Entry, Taken
 from highside.session.journal import read_journal
-from highside.session.ledger import Entry, Taken
 from highside.session.plans import Limits
 from highside.session.session import StorageError
 from highside.session.snapshot import CommandName, State

@@ -13,8 +13,8 @@ from highside.calibration.magnitude import leave_one_out_errors
 from highside.calibration.record import Environment
 from highside.codec.frame import Frame
 from highside.session import outcome, plans
+from highside.session.entries import Entry, Refused
 from highside.session.journal import Encoder, Header, read_journal
-from highside.session.ledger import Entry, Refused
 from highside.session.session import BenchSession
 from highside.session.snapshot import CommandName, State
 

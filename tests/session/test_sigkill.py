@@ -16,8 +16,8 @@ from rehearsal import Rehearsal
 from highside.service.bench_journal import JournalFile
 from highside.service.bench_operator import SimulatedOperator
 from highside.session import outcome, plans
+from highside.session.entries import Entry, Taken
 from highside.session.journal import read_journal
-from highside.session.ledger import Entry, Taken
 from highside.session.plans import Limits
 from highside.session.snapshot import PoseState, State
 

@@ -15,8 +15,8 @@ from highside.rotation.compensation import Compensation
 from highside.service.bench_setup import header_of, turntable_path
 from highside.service.bench_store import keep_turntable
 from highside.session import plans, turntable
+from highside.session.entries import Ended
 from highside.session.journal import encode_all, read_journal
-from highside.session.ledger import Ended
 from highside.session.plans import Limits, Plan
 from highside.session.snapshot import State
 from highside.session.view import View

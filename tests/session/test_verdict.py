@@ -13,8 +13,8 @@ from rehearsal import MATRIX, OFFSET_G, Rehearsal, command
 from highside.calibration.record import CalibrationRecord
 from highside.errors import InputError
 from highside.session import outcome, plans
+from highside.session.entries import Ended
 from highside.session.journal import Encoder, encode_all, read_journal
-from highside.session.ledger import Ended
 from highside.session.plans import Criterion, Limits, Plan
 from highside.session.snapshot import CommandName, State
 from highside.session.view import View

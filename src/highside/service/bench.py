@@ -28,8 +28,8 @@ from highside.service.bench_setup import header_of, simulated_bench, turntable_p
 from highside.service.bench_store import BenchStore, keep_turntable
 from highside.service.monitor import Monitor
 from highside.session import outcome
+from highside.session.entries import Entry, Noted
 from highside.session.journal import StorageError
-from highside.session.ledger import Entry, Noted
 from highside.session.reasons import Refusal
 from highside.session.session import BenchSession
 from highside.session.snapshot import Command, Reply, Snapshot, Uncertainty

@@ -18,8 +18,8 @@ from pathlib import Path
 from highside.errors import InputError
 from highside.recording.calibration_store import flush_directory
 from highside.recording.files import read_bytes
+from highside.session.entries import Entry
 from highside.session.journal import Encoder, Header, Journal, StorageError, read_journal
-from highside.session.ledger import Entry
 
 SUFFIX = ".journal"
 _NAME = re.compile(r"^(?P<tool>.+)_\d{8}T\d{6}Z(?:-\d+)?\.journal$")

@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from highside.calibration.record import CalibrationRecord
-from highside.session import force, outcome
-from highside.session import ledger as entries
+from highside.session import entries, force, outcome
 from highside.session.commands import line_for
+from highside.session.entries import Entry
 from highside.session.faults import Faults
 from highside.session.force import InForce, Store
 from highside.session.journal import Header, StorageError
 from highside.session.judge import Judged, contradictions, judge_hold
-from highside.session.ledger import Entry, Ledger
+from highside.session.ledger import Ledger
 from highside.session.machine import Action, Event
 from highside.session.reasons import Fault, Rejection
 from highside.session.snapshot import Command, CommandName

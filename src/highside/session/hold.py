@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from highside.calibration.poses import Array
-from highside.session.ledger import Readings
+from highside.session.entries import Readings
 from highside.session.plans import Limits
 from highside.session.reasons import Rejection
 from highside.session.stillness import AllanCurve, NoiseFloor, Window, drift_sigmas

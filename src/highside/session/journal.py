@@ -21,8 +21,9 @@ from typing import Any
 
 from highside.calibration.record import CalibrationRecord, Environment, parse_record
 from highside.errors import HighsideError, InputError
-from highside.session import ledger as entries
-from highside.session.ledger import Entry, Ledger, Readings
+from highside.session import entries
+from highside.session.entries import Entry, Readings
+from highside.session.ledger import Ledger
 from highside.session.plans import Plan
 from highside.session.reasons import Rejection
 

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from highside.session import checks
+from highside.session.entries import Readings, Refused, Reopened, Taken
 from highside.session.guidance import angle_between_deg
 from highside.session.hold import Hold
-from highside.session.ledger import Ledger, PoseLine, Readings, Refused, Reopened, Taken
+from highside.session.ledger import Ledger, PoseLine
 from highside.session.outcome import suspects
 from highside.session.reasons import Rejection
 from highside.session.snapshot import PoseState

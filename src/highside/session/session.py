@@ -15,16 +15,16 @@ from functools import partial
 
 from highside.calibration.record import CalibrationRecord
 from highside.codec.frame import Frame
-from highside.session import force, outcome
-from highside.session import ledger as entries
+from highside.session import entries, force, outcome
 from highside.session.actions import Actions
 from highside.session.commands import Replies, event_of, refusal
+from highside.session.entries import Entry
 from highside.session.faults import Faults
 from highside.session.force import InForce, Store, StoreError
 from highside.session.guidance import Candidate, Provisional
 from highside.session.hold import Hold
 from highside.session.journal import Header, StorageError
-from highside.session.ledger import Entry, Ledger
+from highside.session.ledger import Ledger
 from highside.session.machine import LIVE, MEASURING, Action, Event, Go, Onward, Outcome, Refuse, onward
 from highside.session.machine import outcome as outcome_of
 from highside.session.reasons import Fault, Refusal, Rejection

@@ -10,10 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from highside.calibration.poses import Array
+from highside.session.entries import Readings
 from highside.session.faults import Faults
 from highside.session.guidance import Candidate, Chart, Provisional, Recognised, axes_that_fit, recognise
 from highside.session.hold import Hold
-from highside.session.ledger import Ledger, PoseLine, Readings
+from highside.session.ledger import Ledger, PoseLine
 from highside.session.machine import Event
 from highside.session.reasons import Fault, Rejection
 from highside.session.snapshot import PoseState
