@@ -18,7 +18,6 @@ from typing import ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from highside.diagnosis.design import Design
 from highside.diagnosis.markov import LevelNoise
@@ -172,12 +171,11 @@ def _chunk(white: Array, weight: Array, segments: Segments, part: slice) -> _Chu
     starts = [start for start, _ in _runs(segments.block[part])]
     cells = []
     for own in segments.cells:
-        scored = np.flatnonzero(own[part] >= 0)
-        number = own[part][scored]
-        low = int(number.min()) if scored.size else 0
-        size = int(number.max()) - low + 1 if scored.size else 0
-        belongs = csr_array((np.ones(scored.size), (number - low, scored)), shape=(size, white.shape[1]))
-        cells.append((low, np.asarray((belongs @ white.T).T)))
+        number = own[part]
+        scored = number[number >= 0]
+        low, stop = (int(scored.min()), int(scored.max()) + 1) if scored.size else (0, 0)
+        belongs = (number[:, None] == np.arange(low, stop)).astype(float)
+        cells.append((low, np.asarray(white @ belongs)))
     return _Chunk(pieces, np.add.reduceat(white, starts, axis=1), cells)
 
 

@@ -82,8 +82,13 @@ def _frequency(session: RotationSession, rows: Array) -> float | None:
 
 
 def _best(tries: Array, places: Array, row: Array) -> float:
-    """The frequency (cycles for a unit of `places`) of a wave in a row (n,)."""
-    power = [float(np.abs(np.exp(-2j * np.pi * f * places) @ row)) for f in tries]
+    """The frequency (cycles for a unit of `places`), of evenly spaced ones, of a wave in a row (n,)."""
+    turned = row * np.exp(-2j * np.pi * tries[0] * places)
+    onward = np.exp(-2j * np.pi * (tries[1] - tries[0]) * places)
+    power = np.empty(tries.size)
+    for k in range(tries.size):
+        power[k] = np.abs(turned.sum())
+        turned *= onward
     return float(tries[int(np.argmax(power))])
 
 
