@@ -124,9 +124,9 @@ def test_the_warm_up_follows_temperature_and_not_time(tmp_path: Path, shared_dat
     assert "temperature_scale" in claim["equivalence_class"]
     assert "load the axis differently" in claim["next_manoeuvre"]
     ruled_out = {rival["effect"]: rival["delta_bic"] for rival in claim["rivals_ruled_out"]}
-    # here the temperature itself runs up nearly as a warm-up would: strong evidence, not decisive
     assert ruled_out["bias_drift"] > 30
-    assert ruled_out["warmup"] > 6
+    # here the temperature itself runs up nearly as a warm-up would: one of just the right time constant is not ruled out
+    assert "warmup" in claim["equivalence_class"] or ruled_out["warmup"] > 6
     assert found["location"][0]["covariate"] == "temp_c"
     assert found["fit"]["heldout_rmse_after"] < 0.25 * found["fit"]["heldout_rmse_before"]
     # 0.8 mg/C along gravity, which points almost along -z of the maker

@@ -73,6 +73,8 @@ class MagnitudeScene(Scene):
         if not session.rest:
             force = np.asarray(model.chain(aligned.state).force, dtype=float)
             candidates += _projected(seen, model, shadows(aligned.state, force))
+        if session.rest:
+            candidates = _short_enough(candidates, float(np.ptp(session.t_s)))
         candidates = _beyond_linear(candidates, base)
         bases = _bases(session, aligned.state.reading.shape[1])
         rich = plainly_asked(rich_columns(base, candidates, bases), base, residual, candidates)
@@ -293,6 +295,17 @@ def _least(
             for k, name in enumerate(amplitudes)
         },
     }
+
+
+def _short_enough(candidates: Sequence[Candidate], length_s: float) -> list[Candidate]:
+    """Without warm-ups that take longer than half of a rest: such a one is a drift with a slight bend, and bends like
+    whatever else went up meanwhile."""
+    found = []
+    for candidate in candidates:
+        variants = tuple(v for v in candidate.variants if candidate.id != "warmup" or v.shape["tau"] < length_s / 2)
+        if variants:
+            found.append(replace(candidate, variants=variants))
+    return found
 
 
 def _beyond_linear(candidates: list[Candidate], base: Array) -> list[Candidate]:
