@@ -125,7 +125,7 @@ def test_the_warm_up_follows_temperature_and_not_time(tmp_path: Path, shared_dat
     assert "load the axis differently" in claim["next_manoeuvre"]
     ruled_out = {rival["effect"]: rival["delta_bic"] for rival in claim["rivals_ruled_out"]}
     assert ruled_out["bias_drift"] > 30
-    # here the temperature itself runs up nearly as a warm-up would: one of just the right time constant is not ruled out
+    # the temperature itself runs up nearly as a warm-up would: one of just the right time constant is not ruled out
     assert "warmup" in claim["equivalence_class"] or ruled_out["warmup"] > 6
     assert found["location"][0]["covariate"] == "temp_c"
     assert found["fit"]["heldout_rmse_after"] < 0.25 * found["fit"]["heldout_rmse_before"]
