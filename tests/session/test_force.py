@@ -72,6 +72,17 @@ def test_put_in_force_and_taken_back(tmp_path: Path) -> None:
     assert second.rehearsal.replayed()[2].id == second.record.id  # type: ignore[attr-defined]
 
 
+def test_a_store_that_changed_meanwhile_is_not_rolled_back_to_something_else(tmp_path: Path) -> None:
+    first, second, third = (Bench(tmp_path, seed=seed) for seed in (1, 2, 3))
+    for bench in (first, second):
+        assert bench.say(CommandName.ACTIVATE, bench.record.id).accepted
+    # somebody at the command line
+    CalibrationStore(tmp_path).activate(third.record, now_s=time.time())
+    reply = second.say(CommandName.ROLLBACK, first.record.id)
+    assert reply.reason == "store" and "the store has changed" in reply.text
+    assert CalibrationStore(tmp_path).active_id("tool") == third.record.id
+
+
 def test_only_the_operator_who_holds_it_and_only_by_name(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     record = bench.record.id

@@ -146,8 +146,9 @@ class CalibrationStore:
         with self._lock():
             return self._append(record.tool_id, record.id, "activate", now_s, None)
 
-    def rollback(self, tool_id: str, *, now_s: float) -> Activation:
-        """Put the record in force that was so before the present one. Raises RecordError where it cannot be."""
+    def rollback(self, tool_id: str, *, now_s: float, expected: str | None = None) -> Activation:
+        """Put the record in force that was so before the present one. Raises RecordError where it cannot be, or where
+        that is not the one `expected` by whoever asks."""
         with self._lock():
             stack = self._stack(tool_id)
             if len(stack) < 2:
@@ -155,6 +156,11 @@ class CalibrationStore:
                     RecordReason.NOTHING_BEFORE, f"tool {tool_id!r} has no earlier calibration in {self.directory}"
                 )
             present, before = stack[-1], stack[-2]
+            if expected is not None and before.record_id != expected:
+                raise RecordError(
+                    RecordReason.NOTHING_BEFORE,
+                    f"the store has changed: a roll back would put {before.record_id[:12]} in force, not {expected[:12]}",
+                )
             verify(self.get(before.record_id), tool_id=tool_id, now_s=now_s)
             return self._append(tool_id, before.record_id, "rollback", now_s, present.number)
 

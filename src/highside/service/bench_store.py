@@ -48,10 +48,10 @@ class BenchStore:
             raise StoreError(str(error)) from error
         return self.in_force(record.tool_id)
 
-    def rollback(self, tool_id: str) -> InForce:
+    def rollback(self, tool_id: str, to: str) -> InForce:
         """See `Store`."""
         try:
-            self._store.rollback(tool_id, now_s=time.time())
+            self._store.rollback(tool_id, now_s=time.time(), expected=to)
         except HighsideError as error:
             raise StoreError(str(error)) from error
         return self.in_force(tool_id)

@@ -159,7 +159,7 @@ class Actions:
         if command.name is CommandName.ACTIVATE:
             self.in_force = self._store.activate(self.record)
         else:
-            self.in_force = self._store.rollback(self.header.tool_id)
+            self.in_force = self._store.rollback(self.header.tool_id, named or "")
         # the store's own history is what counts; the journal tells that it was done from here
         try:
             self.keep(entries.PutInForce(command.name.value, named or "", command.operator))

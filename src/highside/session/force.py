@@ -42,8 +42,8 @@ class Store(Protocol):
         """Put a record in force. Raises StoreError."""
         ...
 
-    def rollback(self, tool_id: str) -> InForce:
-        """Put the one before in force again. Raises StoreError."""
+    def rollback(self, tool_id: str, to: str) -> InForce:
+        """Put the one before in force again, if that is `to`. Raises StoreError."""
         ...
 
 

@@ -1,0 +1,111 @@
+"""The terminal's faces: what puts a calibration in force is confirmed, and a verdict is shown."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+
+from highside.cli.bench_face import PlainFace, RichFace, picture
+from highside.session.snapshot import (
+    Command,
+    CommandName,
+    ForceState,
+    PlanState,
+    Reply,
+    ResultState,
+    Snapshot,
+    State,
+    VerdictRow,
+    VerdictState,
+)
+
+RECORD, BEFORE = "ab" * 32, "cd" * 32
+
+
+def snapshot(verdict: VerdictState | None = None, *, record: str | None = RECORD) -> Snapshot:
+    return Snapshot(
+        seq=1, session="s", tool="tool-7", state=State.ACCEPTED, prompt="Done.", target=None, attitude=None,
+        plan=PlanState(kind="joint", title="joint", method="joint", poses=4, done=4, skipped=0),
+        deviation=None, stillness=None, capture=None, temp_c=None, poses=[], uncertainty=None, closures=[], faults=[],
+        allowed=[CommandName.ACTIVATE, CommandName.ROLLBACK],
+        result=ResultState(
+            method="joint", record_id=record, inc_std_deg=None, tf_std_deg=None, poses=4, retaken=0, refused=[],
+            verdict=verdict,
+        ),
+        in_force=ForceState(present="ef" * 32, before=BEFORE), elapsed_s=1.0, operator="ann",
+    )  # fmt: skip
+
+
+class Driver:
+    """Keeps what it is told."""
+
+    journal_path = None
+    open = True
+
+    def __init__(self, shown: Snapshot) -> None:
+        self.shown = shown
+        self.told: list[Command] = []
+
+    def snapshot(self) -> Snapshot:
+        return self.shown
+
+    async def command(self, command: Command) -> Reply:
+        self.told.append(command)
+        return Reply(request_id=command.request_id, accepted=True, text="done", state=State.ACCEPTED, seq=2)
+
+
+def press(face: RichFace, keys: str) -> None:
+    from highside.cli.bench_face import KEYS
+
+    async def all_keys() -> None:
+        for key in keys:
+            await face.send(KEYS[key], face._confirmed(KEYS[key]))
+
+    asyncio.run(all_keys())
+
+
+def test_a_key_that_puts_a_calibration_in_force_counts_when_pressed_twice() -> None:
+    driver = Driver(snapshot())
+    face = RichFace(driver, "ann", listen=False)  # type: ignore[arg-type]
+    press(face, "F")
+    assert driver.told[-1].confirm is None, "asked about first"
+    press(face, "F")
+    assert (driver.told[-1].name, driver.told[-1].confirm) == (CommandName.ACTIVATE, RECORD)
+    press(face, "FB")
+    assert driver.told[-1].confirm is None, "another key in between begins anew"
+    press(face, "B")
+    assert (driver.told[-1].name, driver.told[-1].confirm) == (CommandName.ROLLBACK, BEFORE)
+    press(face, "p")
+    assert driver.told[-1].confirm is None and driver.told[-1].pose is None
+
+
+def test_nothing_to_put_in_force_is_never_confirmed() -> None:
+    driver = Driver(snapshot(record=None))
+    face = RichFace(driver, "ann", listen=False)  # type: ignore[arg-type]
+    press(face, "FF")
+    assert [told.confirm for told in driver.told] == [None, None]
+
+
+def test_words_name_the_record_or_the_pose() -> None:
+    driver = Driver(snapshot())
+    face = PlainFace(driver, "ann", listen=False)  # type: ignore[arg-type]
+    asyncio.run(face.send(CommandName.ACTIVATE, RECORD[:8]))
+    assert (driver.told[-1].confirm, driver.told[-1].pose) == (RECORD[:8], None)
+    asyncio.run(face.send(CommandName.REDO, "3"))
+    assert (driver.told[-1].confirm, driver.told[-1].pose) == (None, "3")
+    asyncio.run(face.send(CommandName.ACTIVATE, "x" * 100))
+    assert len(driver.told) == 2 and "no name of a record" in face.answer
+
+
+def test_the_picture_shows_a_verdict() -> None:
+    from rich.console import Console
+
+    verdict = VerdictState(
+        kind="verification", record=RECORD, verdict="fail", text="Fail.", consistent=False, limit_inc_deg=0.1,
+        limit_tf_deg=1.0,
+        rows=[VerdictRow(name="1", inc_error_deg=0.25, inc_u_deg=0.02, verdict="fail")],
+    )  # fmt: skip
+    console = Console(width=80, file=io.StringIO(), record=True)
+    console.print(picture(snapshot(verdict)))
+    text = " ".join(console.export_text().split())
+    assert "FAIL" in text and RECORD[:12] in text and "+0.2500 ± 0.0200°" in text and "I 0.1°, T 1°" in text
