@@ -80,6 +80,8 @@ def test_a_store_that_changed_meanwhile_is_not_rolled_back_to_something_else(tmp
     CalibrationStore(tmp_path).activate(third.record, now_s=time.time())
     reply = second.say(CommandName.ROLLBACK, first.record.id)
     assert reply.reason == "store" and "the store has changed" in reply.text
+    shown = View(second.session).snapshot().in_force
+    assert shown is not None and (shown.present, shown.before) == (third.record.id, second.record.id)
     assert CalibrationStore(tmp_path).active_id("tool") == third.record.id
 
 

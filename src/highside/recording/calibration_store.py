@@ -159,7 +159,7 @@ class CalibrationStore:
             if expected is not None and before.record_id != expected:
                 raise RecordError(
                     RecordReason.NOTHING_BEFORE,
-                    f"the store has changed: a roll back would put {before.record_id[:12]} in force, not {expected[:12]}",
+                    f"the store has changed: a roll back leads to {before.record_id[:12]}, not {expected[:12]}",
                 )
             verify(self.get(before.record_id), tool_id=tool_id, now_s=now_s)
             return self._append(tool_id, before.record_id, "rollback", now_s, present.number)

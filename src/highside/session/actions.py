@@ -13,7 +13,7 @@ from highside.session import entries, force, outcome
 from highside.session.commands import line_for
 from highside.session.entries import Entry
 from highside.session.faults import Faults
-from highside.session.force import InForce, Store
+from highside.session.force import InForce, Store, StoreError
 from highside.session.journal import Header, StorageError
 from highside.session.judge import Judged, contradictions, judge_hold
 from highside.session.ledger import Ledger
@@ -156,10 +156,14 @@ class Actions:
     def _put_in_force(self, command: Command | None) -> None:
         assert command is not None and self._store is not None and self.record is not None, "refused before"
         named = force.meant(command.name, self.record.id, self.in_force or InForce())
-        if command.name is CommandName.ACTIVATE:
-            self.in_force = self._store.activate(self.record)
-        else:
-            self.in_force = self._store.rollback(self.header.tool_id, named or "")
+        try:
+            if command.name is CommandName.ACTIVATE:
+                self.in_force = self._store.activate(self.record)
+            else:
+                self.in_force = self._store.rollback(self.header.tool_id, named or "")
+        except StoreError:
+            self._ask_store()  # it may have changed since
+            raise
         # the store's own history is what counts; the journal tells that it was done from here
         try:
             self.keep(entries.PutInForce(command.name.value, named or "", command.operator))
