@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.rotation.bases import combined, triangle_of
+from highside.rotation.bases import combined, gram, projected, triangle_of
 
 Floats = NDArray[np.float64]
 
@@ -36,7 +36,8 @@ _LEAST_NOISE = 1e-5
 _NO_WEIGHT = 1e-6
 _BOUND = 2.5
 _ROUNDS = 20
-_CONVERGED = 1e-3
+_CONVERGED = 1e-2
+"""largest change of a weight"""
 
 
 class Bridged(NamedTuple):
@@ -79,7 +80,9 @@ def bridged(rows: Floats, error: Floats, extra: int, first: tuple[Floats, float]
     """
     weight = np.ones(error.size) if first is None else _weights(first[0], _BOUND * first[1])
     if first is not None:
-        tried, noises = _grid(rows, error, weight, extra)
+        # one order and a few sizes are enough to know which rows lie off
+        order = (rows.shape[0] - 1 - extra) // 2
+        tried, noises = _grid(rows, error, weight, extra, least_order=order, sizes=_SIZES[::3])
         best = max(tried, key=lambda one: float(one.evidence.max()))
         noise = float(noises[np.argmax(best.evidence)])
         weight = _held_down(rows[: best.prior.size], error, weight, best.prior, noise)
@@ -103,8 +106,10 @@ def bridged(rows: Floats, error: Floats, extra: int, first: tuple[Floats, float]
     return Bridged(mean, covariance, weight, determined)
 
 
-def _grid(rows: Floats, error: Floats, weight: Floats, extra: int) -> tuple[list[_Tried], Floats]:
-    """Every order and size, and the noises (standard deviations) that their evidences stand for."""
+def _grid(
+    rows: Floats, error: Floats, weight: Floats, extra: int, *, least_order: int = 0, sizes: Floats = _SIZES
+) -> tuple[list[_Tried], Floats]:
+    """Every order from `least_order` on and size, and the noises (standard deviations) of their evidences."""
     p, n = rows.shape
     root = np.sqrt(weight)
     triangle = triangle_of(rows * root, error * root)
@@ -116,11 +121,11 @@ def _grid(rows: Floats, error: Floats, weight: Floats, extra: int) -> tuple[list
     order = (p - 1 - extra) // 2
     harmonic = np.repeat(np.arange(1, order + 1), 2)
     tried: list[_Tried] = []
-    for top in range((order + 1) // 2, order + 1):
+    for top in range(max((order + 1) // 2, least_order), order + 1):
         q = 2 * top + 1 + extra
         k = harmonic[: 2 * top]
-        prior = np.full((_SIZES.size, q), 10.0 * size)
-        prior[:, 1 + extra :] = np.where(k <= 2, 2.0 * size / k**2, size * _SIZES[:, None] / k**2)
+        prior = np.full((sizes.size, q), 10.0 * size)
+        prior[:, 1 + extra :] = np.where(k <= 2, 2.0 * size / k**2, size * sizes[:, None] / k**2)
         U, r, V = np.linalg.svd(R[:q, :q] * prior[:, None, :])
         seen = np.einsum("sij,i->sj", U, z[:q])
         reach = prior[:, :, None] * V.transpose(0, 2, 1)
@@ -130,20 +135,22 @@ def _grid(rows: Floats, error: Floats, weight: Floats, extra: int) -> tuple[list
         evidence = -0.5 * np.sum(seen[:, None, :] ** 2 / total + np.log(total), axis=2)
         evidence -= 0.5 * left / noises**2 + (n - q) * np.log(noises)
         # the half-Cauchy on a grid of equal ratios
-        evidence += np.log(_SIZES / (1.0 + _SIZES**2))[:, None]
+        evidence += np.log(sizes / (1.0 + sizes**2))[:, None]
         tried += [_Tried(*one) for one in zip(evidence, prior, reach, r, seen, strict=True)]
     return tried, np.asarray(noises)
 
 
 def _held_down(rows: Floats, error: Floats, weight: Floats, prior: Floats, noise: float) -> Floats:
     """Huber's weights (N,) under one prior, by rounds of weighted posterior means."""
-    p = prior.size
+    own = rows * prior[:, None]
     for _ in range(_ROUNDS):
-        root = np.sqrt(weight)
-        triangle = triangle_of(rows * root, error * root)
-        U, r, V = np.linalg.svd(triangle[:p, :p] * prior)
-        residual = error - combined(prior * (V.T @ (r / (r**2 + noise**2) * (U.T @ triangle[:p, p]))), rows)
-        determined = float(np.sum(r**2 / (r**2 + noise**2)))
+        # a weight needs no more digits than the normal equations keep
+        inner = gram(own * np.sqrt(weight)) / noise**2
+        right = projected(own, weight * error) / noise**2
+        solved = np.asarray(np.linalg.solve(inner + np.eye(prior.size), right), dtype=float)
+        residual = error - combined(solved, own)
+        values = np.linalg.eigvalsh(inner)
+        determined = float(np.sum(values / (1.0 + values)))
         middle = 1.482602218505602 * float(np.median(np.abs(residual)))
         noise = max(middle * np.sqrt(error.size / max(1.0, error.size - determined)), noise / 3.0)
         before, weight = weight, _weights(residual, _BOUND * noise)
