@@ -250,6 +250,8 @@ class SlowLimits:
 
 SEEDS = 4
 """Slow effects with each of which a second one is tried."""
+PAIR_LOG_P = 0.7
+"""So much more -log10 p is asked of each of two: there are as many more ways for a walk to look like them."""
 PAIR_SCORE = 12.0
 """Two slow effects stand in place of one that is enough by itself where they gain so much more of -2 log likelihood."""
 
@@ -332,7 +334,7 @@ def _pair(
             if second.effect.candidate == scores[k].effect.candidate:
                 continue
             needed = all(
-                limits.passes(name, log_p, second.remaining, evidence)
+                limits.passes(name, log_p - PAIR_LOG_P, second.remaining, evidence)
                 for name, log_p in ((ids[j], second.log_p), (ids[k], float(back[j])))
             )
             total = scores[k].score + second.score
