@@ -41,6 +41,8 @@ CHANGING = 0.97
 """Share of the misfit that a claim explains from which it may still vary a little along a covariate."""
 RING = "shadow:ring"
 """Id of what is off on one ring alone: measured in one go, it looks like noise that remembers."""
+RING_CERTAIN = 3.0
+"""So much more in -log10 p is asked of one ring than of an effect: nothing but its place speaks for it."""
 RING_MARGIN = 2.0
 """As `Scene.shadow_margin`, for a single ring: its place was searched, and a name that is told beats a walk besides."""
 SLOW_COVARIATES = frozenset({"t_s", "temp_c"})
@@ -151,7 +153,8 @@ def _choose(
         dof = len(selector.space_with(members)) - len(selector.space_with(others))
         rings = [m for m in some if not scene.candidates[m.candidate].named]
         tries = float(np.prod([selector.pool.tries[m.candidate] for m in rings]))
-        return beats_the_walk(channels, scene.block(others), scene.block(some), dof, tries, scene.certain)
+        certain = scene.certain + (RING_CERTAIN if rings else 0.0)
+        return beats_the_walk(channels, scene.block(others), scene.block(some), dof, tries, certain)
 
     tested = [
         m for m in members
