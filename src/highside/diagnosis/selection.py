@@ -25,6 +25,8 @@ FLIPS = 300
 BLOCK_POSES = 6
 MAX_CLAIMS = 4
 TIE = 0.5
+ROUNDING = 1e-6
+"""Gains that differ by less are equal: of these that which stands first in the library is chosen."""
 REMEMBERS = 3.0
 """Gain by which a slack that remembers must be better than one that does not, of which there are more variants."""
 MERGE_BIC = 6.0
@@ -307,7 +309,7 @@ class Selector:
         """What grows from candidates that are not the first choice, if that is more than themselves."""
         now = self.standing(self.fixed)
         taken = {m.candidate for m in self.fixed} | self.banned
-        passing = [k for k in np.argsort(-now.bic) if now.log_p[k] > self.threshold and k not in taken]
+        passing = [k for k in ranked(now.bic) if now.log_p[k] > self.threshold and k not in taken]
         passing = [k for k in passing if now.bic[k] > PROMISING * now.bic[passing[0]]]
         grown = []
         for k in passing[: self.starts]:
@@ -352,11 +354,11 @@ class Selector:
     def _forward(self, members: list[Member]) -> Member | None:
         now = self.standing(members)
         taken = {m.candidate for m in members} | self.banned
-        passing = [k for k in np.argsort(-now.bic) if now.log_p[k] > self.threshold and k not in taken]
+        passing = [k for k in ranked(now.bic) if now.log_p[k] > self.threshold and k not in taken]
         best: tuple[float, Member] | None = None
         for k in passing[:SHORTLIST]:
             gain, error = self.held_out.gain(members, [*members, now.best[k]])
-            if gain > error and (best is None or gain > best[0]):
+            if gain > error and (best is None or gain > best[0] + ROUNDING):
                 best = (gain, now.best[k])
         return best[1] if best else None
 
@@ -364,18 +366,18 @@ class Selector:
         """Two at once, where one passes that predicts nothing by itself: what opposes it may be there as well."""
         now = self.standing(members)
         taken = {m.candidate for m in members} | self.banned
-        passing = [k for k in np.argsort(-now.bic) if now.log_p[k] > self.threshold and k not in taken]
+        passing = [k for k in ranked(now.bic) if now.log_p[k] > self.threshold and k not in taken]
         best: tuple[float, list[Member]] | None = None
         for k in passing[:SHORTLIST]:
             first = now.best[k]
             beside = self.standing([*members, first])
             score = np.where(np.isin(np.arange(beside.bic.size), [*taken, k]), -np.inf, beside.bic)
-            other = int(np.argmax(score))
+            other = ranked(score)[0]
             if not beside.log_p[other] > self.threshold:
                 continue
             two = [first, beside.best[other]]
             gain, error = self.held_out.gain(members, [*members, *two])
-            if gain > error and (best is None or gain > best[0]):
+            if gain > error and (best is None or gain > best[0] + ROUNDING):
                 best = (gain, two)
         return best[1] if best else None
 
@@ -390,7 +392,7 @@ class Selector:
                 now = self.standing(others)
                 taken = {m.candidate for m in others} | self.banned
                 score = np.where(np.isin(np.arange(now.bic.size), list(taken)), -np.inf, now.bic)
-                k = int(np.argmax(score))
+                k = ranked(score)[0]
                 own = now.log_p[member.candidate]
                 if now.log_p[k] > self.threshold and score[k] > now.bic[member.candidate] + 1e-6:
                     members, changed = [*others, now.best[k]], True
@@ -403,6 +405,11 @@ class Selector:
             if not changed:
                 break
         return members
+
+
+def ranked(score: Array) -> list[int]:
+    """Numbers of scores, best first; of equal ones (but for rounding) the one that stands first in the library."""
+    return [int(k) for k in np.argsort(-np.round(score, 3), kind="stable")]
 
 
 def span_with(base: Array, columns: Array) -> Array:

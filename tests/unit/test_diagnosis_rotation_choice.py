@@ -1,0 +1,117 @@
+"""Choices in a rotating recording: time beside the programme, memory that forgets, two that oppose, proof in means."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from highside.diagnosis.design import Design
+from highside.diagnosis.engine import diagnose_rotation
+from highside.diagnosis.fit import Observed, base_fit
+from highside.diagnosis.gram import HeldOutRows, WalkingChannel, Walks, accumulate
+from highside.diagnosis.result import Diagnosis
+from highside.diagnosis.rotation_lines import found_lines
+from highside.diagnosis.rotation_means import mean_errors
+from highside.diagnosis.rotation_noise import estimate
+from highside.diagnosis.rotation_session import RotationSession
+from highside.physics.forward import ForwardModel
+from highside.physics.plan import Profile, RotationPlan, Session, Site
+from highside.physics.scenario import random_sensor
+from highside.physics.state import ChainState
+
+Array = NDArray[np.float64]
+
+FREE = ("bias", "scale", "misalignment")
+SIGMA = 8e-5
+
+
+@pytest.fixture(scope="module")
+def rising() -> ChainState:
+    """Rates that only rise, through zero: time and rate run alike."""
+    rates = tuple(2 * np.pi * np.array([-2.0, -1.2, -0.5, -0.2, 0.2, 0.6, 1.2, 2.0]))
+    plan = RotationPlan(50.0, rates, 20.0, 1.0, 50.0, 20.0, (0.2, 0.5, 0.1, 0.4, 0.3, 0.6, 0.2, 0.4))
+    return Session(plan, Site(latitude_rad=0.9), Profile((25.0, 38.0, 33.0, 37.0, 27.0))).rows().state
+
+
+def told(effects: dict[str, dict[str, float]], state: ChainState, seed: int = 3) -> Diagnosis:
+    rng = np.random.default_rng(seed)
+    readings = random_sensor(rng).with_effects(effects).predict(state) + SIGMA * rng.standard_normal((3, state.n))
+    return diagnose_rotation(RotationSession(readings, state), ForwardModel.of({}), FREE)[0]
+
+
+def test_a_warm_up_is_not_taken_for_what_rises_with_the_rate(rising: ChainState) -> None:
+    diagnosis = told({"warmup": {"a_x": 1e-5, "a_y": -5e-5, "a_z": 4e-5, "tau": 25.0}}, rising)
+    assert [claim.effect for claim in diagnosis.claims] == ["warmup"]
+
+
+def test_two_that_nearly_cancel_are_found_together(rising: ChainState) -> None:
+    diagnosis = told({"backlash": {"h_tf": 2.6e-5}, "time_offset": {"t0": 3.5e-6}}, rising)
+    assert len(diagnosis.claims) == 2
+    assert "backlash" in {claim.effect for claim in diagnosis.claims}
+    assert any("time_offset" in claim.equivalence_class for claim in diagnosis.claims)
+
+
+def test_of_two_slacks_that_look_alike_the_one_without_memory_stands_first(rising: ChainState) -> None:
+    diagnosis = told({"backlash": {"h_tf": -3e-5}}, rising)
+    assert [claim.effect for claim in diagnosis.claims] == ["backlash"]
+    assert "stiction" in diagnosis.claims[0].equivalence_class
+
+
+def test_held_out_means_show_what_was_closed(rising: ChainState) -> None:
+    fit = told({"lever_arm": {"r_x": 4e-6, "r_y": -3e-6}}, rising).fit
+    assert fit is not None and fit.heldout_rmse_before is not None and fit.heldout_rmse_after is not None
+    room = fit.heldout_rmse_before**2 - fit.noise_floor**2
+    assert room > 0.2 * fit.heldout_rmse_before**2
+    assert (fit.heldout_rmse_before**2 - fit.heldout_rmse_after**2) / room == pytest.approx(1.0, abs=0.3)
+
+
+def test_means_of_noise_are_as_large_as_they_are_expected_to_be(rising: ChainState) -> None:
+    rng = np.random.default_rng(8)
+    session = RotationSession(
+        random_sensor(rng).predict(rising) + SIGMA * rng.standard_normal((3, rising.n)), rising
+    )  # fmt: skip
+    model, _, residual = base_fit(ForwardModel.of({}), Observed(rising, session.readings), FREE)
+    design = Design(session, model, FREE)
+    grams, _ = accumulate(design, estimate(design, residual, 1), residual)
+    errors = mean_errors(HeldOutRows(design, grams), grams, np.empty(0, dtype=np.intp), [0])
+    count = float(errors.count.sum())
+    assert count == 360
+    assert errors.expected.sum() > count
+    assert abs(errors.energy.sum() - errors.expected.sum()) < 4 * np.sqrt(2 * count)
+
+
+def test_what_forgets_is_no_walk(rising: ChainState) -> None:
+    """A colour that the filter leaves is found as a level that forgets, a walk as a walk."""
+    rng = np.random.default_rng(4)
+    white = rng.standard_normal((3, rising.n))
+    forgets = np.zeros_like(white)
+    keep = float(np.exp(-1 / 100.0))
+    drive = np.sqrt(0.006 * (1 - keep**2)) * rng.standard_normal(white.shape)
+    for k in range(1, rising.n):
+        forgets[:, k] = keep * forgets[:, k - 1] + drive[:, k]
+    walk = 0.01 * np.cumsum(rng.standard_normal(white.shape), axis=1)
+    sensor = random_sensor(rng).predict(rising)
+    for level, walks in ((forgets, False), (walk, True)):
+        session = RotationSession(sensor + SIGMA * (white + level), rising)
+        model, _, residual = base_fit(ForwardModel.of({}), Observed(rising, session.readings), FREE)
+        design = Design(session, model, FREE)
+        # the colour is left to the memory on purpose
+        grams, _ = accumulate(design, estimate(design, residual, 1, coloured=False), residual)
+        base = np.unique(design.where[design.base])
+        for gram in grams:
+            channel = WalkingChannel(Walks.of(gram), base[base >= 0])
+            assert channel.memory(np.empty(0, dtype=np.intp)).walks == walks
+
+
+def test_a_line_between_two_frequencies_of_the_spectrum_is_found(rising: ChainState) -> None:
+    rng = np.random.default_rng(7)
+    seconds = float(np.ptp(rising.t_s))
+    hertz = (np.round(7.3 * seconds) + 0.5) / seconds
+    session = RotationSession(
+        random_sensor(rng).predict(rising) + SIGMA * rng.standard_normal((3, rising.n)), rising
+    )  # fmt: skip
+    session.readings[1] += SIGMA * np.sqrt(2 * 70.0 / rising.n) * np.sin(2 * np.pi * hertz * rising.t_s)
+    _, _, residual = base_fit(ForwardModel.of({}), Observed(rising, session.readings), FREE)
+    tones = [line.value for line in found_lines(session, residual) if line.effect == "tone"]
+    assert min(abs(tone - hertz) for tone in tones) < 0.3 / seconds
