@@ -38,7 +38,7 @@ class SimulationDesign(Design):
     """The columns of a session beside a base of the effects `free`, which are adjusted anyway."""
 
     def __init__(self, session: SimulationSession, free: Sequence[str], around: Around) -> None:
-        self.session = session
+        self.session, self.lines = session, ()
         self.free = tuple(free)
         self._rows: list[list[Array]] = [[] for _ in session.names]
         self._columns: list[Ints] = []
@@ -85,6 +85,10 @@ class SimulationDesign(Design):
         self.where = np.array(self._columns)
         self.sizes = [len(rows) for rows in self._rows]
         self._stacked = [np.stack(rows) for rows in self._rows]
+
+    def turns(self) -> list[Array]:
+        # another program's channels need not turn
+        return []
 
     def functions(self, part: slice, below: Array | None = None) -> list[Array]:
         """The functions (m_c, n) of each channel on a run of rows; with rows `below` (C, N), (m_c + 1, n)."""
