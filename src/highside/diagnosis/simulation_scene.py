@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.fit import JointFit
 from highside.diagnosis.gram import HeldOutRows, WalkingChannel, Walks, accumulate
-from highside.diagnosis.memory import Channel, Memory, SlowEffect
+from highside.diagnosis.memory import SLOW_LOG_P, Channel, Memory, SlowEffect, SlowLimits
 from highside.diagnosis.regression import outside
 from highside.diagnosis.result import Diagnosis, Fit, FittedParameter, Location
 from highside.diagnosis.rivals import Rivalry
@@ -113,6 +113,23 @@ class SimulationScene(RotationScene):
     def completed(self, diagnosis: Diagnosis) -> Diagnosis:
         # causes and manoeuvres are told for the library's own effects
         return with_jitter(diagnosis, self.noise, self.channels)
+
+    @property
+    def certain(self) -> float:
+        return SLOW_LOG_P
+
+    @property
+    def slow_limits(self) -> SlowLimits:
+        return SlowLimits()
+
+    @property
+    def slow_beside_fast(self) -> bool:
+        # a drive is no programme of rates
+        return False
+
+    @property
+    def faint(self) -> float:
+        return 0.0
 
     @property
     def most_named(self) -> int:
