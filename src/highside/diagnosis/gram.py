@@ -210,6 +210,11 @@ class Walks:
         between = noise.white(means)
         return cls(within + between @ between.transpose(0, 2, 1), noise.log_determinant, float(counts.sum()))
 
+    def that_never_forget(self) -> Walks:
+        """Those of `WALK_SHARES` alone."""
+        count = len(WALK_SHARES)
+        return Walks(self.grams[:count], self.log_determinant[:count], self.rows)
+
     def under(self, memory: Memory) -> Array:
         """(m + 1, m + 1) under the largest memory of its length that the data allow."""
         return np.asarray(self.grams[MEMORIES.index((memory.length, memory.upper))])
@@ -229,7 +234,7 @@ class WalkingChannel:
 
     def memory(self, columns: Ints) -> Memory:
         """The memory that the data ask for with functions (K,) projected off."""
-        return memory_of(self.settings, self.without(columns))
+        return memory_of(self.settings[: len(self.grams)], self.without(columns))
 
     def without(self, columns: Ints) -> Array:
         """(settings,)."""

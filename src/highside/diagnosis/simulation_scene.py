@@ -177,7 +177,7 @@ class SimulationScene(RotationScene):
         found: list[Channel] = []
         for c in range(len(self.channels)):
             where = np.concatenate([self.design.where[self.design.base, c], block[:, c]])
-            found.append(WalkingChannel(self._walks[c], np.unique(where[where >= 0])))
+            found.append(WalkingChannel(self._walks[c].that_never_forget(), np.unique(where[where >= 0])))
         return found
 
     def slow(self) -> list[SlowEffect]:
