@@ -93,8 +93,10 @@ sessions = "sessions"
     done = highside("calibrate", "bench", "--config", str(config), "--auto")
     record = json.loads(done.stdout.splitlines()[-1])["record"]
     before = set((tmp_path / "sessions").iterdir())
-    config.write_text(settings.format(seed="seed = 7", plan='kind = "verification"'))
-    highside("calibrate", "bench", "--config", str(config), "--auto")
+    judged = f'kind = "verification"\nrecord = "{Path(record).stem[:12]}"\nsame_bench = true'
+    judged += "\nlimit_inc_deg = 0.1\nlimit_tf_deg = 2"
+    config.write_text(settings.format(seed="seed = 7", plan=judged))
+    in_session = json.loads(highside("calibrate", "bench", "--config", str(config), "--auto").stdout.splitlines()[-1])
     (journal,) = set((tmp_path / "sessions").iterdir()) - before
     done = highside(
         "calibrate", "verify", record, str(journal), "--limit-inc-deg", "0.1", "--limit-tf-deg", "2", "--same-bench",
@@ -102,6 +104,7 @@ sessions = "sessions"
     )  # fmt: skip
     found = json.loads(done.stdout)
     assert found["verdict"] == "pass" and len(found["poses"]) == 9
+    assert (in_session["verdict"], in_session["judged"]) == ("pass", found["record"]), "as the session itself said"
     damaged = tmp_path / "x.journal"
     damaged.write_text("{}")
     assert (
