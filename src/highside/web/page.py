@@ -141,7 +141,7 @@ class BenchView:
                 self._again.on_value_change(lambda event: self._redo(event.value))
                 self._name = ui.input("Operator", value=self._operator).props('dense outlined maxlength="64"')
             self._answer = ui.label("" if self._commands else NO_TOKEN).classes("answer").props('role="status"')
-        with ui.dialog() as self._dialog, ui.card().classes("ask"):
+        with ui.dialog().props('aria-label="are you sure?"') as self._dialog, ui.card().classes("ask"):
             self._question = ui.label().classes("question")
             with ui.row():
                 ui.button("No, go back", color=None, on_click=lambda: self._dialog.submit(False)).props(
