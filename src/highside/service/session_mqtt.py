@@ -65,8 +65,6 @@ class SessionMqtt:
             except (aiomqtt.MqttError, TimeoutError, OSError, InputError, ValueError) as error:
                 log.warning("session over mqtt: %s", error)
             wait_s = self._settings.reconnect_min_s if self.connects > before else wait_s
-            if not self._driver.open:
-                return
             await asyncio.sleep(wait_s)
             wait_s = min(2.0 * wait_s, self._settings.reconnect_max_s)
 
