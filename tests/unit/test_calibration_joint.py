@@ -339,3 +339,34 @@ def test_structure_that_no_term_has_is_said_and_stands_in_the_uncertainty() -> N
             for name, size in joint(pose_set(reference_scenario(seed))).variance.items()
         )
     assert 0.5 < np.sqrt(np.mean(pulls)) < 1.6
+
+
+def test_with_two_rings_the_uncertainty_is_that_over_all_errors_they_may_have_in_common(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Elsewhere than on its two rings: covered in a hundred sessions, wider most where the rings happen to agree."""
+    inc, tf = np.deg2rad(126.0), 0.5
+    seen = []
+    for seed in range(100):
+        scenario = reference_scenario(
+            seed,
+            inclinations_deg=(5.0, 45.0),
+            toolfaces_deg=tuple(45.0 * k for k in range(7)),
+            pose_error_deg=0.0064,
+            ring_error_deg=0.0064,
+            station_error_deg=0.0064,
+        )
+        result = joint(pose_set(scenario))
+        g = result.correct(scenario.read(np.array([inc]), np.array([tf])))
+        std = result.predict_std(inc, tf, 0.0)[0][0]
+        with monkeypatch.context() as patch:
+            patch.setattr("highside.calibration.joint.FEW_RINGS", 0)
+            likeliest = joint(pose_set(scenario))
+        wider = std / likeliest.predict_std(inc, tf, 0.0)[0][0]
+        seen.append(
+            (abs(np.arctan2(np.hypot(g[0], g[1]), g[2])[0] - inc) / std, wider, result.variance["ring_inc_rad"])
+        )
+    z, wider, ring = np.transpose(seen)
+    assert np.mean(z <= 1.96) >= 0.88  # 95 expected; below 88 by chance once in a thousand
+    assert np.all(wider > 0.9)
+    assert np.mean(wider[ring <= np.median(ring)]) > 1.05 > np.mean(wider[ring > np.median(ring)])

@@ -47,6 +47,7 @@ from highside.calibration.mixed_model import (
     Fit,
     Session,
     ThermalTerms,
+    covariance_over_ring_errors,
     covariance_with_variances,
     evaluate,
     initial_variances,
@@ -78,6 +79,8 @@ MAX_DEPARTURE = 6.0
 """Elements of A and b may lie this many prior standard deviations from nominal."""
 MAX_SCATTER_RAD = float(np.deg2rad(0.5))
 """A session whose poses scatter by more than this is no calibration."""
+FEW_RINGS = 3
+"""Below this the covariance is averaged over what errors a ring may have in common."""
 MIN_ENCODER_STATIONS = 8
 MIN_NONLINEAR_POSES = 20
 Selection = Literal["auto", "none", "all"]
@@ -143,6 +146,8 @@ def joint(
     covariance, student = fit.covariance, None
     if estimate_variances:
         covariance, student = covariance_with_variances(session, fit, variances, bench)
+        if session.ring_of.shape[1] < FEW_RINGS:
+            covariance = covariance - fit.covariance + covariance_over_ring_errors(session, fit, bench, variances)
     return result_of(
         session, fit, variances, used, away, bench, toolface_zero_rad, toolface_zero_std_rad, covariance, student
     )

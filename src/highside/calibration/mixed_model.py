@@ -10,7 +10,7 @@ Thompson and Cullis, Biometrics 51, 1995, 1440) in their logarithms.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import log
 
 import numpy as np
@@ -400,6 +400,28 @@ def covariance_with_variances(
         levers[:, :, 2:].reshape(size, -1) * np.sqrt(v[4]),
     ]
     return widened(fit.covariance, W, by_variance, np.stack([part @ part.T for part in parts]))
+
+
+def covariance_over_ring_errors(session: Session, fit: Fit, bench: BenchAccuracy, variances: Variances) -> Array:
+    """Covariance (P, P) of the parameters about `fit.theta`, over what errors a ring may have in common.
+
+    Two rings hold a single difference of theirs: where it happens to be small the most likely variance is next to
+    nothing, and a covariance at that place, even with its slope, is far too small for a calibration that is used at
+    other inclinations. Here the sum of a setting's own and its ring's variance, and the ring's share in it, run over a
+    grid in their logarithm and log-odds, each place weighted by its restricted likelihood and prior; the other
+    variances stay. Parameters and covariances of all places make the mixture's second moment.
+    """
+    prior, size = VariancePrior.of(session, bench), fit.theta.size
+    objective, second = [], []
+    for total in bench.pose_rad**2 * np.exp(np.linspace(-1.6, 1.6, 7)):
+        for share in 1.0 / (1.0 + np.exp(np.linspace(4.0, -4.0, 9))):
+            at = replace(variances, pose_inc=float(total * (1.0 - share)), ring_inc=float(total * share))
+            system = evaluate(session, fit.equations, fit.prior, at)
+            away = system.solution[:size] - fit.system.solution[:size]
+            objective.append(system.deviance + prior.penalty(at.as_array()))
+            second.append(system.inverse[:size, :size] + np.outer(away, away))
+    weight = np.exp(-0.5 * (np.array(objective) - min(objective)))
+    return np.asarray(np.tensordot(weight / weight.sum(), np.stack(second), 1), dtype=np.float64)
 
 
 def studentised(fit: Fit, used: NDArray[np.bool_]) -> Array:
