@@ -30,7 +30,7 @@ def test_demo_ends_with_one_line_of_json_nothing_lost_and_close_to_the_truth():
 
 
 def test_demo_without_json_prints_lines_where_there_is_no_terminal():
-    run = subprocess.run([HIGHSIDE, "demo", "--seconds", "3"], capture_output=True, text=True, timeout=60)
+    run = subprocess.run([HIGHSIDE, "demo", "--seconds", "8"], capture_output=True, text=True, timeout=60)
     assert run.returncode == 0, run.stderr
     assert " I " in run.stdout
     assert "0 lost" in run.stdout.splitlines()[-1]

@@ -224,8 +224,9 @@ async def test_a_broker_that_goes_away_costs_nothing_but_this_face(tmp_path: Pat
                 await anna.see("guiding", "settling", "capturing")
             broker.kill()
             before = (await bench.state())["elapsed_s"]
-            await asyncio.sleep(2.0)
-            assert (await bench.state())["elapsed_s"] > before + 2.0, "the session went on"
+            async with asyncio.timeout(20.0):  # the session goes on
+                while (await bench.state())["elapsed_s"] <= before + 2.0:
+                    await asyncio.sleep(0.2)
             broker.start()
             # it comes back empty: state and status are there again
             async with operator(broker.port, "Anna") as anna:
