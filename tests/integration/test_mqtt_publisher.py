@@ -13,6 +13,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
+import aiomqtt
 import pytest
 from broker import Mosquitto, Proxy, Subscriber, free_port, shipped_config
 
@@ -244,6 +245,22 @@ async def test_tls_is_used_and_a_strange_certificate_is_refused(tmp_path: Path) 
         async with sending(publisher("localhost", "ca.crt")):
             await until(lambda: outbox.stats.acknowledged == 1, 5.0, "delivery")
     await asyncio.to_thread(outbox.stop, 5.0)
+
+
+async def test_the_embedded_broker_ends_while_a_subscriber_owes_an_acknowledgement() -> None:
+    async with EmbeddedBroker() as broker:
+        reader, writer = await asyncio.open_connection("127.0.0.1", broker.port)
+        writer.write(b"\x10\x0e\x00\x04MQTT\x04\x02\x00\x3c\x00\x02me")  # connect, clean session, as `me`
+        assert (await reader.readexactly(4))[0] == 0x20
+        writer.write(b"\x82\x06\x00\x01\x00\x01a\x01")  # subscribe to `a` at QoS 1
+        assert (await reader.readexactly(5))[0] == 0x90
+        async with aiomqtt.Client("127.0.0.1", broker.port) as client:
+            await client.publish("a", b"x", qos=1)
+        assert (await reader.readexactly(1))[0] & 0xF0 == 0x30  # delivered, and never acknowledged
+        port = broker.port
+    writer.close()
+    with pytest.raises(ConnectionRefusedError):
+        await asyncio.open_connection("127.0.0.1", port)
 
 
 async def test_the_embedded_broker_tells_when_it_had_each_message(tmp_path: Path) -> None:

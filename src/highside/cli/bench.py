@@ -23,6 +23,8 @@ SetOption = Annotated[
     list[str] | None, typer.Option("--set", help="Override one field: key.path=value. May be repeated.")
 ]
 LOOK_S = 0.05
+FAREWELLS_S = 10.0
+"""Longer than any face takes to say goodbye."""
 
 
 def bench(
@@ -75,6 +77,7 @@ def bench(
 async def _run(driver: BenchDriver, *, auto: bool, web: bool, plain: bool, operator: str) -> None:
     """The session and its faces, until it has ended."""
     from highside.cli.bench_face import PlainFace, RichFace
+    from highside.service.tasks import ended
 
     page = await _page(driver, operator) if web else None
     face = PlainFace(driver, operator, listen=not auto) if plain else RichFace(driver, operator, listen=not auto)
@@ -89,7 +92,7 @@ async def _run(driver: BenchDriver, *, auto: bool, web: bool, plain: bool, opera
     # who looks on from elsewhere may still want the report, the certificate, or the calibration in force
     stay = not auto and (page is not None or driver.settings.mqtt is not None)
     running = asyncio.create_task(driver.run(stay=stay))
-    ended = asyncio.create_task(_say_when_ended(driver, page is not None, stay))
+    telling = asyncio.create_task(_say_when_ended(driver, page is not None, stay))
     try:
         # the first to end is the session itself, or the fault of a face
         while not running.done():
@@ -102,9 +105,7 @@ async def _run(driver: BenchDriver, *, auto: bool, web: bool, plain: bool, opera
         if not (stay and driver.ended.is_set()):
             raise
     finally:
-        for task in (ended, *tasks, running):
-            task.cancel()
-        await asyncio.gather(ended, *tasks, running, return_exceptions=True)
+        await ended(telling, *tasks, running, again_s=FAREWELLS_S)
         if page is not None:
             await page.stop()
     if not running.cancelled():

@@ -78,7 +78,18 @@ class EmbeddedBroker:
     ) -> None:
         if self._broker is not None:
             broker, self._broker = self._broker, None
-            await broker.shutdown()
+            try:
+                await broker.shutdown()
+            except asyncio.CancelledError:
+                # it ends its sessions before its deliveries: one that still waits for an acknowledgement is cancelled,
+                # and passes that on as if we were; what is left to do then is done here
+                task = asyncio.current_task()
+                if task is not None and task.cancelling():
+                    raise
+                if broker._session_monitor_task is not None:
+                    broker._session_monitor_task.cancel()
+                for server in broker._servers.values():
+                    await server.close_instance()
 
     def on_receipt(self, listener: Receipt) -> None:
         """Call `listener(topic, payload, t_mono)` for every message from now on."""

@@ -28,6 +28,7 @@ from highside.config.mqtt import MqttSettings
 from highside.errors import InputError
 from highside.service.messages import OFFLINE, ONLINE
 from highside.service.publisher import broker_client
+from highside.service.tasks import ended
 from highside.session.driver import SessionDriver
 from highside.session.snapshot import Command, Reply
 
@@ -81,9 +82,7 @@ class SessionMqtt:
                 for task in done:
                     task.result()
             finally:
-                for task in (listening, showing):
-                    task.cancel()
-                await asyncio.gather(listening, showing, return_exceptions=True)
+                await ended(listening, showing)
                 # whoever ends this task waits for it: time enough for the last state and a farewell
                 with contextlib.suppress(aiomqtt.MqttError, TimeoutError):
                     last = self._driver.snapshot().to_json()
