@@ -13,6 +13,8 @@ from highside.codec.frame import Frame
 
 RESTART_STEP = 0.5
 """A counter that jumps by more than this share of its modulus while device time runs backwards has been reset."""
+SHORTEST_PERIOD_S = 1e-6
+"""No frames follow one another faster; a smaller step of a clock is no period."""
 
 
 @dataclass(slots=True)
@@ -152,7 +154,7 @@ class Monitor:
             self._period = None
             return True
         if self._period is None:
-            self._period = step
+            self._period = max(step, SHORTEST_PERIOD_S)
         elif step > 1.5 * self._period:
             self.counts.gap += max(round(step / self._period) - 1, 1)
         else:
