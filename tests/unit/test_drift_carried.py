@@ -79,8 +79,7 @@ def test_compiled_interpreted_and_online_are_the_same() -> None:
         engine.update(at, (w[0], w[1], w[2]), (a[0], a[1], a[2]))
     online = engine.finish()
     assert online is not None
-    if kernels(10**9) is None:
-        pytest.skip("numba is not installed")
+    assert kernels(10**9) is not None, "the tests need numba (the extra fast)"
     for smooth in (False, True):
         quick = kinematic(t, rate, accel, HAND, smooth=smooth)
         with pytest.MonkeyPatch.context() as patch:

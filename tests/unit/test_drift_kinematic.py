@@ -235,8 +235,7 @@ def test_compiled_and_interpreted_are_the_same_bits() -> None:
     keep = (rng.random(experiment.t_s.size) > 0.02) & ~((experiment.t_s > 100.0) & (experiment.t_s < 103.0))
     t = experiment.t_s[keep] + rng.uniform(0.0, 0.004, int(keep.sum()))
     assert t.size > LOADED_LEAST_ROWS
-    if kernels(10**9) is None:
-        pytest.skip("numba is not installed")
+    assert kernels(10**9) is not None, "the tests need numba (the extra fast)"
     for smooth in (False, True):
         quick = kinematic(t, data.rate[:, keep], data.accel[:, keep], SETTINGS, smooth=smooth)
         with pytest.MonkeyPatch.context() as patch:

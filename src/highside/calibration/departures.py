@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from highside.calibration.forward import BASE_NAMES
-from highside.calibration.joint import BAD_POSE_SIGMA, departure, leave_out_bad
+from highside.calibration.joint import leave_out_bad, poses_reconsidered
 from highside.calibration.mixed_model import Session, initial_variances, rough_start, solve
 from highside.calibration.poses import Array, PoseSet
 from highside.calibration.result import BenchAccuracy
@@ -24,10 +24,4 @@ def departures(poses: PoseSet, bench: BenchAccuracy) -> Array:
     used = np.ones(len(poses), dtype=bool)
     fit = solve(session, BASE_NAMES, start, used, rough_start(session, BASE_NAMES))
     used, fit = leave_out_bad(session, fit, start, used)
-    away = departure(session, fit, start, used)
-    again = used | (away <= BAD_POSE_SIGMA)
-    if not np.array_equal(again, used) or away[used].max() > BAD_POSE_SIGMA:
-        fit = solve(session, BASE_NAMES, start, again, fit.theta)
-        used, fit = leave_out_bad(session, fit, start, again)
-        away = departure(session, fit, start, used)
-    return away
+    return poses_reconsidered(session, fit, start, used)[2]

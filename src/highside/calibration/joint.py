@@ -137,12 +137,7 @@ def joint(
             fit = solve(session, names, variances, used, fit.theta)
     _require_agreement(session, fit, variances)
     _require_nominal(fit)
-    away = departure(session, fit, variances, used)
-    again = used | (away <= BAD_POSE_SIGMA)
-    if not np.array_equal(again, used) or away[used].max() > BAD_POSE_SIGMA:
-        fit = solve(session, names, variances, again, fit.theta)
-        used, fit = leave_out_bad(session, fit, variances, again)
-        away = departure(session, fit, variances, used)
+    used, fit, away = poses_reconsidered(session, fit, variances, used)
     covariance, student = fit.covariance, None
     if estimate_variances:
         covariance, student = covariance_with_variances(session, fit, variances, bench)
@@ -257,6 +252,20 @@ def _axis_of(row: Array) -> str:
     """Which axis of the tool a row of A mainly reads, with its sign."""
     largest = int(np.argmax(np.abs(row)))
     return ("-" if row[largest] < 0 else "+") + AXES[largest]
+
+
+def poses_reconsidered(
+    session: Session, fit: Fit, variances: Variances, used: NDArray[np.bool_]
+) -> tuple[NDArray[np.bool_], Fit, Array]:
+    """Which poses are used (N,), the solution by these, and each pose's `departure` (N,), all three of the final
+    variances: a pose left out under others may agree now, one that was used may not."""
+    away = departure(session, fit, variances, used)
+    again = used | (away <= BAD_POSE_SIGMA)
+    if not np.array_equal(again, used) or away[used].max() > BAD_POSE_SIGMA:
+        fit = solve(session, fit.names, variances, again, fit.theta)
+        used, fit = leave_out_bad(session, fit, variances, again)
+        away = departure(session, fit, variances, used)
+    return used, fit, away
 
 
 def departure(session: Session, fit: Fit, variances: Variances, used: NDArray[np.bool_]) -> Array:

@@ -139,9 +139,8 @@ def open_bus(settings: PythonCanSettings) -> can.BusABC:
     name = f"{settings.interface}:{settings.channel}"
     try:
         return can.Bus(channel=settings.channel, interface=settings.interface, **options)  # type: ignore[arg-type]
-    except can.CanInterfaceNotImplementedError as fault:
-        raise LinkError(LinkReason.CONFIG, f"{name}: {fault}") from fault
-    except (ValueError, TypeError) as fault:
+    except (can.CanInterfaceNotImplementedError, ValueError, TypeError) as fault:
+        # an interface that is not known or whose driver is not installed, options that it does not take
         raise LinkError(LinkReason.CONFIG, f"{name}: {fault}") from fault
     except (can.CanError, OSError) as fault:
         # every driver has texts of its own; the reason is what all have in common

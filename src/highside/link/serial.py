@@ -259,7 +259,8 @@ def open_port(settings: SerialSettings) -> SerialPort:
             _close_port(port)
             raise LinkError(LinkReason.IO_ERROR, f"{settings.port}: {fault}") from fault
         with contextlib.suppress(OSError, ValueError, NotImplementedError):
-            # FTDI adapters hold data back for 16 ms otherwise; a pty or an embedded UART has no such switch
+            # FTDI adapters hold data back for 16 ms otherwise; a pty or an embedded UART has no such switch (OSError,
+            # ValueError), nor has pyserial on other systems than Linux (NotImplementedError): the port serves as it is
             port.set_low_latency_mode(True)
     return port
 

@@ -13,6 +13,7 @@ import errno
 import logging
 import os
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -298,21 +299,21 @@ class WitsOutput:
             self._left(peer, why)
 
 
-class _Peer:
+class _Peer(ABC):
     """Somebody who is sent records. `offer` never waits."""
 
     def __init__(self, output: WitsOutput) -> None:
         self._stats = output.stats
         self.why = ""
 
-    def greet(self, data: bytes) -> None:
-        raise NotImplementedError
+    @abstractmethod
+    def greet(self, data: bytes) -> None: ...
 
-    def offer(self, data: bytes) -> None:
-        raise NotImplementedError
+    @abstractmethod
+    def offer(self, data: bytes) -> None: ...
 
-    def close(self) -> None:
-        raise NotImplementedError
+    @abstractmethod
+    def close(self) -> None: ...
 
 
 class _TcpPeer(_Peer):

@@ -8,8 +8,6 @@ from highside.physics.effect import AXES, Effect, Parameter, Stage
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
-GRID_S = (30.0, 60.0, 120.0, 300.0, 600.0, 900.0)
-
 
 class Warmup(Effect):
     id = "warmup"
