@@ -77,6 +77,27 @@ def test_a_time_offset_is_told_from_a_lag_by_the_gyros(tmp_path: Path) -> None:
     assert {"time_offset", "bandwidth_lag"} <= set(found["claims"][0]["equivalence_class"])
 
 
+def test_four_strong_effects_of_the_sample_model_are_told_with_their_sizes(tmp_path: Path) -> None:
+    """Beyond first order a lever arm and a late clock multiply: that is loud, and no effect of its own."""
+    sample = Path(__file__).resolve().parents[2] / "config" / "model-rotation.toml"
+    (tmp_path / "knows.toml").write_text("[site]\ngravity_mps2 = 9.81\nlatitude_deg = 52.0\nazimuth_deg = 30.0\n")
+    recording = tmp_path / "rec.csv.gz"
+    assert highside("simulate", sample, "-o", recording, "--seed", "1")[0] == 0
+    status, said = highside("diagnose", recording, "--model", tmp_path / "knows.toml", "--out", tmp_path / "out")
+    assert status == 0, said
+    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert found["verdict"] == "named"
+    told = {claim["effect"]: claim["parameters"] for claim in found["claims"]}
+    assert set(told) == {"lever_arm", "time_offset", "temperature_bias", "earth_rotation"}
+    assert told["lever_arm"]["r_x"]["value"] == pytest.approx(8e-3, abs=2e-6)
+    assert told["lever_arm"]["r_y"]["value"] == pytest.approx(-3e-3, abs=2e-6)
+    assert told["time_offset"]["t0"]["value"] == pytest.approx(2e-3, abs=1e-6)
+    for axis, size in zip("xyz", (40e-6, -25e-6, 60e-6), strict=True):
+        assert told["temperature_bias"][f"bt_{axis}"]["value"] == pytest.approx(size, abs=2e-6)
+    assert told["earth_rotation"]["share"]["low"] < 1 < told["earth_rotation"]["share"]["high"]
+    assert found["fit"]["rmse_before"] > 100 * found["fit"]["rmse_after"]
+
+
 def test_a_rotation_without_inclination_is_one_clear_line(tmp_path: Path) -> None:
     n = 2000
     t = np.arange(n) / 50

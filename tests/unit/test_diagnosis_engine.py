@@ -13,6 +13,7 @@ from highside.diagnosis.engine import diagnose_poses
 from highside.diagnosis.result import Diagnosis
 from highside.diagnosis.session import PoseSession, pose_session
 from highside.errors import InputError
+from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
 
@@ -161,3 +162,20 @@ def test_few_poses_are_refused_with_the_number_needed() -> None:
     columns = {name: np.zeros(12) for name in ("t_s", "inc_ref_deg", "tf_ref_deg")} | {"pose": np.arange(12.0)}
     with pytest.raises(InputError, match=r"12 poses are too few.*16"):
         pose_session(columns, np.zeros((3, 12)), gravity_mps2=9.81)
+
+
+@pytest.mark.parametrize("effect", ["sag", "base_tilt", "reference_twist", "backlash", "stiction"])
+@pytest.mark.parametrize("times", [10, 100])
+def test_what_a_strong_effect_does_beyond_first_order_is_given_no_name_of_its_own(effect: str, times: int) -> None:
+    rng = np.random.default_rng(5)
+    sizes = {
+        p.name: float(min(times * p.typical, 0.5 * p.gate[1]) * rng.uniform(0.5, 1.0))
+        for p in all_effects()[effect].parameters
+    }
+    found = deck.diagnosed(simulated(STATE, {effect: sizes}, seed=5))
+    assert found.verdict == "named"
+    assert [c.effect for c in found.claims] == [effect]
+    for name, size in sizes.items():
+        told = found.claims[0].parameters[name]
+        assert abs(told.value - size) < 4 * told.std
+    assert found.fit.rmse_before > 10 * found.fit.rmse_after

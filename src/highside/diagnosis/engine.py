@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.fit import JointFit
+from highside.diagnosis.fit import BENDS, JointFit
 from highside.diagnosis.magnitude_scene import MagnitudeScene
 from highside.diagnosis.magnitude_session import MagnitudeSession
 from highside.diagnosis.memory import SUSPECT, Channel, Memory, SlowScore, SlowStage, beats_the_walk, slow_effects
@@ -39,6 +39,11 @@ Array = NDArray[np.float64]
 
 CHANGING = 0.97
 """Share of the misfit that a claim explains from which it may still vary a little along a covariate."""
+MANIFEST = 1000.0
+"""Chi-square of an effect beside all others from which, if nothing is left, it is no part of a mere fit: several names
+for something that has none leave some percent of it, which would then be heard."""
+BENT = 2
+"""Times that what is beyond first order is taken out: the second is exact where the first was nearly."""
 RING = "shadow:ring"
 """Id of what is off on one ring alone: measured in one go, it looks like noise that remembers."""
 RING_CERTAIN = 3.0
@@ -89,7 +94,28 @@ def diagnose_simulation(
 
 
 def diagnose(scene: Scene, version: str = "") -> tuple[Diagnosis, Picture]:
-    """Choose, compare, prove and tell."""
+    """Choose, compare, prove and tell.
+
+    Everything is chosen by what effects do to first order. Where those that are chosen do more than that, what they do
+    beyond it at their fitted sizes is taken out of the readings, and it is chosen again: else the rest of a strong
+    effect would be given a name of its own.
+    """
+    judged, suspicion = _judged(scene)
+    for _ in range(BENT):
+        named = [m for m in judged.members if scene.candidates[m.candidate].named]
+        bend = scene.fit(named, judged.noise).bend if named else None
+        if bend is None or np.sum(scene.noise.white(bend - scene.bend) ** 2) < BENDS:
+            break
+        straight = scene.straightened(bend)
+        if straight is None:
+            break
+        scene = straight
+        judged, suspicion = _judged(scene)
+    return _conclude(scene, judged, suspicion, version)
+
+
+def _judged(scene: Scene) -> tuple[Judged, _Suspicion]:
+    """What is chosen, and what was found of memory in the noise."""
     judged = scene.judge(scene.noise)
     channels = scene.likelihoods([])
     slow = frozenset(i for i, c in enumerate(scene.candidates) if c.id in scene.slow_ids)
@@ -115,7 +141,7 @@ def diagnose(scene: Scene, version: str = "") -> tuple[Diagnosis, Picture]:
     )
     if not scene.method.refusal:
         barred |= unnamed
-    return _conclude(scene, _choose(scene, judged, channels, barred, fixed), suspicion, version)
+    return _choose(scene, judged, channels, barred, fixed), suspicion
 
 
 @dataclass(frozen=True)
@@ -264,7 +290,9 @@ def _conclude(scene: Scene, judged: Judged, suspicion: _Suspicion, version: str)
         passing = np.flatnonzero(after.log_p > judged.scan_threshold)
         wanders |= all(judged.scan.bases[judged.scan.cells[i][1]].covariate in SLOW_COVARIATES for i in passing)
     clear = float(after.log_p[after.loudest]) > judged.scan_threshold + scene.faint
-    verdict = _verdict(scene, members, rivalries, fit, wanders, loud, share if clear else 1.0)
+    alone = [explained - _gain(selector, [o for o in members if o != m]) for m in members]
+    manifest = not loud and sum(gain < MANIFEST for gain in alone) <= 1
+    verdict = _verdict(scene, members, rivalries, fit, wanders, loud, share if clear else 1.0, manifest)
     if verdict == "named_plus" and share < CHANGING and _changes(scene, judged, members, after, share):
         verdict = "partial"
 
@@ -343,6 +371,7 @@ def _verdict(
     wanders: bool,
     loud: bool,
     share: float,
+    manifest: bool,
 ) -> Verdict:
     if not members:
         return "wander" if wanders else ("unknown" if loud else "nothing_left_out")
@@ -360,7 +389,7 @@ def _verdict(
         if np.any(r.delta_bic < margin):
             # an interaction without a name explains it as well
             return "partial"
-    if share < scene.named_share or len(members) > scene.most_named:
+    if share < scene.named_share or (len(members) > scene.most_named and not manifest):
         return "partial"
     return "named_plus" if loud else "named"
 

@@ -114,6 +114,8 @@ def base_fit(
     return model, seen.jacobian(model, free), seen.residual(model)
 
 
+BENDS = 6.0
+"""Chi-square of what effects do beyond first order, from which it is no matter of rounding."""
 UNMOVED = 1e-12
 """Length of a column beside the longest, below which it is rounding."""
 
@@ -136,6 +138,8 @@ class JointFit:
     parameters: dict[str, dict[str, FittedParameter]]
     residual: Array
     outside_gate: tuple[str, ...]
+    bend: Array | None = None
+    """(C, n) what base and claims do at their fitted sizes beyond first order, if that shows and fits no worse"""
 
 
 def joint_fit(
@@ -162,7 +166,7 @@ def joint_fit(
             ),
             **variant.shape,
         }
-    now = model.with_effects(start) if start else model
+    now = first = model.with_effects(start) if start else model
     amplitude_names = [f"{c.id}.{a}" for c, _ in chosen for a in c.amplitudes]
     shape_names = [
         f"{c.id}.{p.name}"
@@ -187,11 +191,15 @@ def joint_fit(
         return JointFit({}, seen.residual(now), ())
     inverse = np.zeros((len(every), len(every)))
     unseen = np.zeros(len(every), dtype=bool)
+    linear = np.inf
     for step_number in range(steps):
         which = shape_names if step_number >= 2 else []
         white = noise.white(columns(now, which))
         moved = [*every, *which]
-        step = seen.step(white, noise.white(seen.residual(now)), moved)
+        left = noise.white(seen.residual(now))
+        step = seen.step(white, left, moved)
+        if step_number == 0:
+            linear = float(np.sum((left - step @ white) ** 2))
         values = now.get_free(moved) + step if moved else step
         for k, name in enumerate(which, start=len(every)):
             # a time constant moves by no more than a third at a time
@@ -231,4 +239,13 @@ def joint_fit(
                 implausible.append(name)
         fitted[candidate.id] = table
         del variant
-    return JointFit(fitted, seen.residual(now), tuple(implausible))
+    left = seen.residual(now)
+    bend = None
+    if linear - float(np.sum(noise.white(left) ** 2)) > -BENDS:
+        sizes = [*now.free_names(names or []), *amplitude_names]
+        straight = columns(first, [])
+        bend = seen.residual(first) - left - np.tensordot(now.get_free(sizes) - first.get_free(sizes), straight, 1)
+        white, beyond = noise.white(straight), noise.white(bend)
+        if float(np.sum((beyond - _solve(white, beyond) @ white) ** 2)) < BENDS:
+            bend = None
+    return JointFit(fitted, left, tuple(implausible), bend)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -70,10 +70,7 @@ class PoseScene(Scene):
         force = np.asarray(model.chain(state).force, dtype=float)
         candidates += shadows(state, force)
         rich = _rich(base, candidates, session, force)
-        noise = noise_model.estimate(
-            residual, rich, tangents if method.colour else np.zeros_like(tangents),
-            scatter=session.scatter, uneven=method.colour,
-        )  # fmt: skip
+        noise = _learned(session, residual, rich, tangents, method)
         return cls(
             candidates, blind, free, seed, session, model, base, residual, tangents, rich, noise, force, method=method
         )
@@ -138,6 +135,11 @@ class PoseScene(Scene):
     def with_memory(self, memories: Sequence[Memory]) -> PoseNoise:
         return noise_model.with_memory(self.noise, memories, self.tangents, self.session.state.t_s)
 
+    def straightened(self, bend: Array) -> PoseScene:
+        left = self.residual + self.bend - bend
+        noise = _learned(self.session, left, self.rich, self.tangents, self.method)
+        return replace(self, residual=left, white_noise=noise, bend=bend)
+
     def fit(self, members: Sequence[Member], noise: PoseNoise) -> JointFit:
         seen = Observed(self.session.state, self.session.mean)
         free = self.free if self.method.refit else ()
@@ -182,10 +184,11 @@ class PoseScene(Scene):
         base, claimed = (c.reshape(-1, flat.size) for c in (self.base, self.block(members)))
         floor = float(np.sqrt(np.mean(self.noise.sigma**2)))
         after = fit.residual if fit.parameters else self.residual
-        return block_proof(base, flat, claimed, folds, after, floor, f"{len(folds)} contiguous blocks of poses")
+        found = block_proof(base, flat, claimed, folds, after, floor, f"{len(folds)} contiguous blocks of poses")
+        return replace(found, rmse_before=float(np.sqrt(np.mean((self.residual + self.bend) ** 2))))
 
     def picture(self, fit: JointFit | None) -> Picture:
-        return Picture(self.session, self.residual, self.residual if fit is None else fit.residual)
+        return Picture(self.session, self.residual + self.bend, self.residual if fit is None else fit.residual)
 
     def told_of_noise(self) -> dict[str, Any]:
         noise = self.noise
@@ -197,6 +200,14 @@ class PoseScene(Scene):
             "size_over_time": [float(noise.size.min()), float(noise.size.max())],
             "degrees_of_freedom": noise.freedom,
         }
+
+
+def _learned(session: PoseSession, residual: Array, rich: Array, tangents: Array, method: Method) -> PoseNoise:
+    """The noise of what the rich model does not explain."""
+    return noise_model.estimate(
+        residual, rich, tangents if method.colour else np.zeros_like(tangents),
+        scatter=session.scatter, uneven=method.colour,
+    )  # fmt: skip
 
 
 def block_proof(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -228,6 +228,22 @@ class RotationScene(Scene):
     def with_memory(self, memories: Sequence[Memory]) -> RotationNoise:
         return with_walk(self.noise, memories)
 
+    def straightened(self, bend: Array) -> RotationScene:
+        left = self.residual + self.bend - bend
+        noise = estimate(self.design, left, self.seed, coloured=self.method.colour)
+        grams, segments = accumulate(self.design, noise, left)
+        chance, rest = _chance(self.design, noise, left, grams, segments)
+        return replace(
+            self,
+            residual=left,
+            coloured_noise=noise,
+            grams=grams,
+            segments=segments,
+            chance=chance,
+            rest=rest,
+            bend=bend,
+        )
+
     def fit(self, members: Sequence[Member], noise: Any) -> JointFit:
         seen = Observed(self.session.state, self.session.readings)
         steps = 8 if self.session.n < MANY_ROWS else 3
@@ -332,7 +348,7 @@ class RotationScene(Scene):
             words += f"; leaving out one steady rate at a time: {1 - by_rate[1] / by_rate[0]:.2%}"
         return Fit(
             unit="g",
-            rmse_before=float(np.sqrt(np.mean(self.residual[:3] ** 2))),
+            rmse_before=float(np.sqrt(np.mean((self.residual + self.bend)[:3] ** 2))),
             rmse_after=float(np.sqrt(np.mean(fit.residual[:3] ** 2))),
             heldout_rmse_before=unit * float(np.sqrt(means[0].energy.sum() / size)),
             heldout_rmse_after=unit * float(np.sqrt(means[1].energy.sum() / size)),
@@ -348,7 +364,9 @@ class RotationScene(Scene):
         return with_jitter(told, self.noise, self.channels)
 
     def picture(self, fit: JointFit | None) -> Picture:
-        return Picture(self.session, self.residual, self.residual if fit is None else fit.residual, self.channels)
+        return Picture(
+            self.session, self.residual + self.bend, self.residual if fit is None else fit.residual, self.channels
+        )
 
     def told_of_noise(self) -> dict[str, Any]:
         noise = self.noise

@@ -81,6 +81,8 @@ class Scene(ABC):
     free: tuple[str, ...]
     seed: int
     method: Method = field(default=WHOLE, kw_only=True)
+    bend: Array | float = field(default=0.0, kw_only=True)
+    """(C, n) what strong effects do beyond first order: taken out of the residual, as all is chosen to first order"""
 
     def variant(self, member: Member) -> Variant:
         """The variant that a member stands for."""
@@ -123,7 +125,7 @@ class Scene(ABC):
 
     @property
     def most_named(self) -> int:
-        """More effects than this are a fit and no finding: their names are not given."""
+        """More effects than this are a fit and no finding: their names are given only if all but one are manifest."""
         return MAX_CLAIMS
 
     def believed(self, judged: Judged, members: list[Member]) -> list[Member]:
@@ -167,6 +169,10 @@ class Scene(ABC):
     @abstractmethod
     def fit(self, members: Sequence[Member], noise: Any) -> JointFit:
         """Base and named members refitted together."""
+
+    def straightened(self, bend: Array) -> Scene | None:
+        """The scene with another `bend` (C, n); None where nothing is taken out."""
+        return None
 
     @abstractmethod
     def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
