@@ -103,8 +103,11 @@ def diagnose(scene: Scene, version: str = "") -> tuple[Diagnosis, Picture]:
     judged, suspicion = _judged(scene)
     for _ in range(BENT):
         named = [m for m in judged.members if scene.candidates[m.candidate].named]
-        bend = scene.fit(named, judged.noise).bend if named else None
-        if bend is None or np.sum(scene.noise.white(bend - scene.bend) ** 2) < BENDS:
+        fit = scene.fit(named, judged.noise) if named else None
+        judged = replace(judged, fit=fit)
+        bend = 0.0 if fit is None or fit.bend is None else fit.bend
+        other = np.asarray(bend - scene.bend)
+        if not other.any() or np.sum(scene.noise.white(other) ** 2) < BENDS:
             break
         straight = scene.straightened(bend)
         if straight is None:
@@ -274,13 +277,14 @@ def _scan(scene: Scene, judged: Judged, members: Sequence[Member]) -> _Scanned:
 
 
 def _conclude(scene: Scene, judged: Judged, suspicion: _Suspicion, version: str) -> tuple[Diagnosis, Picture]:
+    chosen = judged.members
     judged = replace(judged, members=scene.believed(judged, _widened(scene, judged)))
     members, selector, wanders = judged.members, judged.selector, suspicion.wanders
     named = [m for m in members if scene.candidates[m.candidate].named]
     after = _scan(scene, judged, members)
     loud = float(after.log_p[after.loudest]) > judged.scan_threshold
     rivalries = [rivalry(selector, members, m) for m in members]
-    fit = scene.fit(named, judged.noise)
+    fit = judged.fit if judged.fit is not None and members == chosen else scene.fit(named, judged.noise)
     explained = _gain(selector, members)
     heard = after.log_p.reshape(-1, len(scene.channels)).max(axis=0) > judged.scan_threshold
     left = float(after.excess[heard].sum()) if loud else 0.0

@@ -135,7 +135,7 @@ class PoseScene(Scene):
     def with_memory(self, memories: Sequence[Memory]) -> PoseNoise:
         return noise_model.with_memory(self.noise, memories, self.tangents, self.session.state.t_s)
 
-    def straightened(self, bend: Array) -> PoseScene:
+    def straightened(self, bend: Array | float) -> PoseScene:
         left = self.residual + self.bend - bend
         noise = _learned(self.session, left, self.rich, self.tangents, self.method)
         return replace(self, residual=left, white_noise=noise, bend=bend)

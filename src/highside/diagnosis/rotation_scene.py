@@ -228,7 +228,7 @@ class RotationScene(Scene):
     def with_memory(self, memories: Sequence[Memory]) -> RotationNoise:
         return with_walk(self.noise, memories)
 
-    def straightened(self, bend: Array) -> RotationScene:
+    def straightened(self, bend: Array | float) -> RotationScene:
         left = self.residual + self.bend - bend
         noise = estimate(self.design, left, self.seed, coloured=self.method.colour)
         grams, segments = accumulate(self.design, noise, left)

@@ -70,6 +70,8 @@ class Judged:
     scan_threshold: float
     members: list[Member]
     noise: Any
+    fit: JointFit | None = None
+    """base and named members refitted together, where that has been done"""
 
 
 @dataclass(frozen=True)
@@ -170,7 +172,7 @@ class Scene(ABC):
     def fit(self, members: Sequence[Member], noise: Any) -> JointFit:
         """Base and named members refitted together."""
 
-    def straightened(self, bend: Array) -> Scene | None:
+    def straightened(self, bend: Array | float) -> Scene | None:
         """The scene with another `bend` (C, n); None where nothing is taken out."""
         return None
 
