@@ -7,13 +7,13 @@ import re
 import numpy as np
 import pytest
 
-from highside.diagnosis.result import Diagnosis, Location, NotTestable
+from highside.diagnosis.result import Claim, Diagnosis, FittedParameter, Location, NotTestable
 from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.scene import Picture
 from highside.physics.plan import RotationPlan, Session, Site
 from highside.report.diagnosis_figures import residuals
 from highside.report.diagnosis_page import page_of
-from highside.report.diagnosis_words import axis_name, rounded
+from highside.report.diagnosis_words import axis_name, rounded, shown, sizes
 from highside.report.page import plotting
 
 
@@ -61,11 +61,39 @@ def test_a_page_says_what_was_not_tested_in_words_that_a_phone_can_show() -> Non
 
 @pytest.mark.parametrize(
     ("value", "error", "told"),
-    [(0.00080012, 1.5e-7, "0.00080012"), (0.0002, 1e-5, "0.0002"), (-12.3456, 0.5, "-12.35"), (3.0, 0.0, "3"),
-     (1e-5, 1e-4, "1e-05")],
+    [(0.00080012, 1.5e-7, "0.00080012"), (0.0002, 1e-5, "0.000200"), (-12.3456, 0.5, "-12.35"), (3.0, 0.0, "3"),
+     (1e-5, 1e-4, "0.00001")],
 )  # fmt: skip
 def test_a_size_has_two_digits_of_its_error(value: float, error: float, told: str) -> None:
     assert rounded(value, error) == told
+
+
+@pytest.mark.parametrize(
+    ("parameter", "told"),
+    [
+        (FittedParameter(0.00800037, 2.5e-7, 0.0079998, 0.0080009, "m"), "r = 8.00037 mm (7.99980 to 8.00090)"),
+        (FittedParameter(-2.467e-5, 4e-7, -2.545e-5, -2.388e-5, "g/C"), "r = -24.67 ug/C (-25.45 to -23.88)"),
+        (FittedParameter(0.946, 0.055, 0.838, 1.053, "1"), "r = 0.946 (0.838 to 1.053)"),
+        (FittedParameter(480.0, 0.0, 480.0, 480.0, "s"), "r = 480 s"),
+        (FittedParameter(0.0, 3e-6, -6e-6, 6e-6, "g"), "r = 0.0 ug (-6.0 to 6.0)"),
+    ],
+)
+def test_a_size_is_told_in_a_unit_that_suits_it(parameter: FittedParameter, told: str) -> None:
+    claim = Claim("lever_arm", "", "", "kinematic", {"r": parameter}, 0.0, ("lever_arm",), (), "")
+    assert sizes(claim) == told
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "told"),
+    [
+        (0.02995446, "g", "29.95 mg"),
+        (8.6e-6, "g", "8.6 ug"),
+        (3.2, "sigma", "3.20 sigma"),
+        (0.5, "rad/s", "500 mrad/s"),
+    ],
+)
+def test_a_misfit_is_told_in_a_unit_that_suits_it(value: float, unit: str, told: str) -> None:
+    assert shown(value, unit) == told
 
 
 def test_a_product_is_told_in_words() -> None:

@@ -55,7 +55,7 @@ def diagnose(
     from highside.errors import InputError
     from highside.recording.files import write_whole
     from highside.report.diagnosis_page import page_of
-    from highside.report.diagnosis_words import VERDICTS, blame
+    from highside.report.diagnosis_words import VERDICTS, blame, sizes
 
     source = recording or summary
     if (recording is None) == (summary is None) or source is None:
@@ -100,6 +100,8 @@ def diagnose(
     write_whole(out / "report.html", page.encode())
     named = ", ".join(claim.effect for claim in diagnosis.claims)
     typer.echo(f"{diagnosis.verdict} - {VERDICTS[diagnosis.verdict]}{': ' + named if named else ''}")
+    for claim in diagnosis.claims:
+        typer.echo(f"{claim.effect}: {sizes(claim)}")
     if blame(diagnosis):
         typer.echo(f"to blame: {blame(diagnosis)}")
     for finding in diagnosis.intake:

@@ -14,6 +14,7 @@ from highside.report.diagnosis_words import (
     blame,
     headline,
     proof,
+    quantity,
     sizes,
     sureness,
     where,
@@ -58,7 +59,7 @@ def _page_of(diagnosis: Diagnosis, picture: Picture | SummaryPicture | None, rec
         )
     if diagnosis.minimum_detectable:
         page.heading("The smallest sizes that would have been seen")
-        rows = [[name, f"{d.value:.2g} {d.unit}"] for name, d in diagnosis.minimum_detectable.items()]
+        rows = [[name, quantity(d.value, d.unit)] for name, d in diagnosis.minimum_detectable.items()]
         page.table(["effect", "size (80 % probability)"], rows)
     page.paragraph(f"highside {diagnosis.version}, seed {diagnosis.seed}.", soft=True)
     return page.html()
@@ -88,7 +89,7 @@ def _facts(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     if diagnosis.verdict == "nothing_left_out" and diagnosis.minimum_detectable:
         few = list(diagnosis.minimum_detectable.items())[:6]
         rows.append(
-            ("Would have been seen", ", ".join(f"{name} of {d.value:.2g} {d.unit}" for name, d in few) + " ...")
+            ("Would have been seen", ", ".join(f"{name} of {quantity(d.value, d.unit)}" for name, d in few) + " ...")
         )
     if diagnosis.not_testable:
         names = [n.effect for n in diagnosis.not_testable]

@@ -68,19 +68,39 @@ def axis_name(covariate: str) -> str:
     )
 
 
+PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "u"), (1e9, "n"))
+PREFIXED = ("g", "m", "s", "rad")
+"""units that are told in thousandths and millionths: these, and what is per something of them"""
+
+
+def scale_of(size: float, unit: str) -> tuple[float, str]:
+    """Factor and unit by which a size is a number between 1 and 1000, if the unit has such parts."""
+    if unit.split("/")[0] not in PREFIXED or not size > 0.0 or not math.isfinite(size):
+        return 1.0, "" if unit == "1" else unit
+    factor, prefix = next((entry for entry in PREFIXES if size * entry[0] >= 0.9995), PREFIXES[-1])
+    return factor, prefix + unit
+
+
 def rounded(value: float, error: float) -> str:
     """A value with two digits of its error."""
-    if not error > 0.0 or value == 0.0:
+    if not error > 0.0 or not math.isfinite(error):
         return f"{value:.3g}"
-    digits = 1 + math.floor(math.log10(abs(value))) - math.floor(math.log10(error)) + 1
-    return f"{value:.{min(max(digits, 2), 9)}g}"
+    places = 1 - math.floor(math.log10(error))
+    return f"{value:.{min(max(places, 0), 9)}f}"
+
+
+def quantity(value: float, unit: str) -> str:
+    """A size with its unit, readable."""
+    factor, told = scale_of(abs(value), unit)
+    return f"{factor * value:.3g} {told}".rstrip()
 
 
 def shown(value: float, unit: str) -> str:
     """A misfit with its unit, readable."""
-    if unit == "g":
-        return f"{1e6 * value:.1f} ug"
-    return f"{value:.2f} sigma" if unit == "sigma" else f"{value:.4g} {unit}"
+    if unit == "sigma":
+        return f"{value:.2f} sigma"
+    factor, told = scale_of(abs(value), unit)
+    return f"{factor * value:.4g} {told}"
 
 
 def sureness(claim: Claim) -> str:
@@ -100,11 +120,13 @@ def sureness(claim: Claim) -> str:
 
 def sizes(claim: Claim) -> str:
     """Parameters with their 95 % intervals; shapes without."""
-    return ", ".join(
-        f"{name} = {rounded(p.value, p.std)} {p.unit if p.unit != '1' else ''}".rstrip()
-        + (f" ({rounded(p.low, p.std)} to {rounded(p.high, p.std)})" if p.std > 0 else "")
-        for name, p in claim.parameters.items()
-    )
+    words = []
+    for name, p in claim.parameters.items():
+        factor, unit = scale_of(max(abs(p.value), p.std), p.unit)
+        value, low, high = (rounded(factor * v, factor * p.std) for v in (p.value, p.low, p.high))
+        interval = f" ({low} to {high})" if p.std > 0 else ""
+        words.append(f"{name} = {value} {unit}".rstrip() + interval)
+    return ", ".join(words)
 
 
 def where(places: Sequence[Location]) -> str:
