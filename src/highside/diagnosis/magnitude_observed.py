@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 
 TURNS = 6
 STILL = 1e-12
+IDEAL = 1e-6
+"""As `UNSEEN`, of an ideal triad."""
 UNSEEN = 1e-4
 """A direction of the parameters that shows less than this, against the one that shows most, is not moved."""
 
@@ -46,6 +48,7 @@ class Magnitudes:
     session: MagnitudeSession
     gyros: bool = False
     _last: tuple[ForwardModel, Aligned] | None = field(default=None, repr=False)
+    _shown: dict[tuple[str, ...], Array] = field(default_factory=dict, repr=False)
 
     @property
     def channels(self) -> int:
@@ -100,11 +103,53 @@ class Magnitudes:
     def step(self, columns: Array, residual: Array, names: Sequence[str]) -> Array:
         """(P,) least-squares step, the smallest one in units of the parameters' typical sizes.
 
-        Much is not seen by a magnitude (in one attitude nearly everything): it stays where it is.
+        Much is not seen by a magnitude (in one attitude nearly everything): it stays where it is. So does what only
+        turns the reading of an ideal triad: through other errors it shows a little, and would be moved far, till its
+        square (a turn of 0.1 rad lengthens by 0.5 %) explains what it has nothing to do with.
         """
-        sizes = np.empty(len(names))
-        for k, name in enumerate(names):
-            effect_id, _, parameter = name.partition(".")
-            sizes[k] = next(p.typical for p in get(effect_id).parameters if p.name == parameter)
-        solution = np.linalg.lstsq((columns * sizes[:, None]).T, residual, rcond=UNSEEN)[0]
-        return np.asarray(sizes * solution)
+        sizes = _sizes(names, columns)
+        shown = self.directions(names, sizes)
+        solution = np.linalg.lstsq((columns * sizes[:, None]).T @ shown, residual, rcond=UNSEEN)[0]
+        return np.asarray(sizes * (shown @ solution))
+
+    def shown(self, columns: Array, names: Sequence[str]) -> Array:
+        """(r, 1, n) of the columns (P, 1, n) of parameters what a `step` moves."""
+        sizes = _sizes(names, columns[:, 0])
+        return np.asarray(np.tensordot((sizes[:, None] * self.directions(names, sizes)).T, columns, 1))
+
+    def directions(self, names: Sequence[str], sizes: Array) -> Array:
+        """(P, r) orthonormal: in units of `sizes`, the parameters without what an ideal triad's magnitudes ignore."""
+        plain = [k for k, name in enumerate(names) if not any(p.shape for p in get(name.partition(".")[0]).parameters)]
+        within = tuple(names[k] for k in plain)
+        if not plain:
+            return np.eye(len(names))
+        if within not in self._shown:
+            ideal = ForwardModel.of({})
+            state = self.session.state
+            normal = self.session.direction
+            found = np.asarray(ideal.jacobian(state, list(within)), dtype=float)
+            self._shown[within] = np.einsum("in,kin->kn", normal, found)
+        rows = self._shown[within] * sizes[plain][:, None]
+        values, vectors = np.linalg.eigh(rows @ rows.T)
+        good = vectors[:, values > IDEAL**2 * values[-1]]
+        others = [k for k in range(len(names)) if k not in plain]
+        directions = np.zeros((len(names), good.shape[1] + len(others)))
+        directions[plain, : good.shape[1]] = good
+        directions[others, good.shape[1] :] = np.eye(len(others))
+        return directions
+
+
+def _sizes(names: Sequence[str], columns: Array) -> Array:
+    """(P,) sizes of parameters: within an effect as they typically are, so that it is seen as well as any other."""
+    owners = np.empty(len(names), dtype=object)
+    sizes = np.empty(len(names))
+    for k, name in enumerate(names):
+        effect_id, _, parameter = name.partition(".")
+        own = next(p for p in get(effect_id).parameters if p.name == parameter)
+        owners[k] = name if own.shape else effect_id
+        sizes[k] = own.typical
+    shown = sizes * np.linalg.norm(columns, axis=1)
+    for owner in set(owners):
+        largest = float(shown[owners == owner].max())
+        sizes[owners == owner] /= largest if largest > 0 else 1.0
+    return sizes

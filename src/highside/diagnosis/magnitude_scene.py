@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.candidates import Blind, Candidate, Variant, pose_candidates, shadows
+from highside.diagnosis.candidates import pose_candidates, shadows
 from highside.diagnosis.directed_walk import DirectedLikelihoods, DirectedNoise
 from highside.diagnosis.fit import JointFit, base_fit, joint_fit
 from highside.diagnosis.location import Basis, followed, intervals, scan_of
+from highside.diagnosis.magnitude_candidates import (
+    bases_of,
+    beyond_linear,
+    projected,
+    short_enough,
+    visible,
+)
+from highside.diagnosis.magnitude_fit import fitted_columns, from_the_start, least
 from highside.diagnosis.magnitude_noise import MagnitudeNoise, plainly_asked, rich_columns, scatter
 from highside.diagnosis.magnitude_observed import Magnitudes
 from highside.diagnosis.magnitude_session import MagnitudeSession
@@ -21,11 +29,13 @@ from highside.diagnosis.memory import Channel, Innovating, Likelihoods, Memory, 
 from highside.diagnosis.memory import intervals as in_intervals
 from highside.diagnosis.pose_scene import block_proof
 from highside.diagnosis.regression import VISIBLE, outside, span
-from highside.diagnosis.result import Diagnosis, Fit, FittedParameter, Location
+from highside.diagnosis.result import Diagnosis, Fit, Location, NotTestable
 from highside.diagnosis.rivals import Rivalry
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
 from highside.diagnosis.selection import (
+    ALARM_RATE,
     MAX_CLAIMS,
+    SHORTLIST,
     HeldOut,
     Member,
     Pool,
@@ -33,17 +43,25 @@ from highside.diagnosis.selection import (
     Selector,
     block_gain,
     pose_flips,
+    ranked,
+    span_with,
+    standing,
     threshold,
 )
+from highside.physics.effects import get
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
+
+Shapes = dict[str, dict[str, float]]
 
 CHANNEL = "g_total"
 ONE_BY_ONE = 60
 """Up to so many poses each is left out by itself."""
 BLOCKS = 10
 ALIKE = 0.999
+WITHIN_95 = 2.7
+"""Of -2 log likelihood: the one-sided 95 % quantile of chi-square with one degree of freedom."""
 PER_NAME = 6
 """Readings beyond the base for each effect that is given a name."""
 
@@ -63,25 +81,72 @@ class MagnitudeScene(Scene):
     white_noise: MagnitudeNoise
     bases: list[Basis]
 
+    about: Shapes = field(default_factory=dict)
+    """effects beside the free ones, with their shapes, at whose fitted sizes everything is taken to first order"""
+
     @classmethod
     def of(cls, session: MagnitudeSession, model: ForwardModel, free: tuple[str, ...], seed: int) -> MagnitudeScene:
-        """Fit the base, make the columns, learn the noise."""
+        """Fit the base, make the columns, learn the noise.
+
+        The length of a vector is not linear in an offset of a tenth of it: the square of what was left out would pass
+        for products of loads. So columns and residual are taken where what is plainly asked for has its fitted size.
+        """
         seen = Magnitudes(session)
-        model, base, residual = base_fit(model, seen, free, steps=12)
+        scene = cls._about(seen, model, free, seed, {})
+        while not session.rest and len(scene.about) < MAX_CLAIMS:
+            about = scene._nearest(model)
+            if about is None:
+                break
+            scene = cls._about(seen, model, free, seed, about)
+        return scene
+
+    @classmethod
+    def _about(
+        cls, seen: Magnitudes, model: ForwardModel, free: tuple[str, ...], seed: int, about: Shapes
+    ) -> MagnitudeScene:
+        session = seen.session
+        if session.rest and "bias" in free:
+            # offset, scale and matrix show alike; an offset leaves the directions as they are
+            model = base_fit(model, seen, ("bias",), steps=12)[0]
+        model, columns, residual = _fitted(seen, model, free, about)
+        names = model.free_names(free) if free else []
+        values = model.get_free(list(about)) if about else np.empty(0)
+        # as if the others had been left out, but to first order about what they are
+        base, others = seen.shown(columns[: len(names)], names), columns[len(names) :]
+        residual = outside(span(base[:, 0]), residual + np.tensordot(values, others, 1))
         aligned = seen.aligned(model)
-        candidates, blind = _visible(seen, model, *pose_candidates(model, aligned.state, free))
+        candidates, blind = visible(seen, model, *pose_candidates(model, aligned.state, free))
         if not session.rest:
             force = np.asarray(model.chain(aligned.state).force, dtype=float)
-            candidates += _projected(seen, model, shadows(aligned.state, force))
+            candidates += projected(seen, model, shadows(aligned.state, force))
         if session.rest:
-            candidates = _short_enough(candidates, float(np.ptp(session.t_s)))
-        candidates = _beyond_linear(candidates, base)
-        bases = _bases(session, aligned.state.reading.shape[1])
+            candidates = short_enough(candidates, float(np.ptp(session.t_s)))
+        candidates = beyond_linear(candidates, base)
+        bases = bases_of(session, aligned.state.reading.shape[1])
         rich = plainly_asked(rich_columns(base, candidates, bases), base, residual, candidates)
         return cls(
             candidates, blind, free, seed, session, model, seen, base, residual, rich,
-            scatter(session, residual, rich), bases,
+            scatter(session, residual, rich), bases, about,
         )  # fmt: skip
+
+    def _nearest(self, start: ForwardModel) -> Shapes | None:
+        """One effect more to take everything about: of those that are plainly asked for, the one that comes nearest as
+        it is, not to first order; none where nothing is asked for."""
+        noise, ids = self.noise, [c.id for c in self.candidates]
+        pool = Pool(self.candidates, [noise.white(v.columns) for c in self.candidates for v in c.variants])
+        known = [m for m in pool.members if ids[m.candidate] in self.about and self.variant(m).whole]
+        known = [m for m in known if self.variant(m).shape == self.about[ids[m.candidate]]]
+        space = span_with(span(noise.white(self.base)), pool.stack(known))
+        after = standing(pool, space, noise.white(self.residual), noise.freedom, self.session.n)
+        limit = -np.log10(ALARM_RATE / len(ids))
+        asked = [k for k in ranked(after.bic) if after.log_p[k] > limit]
+        asked = [k for k in asked if self.candidates[k].named and ids[k] not in self.about]
+        tried = []
+        for k in asked[:SHORTLIST]:
+            about = {**self.about, ids[k]: self.variant(after.best[k]).shape}
+            left = _fitted(self.seen, start, self.free, about)[2]
+            tried.append((float(np.sum(left**2)), k, about))
+        return min(tried)[2] if tried else None
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -171,29 +236,61 @@ class MagnitudeScene(Scene):
         return gain > error
 
     def with_memory(self, memories: Sequence[Memory]) -> MagnitudeNoise:
-        memory, variance = memories[0], self.noise.std**2
-        share = memory.upper if memory.share > 0 else 0.0
+        memory = memories[0]
+        return self._remembering(memory.length, memory.upper if memory.share > 0 else 0.0)
+
+    def _remembering(self, length: float, share: float) -> MagnitudeNoise:
+        """The noise with a memory of `length` readings and a variance of `share` of the white part's."""
+        variance = self.noise.std**2
         level: Innovating
         if self.session.rest:
-            size, length = np.array([share * float(variance.mean())]), np.array([memory.length])
-            level = LevelNoise.of(variance, in_intervals(self.session.t_s), size, length)
+            size = np.array([share * float(variance.mean())])
+            level = LevelNoise.of(variance, in_intervals(self.session.t_s), size, np.array([length]))
         else:
             level = DirectedNoise.of(variance, self.session.direction, self.session.t_s, np.array([share]))
         return replace(self.noise, level=level)
 
+    def _widest(self, members: Sequence[Member], noise: MagnitudeNoise) -> MagnitudeNoise:
+        """The noise with the largest walk that the readings allow at 95 % beside the members.
+
+        At rest all that shows is slow. That a walk is not needed beside an effect does not say that there is none: with
+        it, an amplitude is known less well by far.
+        """
+        channel = self.likelihoods(members)[0]
+        assert isinstance(channel, Likelihoods)
+        fits = channel.without(self.base[:0, 0])
+        walks = [
+            share for (length, share), fit in zip(channel.settings, fits, strict=True)
+            if np.isinf(length) and fit <= fits.min() + WITHIN_95
+        ]  # fmt: skip
+        return self._remembering(np.inf, max(walks)) if walks else noise
+
     def fit(self, members: Sequence[Member], noise: MagnitudeNoise) -> JointFit:
-        found = joint_fit(self.model, self.seen, self.free, self.candidates, members, noise, noise.freedom)
+        if self.session.rest and members:
+            noise = self._widest(members, noise)
+        ids = [self.candidates[m.candidate].id for m in members]
+        model = self.model.without(*(name for name in self.about if name not in ids))
+        found = joint_fit(model, self.seen, self.free, self.candidates, members, noise, noise.freedom)
         if not members:
             return replace(found, residual=self.residual)
-        base = noise.white(self.base)
         tables = dict(found.parameters)
+        parts = {}
         for member in members:
             candidate = self.candidates[member.candidate]
-            whole = next(v for v in candidate.variants if v.whole and v.shape == self.variant(member).shape)
-            others = [noise.white(self.variant(m).columns) for m in members if m != member]
-            columns = outside(span(np.concatenate([base, *others])), noise.white(whole.columns))
-            tables[candidate.id] = _least(tables[candidate.id], candidate, columns, noise.freedom)
-        return replace(found, parameters=tables)
+            parts[candidate.id] = fitted_columns(self.seen, model, candidate, tables[candidate.id])
+        for member in members:
+            candidate = self.candidates[member.candidate]
+            own, slopes = parts[candidate.id]
+            others = [c for name, both in parts.items() if name != candidate.id for c in both]
+            space = span(noise.white(np.concatenate([self.base, slopes, *others])))
+            names = [f"{candidate.id}.{name}" for name in candidate.amplitudes]
+            shown = self.seen.directions(names, candidate.unit())
+            tables[candidate.id] = least(
+                tables[candidate.id], candidate, outside(space, noise.white(own)), shown, noise.freedom
+            )
+        delay_s = float(self.session.t_s[0]) - self.session.began_s
+        told = {name: from_the_start(table, name, delay_s) for name, table in tables.items()}
+        return replace(found, parameters=told)
 
     def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
         sought = followed(judged.scan, signal, [slice(0, signal.size)], space)
@@ -223,6 +320,8 @@ class MagnitudeScene(Scene):
         return Picture(self.session, self.residual, after, self.channels)
 
     def completed(self, diagnosis: Diagnosis) -> Diagnosis:
+        lacking = (*diagnosis.not_testable, *self._not_parted())
+        diagnosis = replace(diagnosis, not_testable=lacking)
         if not self.session.rest or not diagnosis.claims:
             return diagnosis
         words = (
@@ -231,6 +330,21 @@ class MagnitudeScene(Scene):
         )
         remainder = replace(diagnosis.remainder, hints=(words, *diagnosis.remainder.hints))
         return replace(diagnosis, remainder=remainder)
+
+    def _not_parted(self) -> list[NotTestable]:
+        """Free effects of which the magnitudes show nothing that the other free ones do not show as well."""
+        found = []
+        columns = self.seen.jacobian(self.model, self.free)
+        owners = [name.partition(".")[0] for name in self.model.free_names(self.free)] if self.free else []
+        for name in self.free:
+            mine = np.array([owner == name for owner in owners])
+            own, others = columns[mine][:, 0], columns[~mine][:, 0]
+            if mine.all() or np.linalg.norm(outside(span(others), own)) > VISIBLE * np.linalg.norm(own):
+                continue
+            rivals = [other for other in self.free if other != name]
+            why = f"it is adjusted, but in the attitudes of this recording {', '.join(rivals)} would do the same"
+            found.append(NotTestable(name, why, get(name).splitter))
+        return found
 
     def told_of_noise(self) -> dict[str, Any]:
         return {
@@ -241,116 +355,13 @@ class MagnitudeScene(Scene):
         }
 
 
-def _visible(
-    seen: Magnitudes, model: ForwardModel, candidates: list[Candidate], blind: list[Blind]
-) -> tuple[list[Candidate], list[Blind]]:
-    """Candidates by what they do to the magnitude; those that only turn the reading become blind."""
-    projected = _projected(seen, model, candidates)
-    kept = {c.id for c in projected}
-    turns = "it only turns the reading, and a magnitude does not show that"
-    return projected, [*blind, *(Blind(c.effect, turns) for c in candidates if c.effect and c.id not in kept)]
-
-
-def _projected(seen: Magnitudes, model: ForwardModel, candidates: Sequence[Candidate]) -> list[Candidate]:
-    aligned = seen.aligned(model)
-    found = []
-    for candidate in candidates:
-        variants: list[Variant] = []
-        for variant in candidate.variants:
-            columns = seen.project(aligned, variant.columns)
-            if np.any(columns != 0):
-                variants.append(replace(variant, columns=columns))
-        if variants:
-            found.append(replace(candidate, variants=tuple(variants)))
-    return found
-
-
-def _least(
-    table: dict[str, FittedParameter], candidate: Candidate, columns: Array, freedom: float
-) -> dict[str, FittedParameter]:
-    """The fitted parameters with what the magnitude does not show left at zero, columns (k, N) whitened.
-
-    The part that is not seen (all across gravity in one attitude, the antisymmetric part of a matrix) is arbitrary; a
-    parameter that is seen is known whatever else is not.
-    """
-    from scipy.stats import t as student
-
-    amplitudes = candidate.amplitudes
-    assert candidate.effect is not None
-    gates = {p.name: p.gate for p in candidate.effect.parameters}
-    values, vectors = np.linalg.eigh(columns @ columns.T)
-    good = values > VISIBLE**2 * values[-1]
-    if good.all() and all((table[name].low, table[name].high) != gates[name] for name in amplitudes):
-        return table
-    seen = vectors[:, good]
-    size = seen @ (seen.T @ np.array([table[name].value for name in amplitudes]))
-    std = np.sqrt(np.sum(seen**2 / values[good], axis=1))
-    half = float(student.ppf(0.975, freedom)) * std
-    return {
-        **table,
-        **{
-            name: FittedParameter(
-                float(size[k]), float(std[k]), float(size[k] - half[k]), float(size[k] + half[k]), table[name].unit
-            )
-            for k, name in enumerate(amplitudes)
-        },
-    }
-
-
-def _short_enough(candidates: Sequence[Candidate], length_s: float) -> list[Candidate]:
-    """Without warm-ups that take longer than half of a rest: such a one is a drift with a slight bend, and bends like
-    whatever else went up meanwhile."""
-    found = []
-    for candidate in candidates:
-        variants = tuple(v for v in candidate.variants if candidate.id != "warmup" or v.shape["tau"] < length_s / 2)
-        if variants:
-            found.append(replace(candidate, variants=variants))
-    return found
-
-
-def _beyond_linear(candidates: list[Candidate], base: Array) -> list[Candidate]:
-    """The curvature with temperature by what it adds to the coefficient alone.
-
-    Counted from a temperature far away, a square is almost a straight line, and would be named in its place.
-    """
-    linear = [v.columns[:, 0] for c in candidates if c.id == "temperature_bias" for v in c.variants if v.whole]
-    if not linear:
-        return candidates
-    space = span(np.concatenate([base[:, 0], *linear]))
-    return [
-        replace(c, variants=tuple(replace(v, columns=outside(space, v.columns)) for v in c.variants))
-        if c.id == "temperature_bias_curvature"
-        else c
-        for c in candidates
-    ]
+def _fitted(
+    seen: Magnitudes, model: ForwardModel, free: Sequence[str], about: Shapes
+) -> tuple[ForwardModel, Array, Array]:
+    """The model with the amplitudes of the free effects and of those of `about`, columns (P, 1, n), residual (1, n)."""
+    model = model.with_effects({name: shape for name, shape in about.items() if name not in model.ids})
+    return base_fit(model, seen, (*free, *about), steps=12)
 
 
 def _alike(one: Array, other: Array) -> bool:
     return bool(abs(one @ other) > ALIKE * np.linalg.norm(one) * np.linalg.norm(other))
-
-
-def _bases(session: MagnitudeSession, n: int) -> list[Basis]:
-    """Covariates of still readings: the direction of the load, temperature, time."""
-    x, y, z = session.direction
-    inc_deg = np.degrees(np.arccos(np.clip(z, -1, 1)))
-    found: list[Basis] = []
-
-    def add(covariate: str, along: Array, functions: Sequence[Array]) -> None:
-        found.append(Basis(covariate, np.asarray(along), np.stack(functions)))
-
-    if not session.rest:
-        square = [x * x - y * y, 2 * z * z - x * x - y * y, x * y, x * z, y * z]
-        add("gravity_direction", inc_deg, square)
-        add("gravity_direction (third order)", inc_deg, [x**3, y**3, z**3, x * y * z])
-        if n >= 40:
-            add("gravity_direction (fourth order)", inc_deg, [x**4, y**4, z**4, x * x * y * y, x * x * z * z])
-    if np.ptp(session.temp_c) > 0.5:
-        q = (session.temp_c - session.temp_c.mean()) / session.temp_c.std()
-        add("temp_c", session.temp_c, [q, q**2, q**3])
-        if not session.rest:
-            add("temp_c x gravity_direction", session.temp_c, [q * x, q * y, q * z])
-    if np.ptp(session.vibration_rms_g) > 0:
-        add("vibration_rms_g", session.vibration_rms_g, [session.vibration_rms_g, session.vibration_rms_g**2])
-    u = (session.t_s - session.t_s[0]) / max(float(np.ptp(session.t_s)), 1e-9)
-    add("t_s", session.t_s, [np.cos(np.pi * k * u) for k in range(1, 4 if n < 40 else 7)])
-    return found

@@ -58,6 +58,8 @@ class MagnitudeSession:
     found: str
     row_seconds: float
     gravity_mps2: float
+    began_s: float
+    """time of the recording's first row: what follows time does so from there, not from the first reading"""
 
     @property
     def n(self) -> int:
@@ -184,11 +186,12 @@ def _session(
     found: str,
     gravity_mps2: float,
 ) -> MagnitudeSession:
-    def each(name: str, neutral: float) -> Array:
+    def each(name: str, neutral: float, power: int = 1) -> Array:
+        """(n,) means, or roots of mean powers, over the rows of each reading."""
         column = columns.get(name)
         if column is None or np.isnan(column).all():
             return np.full(len(rows), neutral)
-        return np.array([float(np.nanmean(column[r])) for r in rows])
+        return np.array([float(np.nanmean(column[r] ** power)) ** (1 / power) for r in rows])
 
     return MagnitudeSession(
         mean=np.stack([accel_g[:, r].mean(axis=1) for r in rows], axis=1),
@@ -196,12 +199,13 @@ def _session(
         group=np.unique(group, return_inverse=True)[1].reshape(-1),
         t_s=each("t_s", 0.0),
         temp_c=each("temp_c", 25.0),
-        vibration_rms_g=each("vibration_rms_g", 0.0),
+        vibration_rms_g=each("vibration_rms_g", 0.0, 2),
         rest=rest,
         attitudes=attitudes,
         found=found,
         row_seconds=float(np.median(np.diff(columns["t_s"]))),
         gravity_mps2=gravity_mps2,
+        began_s=float(columns["t_s"][0]),
     )
 
 
