@@ -54,6 +54,25 @@ def short_enough(candidates: Sequence[Candidate], length_s: float) -> list[Candi
     return found
 
 
+def finer_step(variant: Variant, others: Sequence[Variant], elapsed: Array, space: Array, residual: Array) -> Variant:
+    """A step of a rest at the instant at which it fits best between its neighbours among the instants of `others`.
+
+    A rest has more readings than instants are searched, and a step a few readings beside the true one is too small.
+    `space` (r, n) is what else is explained, `residual` and `elapsed` (n,).
+    """
+    own = variant.shape["t0"]
+    tried = np.array(sorted({v.shape["t0"] for v in others}))
+    k = int(np.searchsorted(tried, own))
+    low, high = tried[max(k - 1, 0)], tried[min(k + 1, tried.size - 1)]
+    between = (elapsed[:-1] + elapsed[1:]) / 2
+    between = np.append(between[(between > low) & (between < high)], own)
+    left = outside(space, (elapsed >= between[:, None]).astype(float))
+    gain = (left @ residual) ** 2 / np.maximum(np.sum(left**2, axis=1), 1e-12)
+    best = float(between[int(np.argmax(gain))])
+    height = variant.columns[..., elapsed >= own].mean(axis=-1, keepdims=True)
+    return replace(variant, shape={"t0": best}, columns=np.where(elapsed >= best, height, 0.0))
+
+
 def beyond_linear(candidates: list[Candidate], base: Array) -> list[Candidate]:
     """The curvature with temperature by what it adds to the coefficient alone.
 

@@ -16,6 +16,7 @@ from highside.diagnosis.location import Basis, followed, intervals, scan_of
 from highside.diagnosis.magnitude_candidates import (
     bases_of,
     beyond_linear,
+    finer_step,
     projected,
     short_enough,
     visible,
@@ -265,9 +266,27 @@ class MagnitudeScene(Scene):
         ]  # fmt: skip
         return self._remembering(np.inf, max(walks)) if walks else noise
 
+    def _finer(self, members: Sequence[Member]) -> MagnitudeScene:
+        """With steps of a rest at the instants at which they fit best, also between those that were searched."""
+        candidates = list(self.candidates)
+        elapsed = self.session.t_s - self.session.t_s[0]
+        for m in members:
+            candidate = candidates[m.candidate]
+            if candidate.id == "bias_step":
+                others = self.block([o for o in members if o != m])[:, 0]
+                space = span(np.concatenate([self.base[:, 0], others]))
+                variants = list(candidate.variants)
+                variants[m.variant] = finer_step(variants[m.variant], variants, elapsed, space, self.residual[0])
+                candidates[m.candidate] = replace(candidate, variants=tuple(variants))
+        return replace(self, candidates=candidates)
+
     def fit(self, members: Sequence[Member], noise: MagnitudeNoise) -> JointFit:
-        if self.session.rest and members:
-            noise = self._widest(members, noise)
+        if not self.session.rest or not members:
+            return self._fit(members, noise)
+        finer = self._finer(members)
+        return finer._fit(members, finer._widest(members, noise))
+
+    def _fit(self, members: Sequence[Member], noise: MagnitudeNoise) -> JointFit:
         ids = [self.candidates[m.candidate].id for m in members]
         model = self.model.without(*(name for name in self.about if name not in ids))
         found = joint_fit(model, self.seen, self.free, self.candidates, members, noise, noise.freedom)
