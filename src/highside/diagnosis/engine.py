@@ -17,12 +17,21 @@ from numpy.typing import NDArray
 from highside.diagnosis.fit import BENDS, JointFit
 from highside.diagnosis.magnitude_scene import MagnitudeScene
 from highside.diagnosis.magnitude_session import MagnitudeSession
-from highside.diagnosis.memory import SUSPECT, Channel, Memory, SlowScore, SlowStage, beats_the_walk, slow_effects
+from highside.diagnosis.memory import (
+    SUSPECT,
+    Channel,
+    Memory,
+    SlowScore,
+    SlowStage,
+    beats_the_walk,
+    slow_effects,
+    slow_scores,
+)
 from highside.diagnosis.method import WHOLE, Method
 from highside.diagnosis.pose_scene import PoseScene
 from highside.diagnosis.regression import log10_p, outside, span
 from highside.diagnosis.result import Claim, Diagnosis, Location, Remainder, Rival, Verdict
-from highside.diagnosis.rivals import Rivalry, rivalry, what_shows
+from highside.diagnosis.rivals import Rivalry, beside_memory, rivalry, what_shows
 from highside.diagnosis.rotation_scene import RotationScene
 from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.scene import Judged, Picture, Scene
@@ -283,7 +292,7 @@ def _conclude(scene: Scene, judged: Judged, suspicion: _Suspicion, version: str)
     named = [m for m in members if scene.candidates[m.candidate].named]
     after = _scan(scene, judged, members)
     loud = float(after.log_p[after.loudest]) > judged.scan_threshold
-    rivalries = [rivalry(selector, members, m) for m in members]
+    rivalries = [_rivalry(scene, judged, m) for m in members]
     fit = judged.fit if judged.fit is not None and members == chosen else scene.fit(named, judged.noise)
     explained = _gain(selector, members)
     heard = after.log_p.reshape(-1, len(scene.channels)).max(axis=0) > judged.scan_threshold
@@ -328,6 +337,17 @@ def _conclude(scene: Scene, judged: Judged, suspicion: _Suspicion, version: str)
         noise, scene.seed, version,
     )  # fmt: skip
     return scene.completed(diagnosis), scene.picture(fit if named else None)
+
+
+def _rivalry(scene: Scene, judged: Judged, claim: Member) -> Rivalry:
+    """How the candidates compare with a claim; slow ones with a slow one as noise that remembers lets them."""
+    found = rivalry(judged.selector, judged.members, claim)
+    slow = scene.slow() if scene.method.colour else []
+    if claim.candidate not in {s.candidate for s in slow}:
+        return found
+    others = [m for m in judged.members if m != claim]
+    scores, _, _ = slow_scores(scene.likelihoods(others), slow)
+    return beside_memory(found, scores, claim, {m.candidate for m in others})
 
 
 def _widened(scene: Scene, judged: Judged) -> list[Member]:

@@ -28,6 +28,8 @@ FOUND = 12.0
 """Gain of -2 log likelihood of a channel from which memory is believed."""
 SUSPECT = 8.0
 SLOW_LOG_P = 2.8
+NEAR_LOG_P = 1.0
+"""-log10 p beside a walk from which a slow effect resembles what was seen."""
 REMAINING = 15.0
 """A slow effect beside which more evidence of memory than this remains is not the whole story."""
 LENGTHS = (1.5, 4.0, np.inf)
@@ -256,6 +258,36 @@ PAIR_SCORE = 12.0
 """Two slow effects stand in place of one that is enough by itself where they gain so much more of -2 log likelihood."""
 
 
+def slow_scores(
+    channels: Sequence[Channel], slow: Sequence[SlowEffect], beside: Sequence[SlowScore] = ()
+) -> tuple[list[SlowScore], Array, float]:
+    """How every slow effect fares beside those; what each gains of -2 log likelihood; the evidence of memory.
+
+    The memory is chosen anew with each, so that differences of score between slow effects hold whether or not the
+    noise wanders.
+    """
+    functions, tries = np.stack([e.function for e in slow]), _tries(slow)
+    channels = channels[: functions.shape[1]]
+    columns = np.stack([score.effect.function for score in beside]) if beside else functions[:0]
+    gain, remaining, evidence = np.zeros(len(slow)), np.zeros(len(slow)), 0.0
+    for c, channel in enumerate(channels):
+        without = channel.without(columns[:, c])
+        plain = float(without.min())
+        evidence += float(without[0]) - plain
+        tested = channel.with_each(columns[:, c], functions[:, c])
+        gain += plain - tested.min(axis=0)
+        remaining += tested[0] - tested.min(axis=0)
+    log_p, score = _slow_log_p(gain, len(channels), tries), gain - 2 * np.log(tries)
+    rows = zip(slow, log_p.tolist(), remaining.tolist(), score.tolist(), strict=True)
+    return [SlowScore(*row) for row in rows], gain, evidence
+
+
+def _tries(slow: Sequence[SlowEffect]) -> Array:
+    """(len(slow),) how many shapes of its effect each is one of."""
+    owners, count = np.unique([e.candidate for e in slow], return_counts=True)
+    return np.array([float(count[owners == e.candidate][0]) for e in slow])
+
+
 def slow_effects(
     channels: Sequence[Channel],
     slow: Sequence[SlowEffect],
@@ -264,25 +296,11 @@ def slow_effects(
     most: int = 2,
 ) -> SlowStage:
     """Test each slow effect (`ids` name them) against the walk, then again beside the first that is claimed."""
-    functions = np.stack([e.function for e in slow])
-    channels = channels[: functions.shape[1]]
-    owners, count = np.unique([e.candidate for e in slow], return_counts=True)
-    tries = np.array([float(count[owners == e.candidate][0]) for e in slow])
+    channels = channels[: slow[0].function.shape[0]]
+    tries = _tries(slow)
 
     def scored(beside: Sequence[SlowScore]) -> tuple[list[SlowScore], Array, float]:
-        """Every slow effect beside those; what each gains of -2 log likelihood; the evidence of memory."""
-        columns = np.stack([score.effect.function for score in beside]) if beside else functions[:0]
-        gain, remaining, evidence = np.zeros(len(slow)), np.zeros(len(slow)), 0.0
-        for c, channel in enumerate(channels):
-            without = channel.without(columns[:, c])
-            plain = float(without.min())
-            evidence += float(without[0]) - plain
-            tested = channel.with_each(columns[:, c], functions[:, c])
-            gain += plain - tested.min(axis=0)
-            remaining += tested[0] - tested.min(axis=0)
-        log_p, score = _slow_log_p(gain, len(channels), tries), gain - 2 * np.log(tries)
-        rows = zip(slow, log_p.tolist(), remaining.tolist(), score.tolist(), strict=True)
-        return [SlowScore(*row) for row in rows], gain, evidence
+        return slow_scores(channels, slow, beside)
 
     claimed: list[SlowScore] = []
     admitted: list[SlowScore] = []
@@ -295,7 +313,7 @@ def slow_effects(
             if s.effect.candidate not in taken and limits.passes(name, s.log_p, s.remaining, evidence)
         ]  # fmt: skip
         if turn == 0:
-            near = [s for s in scores if s.log_p > 1.0]
+            near = [s for s in scores if s.log_p > NEAR_LOG_P]
         admitted += passing
         # of two that fit alike the one that stands first in the library
         best = max(passing, key=lambda s: round(s.score, 1)) if passing else None
@@ -323,7 +341,7 @@ def _pair(
     """Two that only together leave no walk, each of which is needed beside the other; none if there are no such."""
     seeds: dict[int, int] = {}
     for k in np.argsort([-s.score for s in scores]).tolist():
-        if scores[k].log_p > 1.0:
+        if scores[k].log_p > NEAR_LOG_P:
             seeds.setdefault(scores[k].effect.candidate, k)
     best: tuple[float, list[SlowScore]] = (0.0, [])
     for k in list(seeds.values())[:SEEDS]:

@@ -1,13 +1,14 @@
 """What a recording cannot tell: effects that explain it as well as the claim, and effects that leave no trace in it.
 
-Two candidates are one class where exchanging them costs less than 6 in BIC, or where what the claim adds beyond the
-rival is expected to show with less than 12 in chi-square (a rival that contains the claim is such a case). An effect
-is testable where its largest plausible size would be seen with 80 % probability beside the base parameters.
+Two candidates are one class where exchanging them costs less than 6 in BIC (of slow effects: with a noise that may
+remember), or where what the claim adds beyond the rival is expected to show with less than 12 in chi-square (a rival
+that contains the claim is such a case). An effect is testable where its largest plausible size would be seen with 80 %
+probability beside the base parameters.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtri
 
 from highside.diagnosis.candidates import Blind, Candidate, columns_of
+from highside.diagnosis.memory import NEAR_LOG_P, SlowScore
 from highside.diagnosis.regression import VISIBLE, outside
 from highside.diagnosis.result import Detectable, NotTestable
 from highside.diagnosis.selection import Member, Pool, Selector, span_with
@@ -66,6 +68,29 @@ def rivalry(selector: Selector, members: Sequence[Member], claim: Member) -> Riv
         if delta[k] < SAME_CLASS_BIC or beyond < SAME_CLASS_EVIDENCE:
             same.append(int(k))
     return Rivalry(delta, now.best, tuple(same))
+
+
+def beside_memory(found: Rivalry, scores: Sequence[SlowScore], claim: Member, taken: Container[int]) -> Rivalry:
+    """The rivalry of a slow effect with other slow ones (`scores`) where the noise may have any memory.
+
+    What two slow effects differ by is slow itself, and so may be wandering: a difference that white noise would make
+    decisive counts only for what it is worth with the memory chosen anew beside each of the two.
+    """
+    best: dict[int, SlowScore] = {}
+    for one in scores:
+        k = one.effect.candidate
+        if k not in best or one.score > best[k].score:
+            best[k] = one
+    delta, members, same = found.delta_bic.copy(), list(found.best), list(found.same)
+    for k, one in best.items():
+        if k == claim.candidate or k in taken:
+            continue
+        apart = best[claim.candidate].score - one.score
+        if apart < delta[k]:
+            delta[k], members[k] = apart, Member(k, one.effect.variant)
+        if apart < SAME_CLASS_BIC and one.log_p > NEAR_LOG_P and k not in same:
+            same.append(k)
+    return Rivalry(delta, members, tuple(same))
 
 
 def evidence_80(dof: int, freedom: float, threshold: float) -> float:
