@@ -183,6 +183,10 @@ def _choose(
     """
     selector = replace(judged.selector, banned=banned, fixed=fixed)
     members = selector.select()
+    if _is_loud(scene, replace(judged, selector=selector), members):
+        # something is there: two effects that cancel one another may each be too small to be seen alone
+        selector = replace(selector, opposed=True)
+        members = selector.select()
     if not scene.method.colour:
         return replace(judged, selector=selector, members=members)
 
@@ -285,6 +289,12 @@ def _scan(scene: Scene, judged: Judged, members: Sequence[Member]) -> _Scanned:
     return _Scanned(log_p, loudest, excess, (group @ residual) @ group)
 
 
+def _is_loud(scene: Scene, judged: Judged, members: Sequence[Member]) -> bool:
+    """Whether the scan finds more than chance beside members."""
+    after = _scan(scene, judged, members)
+    return bool(after.log_p[after.loudest] > judged.scan_threshold)
+
+
 def _conclude(scene: Scene, judged: Judged, suspicion: _Suspicion, version: str) -> tuple[Diagnosis, Picture]:
     chosen = judged.members
     judged = replace(judged, members=scene.believed(judged, _widened(scene, judged)))
@@ -359,8 +369,7 @@ def _widened(scene: Scene, judged: Judged) -> list[Member]:
     members, selector = judged.members, judged.selector
 
     def loud(some: list[Member]) -> bool:
-        after = _scan(scene, judged, some)
-        return bool(after.log_p[after.loudest] > judged.scan_threshold)
+        return _is_loud(scene, judged, some)
 
     if not members or not loud(members):
         return members

@@ -22,6 +22,7 @@ from highside.diagnosis.result import Diagnosis, Fit, Location
 from highside.diagnosis.rivals import Rivalry, next_poses
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
 from highside.diagnosis.selection import (
+    STARTS,
     HeldOut,
     Member,
     Pool,
@@ -38,7 +39,6 @@ from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
 
-STARTS = 4
 RICH_SHARE = 0.5
 """Of all readings, how many directions at most the rich model may take."""
 

@@ -31,7 +31,7 @@ from highside.diagnosis.rotation_noise import windows as learned_from
 from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.rotation_support import rotation_cells, windows
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
-from highside.diagnosis.selection import FLIPS, Member, Pool, Selector, block_gain, gain_interval, threshold
+from highside.diagnosis.selection import FLIPS, STARTS, Member, Pool, Selector, block_gain, gain_interval, threshold
 from highside.diagnosis.support import Window
 from highside.diagnosis.untestable import what_splits, with_manoeuvres
 from highside.physics.forward import ForwardModel
@@ -185,7 +185,7 @@ class RotationScene(Scene):
         else:
             judged = self.judge(with_walk(noise, []))
             limit, scan_limit = judged.selector.threshold, judged.scan_threshold
-        selector = Selector(pool, base, residual, noise.freedom, limit, gains, size)
+        selector = Selector(pool, base, residual, noise.freedom, limit, gains, size, starts=STARTS)
         return Judged(selector, scan, scan_limit, [], _Judging(noise, space))
 
     def _limits(self, space: Space, base: Array, pool: Pool, scan: Scan, freedom: float) -> tuple[float, float]:

@@ -24,12 +24,16 @@ ALARM_RATE = 0.01
 FLIPS = 300
 BLOCK_POSES = 6
 MAX_CLAIMS = 4
-TIE = 0.5
+HALF = 2 * np.log(2)
+"""Gain of an amplitude of known sign: half of what one of either sign might have been has been ruled out."""
 ROUNDING = 1e-6
 """Gains that differ by less are equal: of these that which stands first in the library is chosen."""
-REMEMBERS = 3.0
-"""Gain by which a slack that remembers must be better than one that does not, of which there are more variants."""
+REMEMBERS = 6.6
+"""Gain of chi-square that one direction has by chance in 1 % of cases: a slack that remembers must be better by as much
+than one that does not, which it becomes where the tool hardly ever turns back."""
 MERGE_BIC = 6.0
+STARTS = 4
+"""Candidates from each of which choosing begins."""
 PROMISING = 0.3
 """Share of the first choice's gain of BIC from which choosing is begun from another candidate as well."""
 HELD = 0.01
@@ -123,10 +127,9 @@ def standing(pool: Pool, space: Array, residual: Array, freedom: float, size: in
         if float(outside(space, pool.blocks[i])[0] @ residual) < 0:
             gain[i] = 0.0
         else:
-            # as good as one that may have either sign: half of what that might be has been ruled out. But of two slacks
-            # that lag alike the one that need not remember is the simpler
+            # of two slacks that lag alike the one that need not remember is the simpler
             effect = pool.candidates[pool.members[i].candidate].effect
-            gain[i] = max(0.0, gain[i] + (TIE if effect is not None and effect.complex_safe else -REMEMBERS))
+            gain[i] = max(0.0, gain[i] + (HALF if effect is not None and effect.complex_safe else -REMEMBERS))
     for i, amplitude in pool.known:
         # taken as large as it must be, not as large as would suit
         bare = amplitude * outside(space, pool.blocks[i])[0]
@@ -272,6 +275,8 @@ class Selector:
     """claims at which choosing ends"""
     starts: int = 1
     """candidates from each of which choosing begins; the cheapest in BIC and names is kept"""
+    opposed: bool = False
+    """whether two are sought that cancel one another, where none is asked for by itself"""
 
     def space_with(self, members: Sequence[Member]) -> Array:
         """Base and members."""
@@ -296,6 +301,8 @@ class Selector:
         while len(members) < self.most:
             step = self._forward(members)
             steps = [step] if step is not None else self._forward_two(members)
+            if not steps and self.opposed:
+                steps = self._opposed(members)
             if not steps or len(members) + len(steps) > self.most:
                 break
             members = self._settle([*members, *steps])
@@ -380,6 +387,34 @@ class Selector:
             if gain > error and (best is None or gain > best[0] + ROUNDING):
                 best = (gain, two)
         return best[1] if best else None
+
+    def _opposed(self, members: list[Member]) -> list[Member] | None:
+        """Two that cancel one another so far that none passes alone: each must pass beside the other.
+
+        As any of the candidates may be the first of them, each must pass a threshold that is so many times as rare.
+        """
+        taken = {m.candidate for m in members} | self.banned
+        free = [k for k, c in enumerate(self.pool.candidates) if c.named and k not in taken]
+        if not free:
+            return None
+        limit = self.threshold + float(np.log10(len(free)))
+        now = self.standing(members)
+        best: tuple[float, list[Member]] | None = None
+        for k in free:
+            first = self.pool.whole(now.best[k])
+            beside = self.standing([*members, first])
+            other = max((i for i in free if i != k), key=lambda i: beside.bic[i], default=k)
+            if other == k or not beside.log_p[other] > limit:
+                continue
+            back = self.standing([*members, beside.best[other]])
+            two = [back.best[k], beside.best[other]]
+            cost = self._cost([*members, *two])
+            if back.log_p[k] > limit and (best is None or cost < best[0] - ROUNDING):
+                best = (cost, two)
+        if best is None:
+            return None
+        gain, error = self.held_out.gain(members, [*members, *best[1]])
+        return best[1] if gain > error else None
 
     def _settle(self, members: list[Member]) -> list[Member]:
         """Swap a member for a better candidate, or drop it where it is not needed any more, until stable."""
