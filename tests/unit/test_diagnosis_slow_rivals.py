@@ -1,0 +1,67 @@
+"""Slow effects beside one another: what a wandering offset makes look decisive is not, what white noise decides is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from highside.diagnosis.memory import Likelihoods, SlowEffect, slow_scores
+from highside.diagnosis.rivals import SAME_CLASS_BIC, Rivalry, beside_memory
+from highside.diagnosis.selection import Member
+
+N = 240
+T_S = 60.0 * np.arange(N)
+TEMP = np.interp(np.arange(N), [0, 60, 130, 170, 239], [25.0, 55.0, 30.0, 45.0, 25.0])
+SIZE = 0.2
+"""of the temperature's effect, in units of the white noise per degree"""
+
+
+def lagging(poses: float) -> NDArray[np.float64]:
+    """(n,) how far a body that follows the temperature lags behind it."""
+    inside = np.empty(N)
+    inside[0] = TEMP[0]
+    for k in range(1, N):
+        inside[k] = inside[k - 1] + (TEMP[k] - inside[k - 1]) / poses
+    return inside - TEMP
+
+
+SHAPES = [TEMP - 25.0, *(lagging(length) for length in (3.0, 10.0, 30.0, 100.0))]
+SLOW = [SlowEffect(0, 0, SHAPES[0][None]), *(SlowEffect(1, j, f[None]) for j, f in enumerate(SHAPES[1:]))]
+
+
+def rivalry_of(seed: int, walk: float) -> tuple[Rivalry, float]:
+    """How temperature and lag compare where temperature acted beside a walk of that size, with memory and without."""
+    rng = np.random.default_rng(seed)
+    readings = SIZE * SHAPES[0] + rng.standard_normal(N) + walk * np.cumsum(rng.standard_normal(N))
+    channel = Likelihoods(readings, np.ones(N), np.ones((1, N)), T_S)
+    rows = np.array(SHAPES)
+    white = channel.with_each(rows[:0], rows)[0]
+    # of the lag the best of four, at what four tries cost
+    decided = float(white[0] - (white[1:].min() + 2 * np.log(4.0)))
+    scores, _, _ = slow_scores([channel], SLOW)
+    blank = Rivalry(np.full(2, np.inf), [Member(0, 0), Member(1, 0)], (1,))
+    return beside_memory(blank, scores, Member(1, 0), set()), decided
+
+
+def test_what_a_walk_makes_look_decisive_leaves_the_true_one_in_the_class() -> None:
+    found = [rivalry_of(seed, 0.2) for seed in range(60)]
+    misled = [r for r, decided in found if decided > SAME_CLASS_BIC]
+    assert len(misled) > 10
+    assert sum(0 not in r.same for r in misled) <= 0.1 * len(misled)
+
+
+def test_white_noise_still_decides_between_them() -> None:
+    found = [rivalry_of(seed, 0.0)[0] for seed in range(20)]
+    # the true one is better by more than a class is wide: no claim of the other would stand alone
+    assert np.median([r.delta_bic[0] for r in found]) < -SAME_CLASS_BIC
+
+
+def test_what_is_claimed_already_is_no_rival() -> None:
+    blank = Rivalry(np.array([40.0, 0.0]), [Member(0, 0), Member(1, 0)], (1,))
+    rng = np.random.default_rng(1)
+    channel = Likelihoods(rng.standard_normal(N) + 0.03 * SHAPES[0], np.ones(N), np.ones((1, N)), T_S)
+    scores, _, _ = slow_scores([channel], SLOW)
+    found = beside_memory(blank, scores, Member(1, 0), {0})
+    assert found.same == (1,)
+    assert found.delta_bic[0] == pytest.approx(40.0)
