@@ -52,6 +52,11 @@ def test_two_that_nearly_cancel_are_found_together(rising: ChainState) -> None:
     assert any("time_offset" in claim.equivalence_class for claim in diagnosis.claims)
 
 
+def test_two_that_cancel_so_far_that_neither_passes_alone_are_found(rising: ChainState) -> None:
+    diagnosis = told({"backlash": {"h_tf": 2e-5}, "bandwidth_lag": {"tau": 2.5e-6}}, rising)
+    assert {claim.effect for claim in diagnosis.claims} == {"backlash", "bandwidth_lag"}
+
+
 def test_of_two_slacks_that_look_alike_the_one_without_memory_stands_first(rising: ChainState) -> None:
     diagnosis = told({"backlash": {"h_tf": -3e-5}}, rising)
     assert [claim.effect for claim in diagnosis.claims] == ["backlash"]
