@@ -136,7 +136,8 @@ def test_the_warm_up_follows_temperature_and_not_time(tmp_path: Path, shared_dat
     assert "temperature_scale" in claim["equivalence_class"]
     assert "load the axis differently" in claim["next_manoeuvre"]
     ruled_out = {rival["effect"]: rival["delta_bic"] for rival in claim["rivals_ruled_out"]}
-    assert ruled_out["bias_drift"] > 30
+    # by noise that may wander, which explains a part of what a drift does not
+    assert ruled_out["bias_drift"] > 20
     # the temperature itself runs up nearly as a warm-up would: one of just the right time constant is not ruled out
     assert "warmup" in claim["equivalence_class"] or ruled_out["warmup"] > 6
     assert found["location"][0]["covariate"] == "temp_c"

@@ -20,6 +20,8 @@ from highside.physics.effect import Stage
 Array = NDArray[np.float64]
 
 MOST_ASKED = 2
+LEAST_FREEDOM = 6
+"""So many readings are kept to measure the scatter by: with fewer no F test shows anything."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,7 @@ def plainly_asked(rich: Array, base: Array, residual: Array, candidates: Sequenc
     """
     space = span(base[:, 0])
     n = residual.size
+    asked = base
     for _ in range(MOST_ASKED):
         left = outside(space, residual[0])
         total, freedom = float(left @ left), n - space.shape[0]
@@ -78,18 +81,20 @@ def plainly_asked(rich: Array, base: Array, residual: Array, candidates: Sequenc
             for variant in candidate.variants:
                 own = span(outside(space, variant.columns[:, 0] / _size(variant.columns[:, 0])), tolerance=VISIBLE)
                 k = own.shape[0]
-                if not 0 < k < freedom - 3:
+                if not 0 < k <= freedom - LEAST_FREEDOM:
                     continue
                 gain = float(np.sum((own @ left) ** 2))
                 per_noise = gain * (freedom - k) / max(total - gain, 1e-12 * total)
                 p = float(log10_p(np.array(per_noise), np.array(k), freedom - k, len(candidate.variants)))
                 if best is None or p > best[0]:
-                    best = (p, variant.columns)
+                    best = (p, own)
         if best is None or best[0] < -np.log10(ALARM_RATE / len(candidates)):
             break
-        rich = np.concatenate([rich, best[1]])
-        space = span(np.concatenate([space, best[1][:, 0] / _size(best[1][:, 0])]))
-    return rich
+        asked = np.concatenate([asked, best[1][:, None]])
+        space = span(np.concatenate([space, best[1]]))
+    whole = np.concatenate([rich, asked])
+    # what is asked for goes before what merely could be there
+    return whole if n - span(whole[:, 0], tolerance=1e-4).shape[0] >= LEAST_FREEDOM else asked
 
 
 def _size(columns: Array) -> Array:
