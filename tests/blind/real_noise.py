@@ -60,7 +60,7 @@ ROTATION_EFFECTS = tuple(e for e in deck.ROTATION_EFFECTS if e not in deck.GYRO_
 PLAUSIBLE = {
     "quadratic": 5e-3, "cubic": 5e-3, "asymmetry": 1e-2, "cross_product": 5e-3, "vibration_rectification": 5e-3,
     "temperature_bias": 3e-3, "temperature_bias_curvature": 2e-4, "temperature_scale": 1e-3, "thermal_lag": 3e-3,
-    "thermal_hysteresis": 5e-3, "warmup": 2e-2, "bias_drift": 1e-4, "bias_step": 5e-2, "lever_arm": 0.2,
+    "thermal_hysteresis": 5e-3, "warmup": 2e-2, "bias_drift": 1e-5, "bias_step": 5e-2, "lever_arm": 0.2,
     "size_effect": 0.1, "bandwidth_lag": 0.1, "time_offset": 0.5, "clock_skew": 1e-2, "coriolis": 0.1, "tone": 1e-2,
     "aliased_vibration": 1e-2, "base_tilt": 5e-2, "axis_nonorthogonality": 1e-2, "encoder_first_harmonic": 1e-2,
     "encoder_second_harmonic": 1e-2, "cogging": 5e-3, "wobble": 5e-3, "backlash": 2e-2, "sag": 3.5e-2,
