@@ -185,7 +185,9 @@ class RotationScene(Scene):
         else:
             judged = self.judge(with_walk(noise, []))
             limit, scan_limit = judged.selector.threshold, judged.scan_threshold
-        selector = Selector(pool, base, residual, noise.freedom, limit, gains, size, starts=STARTS)
+        selector = Selector(
+            pool, base, residual, noise.freedom, limit, gains, size, starts=STARTS, told=self.most_named
+        )  # fmt: skip
         return Judged(selector, scan, scan_limit, [], _Judging(noise, space))
 
     def _limits(self, space: Space, base: Array, pool: Pool, scan: Scan, freedom: float) -> tuple[float, float]:

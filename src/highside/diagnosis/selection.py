@@ -275,6 +275,8 @@ class Selector:
     """claims at which choosing ends"""
     starts: int = 1
     """candidates from each of which choosing begins; the cheapest in BIC and names is kept"""
+    told: int = MAX_CLAIMS
+    """names that are told at most: another beginning that leads to more, where the first does not, is no better"""
     opposed: bool = False
     """whether two are sought that cancel one another, where none is asked for by itself"""
 
@@ -291,7 +293,8 @@ class Selector:
         found = self._grown(list(self.fixed))
         if self.starts > 1 and len(found) > len(self.fixed):
             # one that stands between two true ones is found before them, and no single exchange leads on from it
-            grown = [found, *self._from_others(found)]
+            others = [m for m in self._from_others(found) if len(m) <= max(self.told, len(found))]
+            grown = [found, *others]
             found = min(grown, key=lambda members: self._cost(members) + MERGE_BIC * len(members))
         return self._merged(found)
 
