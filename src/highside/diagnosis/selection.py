@@ -332,7 +332,8 @@ class Selector:
     def _merged(self, members: list[Member]) -> list[Member]:
         """One name instead of two where another variant of the one explains nearly what both do, or holds all of both.
 
-        An effect that was let act in part leaves a rest, which something else may then be found to explain.
+        An effect that was let act in part leaves a rest, which something else may then be found to explain. What is
+        asked for beside the very same variant is no such rest, however many amplitudes BIC charges for it.
         """
         for kept in members:
             for dropped in members:
@@ -341,12 +342,17 @@ class Selector:
                 others = [m for m in members if m not in (kept, dropped)]
                 variants = [m for m in self.pool.members if m.candidate == kept.candidate]
                 score, best = min((self._cost([*others, m]), i) for i, m in enumerate(variants))
-                if score < self._cost(members) + MERGE_BIC:
+                asked = variants[best] == kept and self._asked([*others, kept], dropped)
+                if score < self._cost(members) + MERGE_BIC and not asked:
                     return self._merged([*others, variants[best]])
                 whole = self.pool.whole(kept)
                 if whole != kept and self._holds([*others, whole], dropped):
                     return self._merged([*others, whole])
         return members
+
+    def _asked(self, members: Sequence[Member], other: Member) -> bool:
+        """Whether a candidate passes beside members."""
+        return bool(self.standing(members).log_p[other.candidate] > self.threshold)
 
     def _holds(self, members: Sequence[Member], dropped: Member) -> bool:
         """Whether next to nothing of what the dropped could explain lies outside of members."""
