@@ -240,9 +240,14 @@ class SlowLimits:
     """share of the evidence of memory that may remain beside one that beats the walk twice as clearly as asked"""
     pairs: bool = False
     """whether two may pass together where neither passes alone"""
+    over_walk: float | None = None
+    """in place of -log10 p, twice the logarithm of the likelihood ratio that is asked of the effect without any walk
+    over a walk without the effect: either story has to tell all that was seen"""
 
-    def passes(self, effect: str, log_p: float, remaining: float, evidence: float) -> bool:
-        """Whether an effect of -log10 p, that leaves so much of the evidence of memory, is believed."""
+    def passes(self, effect: str, log_p: float, remaining: float, evidence: float, score: float) -> bool:
+        """Whether an effect of -log10 p and score, that leaves so much of the evidence of memory, is believed."""
+        if self.over_walk is not None:
+            return score - remaining > self.over_walk and remaining < self.remaining
         return (
             (log_p > self.alike.get(effect, self.quiet_log_p) and remaining < self.quiet)
             or (log_p > max(self.log_p, self.alike.get(effect, 0.0)) and remaining < self.remaining)
@@ -310,7 +315,7 @@ def slow_effects(
         taken = {c.effect.candidate for c in claimed}
         passing = [
             s for s, name in zip(scores, ids, strict=True)
-            if s.effect.candidate not in taken and limits.passes(name, s.log_p, s.remaining, evidence)
+            if s.effect.candidate not in taken and limits.passes(name, s.log_p, s.remaining, evidence, s.score)
         ]  # fmt: skip
         if turn == 0:
             near = [s for s in scores if s.log_p > NEAR_LOG_P]
@@ -347,13 +352,17 @@ def _pair(
     for k in list(seeds.values())[:SEEDS]:
         after, more, evidence = beside(scores[k])
         # what the first gains where the second is there already
-        back = _slow_log_p(gain[k] + more - gain, channels, tries[k])
+        beside_it = gain[k] + more - gain
+        back = _slow_log_p(beside_it, channels, tries[k])
         for j, second in enumerate(after):
             if second.effect.candidate == scores[k].effect.candidate:
                 continue
             needed = all(
-                limits.passes(name, log_p - PAIR_LOG_P, second.remaining, evidence)
-                for name, log_p in ((ids[j], second.log_p), (ids[k], float(back[j])))
+                limits.passes(name, log_p - PAIR_LOG_P, second.remaining, evidence, score - 2 * np.log(10**PAIR_LOG_P))
+                for name, log_p, score in (
+                    (ids[j], second.log_p, second.score),
+                    (ids[k], float(back[j]), float(beside_it[j] - 2 * np.log(tries[k]))),
+                )
             )
             total = scores[k].score + second.score
             if needed and total > best[0]:

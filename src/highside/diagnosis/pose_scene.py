@@ -130,7 +130,8 @@ class PoseScene(Scene):
 
     @property
     def slow_limits(self) -> SlowLimits:
-        return SlowLimits(quiet_log_p=2.4, alike={"bias_drift": 3.0}, pairs=True)
+        # of simulated walks of the size that looks most like an effect one in eleven passes, of all sizes one in thirty
+        return SlowLimits(over_walk=11.0, pairs=True)
 
     def with_memory(self, memories: Sequence[Memory]) -> PoseNoise:
         return noise_model.with_memory(self.noise, memories, self.tangents, self.session.state.t_s)
