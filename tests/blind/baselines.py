@@ -20,11 +20,11 @@ import numpy as np
 
 from highside.config.model import Model
 from highside.diagnosis.candidates import Candidate
+from highside.diagnosis.held_out import pose_folds
 from highside.diagnosis.pose_scene import PoseScene
 from highside.diagnosis.regression import outside, span
 from highside.diagnosis.rotation_scene import RotationScene
 from highside.diagnosis.rotation_session import rotation_session
-from highside.diagnosis.selection import pose_folds
 from highside.diagnosis.session import pose_session
 
 PENALTIES = 40

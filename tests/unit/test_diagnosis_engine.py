@@ -179,3 +179,20 @@ def test_what_a_strong_effect_does_beyond_first_order_is_given_no_name_of_its_ow
         told = found.claims[0].parameters[name]
         assert abs(told.value - size) < 4 * told.std
     assert found.fit.rmse_before > 10 * found.fit.rmse_after
+
+
+@pytest.mark.parametrize(
+    ("effect", "shape"),
+    [("warmup", {"tau": 1300.0}), ("thermal_lag", {"tau": 270.0}), ("thermal_hysteresis", {"width": 5.7})],
+)
+@pytest.mark.parametrize("strength", [3e4, 1e6])
+def test_a_strong_slow_effect_is_no_walk_whatever_its_time_constant(
+    effect: str, shape: dict[str, float], strength: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(deck.SINGLES, effect, shape)
+    session, truth = deck.single(STATE, effect, strength, seed=3)
+    found = deck.diagnosed(session)
+    assert found.verdict == "named"
+    assert [c.effect for c in found.claims] == [effect]
+    for name, told in found.claims[0].parameters.items():
+        assert abs(told.value - truth[name]) < 4.5 * told.std

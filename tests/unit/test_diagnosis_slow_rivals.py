@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from highside.diagnosis.memory import Likelihoods, SlowEffect, slow_scores
+from highside.diagnosis.pool import Member
 from highside.diagnosis.rivals import SAME_CLASS_BIC, Rivalry, beside_memory
-from highside.diagnosis.selection import Member
 
 N = 240
 T_S = 60.0 * np.arange(N)

@@ -31,6 +31,8 @@ MAX_STEP_TIMES = 60
 LEAST_A_RING = 6
 """poses of a ring, on average, for single rings to be looked at: one that is off looks like noise that remembers"""
 ONE_SIDE = "every attitude is reached from one side, so it is a constant; or the side is not recorded"
+RING = "shadow:ring"
+"""Id of what is off on one ring alone: measured in one go, it looks like noise that remembers."""
 _NEVER = {
     "tone": "a tone averages out while a pose is held",
     "aliased_vibration": "vibration in step with the rotation needs rotation",

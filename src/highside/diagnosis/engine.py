@@ -8,58 +8,41 @@ intervals and a check that the values are plausible, 7. proof on held-out blocks
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.fit import BENDS, JointFit
+from highside.diagnosis.candidates import RING
+from highside.diagnosis.conclusion import conclude, is_loud
+from highside.diagnosis.fit import BENDS
 from highside.diagnosis.magnitude_scene import MagnitudeScene
 from highside.diagnosis.magnitude_session import MagnitudeSession
-from highside.diagnosis.memory import (
-    SUSPECT,
-    Channel,
-    Memory,
-    SlowScore,
-    SlowStage,
-    beats_the_walk,
-    slow_effects,
-    slow_scores,
-)
+from highside.diagnosis.memory import Channel, beats_the_walk
 from highside.diagnosis.method import WHOLE, Method
+from highside.diagnosis.pool import Member
 from highside.diagnosis.pose_scene import PoseScene
-from highside.diagnosis.regression import log10_p, outside, span
-from highside.diagnosis.result import Claim, Diagnosis, Location, Remainder, Rival, Verdict
-from highside.diagnosis.rivals import Rivalry, beside_memory, rivalry, what_shows
+from highside.diagnosis.result import Diagnosis
 from highside.diagnosis.rotation_scene import RotationScene
 from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.scene import Judged, Picture, Scene
-from highside.diagnosis.selection import Member, Selector
 from highside.diagnosis.session import PoseSession
 from highside.diagnosis.simulation_scene import SimulationScene
 from highside.diagnosis.simulation_session import SimulationSession
-from highside.diagnosis.untestable import what_splits
+from highside.diagnosis.suspicion import Suspicion, suspect, suspected, unsuspecting
 from highside.physics.forward import ForwardModel
 
 __all__ = ["Picture", "diagnose", "diagnose_magnitudes", "diagnose_poses", "diagnose_rotation", "diagnose_simulation"]
 
+
 Array = NDArray[np.float64]
 
-CHANGING = 0.97
-"""Share of the misfit that a claim explains from which it may still vary a little along a covariate."""
-MANIFEST = 1000.0
-"""Chi-square of an effect beside all others from which, if nothing is left, it is no part of a mere fit: several names
-for something that has none leave some percent of it, which would then be heard."""
+REFINED = 2
+"""Slow effects of which the best time constant is looked for beside a walk."""
 BENT = 2
 """Times that what is beyond first order is taken out: the second is exact where the first was nearly."""
-RING = "shadow:ring"
-"""Id of what is off on one ring alone: measured in one go, it looks like noise that remembers."""
 RING_CERTAIN = 3.0
 """So much more in -log10 p is asked of one ring than of an effect: nothing but its place speaks for it."""
-RING_MARGIN = 2.0
-"""As `Scene.shadow_margin`, for a single ring: its place was searched, and a name that is told beats a walk besides."""
-SLOW_COVARIATES = frozenset({"t_s", "temp_c"})
 
 
 def diagnose_poses(
@@ -110,6 +93,8 @@ def diagnose(scene: Scene, version: str = "") -> tuple[Diagnosis, Picture]:
     effect would be given a name of its own.
     """
     judged, suspicion = _judged(scene)
+    if suspicion.wanders and not suspicion.claimed:
+        scene, judged, suspicion = _refined(scene, judged, suspicion)
     for _ in range(BENT):
         named = [m for m in judged.members if scene.candidates[m.candidate].named]
         fit = scene.fit(named, judged.noise) if named else None
@@ -123,10 +108,10 @@ def diagnose(scene: Scene, version: str = "") -> tuple[Diagnosis, Picture]:
             break
         scene = straight
         judged, suspicion = _judged(scene)
-    return _conclude(scene, judged, suspicion, version)
+    return conclude(scene, judged, suspicion, version)
 
 
-def _judged(scene: Scene) -> tuple[Judged, _Suspicion]:
+def _judged(scene: Scene) -> tuple[Judged, Suspicion]:
     """What is chosen, and what was found of memory in the noise."""
     judged = scene.judge(scene.noise)
     channels = scene.likelihoods([])
@@ -135,13 +120,13 @@ def _judged(scene: Scene) -> tuple[Judged, _Suspicion]:
     rings = frozenset(i for i in unnamed if scene.candidates[i].id.startswith(RING))
     # first what has a name and does not follow time, or one ring; then, beside that, whether anything slow beats a walk
     first = _choose(scene, judged, channels, (slow | unnamed) - rings)
-    suspicion = _suspected(scene, judged, first, slow, unnamed - rings) if scene.method.colour else _unsuspecting(scene)
+    suspicion = suspected(scene, judged, first, slow, unnamed - rings) if scene.method.colour else unsuspecting(scene)
     doubtful = suspicion.wanders or any(m.candidate in rings for m in first.members)
     if doubtful and first.members and not (suspicion.claimed or suspicion.admitted):
         # what was chosen may stand in place of something slow: once more beside what is chosen where that may be too
         fast = [m for m in _choose(scene, judged, channels, unnamed - rings).members if m.candidate not in slow]
         if fast != first.members:
-            again = _suspect(scene, fast)
+            again = suspect(scene, fast)
             suspicion = again if again.claimed or again.admitted else suspicion
     if suspicion.noise is not scene.noise:
         judged = scene.judge(suspicion.noise)
@@ -156,18 +141,24 @@ def _judged(scene: Scene) -> tuple[Judged, _Suspicion]:
     return _choose(scene, judged, channels, barred, fixed), suspicion
 
 
-@dataclass(frozen=True)
-class _Suspicion:
-    """What is known of memory in the noise: whitening to judge by, whether offsets wander, slow effects that beat the
-    walk, and the ids of those that come near."""
+def _refined(scene: Scene, judged: Judged, suspicion: Suspicion) -> tuple[Scene, Judged, Suspicion]:
+    """The same, or what is chosen where a slow effect that comes near has the time constant that fits best.
 
-    noise: Any
-    memories: list[Memory]
-    wanders: bool
-    claimed: list[SlowScore]
-    near: tuple[str, ...]
-    admitted: frozenset[str]
-    """slow effects that beat a walk and may be claimed"""
+    Time constants are tried at a few values. Of a strong effect what lies between them is louder than the noise, and
+    wanders as slowly as a walk does.
+    """
+    for near in suspicion.nearest[:REFINED]:
+        member = Member(near.effect.candidate, near.effect.variant)
+        bend = scene.fit([member], scene.noise).bend
+        straight = None if bend is None else scene.straightened(bend)
+        if straight is None:
+            continue
+        found = suspect(straight, [])
+        if member.candidate in {score.effect.candidate for score in found.claimed} or (
+            scene.candidates[member.candidate].id in found.admitted
+        ):
+            return straight, *_judged(straight)
+    return scene, judged, suspicion
 
 
 def _choose(
@@ -183,7 +174,7 @@ def _choose(
     """
     selector = replace(judged.selector, banned=banned, fixed=fixed)
     members = selector.select()
-    if _is_loud(scene, replace(judged, selector=selector), members):
+    if is_loud(scene, replace(judged, selector=selector), members):
         # something is there: two effects that cancel one another may each be too small to be seen alone
         selector = replace(selector, opposed=True)
         members = selector.select()
@@ -209,313 +200,3 @@ def _choose(
         selector = replace(selector, banned=banned | {m.candidate for m in doubted})
         members = selector.select()
     return replace(judged, selector=selector, members=members)
-
-
-def _suspected(
-    scene: Scene, judged: Judged, first: Judged, slow: frozenset[int], unnamed: frozenset[int]
-) -> _Suspicion:
-    """The suspicion beside what was claimed of the fast effects alone.
-
-    Where time and the programme run alike, a slow effect is first taken for a fast one that resembles it. So the slow
-    are also tested beside what is chosen where both may be, if they all hold there.
-    """
-    if scene.slow_beside_fast:
-        both = replace(judged.selector, banned=unnamed).select()
-        chosen = {m.candidate for m in both} & slow
-        if chosen:
-            found = _suspect(scene, [m for m in both if m.candidate not in slow])
-            if all(scene.candidates[k].id in found.admitted for k in chosen) or len(found.claimed) >= len(chosen):
-                return found
-    return _suspect(scene, first.members)
-
-
-def _suspect(scene: Scene, members: Sequence[Member]) -> _Suspicion:
-    """Look for memory beside the base and what was claimed so far: coloured noise, a walk, or something slow."""
-    candidates = scene.candidates
-    channels = scene.likelihoods(members)
-    slow = scene.slow()
-    names = [candidates[s.candidate].id for s in slow]
-    found = slow_effects(channels, slow, names, scene.slow_limits) if slow else SlowStage([], [], [])
-
-    def upheld(scores: Sequence[SlowScore]) -> list[SlowScore]:
-        return [s for s in scores if scene.holds_up(Member(s.effect.candidate, s.effect.variant))]
-
-    found = replace(found, claimed=upheld(found.claimed), admitted=upheld(found.admitted))
-    functions = [score.effect.function for score in found.claimed]
-    memories = [
-        channel.memory(
-            np.array([f[c] for f in functions]) if functions and c < len(functions[0]) else scene.block([])[:, c]
-        )
-        for c, channel in enumerate(channels)
-    ]
-    near = tuple(dict.fromkeys(candidates[s.effect.candidate].id for s in found.near))
-    admitted = frozenset(candidates[s.effect.candidate].id for s in found.admitted)
-    if "temperature_bias" in admitted:
-        admitted |= {"temperature_bias_curvature"}
-    if max(m.gain for m in memories) <= SUSPECT:
-        return _Suspicion(scene.noise, memories, False, [], near, admitted)
-    noise = scene.with_memory(memories)
-    if any(m.walks for m in memories):
-        return _Suspicion(noise, memories, True, found.claimed, near, frozenset())
-    return _Suspicion(noise, memories, False, [], near, admitted)
-
-
-def _unsuspecting(scene: Scene) -> _Suspicion:
-    """What follows if noise is taken to remember nothing."""
-    return _Suspicion(scene.noise, [], False, [], (), scene.slow_ids)
-
-
-@dataclass(frozen=True)
-class _Scanned:
-    """The scan after some members: -log10 p (cells,), the loudest cell, and the best excess of each channel."""
-
-    log_p: Array
-    loudest: int
-    excess: Array
-    signal: Array
-    """what the loudest cell would explain"""
-
-
-def _scan(scene: Scene, judged: Judged, members: Sequence[Member]) -> _Scanned:
-    space = judged.selector.space_with(members)
-    residual = outside(space, judged.selector.residual)
-    gains, dof = judged.scan.race.run(space, residual[None])
-    log_p = log10_p(gains[:, 0], dof, judged.scan.freedom)
-    loudest = int(np.argmax(log_p))
-    over = np.maximum(gains[:, 0] - dof, 0.0)
-    # the cells of one basis stand together, channel by channel
-    excess = over.reshape(-1, len(scene.channels)).max(axis=0)
-    group = span(outside(space, judged.scan.white[loudest]), tolerance=5e-3)
-    return _Scanned(log_p, loudest, excess, (group @ residual) @ group)
-
-
-def _is_loud(scene: Scene, judged: Judged, members: Sequence[Member]) -> bool:
-    """Whether the scan finds more than chance beside members."""
-    after = _scan(scene, judged, members)
-    return bool(after.log_p[after.loudest] > judged.scan_threshold)
-
-
-def _conclude(scene: Scene, judged: Judged, suspicion: _Suspicion, version: str) -> tuple[Diagnosis, Picture]:
-    chosen = judged.members
-    judged = replace(judged, members=scene.believed(judged, _widened(scene, judged)))
-    members, selector, wanders = judged.members, judged.selector, suspicion.wanders
-    named = [m for m in members if scene.candidates[m.candidate].named]
-    after = _scan(scene, judged, members)
-    loud = float(after.log_p[after.loudest]) > judged.scan_threshold
-    rivalries = [_rivalry(scene, judged, m) for m in members]
-    fit = judged.fit if judged.fit is not None and members == chosen else scene.fit(named, judged.noise)
-    explained = _gain(selector, members)
-    heard = after.log_p.reshape(-1, len(scene.channels)).max(axis=0) > judged.scan_threshold
-    left = float(after.excess[heard].sum()) if loud else 0.0
-    share = explained / (explained + left) if explained + left > 0 else 1.0
-    if loud and not members:
-        # nothing but time or temperature is followed, and no slow effect beat the walk
-        passing = np.flatnonzero(after.log_p > judged.scan_threshold)
-        wanders |= all(judged.scan.bases[judged.scan.cells[i][1]].covariate in SLOW_COVARIATES for i in passing)
-    clear = float(after.log_p[after.loudest]) > judged.scan_threshold + scene.faint
-    alone = [explained - _gain(selector, [o for o in members if o != m]) for m in members]
-    manifest = not loud and sum(gain < MANIFEST for gain in alone) <= 1
-    verdict = _verdict(scene, members, rivalries, fit, wanders, loud, share if clear else 1.0, manifest)
-    if verdict == "named_plus" and share < CHANGING and _changes(scene, judged, members, after, share):
-        verdict = "partial"
-
-    resembles = tuple(
-        scene.variant(m).label or scene.candidates[m.candidate].id for m in members
-    )  # fmt: skip
-    told = verdict in ("named", "named_plus")
-    claims = tuple(_claim(scene, judged, m, r, fit) for m, r in zip(members, rivalries, strict=True)) if told else ()
-    location = _located(scene, judged, members, share) if told else _located_whole(scene, judged, members, after, loud)
-    remainder = Remainder(
-        location=scene.locate_whole(judged, after.signal, members, _as_p(after), 1.0 - share) if loud else (),
-        hints=_hints(scene, judged, after, loud, members, wanders),
-        p=_as_p(after),
-        resembles=() if told else (*resembles, *(n for n in suspicion.near if n not in resembles)),
-    )
-    lacking, smallest = what_shows(
-        selector.pool, selector.base, scene.noise.freedom, selector.threshold, scene.blind, scene.free
-    )
-    noise = {
-        **scene.told_of_noise(),
-        "memory_evidence": [m.gain for m in suspicion.memories],
-        "memory_poses": ["walk" if np.isinf(m.length) else m.length for m in suspicion.memories],
-        "wanders": wanders,
-        "threshold_log10_p": selector.threshold,
-        "scan_threshold_log10_p": judged.scan_threshold,
-    }
-    diagnosis = Diagnosis(
-        verdict, location, claims, scene.proof(members, fit), (), remainder, tuple(lacking), smallest,
-        noise, scene.seed, version,
-    )  # fmt: skip
-    return scene.completed(diagnosis), scene.picture(fit if named else None)
-
-
-def _rivalry(scene: Scene, judged: Judged, claim: Member) -> Rivalry:
-    """How the candidates compare with a claim; slow ones with a slow one as noise that remembers lets them."""
-    found = rivalry(judged.selector, judged.members, claim)
-    slow = scene.slow() if scene.method.colour else []
-    if claim.candidate not in {s.candidate for s in slow}:
-        return found
-    others = [m for m in judged.members if m != claim]
-    scores, _, _ = slow_scores(scene.likelihoods(others), slow)
-    return beside_memory(found, scores, claim, {m.candidate for m in others})
-
-
-def _widened(scene: Scene, judged: Judged) -> list[Member]:
-    """The members; where the scan is loud beside them, with one told whole or exchanged, if that makes it quiet.
-
-    The rest of an effect that was let act in part may be too small to be worth its parameters, and still be there; and
-    of rivals that cannot be told apart, the one that leaves nothing is the better answer.
-    """
-    members, selector = judged.members, judged.selector
-
-    def loud(some: list[Member]) -> bool:
-        return _is_loud(scene, judged, some)
-
-    if not members or not loud(members):
-        return members
-    for m in members:
-        if not scene.candidates[m.candidate].named or m in selector.fixed:
-            continue
-        shape, variants = scene.variant(m).shape, scene.candidates[m.candidate].variants
-        tries = [Member(m.candidate, j) for j, v in enumerate(variants) if v.whole and v.shape == shape]
-        r = rivalry(selector, members, m)
-        tries += [r.best[k] for k in r.same[1:] if k not in selector.banned]
-        for other in tries:
-            changed = [other if o == m else o for o in members]
-            if other != m and not loud(changed):
-                return changed
-    return members
-
-
-def _as_p(scanned: _Scanned) -> float:
-    return float(10.0 ** -scanned.log_p[scanned.loudest])
-
-
-def _gain(selector: Selector, members: Sequence[Member]) -> float:
-    left = outside(selector.space_with(members), selector.residual)
-    return float(selector.residual @ selector.residual - left @ left)
-
-
-def _verdict(
-    scene: Scene,
-    members: Sequence[Member],
-    rivalries: Sequence[Rivalry],
-    fit: JointFit,
-    wanders: bool,
-    loud: bool,
-    share: float,
-    manifest: bool,
-) -> Verdict:
-    if not members:
-        return "wander" if wanders else ("unknown" if loud else "nothing_left_out")
-    if not scene.method.refusal:
-        return "named"
-    candidates = scene.candidates
-    if any(not candidates[m.candidate].named for m in members):
-        return "unknown"
-    if fit.outside_gate:
-        return "implausible_fit"
-    margin = np.array([
-        -np.inf if c.named else RING_MARGIN if c.id.startswith(RING) else scene.shadow_margin for c in candidates
-    ])  # fmt: skip
-    for r in rivalries:
-        if np.any(r.delta_bic < margin):
-            # an interaction without a name explains it as well
-            return "partial"
-    if share < scene.named_share or (len(members) > scene.most_named and not manifest):
-        return "partial"
-    return "named_plus" if loud else "named"
-
-
-def _changes(scene: Scene, judged: Judged, members: Sequence[Member], after: _Scanned, share: float) -> bool:
-    """Whether the loudest remainder is a product of covariates on a channel that a claim acts on: its size changes."""
-    channel, basis = judged.scan.cells[after.loudest]
-    if " x " not in judged.scan.bases[basis].covariate:
-        return False
-    return any(scene.channels[channel] in place.channels for place in _located(scene, judged, members, share))
-
-
-def _located(scene: Scene, judged: Judged, members: Sequence[Member], share: float) -> tuple[Location, ...]:
-    """Where each of the named members sits."""
-    selector = judged.selector
-    found: tuple[Location, ...] = ()
-    for m in members:
-        others = selector.space_with([o for o in members if o != m])
-        own = span(outside(others, selector.pool.columns(m)), tolerance=5e-3)
-        signal = (own @ selector.residual) @ own
-        total = max(_gain(selector, members), 1e-12)
-        p = float(10.0 ** -selector.standing([o for o in members if o != m]).log_p[m.candidate])
-        portion = min(1.0, share * float(signal @ signal) / total)
-        found += scene.locate(judged, signal, selector.base, p, portion)
-    return found
-
-
-def _located_whole(
-    scene: Scene, judged: Judged, members: Sequence[Member], after: _Scanned, loud: bool
-) -> tuple[Location, ...]:
-    """Where all of the mismatch sits, where it has no name: members that are not believed have no places of their own.
-
-    What is not chance of it is taken to be what the members and the loudest cell of the scan explain.
-    """
-    if not members and not loud:
-        return ()
-    selector = judged.selector
-    own = [selector.pool.stack(members)] + ([judged.scan.white[after.loudest]] if loud else [])
-    explained = span(outside(selector.base, np.concatenate(own)), tolerance=5e-3)
-    signal = (explained @ selector.residual) @ explained
-    log_p = [float(selector.standing([o for o in members if o != m]).log_p[m.candidate]) for m in members]
-    p = float(10.0 ** -max([*log_p, float(after.log_p[after.loudest])]))
-    return scene.locate_whole(judged, signal, [], p, 1.0)
-
-
-def _hints(
-    scene: Scene, judged: Judged, after: _Scanned, loud: bool, members: Sequence[Member], wanders: bool
-) -> tuple[str, ...]:
-    hints = [f"follows {scene.variant(m).label}" for m in members if not scene.candidates[m.candidate].named]
-    if loud:
-        channel, basis = judged.scan.cells[after.loudest]
-        hints.append(f"{scene.channels[channel]} follows {judged.scan.bases[basis].covariate}")
-    if wanders:
-        hints.append("the zero offsets wander: slow effects cannot be told from that wandering here")
-    return tuple(hints)
-
-
-def _claim(scene: Scene, judged: Judged, member: Member, r: Rivalry, fit: JointFit) -> Claim:
-    candidate = scene.candidates[member.candidate]
-    effect = candidate.effect
-    assert effect is not None
-    candidates = scene.candidates
-    p = 10.0 ** -judged.selector.standing([m for m in judged.members if m != member]).log_p[member.candidate]
-    family = len(candidates)
-    ruled_out = sorted(
-        (
-            Rival(c.id, float(r.delta_bic[k]))
-            for k, c in enumerate(candidates)
-            if c.named and k not in r.same and all(m.candidate != k for m in judged.members)
-        ),
-        key=lambda rival: rival.delta_bic,
-    )
-    shown = [rival for i, rival in enumerate(ruled_out) if i < 3 or rival.effect in effect.confused_with]
-    return Claim(
-        effect=effect.id,
-        story=effect.story,
-        formula=effect.formula,
-        stage=effect.stage.value,
-        parameters=fit.parameters[effect.id],
-        p_familywise=float(min(1.0, family * p)),
-        equivalence_class=tuple(candidates[k].id for k in r.same),
-        rivals_ruled_out=tuple(shown),
-        next_manoeuvre=_advice(scene, member, r, fit),
-    )
-
-
-def _advice(scene: Scene, member: Member, r: Rivalry, fit: JointFit) -> str:
-    """What to do next, in words: what splits the class, or what the library knows to split it."""
-    effect = scene.candidates[member.candidate].effect
-    assert effect is not None
-    if len(r.same) == 1:
-        return "none needed: no other effect of the library explains this recording as well"
-    if effect.stage.value != "thermal":
-        return scene.advice(member, r, fit)
-    rivals = [e for k in r.same if k != member.candidate and (e := scene.candidates[k].effect) is not None]
-    return what_splits(effect, rivals)

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.candidates import Candidate, columns_of
+from highside.diagnosis.pool import Member
 from highside.diagnosis.result import FittedParameter
-from highside.diagnosis.selection import Member
 from highside.physics.effect import Effect
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState

@@ -12,9 +12,9 @@ from highside.diagnosis.candidates import Candidate
 from highside.diagnosis.location import Basis
 from highside.diagnosis.magnitude_session import MagnitudeSession
 from highside.diagnosis.memory import Innovating
+from highside.diagnosis.pool import ALARM_RATE
 from highside.diagnosis.pose_scene import RICH_SHARE
 from highside.diagnosis.regression import VISIBLE, log10_p, outside, span
-from highside.diagnosis.selection import ALARM_RATE
 from highside.physics.effect import Stage
 
 Array = NDArray[np.float64]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from highside.diagnosis.candidates import pose_candidates, shadows
 from highside.diagnosis.directed_walk import DirectedLikelihoods, DirectedNoise
 from highside.diagnosis.fit import JointFit, base_fit, joint_fit
+from highside.diagnosis.held_out import HeldOut, PoseGains, block_gain
 from highside.diagnosis.location import Basis, followed, intervals, scan_of
 from highside.diagnosis.magnitude_candidates import (
     bases_of,
@@ -28,27 +29,13 @@ from highside.diagnosis.magnitude_session import MagnitudeSession
 from highside.diagnosis.markov import LevelNoise
 from highside.diagnosis.memory import Channel, Innovating, Likelihoods, Memory, SlowEffect, SlowLimits
 from highside.diagnosis.memory import intervals as in_intervals
+from highside.diagnosis.pool import ALARM_RATE, Member, Pool, pose_flips, ranked, span_with, standing, threshold
 from highside.diagnosis.pose_scene import block_proof
 from highside.diagnosis.regression import VISIBLE, outside, span
 from highside.diagnosis.result import Diagnosis, Fit, Location, NotTestable
 from highside.diagnosis.rivals import Rivalry
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
-from highside.diagnosis.selection import (
-    ALARM_RATE,
-    MAX_CLAIMS,
-    SHORTLIST,
-    HeldOut,
-    Member,
-    Pool,
-    PoseGains,
-    Selector,
-    block_gain,
-    pose_flips,
-    ranked,
-    span_with,
-    standing,
-    threshold,
-)
+from highside.diagnosis.selection import MAX_CLAIMS, SHORTLIST, Selector
 from highside.physics.effects import get
 from highside.physics.forward import ForwardModel
 

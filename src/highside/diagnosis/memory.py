@@ -223,10 +223,7 @@ def _basis(columns: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class SlowLimits:
-    """What a slow effect must show to be believed beside a walk.
-
-    The figures are of simulated walks of every size: of the size that looks most like an effect, one in twenty passes.
-    """
+    """What a slow effect must show to be believed beside a walk; figures are from simulated walks of every size."""
 
     log_p: float = SLOW_LOG_P
     remaining: float = REMAINING

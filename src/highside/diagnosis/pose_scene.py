@@ -13,26 +13,17 @@ from highside.diagnosis import noise as noise_model
 from highside.diagnosis.candidates import CHANNELS, Candidate, pose_candidates, shadows
 from highside.diagnosis.causes import located_by_cause
 from highside.diagnosis.fit import JointFit, Observed, base_fit, joint_fit
+from highside.diagnosis.held_out import HeldOut, PoseGains, gain_interval, pose_folds
 from highside.diagnosis.location import locate, locate_whole, on_channel, pose_bases, pose_cells, scan_of
 from highside.diagnosis.memory import Channel, Likelihoods, Memory, SlowEffect, SlowLimits
 from highside.diagnosis.method import WHOLE, Method
 from highside.diagnosis.noise import PoseNoise
+from highside.diagnosis.pool import Member, Pool, pose_flips, threshold
 from highside.diagnosis.regression import outside, span
 from highside.diagnosis.result import Diagnosis, Fit, Location
 from highside.diagnosis.rivals import Rivalry, next_poses
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
-from highside.diagnosis.selection import (
-    STARTS,
-    HeldOut,
-    Member,
-    Pool,
-    PoseGains,
-    Selector,
-    gain_interval,
-    pose_flips,
-    pose_folds,
-    threshold,
-)  # fmt: skip
+from highside.diagnosis.selection import STARTS, Selector
 from highside.diagnosis.session import PoseSession
 from highside.diagnosis.untestable import with_manoeuvres
 from highside.physics.forward import ForwardModel
@@ -130,8 +121,8 @@ class PoseScene(Scene):
 
     @property
     def slow_limits(self) -> SlowLimits:
-        # of simulated walks of the size that looks most like an effect one in eleven passes, of all sizes one in thirty
-        return SlowLimits(over_walk=11.0, pairs=True)
+        # of simulated walks one in twenty passes at most, whatever their size
+        return SlowLimits(over_walk=12.5, pairs=True)
 
     def with_memory(self, memories: Sequence[Memory]) -> PoseNoise:
         return noise_model.with_memory(self.noise, memories, self.tangents, self.session.state.t_s)

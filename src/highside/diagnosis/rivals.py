@@ -17,9 +17,10 @@ from scipy.special import fdtri
 
 from highside.diagnosis.candidates import Blind, Candidate, columns_of
 from highside.diagnosis.memory import NEAR_LOG_P, SlowScore
+from highside.diagnosis.pool import Member, Pool, span_with
 from highside.diagnosis.regression import VISIBLE, outside
 from highside.diagnosis.result import Detectable, NotTestable
-from highside.diagnosis.selection import Member, Pool, Selector, span_with
+from highside.diagnosis.selection import Selector
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
 

@@ -14,9 +14,11 @@ from highside.diagnosis.causes import located_by_cause
 from highside.diagnosis.design import CHUNK, LINES, Design
 from highside.diagnosis.fit import JointFit, Observed, base_fit, joint_fit
 from highside.diagnosis.gram import SECTORS, Gram, HeldOutRows, Segments, Space, WalkingChannel, Walks, accumulate
+from highside.diagnosis.held_out import block_gain, gain_interval
 from highside.diagnosis.location import Located, Scan, followed, intervals, scan_of
 from highside.diagnosis.memory import Channel, Memory, SlowEffect, SlowLimits
 from highside.diagnosis.method import WHOLE, Method
+from highside.diagnosis.pool import FLIPS, Member, Pool, threshold
 from highside.diagnosis.regression import outside, span
 from highside.diagnosis.result import Diagnosis, Fit, Location
 from highside.diagnosis.rivals import Rivalry
@@ -31,7 +33,7 @@ from highside.diagnosis.rotation_noise import windows as learned_from
 from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.rotation_support import rotation_cells, windows
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
-from highside.diagnosis.selection import FLIPS, STARTS, Member, Pool, Selector, block_gain, gain_interval, threshold
+from highside.diagnosis.selection import STARTS, Selector
 from highside.diagnosis.support import Window
 from highside.diagnosis.untestable import what_splits, with_manoeuvres
 from highside.physics.forward import ForwardModel

@@ -19,9 +19,10 @@ from highside.diagnosis.fit import JointFit
 from highside.diagnosis.location import Scan
 from highside.diagnosis.memory import SLOW_LOG_P, Channel, Memory, SlowEffect, SlowLimits
 from highside.diagnosis.method import WHOLE, Method
+from highside.diagnosis.pool import Member
 from highside.diagnosis.result import Diagnosis, Fit, Location
 from highside.diagnosis.rivals import Rivalry
-from highside.diagnosis.selection import MAX_CLAIMS, Member, Selector
+from highside.diagnosis.selection import MAX_CLAIMS, Selector
 from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.fit import JointFit
 from highside.diagnosis.gram import HeldOutRows, WalkingChannel, Walks, accumulate
+from highside.diagnosis.held_out import gain_interval
 from highside.diagnosis.memory import SLOW_LOG_P, Channel, Memory, SlowEffect, SlowLimits
+from highside.diagnosis.pool import Member
 from highside.diagnosis.regression import outside
 from highside.diagnosis.result import Diagnosis, Fit, FittedParameter, Location
 from highside.diagnosis.rivals import Rivalry
@@ -20,7 +22,6 @@ from highside.diagnosis.rotation_jitter import with_jitter
 from highside.diagnosis.rotation_noise import RotationNoise, estimate, with_walk
 from highside.diagnosis.rotation_scene import RotationScene, _chance
 from highside.diagnosis.scene import SLOW, Judged, Picture
-from highside.diagnosis.selection import Member, gain_interval
 from highside.diagnosis.simulation_design import SimulationDesign, covariates_of
 from highside.diagnosis.simulation_effects import Around
 from highside.diagnosis.simulation_session import SimulationSession
