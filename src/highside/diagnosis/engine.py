@@ -23,13 +23,14 @@ from highside.diagnosis.method import WHOLE, Method
 from highside.diagnosis.pool import Member
 from highside.diagnosis.pose_scene import PoseScene
 from highside.diagnosis.result import Diagnosis
+from highside.diagnosis.rivals import SAME_CLASS_EVIDENCE
 from highside.diagnosis.rotation_scene import RotationScene
 from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.scene import Judged, Picture, Scene
 from highside.diagnosis.session import PoseSession
 from highside.diagnosis.simulation_scene import SimulationScene
 from highside.diagnosis.simulation_session import SimulationSession
-from highside.diagnosis.suspicion import Suspicion, suspect, suspected, unsuspecting
+from highside.diagnosis.suspicion import Suspicion, slow_standing, suspect, suspected, unsuspecting
 from highside.physics.forward import ForwardModel
 
 __all__ = ["Picture", "diagnose", "diagnose_magnitudes", "diagnose_poses", "diagnose_rotation", "diagnose_simulation"]
@@ -153,10 +154,13 @@ def _refined(scene: Scene, judged: Judged, suspicion: Suspicion) -> tuple[Scene,
         straight = None if bend is None else scene.straightened(bend)
         if straight is None:
             continue
-        found = suspect(straight, [])
-        if member.candidate in {score.effect.candidate for score in found.claimed} or (
-            scene.candidates[member.candidate].id in found.admitted
-        ):
+        known = suspect(straight, [])
+        scores = slow_standing(straight, [], member.candidate)
+        own = max(one.score for one in scores if one.effect.candidate == member.candidate)
+        rival = max(one.score for one in scores if one.effect.candidate != member.candidate)
+        believed = {one.effect.candidate for one in known.claimed}
+        found = member.candidate in believed or scene.candidates[member.candidate].id in known.admitted
+        if found and own > rival + SAME_CLASS_EVIDENCE:
             return straight, *_judged(straight)
     return scene, judged, suspicion
 

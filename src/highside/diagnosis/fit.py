@@ -140,6 +140,8 @@ class JointFit:
     outside_gate: tuple[str, ...]
     bend: Array | None = None
     """(C, n) what base and claims do at their fitted sizes beyond first order, if that shows and fits no worse"""
+    chi_square: float = np.nan
+    """of what is left, in units of the noise"""
 
 
 def joint_fit(
@@ -241,11 +243,12 @@ def joint_fit(
         del variant
     left = seen.residual(now)
     bend = None
-    if linear - float(np.sum(noise.white(left) ** 2)) > -BENDS:
+    chi_square = float(np.sum(noise.white(left) ** 2))
+    if linear - chi_square > -BENDS:
         sizes = [*now.free_names(names or []), *amplitude_names]
         straight = columns(first, [])
         bend = seen.residual(first) - left - np.tensordot(now.get_free(sizes) - first.get_free(sizes), straight, 1)
         white, beyond = noise.white(straight), noise.white(bend)
         if float(np.sum((beyond - _solve(white, beyond) @ white) ** 2)) < BENDS:
             bend = None
-    return JointFit(fitted, left, tuple(implausible), bend)
+    return JointFit(fitted, left, tuple(implausible), bend, chi_square)

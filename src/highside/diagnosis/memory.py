@@ -284,6 +284,12 @@ def slow_scores(
     return [SlowScore(*row) for row in rows], gain, evidence
 
 
+def plain_level(channels: Sequence[Channel], slow: Sequence[SlowEffect]) -> float:
+    """-2 log likelihood without any slow effect, the memory of each channel chosen."""
+    none = np.stack([e.function for e in slow])[:0]
+    return sum(float(channel.without(none[:, c]).min()) for c, channel in enumerate(channels[: none.shape[1]]))
+
+
 def _tries(slow: Sequence[SlowEffect]) -> Array:
     """(len(slow),) how many shapes of its effect each is one of."""
     owners, count = np.unique([e.candidate for e in slow], return_counts=True)

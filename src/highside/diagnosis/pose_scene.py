@@ -127,9 +127,9 @@ class PoseScene(Scene):
     def with_memory(self, memories: Sequence[Memory]) -> PoseNoise:
         return noise_model.with_memory(self.noise, memories, self.tangents, self.session.state.t_s)
 
-    def straightened(self, bend: Array | float) -> PoseScene:
+    def straightened(self, bend: Array | float, *, learn: bool = True) -> PoseScene:
         left = self.residual + self.bend - bend
-        noise = _learned(self.session, left, self.rich, self.tangents, self.method)
+        noise = _learned(self.session, left, self.rich, self.tangents, self.method) if learn else self.white_noise
         return replace(self, residual=left, white_noise=noise, bend=bend)
 
     def fit(self, members: Sequence[Member], noise: PoseNoise) -> JointFit:

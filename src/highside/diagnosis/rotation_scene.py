@@ -232,9 +232,9 @@ class RotationScene(Scene):
     def with_memory(self, memories: Sequence[Memory]) -> RotationNoise:
         return with_walk(self.noise, memories)
 
-    def straightened(self, bend: Array | float) -> RotationScene:
+    def straightened(self, bend: Array | float, *, learn: bool = True) -> RotationScene:
         left = self.residual + self.bend - bend
-        noise = estimate(self.design, left, self.seed, coloured=self.method.colour)
+        noise = estimate(self.design, left, self.seed, coloured=self.method.colour) if learn else self.noise
         grams, segments = accumulate(self.design, noise, left)
         chance, rest = _chance(self.design, noise, left, grams, segments)
         return replace(

@@ -92,6 +92,11 @@ class Scene(ABC):
         return self.candidates[member.candidate].variants[member.variant]
 
     @property
+    def bent(self) -> bool:
+        """Whether anything beyond first order has been taken out."""
+        return bool(np.any(self.bend))
+
+    @property
     def slow_ids(self) -> frozenset[str]:
         """Ids of the effects that a walk may look like here."""
         return frozenset(SLOW)
@@ -173,8 +178,8 @@ class Scene(ABC):
     def fit(self, members: Sequence[Member], noise: Any) -> JointFit:
         """Base and named members refitted together."""
 
-    def straightened(self, bend: Array | float) -> Scene | None:
-        """The scene with another `bend` (C, n); None where nothing is taken out."""
+    def straightened(self, bend: Array | float, *, learn: bool = True) -> Scene | None:
+        """The scene with another `bend` (C, n), its noise learned anew or kept; None where nothing is taken out."""
         return None
 
     @abstractmethod

@@ -14,7 +14,9 @@ from highside.diagnosis.memory import (
     Memory,
     SlowScore,
     SlowStage,
+    plain_level,
     slow_effects,
+    slow_scores,
 )
 from highside.diagnosis.pool import Member
 from highside.diagnosis.scene import Judged, Scene
@@ -93,3 +95,20 @@ def suspect(scene: Scene, members: Sequence[Member]) -> Suspicion:
 def unsuspecting(scene: Scene) -> Suspicion:
     """What follows if noise is taken to remember nothing."""
     return Suspicion(scene.noise, [], False, [], (), scene.slow_ids)
+
+
+def slow_standing(scene: Scene, beside: Sequence[Member], own: int) -> list[SlowScore]:
+    """How the slow effects fare: candidate `own` where what it does beyond first order is taken out, the others on the
+    readings as they are."""
+    channels, slow = scene.likelihoods(beside), scene.slow()
+    scores, _, _ = slow_scores(channels, slow)
+    whole = scene.straightened(0.0, learn=False) if scene.bent else None
+    if whole is None:
+        return scores
+    all_read = whole.likelihoods(beside)
+    theirs, _, _ = slow_scores(all_read, slow)
+    # a score is the gain over nothing: over the same nothing
+    shift = plain_level(channels, slow) - plain_level(all_read, slow)
+    return [s for s in scores if s.effect.candidate == own] + [
+        replace(s, score=s.score + shift) for s in theirs if s.effect.candidate != own
+    ]
