@@ -196,3 +196,12 @@ def test_a_strong_slow_effect_is_no_walk_whatever_its_time_constant(
     assert [c.effect for c in found.claims] == [effect]
     for name, told in found.claims[0].parameters.items():
         assert abs(told.value - truth[name]) < 4.5 * told.std
+
+
+def test_what_lives_within_a_few_poses_is_proved_on_poses_between_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(deck.SINGLES, "warmup", {"tau": 240.0})
+    session, _ = deck.single(STATE, "warmup", 400.0, seed=8)
+    found = deck.diagnosed(session)
+    assert [c.effect for c in found.claims] == ["warmup"]
+    assert found.fit.heldout_rmse_after < found.fit.heldout_rmse_before
+    assert "every 10th pose" in found.fit.how_held_out

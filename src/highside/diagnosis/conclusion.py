@@ -12,7 +12,7 @@ from highside.diagnosis.candidates import RING
 from highside.diagnosis.fit import JointFit
 from highside.diagnosis.pool import Member
 from highside.diagnosis.regression import log10_p, outside, span
-from highside.diagnosis.result import Claim, Diagnosis, Location, Remainder, Rival, Verdict
+from highside.diagnosis.result import Claim, Diagnosis, Fit, Location, Remainder, Rival, Verdict
 from highside.diagnosis.rivals import SAME_CLASS_BIC, Rivalry, beside_memory, rivalry, what_shows
 from highside.diagnosis.scene import Judged, Picture, Scene
 from highside.diagnosis.selection import Selector
@@ -86,6 +86,9 @@ def conclude(scene: Scene, judged: Judged, suspicion: Suspicion, version: str) -
     verdict = _verdict(scene, members, rivalries, fit, wanders, loud, share if clear else 1.0, manifest)
     if verdict == "named_plus" and share < CHANGING and _changes(scene, judged, members, after, share):
         verdict = "partial"
+    proof = scene.proof(members, fit)
+    if verdict in ("named", "named_plus") and scene.method.refusal and _worse(proof):
+        verdict = "partial"
 
     resembles = tuple(
         scene.variant(m).label or scene.candidates[m.candidate].id for m in members
@@ -111,7 +114,7 @@ def conclude(scene: Scene, judged: Judged, suspicion: Suspicion, version: str) -
         "scan_threshold_log10_p": judged.scan_threshold,
     }
     diagnosis = Diagnosis(
-        verdict, location, claims, scene.proof(members, fit), (), remainder, tuple(lacking), smallest,
+        verdict, location, claims, proof, (), remainder, tuple(lacking), smallest,
         noise, scene.seed, version,
     )  # fmt: skip
     return scene.completed(diagnosis), scene.picture(fit if named else None)
@@ -215,6 +218,12 @@ def _verdict(
     if share < scene.named_share or (len(members) > scene.most_named and not manifest):
         return "partial"
     return "named_plus" if loud else "named"
+
+
+def _worse(proof: Fit) -> bool:
+    """Whether readings that were left out are told worse with the names than without: no finding, whatever its p."""
+    before, after = proof.heldout_rmse_before, proof.heldout_rmse_after
+    return before is not None and after is not None and after >= before
 
 
 def _changes(scene: Scene, judged: Judged, members: Sequence[Member], after: _Scanned, share: float) -> bool:

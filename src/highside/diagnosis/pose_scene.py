@@ -172,11 +172,16 @@ class PoseScene(Scene):
 
     def proof(self, members: Sequence[Member], fit: JointFit) -> Fit:
         folds = pose_folds(self.session.n)
+        words = f"{len(folds)} contiguous blocks of poses"
         flat = self.residual.reshape(-1)
         base, claimed = (c.reshape(-1, flat.size) for c in (self.base, self.block(members)))
+        plain = HeldOut(base, flat, folds)
+        if any(plain.hides(self.block([m]).reshape(-1, flat.size)) for m in members):
+            folds = pose_folds(self.session.n, interleaved=True)
+            words = f"{len(folds)} sets of every {len(folds)}th pose, since what was found lives within few poses"
         floor = float(np.sqrt(np.mean(self.noise.sigma**2)))
         after = fit.residual if fit.parameters else self.residual
-        found = block_proof(base, flat, claimed, folds, after, floor, f"{len(folds)} contiguous blocks of poses")
+        found = block_proof(base, flat, claimed, folds, after, floor, words)
         return replace(found, rmse_before=float(np.sqrt(np.mean((self.residual + self.bend) ** 2))))
 
     def picture(self, fit: JointFit | None) -> Picture:
