@@ -84,6 +84,8 @@ def deck_table(rows: list[Row], designs: dict[str, str]) -> str:
     bar("exact and alone, strength >= 400", stronger, "exact")
     bar("in the class, strength >= 400", stronger, "in_class")
     bar("pairs exact >= 88 %", groups["pair"], "exact")
+    bar("pairs: two names, each truth in the class of one", groups["pair"],
+        lambda r: bool(r["in_class"] and len(r["names"]) == 2 and not r["wrong"]))  # fmt: skip
     bar("outside of the library refused >= 97 %", groups["open"], "refused")
     bar("what a design cannot show is said >= 95 %", groups["blind"], "said_blind")
     bar("withheld from the model, named first and alone", groups["withheld"], "exact")

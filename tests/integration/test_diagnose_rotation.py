@@ -79,11 +79,10 @@ def test_a_time_offset_is_told_from_a_lag_by_the_gyros(tmp_path: Path) -> None:
 
 def test_four_strong_effects_of_the_sample_model_are_told_with_their_sizes(tmp_path: Path) -> None:
     """Beyond first order a lever arm and a late clock multiply: that is loud, and no effect of its own."""
-    sample = Path(__file__).resolve().parents[2] / "config" / "model-rotation.toml"
-    (tmp_path / "knows.toml").write_text("[site]\ngravity_mps2 = 9.81\nlatitude_deg = 52.0\nazimuth_deg = 30.0\n")
+    config = Path(__file__).resolve().parents[2] / "config"
     recording = tmp_path / "rec.csv.gz"
-    assert highside("simulate", sample, "-o", recording, "--seed", "1")[0] == 0
-    status, said = highside("diagnose", recording, "--model", tmp_path / "knows.toml", "--out", tmp_path / "out")
+    assert highside("simulate", config / "model-rotation.toml", "-o", recording, "--seed", "1")[0] == 0
+    status, said = highside("diagnose", recording, "--model", config / "model-known.toml", "--out", tmp_path / "out")
     assert status == 0, said
     found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert found["verdict"] == "named"
