@@ -24,6 +24,9 @@ from highside.recording.calibration_store import CalibrationStore
 
 BADGE = ".badge"
 CLICK_S = 60_000
+STILL = """document.getAnimations().every(
+    (a) => a.playState !== "running" || a.effect?.getComputedTiming().endTime === Infinity)"""
+"""nothing moves but what moves for ever"""
 
 
 def badge(page: Page, state: str) -> Any:
@@ -31,7 +34,8 @@ def badge(page: Page, state: str) -> Any:
 
 
 async def assert_accessible(page: Page, where: str) -> None:
-    """No violation of axe's rules: contrast, names, labels, landmarks, roles."""
+    """No violation of axe's rules: contrast, names, labels, landmarks, roles; of what stands, not of what is fading."""
+    await page.wait_for_function(STILL)
     found = await Axe().run(page)
     assert found.violations_count == 0, f"{where}: {found.generate_report()}"
 
@@ -122,6 +126,7 @@ async def test_a_whole_session_is_clicked_through(tmp_path: Path) -> None:
         await expect(page.locator("h1")).to_contain_text("is in force")
         assert store.active_id("tool-7") == record
         await expect(page.locator("[data-command=activate]")).to_be_hidden()
+        await expect(page.locator(".question")).to_be_hidden()
         await assert_accessible(page, "in force")
         nothing = await bench.command("rollback", confirm=record, operator="A. Operator")
         assert nothing.status_code == 409 and nothing.json()["reason"] == "nothing_before"
