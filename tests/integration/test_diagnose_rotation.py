@@ -7,6 +7,7 @@ import io
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,14 +49,20 @@ def highside(*arguments: str | Path) -> tuple[int, str]:
     return status, said.getvalue()
 
 
+def diagnosed(recording: Path, model: Path, out: Path) -> dict[str, Any]:
+    """The answer of the command, which must not refuse."""
+    status, said = highside("diagnose", recording, "--model", model, "--out", out)
+    assert status == 0, said
+    found: dict[str, Any] = json.loads((out / "diagnosis.json").read_text())
+    return found
+
+
 def test_a_time_offset_is_told_from_a_lag_by_the_gyros(tmp_path: Path) -> None:
     (tmp_path / "truth.toml").write_text(TRUTH)
     (tmp_path / "knows.toml").write_text("[sensor]\nnoise_g = 80e-6\n")
     recording = tmp_path / "rec.csv.gz"
     assert highside("simulate", tmp_path / "truth.toml", "-o", recording, "--seed", "4")[0] == 0
-    status, said = highside("diagnose", recording, "--model", tmp_path / "knows.toml", "--out", tmp_path / "out")
-    assert status == 0, said
-    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    found = diagnosed(recording, tmp_path / "knows.toml", tmp_path / "out")
     assert found["schema"] == "highside.diagnosis/1"
     assert found["verdict"] == "named"
     claim = found["claims"][0]
@@ -72,8 +79,7 @@ def test_a_time_offset_is_told_from_a_lag_by_the_gyros(tmp_path: Path) -> None:
     kept = {name: column for name, column in rows.columns.items() if not name.startswith("g")}
     kept["rotor_deg"] = kept.pop("tf_ref_deg")
     write_recording(recording, type(rows)(kept))
-    assert highside("diagnose", recording, "--model", tmp_path / "knows.toml", "--out", tmp_path / "out")[0] == 0
-    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    found = diagnosed(recording, tmp_path / "knows.toml", tmp_path / "out")
     assert {"time_offset", "bandwidth_lag"} <= set(found["claims"][0]["equivalence_class"])
 
 
@@ -82,9 +88,7 @@ def test_four_strong_effects_of_the_sample_model_are_told_with_their_sizes(tmp_p
     config = Path(__file__).resolve().parents[2] / "config"
     recording = tmp_path / "rec.csv.gz"
     assert highside("simulate", config / "model-rotation.toml", "-o", recording, "--seed", "1")[0] == 0
-    status, said = highside("diagnose", recording, "--model", config / "model-known.toml", "--out", tmp_path / "out")
-    assert status == 0, said
-    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    found = diagnosed(recording, config / "model-known.toml", tmp_path / "out")
     assert found["verdict"] == "named"
     told = {claim["effect"]: claim["parameters"] for claim in found["claims"]}
     assert set(told) == {"lever_arm", "time_offset", "temperature_bias", "earth_rotation"}
