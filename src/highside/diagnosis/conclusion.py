@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.candidates import RING
+from highside.diagnosis.exchange import beside_refits, refitted
 from highside.diagnosis.fit import JointFit
 from highside.diagnosis.pool import Member
 from highside.diagnosis.regression import log10_p, outside, span
 from highside.diagnosis.result import Claim, Diagnosis, Fit, Location, Remainder, Rival, Verdict
-from highside.diagnosis.rivals import SAME_CLASS_BIC, Rivalry, beside_memory, rivalry, what_shows
+from highside.diagnosis.rivals import Rivalry, beside_memory, rivalry, what_shows
 from highside.diagnosis.scene import Judged, Picture, Scene
 from highside.diagnosis.selection import Selector
 from highside.diagnosis.suspicion import Suspicion, slow_standing
@@ -29,8 +30,6 @@ for something that has none leave some percent of it, which would then be heard.
 RING_MARGIN = 2.0
 """As `Scene.shadow_margin`, for a single ring: its place was searched, and a name that is told beats a walk besides."""
 SLOW_COVARIATES = frozenset({"t_s", "temp_c"})
-REFITTED = 3
-"""Rivals of a strong effect that are fitted in full."""
 
 
 @dataclass(frozen=True)
@@ -65,12 +64,14 @@ def is_loud(scene: Scene, judged: Judged, members: Sequence[Member]) -> bool:
 
 def conclude(scene: Scene, judged: Judged, suspicion: Suspicion, version: str) -> tuple[Diagnosis, Picture]:
     chosen = judged.members
-    judged = replace(judged, members=scene.believed(judged, _widened(scene, judged)))
+    believed = scene.believed(judged, _widened(scene, judged))
+    if believed != chosen:
+        judged = replace(judged, members=believed, fit=None, refits={})
     members, selector, wanders = judged.members, judged.selector, suspicion.wanders
     named = [m for m in members if scene.candidates[m.candidate].named]
     after = _scan(scene, judged, members)
     loud = float(after.log_p[after.loudest]) > judged.scan_threshold
-    fit = judged.fit if judged.fit is not None and members == chosen else scene.fit(named, judged.noise)
+    fit = judged.fit if judged.fit is not None else scene.fit(named, judged.noise)
     rivalries = [_rivalry(scene, judged, m, fit) for m in members]
     explained = _gain(selector, members)
     heard = after.log_p.reshape(-1, len(scene.channels)).max(axis=0) > judged.scan_threshold
@@ -128,29 +129,13 @@ def _rivalry(scene: Scene, judged: Judged, claim: Member, fit: JointFit) -> Riva
     found = rivalry(judged.selector, judged.members, claim)
     slow = scene.slow() if scene.method.colour else []
     if claim.candidate not in {s.candidate for s in slow}:
-        return _refitted(scene, judged, claim, fit, found) if scene.bent else found
+        if not scene.bent:
+            return found
+        refits = judged.refits.get(claim) or refitted(scene, judged, claim, fit, found)
+        return beside_refits(found, refits)
     others = [m for m in judged.members if m != claim]
     scores = slow_standing(scene, others, claim.candidate)
     return beside_memory(found, scores, claim, {m.candidate for m in others})
-
-
-def _refitted(scene: Scene, judged: Judged, claim: Member, fit: JointFit, found: Rivalry) -> Rivalry:
-    """The rivalry with the nearest rivals fitted to the readings as they are, beside the other claims."""
-    others = [m for m in judged.members if m != claim]
-    candidates, pool = scene.candidates, judged.selector.pool
-    if any(not candidates[m.candidate].named for m in others):
-        return found
-    taken = {m.candidate for m in judged.members}
-    nearest = [int(k) for k in np.argsort(found.delta_bic) if candidates[k].named and k not in taken][:REFITTED]
-    delta, same = found.delta_bic.copy(), list(found.same)
-    for k in nearest:
-        rival = found.best[k]
-        more = len(pool.columns(rival)) - len(pool.columns(claim))
-        left = scene.fit([*others, rival], judged.noise).chi_square
-        delta[k] = min(delta[k], left - fit.chi_square + more * np.log(judged.selector.size))
-        if delta[k] < SAME_CLASS_BIC and k not in same:
-            same.append(k)
-    return Rivalry(delta, found.best, tuple(same))
 
 
 def _widened(scene: Scene, judged: Judged) -> list[Member]:

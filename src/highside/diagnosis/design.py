@@ -29,6 +29,8 @@ Ints = NDArray[np.intp]
 
 CHUNK = 4096
 PROBE = 400
+EXTREMES = 4
+"""Rows at each end of each covariate that are probed as well: a ramp of the rate may be rare."""
 NOTHING = 1e-12
 STEP_MARGIN = 0.03
 """Share of a recording at each end in which a step is not looked for."""
@@ -59,6 +61,18 @@ class _Source:
     """(k, C, N) where the effect remembers and cannot be made in chunks"""
 
 
+def _telling(state: ChainState) -> Ints:
+    """Rows at which every effect shows that shows at all: evenly spread, and where each covariate is extreme."""
+    rows = [np.linspace(0, state.n - 1, PROBE).astype(np.intp)]
+    for along in (
+        state.inc_rad, state.temp_c, state.rotor_rate_radps, state.rotor_accel_radps2, state.inc_rate_radps,
+        state.vibration_rms_g,
+    ):  # fmt: skip
+        order = np.argsort(along, kind="stable")
+        rows += [order[:EXTREMES], order[-EXTREMES:]]
+    return np.unique(np.concatenate(rows))
+
+
 class Design:
     """The columns of a session beside a fitted base `model` whose effects `free` are adjusted anyway.
 
@@ -76,9 +90,7 @@ class Design:
         self._own = np.zeros(len(session.channels), dtype=np.intp)
         self._columns: list[Ints] = []
         """of each column the numbers on the channels; shared functions from `_FAR` on until their place is known"""
-        rows = np.unique(np.linspace(0, session.n - 1, PROBE).astype(int))
-        self._probe = rows
-        self._probe_state = session.state.rows(np.concatenate([[0], rows]))
+        self._probe_state = session.state.rows(np.concatenate([[0], _telling(session.state)]))
         self.base = np.array(self._add_base(), dtype=np.intp)
         self.candidates: list[Candidate] = []
         self.blind: list[Blind] = []

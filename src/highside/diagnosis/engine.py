@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.candidates import RING
 from highside.diagnosis.conclusion import conclude, is_loud
+from highside.diagnosis.exchange import exchanged, kept
 from highside.diagnosis.fit import BENDS
 from highside.diagnosis.magnitude_scene import MagnitudeScene
 from highside.diagnosis.magnitude_session import MagnitudeSession
@@ -24,7 +25,7 @@ from highside.diagnosis.pool import Member
 from highside.diagnosis.pose_scene import PoseScene
 from highside.diagnosis.result import Diagnosis
 from highside.diagnosis.rivals import SAME_CLASS_EVIDENCE
-from highside.diagnosis.rotation_scene import RotationScene
+from highside.diagnosis.rotation_scene import MANY_ROWS, SOME_ROWS, RotationScene, Sketch
 from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.scene import Judged, Picture, Scene
 from highside.diagnosis.session import PoseSession
@@ -68,8 +69,19 @@ def diagnose_rotation(
     version: str = "",
     method: Method = WHOLE,
 ) -> tuple[Diagnosis, Picture]:
-    """As `diagnose_poses`, for the n rows of a continuous rotation."""
-    return diagnose(RotationScene.of(session, model, tuple(free), seed, method), version)
+    """As `diagnose_poses`, for the n rows of a continuous rotation.
+
+    Of a long one some rows are diagnosed first: strong effects show there, and what they do beyond first order is known
+    before all rows are passed through.
+    """
+    sketch = None
+    if session.n > MANY_ROWS:
+        rows = session.thinned(SOME_ROWS, seed)
+        some, judged, _ = _straight(RotationScene.of(rows, model, tuple(free), seed, method))
+        assert isinstance(some, RotationScene)
+        sketch = Sketch(some, [m for m in judged.members if some.candidates[m.candidate].named])
+    scene = RotationScene.of(session, model, tuple(free), seed, method, sketch)
+    return conclude(*_straight(scene, sketch.names if sketch else ()), version)
 
 
 def diagnose_magnitudes(
@@ -87,20 +99,31 @@ def diagnose_simulation(
 
 
 def diagnose(scene: Scene, version: str = "") -> tuple[Diagnosis, Picture]:
-    """Choose, compare, prove and tell.
+    """Choose, compare, prove and tell."""
+    return conclude(*_straight(scene), version)
+
+
+def _straight(scene: Scene, taken_out: Sequence[str] = ()) -> tuple[Scene, Judged, Suspicion]:
+    """What is chosen, and the scene in which it was; of effects `taken_out` its bend is already.
 
     Everything is chosen by what effects do to first order. Where those that are chosen do more than that, what they do
     beyond it at their fitted sizes is taken out of the readings, and it is chosen again: else the rest of a strong
     effect would be given a name of its own.
     """
     judged, suspicion = _judged(scene)
+    judged = kept(scene, judged, taken_out)
     if suspicion.wanders and not suspicion.claimed:
         scene, judged, suspicion = _refined(scene, judged, suspicion)
+    compared: set[int] = set()
     for _ in range(BENT):
         named = [m for m in judged.members if scene.candidates[m.candidate].named]
         fit = scene.fit(named, judged.noise) if named else None
         judged = replace(judged, fit=fit)
-        bend = 0.0 if fit is None or fit.bend is None else fit.bend
+        bends = fit is not None and fit.beyond >= BENDS and scene.straightens
+        if fit is not None and bends and len(named) == len(judged.members) and _which(named) != compared:
+            judged = exchanged(scene, judged, fit)
+            compared = _which(judged.members)
+        bend = 0.0 if judged.fit is None or judged.fit.bend is None else judged.fit.bend
         other = np.asarray(bend - scene.bend)
         if not other.any() or np.sum(scene.noise.white(other) ** 2) < BENDS:
             break
@@ -108,8 +131,14 @@ def diagnose(scene: Scene, version: str = "") -> tuple[Diagnosis, Picture]:
         if straight is None:
             break
         scene = straight
+        taken_out = [scene.candidates[m.candidate].id for m in judged.members]
         judged, suspicion = _judged(scene)
-    return conclude(scene, judged, suspicion, version)
+        judged = kept(scene, judged, taken_out)
+    return scene, judged, suspicion
+
+
+def _which(members: Sequence[Member]) -> set[int]:
+    return {m.candidate for m in members}
 
 
 def _judged(scene: Scene) -> tuple[Judged, Suspicion]:

@@ -114,6 +114,8 @@ def base_fit(
     return model, seen.jacobian(model, free), seen.residual(model)
 
 
+SETTLED = 1e-6
+"""Chi-square of a step that is the last."""
 BENDS = 6.0
 """Chi-square of what effects do beyond first order, from which it is no matter of rounding."""
 UNMOVED = 1e-12
@@ -142,6 +144,10 @@ class JointFit:
     """(C, n) what base and claims do at their fitted sizes beyond first order, if that shows and fits no worse"""
     chi_square: float = np.nan
     """of what is left, in units of the noise"""
+    model: ForwardModel | None = None
+    """base and claims at their fitted sizes"""
+    beyond: float = 0.0
+    """chi-square of `bend` outside of what base and claims do to first order"""
 
 
 def joint_fit(
@@ -153,8 +159,14 @@ def joint_fit(
     noise: Whitening,
     freedom: float,
     steps: int = 2 * STEPS,
+    near: ForwardModel | None = None,
+    bends: bool = True,
 ) -> JointFit:
-    """Refit base and members together, whitened by `noise`; intervals by Student's t with `freedom`."""
+    """Refit base and members together, whitened by `noise`; intervals by Student's t with `freedom`.
+
+    `near` is the same fitted before to some of the readings: from there one step does. Without `bends` what is done
+    beyond first order is not asked for.
+    """
     from scipy.stats import t as student
 
     chosen = [(candidates[m.candidate], candidates[m.candidate].variants[m.variant]) for m in members]
@@ -168,7 +180,8 @@ def joint_fit(
             ),
             **variant.shape,
         }
-    now = first = model.with_effects(start) if start else model
+    first = model.with_effects(start) if start else model
+    now = first if near is None else near
     amplitude_names = [f"{c.id}.{a}" for c, _ in chosen for a in c.amplitudes]
     shape_names = [
         f"{c.id}.{p.name}"
@@ -190,18 +203,14 @@ def joint_fit(
 
     every = [*now.free_names(names or []), *amplitude_names]
     if not every:
-        return JointFit({}, seen.residual(now), ())
+        return JointFit({}, seen.residual(now), (), model=now)
     inverse = np.zeros((len(every), len(every)))
     unseen = np.zeros(len(every), dtype=bool)
-    linear = np.inf
     for step_number in range(steps):
-        which = shape_names if step_number >= 2 else []
+        which = shape_names if step_number >= 2 or near is not None else []
         white = noise.white(columns(now, which))
         moved = [*every, *which]
-        left = noise.white(seen.residual(now))
-        step = seen.step(white, left, moved)
-        if step_number == 0:
-            linear = float(np.sum((left - step @ white) ** 2))
+        step = seen.step(white, noise.white(seen.residual(now)), moved)
         values = now.get_free(moved) + step if moved else step
         for k, name in enumerate(which, start=len(every)):
             # a time constant moves by no more than a third at a time
@@ -217,6 +226,8 @@ def joint_fit(
         seen_well = powers > UNSEEN * powers[-1]
         inverse = (vectors[:, seen_well] / powers[seen_well]) @ vectors[:, seen_well].T / np.outer(scale, scale)
         unseen = np.sum(vectors[:, ~seen_well] ** 2, axis=1) > 1e-6
+        if which == shape_names and float(np.sum((step @ white) ** 2)) < SETTLED:
+            break
     every = [*every, *shape_names]
     std = np.sqrt(np.maximum(np.diag(inverse), 0.0))
     half = float(student.ppf(0.975, freedom))
@@ -242,13 +253,16 @@ def joint_fit(
         fitted[candidate.id] = table
         del variant
     left = seen.residual(now)
-    bend = None
     chi_square = float(np.sum(noise.white(left) ** 2))
-    if linear - chi_square > -BENDS:
+    bend, beyond = None, 0.0
+    if bends:
         sizes = [*now.free_names(names or []), *amplitude_names]
-        straight = columns(first, [])
-        bend = seen.residual(first) - left - np.tensordot(now.get_free(sizes) - first.get_free(sizes), straight, 1)
-        white, beyond = noise.white(straight), noise.white(bend)
-        if float(np.sum((beyond - _solve(white, beyond) @ white) ** 2)) < BENDS:
+        straight, before = columns(first, []), seen.residual(first)
+        white, unfitted = noise.white(straight), noise.white(before)
+        linear = float(np.sum((unfitted - seen.step(white, unfitted, sizes) @ white) ** 2))
+        bend = before - left - np.tensordot(now.get_free(sizes) - first.get_free(sizes), straight, 1)
+        rest = noise.white(bend)
+        beyond = float(np.sum((rest - _solve(white, rest) @ white) ** 2))
+        if beyond < BENDS or linear - chi_square <= -BENDS:
             bend = None
-    return JointFit(fitted, left, tuple(implausible), bend, chi_square)
+    return JointFit(fitted, left, tuple(implausible), bend, chi_square, now, beyond)

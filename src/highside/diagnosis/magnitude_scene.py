@@ -271,7 +271,7 @@ class MagnitudeScene(Scene):
                 candidates[m.candidate] = replace(candidate, variants=tuple(variants))
         return replace(self, candidates=candidates)
 
-    def fit(self, members: Sequence[Member], noise: MagnitudeNoise) -> JointFit:
+    def fit(self, members: Sequence[Member], noise: MagnitudeNoise, *, bends: bool = True) -> JointFit:
         if not self.session.rest or not members:
             return self._fit(members, noise)
         finer = self._finer(members)

@@ -67,6 +67,10 @@ class PoseScene(Scene):
         )
 
     @property
+    def straightens(self) -> bool:
+        return True
+
+    @property
     def channels(self) -> tuple[str, ...]:
         return CHANNELS
 
@@ -132,10 +136,10 @@ class PoseScene(Scene):
         noise = _learned(self.session, left, self.rich, self.tangents, self.method) if learn else self.white_noise
         return replace(self, residual=left, white_noise=noise, bend=bend)
 
-    def fit(self, members: Sequence[Member], noise: PoseNoise) -> JointFit:
+    def fit(self, members: Sequence[Member], noise: PoseNoise, *, bends: bool = True) -> JointFit:
         seen = Observed(self.session.state, self.session.mean)
         free = self.free if self.method.refit else ()
-        return joint_fit(self.model, seen, free, self.candidates, members, noise, self.noise.freedom)
+        return joint_fit(self.model, seen, free, self.candidates, members, noise, self.noise.freedom, bends=bends)
 
     def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
         return locate(judged.scan, signal, space, p, share)

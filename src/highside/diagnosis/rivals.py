@@ -44,6 +44,14 @@ class Rivalry:
     same: tuple[int, ...]
 
 
+@dataclass(frozen=True)
+class Refitted:
+    """A rival in the place of a strong claim, fitted in full: how far it is behind in BIC."""
+
+    rival: Member
+    delta_bic: float
+
+
 def rivalry(selector: Selector, members: Sequence[Member], claim: Member) -> Rivalry:
     """Exchange one claim for each other candidate."""
     others = [m for m in members if m != claim]

@@ -198,6 +198,13 @@ def estimate(design: Design, residual: Array, seed: int, *, coloured: bool = Tru
     )
 
 
+def plain(sigma: Array, n: int) -> RotationNoise:
+    """White noise of one size (C,) on each channel of n rows."""
+    count = sigma.size
+    weight = np.repeat(1 / sigma[:, None], n, axis=1)
+    return RotationNoise((np.ones(1),) * count, weight, sigma, float(n), np.zeros(count), np.zeros((count, 3)), 0)
+
+
 def with_walk(noise: RotationNoise, memories: Sequence[Memory]) -> RotationNoise:
     """The same noise with what wanders added to it."""
     return replace(noise, memories=tuple(memories))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.causes import located_by_cause
 from highside.diagnosis.design import CHUNK, LINES, Design
-from highside.diagnosis.fit import JointFit, Observed, base_fit, joint_fit
+from highside.diagnosis.fit import BENDS, JointFit, Observed, base_fit, joint_fit
 from highside.diagnosis.gram import SECTORS, Gram, HeldOutRows, Segments, Space, WalkingChannel, Walks, accumulate
 from highside.diagnosis.held_out import block_gain, gain_interval
 from highside.diagnosis.location import Located, Scan, followed, intervals, scan_of
@@ -28,7 +28,7 @@ from highside.diagnosis.rotation_bursts import found_burst, with_burst
 from highside.diagnosis.rotation_jitter import with_jitter
 from highside.diagnosis.rotation_lines import found_lines
 from highside.diagnosis.rotation_means import mean_errors
-from highside.diagnosis.rotation_noise import RotationNoise, estimate, with_walk
+from highside.diagnosis.rotation_noise import RotationNoise, estimate, plain, with_walk
 from highside.diagnosis.rotation_noise import windows as learned_from
 from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.rotation_support import rotation_cells, windows
@@ -44,7 +44,8 @@ Ints = NDArray[np.intp]
 SLOW_BAND_HZ = 0.23
 """Below this, a group of slow functions is judged by as many degrees of freedom as the band has."""
 MANY_ROWS = 30_000
-"""A longer recording is refitted with fewer steps: the second one moves nothing that shows."""
+"""Of a longer recording some rows are diagnosed first."""
+SOME_ROWS = 12_000
 PLACES = 20_000
 """Rows by which intervals of a covariate are found."""
 
@@ -70,6 +71,19 @@ def numbers_of(pool: Pool, members: Sequence[Member]) -> Ints:
 
 
 @dataclass(frozen=True)
+class Sketch:
+    """What some rows of a long recording say: their scene, and the members that they name."""
+
+    scene: RotationScene
+    members: Sequence[Member]
+
+    @property
+    def names(self) -> list[str]:
+        """Ids of the effects."""
+        return [self.scene.candidates[m.candidate].id for m in self.members]
+
+
+@dataclass(frozen=True)
 class RotationScene(Scene):
     """n rows of a rotation with known reference."""
 
@@ -85,14 +99,29 @@ class RotationScene(Scene):
     """(flip blocks, m) on each channel: inner products of the functions with what is left of everything, by blocks"""
     rest: list[tuple[slice, Array]]
     """what is left of everything, whitened, (C, n) of the rows that the noise was learned from"""
+    some: RotationScene | None = None
+    """some of the rows of a long recording: where fits begin, and rivals far behind are ruled out"""
+    some_fits: dict[frozenset[Member], JointFit] = field(default_factory=dict)
+    """members fitted to these rows"""
 
     @classmethod
     def of(
-        cls, session: RotationSession, model: ForwardModel, free: tuple[str, ...], seed: int, method: Method = WHOLE
+        cls,
+        session: RotationSession,
+        model: ForwardModel,
+        free: tuple[str, ...],
+        seed: int,
+        method: Method = WHOLE,
+        sketch: Sketch | None = None,
     ) -> RotationScene:
-        """Fit the base, learn the noise, pass over the rows."""
+        """Fit the base, learn the noise, pass over the rows. What a sketch's members do beyond first order is taken out
+        from the beginning."""
         seen = Observed(session.state, session.readings)
         model, _, residual = base_fit(model, seen, free)
+        bend: Array | float = 0.0
+        if sketch is not None and sketch.scene.bent:
+            bend = _bend(model, seen, free if method.refit else (), sketch)
+            residual = residual - bend
         design = Design(session, model, free, found_lines(session, residual))
         noise = estimate(design, residual, seed, coloured=method.colour)
         grams, segments = accumulate(design, noise, residual)
@@ -111,8 +140,14 @@ class RotationScene(Scene):
             segments,
             chance,
             rest,
+            None if sketch is None else sketch.scene,
             method=method,
+            bend=bend,
         )
+
+    @property
+    def straightens(self) -> bool:
+        return True
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -248,11 +283,28 @@ class RotationScene(Scene):
             bend=bend,
         )
 
-    def fit(self, members: Sequence[Member], noise: Any) -> JointFit:
+    def fit(self, members: Sequence[Member], noise: Any, *, bends: bool = True) -> JointFit:
         seen = Observed(self.session.state, self.session.readings)
-        steps = 8 if self.session.n < MANY_ROWS else 3
         free = self.free if self.method.refit else ()
-        return joint_fit(self.model, seen, free, self.candidates, members, self.noise, self.noise.freedom, steps)
+        given = (self.model, seen, free, self.candidates, members, self.noise, self.noise.freedom)
+        if self.some is None:
+            return joint_fit(*given, bends=bends)
+        near = self._fitted_to_some(members)
+        bends = bends and near.beyond * self.session.n / self.some.session.n > BENDS
+        return joint_fit(*given, steps=1, near=near.model, bends=bends)
+
+    def glance(self, members: Sequence[Member]) -> float | None:
+        return None if self.some is None else self._fitted_to_some(members).chi_square
+
+    def _fitted_to_some(self, members: Sequence[Member]) -> JointFit:
+        assert self.some is not None
+        which = frozenset(members)
+        if which not in self.some_fits:
+            seen = Observed(self.some.session.state, self.some.session.readings)
+            free, noise = self.free if self.method.refit else (), self.some.noise
+            fit = joint_fit(self.model, seen, free, self.candidates, members, noise, noise.freedom)
+            self.some_fits[which] = fit
+        return self.some_fits[which]
 
     def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
         coordinates: Space = judged.noise.space
@@ -385,6 +437,18 @@ class RotationScene(Scene):
             "impulses": noise.impulses,
             "degrees_of_freedom": noise.freedom,
         }
+
+
+def _bend(model: ForwardModel, seen: Observed, free: Sequence[str], sketch: Sketch) -> Array | float:
+    """(C, n) what the members of a sketch do beyond first order in all rows, at the sizes that fit all of them."""
+    some, members = sketch.scene, sketch.members
+    less = Observed(some.session.state, some.session.readings)
+    near = joint_fit(model, less, free, some.candidates, members, some.noise, some.noise.freedom)
+    noise = plain(some.noise.sigma, seen.readings.shape[1])
+    fit = joint_fit(
+        model, seen, free, some.candidates, members, noise, some.noise.freedom, steps=1, near=near.model
+    )  # fmt: skip
+    return 0.0 if fit.bend is None else fit.bend
 
 
 @dataclass(frozen=True)

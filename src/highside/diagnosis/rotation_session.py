@@ -7,7 +7,7 @@ beside the accelerometers.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -53,6 +53,17 @@ class RotationSession:
     def step_s(self) -> float:
         """Time from row to row."""
         return self.state.row_seconds
+
+    def thinned(self, rows: int, seed: int) -> RotationSession:
+        """About so many of the rows: of each equally long run one, drawn: no turning keeps step with them."""
+        every = -(-self.n // rows)
+        first = np.arange(0, self.n - every + 1, every)
+        taken = first + np.random.default_rng(seed).integers(0, every, first.size)
+        return RotationSession(
+            np.ascontiguousarray(self.readings[:, taken]),
+            replace(self.state.rows(taken), row_seconds=self.step_s * every),
+            None if self.left_out is None else self.left_out[taken],
+        )
 
     @cached_property
     def rate_group(self) -> NDArray[np.intp]:

@@ -21,7 +21,7 @@ from highside.diagnosis.memory import SLOW_LOG_P, Channel, Memory, SlowEffect, S
 from highside.diagnosis.method import WHOLE, Method
 from highside.diagnosis.pool import Member
 from highside.diagnosis.result import Diagnosis, Fit, Location
-from highside.diagnosis.rivals import Rivalry
+from highside.diagnosis.rivals import Refitted, Rivalry
 from highside.diagnosis.selection import MAX_CLAIMS, Selector
 from highside.physics.state import ChainState
 
@@ -73,6 +73,8 @@ class Judged:
     noise: Any
     fit: JointFit | None = None
     """base and named members refitted together, where that has been done"""
+    refits: Mapping[Member, Sequence[Refitted]] = field(default_factory=dict)
+    """of members that are strong their nearest rivals, fitted in full"""
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,11 @@ class Scene(ABC):
     def bent(self) -> bool:
         """Whether anything beyond first order has been taken out."""
         return bool(np.any(self.bend))
+
+    @property
+    def straightens(self) -> bool:
+        """Whether what strong effects do beyond first order can be taken out."""
+        return False
 
     @property
     def slow_ids(self) -> frozenset[str]:
@@ -175,8 +182,12 @@ class Scene(ABC):
         """The noise with the memory of each channel."""
 
     @abstractmethod
-    def fit(self, members: Sequence[Member], noise: Any) -> JointFit:
-        """Base and named members refitted together."""
+    def fit(self, members: Sequence[Member], noise: Any, *, bends: bool = True) -> JointFit:
+        """Base and named members refitted together; without `bends` as far as the misfit shows."""
+
+    def glance(self, members: Sequence[Member]) -> float | None:
+        """Chi-square that base and members leave in some of the readings, where a fit to all takes long."""
+        return None
 
     def straightened(self, bend: Array | float, *, learn: bool = True) -> Scene | None:
         """The scene with another `bend` (C, n), its noise learned anew or kept; None where nothing is taken out."""

@@ -194,7 +194,7 @@ class SimulationScene(RotationScene):
     def with_memory(self, memories: Sequence[Memory]) -> Any:
         return with_walk(self.noise, memories)
 
-    def fit(self, members: Sequence[Member], noise: Any) -> JointFit:
+    def fit(self, members: Sequence[Member], noise: Any, *, bends: bool = True) -> JointFit:
         """Least squares of base and members in the space of the judged noise."""
         from scipy.stats import t as student
 
