@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from highside.recording.export import ExportFormat
+from highside.recording.export_format import ExportFormat
 
 
 def export(

@@ -9,12 +9,12 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
 
 from highside.errors import InputError
+from highside.recording.export_format import ExportFormat
 from highside.recording.files import write_whole
 from highside.recording.table import Recording
 
@@ -32,14 +32,6 @@ _UNITS = {
     "c": "degree Celsius",
     "mg": "milli-g",
 }
-
-
-class ExportFormat(StrEnum):
-    """What can be written."""
-
-    MCAP = "mcap"
-    PARQUET = "parquet"
-    CSV = "csv"
 
 
 def export(recording: Recording, target: Path, to: ExportFormat, progress: Progress = lambda done, total: None) -> None:
