@@ -55,7 +55,7 @@ def recording(
 
 
 def fitted(session: RotationSession) -> tuple[ForwardModel, Array]:
-    model, _, residual = base_fit(ForwardModel.of({}), Observed(session.state, session.readings), FREE)
+    model, residual = base_fit(ForwardModel.of({}), Observed(session.state, session.readings), FREE)
     return model, residual
 
 

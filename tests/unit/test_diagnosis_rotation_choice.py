@@ -76,7 +76,7 @@ def test_means_of_noise_are_as_large_as_they_are_expected_to_be(rising: ChainSta
     session = RotationSession(
         random_sensor(rng).predict(rising) + SIGMA * rng.standard_normal((3, rising.n)), rising
     )  # fmt: skip
-    model, _, residual = base_fit(ForwardModel.of({}), Observed(rising, session.readings), FREE)
+    model, residual = base_fit(ForwardModel.of({}), Observed(rising, session.readings), FREE)
     design = Design(session, model, FREE)
     grams, _ = accumulate(design, estimate(design, residual, 1), residual)
     errors = mean_errors(HeldOutRows(design, grams), grams, np.empty(0, dtype=np.intp), [0])
@@ -99,7 +99,7 @@ def test_what_forgets_is_no_walk(rising: ChainState) -> None:
     sensor = random_sensor(rng).predict(rising)
     for level, walks in ((forgets, False), (walk, True)):
         session = RotationSession(sensor + SIGMA * (white + level), rising)
-        model, _, residual = base_fit(ForwardModel.of({}), Observed(rising, session.readings), FREE)
+        model, residual = base_fit(ForwardModel.of({}), Observed(rising, session.readings), FREE)
         design = Design(session, model, FREE)
         # the colour is left to the memory on purpose
         grams, _ = accumulate(design, estimate(design, residual, 1, coloured=False), residual)
@@ -119,6 +119,6 @@ def test_a_line_between_two_frequencies_of_the_spectrum_is_found(rising: ChainSt
         random_sensor(rng).predict(rising) + SIGMA * rng.standard_normal((3, rising.n)), rising
     )  # fmt: skip
     session.readings[1] += SIGMA * np.sqrt(2 * 100.0 / rising.n) * np.sin(2 * np.pi * hertz * rising.t_s)
-    _, _, residual = base_fit(ForwardModel.of({}), Observed(rising, session.readings), FREE)
+    _, residual = base_fit(ForwardModel.of({}), Observed(rising, session.readings), FREE)
     tones = [line.value for line in found_lines(session, residual) if line.effect == "tone"]
     assert min(abs(tone - hertz) for tone in tones) < 0.3 / seconds

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.candidates import MAX_STEP_TIMES, Blind, Candidate, Variant, parts_of, what_lacks
+from highside.diagnosis.chunks import chunks_of
 from highside.diagnosis.rotation_bases import Group, Recipe, Rows, rotation_groups, rotation_shadows
 from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.untestable import one_sided
@@ -27,7 +28,6 @@ from highside.physics.state import ChainState
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
-CHUNK = 4096
 PROBE = 400
 EXTREMES = 4
 """Rows at each end of each covariate that are probed as well: a ramp of the rate may be rare."""
@@ -120,8 +120,7 @@ class Design:
 
     def chunks(self) -> Iterator[slice]:
         """Runs of rows that together are the whole recording."""
-        for start in range(0, self.session.n, CHUNK):
-            yield slice(start, min(start + CHUNK, self.session.n))
+        yield from chunks_of(self.session.n)
 
     def functions(self, part: slice, below: Array | None = None) -> list[Array]:
         """The functions (m_c, n) of each channel on a run of rows; with rows `below` (C, N), (m_c + 1, n)."""

@@ -25,7 +25,7 @@ from highside.diagnosis.pool import Member
 from highside.diagnosis.pose_scene import PoseScene
 from highside.diagnosis.result import Diagnosis
 from highside.diagnosis.rivals import SAME_CLASS_EVIDENCE
-from highside.diagnosis.rotation_scene import MANY_ROWS, SOME_ROWS, RotationScene, Sketch
+from highside.diagnosis.rotation_scene import MANY_ROWS, SOME_ROWS, RotationScene, Sketch, may_bend
 from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.scene import Judged, Picture, Scene
 from highside.diagnosis.session import PoseSession
@@ -75,7 +75,7 @@ def diagnose_rotation(
     before all rows are passed through.
     """
     sketch = None
-    if session.n > MANY_ROWS:
+    if session.n > MANY_ROWS and may_bend(session, model, free, seed):
         rows = session.thinned(SOME_ROWS, seed)
         some, judged, _ = _straight(RotationScene.of(rows, model, tuple(free), seed, method))
         assert isinstance(some, RotationScene)

@@ -7,14 +7,16 @@ selection found it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from functools import partial
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.candidates import Candidate, columns_of
+from highside.diagnosis.candidates import Candidate, Variant, columns_of
+from highside.diagnosis.chunks import chunks_of, in_order
 from highside.diagnosis.pool import Member
 from highside.diagnosis.result import FittedParameter
 from highside.physics.effect import Effect
@@ -51,12 +53,44 @@ class Seen(Protocol):
     def step(self, columns: Array, residual: Array, names: Sequence[str]) -> Array: ...
 
 
+@runtime_checkable
+class RowNoise(Whitening, Protocol):
+    """A noise that whitens run by run."""
+
+    @property
+    def lead(self) -> int:
+        """Rows before a run that its whitening needs."""
+        ...
+
+    def whiten(self, channel: int, functions: Array, part: slice) -> Array:
+        """Functions (m, lead + n) of a channel, whitened for the n rows of `part`."""
+        ...
+
+
+@dataclass(frozen=True)
+class _Weighted:
+    """Readings of each channel times a weight (C, 1)."""
+
+    weight: Array
+    lead: int = 0
+
+    def white(self, columns: Array) -> Array:
+        return np.asarray((columns * self.weight).reshape(*columns.shape[:-2], -1))
+
+    def whiten(self, channel: int, functions: Array, part: slice) -> Array:
+        return np.asarray(functions * self.weight[channel])
+
+
 @dataclass(frozen=True)
 class Observed:
-    """Readings (C, n) at n states: accelerometers in g and, below them, gyros in rad/s if there are any."""
+    """Readings (C, n) at n states: accelerometers in g and, below them, gyros in rad/s if there are any.
+
+    Of many rows it is asked `by_parts` for inner products.
+    """
 
     state: ChainState
     readings: Array
+    by_parts: bool = False
 
     @property
     def gyros(self) -> bool:
@@ -92,26 +126,37 @@ class Observed:
         """(P,) least-squares step of the named parameters, from whitened columns (P, N) and residual (N,)."""
         return _solve(columns, residual)
 
+    def run(self, part: slice) -> Observed:
+        """A run of rows; the first of all stands before it, as effects reckon time from that."""
+        rows = np.concatenate([[0], np.arange(part.start, part.stop)])
+        return Observed(self.state.rows(rows), self.readings[:, rows])
 
-def base_fit(
-    model: ForwardModel, seen: Seen, free: Sequence[str], steps: int = STEPS
-) -> tuple[ForwardModel, Array, Array]:
-    """The model with its free effects fitted to n readings, their columns (P, C, n), and the residual (C, n)."""
+    def inner(self, at: ForwardModel, columns: Callable[[Seen], Array], noise: RowNoise) -> Array:
+        """(P + 1, P + 1) of whitened columns and, last, the residual, from run to run of rows."""
+
+        def of(part: slice) -> Array:
+            run = self.run(slice(max(0, part.start - noise.lead), part.stop))
+            both = np.concatenate([columns(run), run.residual(at)[None]])[:, :, 1:]
+            white = [noise.whiten(c, both[:, c], part) for c in range(self.channels)]
+            return np.asarray(sum((w @ w.T for w in white), np.zeros((len(both), len(both)))))
+
+        return np.asarray(sum(in_order(of, chunks_of(self.state.n))))
+
+
+def base_fit(model: ForwardModel, seen: Seen, free: Sequence[str], steps: int = STEPS) -> tuple[ForwardModel, Array]:
+    """The model with its free effects fitted to n readings, and the residual (C, n)."""
     if not free:
-        return model, seen.jacobian(model, ()), seen.residual(model)
+        return model, seen.residual(model)
     # rates and accelerations have units of their own: each kind counts by the size of what it cannot explain
-    weight = np.ones((seen.channels, 1))
+    noise = _Weighted(np.ones((seen.channels, 1)))
     for turn in range(steps):
-        columns, left = seen.jacobian(model, free), seen.residual(model)
-        step = seen.step(
-            (columns * weight).reshape(len(columns), -1), (left * weight).reshape(-1), model.free_names(free)
-        )
+        step, _ = _step(seen, noise, model, partial(_columns, model, free=free, chosen=()), model.free_names(free))
         model = model.set_free(model.get_free(free) + step, free)
         if seen.gyros and turn == 0:
-            weight = 1 / np.maximum(seen.residual(model).std(axis=1, keepdims=True), 1e-12)
+            noise = _Weighted(1 / np.maximum(seen.residual(model).std(axis=1, keepdims=True), 1e-12))
         elif np.max(np.abs(step), initial=0.0) < 1e-12:
             break
-    return model, seen.jacobian(model, free), seen.residual(model)
+    return model, seen.residual(model)
 
 
 SETTLED = 1e-6
@@ -133,6 +178,27 @@ def _solve(columns: Array, residual: Array) -> Array:
     return np.asarray(np.linalg.lstsq(scaled.T, residual, rcond=1e-10)[0] / norm)
 
 
+def _apart(seen: Seen, at: ForwardModel) -> bool:
+    """Whether runs of rows can be worked on each for itself."""
+    return isinstance(seen, Observed) and seen.by_parts and not any(at.effect(name).remembers for name in at.ids)
+
+
+def _step(
+    seen: Seen, noise: Whitening, at: ForwardModel, columns: Callable[[Seen], Array], names: Sequence[str]
+) -> tuple[Array, Array]:
+    """(P,) least-squares step of the named parameters, and (P, P) the inner products of their whitened columns."""
+    if _apart(seen, at):
+        assert isinstance(seen, Observed) and isinstance(noise, RowNoise)
+        inner = seen.inner(at, columns, noise)
+        norm = np.sqrt(np.diag(inner)[:-1])
+        norm = np.where(norm > UNMOVED * norm.max(initial=0.0), norm, np.inf)
+        scaled = inner[:-1, :-1] / np.outer(norm, norm)
+        step = np.linalg.pinv(scaled, rcond=1e-10, hermitian=True) @ (inner[:-1, -1] / norm) / norm
+        return np.asarray(step), inner[:-1, :-1]
+    white = noise.white(columns(seen))
+    return seen.step(white, noise.white(seen.residual(at)), names), np.asarray(white @ white.T)
+
+
 @dataclass(frozen=True)
 class JointFit:
     """Fitted parameters of the claims by effect, residual (C, n), and parameters outside of plausible ranges."""
@@ -148,6 +214,60 @@ class JointFit:
     """base and claims at their fitted sizes"""
     beyond: float = 0.0
     """chi-square of `bend` outside of what base and claims do to first order"""
+
+
+Chosen = Sequence[tuple[Candidate, Variant]]
+
+
+def _begun(model: ForwardModel, chosen: Chosen) -> ForwardModel:
+    """The model with the chosen effects, nothing of them fitted yet."""
+    start: dict[str, dict[str, float]] = {}
+    for candidate, variant in chosen:
+        assert candidate.effect is not None
+        names = (p.name for p in candidate.effect.parameters)
+        start[candidate.id] = {
+            **dict(zip(names, model.vector_of(candidate.id).tolist(), strict=True)),
+            **variant.shape,
+        }
+    return model.with_effects(start) if start else model
+
+
+def _columns(at: ForwardModel, seen: Seen, free: Sequence[str], chosen: Chosen, also: Sequence[str] = ()) -> Array:
+    """(P, C, n) derivatives by the free parameters, by the amplitudes of the chosen effects, and by those of `also`."""
+    parts = [seen.jacobian(at, free)]
+    for candidate, variant in chosen:
+        assert candidate.effect is not None
+        shape = {p.name: at.parameters()[candidate.id][p.name] for p in candidate.effect.parameters if p.shape}
+        parts.append(seen.columns(at, candidate.effect, shape or variant.shape))
+    if also:
+        parts.append(seen.jacobian(at, list(also)))
+    return np.concatenate(parts)
+
+
+def bend_of(
+    model: ForwardModel,
+    fit: JointFit,
+    seen: Seen,
+    free: Sequence[str],
+    candidates: Sequence[Candidate],
+    members: Sequence[Member],
+) -> Array:
+    """(C, n) what base and members do beyond first order, at the sizes of a fit to these readings or some of them."""
+    assert fit.model is not None
+    chosen = [(candidates[m.candidate], candidates[m.candidate].variants[m.variant]) for m in members]
+    first = _begun(model, chosen)
+    sizes = [*first.free_names(list(free) or []), *(f"{c.id}.{a}" for c, _ in chosen for a in c.amplitudes)]
+    moved = fit.model.get_free(sizes) - first.get_free(sizes)
+
+    def of(some: Seen) -> Array:
+        total = some.residual(first) - some.residual(fitted)
+        return np.asarray(total - np.tensordot(moved, _columns(first, some, free, chosen), 1))
+
+    fitted = fit.model
+    if not _apart(seen, fitted):
+        return of(seen)
+    assert isinstance(seen, Observed)
+    return np.concatenate(list(in_order(lambda part: of(seen.run(part))[:, 1:], chunks_of(seen.state.n))), axis=1)
 
 
 def joint_fit(
@@ -171,16 +291,7 @@ def joint_fit(
 
     chosen = [(candidates[m.candidate], candidates[m.candidate].variants[m.variant]) for m in members]
     names = list(free)
-    start: dict[str, dict[str, float]] = {}
-    for candidate, variant in chosen:
-        assert candidate.effect is not None
-        start[candidate.id] = {
-            **dict(
-                zip((p.name for p in candidate.effect.parameters), model.vector_of(candidate.id).tolist(), strict=True)
-            ),
-            **variant.shape,
-        }
-    first = model.with_effects(start) if start else model
+    first = _begun(model, chosen)
     now = first if near is None else near
     amplitude_names = [f"{c.id}.{a}" for c, _ in chosen for a in c.amplitudes]
     shape_names = [
@@ -191,16 +302,6 @@ def joint_fit(
         if p.shape and not p.integer
     ]
 
-    def columns(at: ForwardModel, which: Sequence[str]) -> Array:
-        parts = [seen.jacobian(at, names)]
-        for candidate, variant in chosen:
-            assert candidate.effect is not None
-            shape = {p.name: at.parameters()[candidate.id][p.name] for p in candidate.effect.parameters if p.shape}
-            parts.append(seen.columns(at, candidate.effect, shape or variant.shape))
-        if which:
-            parts.append(seen.jacobian(at, list(which)))
-        return np.concatenate(parts)
-
     every = [*now.free_names(names or []), *amplitude_names]
     if not every:
         return JointFit({}, seen.residual(now), (), model=now)
@@ -208,25 +309,24 @@ def joint_fit(
     unseen = np.zeros(len(every), dtype=bool)
     for step_number in range(steps):
         which = shape_names if step_number >= 2 or near is not None else []
-        white = noise.white(columns(now, which))
         moved = [*every, *which]
-        step = seen.step(white, noise.white(seen.residual(now)), moved)
+        step, inner = _step(seen, noise, now, partial(_columns, now, free=names, chosen=chosen, also=which), moved)
         values = now.get_free(moved) + step if moved else step
         for k, name in enumerate(which, start=len(every)):
             # a time constant moves by no more than a third at a time
             old = now.get_free([name])[0]
             values[k] = float(np.clip(values[k], old / 1.33, old * 1.33))
         now = now.set_free(values, moved) if moved else now
-        scale = np.linalg.norm(white, axis=1)
+        scale = np.sqrt(np.diag(inner))
         # what a design does not move is seen no better for being scaled up
         scale = np.where(scale > UNMOVED * scale.max(initial=0.0), scale, np.inf)
-        gram = (white / scale[:, None]) @ (white / scale[:, None]).T
+        gram = inner / np.outer(scale, scale)
         scale = np.where(np.isfinite(scale), scale, 1.0)
         powers, vectors = np.linalg.eigh(gram)
         seen_well = powers > UNSEEN * powers[-1]
         inverse = (vectors[:, seen_well] / powers[seen_well]) @ vectors[:, seen_well].T / np.outer(scale, scale)
         unseen = np.sum(vectors[:, ~seen_well] ** 2, axis=1) > 1e-6
-        if which == shape_names and float(np.sum((step @ white) ** 2)) < SETTLED:
+        if which == shape_names and float(step @ inner @ step) < SETTLED:
             break
     every = [*every, *shape_names]
     std = np.sqrt(np.maximum(np.diag(inverse), 0.0))
@@ -257,7 +357,7 @@ def joint_fit(
     bend, beyond = None, 0.0
     if bends:
         sizes = [*now.free_names(names or []), *amplitude_names]
-        straight, before = columns(first, []), seen.residual(first)
+        straight, before = _columns(first, seen, names, chosen), seen.residual(first)
         white, unfitted = noise.white(straight), noise.white(before)
         linear = float(np.sum((unfitted - seen.step(white, unfitted, sizes) @ white) ** 2))
         bend = before - left - np.tensordot(now.get_free(sizes) - first.get_free(sizes), straight, 1)

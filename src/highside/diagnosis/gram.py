@@ -10,15 +10,15 @@ through the filter of `markov`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import ClassVar, TypeVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.chunks import in_order
 from highside.diagnosis.design import Design
 from highside.diagnosis.markov import LevelNoise
 from highside.diagnosis.memory import Memory, memory_of
@@ -26,7 +26,6 @@ from highside.diagnosis.rotation_noise import RotationNoise
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
-T = TypeVar("T")
 
 Key = tuple[int, int, bool]
 """of a part of the rows: fold, steady rate (-1: none), whether it is scored in its fold"""
@@ -36,7 +35,6 @@ Fold = tuple[list[Key], list[Key]]
 FOLDS = 10
 BLOCK_S = 0.5
 MAX_BLOCKS = 1000
-FEW_CHUNKS = 8
 FLIP_S = 3.0
 SECTORS = 12
 """of a turn, by which the means of a stretch are told: of the toolface, or of the phase of a line"""
@@ -139,15 +137,6 @@ def accumulate(design: Design, noise: RotationNoise, residual: Array) -> tuple[l
     ]
     every = zip(parts, sums, counts, rows, cells, cell_rows, strict=True)
     return [Gram(*kept) for kept in every], segments
-
-
-def in_order(work: Callable[[slice], T], chunks: Sequence[slice]) -> Iterator[T]:
-    """The results of chunks in their order (sums stay the same to the bit), two at a time where there are many."""
-    if len(chunks) <= FEW_CHUNKS:
-        yield from map(work, chunks)
-        return
-    with ThreadPoolExecutor(2) as pool:
-        yield from pool.map(work, chunks)
 
 
 @dataclass(frozen=True)
@@ -352,6 +341,7 @@ class HeldOutRows:
         self.where = design.where
         self.base = design.base
         self._grams = grams
+        self._sums: dict[tuple[tuple[Key, ...], ...], list[Array]] = {}
         keys = sorted({key for gram in grams for key in gram.parts})
         self.keys = keys
         self._rows = {key: sum(g.rows.get(key, 0.0) for g in grams) for key in keys}
@@ -362,19 +352,28 @@ class HeldOutRows:
         rates = [[key for key in keys if key[1] == rate] for rate in sorted({key[1] for key in keys} - {-1})]
         self.by_rate: list[Fold] = [(own, own) for own in rates]
 
-    def inner(self, numbers: Ints, keys: Sequence[Key]) -> Array:
-        """(K + 1, K + 1) of columns and, last, the residual, over parts."""
-        size = numbers.size + 1
-        total = np.zeros((size, size))
-        for c, gram in enumerate(self._grams):
+    def inner(self, numbers: Ints, groups: Sequence[Sequence[Key]]) -> Array:
+        """(G, K + 1, K + 1) of columns and, last, the residual, over the parts of each group."""
+        total = np.zeros((len(groups), numbers.size + 1, numbers.size + 1))
+        for c, sums in enumerate(self._over(groups)):
             functions = self.where[numbers, c]
             shows = np.append(np.where(numbers >= 0, functions, -1) >= 0, True)
-            picked = np.append(functions, -1)[shows]
-            place = np.ix_(np.flatnonzero(shows), np.flatnonzero(shows))
-            for key in keys:
-                if key in gram.parts:
-                    total[place] += gram.parts[key][np.ix_(picked, picked)]
+            picked, place = np.append(functions, -1)[shows], np.flatnonzero(shows)
+            total[:, place[:, None], place] += sums[:, picked[:, None], picked]
         return total
+
+    def _over(self, groups: Sequence[Sequence[Key]]) -> list[Array]:
+        """(G, m + 1, m + 1) on each channel: inner products of all functions over the parts of each group."""
+        which = tuple(tuple(keys) for keys in groups)
+        if which not in self._sums:
+            self._sums[which] = [
+                np.stack([
+                    sum((gram.parts[key] for key in keys if key in gram.parts), np.zeros_like(gram.total))
+                    for keys in which
+                ])
+                for gram in self._grams
+            ]  # fmt: skip
+        return self._sums[which]
 
     def scored(self, fold: Fold) -> float:
         """Readings that a fold scores."""
@@ -383,11 +382,11 @@ class HeldOutRows:
     def energies(self, numbers: Ints, folds: Sequence[Fold]) -> Array:
         """(folds,) squared prediction error of what is scored, with columns (K,) fitted beside the base."""
         every = np.concatenate([self.base, numbers])
-        total = self.inner(every, self.keys)
+        left_out, scored = ([fold[i] for fold in folds] for i in (0, 1))
+        total = self.inner(every, [self.keys, *left_out, *scored])
+        rest, test = total[0] - total[1 : len(folds) + 1], total[len(folds) + 1 :]
         result = []
-        for left_out, scored in folds:
-            rest = total - self.inner(every, left_out)
-            test = self.inner(every, scored)
-            solution = np.append(-solved(rest[:-1, :-1], rest[:-1, -1]), 1.0)
-            result.append(float(solution @ test @ solution))
+        for trained, tested in zip(rest, test, strict=True):
+            solution = np.append(-solved(trained[:-1, :-1], trained[:-1, -1]), 1.0)
+            result.append(float(solution @ tested @ solution))
         return np.array(result)

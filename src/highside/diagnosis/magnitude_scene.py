@@ -370,7 +370,8 @@ def _fitted(
 ) -> tuple[ForwardModel, Array, Array]:
     """The model with the amplitudes of the free effects and of those of `about`, columns (P, 1, n), residual (1, n)."""
     model = model.with_effects({name: shape for name, shape in about.items() if name not in model.ids})
-    return base_fit(model, seen, (*free, *about), steps=12)
+    model, residual = base_fit(model, seen, (*free, *about), steps=12)
+    return model, seen.jacobian(model, (*free, *about)), residual
 
 
 def _alike(one: Array, other: Array) -> bool:

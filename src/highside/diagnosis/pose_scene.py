@@ -55,7 +55,9 @@ class PoseScene(Scene):
     ) -> PoseScene:
         """Fit the base, make the columns, learn the noise."""
         state = session.state
-        model, base, residual = base_fit(model, Observed(state, session.mean), free)
+        seen = Observed(state, session.mean)
+        model, residual = base_fit(model, seen, free)
+        base = seen.jacobian(model, free)
         tangents = np.asarray(model.pose_sensitivity(state), dtype=float)[:, [0, 2]].transpose(1, 0, 2)
         candidates, blind = pose_candidates(model, state, free)
         force = np.asarray(model.chain(state).force, dtype=float)

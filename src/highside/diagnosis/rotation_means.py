@@ -34,11 +34,11 @@ class MeanErrors:
 def mean_errors(held: HeldOutRows, grams: Sequence[Gram], numbers: Ints, ways: Sequence[int]) -> MeanErrors:
     """Of columns (K,) fitted beside the base; `ways` of averaging: 0 by the toolface, k by the phase of line k - 1."""
     every = np.concatenate([held.base, numbers])
-    total = held.inner(every, held.keys)
+    total = held.inner(every, [held.keys, *(left_out for left_out, _ in held.folds)])
     energy, expected, count = (np.zeros(len(held.folds)) for _ in range(3))
     rows = 0.0
-    for k, (left_out, _) in enumerate(held.folds):
-        rest = total - held.inner(every, left_out)
+    for k, left_out in enumerate(total[1:]):
+        rest = total[0] - left_out
         values = solved(rest[:-1, :-1], rest[:-1, -1])
         own = slice(k * SECTORS, (k + 1) * SECTORS)
         spread = solved(rest[:-1, :-1], np.eye(every.size))

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.causes import located_by_cause
-from highside.diagnosis.design import CHUNK, LINES, Design
-from highside.diagnosis.fit import BENDS, JointFit, Observed, base_fit, joint_fit
+from highside.diagnosis.chunks import CHUNK
+from highside.diagnosis.design import LINES, Design
+from highside.diagnosis.fit import BENDS, JointFit, Observed, base_fit, bend_of, joint_fit
 from highside.diagnosis.gram import SECTORS, Gram, HeldOutRows, Segments, Space, WalkingChannel, Walks, accumulate
 from highside.diagnosis.held_out import block_gain, gain_interval
 from highside.diagnosis.location import Located, Scan, followed, intervals, scan_of
@@ -28,7 +29,7 @@ from highside.diagnosis.rotation_bursts import found_burst, with_burst
 from highside.diagnosis.rotation_jitter import with_jitter
 from highside.diagnosis.rotation_lines import found_lines
 from highside.diagnosis.rotation_means import mean_errors
-from highside.diagnosis.rotation_noise import RotationNoise, estimate, plain, with_walk
+from highside.diagnosis.rotation_noise import WINDOWS, RotationNoise, estimate, plain, with_walk
 from highside.diagnosis.rotation_noise import windows as learned_from
 from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.rotation_support import rotation_cells, windows
@@ -46,6 +47,8 @@ SLOW_BAND_HZ = 0.23
 MANY_ROWS = 30_000
 """Of a longer recording some rows are diagnosed first."""
 SOME_ROWS = 12_000
+NEIGHBOURS = 400
+"""Rows of a stretch by which noise is told from what is slow."""
 PLACES = 20_000
 """Rows by which intervals of a covariate are found."""
 
@@ -56,12 +59,16 @@ class RotationGains:
 
     pool: Pool
     held_out: HeldOutRows
+    known: dict[frozenset[Member], Array] = field(default_factory=dict)
 
     def gain(self, before: Sequence[Member], after: Sequence[Member]) -> tuple[float, float]:
-        energies = [
-            self.held_out.energies(numbers_of(self.pool, members), self.held_out.folds) for members in (before, after)
-        ]
-        return block_gain(*energies)
+        return block_gain(self._energies(before), self._energies(after))
+
+    def _energies(self, members: Sequence[Member]) -> Array:
+        which = frozenset(members)
+        if which not in self.known:
+            self.known[which] = self.held_out.energies(numbers_of(self.pool, members), self.held_out.folds)
+        return self.known[which]
 
 
 def numbers_of(pool: Pool, members: Sequence[Member]) -> Ints:
@@ -84,6 +91,38 @@ class Sketch:
 
 
 @dataclass(frozen=True)
+class Some:
+    """Some rows of a long recording: fits begin there, and rivals far behind are ruled out by them."""
+
+    session: RotationSession
+    noise: RotationNoise
+    fits: dict[frozenset[Member], JointFit] = field(default_factory=dict)
+    """members fitted to these rows"""
+
+    @property
+    def seen(self) -> Observed:
+        """The rows, as a fit sees them."""
+        return Observed(self.session.state, self.session.readings)
+
+
+def may_bend(session: RotationSession, model: ForwardModel, free: Sequence[str], seed: int) -> bool:
+    """Whether what the base leaves of some rows is so large that its square, in g, may show in all of them.
+
+    What is done beyond first order is of that size. The noise is told from it by second differences.
+    """
+    some = session.thinned(SOME_ROWS, seed)
+    model, left = base_fit(model, Observed(some.state, some.readings), free)
+    noise = np.zeros(3)
+    starts = np.linspace(0, session.n - NEIGHBOURS, WINDOWS).astype(int)
+    for start in starts:
+        rows = slice(int(start), int(start) + NEIGHBOURS)
+        near = Observed(session.state.rows(rows), session.readings[:, rows]).residual(model)[:3]
+        noise += np.mean(np.diff(near, 2, axis=1) ** 2, axis=1) / 6 / starts.size
+    size = np.maximum(np.mean(left[:3] ** 2, axis=1) - noise, 0.0)
+    return bool(np.any(size > np.sqrt(noise * BENDS / session.n)))
+
+
+@dataclass(frozen=True)
 class RotationScene(Scene):
     """n rows of a rotation with known reference."""
 
@@ -99,10 +138,10 @@ class RotationScene(Scene):
     """(flip blocks, m) on each channel: inner products of the functions with what is left of everything, by blocks"""
     rest: list[tuple[slice, Array]]
     """what is left of everything, whitened, (C, n) of the rows that the noise was learned from"""
-    some: RotationScene | None = None
-    """some of the rows of a long recording: where fits begin, and rivals far behind are ruled out"""
-    some_fits: dict[frozenset[Member], JointFit] = field(default_factory=dict)
-    """members fitted to these rows"""
+    some: Some | None = None
+    """of a long recording"""
+    taken_out: frozenset[str] = frozenset()
+    """ids of the effects whose bend a sketch told"""
 
     @classmethod
     def of(
@@ -116,11 +155,16 @@ class RotationScene(Scene):
     ) -> RotationScene:
         """Fit the base, learn the noise, pass over the rows. What a sketch's members do beyond first order is taken out
         from the beginning."""
-        seen = Observed(session.state, session.readings)
-        model, _, residual = base_fit(model, seen, free)
+        seen = Observed(session.state, session.readings, session.n > MANY_ROWS)
+        some = None
+        if session.n > MANY_ROWS:
+            rows = session.thinned(SOME_ROWS, seed) if sketch is None else sketch.scene.session
+            model, left = base_fit(model, Observed(rows.state, rows.readings), free)
+            some = Some(rows, plain(left.std(axis=1), rows.n) if sketch is None else sketch.scene.noise)
+        model, residual = base_fit(model, seen, free)
         bend: Array | float = 0.0
-        if sketch is not None and sketch.scene.bent:
-            bend = _bend(model, seen, free if method.refit else (), sketch)
+        if some is not None and sketch is not None and sketch.scene.bent:
+            bend = _bend(model, seen, free if method.refit else (), some, sketch)
             residual = residual - bend
         design = Design(session, model, free, found_lines(session, residual))
         noise = estimate(design, residual, seed, coloured=method.colour)
@@ -140,7 +184,8 @@ class RotationScene(Scene):
             segments,
             chance,
             rest,
-            None if sketch is None else sketch.scene,
+            some,
+            frozenset(sketch.names) if sketch is not None and np.any(bend) else frozenset(),
             method=method,
             bend=bend,
         )
@@ -281,30 +326,33 @@ class RotationScene(Scene):
             chance=chance,
             rest=rest,
             bend=bend,
+            taken_out=frozenset(),
         )
 
     def fit(self, members: Sequence[Member], noise: Any, *, bends: bool = True) -> JointFit:
-        seen = Observed(self.session.state, self.session.readings)
+        seen = Observed(self.session.state, self.session.readings, self.session.n > MANY_ROWS)
         free = self.free if self.method.refit else ()
         given = (self.model, seen, free, self.candidates, members, self.noise, self.noise.freedom)
         if self.some is None:
             return joint_fit(*given, bends=bends)
         near = self._fitted_to_some(members)
-        bends = bends and near.beyond * self.session.n / self.some.session.n > BENDS
-        return joint_fit(*given, steps=1, near=near.model, bends=bends)
+        beyond = near.beyond * self.session.n / self.some.session.n
+        known = bends and {self.candidates[m.candidate].id for m in members} == self.taken_out
+        fit = joint_fit(*given, steps=1, near=near.model, bends=bends and not known and beyond > BENDS)
+        return replace(fit, bend=np.asarray(self.bend), beyond=beyond) if known else fit
 
     def glance(self, members: Sequence[Member]) -> float | None:
         return None if self.some is None else self._fitted_to_some(members).chi_square
 
     def _fitted_to_some(self, members: Sequence[Member]) -> JointFit:
         assert self.some is not None
-        which = frozenset(members)
-        if which not in self.some_fits:
-            seen = Observed(self.some.session.state, self.some.session.readings)
-            free, noise = self.free if self.method.refit else (), self.some.noise
-            fit = joint_fit(self.model, seen, free, self.candidates, members, noise, noise.freedom)
-            self.some_fits[which] = fit
-        return self.some_fits[which]
+        which, some = frozenset(members), self.some
+        if which not in some.fits:
+            free = self.free if self.method.refit else ()
+            some.fits[which] = joint_fit(
+                self.model, some.seen, free, self.candidates, members, some.noise, some.noise.freedom
+            )
+        return some.fits[which]
 
     def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
         coordinates: Space = judged.noise.space
@@ -439,16 +487,15 @@ class RotationScene(Scene):
         }
 
 
-def _bend(model: ForwardModel, seen: Observed, free: Sequence[str], sketch: Sketch) -> Array | float:
-    """(C, n) what the members of a sketch do beyond first order in all rows, at the sizes that fit all of them."""
-    some, members = sketch.scene, sketch.members
-    less = Observed(some.session.state, some.session.readings)
-    near = joint_fit(model, less, free, some.candidates, members, some.noise, some.noise.freedom)
-    noise = plain(some.noise.sigma, seen.readings.shape[1])
-    fit = joint_fit(
-        model, seen, free, some.candidates, members, noise, some.noise.freedom, steps=1, near=near.model
+def _bend(model: ForwardModel, seen: Observed, free: Sequence[str], some: Some, sketch: Sketch) -> Array | float:
+    """(C, n) what the members of a sketch do beyond first order in all rows, at the sizes that fit some of them.
+
+    A bend is small beside its effect, so sizes need be known no better than that.
+    """
+    near = joint_fit(
+        model, some.seen, free, sketch.scene.candidates, sketch.members, some.noise, some.noise.freedom
     )  # fmt: skip
-    return 0.0 if fit.bend is None else fit.bend
+    return 0.0 if near.bend is None else bend_of(model, near, seen, free, sketch.scene.candidates, sketch.members)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.design import CHUNK, Design
+from highside.diagnosis.chunks import CHUNK
+from highside.diagnosis.design import Design
 from highside.diagnosis.location import TIME_CELLS, TOOLFACE
 from highside.diagnosis.rotation_noise import RotationNoise
 from highside.diagnosis.support import CELLS, Cells, Window, cells_of, support

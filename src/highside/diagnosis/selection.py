@@ -9,7 +9,7 @@ of likelihood on held-out blocks wins; then each member is compared with each no
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,8 @@ class Selector:
     """names that are told at most: another beginning that leads to more, where the first does not, is no better"""
     opposed: bool = False
     """whether two are sought that cancel one another, where none is asked for by itself"""
+    known: dict[frozenset[Member], Standing] = field(default_factory=dict)
+    """standings beside members that were asked for before"""
 
     def space_with(self, members: Sequence[Member]) -> Array:
         """Base and members."""
@@ -65,7 +67,12 @@ class Selector:
 
     def standing(self, members: Sequence[Member]) -> Standing:
         """All candidates after base and members."""
-        return standing(self.pool, self.space_with(members), self.residual, self.freedom, self.size)
+        which = frozenset(members)
+        if which not in self.known:
+            self.known[which] = standing(
+                self.pool, self.space_with(members), self.residual, self.freedom, self.size
+            )  # fmt: skip
+        return self.known[which]
 
     def select(self) -> list[Member]:
         """The claims, in the order in which they were found."""

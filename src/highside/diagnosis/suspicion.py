@@ -102,7 +102,10 @@ def slow_standing(scene: Scene, beside: Sequence[Member], own: int) -> list[Slow
     readings as they are."""
     channels, slow = scene.likelihoods(beside), scene.slow()
     scores, _, _ = slow_scores(channels, slow)
-    whole = scene.straightened(0.0, learn=False) if scene.bent else None
+    effect = scene.candidates[own].effect
+    # without a shape of its own it is linear: nothing of it has been taken out
+    shaped = effect is not None and any(p.shape for p in effect.parameters)
+    whole = scene.straightened(0.0, learn=False) if scene.bent and shaped else None
     if whole is None:
         return scores
     all_read = whole.likelihoods(beside)

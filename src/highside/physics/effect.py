@@ -98,6 +98,8 @@ class Effect(ABC):
     random: ClassVar[bool] = False
     known_size: ClassVar[bool] = False
     """True: the amplitude is no free number but has its typical value, or the effect is absent"""
+    remembers: ClassVar[bool] = False
+    """True: what it does at a row depends on the rows before it, not on that row and the first of all alone"""
     depends_on_input: ClassVar[bool] = True
     """False: `delta` does not read the stage's input, so nothing before it passes through it"""
 

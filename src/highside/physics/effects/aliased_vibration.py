@@ -26,6 +26,7 @@ class AliasedVibration(Effect):
     confused_with = ("tone", "wobble")
     splitter = "change the rate of rotation or of sampling by 1 %: the line moves"
     needs = ("rotor_rate_radps",)
+    remembers = True
     depends_on_input = False
 
     def delta(self, state: ChainState, p: Array, x: Array) -> Array:

@@ -22,6 +22,7 @@ class Stiction(Effect):
     needs = ("direction",)
     depends_on_input = False
     complex_safe = False
+    remembers = True
 
     def delta(self, state: ChainState, p: Array, x: Array) -> Array:
         delta = np.zeros((3, state.n))

@@ -28,6 +28,7 @@ class ThermalHysteresis(Effect):
     needs = ("t_s", "temp_c")
     depends_on_input = False
     complex_safe = False
+    remembers = True
 
     def delta(self, state: ChainState, p: Array, x: Array) -> Array:
         side = (state.temp_c - play(state.temp_c, p[3])) / p[3]

@@ -32,6 +32,7 @@ class ThermalLag(Effect):
     confused_with = ("warmup", "bias_drift", "thermal_hysteresis", "temperature_bias")
     splitter = "two ramp rates: the loop opens with the rate and closes when it is slow"
     needs = ("t_s", "temp_c")
+    remembers = True
     depends_on_input = False
 
     def delta(self, state: ChainState, p: Array, x: Array) -> Array:
