@@ -105,7 +105,9 @@ def _points(
     """The points, and over them what those of a bin have in common; of many points a sample."""
     some = np.linspace(0, along.size - 1, min(along.size, MANY // 2)).astype(int)
     few = along.size <= MANY
-    axis.plot(along[some], values[some], ".", color=colour, alpha=0.55 if few else 0.15, markersize=4 if few else 2)
+    alpha, size = (0.55, 4) if few else (0.15, 2)
+    # thousands of points are a picture of their own: as elements of the page they take seconds to write and to show
+    axis.plot(along[some], values[some], ".", color=colour, alpha=alpha, markersize=size, rasterized=not few)
     which, count, middle = _binned(along)
     told = "mean" if how is _mean else "rms"
     shows = count > (0 if few else 1)

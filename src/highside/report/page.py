@@ -192,13 +192,9 @@ def as_svg(figure: Figure, number: int) -> str:
 
     buffer = io.StringIO()
     with matplotlib.rc_context({"svg.hashsalt": str(number)}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+        figure.savefig(buffer, format="svg", dpi=150, metadata={"Date": None, "Creator": None})
     svg = buffer.getvalue()
     svg = svg[svg.index("<svg") :].replace(_INK, "currentColor")
     # one page holds several plots: their ids must differ
-    names = sorted(set(re.findall(r'\bid="([^"]+)"', svg)), key=len, reverse=True)
-    for name in names:
-        for before, after in ((f'id="{name}"', f'id="f{number}-{name}"'), (f"#{name}\"", f"#f{number}-{name}\""),
-                              (f"url(#{name})", f"url(#f{number}-{name})")):  # fmt: skip
-            svg = svg.replace(before, after)
+    svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\1f{number}-", svg)
     return svg
