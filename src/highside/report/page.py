@@ -196,5 +196,4 @@ def as_svg(figure: Figure, number: int) -> str:
     svg = buffer.getvalue()
     svg = svg[svg.index("<svg") :].replace(_INK, "currentColor")
     # one page holds several plots: their ids must differ
-    svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\1f{number}-", svg)
-    return svg
+    return re.sub(r'(\bid="|href="#|url\(#)', rf"\1f{number}-", svg)
