@@ -296,3 +296,14 @@ def test_too_few_rows_are_refused() -> None:
     short = {name: np.zeros(50) for name in ("t_s", "inc_ref_deg", "tf_ref_deg")}
     with pytest.raises(InputError, match="too few"):
         rotation_session(short, np.zeros((3, 50)), gravity_mps2=9.8)
+
+
+def test_a_simulation_without_noise_says_nothing_is_left_out_or_what() -> None:
+    state = turning()
+    sensor = random_sensor(np.random.default_rng(3))
+    nothing, _ = diagnose_rotation(RotationSession(sensor.predict(state), state), ForwardModel.of({}), FREE)
+    assert nothing.verdict == "nothing_left_out"
+    arm = sensor.with_effects({"lever_arm": {"r_x": 1e-4, "r_y": -5e-5}})
+    found, _ = diagnose_rotation(RotationSession(arm.predict(state), state), ForwardModel.of({}), FREE)
+    assert [c.effect for c in found.claims] == ["lever_arm"]
+    assert found.claims[0].parameters["r_x"].value == pytest.approx(1e-4, rel=1e-6)

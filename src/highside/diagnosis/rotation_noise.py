@@ -36,6 +36,8 @@ MAX_IMPULSES = 2e-3
 """A larger share of outlying rows is the shape of the noise, not impulses."""
 ROUNDING = 1e-9
 """No reading is told more exactly than this share of its size."""
+DIGITS = 1e-4
+"""What is left of readings is asked for to four digits."""
 JITTER, SHAKEN = 0, 1
 
 
@@ -196,6 +198,16 @@ def estimate(design: Design, residual: Array, seed: int, *, coloured: bool = Tru
     return RotationNoise(
         tuple(filters), weight, np.array(sigma), float(freedom), np.array(shaken), np.array(jitters), impulses
     )
+
+
+def rounding(readings: Array, residual: Array, seed: int) -> Array:
+    """(C, n) noise of the size to which readings, and what a base fit leaves of them, are asked for at all.
+
+    A simulation without noise has none, and then what effects do beyond first order would be all that is seen.
+    """
+    of_readings, of_residual = (np.sqrt(np.mean(x**2, axis=1, keepdims=True)) for x in (readings, residual))
+    size = np.maximum(ROUNDING * of_readings, DIGITS * of_residual)
+    return np.asarray(size * np.random.default_rng(seed).standard_normal(readings.shape))
 
 
 def plain(sigma: Array, n: int) -> RotationNoise:

@@ -29,7 +29,7 @@ from highside.diagnosis.rotation_bursts import found_burst, with_burst
 from highside.diagnosis.rotation_jitter import with_jitter
 from highside.diagnosis.rotation_lines import found_lines
 from highside.diagnosis.rotation_means import mean_errors
-from highside.diagnosis.rotation_noise import WINDOWS, RotationNoise, estimate, plain, with_walk
+from highside.diagnosis.rotation_noise import WINDOWS, RotationNoise, estimate, plain, rounding, with_walk
 from highside.diagnosis.rotation_noise import windows as learned_from
 from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.rotation_support import rotation_cells, windows
@@ -166,6 +166,7 @@ class RotationScene(Scene):
         if some is not None and sketch is not None and sketch.scene.bent:
             bend = _bend(model, seen, free if method.refit else (), some, sketch)
             residual = residual - bend
+        residual = residual + rounding(session.readings, residual, seed)
         design = Design(session, model, free, found_lines(session, residual))
         noise = estimate(design, residual, seed, coloured=method.colour)
         grams, segments = accumulate(design, noise, residual)
