@@ -13,8 +13,8 @@ from highside.diagnosis.fit import Observed, base_fit, bend_of, joint_fit
 from highside.diagnosis.pool import Member
 from highside.diagnosis.rivals import Refitted, Rivalry
 from highside.diagnosis.rotation_noise import plain
-from highside.diagnosis.rotation_scene import MANY_ROWS, may_bend
 from highside.diagnosis.rotation_session import RotationSession
+from highside.diagnosis.rotation_sketch import MANY_ROWS, may_bend
 from highside.physics.effect import Effect
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel

@@ -25,8 +25,9 @@ from highside.diagnosis.pool import Member
 from highside.diagnosis.pose_scene import PoseScene
 from highside.diagnosis.result import Diagnosis
 from highside.diagnosis.rivals import SAME_CLASS_EVIDENCE
-from highside.diagnosis.rotation_scene import MANY_ROWS, SOME_ROWS, RotationScene, Sketch, may_bend
+from highside.diagnosis.rotation_scene import RotationScene
 from highside.diagnosis.rotation_session import RotationSession
+from highside.diagnosis.rotation_sketch import MANY_ROWS, SOME_ROWS, Sketch, may_bend
 from highside.diagnosis.scene import Judged, Picture, Scene
 from highside.diagnosis.session import PoseSession
 from highside.diagnosis.simulation_scene import SimulationScene

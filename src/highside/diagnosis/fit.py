@@ -244,6 +244,11 @@ def _columns(at: ForwardModel, seen: Seen, free: Sequence[str], chosen: Chosen, 
     return np.concatenate(parts)
 
 
+def _beyond(total: Array, moved: Array, straight: Array) -> Array:
+    """(C, n) of what is done in all (C, n) the part beyond sizes (P,) times columns (P, C, n)."""
+    return np.asarray(total - np.tensordot(moved, straight, 1))
+
+
 def bend_of(
     model: ForwardModel,
     fit: JointFit,
@@ -257,13 +262,12 @@ def bend_of(
     chosen = [(candidates[m.candidate], candidates[m.candidate].variants[m.variant]) for m in members]
     first = _begun(model, chosen)
     sizes = [*first.free_names(list(free) or []), *(f"{c.id}.{a}" for c, _ in chosen for a in c.amplitudes)]
-    moved = fit.model.get_free(sizes) - first.get_free(sizes)
+    fitted = fit.model
+    moved = fitted.get_free(sizes) - first.get_free(sizes)
 
     def of(some: Seen) -> Array:
-        total = some.residual(first) - some.residual(fitted)
-        return np.asarray(total - np.tensordot(moved, _columns(first, some, free, chosen), 1))
+        return _beyond(some.residual(first) - some.residual(fitted), moved, _columns(first, some, free, chosen))
 
-    fitted = fit.model
     if not _apart(seen, fitted):
         return of(seen)
     assert isinstance(seen, Observed)
@@ -360,7 +364,7 @@ def joint_fit(
         straight, before = _columns(first, seen, names, chosen), seen.residual(first)
         white, unfitted = noise.white(straight), noise.white(before)
         linear = float(np.sum((unfitted - seen.step(white, unfitted, sizes) @ white) ** 2))
-        bend = before - left - np.tensordot(now.get_free(sizes) - first.get_free(sizes), straight, 1)
+        bend = _beyond(before - left, now.get_free(sizes) - first.get_free(sizes), straight)
         rest = noise.white(bend)
         beyond = float(np.sum((rest - _solve(white, rest) @ white) ** 2))
         if beyond < BENDS or linear - chi_square <= -BENDS:

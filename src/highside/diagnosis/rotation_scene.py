@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from highside.diagnosis.causes import located_by_cause
 from highside.diagnosis.chunks import CHUNK
 from highside.diagnosis.design import LINES, Design
-from highside.diagnosis.fit import BENDS, JointFit, Observed, base_fit, bend_of, joint_fit
+from highside.diagnosis.fit import BENDS, JointFit, Observed, base_fit, joint_fit
 from highside.diagnosis.gram import SECTORS, Gram, HeldOutRows, Segments, Space, WalkingChannel, Walks, accumulate
 from highside.diagnosis.held_out import block_gain, gain_interval
 from highside.diagnosis.location import Located, Scan, followed, intervals, scan_of
@@ -29,9 +29,10 @@ from highside.diagnosis.rotation_bursts import found_burst, with_burst
 from highside.diagnosis.rotation_jitter import with_jitter
 from highside.diagnosis.rotation_lines import found_lines
 from highside.diagnosis.rotation_means import mean_errors
-from highside.diagnosis.rotation_noise import WINDOWS, RotationNoise, estimate, plain, rounding, with_walk
+from highside.diagnosis.rotation_noise import RotationNoise, estimate, plain, rounding, with_walk
 from highside.diagnosis.rotation_noise import windows as learned_from
 from highside.diagnosis.rotation_session import RotationSession
+from highside.diagnosis.rotation_sketch import MANY_ROWS, SOME_ROWS, Sketch, Some, sketched_bend
 from highside.diagnosis.rotation_support import rotation_cells, windows
 from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
 from highside.diagnosis.selection import STARTS, Selector
@@ -44,11 +45,6 @@ Ints = NDArray[np.intp]
 
 SLOW_BAND_HZ = 0.23
 """Below this, a group of slow functions is judged by as many degrees of freedom as the band has."""
-MANY_ROWS = 30_000
-"""Of a longer recording some rows are diagnosed first."""
-SOME_ROWS = 12_000
-NEIGHBOURS = 400
-"""Rows of a stretch by which noise is told from what is slow."""
 PLACES = 20_000
 """Rows by which intervals of a covariate are found."""
 
@@ -75,51 +71,6 @@ def numbers_of(pool: Pool, members: Sequence[Member]) -> Ints:
     """Numbers of the members' columns in the design."""
     parts = [np.asarray(pool.candidates[m.candidate].variants[m.variant].columns, dtype=np.intp) for m in members]
     return np.concatenate([np.empty(0, dtype=np.intp), *parts])
-
-
-@dataclass(frozen=True)
-class Sketch:
-    """What some rows of a long recording say: their scene, and the members that they name."""
-
-    scene: RotationScene
-    members: Sequence[Member]
-
-    @property
-    def names(self) -> list[str]:
-        """Ids of the effects."""
-        return [self.scene.candidates[m.candidate].id for m in self.members]
-
-
-@dataclass(frozen=True)
-class Some:
-    """Some rows of a long recording: fits begin there, and rivals far behind are ruled out by them."""
-
-    session: RotationSession
-    noise: RotationNoise
-    fits: dict[frozenset[Member], JointFit] = field(default_factory=dict)
-    """members fitted to these rows"""
-
-    @property
-    def seen(self) -> Observed:
-        """The rows, as a fit sees them."""
-        return Observed(self.session.state, self.session.readings)
-
-
-def may_bend(session: RotationSession, model: ForwardModel, free: Sequence[str], seed: int) -> bool:
-    """Whether what the base leaves of some rows is so large that its square, in g, may show in all of them.
-
-    What is done beyond first order is of that size. The noise is told from it by second differences.
-    """
-    some = session.thinned(SOME_ROWS, seed)
-    model, left = base_fit(model, Observed(some.state, some.readings), free)
-    noise = np.zeros(3)
-    starts = np.linspace(0, session.n - NEIGHBOURS, WINDOWS).astype(int)
-    for start in starts:
-        rows = slice(int(start), int(start) + NEIGHBOURS)
-        near = Observed(session.state.rows(rows), session.readings[:, rows]).residual(model)[:3]
-        noise += np.mean(np.diff(near, 2, axis=1) ** 2, axis=1) / 6 / starts.size
-    size = np.maximum(np.mean(left[:3] ** 2, axis=1) - noise, 0.0)
-    return bool(np.any(size > np.sqrt(noise * BENDS / session.n)))
 
 
 @dataclass(frozen=True)
@@ -164,7 +115,7 @@ class RotationScene(Scene):
         model, residual = base_fit(model, seen, free)
         bend: Array | float = 0.0
         if some is not None and sketch is not None and sketch.scene.bent:
-            bend = _bend(model, seen, free if method.refit else (), some, sketch)
+            bend = sketched_bend(model, seen, free if method.refit else (), some, sketch)
             residual = residual - bend
         residual = residual + rounding(session.readings, residual, seed)
         design = Design(session, model, free, found_lines(session, residual))
@@ -486,17 +437,6 @@ class RotationScene(Scene):
             "impulses": noise.impulses,
             "degrees_of_freedom": noise.freedom,
         }
-
-
-def _bend(model: ForwardModel, seen: Observed, free: Sequence[str], some: Some, sketch: Sketch) -> Array | float:
-    """(C, n) what the members of a sketch do beyond first order in all rows, at the sizes that fit some of them.
-
-    A bend is small beside its effect, so sizes need be known no better than that.
-    """
-    near = joint_fit(
-        model, some.seen, free, sketch.scene.candidates, sketch.members, some.noise, some.noise.freedom
-    )  # fmt: skip
-    return 0.0 if near.bend is None else bend_of(model, near, seen, free, sketch.scene.candidates, sketch.members)
 
 
 @dataclass(frozen=True)

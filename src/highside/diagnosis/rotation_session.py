@@ -55,7 +55,10 @@ class RotationSession:
         return self.state.row_seconds
 
     def thinned(self, rows: int, seed: int) -> RotationSession:
-        """About so many of the rows: of each equally long run one, drawn: no turning keeps step with them."""
+        """About `rows` of the n rows: of each equally long run one, drawn by `seed`, so that no turning keeps step.
+
+        Rows keep their times; `step_s` becomes the length of a run. A last run that is shorter is left out.
+        """
         every = -(-self.n // rows)
         first = np.arange(0, self.n - every + 1, every)
         taken = first + np.random.default_rng(seed).integers(0, every, first.size)
