@@ -12,7 +12,7 @@ from highside.diagnosis.fit import Observed, base_fit
 from highside.diagnosis.gram import HeldOutRows, WalkingChannel, Walks, accumulate
 from highside.diagnosis.result import Diagnosis
 from highside.diagnosis.rotation_lines import found_lines
-from highside.diagnosis.rotation_means import mean_errors
+from highside.diagnosis.rotation_means import Sectors, mean_errors
 from highside.diagnosis.rotation_noise import estimate
 from highside.diagnosis.rotation_session import RotationSession
 from highside.physics.forward import ForwardModel
@@ -78,8 +78,10 @@ def test_means_of_noise_are_as_large_as_they_are_expected_to_be(rising: ChainSta
     )  # fmt: skip
     model, residual = base_fit(ForwardModel.of({}), Observed(rising, session.readings), FREE)
     design = Design(session, model, FREE)
-    grams, _ = accumulate(design, estimate(design, residual, 1), residual)
-    errors = mean_errors(HeldOutRows(design, grams), grams, np.empty(0, dtype=np.intp), [0])
+    noise = estimate(design, residual, 1)
+    grams, segments = accumulate(design, noise, residual)
+    sectors = Sectors.of(design, noise, residual, segments, design.base, [0])
+    errors = mean_errors(HeldOutRows(design, grams), sectors, np.empty(0, dtype=np.intp))
     count = float(errors.count.sum())
     assert count == 360
     assert errors.expected.sum() > count

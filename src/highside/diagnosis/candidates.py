@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.untestable import one_sided
-from highside.physics.effect import Effect, Stage
+from highside.physics.effect import Effect, Parameter, Stage
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 
 CHANNELS = ("ax", "ay", "az")
 MAX_STEP_TIMES = 60
+SHORTEST = 0.03
+"""of a recording: a shorter time constant is over before anything else happens"""
 LEAST_A_RING = 6
 """poses of a ring, on average, for single rings to be looked at: one that is off looks like noise that remembers"""
 ONE_SIDE = "every attitude is reached from one side, so it is a constant; or the side is not recorded"
@@ -204,9 +206,24 @@ def _shaped(model: ForwardModel, state: ChainState, effect: Effect) -> list[Vari
     if len(shapes) != 1:
         raise ValueError(f"effect '{effect.id}' has {len(shapes)} shape parameters, one is supported")
     shape = shapes[0]
-    values = shape.grid or _step_times(state)
+    values = time_constants(shape, state) if shape.grid and shape.unit == "s" else shape.grid or _step_times(state)
     force = np.asarray(model.chain(state).force, dtype=float)
     return [Variant({shape.name: v}, columns_of(model, state, effect, {shape.name: v}, force)) for v in values]
+
+
+def time_constants(shape: Parameter, state: ChainState) -> tuple[float, ...]:
+    """The grid of a time constant, halved and doubled on to all that are plausible and that a recording tells apart.
+
+    The shortest is longer than from one reading to the next; the longest bends within the recording hardly at all.
+    """
+    length = float(np.ptp(state.t_s))
+    shortest = max(shape.gate[0], length * SHORTEST, length / max(state.n - 1, 1))
+    values = list(shape.grid)
+    while values[0] / 2 >= shortest:
+        values.insert(0, values[0] / 2)
+    while values[-1] < min(length, shape.gate[1]):
+        values.append(min(2 * values[-1], shape.gate[1]))
+    return tuple(values)
 
 
 def _step_times(state: ChainState) -> tuple[float, ...]:

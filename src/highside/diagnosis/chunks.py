@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+S = TypeVar("S")
 T = TypeVar("T")
 
 CHUNK = 4096
-FEW_CHUNKS = 8
 
 
 def chunks_of(n: int) -> list[slice]:
@@ -17,10 +17,11 @@ def chunks_of(n: int) -> list[slice]:
     return [slice(start, min(start + CHUNK, n)) for start in range(0, n, CHUNK)]
 
 
-def in_order(work: Callable[[slice], T], chunks: Sequence[slice]) -> Iterator[T]:
-    """The results of chunks in their order (sums stay the same to the bit), two at a time where there are many."""
-    if len(chunks) <= FEW_CHUNKS:
-        yield from map(work, chunks)
+def in_order(work: Callable[[S], T], items: Sequence[S]) -> Iterator[T]:
+    """The results of items in their order (sums stay the same to the bit), two at a time: the work is numpy's, which
+    lets another thread run."""
+    if len(items) == 1:
+        yield work(items[0])
         return
     with ThreadPoolExecutor(2) as pool:
-        yield from pool.map(work, chunks)
+        yield from pool.map(work, items)

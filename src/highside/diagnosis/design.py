@@ -15,7 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.candidates import MAX_STEP_TIMES, Blind, Candidate, Variant, parts_of, what_lacks
+from highside.diagnosis.candidates import (
+    MAX_STEP_TIMES,
+    Blind,
+    Candidate,
+    Variant,
+    parts_of,
+    time_constants,
+    what_lacks,
+)
 from highside.diagnosis.chunks import chunks_of
 from highside.diagnosis.rotation_bases import Group, Recipe, Rows, rotation_groups, rotation_shadows
 from highside.diagnosis.rotation_session import RotationSession
@@ -34,8 +42,6 @@ EXTREMES = 4
 NOTHING = 1e-12
 STEP_MARGIN = 0.03
 """Share of a recording at each end in which a step is not looked for."""
-SHORTEST = 0.03
-"""Share of a recording that a time constant has at least."""
 LINES = ("tone", "aliased_vibration")
 _FAR = 1 << 40
 
@@ -51,14 +57,18 @@ class Line:
 
 @dataclass(frozen=True)
 class _Source:
-    """An effect through the chain: amplitudes (k,), which of them show on which channel, (k, C)."""
+    """An effect through the chain: amplitudes (k,), and numbers (k, C) of what they do on the channels, -1 for none."""
 
     effect: Effect
     vector: Array
     amplitudes: tuple[int, ...]
-    shows: NDArray[np.bool_]
+    numbers: Ints
     stored: Array | None
     """(k, C, N) where the effect remembers and cannot be made in chunks"""
+
+    def among(self, place: Sequence[Ints]) -> bool:
+        """Whether any of its functions has a place (m_c,) on its channel."""
+        return any(bool(np.any(own[n[n >= 0]] >= 0)) for own, n in zip(place, self.numbers.T, strict=True))
 
 
 def _telling(state: ChainState) -> Ints:
@@ -85,7 +95,8 @@ class Design:
     ) -> None:
         self.session, self.model, self.free, self.lines = session, model, tuple(free), tuple(lines)
         self._sources: list[_Source] = []
-        self._recipes: list[Recipe] = []
+        self._recipes: list[tuple[int, int, Recipe]] = []
+        """of the shared functions: the first of a recipe, how many it makes"""
         self._shared = 0
         self._own = np.zeros(len(session.channels), dtype=np.intp)
         self._columns: list[Ints] = []
@@ -122,26 +133,39 @@ class Design:
         """Runs of rows that together are the whole recording."""
         yield from chunks_of(self.session.n)
 
-    def functions(self, part: slice, below: Array | None = None) -> list[Array]:
-        """The functions (m_c, n) of each channel on a run of rows; with rows `below` (C, N), (m_c + 1, n)."""
+    def functions(self, part: slice, below: Array | None = None, only: Sequence[Ints] | None = None) -> list[Array]:
+        """The functions (m_c, n) of each channel on a run of rows; with rows `below` (C, N), (m_c + 1, n).
+
+        Or `only` those of the numbers (k_c,) of each channel, in their order.
+        """
+        wanted = [np.arange(m) for m in self.sizes] if only is None else only
+        place = [np.full(m, -1, dtype=np.intp) for m in self.sizes]
+        for own, numbers in zip(place, wanted, strict=True):
+            own[numbers] = np.arange(numbers.size)
+        result = [np.empty((w.size + (below is not None), part.stop - part.start)) for w in wanted]
         # the first row of all stands before the run: effects reckon time from it
         state = self.session.state.rows(np.concatenate([[0], np.arange(part.start, part.stop)]))
-        made = [source for source in self._sources if source.stored is None]
-        blocks = iter(self._evaluate(state, [(s.effect, s.vector, s.amplitudes) for s in made]))
-        own: list[list[Array]] = [[] for _ in self._own]
-        for source in self._sources:
+        sources = [s for s in self._sources if only is None or s.among(place)]
+        made = [s for s in sources if s.stored is None]
+        blocks = iter(self._evaluate(state, [(s.effect, s.vector, s.amplitudes) for s in made]) if made else [])
+        for source in sources:
             block = next(blocks)[:, :, 1:] if source.stored is None else source.stored[:, :, part]
-            for k, c in zip(*np.nonzero(source.shows), strict=True):
-                own[c].append(block[k, c])
+            for k, c in zip(*np.nonzero(source.numbers >= 0), strict=True):
+                at = place[c][source.numbers[k, c]]
+                if at >= 0:
+                    result[c][at] = block[k, c]
         rows = Rows(self.session.state.rows(part), part.start)
-        shared = [function for recipe in self._recipes for function in recipe(rows)]
-        result = []
-        for c, functions in enumerate(own):
-            every = [*functions, *shared, *([] if below is None else [below[c, part]])]
-            made_of = np.empty((len(every), part.stop - part.start))
-            for k, function in enumerate(every):
-                made_of[k] = function
-            result.append(made_of)
+        for first, count, recipe in self._recipes:
+            at = np.array(
+                [own[int(m) + first : int(m) + first + count] for own, m in zip(place, self._own, strict=True)]
+            )
+            if (at >= 0).any():
+                for k, function in enumerate(recipe(rows)):
+                    for c in np.flatnonzero(at[:, k] >= 0):
+                        result[c][at[c, k]] = function
+        if below is not None:
+            for c, made_of in enumerate(result):
+                made_of[-1] = below[c, part]
         return result
 
     def readings_of(self, column: int, amplitude: float, part: slice) -> Array:
@@ -222,16 +246,8 @@ class Design:
             return [{}]
         values = shapes[0].grid or self._step_times()
         if shapes[0].grid and shapes[0].unit == "s":
-            values = self._time_constants(shapes[0].grid, shapes[0].gate[0])
+            values = time_constants(shapes[0], self.session.state)
         return [{shapes[0].name: v} for v in values]
-
-    def _time_constants(self, grid: Sequence[float], least: float) -> list[float]:
-        """The grid of an effect, and below it halves as short as the recording tells apart."""
-        shortest = max(least, float(np.ptp(self.session.state.t_s)) * SHORTEST)
-        below: list[float] = []
-        while (below or grid)[0] / 2 >= shortest:
-            below.insert(0, (below or grid)[0] / 2)
-        return [*below, *grid]
 
     def _step_times(self) -> list[float]:
         length = float(np.ptp(self.session.state.t_s))
@@ -259,14 +275,10 @@ class Design:
             stored = self._evaluate(self.session.state, [(effect, vector, wanted)])[0]
             probe = stored
         shows = np.max(np.abs(probe), axis=2) > NOTHING
-        self._sources.append(_Source(effect, vector, wanted, shows, stored))
-        numbers = []
-        for row in shows:
-            own = np.full(row.size, -1, dtype=np.intp)
-            own[row] = self._own[row]
-            self._own[row] += 1
-            numbers.append(self._add(own) if row.any() else -1)
-        return numbers
+        of_channels = np.where(shows, self._own + np.cumsum(shows, axis=0) - 1, -1)
+        self._own += shows.sum(axis=0)
+        self._sources.append(_Source(effect, vector, wanted, of_channels, stored))
+        return [self._add(own) if (own >= 0).any() else -1 for own in of_channels]
 
     def _slow(self, effect: Effect, shape: dict[str, float]) -> list[int]:
         """Columns of an effect of time or temperature alone: one function an order, the same for each axis."""
@@ -307,7 +319,7 @@ class Design:
     def _share(self, recipe: Recipe) -> list[int]:
         """Numbers of the functions of a recipe among the shared ones."""
         count = len(recipe(Rows(self.session.state.rows(slice(0, 2)))))
-        self._recipes.append(recipe)
+        self._recipes.append((self._shared, count, recipe))
         numbers = list(range(self._shared, self._shared + count))
         self._shared += count
         return numbers

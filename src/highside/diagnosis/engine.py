@@ -44,6 +44,8 @@ REFINED = 2
 """Slow effects of which the best time constant is looked for beside a walk."""
 BENT = 2
 """Times that what is beyond first order is taken out: the second is exact where the first was nearly."""
+DOUBTS = 4
+"""Times that what is chosen in place of what a walk explains as well is asked the same."""
 RING_CERTAIN = 3.0
 """So much more in -log10 p is asked of one ring than of an effect: nothing but its place speaks for it."""
 
@@ -223,14 +225,17 @@ def _choose(
         certain = scene.certain + (RING_CERTAIN if rings else 0.0)
         return beats_the_walk(channels, scene.block(others), scene.block(some), dof, tries, certain)
 
-    tested = [
-        m for m in members
-        if (scene.candidates[m.candidate].named or scene.candidates[m.candidate].id.startswith(RING))
-        and scene.candidates[m.candidate].id not in scene.slow_ids
-    ]  # fmt: skip
-    doubted = [m for m in tested if not needed([m])]
-    # beside the one a walk takes the other's place; what both do together it may not
-    if doubted and not (len(doubted) > 1 and needed(doubted)):
-        selector = replace(selector, banned=banned | {m.candidate for m in doubted})
+    for _ in range(DOUBTS):
+        tested = [
+            m for m in members
+            if (scene.candidates[m.candidate].named or scene.candidates[m.candidate].id.startswith(RING))
+            and scene.candidates[m.candidate].id not in scene.slow_ids
+        ]  # fmt: skip
+        doubted = [m for m in tested if not needed([m])]
+        # beside the one a walk takes the other's place; what both do together it may not
+        if not doubted or (len(doubted) > 1 and needed(doubted)):
+            break
+        # what is chosen instead is asked the same
+        selector = replace(selector, banned=selector.banned | {m.candidate for m in doubted})
         members = selector.select()
     return replace(judged, selector=selector, members=members)

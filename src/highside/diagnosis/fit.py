@@ -234,6 +234,9 @@ def _begun(model: ForwardModel, chosen: Chosen) -> ForwardModel:
 
 def _columns(at: ForwardModel, seen: Seen, free: Sequence[str], chosen: Chosen, also: Sequence[str] = ()) -> Array:
     """(P, C, n) derivatives by the free parameters, by the amplitudes of the chosen effects, and by those of `also`."""
+    if all(candidate.effect is not None and candidate.effect.complex_safe for candidate, _ in chosen):
+        # of all at once the chain is evaluated once
+        return seen.jacobian(at, [*free, *(f"{c.id}.{a}" for c, _ in chosen for a in c.amplitudes), *also])
     parts = [seen.jacobian(at, free)]
     for candidate, variant in chosen:
         assert candidate.effect is not None

@@ -36,8 +36,6 @@ FOLDS = 10
 BLOCK_S = 0.5
 MAX_BLOCKS = 1000
 FLIP_S = 3.0
-SECTORS = 12
-"""of a turn, by which the means of a stretch are told: of the toolface, or of the phase of a line"""
 WALK_SHARES = (0.0, 1e-6, 4e-6, 1.6e-5, 6e-5, 2.5e-4, 1e-3, 4e-3, 0.016)
 """Variance of a walk's step from row to row in units of the white variance of a row."""
 FORGETFUL = ((0.5, (0.03, 0.1, 0.3)), (4.0, (0.01, 0.04, 0.15)))
@@ -56,8 +54,6 @@ class Segments:
     core: NDArray[np.bool_]
     block: Ints
     flip: Ints
-    cells: tuple[Ints, ...] = ()
-    """of each way of averaging the cell of a row, fold by fold, -1 for one that is not scored"""
 
     @classmethod
     def of(cls, design: Design, lead: int) -> Segments:
@@ -71,11 +67,7 @@ class Segments:
         core = (edge >= gap) | (fold == 0) & (rows < starts[1] - gap) | (fold == FOLDS - 1) & (rows >= starts[-2] + gap)
         length = max(BLOCK_S, session.n * session.step_s / MAX_BLOCKS)
         block = (rows * session.step_s / length).astype(np.intp)
-        cells = tuple(
-            np.where(core, fold * SECTORS + np.minimum((turned % 1.0 * SECTORS).astype(np.intp), SECTORS - 1), -1)
-            for turned in design.turns()
-        )
-        return cls(fold, session.rate_group, core, block, (rows * session.step_s / FLIP_S).astype(np.intp), cells)
+        return cls(fold, session.rate_group, core, block, (rows * session.step_s / FLIP_S).astype(np.intp))
 
 
 @dataclass(frozen=True)
@@ -90,10 +82,6 @@ class Gram:
     """(blocks,) rows of each block that count"""
     rows: dict[Key, float]
     """rows of each part that count"""
-    cells: list[Array]
-    """of each way of averaging (m + 1, folds x sectors) sums over cells"""
-    cell_rows: list[Array]
-    """(folds x sectors,) rows of each cell that count"""
 
     @property
     def total(self) -> Array:
@@ -109,7 +97,6 @@ def accumulate(design: Design, noise: RotationNoise, residual: Array) -> tuple[l
     parts: list[dict[Key, Array]] = [{} for _ in sizes]
     rows: list[dict[Key, float]] = [{} for _ in sizes]
     sums = [np.zeros((m, blocks)) for m in sizes]
-    cells = [[np.zeros((m, FOLDS * SECTORS)) for _ in segments.cells] for m in sizes]
     chunks = list(design.chunks())
 
     def one(part: slice) -> list[_Chunk]:
@@ -126,17 +113,10 @@ def accumulate(design: Design, noise: RotationNoise, residual: Array) -> tuple[l
                 parts[c][key] = parts[c][key] + gram if key in parts[c] else gram
                 rows[c][key] = rows[c].get(key, 0.0) + counted
             sums[c][:, first : first + chunk.sums.shape[1]] += chunk.sums
-            for kept, (start, found) in zip(cells[c], chunk.cells, strict=True):
-                kept[:, start : start + found.shape[1]] += found
     counts = [
         np.bincount(segments.block, weights=(w > 0).astype(float), minlength=blocks).astype(float) for w in noise.weight
     ]
-    cell_rows = [
-        [np.bincount(own[own >= 0], weights=(w > 0)[own >= 0], minlength=FOLDS * SECTORS) for own in segments.cells]
-        for w in noise.weight
-    ]
-    every = zip(parts, sums, counts, rows, cells, cell_rows, strict=True)
-    return [Gram(*kept) for kept in every], segments
+    return [Gram(*kept) for kept in zip(parts, sums, counts, rows, strict=True)], segments
 
 
 @dataclass(frozen=True)
@@ -145,8 +125,6 @@ class _Chunk:
 
     pieces: list[tuple[Key, Array, float]]
     sums: Array
-    cells: list[tuple[int, Array]]
-    """of each way of averaging the first cell, and (m + 1, cells) from it on"""
 
 
 def _chunk(white: Array, weight: Array, segments: Segments, part: slice) -> _Chunk:
@@ -158,14 +136,7 @@ def _chunk(white: Array, weight: Array, segments: Segments, part: slice) -> _Chu
         piece = white[:, start:stop]
         pieces.append((name, np.asarray(piece @ piece.T), float(np.sum(weight[start:stop] > 0))))
     starts = [start for start, _ in _runs(segments.block[part])]
-    cells = []
-    for own in segments.cells:
-        number = own[part]
-        scored = number[number >= 0]
-        low, stop = (int(scored.min()), int(scored.max()) + 1) if scored.size else (0, 0)
-        belongs = (number[:, None] == np.arange(low, stop)).astype(float)
-        cells.append((low, np.asarray(white @ belongs)))
-    return _Chunk(pieces, np.add.reduceat(white, starts, axis=1), cells)
+    return _Chunk(pieces, np.add.reduceat(white, starts, axis=1))
 
 
 def _runs(values: NDArray[np.generic]) -> list[tuple[int, int]]:

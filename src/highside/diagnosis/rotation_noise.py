@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.chunks import in_order
 from highside.diagnosis.design import Design
 from highside.diagnosis.memory import Memory
 from highside.diagnosis.rotation_session import RotationSession
@@ -157,47 +158,54 @@ def estimate(design: Design, residual: Array, seed: int, *, coloured: bool = Tru
     for part in parts:
         for c, functions in enumerate(design.functions(slice(max(0, part.start - 2 * MAX_ORDER), part.stop))):
             made[c].append(functions)
-    rng = np.random.default_rng(seed)
-    filters, sigma, shaken, jitters = [], [], [], []
-    weight = np.empty((len(session.channels), session.n))
-    impulses = 0
-    freedom = np.inf
-    for c in range(len(session.channels)):
+
+    def of(c: int) -> _Found:
         counts = None if session.left_out is None else [np.where(session.left_out[p], 0.0, 1.0) for p in parts]
         before = [residual[c, max(0, p.start - 2 * MAX_ORDER) : p.stop] for p in parts]
-        learning = _Learning(parts, made[c], before, counts)
         size = float(np.sqrt(np.mean(session.readings[c] ** 2)))
         if float(residual[c].std()) < ROUNDING * size:
             # a simulation without noise: nothing is smaller than rounding
-            weight[c] = 1 / (ROUNDING * size)
-            filters.append(np.ones(1))
-            sigma.append(ROUNDING * size)
-            shaken.append(0.0)
-            jitters.append([0.0, 0.0, 0.0])
-            continue
-        polynomial = _colour(learning, rng) if coloured else np.ones(1)
+            return _Found(np.ones(1), np.full(session.n, 1 / (ROUNDING * size)), ROUNDING * size)
+        learning = _Learning(parts, made[c], before, counts)
+        polynomial = _colour(learning, np.random.default_rng([seed, c])) if coloured else np.ones(1)
         left, rank, _ = learning.outside(polynomial)
         rows = sum(r.size for r in left)
-        freedom = min(freedom, rows - rank)
         shape, by_vibration, jitter, wild = _scatter(session, c, parts, left, polynomial, coloured)
         level = float(
             np.sqrt(sum(float(np.sum((r * w) ** 2)) for r, w in zip(left, shape[1], strict=True)) / (rows - rank))
         )
         level = max(level, 1e-15)
-        weight[c] = shape[0] / level
-        weight[c, wild] = 0.0
+        weight = shape[0] / level
+        weight[wild] = 0.0
         if session.left_out is not None:
-            weight[c, _spread(np.flatnonzero(session.left_out), polynomial.size - 1, session.n)] = 0.0
-        weight[c, : polynomial.size - 1] = 0.0
-        impulses += wild.size
-        filters.append(polynomial)
-        sigma.append(level)
-        shaken.append(by_vibration)
-        jitters.append([jitter[0], jitter[1] * level, jitter[2] * level])
-    freedom = min(freedom, float(session.n))
+            weight[_spread(np.flatnonzero(session.left_out), polynomial.size - 1, session.n)] = 0.0
+        weight[: polynomial.size - 1] = 0.0
+        scatter = (jitter[0], jitter[1] * level, jitter[2] * level)
+        return _Found(polynomial, weight, level, by_vibration, scatter, wild.size, float(rows - rank))
+
+    found = list(in_order(of, range(len(session.channels))))
     return RotationNoise(
-        tuple(filters), weight, np.array(sigma), float(freedom), np.array(shaken), np.array(jitters), impulses
+        tuple(one.polynomial for one in found),
+        np.stack([one.weight for one in found]),
+        np.array([one.sigma for one in found]),
+        min(float(session.n), *(one.freedom for one in found)),
+        np.array([one.by_vibration for one in found]),
+        np.array([one.jitter for one in found]),
+        sum(one.impulses for one in found),
     )
+
+
+@dataclass(frozen=True)
+class _Found:
+    """The noise of one channel; names as in `RotationNoise`."""
+
+    polynomial: Array
+    weight: Array
+    sigma: float
+    by_vibration: float = 0.0
+    jitter: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    impulses: int = 0
+    freedom: float = np.inf
 
 
 def rounding(readings: Array, residual: Array, seed: int) -> Array:

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.causes import located_by_cause
-from highside.diagnosis.chunks import CHUNK
+from highside.diagnosis.chunks import CHUNK, in_order
 from highside.diagnosis.design import LINES, Design
 from highside.diagnosis.fit import BENDS, JointFit, Observed, base_fit, joint_fit
-from highside.diagnosis.gram import SECTORS, Gram, HeldOutRows, Segments, Space, WalkingChannel, Walks, accumulate
+from highside.diagnosis.gram import Gram, HeldOutRows, Segments, Space, WalkingChannel, Walks, accumulate
 from highside.diagnosis.held_out import block_gain, gain_interval
 from highside.diagnosis.location import Located, Scan, followed, intervals, scan_of
 from highside.diagnosis.memory import Channel, Memory, SlowEffect, SlowLimits
@@ -28,7 +28,7 @@ from highside.diagnosis.rotation_bases import Group
 from highside.diagnosis.rotation_bursts import found_burst, with_burst
 from highside.diagnosis.rotation_jitter import with_jitter
 from highside.diagnosis.rotation_lines import found_lines
-from highside.diagnosis.rotation_means import mean_errors
+from highside.diagnosis.rotation_means import SECTORS, Sectors, mean_errors
 from highside.diagnosis.rotation_noise import RotationNoise, estimate, plain, rounding, with_walk
 from highside.diagnosis.rotation_noise import windows as learned_from
 from highside.diagnosis.rotation_session import RotationSession
@@ -156,17 +156,12 @@ class RotationScene(Scene):
 
     @cached_property
     def _walks(self) -> list[Walks]:
-        return [Walks.of(gram) for gram in self.grams]
-
-    @property
-    def certain(self) -> float:
-        return 2.2
+        return list(in_order(Walks.of, self.grams))
 
     @property
     def slow_limits(self) -> SlowLimits:
-        # of simulated walks of any size one in a hundred passes, of the size that looks most like an effect one in
-        # twelve; a straight line is what a walk imitates most easily
-        return SlowLimits(log_p=2.0, quiet_log_p=2.0, alike={"bias_drift": 3.0})
+        # a straight line is what a walk imitates most easily
+        return SlowLimits(alike={"bias_drift": 3.0})
 
     @property
     def slow_beside_fast(self) -> bool:
@@ -389,7 +384,9 @@ class RotationScene(Scene):
         ways = [k for k, line in enumerate(self.design.lines, 1) if (line.effect, line.value) in told]
         if not names or not set(names) <= set(LINES):
             ways.insert(0, 0)
-        means = [mean_errors(held, self.grams, n, ways) for n in (none, numbers)]
+        every = np.concatenate([held.base, numbers])
+        sectors = Sectors.of(self.design, self.noise, self.residual, self.segments, every, ways)
+        means = [mean_errors(held, sectors, n) for n in (none, numbers)]
         by_rate = [held.energies(n, held.by_rate).sum() for n in (none, numbers)] if len(held.by_rate) > 1 else [0, 0]
         low, high = gain_interval(means[0].energy, means[1].energy)
         # whitened errors, told in g: the innovations' size, and what the filter takes of slow signals

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 MANY_ROWS = 30_000
 """Of a longer recording some rows are diagnosed first."""
-SOME_ROWS = 12_000
+SOME_ROWS = 6_000
 NEIGHBOURS = 400
 """Rows of a stretch by which noise is told from what is slow."""
 

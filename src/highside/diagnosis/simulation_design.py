@@ -86,16 +86,10 @@ class SimulationDesign(Design):
         self.sizes = [len(rows) for rows in self._rows]
         self._stacked = [np.stack(rows) for rows in self._rows]
 
-    def turns(self) -> list[Array]:
-        # another program's channels need not turn
-        return []
-
-    def functions(self, part: slice, below: Array | None = None) -> list[Array]:
-        """The functions (m_c, n) of each channel on a run of rows; with rows `below` (C, N), (m_c + 1, n)."""
-        return [
-            rows[:, part] if below is None else np.vstack([rows[:, part], below[c : c + 1, part]])
-            for c, rows in enumerate(self._stacked)
-        ]
+    def functions(self, part: slice, below: Array | None = None, only: Sequence[Ints] | None = None) -> list[Array]:
+        """As those of a `Design`."""
+        made = [r[:, part] if only is None else r[only[c]][:, part] for c, r in enumerate(self._stacked)]
+        return made if below is None else [np.vstack([m, below[c : c + 1, part]]) for c, m in enumerate(made)]
 
     def effect_of(self, number: int) -> Effect:
         """The effect of a candidate."""
