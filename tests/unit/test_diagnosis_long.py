@@ -85,6 +85,18 @@ def test_inner_products_and_bends_by_runs_are_those_of_the_whole() -> None:
     assert np.abs(told[0] - one.bend).max() < 1e-12
 
 
+def test_some_functions_are_those_among_all() -> None:
+    session = recording({}, turning(25.0), gyros=True)
+    design = Design(session, ForwardModel.of({}), FREE)
+    rng = np.random.default_rng(2)
+    only = [rng.permutation(m)[: m // 3] for m in design.sizes]
+    part = slice(300, 500)
+    some, every = design.functions(part, session.readings, only), design.functions(part, session.readings)
+    for few, own, many in zip(some, only, every, strict=True):
+        assert np.array_equal(few[:-1], many[own])
+        assert np.array_equal(few[-1], many[-1])
+
+
 def test_some_rows_are_drawn_one_from_each_run() -> None:
     session = recording({}, turning(25.0))
     some = session.thinned(1000, 1)

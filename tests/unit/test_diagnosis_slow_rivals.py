@@ -4,11 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from highside.diagnosis.candidates import time_constants
+from highside.diagnosis.engine import diagnose_poses
 from highside.diagnosis.memory import Likelihoods, SlowEffect, slow_scores
 from highside.diagnosis.pool import Member
 from highside.diagnosis.rivals import SAME_CLASS_BIC, Rivalry, beside_memory
+from highside.diagnosis.session import PoseSession
+from highside.physics.effects import get
+from highside.physics.forward import ForwardModel
+from highside.physics.scenario import random_sensor
+from highside.physics.state import ChainState
 
 N = 240
 T_S = 60.0 * np.arange(N)
@@ -65,3 +74,36 @@ def test_what_is_claimed_already_is_no_rival() -> None:
     found = beside_memory(blank, scores, Member(1, 0), {0})
     assert found.same == (1,)
     assert found.delta_bic[0] == pytest.approx(40.0)
+
+
+@given(
+    length=st.floats(30.0, 1e5),
+    n=st.integers(10, 5000),
+    effect=st.sampled_from(["warmup", "thermal_lag"]),
+)
+def test_time_constants_are_tried_from_the_shortest_to_the_longest_that_a_recording_tells_apart(
+    length: float, n: int, effect: str
+) -> None:
+    shape = next(p for p in get(effect).parameters if p.shape)
+    state = ChainState.build(np.zeros(n), np.zeros(n), t_s=np.linspace(0.0, length, n))
+    tried = np.array(time_constants(shape, state))
+    assert set(shape.grid) <= set(tried)
+    low, high = shape.gate
+    assert tried[0] >= low and tried[-1] <= high
+    # none is further from the next than by a factor of two; those left out are over at once, or bend hardly at all
+    assert np.all((tried[1:] > tried[:-1]) & (tried[1:] <= 2.1 * tried[:-1]))
+    assert tried[0] < 2 * max(low, 0.03 * length, length / (n - 1)) or tried[0] == shape.grid[0]
+    assert tried[-1] >= min(length, high)
+
+
+def test_a_warm_up_that_outlasts_the_session_is_one_class_with_a_drift() -> None:
+    state = ChainState.build(
+        np.tile(np.linspace(0.1, 2.5, 12), 20), np.repeat(np.linspace(0.0, 6.0, 20), 12), t_s=60.0 * np.arange(N)
+    )
+    rng = np.random.default_rng(5)
+    mean = random_sensor(rng).with_effects({"bias_drift": {"d_y": 2e-8}}).predict(state)
+    mean += 2e-5 * rng.standard_normal((3, N))
+    free = ("bias", "scale", "misalignment")
+    diagnosis, _ = diagnose_poses(PoseSession(mean, np.ones(N), state), ForwardModel.of({}), free)
+    assert [c.effect for c in diagnosis.claims] == ["bias_drift"]
+    assert "warmup" in diagnosis.claims[0].equivalence_class

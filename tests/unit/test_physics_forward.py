@@ -124,12 +124,12 @@ def test_bandwidth_lag_agrees_with_a_filter_integrated_in_fine_steps() -> None:
     np.testing.assert_allclose(reading, filtered, atol=3e-5)
 
 
-def test_bandwidth_lag_has_the_gain_and_phase_of_a_first_order_filter() -> None:
-    wt = 0.25
+@pytest.mark.parametrize("turn", [0.001, 0.0499, 0.0501, 0.25])
+def test_bandwidth_lag_has_the_gain_and_phase_of_a_first_order_filter(turn: float) -> None:
     state = ChainState.build(np.array([np.pi / 2]), np.array([0.0]), rotor_rate_radps=10.0)
-    x, y, _ = ForwardModel.of({"bandwidth_lag": {"tau": wt / 10.0}}).predict(state)[:, 0]
-    assert np.hypot(x, y) == pytest.approx(1 / np.sqrt(1 + wt**2), abs=1e-9)
-    assert np.arctan2(y, x) == pytest.approx(-np.arctan(wt), abs=1e-9)
+    x, y, _ = ForwardModel.of({"bandwidth_lag": {"tau": turn / 10.0}}).predict(state)[:, 0]
+    assert np.hypot(x, y) == pytest.approx(1 / np.sqrt(1 + turn**2), abs=1e-9)
+    assert np.arctan2(y, x) == pytest.approx(-np.arctan(turn), abs=1e-9)
 
 
 @pytest.mark.parametrize(("azimuth", "latitude"), [(0.0, 0.5), (1.1, -0.4), (4.0, 1.2)])
