@@ -1,9 +1,10 @@
 """How long a diagnosis takes: the curve over poses and over rows of a rotation.
 
-    python tests/bench/diagnosis_speed.py [--rows 12000 45000 90000 180000 360000]
+    python tests/bench/diagnosis_speed.py [--rows 12000 45000 90000 180000 360000] [--strong 360000]
 
 Each is run in a process that has imported everything and diagnosed once; wall time and processor time are told, since
-another job on the machine makes the first longer. Noise is coloured, a lever arm is left out of the model.
+another job on the machine makes the first longer. Noise is coloured, a lever arm of 20 um is left out of the model; of
+`--strong` ones a lever arm of 8 mm and a delay of 2 ms, a hundred and more times louder than the noise.
 """
 
 from __future__ import annotations
@@ -35,13 +36,17 @@ def poses(inclinations: int) -> PoseSession:
     return PoseSession(mean, np.ones(state.n), state)
 
 
-def rotation(rows: int) -> RotationSession:
+WEAK = {"lever_arm": {"r_x": 1e-5, "r_y": 2e-5}}
+STRONG = {"lever_arm": {"r_x": 8e-3, "r_y": -3e-3}, "time_offset": {"t0": 2e-3}}
+
+
+def rotation(rows: int, effects: dict[str, dict[str, float]]) -> RotationSession:
     """A rotation of so many rows at 50 Hz."""
     state = cases.design(3, seconds=rows / 50)
     rng = np.random.default_rng(1)
     sensor, _ = deck.sensor_and_base(state, rng)
-    arm = sensor.with_effects({"lever_arm": {"r_x": 1e-5, "r_y": 2e-5}})
-    return RotationSession(arm.predict(state) + cases.noise_of("coloured", state, rng).draw(rng), state)
+    moved = sensor.with_effects(effects)
+    return RotationSession(moved.predict(state) + cases.noise_of("coloured", state, rng).draw(rng), state)
 
 
 def timed(what: Callable[[], object]) -> tuple[float, float]:
@@ -57,6 +62,7 @@ def timed(what: Callable[[], object]) -> tuple[float, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--rows", type=int, nargs="+", default=[12_000, 45_000, 90_000, 180_000, 360_000])
+    parser.add_argument("--strong", type=int, nargs="*", default=[360_000])
     given = parser.parse_args()
     deck.diagnosed(poses(3))
     print(f"{'poses':>8s}{'wall s':>9s}{'cpu s':>9s}")
@@ -64,12 +70,13 @@ def main() -> None:
         session = poses(inclinations)
         wall, processor = timed(lambda session=session: deck.diagnosed(session))
         print(f"{session.n:8d}{wall:9.2f}{processor:9.2f}")
-    diagnose_rotation(rotation(3000), ForwardModel.of({}), cases.FREE)
+    diagnose_rotation(rotation(3000, WEAK), ForwardModel.of({}), cases.FREE)
     print(f"{'rows':>8s}{'wall s':>9s}{'cpu s':>9s}{'cpu us/row':>12s}")
-    for rows in given.rows:
-        turning = rotation(rows)
-        wall, processor = timed(lambda turning=turning: diagnose_rotation(turning, ForwardModel.of({}), cases.FREE))
-        print(f"{rows:8d}{wall:9.2f}{processor:9.2f}{1e6 * processor / rows:12.1f}")
+    for effects, sizes, words in ((WEAK, given.rows, ""), (STRONG, given.strong, "  strong")):
+        for rows in sizes:
+            turning = rotation(rows, effects)
+            wall, processor = timed(lambda turning=turning: diagnose_rotation(turning, ForwardModel.of({}), cases.FREE))
+            print(f"{rows:8d}{wall:9.2f}{processor:9.2f}{1e6 * processor / rows:12.1f}{words}", flush=True)
 
 
 if __name__ == "__main__":

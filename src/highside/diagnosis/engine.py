@@ -19,7 +19,7 @@ from highside.diagnosis.exchange import exchanged, kept
 from highside.diagnosis.fit import BENDS
 from highside.diagnosis.magnitude_scene import MagnitudeScene
 from highside.diagnosis.magnitude_session import MagnitudeSession
-from highside.diagnosis.memory import Channel, beats_the_walk
+from highside.diagnosis.memory import Channel, beats_the_walk, slow_scores
 from highside.diagnosis.method import WHOLE, Method
 from highside.diagnosis.pool import Member
 from highside.diagnosis.pose_scene import PoseScene
@@ -29,6 +29,7 @@ from highside.diagnosis.rotation_scene import RotationScene
 from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.rotation_sketch import MANY_ROWS, SOME_ROWS, Sketch, may_bend
 from highside.diagnosis.scene import Judged, Picture, Scene
+from highside.diagnosis.selection import Selector
 from highside.diagnosis.session import PoseSession
 from highside.diagnosis.simulation_scene import SimulationScene
 from highside.diagnosis.simulation_session import SimulationSession
@@ -171,7 +172,7 @@ def _judged(scene: Scene) -> tuple[Judged, Suspicion]:
     )
     if not scene.method.refusal:
         barred |= unnamed
-    return _choose(scene, judged, channels, barred, fixed), suspicion
+    return _choose(scene, judged, channels, barred, fixed, slow), suspicion
 
 
 def _refined(scene: Scene, judged: Judged, suspicion: Suspicion) -> tuple[Scene, Judged, Suspicion]:
@@ -197,16 +198,40 @@ def _refined(scene: Scene, judged: Judged, suspicion: Suspicion) -> tuple[Scene,
     return scene, judged, suspicion
 
 
+def _as_a_slow_one(
+    scene: Scene, selector: Selector, members: Sequence[Member], member: Member, slow: frozenset[int]
+) -> bool:
+    """Whether a member is a case of slow effects of which none would be believed in its place."""
+    if not scene.slow_beside_fast:
+        # of poses and hands nothing that is fast elsewhere runs like time
+        return False
+    others = [m for m in members if m != member]
+    best = selector.standing(others).best
+    alike = {k for k in slow if selector.holds([*others, selector.pool.whole(best[k])], member)}
+    tested = [one for one in scene.slow() if one.candidate in alike]
+    if not tested:
+        return False
+    scores, _, evidence = slow_scores(scene.likelihoods(others), tested)
+    return not any(
+        scene.slow_limits.passes(
+            scene.candidates[one.effect.candidate].id, one.log_p, one.remaining, evidence, one.score
+        )
+        for one in scores
+    )
+
+
 def _choose(
     scene: Scene,
     judged: Judged,
     channels: Sequence[Channel],
     banned: frozenset[int],
     fixed: tuple[Member, ...] = (),
+    slow: frozenset[int] = frozenset(),
 ) -> Judged:
     """Select among the candidates that are not banned; a named one that a walk explains as well is not believed.
 
-    A walk may run like an effect of attitude where the session goes through the rings in order.
+    A walk may run like an effect of attitude where the session goes through the rings in order. And what is here a case
+    of one of the `slow` is asked no less than they are.
     """
     selector = replace(judged.selector, banned=banned, fixed=fixed)
     members = selector.select()
@@ -231,7 +256,7 @@ def _choose(
             if (scene.candidates[m.candidate].named or scene.candidates[m.candidate].id.startswith(RING))
             and scene.candidates[m.candidate].id not in scene.slow_ids
         ]  # fmt: skip
-        doubted = [m for m in tested if not needed([m])]
+        doubted = [m for m in tested if not needed([m]) or _as_a_slow_one(scene, selector, members, m, slow)]
         # beside the one a walk takes the other's place; what both do together it may not
         if not doubted or (len(doubted) > 1 and needed(doubted)):
             break

@@ -132,7 +132,7 @@ class Selector:
                 if score < self._cost(members) + MERGE_BIC and not asked:
                     return self._merged([*others, variants[best]])
                 whole = self.pool.whole(kept)
-                if whole != kept and self._holds([*others, whole], dropped):
+                if whole != kept and self.holds([*others, whole], dropped):
                     return self._merged([*others, whole])
         return members
 
@@ -140,7 +140,7 @@ class Selector:
         """Whether a candidate passes beside members."""
         return bool(self.standing(members).log_p[other.candidate] > self.threshold)
 
-    def _holds(self, members: Sequence[Member], dropped: Member) -> bool:
+    def holds(self, members: Sequence[Member], dropped: Member) -> bool:
         """Whether next to nothing of what the dropped could explain lies outside of members."""
         columns = self.pool.columns(dropped)
         bare, left = (outside(self.space_with(some), columns) for some in ([], members))
