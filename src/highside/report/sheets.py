@@ -26,11 +26,16 @@ _CELL_CHAR_MM, _CELL_LINE_MM, _CELL_PAD_MM = 1.57, 3.85, 1.5
 _CELL_SIDES_MM = 2.6
 
 _STYLE = """
+/* where none of the usual faces is there, the widest one that systems fall back to, at their width */
+@font-face { font-family: "as wide"; src: local("DejaVu Sans"), local("Verdana"); size-adjust: 86%; }
+@font-face { font-family: "as wide"; font-weight: 700; src: local("DejaVu Sans Bold"), local("Verdana Bold");
+             size-adjust: 84%; }
 @page { size: A4; margin: 0; }
 * { box-sizing: border-box; }
 html { color-scheme: light; }
 body { margin: 0; background: #d9dde1; color: #14181c;
-       font: 10pt/4.7mm "Liberation Sans", Arial, Helvetica, sans-serif; }
+       font: 10pt/4.7mm "Liberation Sans", Arial, Helvetica, "as wide", sans-serif;
+       font-variant-ligatures: none; }  /* so that words are found in what is printed */
 .sheet { position: relative; width: 210mm; height: 297mm; margin: 6mm auto; padding: 12mm 16mm; background: #fff;
          overflow: hidden; box-shadow: 0 1mm 4mm #0003; break-after: page; }
 .sheet:last-of-type { break-after: auto; }
@@ -56,7 +61,7 @@ thead th { border-bottom: .4mm solid #14181c; vertical-align: bottom; }
 figure { margin: 0 0 2mm; } figure svg { display: block; width: 178mm; height: auto; color: #14181c; }
 figcaption { font-size: 8.5pt; line-height: 3.9mm; color: #454d55; }
 .sign { margin-top: 14mm; border-top: .3mm solid #14181c; width: 90mm; padding-top: 1mm; }
-code { font: 8pt "Liberation Mono", monospace; overflow-wrap: anywhere; }
+code { font: 8pt "Liberation Mono", "Courier New", monospace; overflow-wrap: anywhere; }
 """
 
 
