@@ -67,10 +67,11 @@ class RecordReason(StrEnum):
 
 
 class RecordError(Refused):
-    """A calibration record is refused. `reason` names why; the line starts with it."""
+    """A calibration record is refused. `reason` names why; the line starts with it, `text` is the rest."""
 
     def __init__(self, reason: RecordReason, text: str) -> None:
         self.reason = reason
+        self.text = " ".join(text.split())
         super().__init__(" ".join(f"calibration refused ({reason.value}): {text}".split()))
 
 

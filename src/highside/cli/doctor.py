@@ -15,8 +15,15 @@ def doctor(
     config: ConfigOption,
     overrides: SetOption = None,
     queue: Annotated[
-        int, typer.Option("--queue", min=0, max=20_000, help="Messages to try the broker's queue.")
-    ] = 1200,
+        int,
+        typer.Option(
+            "--queue",
+            min=0,
+            max=20_000,
+            metavar="N",
+            help="Also publish N messages below the tool's topics and see how many the broker keeps.",
+        ),
+    ] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as one JSON object.")] = False,
 ) -> None:
     """Check permissions, ports, bus, broker, clock, disk and calibration. Exit status 1 if something fails."""
@@ -25,7 +32,8 @@ def doctor(
     from rich.table import Table
 
     from highside.config.settings import load
-    from highside.service.doctor import Finding, Level, examine
+    from highside.service.doctor import examine
+    from highside.service.findings import Finding, Level
 
     settings = load(config, overrides)
     settings.codec.build()

@@ -9,9 +9,12 @@ import os
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from highside.config.settings import Settings
 
 ConfigOption = Annotated[Path, typer.Option("--config", help="TOML file; see config/ for examples.")]
 SetOption = Annotated[
@@ -51,23 +54,48 @@ def check(
 ) -> None:
     """Validate a configuration without running it: fields, codec, secrets, calibration record, compensation."""
     from highside.config.settings import load
-    from highside.service.app import compensation_of, correction_of
+    from highside.service.app import compensation_of
     from highside.service.publisher import check_secrets
 
     settings = load(config, overrides)
     settings.codec.build()
     check_secrets(settings.mqtt)
-    correction = correction_of(settings)
+    cal_id = _calibration_of(settings, config)
     compensation_of(settings)
     if as_json:
         typer.echo(settings.model_dump_json())
         return
     typer.echo(
         f"{config}: good. Tool {settings.tool.id}, link {settings.link.kind}, codec {settings.codec.name},"
-        f" calibration {correction.cal_id}, broker {settings.mqtt.host}:{settings.mqtt.port}"
+        f" calibration {cal_id}, broker {settings.mqtt.host}:{settings.mqtt.port}"
     )
     if settings.drift.model_fields_set and settings.drift.enabled and settings.site.latitude_deg is None:
         typer.echo("note: [drift] without site.latitude_deg: the Earth's rotation (15 deg/h) counts as gyro bias")
+
+
+def _calibration_of(settings: Settings, config: Path) -> str:
+    """The calibration that would be in force. A tool that was never calibrated is told so and may run.
+
+    Raises RecordError for one that is refused, InputError naming the field for a place where there is none.
+    """
+    from highside.calibration.record import RecordError, RecordReason
+    from highside.errors import InputError
+    from highside.service.app import correction_of
+
+    try:
+        return correction_of(settings).cal_id
+    except RecordError as error:
+        if error.reason is not RecordReason.NONE_ACTIVE:
+            raise
+        typer.echo(
+            f"note: {error.text}: readings pass uncorrected; run `highside calibrate bench`, put its record in force"
+        )
+        return "none yet"
+    except InputError as error:
+        field = "calibration.record" if settings.calibration.record is not None else "calibration.store"
+        what = f"{error.where}: {error.what}" if error.where is not None else error.what
+        remedy = error.remedy or "mend the path"
+        raise InputError(what, where=str(config), field=field, remedy=remedy) from None
 
 
 def schema() -> None:

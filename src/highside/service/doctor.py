@@ -1,7 +1,8 @@
 """Self-diagnosis: what would keep the service from its work on this machine, and what to do about each.
 
-Each check is a function that yields findings; none changes anything but what it says it tries (the broker's queue is
-tried with messages on a topic of its own, which are fetched again). A check that cannot be made says so.
+Each check is a function that yields findings. None changes anything or says anything at the broker, but for the
+broker's queue where that was asked for (`doctor_broker`). A check that cannot be made says so. Beside a running service
+its files are left alone: what they hold is in the retained `health`, which is read instead.
 """
 
 from __future__ import annotations
@@ -17,61 +18,36 @@ import stat
 import subprocess
 import time
 from collections.abc import AsyncIterator, Iterator
-from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-import aiomqtt
-
+from highside.calibration.record import RecordError, RecordReason
 from highside.config.links import PythonCanLink, SerialLink, SocketCanLink
 from highside.config.rig import WitsSerial
 from highside.config.settings import Settings
-from highside.errors import HighsideError, Refused
+from highside.errors import HighsideError
 from highside.recording.calibration_store import CalibrationStore, read_record
 from highside.service.app import correction_of, state_dir
 from highside.service.clock import clock_synced
-from highside.service.publisher import broker_client, check_secrets
+from highside.service.doctor_broker import examine_broker
+from highside.service.findings import Finding, Level
+from highside.service.publisher import check_secrets
 
 MIB = 1024 * 1024
 EARLIEST_S = 1_767_225_600.0
 """The start of 2026: a clock that shows an earlier time was never set."""
 EXPIRES_SOON_S = 30 * 86_400.0
-QUIET_S = 1.0
-"""The broker has handed out everything when nothing came for so long."""
 
 
-class Level(StrEnum):
-    """How bad."""
-
-    OK = "ok"
-    WARN = "warn"
-    FAIL = "fail"
-    SKIP = "skip"
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One line of the answer."""
-
-    check: str
-    level: Level
-    found: str
-    remedy: str = ""
-
-    def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
-
-
-async def examine(settings: Settings, *, queue_messages: int = 1200) -> AsyncIterator[Finding]:
+async def examine(settings: Settings, *, queue_messages: int = 0) -> AsyncIterator[Finding]:
     """All checks, one after the other. `queue_messages` are used to try the broker's queue; 0: not tried."""
     directory = state_dir(settings)
     running = await asyncio.to_thread(_is_running, directory)
     for part in (
         _state_directory(directory, running),
         _disk(settings, directory),
-        _outbox(directory),
+        () if running else _outbox(directory),
         _secrets(settings),
         _clock(),
         _calibration(settings),
@@ -81,7 +57,7 @@ async def examine(settings: Settings, *, queue_messages: int = 1200) -> AsyncIte
     ):
         for finding in part:
             yield finding
-    async for finding in _broker(settings, queue_messages):
+    async for finding in examine_broker(settings, running=running, queue_messages=queue_messages):
         yield finding
 
 
@@ -222,9 +198,16 @@ def _calibration(settings: Settings) -> Iterator[Finding]:
             if calibration.record is not None
             else CalibrationStore(calibration.store or Path()).active(settings.tool.id)
         )
+    except RecordError as error:
+        if error.reason is RecordReason.NONE_ACTIVE:
+            yield Finding("calibration", Level.WARN, f"{error.text}: readings pass uncorrected",
+                          "run `highside calibrate bench` and put its record in force")  # fmt: skip
+            return
+        yield Finding("calibration", Level.FAIL, str(error), "calibrate again, or roll back")
+        return
     except HighsideError as error:
-        remedy = "calibrate again, or roll back" if isinstance(error, Refused) else "mend the path"
-        yield Finding("calibration", Level.FAIL, str(error), remedy)
+        table = "calibration.record" if calibration.record is not None else "calibration.store"
+        yield Finding("calibration", Level.FAIL, f"{table}: {error}", f"mend {table}, or calibrate into it")
         return
     found = f"{correction.cal_id[:12]} of {datetime.fromtimestamp(record.created_s, UTC):%Y-%m-%d}"
     expires = record.expires_s
@@ -347,70 +330,3 @@ def _wits(settings: Settings, running: bool) -> Iterator[Finding]:
             yield from _serial("wits", table.port, table.baud, running)
         else:
             yield Finding("wits", Level.SKIP, f"{table.kind} {table.host}:{table.port}: seen in health when running")
-
-
-# --- the broker ----------------------------------------------------------------------------------------------------
-
-
-async def _broker(settings: Settings, queue_messages: int) -> AsyncIterator[Finding]:
-    mqtt = settings.mqtt
-    where = f"{mqtt.host}:{mqtt.port}" if mqtt.transport == "tcp" else mqtt.host
-    identifier = f"highside-{settings.tool.id}-doctor"
-    topic = mqtt.topic(settings.tool.id, "doctor")
-    try:
-        began = time.monotonic()
-        async with asyncio.timeout(mqtt.connect_timeout_s + 1.0):
-            async with await broker_client(mqtt, identifier):
-                pass
-    except (aiomqtt.MqttError, OSError, TimeoutError, ValueError, HighsideError) as error:
-        yield Finding("broker", Level.FAIL, f"{where}: {str(error) or 'no answer'}",
-                      "start it, or mend the [mqtt] table; meanwhile messages are kept on disk")  # fmt: skip
-        return
-    yield Finding("broker", Level.OK, f"{where} answers, {1e3 * (time.monotonic() - began):.0f} ms")
-    if not queue_messages:
-        yield Finding("broker queue", Level.SKIP, "not tried")
-        return
-    try:
-        async with asyncio.timeout(60.0):
-            kept = await _queue_depth(settings, identifier, topic, queue_messages)
-    except (aiomqtt.MqttError, OSError, TimeoutError) as error:
-        yield Finding("broker queue", Level.WARN, f"could not be tried: {str(error) or 'no answer'}",
-                      f"allow this client to publish and subscribe {topic}")  # fmt: skip
-        return
-    text = f"keeps {kept:,} of {queue_messages:,} messages for a subscriber that is away"
-    if kept < queue_messages:
-        yield Finding("broker queue", Level.WARN, text, "raise max_queued_messages; config/mosquitto.conf shows how")
-    else:
-        yield Finding("broker queue", Level.OK, text)
-
-
-async def _queue_depth(settings: Settings, identifier: str, topic: str, count: int) -> int:
-    """How many of `count` messages a subscriber gets that was away when they were published."""
-    mqtt = settings.mqtt
-    subscriber = f"{identifier}-sub"
-    async with await broker_client(mqtt, subscriber, clean_session=False) as client:
-        await client.subscribe(topic, qos=1)
-    try:
-        async with await broker_client(mqtt, identifier) as client:
-            for start in range(0, count, 50):
-                await asyncio.gather(
-                    *(client.publish(topic, str(i), qos=1) for i in range(start, min(start + 50, count)))
-                )
-        return await _fetch(settings, subscriber, count)
-    finally:
-        # a clean session forgets the subscription and what is still queued for it
-        with contextlib.suppress(aiomqtt.MqttError, OSError, TimeoutError):
-            async with await broker_client(mqtt, subscriber, clean_session=True):
-                pass
-
-
-async def _fetch(settings: Settings, subscriber: str, count: int) -> int:
-    seen: set[bytes] = set()
-    async with await broker_client(settings.mqtt, subscriber, clean_session=False) as client:
-        messages = aiter(client.messages)
-        with contextlib.suppress(TimeoutError):
-            while len(seen) < count:
-                message = await asyncio.wait_for(anext(messages), QUIET_S)
-                if isinstance(message.payload, bytes):
-                    seen.add(message.payload)
-    return len(seen)

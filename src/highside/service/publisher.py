@@ -456,7 +456,13 @@ async def broker_client(
         timeout=settings.connect_timeout_s,
         tls_context=context,
         max_inflight_messages=settings.in_flight + 8,
+        logger=_client_log,
     )
+
+
+_client_log = logging.getLogger("highside.mqtt.client")
+"""Of the client library: it counts every message under way as a warning, on stderr where nothing else is set up."""
+_client_log.setLevel(logging.CRITICAL)
 
 
 def _tls_context(tls: TlsSettings) -> ssl.SSLContext:
