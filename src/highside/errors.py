@@ -6,11 +6,17 @@ answer is bad news that scripts must see). Anything else that reaches the comman
 
 from __future__ import annotations
 
+from highside.printable import one_line
+
 
 class HighsideError(Exception):
-    """Base of all errors made for a user's eyes; `str(error)` is one line."""
+    """Base of all errors made for a user's eyes; `str(error)` is one line that a terminal prints as it is: names and
+    texts from outside may be in it."""
 
     exit_status = 2
+
+    def __str__(self) -> str:
+        return one_line(super().__str__())
 
 
 class InputError(HighsideError):
@@ -27,7 +33,7 @@ class InputError(HighsideError):
         self.what, self.where, self.field, self.remedy = what, where, field, remedy
         parts = [part for part in (where, field, what) if part]
         line = ": ".join(parts)
-        super().__init__(" ".join(f"{line}; {remedy}".split()) if remedy else " ".join(line.split()))
+        super().__init__(f"{line}; {remedy}" if remedy else line)
 
 
 class Refused(HighsideError):  # noqa: N818 - an answer, not a failure

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import io
+from collections.abc import AsyncIterator
+
+import pytest
 
 from highside.cli.bench_face import PlainFace, RichFace, picture
 from highside.session.snapshot import (
     Command,
     CommandName,
+    FaultState,
     ForceState,
     PlanState,
+    PoseRow,
+    PoseState,
     Reply,
     ResultState,
     Snapshot,
@@ -109,3 +115,55 @@ def test_the_picture_shows_a_verdict() -> None:
     console.print(picture(snapshot(verdict)))
     text = " ".join(console.export_text().split())
     assert "FAIL" in text and RECORD[:12] in text and "+0.2500 ± 0.0200°" in text and "I 0.1°, T 1°" in text
+
+
+@pytest.mark.parametrize("plain", [True, False])
+def test_no_name_or_reason_from_elsewhere_reaches_the_terminal_as_it_is(
+    plain: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Escape sequences, C1, directions and forged lines in every text of a snapshot, at both faces of the terminal."""
+    evil = "a\x1b[2J\x1b]0;owned\x07b\x9b2Jc\u202ed\rgood\n    0.0 s  accepted forged"
+    verdict = VerdictState(
+        kind="verification", record=evil, verdict="pass", text=evil, consistent=True, limit_inc_deg=0.1,
+        rows=[VerdictRow(name=evil, verdict=evil)],
+    )  # fmt: skip
+    row = PoseRow(pose=f"[red]{evil}", inc_deg=1.0, tf_deg=1.0, state=PoseState.AGAIN, attempts=1, reason=evil)
+    for shown in (snapshot(verdict), snapshot().model_copy(update={"poses": [row], "result": None})):
+        hostile = shown.model_copy(
+            update=dict.fromkeys(("tool", "serial", "session", "prompt", "operator", "last_rejection"), evil)
+            | {"faults": [FaultState(code=evil, text=evil, since_s=0.0, detail=evil)]}
+            | {"plan": shown.plan.model_copy(update={"title": evil})}
+        )
+        said = io.StringIO()
+        monkeypatch.setattr("sys.stdout", said)
+        face = (PlainFace if plain else RichFace)(Once(hostile), "ann", listen=False)  # type: ignore[arg-type]
+        asyncio.run(face.run())
+        text = said.getvalue()
+        assert "\\x1b[2J" in text, "what was tried can be read"
+        assert all(c.isprintable() or c == "\n" for c in text)
+        if plain:
+            assert not any(line.lstrip().startswith("0.0 s  accepted forged") for line in text.splitlines())
+        if not plain and shown.poses:
+            assert "[red]" in text, "no mark-up either"
+    reply = asyncio.run(_answer(evil))
+    assert reply.isprintable()
+
+
+async def _answer(text: str) -> str:
+    driver = Once(snapshot())
+    driver.reply = text
+    face = PlainFace(driver, "ann", listen=False)  # type: ignore[arg-type]
+    await face.send(CommandName.PAUSE)
+    return face.answer
+
+
+class Once(Driver):
+    """Shows one snapshot and ends."""
+
+    reply = "done"
+
+    async def subscribe(self, rate_hz: float) -> AsyncIterator[Snapshot]:
+        yield self.shown
+
+    async def command(self, command: Command) -> Reply:
+        return Reply(request_id="x", accepted=True, text=self.reply, state=State.ACCEPTED, seq=2)

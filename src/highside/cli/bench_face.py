@@ -14,10 +14,12 @@ import sys
 import termios
 import tty
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from enum import Enum
+from typing import TYPE_CHECKING, Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
+from highside.printable import printable
 from highside.session.snapshot import Command, CommandName, PoseState, Snapshot, VerdictRow, VerdictState
 
 if TYPE_CHECKING:
@@ -67,7 +69,7 @@ class _Face:
             self.answer = f"{word!r} is no name of a {'record' if which == 'confirm' else 'pose'}"
             return
         reply = await self.driver.command(command)
-        self.answer = f"{name.value}: {reply.text}"
+        self.answer = printable(f"{name.value}: {reply.text}")
 
 
 class PlainFace(_Face):
@@ -77,7 +79,8 @@ class PlainFace(_Face):
         reader = asyncio.create_task(self._words()) if self.listen else None
         said, printed_s = None, -PLAIN_EVERY_S
         try:
-            async for snapshot in self.driver.subscribe(5.0):
+            async for newest in self.driver.subscribe(5.0):
+                snapshot = for_terminal(newest)
                 poses = tuple((row.pose, row.state, row.attempts) for row in snapshot.poses)
                 key = (snapshot.state, snapshot.target, poses, tuple(f.code for f in snapshot.faults))
                 if key != said or snapshot.elapsed_s - printed_s >= PLAIN_EVERY_S:
@@ -143,9 +146,11 @@ class RichFace(_Face):
 
         keys = asyncio.create_task(self._keys()) if self.listen and sys.stdin.isatty() else None
         try:
-            with Live(console=Console(), refresh_per_second=8, auto_refresh=False, transient=False) as live:
+            # what stands in brackets in a name is no mark-up
+            console = Console(markup=False, emoji=False)
+            with Live(console=console, refresh_per_second=8, auto_refresh=False, transient=False) as live:
                 async for snapshot in self.driver.subscribe(8.0):
-                    live.update(picture(snapshot, self.answer), refresh=True)
+                    live.update(picture(for_terminal(snapshot), self.answer), refresh=True)
         finally:
             if keys is not None:
                 keys.cancel()
@@ -187,6 +192,19 @@ def _single_keys(descriptor: int) -> Iterator[None]:
         yield
     finally:
         termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
+
+def for_terminal(snapshot: Snapshot) -> Snapshot:
+    """The same with every text in it printable: names, reasons and remarks come from other faces and from files."""
+    return _printable(snapshot)  # type: ignore[no-any-return]
+
+
+def _printable(value: Any) -> Any:
+    if isinstance(value, BaseModel):
+        return value.model_copy(update={name: _printable(getattr(value, name)) for name in type(value).model_fields})
+    if isinstance(value, str) and not isinstance(value, Enum):
+        return printable(value)
+    return [_printable(item) for item in value] if isinstance(value, list) else value
 
 
 def picture(snapshot: Snapshot, answer: str = "") -> Group:

@@ -31,6 +31,7 @@ from highside.cli import (
     toolface,
 )
 from highside.errors import HighsideError
+from highside.printable import one_line
 
 app = typer.Typer(
     name="highside",
@@ -85,7 +86,7 @@ def main() -> None:
         # typer would draw a box of five lines
         asked = getattr(error, "ctx", None)
         remedy = f" (see {asked.command_path} --help)" if asked is not None else ""
-        print(f"highside: {' '.join(error.format_message().split())}{remedy}", file=sys.stderr)  # noqa: T201
+        print(f"highside: {one_line(error.format_message())}{remedy}", file=sys.stderr)  # noqa: T201
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
         sys.exit(130)
@@ -100,7 +101,7 @@ def main() -> None:
         if os.environ.get("HIGHSIDE_DEBUG"):
             raise
         print(  # noqa: T201
-            f"highside: internal error: {type(error).__name__}: {' '.join(str(error).split())}"
+            f"highside: internal error: {type(error).__name__}: {one_line(str(error))}"
             " (set HIGHSIDE_DEBUG=1 for details)",
             file=sys.stderr,
         )

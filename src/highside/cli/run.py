@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-import logging
-import os
 import signal
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,6 +24,7 @@ def run(config: ConfigOption, overrides: SetOption = None) -> None:
     from highside.config.settings import load
     from highside.errors import InputError
     from highside.service.app import Service
+    from highside.service.logs import start_logging
 
     settings = load(config, overrides)
     start_logging(settings.service.log_level)
@@ -103,24 +101,3 @@ def schema() -> None:
     from highside.service.messages import schemas
 
     typer.echo(json.dumps(schemas(), indent=2))
-
-
-def start_logging(level: str) -> None:
-    """Log to stderr, one line an event; under systemd with the priority prefix that journald understands."""
-    handler = logging.StreamHandler(sys.stderr)
-    if os.environ.get("JOURNAL_STREAM"):
-        handler.setFormatter(_JournalFormatter("%(message)s"))
-    else:
-        handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))
-    root = logging.getLogger("highside")
-    root.handlers[:] = [handler]
-    root.setLevel(level.upper())
-    root.propagate = False
-
-
-class _JournalFormatter(logging.Formatter):
-    """Prefixes each line with its syslog priority (sd-daemon(3))."""
-
-    def format(self, record: logging.LogRecord) -> str:
-        priority = 3 if record.levelno >= logging.ERROR else 4 if record.levelno >= logging.WARNING else 6
-        return f"<{priority}>{super().format(record)}"

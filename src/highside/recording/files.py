@@ -6,7 +6,7 @@ import contextlib
 import gzip
 import io
 import os
-import tempfile
+import secrets
 import zlib
 from pathlib import Path
 from typing import BinaryIO
@@ -65,14 +65,14 @@ def write_whole(path: Path, data: bytes) -> None:
             path.write_bytes(data)
             return
         target = path.resolve()
-        descriptor, beside = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
+        name = str(target.parent / f".{target.name}.{secrets.token_hex(6)}")
+        # the kernel takes the umask off; to read it here would set it for all threads
+        descriptor = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        beside = name
         with os.fdopen(descriptor, "wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        Path(beside).chmod(0o666 & ~umask)
         Path(beside).replace(target)
         beside = None
         directory = os.open(target.parent, os.O_RDONLY)
