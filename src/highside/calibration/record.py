@@ -4,7 +4,9 @@ A record is JSON. Its id is the SHA-256 of its content written in one canonical 
 shortest decimal that reads back to the same double), so that a changed digit is a different record: `verify` recomputes
 it. The pose table and the request that was solved are part of the content; `recompute` solves them again.
 
-A record does not know whether it is in force: that is the store's business.
+A record does not know whether it is in force: that is the store's business. A laboratory may sign it (`signature`):
+the hash finds what was damaged, the signature also what was changed on purpose. It stands beside the content, not in
+it, so that a record keeps its id when it is signed.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any
@@ -24,6 +26,7 @@ from highside.calibration.correction import OUTSIDE_ZONE, Correction, LinearCorr
 from highside.calibration.poses import PoseSet
 from highside.calibration.result import SHARED_NAMES, BenchAccuracy, CalibrationResult
 from highside.calibration.schedule import ScheduledCorrection
+from highside.calibration.signature import RECORD, Signature, SignatureError, SigningKey, TrustedKeys, UnknownKeyError
 from highside.errors import InputError, Refused
 
 SCHEMA = "highside.calibration/1"
@@ -49,7 +52,11 @@ class RecordReason(StrEnum):
     """Why a record is refused."""
 
     TAMPERED = "tampered"
-    """its content does not give its id: somebody or something changed it"""
+    """its content does not give its id, or is not what was signed: somebody or something changed it"""
+    UNSIGNED = "unsigned"
+    """only signed records are accepted here"""
+    UNTRUSTED = "untrusted"
+    """signed, but not with one of the keys that are trusted here"""
     EXPIRED = "expired"
     WRONG_TOOL = "wrong_tool"
     """made for another tool or another serial number"""
@@ -134,6 +141,8 @@ class CalibrationRecord:
     """global correction beside the zones of a balance calibration"""
     guide: CalibrationResult | None
     """rough global correction by which zones are chosen where there is no fallback"""
+    signature: Signature | None = None
+    """who vouches for it; only `check_signature` says whether that holds"""
 
     @property
     def tool_id(self) -> str:
@@ -172,7 +181,29 @@ class CalibrationRecord:
 
     def to_json(self) -> str:
         """The file: readable, one line at the end; numbers as in the content."""
-        return json.dumps({"id": self.id, **self.content}, indent=1, sort_keys=True, allow_nan=False) + "\n"
+        beside: dict[str, Any] = {"id": self.id}
+        if self.signature is not None:
+            beside["signature"] = self.signature.to_dict()
+        return json.dumps({**beside, **self.content}, indent=1, sort_keys=True, allow_nan=False) + "\n"
+
+    def signed(self, key: SigningKey, *, now_s: float) -> CalibrationRecord:
+        """The same record with a signature of this key in place of any other. `now_s`: UTC epoch seconds."""
+        return replace(self, signature=key.sign(RECORD, self.id, to_utc(now_s)))
+
+    def check_signature(self, trusted: TrustedKeys) -> str:
+        """The trusted name of who signed it. Raises RecordError (unsigned, untrusted, tampered)."""
+        short = self.id[:12]
+        if self.signature is None:
+            raise RecordError(
+                RecordReason.UNSIGNED,
+                f"record {short} bears no signature, and only signed ones are accepted; see `highside keys sign`",
+            )
+        try:
+            return trusted.check(self.signature, RECORD, self.id)
+        except UnknownKeyError as error:
+            raise RecordError(RecordReason.UNTRUSTED, f"record {short} is {error}") from error
+        except SignatureError as error:
+            raise RecordError(RecordReason.TAMPERED, f"record {short}: {error}; use the original file") from error
 
 
 def canonical(content: Mapping[str, Any]) -> bytes:
@@ -255,7 +286,7 @@ def parse_record(text: str, *, where: str | None = None) -> CalibrationRecord:
     if not isinstance(data, dict) or "schema" not in data or "id" not in data:
         raise InputError("is no calibration record", where=where, remedy="give a file made by calibrate solve")
     at = f"{where}: " if where else ""
-    stated = data.pop("id")
+    stated, beside = data.pop("id"), data.pop("signature", None)
     if data["schema"] != SCHEMA:
         raise RecordError(RecordReason.UNKNOWN_SCHEMA, f"{at}schema {data['schema']!r}, this software reads {SCHEMA!r}")
     found = content_id(data)
@@ -273,7 +304,11 @@ def parse_record(text: str, *, where: str | None = None) -> CalibrationRecord:
             if found_units.get(name) != unit
         ]
         raise RecordError(RecordReason.UNIT_MISMATCH, f"{at}{', '.join(wrong) or 'unknown quantities'}")
-    return _typed(found, data, at)
+    try:
+        signature = None if beside is None else Signature.from_dict(beside)
+    except ValueError as error:
+        raise RecordError(RecordReason.TAMPERED, f"{at}the signature {error}; use the original file") from error
+    return replace(_typed(found, data, at), signature=signature)
 
 
 def _typed(record_id: str, content: Mapping[str, Any], at: str = "") -> CalibrationRecord:
@@ -310,14 +345,22 @@ def _no_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def verify(
-    record: CalibrationRecord, *, tool_id: str | None, serial: str | None = None, now_s: float | None = None
+    record: CalibrationRecord,
+    *,
+    tool_id: str | None,
+    serial: str | None = None,
+    now_s: float | None = None,
+    trusted: TrustedKeys | None = None,
 ) -> None:
     """Whether a record, already read, may be used for this tool now. Raises RecordError.
 
     `tool_id`, `serial`: None where the caller does not know. `valid_from` is not held against the clock: a tool that
-    boots with a clock of 1970 must not lose its calibration for it.
+    boots with a clock of 1970 must not lose its calibration for it. `trusted`: only records signed with one of these
+    keys; None: signed or not.
     """
     short = record.id[:12]
+    if trusted is not None:
+        record.check_signature(trusted)
     if tool_id is not None and record.tool_id != tool_id:
         raise RecordError(RecordReason.WRONG_TOOL, f"record {short} is of tool {record.tool_id!r}, not of {tool_id!r}")
     if serial is not None and record.serial is not None and record.serial != serial:

@@ -84,6 +84,9 @@ class FrameOfOutput(StrEnum):
 StoreOption = Annotated[Path, typer.Option("--store", help="Calibration store (a directory).")]
 ToolOption = Annotated[str | None, typer.Option("--tool", help="Name of the tool.")]
 SerialOption = Annotated[str | None, typer.Option("--serial", help="Serial number of the tool.")]
+TrustedOption = Annotated[
+    Path | None, typer.Option("--trusted", help="Only a record signed with one of these public keys.")
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print as JSON.")]
 Output = Annotated[Path, typer.Option("-o", "--output", help="File to write.")]
 
@@ -135,6 +138,7 @@ def solve(
     model: Annotated[
         Path | None, typer.Option("--model", help="Model file: its bench effects (`diagnose --write-model`).")
     ] = None,
+    key: Annotated[Path | None, typer.Option("--key", help="Sign the record with this key (`highside keys`).")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Solve a pose table and write a calibration record. Exit 1: something was refused (see what is said)."""
@@ -146,6 +150,12 @@ def solve(
         raise InputError(f"{gravity_mps2:g} m/s2 is not on this earth", field="--gravity-mps2", remedy="9.780 to 9.832")
     if expires_days is not None and not expires_days > 0.0:
         raise InputError("must be more than 0", field="--expires-days")
+    private = None
+    if key is not None:
+        from highside.cli.keys import signing_key
+
+        # before the work: a key that cannot be used is known at once
+        private = signing_key(key)
     request = SolveRequest(
         method.value,
         triples.value,
@@ -186,6 +196,8 @@ def solve(
         now_s=now,
         expires_s=None if expires_days is None else now + expires_days * DAY_S,
     )
+    if private is not None:
+        record = record.signed(private, now_s=now)
     _write_record(record, output)
     if store is not None:
         from highside.recording.calibration_store import CalibrationStore
@@ -269,16 +281,19 @@ def activate(
     tool: ToolOption = None,
     serial: SerialOption = None,
     force: Annotated[bool, typer.Option("--force", help="Even if the poses contradict one another.")] = False,
+    trusted: TrustedOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Put a record in force for its tool."""
     from highside.recording.calibration_store import CalibrationStore, contradiction
+    from highside.recording.keys import read_trusted_keys
 
     record = _find_record(target, store, None)
     doubt = contradiction(record)
     if doubt is not None and not force:
         raise Refused(f"{doubt} (or --force)")
-    entry = CalibrationStore(store).activate(record, now_s=time.time(), tool_id=tool, serial=serial)
+    keys = None if trusted is None else read_trusted_keys(trusted)
+    entry = CalibrationStore(store).activate(record, now_s=time.time(), tool_id=tool, serial=serial, trusted=keys)
     _say_entry(entry, as_json)
 
 
@@ -316,12 +331,16 @@ def history(store: StoreOption, tool: ToolOption = None, as_json: JsonOption = F
 
 
 @app.command()
-def rollback(store: StoreOption, tool: ToolOption = None, as_json: JsonOption = False) -> None:
+def rollback(
+    store: StoreOption, tool: ToolOption = None, trusted: TrustedOption = None, as_json: JsonOption = False
+) -> None:
     """Put the record in force that was so before the present one."""
     from highside.recording.calibration_store import CalibrationStore
+    from highside.recording.keys import read_trusted_keys
 
     kept = CalibrationStore(store)
-    _say_entry(kept.rollback(_only_tool(kept, tool), now_s=time.time()), as_json)
+    keys = None if trusted is None else read_trusted_keys(trusted)
+    _say_entry(kept.rollback(_only_tool(kept, tool), now_s=time.time(), trusted=keys), as_json)
 
 
 # --- poses ---------------------------------------------------------------------------------------------------
@@ -631,6 +650,7 @@ def _summary(record: CalibrationRecord) -> dict[str, Any]:
         "expires": record.content["expires"],
         "environment": dict(record.content["environment"]),
         "raw": dict(record.content["raw"]),
+        "signature": None if record.signature is None else record.signature.to_dict(),
         "software": dict(record.content["software"]),
         "poses": len(fit.ids),
         "poses_used": int(np.count_nonzero(used)),
@@ -706,6 +726,8 @@ def _summary_lines(s: dict[str, Any]) -> list[str]:
         f"poses     {s['poses_used']} of {s['poses']} used, rms residual {_ug(s['rms_residual_g'])},"
         f" noise of a reading {_ug(s['reading_noise_g'])}",
     ]
+    if s["signature"]:
+        lines.append(f"signed    {s['signature']['time']} by {s['signature']['signer']} (see `highside keys verify`)")
     worst = s["worst_pose"]
     if worst and worst["sigmas"] > 0.0:
         lines.append(f"worst     pose {worst['pose']}, {worst['sigmas']:.1f} sigma")

@@ -25,6 +25,7 @@ def certificate(
     as_left: Annotated[
         Path | None, typer.Option("--as-left", help="Poses measured afterwards; else those of the record.")
     ] = None,
+    key: Annotated[Path | None, typer.Option("--key", help="Sign the certificate with this key: OUTPUT.sig.")] = None,
 ) -> None:
     """Write a certificate: result, uncertainty budget (GUM, k = 2), as found / as left, method, poses, identity."""
     from highside.calibration.record import RecordError, RecordReason, to_utc
@@ -36,6 +37,11 @@ def certificate(
     from highside.report.certificate_conformity import verdict_lines
     from highside.report.certificate_inputs import Inputs
 
+    private = None
+    if key is not None:
+        from highside.cli.keys import signing_key
+
+        private = signing_key(key)
     record = read_record(record_file)
     fields = CertificateFields() if fields_file is None else load_certificate_fields(fields_file)
     previous = None if previous_file is None else read_record(previous_file)
@@ -48,5 +54,10 @@ def certificate(
     sheets = make(inputs)
     write_whole(output, sheets.html().encode())
     typer.echo(f"{output}: certificate of record {record.id[:12]}, {len(sheets.sheets())} pages")
+    if private is not None:
+        from highside.recording.keys import sign_file
+
+        beside = sign_file(output, private, now_s=time.time())
+        typer.echo(f"{beside}: signed by {private.name}")
     for line in verdict_lines(inputs):
         typer.echo(line)

@@ -23,6 +23,7 @@ from highside.cli import (
     drift,
     effects,
     export,
+    keys,
     replay,
     reproduce,
     rotation,
@@ -71,6 +72,7 @@ app.command()(run.run)
 app.command()(simulate.simulate)
 app.command()(effects.effects)
 app.command()(export.export)
+app.add_typer(keys.app)
 app.add_typer(toolface.app)
 app.command()(run.check)
 app.command()(run.schema)

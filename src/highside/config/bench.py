@@ -176,6 +176,12 @@ class StoreTable(Table):
     directory: Path = Field(default=Path("state/calibrations"), description="The calibration store.")
     sessions: Path = Field(default=Path("state/sessions"), description="The journals, one file a session.")
     expires_days: float | None = Field(default=None, gt=0)
+    signing_key: Path | None = Field(
+        default=None, description="Private key of the laboratory (`highside keys new`): the record is signed with it."
+    )
+    trusted_keys: Path | None = Field(
+        default=None, description="Public keys, one a line: only records signed with one of them are put in force."
+    )
 
 
 class SimulatedTable(Table):
@@ -243,6 +249,8 @@ PATHS = (
     ("bench", "turntable"),
     ("store", "directory"),
     ("store", "sessions"),
+    ("store", "signing_key"),
+    ("store", "trusted_keys"),
     ("web", "token_file"),
     ("web", "certificate"),
     ("mqtt", "password_file"),

@@ -108,6 +108,9 @@ class CalibrationSettings(Table):
 
     record: Path | None = Field(default=None, description="A calibration record (JSON).")
     store: Path | None = Field(default=None, description="A calibration store; its active record is used.")
+    trusted_keys: Path | None = Field(
+        default=None, description="Public keys, one a line: only a record signed with one of them is used."
+    )
     bias_std_g: float = Field(default=2e-3, ge=0, description="Offset of an uncalibrated sensor, 1 sigma.")
     scale_std: float = Field(default=3e-3, ge=0, description="Scale error of an uncalibrated sensor, 1 sigma.")
 
@@ -325,6 +328,7 @@ def _known_environment(where: str) -> None:
 PATH_FIELDS = {
     ("calibration", "record"),
     ("calibration", "store"),
+    ("calibration", "trusted_keys"),
     ("rotation", "compensation"),
     ("codec", "dbc"),
     ("link", "path"),

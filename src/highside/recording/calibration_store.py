@@ -31,6 +31,7 @@ from highside.calibration.record import (
     verify,
 )
 from highside.calibration.result import Reason
+from highside.calibration.signature import TrustedKeys
 from highside.errors import InputError
 from highside.recording.files import write_whole
 
@@ -62,18 +63,30 @@ def read_record(path: Path) -> CalibrationRecord:
 
 
 def load_record_file(
-    path: Path, *, tool_id: str | None, serial: str | None = None, now_s: float | None = None
+    path: Path,
+    *,
+    tool_id: str | None,
+    serial: str | None = None,
+    now_s: float | None = None,
+    trusted: TrustedKeys | None = None,
 ) -> Correction:
     """The correction of one record file, verified for this tool at this time (UTC epoch seconds)."""
     record = read_record(Path(path))
-    verify(record, tool_id=tool_id, serial=serial, now_s=now_s)
+    verify(record, tool_id=tool_id, serial=serial, now_s=now_s, trusted=trusted)
     return correction_from_record(record)
 
 
-def load_active(store_dir: Path, *, tool_id: str, serial: str | None = None, now_s: float | None = None) -> Correction:
+def load_active(
+    store_dir: Path,
+    *,
+    tool_id: str,
+    serial: str | None = None,
+    now_s: float | None = None,
+    trusted: TrustedKeys | None = None,
+) -> Correction:
     """The correction in force for a tool. Raises RecordError naming why there is none, InputError without a store."""
     record = CalibrationStore(store_dir).active(tool_id)
-    verify(record, tool_id=tool_id, serial=serial, now_s=now_s)
+    verify(record, tool_id=tool_id, serial=serial, now_s=now_s, trusted=trusted)
     return correction_from_record(record)
 
 
@@ -102,12 +115,14 @@ class CalibrationStore:
         self._activations = self.directory / "activations"
 
     def add(self, record: CalibrationRecord) -> bool:
-        """Keep a record; False if it was there already (same content, same name)."""
+        """Keep a record; False if it was there already (same content, same name). One that bears a signature replaces
+        the same record without that signature; a signature is never taken away."""
         path = self._record_path(record.id)
         with self._lock():
             if path.exists():
                 try:
-                    if read_record(path).id == record.id:
+                    kept = read_record(path)
+                    if kept.id == record.id and record.signature in (None, kept.signature):
                         return False
                 except (RecordError, InputError):
                     pass  # damaged on the disk: the good content is written again
@@ -138,17 +153,26 @@ class CalibrationStore:
         return sorted(path.stem for path in self._records.glob("*.json") if not path.name.startswith("."))
 
     def activate(
-        self, record: CalibrationRecord, *, now_s: float, tool_id: str | None = None, serial: str | None = None
+        self,
+        record: CalibrationRecord,
+        *,
+        now_s: float,
+        tool_id: str | None = None,
+        serial: str | None = None,
+        trusted: TrustedKeys | None = None,
     ) -> Activation:
-        """Put a record in force for its tool, after checking tool, serial and expiry. Raises RecordError."""
-        verify(record, tool_id=tool_id, serial=serial, now_s=now_s)
+        """Put a record in force for its tool, after checking tool, serial, expiry and, where keys are given, the
+        signature. Raises RecordError."""
+        verify(record, tool_id=tool_id, serial=serial, now_s=now_s, trusted=trusted)
         self.add(record)
         with self._lock():
             return self._append(record.tool_id, record.id, "activate", now_s, None)
 
-    def rollback(self, tool_id: str, *, now_s: float, expected: str | None = None) -> Activation:
+    def rollback(
+        self, tool_id: str, *, now_s: float, expected: str | None = None, trusted: TrustedKeys | None = None
+    ) -> Activation:
         """Put the record in force that was so before the present one. Raises RecordError where it cannot be, or where
-        that is not the one `expected` by whoever asks."""
+        that is not the one `expected` by whoever asks, or is not signed with a trusted key where keys are given."""
         with self._lock():
             stack = self._stack(tool_id)
             if len(stack) < 2:
@@ -161,7 +185,7 @@ class CalibrationStore:
                     RecordReason.NOTHING_BEFORE,
                     f"the store has changed: a roll back leads to {before.record_id[:12]}, not {expected[:12]}",
                 )
-            verify(self.get(before.record_id), tool_id=tool_id, now_s=now_s)
+            verify(self.get(before.record_id), tool_id=tool_id, now_s=now_s, trusted=trusted)
             return self._append(tool_id, before.record_id, "rollback", now_s, present.number)
 
     def active(self, tool_id: str) -> CalibrationRecord:

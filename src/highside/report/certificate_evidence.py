@@ -227,6 +227,11 @@ def identity(out: Sheets, inputs: Inputs) -> None:
     out.heading("Identity")
     out.code("Hash of the record (SHA-256):", record.id)
     out.code(f"Hash of the raw data (SHA-256), {raw['name']}:", raw["sha256"])
+    if record.signature is not None:
+        out.code(
+            f"The record was signed (ed25519) on {record.signature.time} by {record.signature.signer}, key:",
+            record.signature.key,
+        )
     out.paragraph(
         f"Made with {software['name']} {software['version']}. The record holds all poses; `highside calibrate show"
         " RECORD --recompute` solves them again and compares. This certificate is not to be reproduced except in full"

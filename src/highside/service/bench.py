@@ -82,7 +82,7 @@ class BenchDriver:
         directory = settings.store.sessions
         header = header_of(settings, session_name(directory, settings.tool.id, now), now, operator)
         journal = JournalFile.create(directory, header)
-        store = BenchStore(settings.store.directory, settings.tool.serial)
+        store = BenchStore.of(settings.store, settings.tool.serial)
         session = BenchSession(header, _keeper(journal), time.time, known_noise_g=settings.tool.noise_g, store=store)
         return cls(settings, session, journal, _bench(settings, 0), store)
 
@@ -99,7 +99,7 @@ class BenchDriver:
         journal, read = JournalFile.reopen(path)
         ledger = read.ledger()
         attempt = 1 + sum(isinstance(entry, Noted) and entry.code == "interrupted" for entry in read.entries)
-        store = BenchStore(settings.store.directory, settings.tool.serial)
+        store = BenchStore.of(settings.store, settings.tool.serial)
         noise = settings.tool.noise_g
         session = BenchSession(
             read.header, _keeper(journal), time.time, ledger=ledger, known_noise_g=noise, store=store

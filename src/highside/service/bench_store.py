@@ -6,13 +6,17 @@ reload, as ever.
 
 from __future__ import annotations
 
+import contextlib
 import time
 from pathlib import Path
 
 from highside.calibration.record import CalibrationRecord
+from highside.calibration.signature import SigningKey, TrustedKeys
+from highside.config.bench import StoreTable
 from highside.errors import HighsideError, InputError, Refused
 from highside.recording.calibration_store import CalibrationStore, contradiction
 from highside.recording.files import write_whole
+from highside.recording.keys import read_key, read_trusted_keys
 from highside.rotation.compensation import Compensation
 from highside.session.force import InForce, StoreError
 
@@ -20,14 +24,33 @@ from highside.session.force import InForce, StoreError
 class BenchStore:
     """Implements `session.force.Store` on a directory."""
 
-    def __init__(self, directory: Path, serial: str | None) -> None:
+    def __init__(
+        self,
+        directory: Path,
+        serial: str | None,
+        *,
+        signing_key: SigningKey | None = None,
+        trusted: TrustedKeys | None = None,
+    ) -> None:
         self.directory = directory
         self._store = CalibrationStore(directory)
         self._serial = serial
+        self._signing_key = signing_key
+        self._trusted = trusted
+
+    @classmethod
+    def of(cls, table: StoreTable, serial: str | None) -> BenchStore:
+        """As configured. Raises InputError for keys that cannot be read."""
+        return cls(
+            table.directory,
+            serial,
+            signing_key=None if table.signing_key is None else read_key(table.signing_key),
+            trusted=None if table.trusted_keys is None else read_trusted_keys(table.trusted_keys),
+        )
 
     def keep(self, record: CalibrationRecord) -> Path:
-        """Keep a record; where it is. Raises HighsideError."""
-        self._store.add(record)
+        """Keep a record, signed where there is a key; where it is. Raises HighsideError."""
+        self._store.add(self._signed(record))
         return self.directory / "records" / f"{record.id}.json"
 
     def in_force(self, tool_id: str) -> InForce:
@@ -43,7 +66,13 @@ class BenchStore:
             doubt = contradiction(record)
             if doubt is not None:
                 raise Refused(f"{doubt} (`highside calibrate activate --force` does it all the same)")
-            self._store.activate(record, now_s=time.time(), tool_id=record.tool_id, serial=self._serial)
+            self._store.activate(
+                self._signed(record),
+                now_s=time.time(),
+                tool_id=record.tool_id,
+                serial=self._serial,
+                trusted=self._trusted,
+            )
         except HighsideError as error:
             raise StoreError(str(error)) from error
         return self.in_force(record.tool_id)
@@ -51,10 +80,20 @@ class BenchStore:
     def rollback(self, tool_id: str, to: str) -> InForce:
         """See `Store`."""
         try:
-            self._store.rollback(tool_id, now_s=time.time(), expected=to)
+            self._store.rollback(tool_id, now_s=time.time(), expected=to, trusted=self._trusted)
         except HighsideError as error:
             raise StoreError(str(error)) from error
         return self.in_force(tool_id)
+
+    def _signed(self, record: CalibrationRecord) -> CalibrationRecord:
+        """With the signature it has in the store, or a new one; without a key, as it is."""
+        if self._signing_key is None:
+            return record
+        with contextlib.suppress(HighsideError):
+            kept = self._store.get(record.id)
+            if kept.signature is not None and kept.signature.key == self._signing_key.fingerprint:
+                return kept
+        return record.signed(self._signing_key, now_s=time.time())
 
 
 def keep_turntable(path: Path, compensation: Compensation) -> None:
