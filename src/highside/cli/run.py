@@ -86,11 +86,15 @@ def _calibration_of(settings: Settings, config: Path) -> str:
         if error.reason is not RecordReason.NONE_ACTIVE:
             raise
         typer.echo(
-            f"note: {error.text}: readings pass uncorrected; run `highside calibrate bench`, put its record in force"
+            f"note: {error.text}: readings pass uncorrected; run `highside calibrate bench`, put its record in force",
+            err=True,
         )
         return "none yet"
     except InputError as error:
-        field = "calibration.record" if settings.calibration.record is not None else "calibration.store"
+        calibration = settings.calibration
+        field = "calibration.record" if calibration.record is not None else "calibration.store"
+        if error.where == str(calibration.trusted_keys):
+            field = "calibration.trusted_keys"
         what = f"{error.where}: {error.what}" if error.where is not None else error.what
         remedy = error.remedy or "mend the path"
         raise InputError(what, where=str(config), field=field, remedy=remedy) from None

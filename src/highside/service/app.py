@@ -31,6 +31,7 @@ from highside.errors import HighsideError, InputError
 from highside.link.base import Batch, LinkReason, LinkState, LinkSupervisor
 from highside.recording.calibration_store import load_active, load_record_file
 from highside.recording.files import read_bytes
+from highside.recording.keys import read_trusted_keys
 from highside.rotation.compensation import Compensation
 from highside.rotation.live import LiveCompensation
 from highside.service import messages
@@ -598,10 +599,12 @@ def correction_of(settings: Settings) -> Correction:
     be read.
     """
     calibration, tool = settings.calibration, settings.tool
+    trusted = None if calibration.trusted_keys is None else read_trusted_keys(calibration.trusted_keys)
+    now_s = time.time()
     if calibration.record is not None:
-        return load_record_file(calibration.record, tool_id=tool.id, serial=tool.serial, now_s=time.time())
+        return load_record_file(calibration.record, tool_id=tool.id, serial=tool.serial, now_s=now_s, trusted=trusted)
     if calibration.store is not None:
-        return load_active(calibration.store, tool_id=tool.id, serial=tool.serial, now_s=time.time())
+        return load_active(calibration.store, tool_id=tool.id, serial=tool.serial, now_s=now_s, trusted=trusted)
     return _uncalibrated(settings)
 
 
