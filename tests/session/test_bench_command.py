@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import pty
 import select
 import signal
+import struct
 import subprocess
 import sys
 import termios
@@ -256,17 +258,58 @@ def test_the_live_picture_takes_single_keys_on_a_terminal(tmp_path: Path) -> Non
         seen = b""
 
     try:
-        wait_for(b"choose start")
+        wait_for(b"choose Start")
         os.write(master, b"s")
-        wait_for(b"start: done")
+        wait_for(b"Start: done")
         os.write(master, b"p")
         wait_for(b"Paused")
         os.write(master, b"g")
-        wait_for(b"resume: done")
+        wait_for(b"Go on: done")
         os.write(master, b"Q")
         wait_for(b"Aborted")
         assert process.wait(20) == 1
         assert termios.tcgetattr(slave) == before
+    finally:
+        process.kill()
+        process.wait()
+        os.close(master)
+        os.close(slave)
+
+
+def test_the_picture_stands_once_when_the_session_is_over(tmp_path: Path) -> None:
+    """What is said at the end is part of the picture: written past it, it left a second head behind."""
+    from screen import screen
+
+    pytest.importorskip("nicegui")
+    master, slave = pty.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 100, 0, 0))
+    process = subprocess.Popen(
+        arguments(tmp_path, "--operator", "ann", "--web", sets=[*QUICK, "web.port=0"]),
+        stdin=slave, stdout=slave, stderr=slave, env=os.environ | {"TERM": "xterm"},
+    )  # fmt: skip
+    seen = b""
+
+    def wait_for(text: bytes) -> None:
+        nonlocal seen
+        end = time.monotonic() + 40.0
+        while text not in seen:
+            assert time.monotonic() < end, (text, seen[-2000:])
+            if select.select([master], [], [], 0.2)[0]:
+                seen += os.read(master, 65536)
+
+    try:
+        wait_for(b"choose Start")
+        os.write(master, b"Q")
+        wait_for(b"until Ctrl-C")
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        process.wait(20)
+        while select.select([master], [], [], 0.2)[0]:
+            seen += os.read(master, 65536)
+        shown = screen(seen)
+        assert sum("highside  aborted" in line for line in shown) == 1, "\n".join(shown)
+        assert not any("highside  idle" in line for line in shown), "\n".join(shown)
+        assert sum("the session is over" in line for line in shown) == 1
     finally:
         process.kill()
         process.wait()

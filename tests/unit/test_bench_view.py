@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
 import xml.etree.ElementTree as ET
@@ -12,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import SecretStr
 
+from highside.cli.bench_face import picture
 from highside.config.web import WebTable
 from highside.errors import InputError
 from highside.session.snapshot import (
@@ -33,9 +35,10 @@ from highside.session.snapshot import (
     Uncertainty,
     VerdictRow,
     VerdictState,
+    table_reads,
 )
 from highside.web.access import Access
-from highside.web.drawings import bulls_eye, place, radius_of, table_reads
+from highside.web.drawings import bulls_eye, place, radius_of
 from highside.web.parts import STATES, parts_of
 
 ANGLES = st.floats(-180, 180, allow_nan=False)
@@ -181,6 +184,24 @@ def test_a_table_turned_the_other_way_reads_as_its_scales_do() -> None:
     assert table_reads(at, Target(pose="1", inc_deg=-30.0, tf_deg=20.0)) == (-30.0, 20.0)
     assert table_reads(at, Target(pose="1", inc_deg=30.0, tf_deg=20.0)) == (30.0, 200.0)
     assert table_reads(at, None) == (30.0, 200.0)
+
+
+@given(snapshots, attitudes)
+@settings(max_examples=60, deadline=None)
+def test_terminal_and_page_show_the_same_setting_in_every_state(shown: Snapshot, at: Attitude) -> None:
+    """A negative inclination is the table turned the other way, also before the session has begun."""
+    from rich.console import Console
+
+    shown = shown.model_copy(update={"attitude": at, "result": None})
+    inc, tf = table_reads(at, shown.target)
+    console = Console(width=300, height=200, file=io.StringIO(), record=True)
+    console.print(picture(shown))
+    terminal = next(line for line in console.export_text().splitlines() if line.startswith("now"))
+    page = parts_of(shown).numbers
+    for face in (terminal, page):
+        assert re.search(rf"(?<![\d.-]){re.escape(f'{inc:.2f}')}°", face), (inc, face)
+        assert tf is None or re.search(rf"(?<![\d.-]){re.escape(f'{tf:.2f}')}°", face), (tf, face)
+    assert (tf is None) == ("undefined" in terminal)
 
 
 @given(st.text(min_size=1, max_size=40))

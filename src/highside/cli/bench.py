@@ -14,6 +14,7 @@ import typer
 from highside.errors import InputError
 
 if TYPE_CHECKING:
+    from highside.cli.bench_face import PlainFace, RichFace
     from highside.service.bench import BenchDriver
     from highside.session.snapshot import Snapshot
     from highside.web.server import BenchPage
@@ -92,7 +93,7 @@ async def _run(driver: BenchDriver, *, auto: bool, web: bool, plain: bool, opera
     # who looks on from elsewhere may still want the report, the certificate, or the calibration in force
     stay = not auto and (page is not None or driver.settings.mqtt is not None)
     running = asyncio.create_task(driver.run(stay=stay))
-    telling = asyncio.create_task(_say_when_ended(driver, page is not None, stay))
+    telling = asyncio.create_task(_say_when_ended(driver, face, page is not None, stay))
     try:
         # the first to end is the session itself, or the fault of a face
         while not running.done():
@@ -128,13 +129,13 @@ async def _page(driver: BenchDriver, operator: str) -> BenchPage:
     return page
 
 
-async def _say_when_ended(driver: BenchDriver, page: bool, stay: bool) -> None:
+async def _say_when_ended(driver: BenchDriver, face: PlainFace | RichFace, page: bool, stay: bool) -> None:
     """What stays until Ctrl-C."""
     await driver.ended.wait()
     if not stay:
         return
     what = "the bench page stays" if page else "commands at the broker are answered"
-    typer.echo(f"the session is over; {what} until Ctrl-C", err=True)
+    face.say(f"the session is over; {what} until Ctrl-C")
 
 
 async def _operate(driver: BenchDriver, *, commands: bool) -> None:

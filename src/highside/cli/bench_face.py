@@ -20,29 +20,26 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel, ValidationError
 
 from highside.printable import printable
-from highside.session.snapshot import Command, CommandName, PoseState, Snapshot, VerdictRow, VerdictState
+from highside.session.labels import LABELS, label, understood
+from highside.session.snapshot import (
+    Command,
+    CommandName,
+    PoseState,
+    Snapshot,
+    VerdictRow,
+    VerdictState,
+    table_reads,
+)
 
 if TYPE_CHECKING:
     from rich.console import Group
+    from rich.live import Live
     from rich.table import Table
 
     from highside.session.driver import SessionDriver
 
-KEYS = {
-    "s": CommandName.START,
-    " ": CommandName.CAPTURE,
-    "r": CommandName.REDO,
-    "k": CommandName.SKIP,
-    "u": CommandName.UNDO,
-    "p": CommandName.PAUSE,
-    "g": CommandName.RESUME,
-    "a": CommandName.ACCEPT,
-    "x": CommandName.REJECT,
-    "Q": CommandName.ABORT,
-    "F": CommandName.ACTIVATE,
-    "B": CommandName.ROLLBACK,
-}
-"""Letters of the live picture; what cannot be undone is a capital, so that no glove hits it."""
+KEYS = {key: name for name, (_, key) in LABELS.items()}
+"""Letters of the live picture."""
 PLAIN_EVERY_S = 5.0
 BAR = 30
 
@@ -69,11 +66,18 @@ class _Face:
             self.answer = f"{word!r} is no name of a {'record' if which == 'confirm' else 'pose'}"
             return
         reply = await self.driver.command(command)
-        self.answer = printable(f"{name.value}: {reply.text}")
+        self.answer = printable(f"{label(name)}: {reply.text}")
+
+    def say(self, text: str) -> None:
+        """Tell whoever sits here something that is no part of the session."""
+        raise NotImplementedError
 
 
 class PlainFace(_Face):
     """Lines: one when something changes, one every few seconds while nothing does; words in (`redo 3`)."""
+
+    def say(self, text: str) -> None:
+        print(text, file=sys.stderr, flush=True)  # noqa: T201
 
     async def run(self) -> None:
         reader = asyncio.create_task(self._words()) if self.listen else None
@@ -121,15 +125,15 @@ class PlainFace(_Face):
             return  # a file or nothing at all: nobody types there
         try:
             while True:
-                words = (await lines.get()).split()
-                if not words:
+                line = await lines.get()
+                if not line.strip():
                     continue
-                try:
-                    name = CommandName(words[0].lower())
-                except ValueError:
-                    print(f"? {words[0]}: one of {', '.join(CommandName)}", flush=True)  # noqa: T201
+                meant = understood(line)
+                if meant is None:
+                    known = ", ".join(label(name) for name in CommandName)
+                    print(f"? {line.split()[0]!r}: one of {known}", flush=True)  # noqa: T201
                     continue
-                await self.send(name, words[1] if len(words) > 1 else None)
+                await self.send(*meant)
                 print(f"> {self.answer}", flush=True)  # noqa: T201
         finally:
             loop.remove_reader(descriptor)
@@ -139,6 +143,19 @@ class RichFace(_Face):
     """The live picture; single keys in. `F` and `B`, which put calibrations in force, are pressed twice."""
 
     _asked: tuple[CommandName, str | None] | None = None
+    _live: Live | None = None
+    _note = ""
+
+    def say(self, text: str) -> None:
+        """Within the picture: a line written past it would be in its way, and its head stay behind."""
+        self._note = text
+        self._draw(self.driver.snapshot())
+
+    def _draw(self, snapshot: Snapshot) -> None:
+        if self._live is not None:
+            self._live.update(
+                picture(for_terminal(snapshot), "\n".join(filter(None, (self.answer, self._note)))), refresh=True
+            )
 
     async def run(self) -> None:
         from rich.console import Console
@@ -148,10 +165,11 @@ class RichFace(_Face):
         try:
             # what stands in brackets in a name is no mark-up
             console = Console(markup=False, emoji=False)
-            with Live(console=console, refresh_per_second=8, auto_refresh=False, transient=False) as live:
+            with Live(console=console, refresh_per_second=8, auto_refresh=False, transient=False) as self._live:
                 async for snapshot in self.driver.subscribe(8.0):
-                    live.update(picture(for_terminal(snapshot), self.answer), refresh=True)
+                    self._draw(snapshot)
         finally:
+            self._live = None
             if keys is not None:
                 keys.cancel()
                 with contextlib.suppress(asyncio.CancelledError):
@@ -223,7 +241,7 @@ def picture(snapshot: Snapshot, answer: str = "") -> Group:
     for fault in snapshot.faults:
         head.append(f"\n{fault.text} {fault.detail}".rstrip(), style="red")
     keys = "  ".join(
-        f"[{'space' if key == ' ' else key}] {name}" for key, name in KEYS.items() if name in snapshot.allowed
+        f"[{'space' if key == ' ' else key}] {label(name)}" for key, name in KEYS.items() if name in snapshot.allowed
     )
     foot = Text(keys, style="dim")
     if answer:
@@ -267,8 +285,11 @@ def _gauges(snapshot: Snapshot) -> Table:
     table = Table.grid(padding=(0, 2))
     attitude, deviation = snapshot.attitude, snapshot.deviation
     if attitude is not None:
-        tf = "undefined" if attitude.tf_deg is None else f"{attitude.tf_deg:8.3f}°"
-        table.add_row("now", f"I {attitude.inc_deg:8.3f}°   T {tf}   |g| {attitude.g_total:.5f}")
+        inc, tf = table_reads(attitude, snapshot.target)
+        shown = "undefined" if tf is None else f"{tf:7.2f}°"
+        table.add_row("now", f"I {inc:7.2f}°   T {shown}   |g| {attitude.g_total:.5f}")
+    else:
+        table.add_row("now", "no reading")
     if deviation is not None:
         table.add_row("off target", f"{deviation.angle_deg:.3f}° (taken within {deviation.tolerance_deg:.2f}°)")
     if snapshot.stillness is not None:

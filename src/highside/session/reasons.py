@@ -27,7 +27,7 @@ class Rejection(_Said):
     SHAKEN = "shaken", "The readings shook more than this sensor does at rest. Look for vibration near the bench."
     CREEPING = "creeping", "The reading drifted during the hold: clamp the table, then wait until it has settled."
     WRONG_POSE = "wrong_pose", "The tool left the pose it was asked for before the measurement was done."
-    REPEATED = "repeated", "This pose has been measured already. Turn to the pose shown, or choose `redo`."
+    REPEATED = "repeated", "This pose has been measured already. Turn to the pose shown, or choose Redo."
     TOO_SHORT = "too_short", "The hold was too short to average. Leave the tool until the bar is full."
     DATA_LOST = "data_lost", "The tool's data stopped during the hold. Check the cable; the pose is measured again."
     FROZEN = (

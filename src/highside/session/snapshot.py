@@ -281,6 +281,14 @@ class Snapshot(_Model):
         return None
 
 
+def table_reads(attitude: Attitude, target: Target | None) -> tuple[float, float | None]:
+    """I and T as the bench's scales count them on the way to a target: a table that is to turn the other way (negative
+    inclination) has the opposite toolface. What every face shows as the present setting."""
+    if target is None or target.inc_deg >= 0:
+        return attitude.inc_deg, attitude.tf_deg
+    return -attitude.inc_deg, None if attitude.tf_deg is None else (attitude.tf_deg + 180.0) % 360.0
+
+
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
 

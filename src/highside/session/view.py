@@ -8,6 +8,7 @@ import numpy as np
 
 from highside.session import checks
 from highside.session.guidance import Candidate, attitude_of, deviation_of, instruction, setting
+from highside.session.labels import label
 from highside.session.ledger import PoseLine
 from highside.session.outcome import Solved
 from highside.session.reasons import Fault
@@ -16,6 +17,7 @@ from highside.session.snapshot import (
     Attitude,
     Capture,
     ClosureState,
+    CommandName,
     Deviation,
     FaultState,
     ForceState,
@@ -110,10 +112,15 @@ class View:
             for c in closures
         ]
 
+    @property
+    def _silent(self) -> bool:
+        """Nothing comes from the tool: what it said last is no present value."""
+        return any(fault in self._session.faults for fault in (Fault.NO_DATA, Fault.LINK_DOWN))
+
     def _where(self, target: Candidate | None) -> tuple[Attitude | None, Deviation | None]:
         session = self._session
         window = session.tracker.latest
-        if window is None or Fault.NO_DATA in session.faults:
+        if window is None or self._silent:
             return None, None
         deviation = None
         if target is not None:
@@ -122,7 +129,7 @@ class View:
 
     def _stillness(self) -> Stillness | None:
         tracker = self._session.tracker
-        if not tracker.trace:
+        if not tracker.trace or self._silent:
             return None
         noise = tracker.floor.value
         return Stillness(
@@ -201,9 +208,9 @@ def prompt(session: BenchSession, target: Candidate | None, deviation: Deviation
     if state is State.IDLE:
         judged = session.plan.criterion
         what = session.plan.title if judged is None else f"{session.plan.title} of calibration {judged.record[:12]}"
-        return f"Clamp the tool, check that the table is level, then choose start ({what})."
+        return f"Clamp the tool, check that the table is level, then choose {label(CommandName.START)} ({what})."
     if state is State.PAUSED:
-        return "Paused: choose resume to go on; what has been measured is kept."
+        return f"Paused: choose {label(CommandName.RESUME)}; what has been measured is kept."
     for fault in (Fault.STORAGE, Fault.LINK_DOWN, Fault.NO_DATA, Fault.FROZEN, Fault.MIRRORED, Fault.NO_TEMPERATURE):
         if fault in session.faults:
             return fault.text

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from html import escape
 
-from highside.session.snapshot import Attitude, Deviation, Snapshot, Stillness, Target, Uncertainty
+from highside.session.snapshot import Attitude, Deviation, Snapshot, Stillness, Target, Uncertainty, table_reads
 
 RADIUS = 100.0
 RINGS_DEG = (1.0, 10.0, 90.0)
@@ -68,14 +68,6 @@ def place(deviation: Deviation, target: Target) -> tuple[float, float]:
     if size < 1e-9:
         return 0.0, -r
     return -r * across / size, r * deviation.inc_deg / size
-
-
-def table_reads(attitude: Attitude, target: Target | None) -> tuple[float, float | None]:
-    """I and T as the bench's scales count them on the way to a target: a table that is to turn the other way (negative
-    inclination) has the opposite toolface."""
-    if target is None or target.inc_deg >= 0:
-        return attitude.inc_deg, attitude.tf_deg
-    return -attitude.inc_deg, None if attitude.tf_deg is None else (attitude.tf_deg + 180.0) % 360.0
 
 
 def dial(attitude: Attitude | None, target: Target | None) -> str:

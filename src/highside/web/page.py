@@ -20,27 +20,13 @@ from nicegui.events import KeyEventArguments
 from pydantic import ValidationError
 
 from highside.session.driver import SessionDriver
+from highside.session.labels import LABELS
 from highside.session.snapshot import Command, CommandName, PoseState, Snapshot, State
 from highside.web.parts import Parts, parts_of
 
 SEEN_TIMEOUT_S = 10.0
 """A browser that has not drawn for so long is asked again."""
 
-LABELS = {
-    CommandName.START: ("Start", "s"),
-    CommandName.CAPTURE: ("Take now", " "),
-    CommandName.ACCEPT: ("Accept", "a"),
-    CommandName.RESUME: ("Go on", "g"),
-    CommandName.PAUSE: ("Pause", "p"),
-    CommandName.REDO: ("Redo last", "r"),
-    CommandName.SKIP: ("Skip", "k"),
-    CommandName.UNDO: ("Undo", "u"),
-    CommandName.REJECT: ("Reject", "x"),
-    CommandName.ABORT: ("Abort", "Q"),
-    CommandName.ACTIVATE: ("Put in force", "F"),
-    CommandName.ROLLBACK: ("Roll back", "B"),
-}
-"""Words and keys, those of the terminal; what cannot be undone is a capital, so that no glove hits it."""
 GO = frozenset({CommandName.START, CommandName.ACCEPT, CommandName.RESUME, CommandName.CAPTURE, CommandName.ACTIVATE})
 ASKED = {
     CommandName.ABORT: "End the session without a result? What was measured stays in the journal.",
