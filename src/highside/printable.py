@@ -7,6 +7,9 @@ goes through `printable` on its way to either. The log's formatter does it for e
 
 from __future__ import annotations
 
+LONGEST_LINE = 2000
+"""Characters of a line for people."""
+
 
 def printable(text: str) -> str:
     """`text` in one line, each character that is not printed as itself written as its escape (`\\x1b`, `\\u202e`).
@@ -20,8 +23,14 @@ def printable(text: str) -> str:
 
 
 def one_line(text: str) -> str:
-    """The same with white space of any kind, line breaks too, drawn together to one space."""
-    return printable(" ".join(text.split()))
+    """The same with white space of any kind, line breaks too, drawn together to one space.
+
+    Too long a line loses its middle: what is quoted may be a whole file that has no line end.
+    """
+    line = " ".join(text.split())
+    if len(line) > LONGEST_LINE:
+        line = f"{line[: LONGEST_LINE * 3 // 4]} ... {line[-LONGEST_LINE // 4 :]}"
+    return printable(line)
 
 
 _SPACES = frozenset("\u00a0\u2007\u2009\u202f\u3000")

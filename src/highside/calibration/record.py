@@ -28,6 +28,7 @@ from highside.calibration.result import SHARED_NAMES, BenchAccuracy, Calibration
 from highside.calibration.schedule import ScheduledCorrection
 from highside.calibration.signature import RECORD, Signature, SignatureError, SigningKey, TrustedKeys, UnknownKeyError
 from highside.errors import InputError, Refused
+from highside.reading import MALFORMED, parse_json
 
 SCHEMA = "highside.calibration/1"
 UNITS = {
@@ -268,23 +269,19 @@ def build_record(
         "guide": None if guide is None else guide.to_dict(),
     }
     # through JSON and back, so that what is used now is exactly what will be read later
-    content = json.loads(canonical(content))
+    content = parse_json(canonical(content))
     return _typed(content_id(content), content)
 
 
-def parse_record(text: str, *, where: str | None = None) -> CalibrationRecord:
+def parse_record(text: str | bytes, *, where: str | None = None) -> CalibrationRecord:
     """Read and check a record's own integrity: schema, hash, units, structure.
 
     Raises InputError for what is no record at all, RecordError for one that is refused.
     """
-    try:
-        data = json.loads(text, parse_constant=_no_constant, object_pairs_hook=_no_repeated_keys)
-    except (ValueError, RecursionError) as error:
-        raise InputError(
-            f"is no calibration record ({error})", where=where, remedy="give a file made by calibrate solve"
-        ) from error
+    remedy = "give a file made by calibrate solve"
+    data = parse_json(text, where=where, kind="calibration record", remedy=remedy)
     if not isinstance(data, dict) or "schema" not in data or "id" not in data:
-        raise InputError("is no calibration record", where=where, remedy="give a file made by calibrate solve")
+        raise InputError("is no calibration record", where=where, remedy=remedy)
     at = f"{where}: " if where else ""
     stated, beside = data.pop("id"), data.pop("signature", None)
     if data["schema"] != SCHEMA:
@@ -325,23 +322,12 @@ def _typed(record_id: str, content: Mapping[str, Any], at: str = "") -> Calibrat
         trial = correction_from_record(record).correct((0.1, 0.2, 0.97))
         if OUTSIDE_ZONE not in trial.flags and not all(map(math.isfinite, (*trial[:3], *trial.cov))):
             raise ValueError("a corrected reading is no number")
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError, InputError) as error:
+    except (*MALFORMED, InputError) as error:
         detail = f"{type(error).__name__}: {error}"
         raise RecordError(
             RecordReason.MALFORMED, f"{at}parts are missing or contradict one another ({detail})"
         ) from error
     return record
-
-
-def _no_constant(name: str) -> float:
-    raise ValueError(f"{name} is not a number")
-
-
-def _no_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    out = dict(pairs)
-    if len(out) != len(pairs):
-        raise ValueError("a key is given twice")
-    return out
 
 
 def verify(

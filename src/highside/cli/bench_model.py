@@ -31,7 +31,7 @@ def correct_poses_by_model(table: Table, path: Path) -> tuple[Table, str, tuple[
     from highside.physics.effect import Stage
     from highside.physics.forward import ForwardModel
     from highside.physics.state import ChainState
-    from highside.recording.files import read_bytes
+    from highside.reading import read_bytes
 
     forward = load_model(path).forward()
     bench = {e.id: p for e, p in forward.effects if e.stage in (Stage.POSE, Stage.GRAVITY) and not e.random}

@@ -420,7 +420,7 @@ def _read_table(path: Path, kind: type[Table], known: tuple[str, ...]) -> tuple[
     """A table whose mandatory columns are asked for later (they depend on the request), and the hash of its file."""
     import hashlib
 
-    from highside.recording.files import read_bytes
+    from highside.reading import read_bytes
 
     asked: type[Table] = type("Asked", (kind,), {"known": known, "mandatory": (), "rows_are": "rows"})
     return asked.read(path), hashlib.sha256(read_bytes(path)).hexdigest()

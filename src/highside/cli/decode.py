@@ -98,7 +98,7 @@ def decode_recording(file: Path, codec: str | None, config: Path | None) -> Reco
 
 def _decode_bytes(path: Path, codec: ByteCodec | CanCodec) -> _Decoded:
     from highside.errors import InputError
-    from highside.recording.files import read_bytes
+    from highside.reading import read_bytes
     from highside.recording.wire import WireKind, detect_kind, read_segments
 
     kind = detect_kind(path)

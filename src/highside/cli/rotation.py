@@ -86,7 +86,8 @@ def fit_command(
     """Fit each error of a recording against the rotor angle and write a compensation."""
     import hashlib
 
-    from highside.recording.files import read_bytes, write_whole
+    from highside.reading import read_bytes
+    from highside.recording.files import write_whole
     from highside.rotation import Compensation, FitOptions, Method, NetworkInput, Validity, fit
 
     table = _read(recording)

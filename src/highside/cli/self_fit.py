@@ -59,7 +59,8 @@ def fit_self(
 
     import numpy as np
 
-    from highside.recording.files import read_bytes, write_whole
+    from highside.reading import read_bytes
+    from highside.recording.files import write_whole
     from highside.rotation import Compensation, Validity
     from highside.rotation.self_reference import GyroDoubt
     from highside.rotation.self_turntable import self_turntable

@@ -44,7 +44,8 @@ def turntable(
     import numpy as np
 
     from highside.attitude.angles import wrap_signed
-    from highside.recording.files import read_bytes, write_whole
+    from highside.reading import read_bytes
+    from highside.recording.files import write_whole
     from highside.recording.table import Table
     from highside.rotation.turntable import fit_turntable
 
@@ -101,7 +102,7 @@ def correct_poses(table: Table, path: Path) -> tuple[Table, str]:
 
 def read_compensation(path: Path) -> Compensation:
     """A compensation from its file; see `Compensation.from_json`."""
-    from highside.recording.files import read_bytes
+    from highside.reading import read_bytes
     from highside.rotation import Compensation
 
-    return Compensation.from_json(read_bytes(path).decode("utf-8", errors="replace"), where=str(path))
+    return Compensation.from_json(read_bytes(path), where=str(path))

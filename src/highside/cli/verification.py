@@ -106,7 +106,7 @@ def read_poses(path: Path, *, reference: str = "pose") -> PoseSet:
     """The poses of a table, or those that a bench session accepted. Raises InputError."""
     from highside.calibration.poses import PoseSet
     from highside.cli.calibrate import _pose_columns, _read_pose_table
-    from highside.recording.files import read_bytes
+    from highside.reading import read_bytes
     from highside.service.bench_journal import SUFFIX
     from highside.session.journal import read_journal
 

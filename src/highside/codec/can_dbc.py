@@ -19,6 +19,10 @@ from typing import Any
 from highside.codec.axes import AxisMap
 from highside.codec.frame import FRAME_COLUMNS, NAN, CanFrame, Counts, Frame
 from highside.errors import InputError
+from highside.reading import check_dbc
+
+LONGEST_SIGNAL_BITS = 512
+"""The payload of a CAN FD frame. What J1939 sends in pieces has longer signals, all of them texts."""
 
 Extract = Callable[[int, int], float]
 """(payload as big-endian number, as little-endian number) -> physical value"""
@@ -36,7 +40,8 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One message of a DBC file. Signals that reach beyond its length are left out: nobody can decode them."""
+    """One message of a DBC file. Signals that reach beyond its length, or are longer than a frame of CAN FD, are left
+    out: nobody can decode them as a number."""
 
     name: str
     can_id: int
@@ -55,17 +60,20 @@ def compile_dbc(text: str, *, where: str = "DBC") -> dict[str, Message]:
     """Messages by name. Raises InputError naming `where` if the text is no DBC file."""
     import cantools
 
+    check_dbc(text, where=where)
     try:
         database = cantools.database.can.Database(strict=False)
         database.add_dbc_string(text)
+        return {message.name: _compile(message) for message in database.messages}
     except Exception as error:
         # the library raises errors of its own, of its parser and of the language, all for the same reason
-        raise InputError(f"is not a readable DBC file: {error}", where=where, remedy="mend the file") from None
-    return {message.name: _compile(message) for message in database.messages}
+        what = str(error) or type(error).__name__
+        raise InputError(f"is not a readable DBC file: {what}", where=where, remedy="mend the file") from None
 
 
 def _compile(message: Any) -> Message:
-    compiled = (_compile_signal(signal, message.length) for signal in message.signals)
+    numbers = (signal for signal in message.signals if 0 < signal.length <= LONGEST_SIGNAL_BITS)
+    compiled = (_compile_signal(signal, message.length) for signal in numbers)
     signals = {signal.name: signal for signal in compiled if signal.bytes_needed <= message.length}
     return Message(
         message.name,

@@ -6,7 +6,6 @@ column that is recorded and otherwise left alone. `axes` says which of the maker
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -20,7 +19,7 @@ from highside.codec.tool import ToolCodec
 from highside.codec.tool_can import ToolCanCodec
 from highside.codec.vn100 import Vn100Codec
 from highside.errors import InputError
-from highside.recording.files import read_bytes
+from highside.reading import parse_toml, read_bytes
 from highside.recording.table import RECORDING_COLUMNS
 
 _NOT_MEASURED = frozenset(RECORDING_COLUMNS) - frozenset(FRAME_COLUMNS)
@@ -267,10 +266,7 @@ def codec_from_file(path: Path, name: str) -> CodecConfig:
     if name not in CODEC_NAMES:
         raise InputError(f"no codec {name!r}", field="--codec", remedy=f"allowed: {', '.join(CODEC_NAMES)}")
     where = str(path)
-    try:
-        document = tomllib.loads(read_bytes(path).decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"is not valid TOML: {error}", where=where, remedy="mend that line") from None
+    document = parse_toml(read_bytes(path), where=where)
     table = document.get("codec")
     if not isinstance(table, dict):
         raise InputError("has no [codec] table", where=where, remedy=f'add one with name = "{name}"')

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import difflib
 import os
-import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self, get_args
@@ -34,6 +33,7 @@ from highside.config.rig import (
     WitsConfig,
 )
 from highside.errors import InputError
+from highside.reading import parse_toml, read_bytes
 
 ENVIRONMENT_PREFIX = "HIGHSIDE__"
 
@@ -239,21 +239,7 @@ class _FileSource(PydanticBaseSettingsSource):
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Parse a TOML file. Raises InputError that names the file and the line."""
-    try:
-        with path.open("rb") as file:
-            return tomllib.load(file)
-    except FileNotFoundError:
-        raise InputError("no such file", where=str(path), remedy="give the path of a TOML file") from None
-    except IsADirectoryError:
-        raise InputError("is a directory", where=str(path), remedy="give the path of a TOML file") from None
-    except PermissionError:
-        raise InputError("cannot be read by this user", where=str(path), remedy="check its permissions") from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", where=str(path)) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"is not valid TOML: {error}", where=str(path), remedy="mend that line") from None
-    except RecursionError:
-        raise InputError("is not valid TOML: nested too deep", where=str(path), remedy="take brackets away") from None
+    return parse_toml(read_bytes(path), where=str(path))
 
 
 def parse_overrides(overrides: list[str]) -> dict[str, Any]:
@@ -265,8 +251,8 @@ def parse_overrides(overrides: list[str]) -> dict[str, Any]:
         if not separator or not all(keys):
             raise InputError("is not of the form key.path=value", where="--set", field=item)
         try:
-            parsed = tomllib.loads(f"v = {text}")
-        except (tomllib.TOMLDecodeError, RecursionError):
+            parsed = parse_toml(f"v = {text}")
+        except InputError:
             parsed = {}
         value = parsed["v"] if set(parsed) == {"v"} else text
         table = tables

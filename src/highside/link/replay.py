@@ -22,8 +22,8 @@ from highside.codec.frame import CanFrame
 from highside.errors import InputError
 from highside.link.base import Chunk, Clock, Deliver, LinkError, LinkReason, SystemClock
 from highside.link.wire import Wire
+from highside.reading import open_binary
 from highside.recording.candump import read_candump
-from highside.recording.files import open_binary
 from highside.recording.wire import WireKind, detect_kind, read_segments
 
 FRAMES_PER_BATCH = 256

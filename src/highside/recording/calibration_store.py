@@ -33,6 +33,7 @@ from highside.calibration.record import (
 from highside.calibration.result import Reason
 from highside.calibration.signature import TrustedKeys
 from highside.errors import InputError
+from highside.reading import MALFORMED, parse_json, read_bytes
 from highside.recording.files import write_whole
 
 MIN_ID_PREFIX = 6
@@ -53,13 +54,7 @@ class Activation:
 
 def read_record(path: Path) -> CalibrationRecord:
     """Read a record file and check its hash, schema and units. Raises InputError or RecordError."""
-    try:
-        text = path.read_text("utf-8")
-    except UnicodeDecodeError as error:
-        raise InputError("is no calibration record (not text)", where=str(path)) from error
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", where=str(path)) from error
-    return parse_record(text, where=str(path))
+    return parse_record(read_bytes(path), where=str(path))
 
 
 def load_record_file(
@@ -284,7 +279,7 @@ class CalibrationStore:
 
 def _read_activation(path: Path) -> Activation:
     try:
-        data = json.loads(path.read_text("utf-8"))
+        data = parse_json(read_bytes(path))
         entry = Activation(
             number=int(data["number"]),
             tool_id=str(data["tool"]),
@@ -293,8 +288,8 @@ def _read_activation(path: Path) -> Activation:
             at_s=from_utc(data["at"]),
             undoes=data["undoes"],
         )
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise RecordError(RecordReason.MALFORMED, f"{path}: not an activation ({type(error).__name__})") from error
+    except (*MALFORMED, InputError) as error:
+        raise RecordError(RecordReason.MALFORMED, f"{path}: not an activation ({error})") from error
     if entry.action not in ("activate", "rollback") or path.stem != f"{entry.number:08d}":
         raise RecordError(RecordReason.MALFORMED, f"{path}: not an activation")
     return entry

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from highside.codec.frame import CanFrame
 from highside.errors import InputError
-from highside.recording.files import read_bytes
+from highside.reading import read_bytes
 
 ERROR_FLAG = 0x20000000
 _LINE = re.compile(

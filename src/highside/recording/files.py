@@ -1,4 +1,4 @@
-"""Reading and writing whole files: plain or gzipped by their name, never half-written, errors in one line."""
+"""Writing whole files, plain or gzipped by their name, never half-written; setting damaged ones aside."""
 
 from __future__ import annotations
 
@@ -7,42 +7,10 @@ import gzip
 import io
 import os
 import secrets
-import zlib
+import time
 from pathlib import Path
-from typing import BinaryIO
 
 from highside.errors import InputError
-
-
-def open_binary(path: Path) -> BinaryIO:
-    """Open for reading, through gzip if the content says so. Raises InputError that names the file."""
-    try:
-        file = path.open("rb")
-    except FileNotFoundError:
-        raise InputError("no such file", where=str(path)) from None
-    except IsADirectoryError:
-        raise InputError("is a directory, not a file", where=str(path)) from None
-    except PermissionError:
-        raise InputError("cannot be read by this user", where=str(path), remedy="check its permissions") from None
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror}", where=str(path)) from None
-    with contextlib.suppress(OSError, ValueError):
-        magic = file.read(2)
-        file.seek(0)
-        if magic == b"\x1f\x8b":
-            return gzip.GzipFile(fileobj=file, mode="rb")  # type: ignore[return-value]
-    return file
-
-
-def read_bytes(path: Path) -> bytes:
-    """The whole content, unzipped. Raises InputError for a missing file or a damaged gzip stream."""
-    with open_binary(path) as file:
-        try:
-            return file.read()
-        except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-            raise InputError(f"is a damaged gzip file: {error}", where=str(path)) from None
-        except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror or error}", where=str(path)) from None
 
 
 def write_whole(path: Path, data: bytes) -> None:
@@ -88,3 +56,19 @@ def write_whole(path: Path, data: bytes) -> None:
         if beside is not None:
             with contextlib.suppress(OSError):
                 Path(beside).unlink()
+
+
+def set_aside(path: Path) -> Path | None:
+    """Rename a damaged file to NAME.damaged-TIMESTAMP (UTC), so that its owner goes on without it and it can be looked
+    at. Returns the new name; None where the file is gone, or its directory cannot be written: then it stays."""
+    stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+    aside = path.with_name(f"{path.name}.damaged-{stamp}")
+    count = 1
+    while os.path.lexists(aside):
+        count += 1
+        aside = path.with_name(f"{path.name}.damaged-{stamp}.{count}")
+    try:
+        path.rename(aside)
+    except OSError:
+        return None
+    return aside

@@ -25,7 +25,8 @@ from highside.calibration.signature import (
     private_pem,
 )
 from highside.errors import InputError, Refused
-from highside.recording.files import open_binary, write_whole
+from highside.reading import MALFORMED, parse_json, read_bytes
+from highside.recording.files import write_whole
 
 PASSPHRASE = "HIGHSIDE_KEY_PASSPHRASE"
 """Environment variable with the passphrase of a locked key, where nobody can be asked."""
@@ -109,9 +110,9 @@ def check_file(path: Path, trusted: TrustedKeys) -> tuple[str, Signature]:
     if not beside.exists():
         raise Refused(f"{path}: there is no signature {beside.name} beside it")
     try:
-        signature = Signature.from_dict(json.loads(_small(beside)))
+        signature = Signature.from_dict(parse_json(_small(beside)))
         return trusted.check(signature, FILE, sha256), signature
-    except (ValueError, RecursionError, LookupError) as error:
+    except (*MALFORMED, InputError) as error:
         raise Refused(f"{path}: {error}") from error
 
 
@@ -128,11 +129,4 @@ def _sha256(path: Path) -> str:
 
 
 def _small(path: Path) -> bytes:
-    with open_binary(path) as file:
-        try:
-            data = file.read(KEY_MAX + 1)
-        except OSError as error:
-            raise InputError(f"cannot be read ({error.strerror or error})", where=str(path)) from error
-    if len(data) > KEY_MAX:
-        raise InputError(f"is larger than {KEY_MAX} bytes: no key and no signature", where=str(path))
-    return data
+    return read_bytes(path, max_bytes=KEY_MAX)

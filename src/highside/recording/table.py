@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from highside.codec.frame import FRAME_COLUMNS, Frame
 from highside.errors import InputError
-from highside.recording.files import read_bytes, write_whole
+from highside.reading import csv_header, csv_rows, decode_text, read_bytes
+from highside.recording.files import write_whole
 
 Column = NDArray[np.float64]
 
@@ -122,9 +123,12 @@ class Table:
     def read(cls, path: Path) -> Self:
         """Read a file. Raises InputError with file, line and column for whatever is wrong with it."""
         where = str(path)
-        text = _decode(read_bytes(path), where)
+        data = read_bytes(path)
+        if not data.strip():
+            raise InputError("is empty", where=where)
+        text = decode_text(data, where=where, expected="CSV file")
         header, _, body = text.partition("\n")
-        names = _header(header.rstrip("\r"), where)
+        names = csv_header(header.removesuffix("\r"), where=where)
         lines = body.split("\n")
         while lines and not lines[-1].strip("\r"):
             lines.pop()
@@ -243,27 +247,6 @@ def from_frames(frames: Sequence[Frame], t_s: Iterable[float], extra_columns: Se
     return Recording(columns)
 
 
-def _decode(data: bytes, where: str) -> str:
-    if not data.strip():
-        raise InputError("is empty", where=where)
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise InputError("is not text", where=f"{where}: line {line}", remedy="a CSV file is expected") from None
-
-
-def _header(line: str, where: str) -> tuple[str, ...]:
-    names = tuple(name.strip() for name in next(csv.reader([line]), []))
-    at = f"{where}: line 1"
-    if not all(names) or not names:
-        raise InputError("the header has a column without a name", where=at)
-    double = sorted({name for name in names if names.count(name) > 1})
-    if double:
-        raise InputError("the header names this column twice", where=at, field=double[0])
-    return names
-
-
 def _numbers_at_once(lines: list[str], width: int) -> list[Column] | None:
     """All columns of a table of plain numbers, or None if it holds anything else (the slow way says what)."""
     commas = width - 1
@@ -283,15 +266,10 @@ def _cell_by_cell(
 ) -> tuple[dict[str, Column], dict[str, tuple[str, ...]]]:
     """Tables with empty cells, text or errors."""
     rows: list[list[str]] = []
-    try:
-        for number, row in enumerate(csv.reader(lines, strict=True), start=2):
-            if len(row) != len(names):
-                raise InputError(
-                    f"has {len(row)} cells where the header has {len(names)}", where=f"{where}: line {number}"
-                )
-            rows.append(row)
-    except csv.Error as error:
-        raise InputError(f"is not readable as CSV: {error}", where=f"{where}: line {len(rows) + 2}") from None
+    for number, row in enumerate(csv_rows(lines, where=where), start=2):
+        if len(row) != len(names):
+            raise InputError(f"has {len(row)} cells where the header has {len(names)}", where=f"{where}: line {number}")
+        rows.append(row)
     columns: dict[str, Column] = {}
     texts: dict[str, tuple[str, ...]] = {}
     for name, cells in zip(names, zip(*rows, strict=True), strict=True):

@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 from highside.errors import InputError
+from highside.reading import open_binary, parse_json
 from highside.recording.candump import looks_like_candump
-from highside.recording.files import open_binary
 
 MAGIC = b"HSWIRE1\n"
 SUFFIX = ".hsw"
@@ -30,6 +30,7 @@ MAX_RECORD_BYTES = 1 << 24
 _HEAD = struct.Struct("<Idd")
 _CRC = struct.Struct("<I")
 _MAX_META_BYTES = 1 << 16
+_REMEDY = "give the original file"
 
 
 class Record(NamedTuple):
@@ -112,12 +113,11 @@ class SegmentReader:
         if _read(file, len(MAGIC)) != MAGIC:
             raise InputError("is not a wire recording of highside", where=str(self.path))
         line = _read_line(file)
-        try:
-            meta = json.loads(line)
-        except ValueError:
-            meta = None
-        if not line.endswith(b"\n") or not isinstance(meta, dict):
+        if not line.endswith(b"\n") and len(line) < _MAX_META_BYTES:
             raise InputError("ends inside its header; it holds no data", where=str(self.path))
+        meta = parse_json(line, where=f"{self.path}: header", kind="header of a wire recording", remedy=_REMEDY)
+        if not isinstance(meta, dict):
+            raise InputError("is no header of a wire recording", where=f"{self.path}: header", remedy=_REMEDY)
         self.meta = meta
 
     def __iter__(self) -> Iterator[Record]:

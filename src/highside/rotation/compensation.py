@@ -15,6 +15,7 @@ from typing import Any, Self
 
 from highside import __version__
 from highside.errors import InputError, Refused
+from highside.reading import MALFORMED, parse_json
 from highside.rotation.curve import Curve
 
 SCHEMA = "highside.rotation/1"
@@ -80,13 +81,10 @@ class Compensation:
         return content_hash(self.content())
 
     @classmethod
-    def from_json(cls, text: str, *, where: str | None = None) -> Self:
+    def from_json(cls, text: str | bytes, *, where: str | None = None) -> Self:
         """Raises InputError for what is no compensation, Refused for one that was changed or is of another version."""
         remedy = "give a file made by rotation fit"
-        try:
-            data = json.loads(text)
-        except ValueError:
-            raise InputError("is no compensation (not JSON)", where=where, remedy=remedy) from None
+        data = parse_json(text, where=where, kind="compensation", remedy=remedy)
         if not isinstance(data, dict) or "schema" not in data or "id" not in data:
             raise InputError("is no compensation", where=where, remedy=remedy)
         at = f"{where}: " if where else ""
@@ -101,7 +99,7 @@ class Compensation:
             validity = Validity.from_dict(data["validity"])
             curves = {str(name): Curve.from_dict(one) for name, one in data["curves"].items()}
             return cls(curves, validity, str(data["source"]["name"]), str(data["source"]["sha256"]))
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except MALFORMED as error:
             raise InputError(f"is no whole compensation ({error})", where=where, remedy=remedy) from None
 
 

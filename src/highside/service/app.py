@@ -29,8 +29,8 @@ from highside.codec.frame import ByteCodec, CanCodec
 from highside.config.settings import Settings
 from highside.errors import HighsideError, InputError
 from highside.link.base import Batch, LinkReason, LinkState, LinkSupervisor
+from highside.reading import read_bytes
 from highside.recording.calibration_store import load_active, load_record_file
-from highside.recording.files import read_bytes
 from highside.recording.keys import read_trusted_keys
 from highside.rotation.compensation import Compensation
 from highside.rotation.live import LiveCompensation
@@ -616,8 +616,7 @@ def compensation_of(settings: Settings) -> LiveCompensation | None:
     path = settings.rotation.compensation
     if path is None:
         return None
-    text = read_bytes(path).decode("utf-8", errors="replace")
-    return LiveCompensation(Compensation.from_json(text, where=str(path)))
+    return LiveCompensation(Compensation.from_json(read_bytes(path), where=str(path)))
 
 
 def _uncalibrated(settings: Settings) -> IdentityCorrection:

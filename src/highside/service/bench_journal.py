@@ -16,8 +16,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from highside.errors import InputError
+from highside.reading import read_bytes
 from highside.recording.calibration_store import flush_directory
-from highside.recording.files import read_bytes
 from highside.session.entries import Entry
 from highside.session.journal import Encoder, Header, Journal, StorageError, read_journal
 

@@ -14,8 +14,8 @@ from highside.link.bench import BenchSettings, SimulatedBench
 from highside.link.device import DeviceSettings
 from highside.link.wire import PtyWire
 from highside.physics.motion import still
+from highside.reading import read_bytes
 from highside.recording.calibration_store import CalibrationStore, read_record
-from highside.recording.files import read_bytes
 from highside.recording.table import Table
 from highside.rotation.compensation import Compensation
 from highside.service.bench_operator import Habits, Mistake
@@ -131,7 +131,7 @@ def turntable_of(settings: config.BenchFile) -> Compensation | None:
         raise InputError(
             "no such file", where=str(path), field="bench.turntable", remedy="run a plan `turntable` first"
         )
-    return Compensation.from_json(read_bytes(path).decode("utf-8", errors="replace"), where=str(path))
+    return Compensation.from_json(read_bytes(path), where=str(path))
 
 
 def header_of(settings: config.BenchFile, name: str, t_wall_s: float, operator: str | None) -> Header:

@@ -7,7 +7,6 @@ told by the tool's own time.
 
 from __future__ import annotations
 
-import json
 import time
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -16,8 +15,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from highside.drift.gates import StillStatistics
-from highside.errors import Refused
-from highside.recording.files import read_bytes, write_whole
+from highside.errors import InputError, Refused
+from highside.reading import parse_json, read_bytes
+from highside.recording.files import write_whole
 
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 _SIZES = {"q": 4, "bias": 3, "scale": 1, "accel_bias": 3, "P": 100, "psi0": 1, "stop": 5, "tally": 10, "work": 120}
@@ -119,10 +119,13 @@ def read(path: Path, tool: str, now: Stamp) -> SavedDrift | None:
     if not path.exists():
         return None
     try:
-        file = DriftFile.model_validate(json.loads(read_bytes(path)))
-    except (ValidationError, ValueError) as error:
-        first = str(error).splitlines()[-1 if isinstance(error, ValidationError) else 0].strip()
-        raise Refused(f"{path}: is no saved drift state: {first}; align anew") from None
+        file = DriftFile.model_validate(parse_json(read_bytes(path)))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field = ".".join(map(str, first["loc"]))
+        raise Refused(f"{path}: is no saved drift state: {field}: {first['msg']}; align anew") from None
+    except InputError as error:
+        raise Refused(f"{path}: is no saved drift state: {error.what}; align anew") from None
     if file.tool != tool:
         raise Refused(f"{path}: is of the tool {file.tool!r}; align anew")
     return file.state.model_copy(update={"age_s": file.stamp.age_s(now)})

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from highside.errors import InputError
+from highside.reading import MALFORMED, parse_json, read_bytes
 
 FILE_NAME = "toolface.jsonl"
 
@@ -52,12 +53,9 @@ class ToolfaceLog:
 
     def history(self) -> list[ToolfaceOffset]:
         """All settings, oldest first. Raises InputError that names the line that is no setting."""
-        try:
-            data = self.path.read_bytes()
-        except FileNotFoundError:
+        if not os.path.lexists(self.path):
             return []
-        except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror}", where=str(self.path)) from None
+        data = read_bytes(self.path)
         lines = data.split(b"\n")
         found = []
         for number, line in enumerate(lines, 1):
@@ -65,7 +63,7 @@ class ToolfaceLog:
                 continue
             try:
                 found.append(_setting(line))
-            except (ValueError, KeyError, TypeError):
+            except (*MALFORMED, InputError):
                 if number == len(lines):
                     break  # torn: it was never confirmed
                 raise InputError(
@@ -136,7 +134,7 @@ def _end_torn_line(file: Any) -> None:
 
 
 def _setting(line: bytes) -> ToolfaceOffset:
-    data = json.loads(line)
+    data = parse_json(line)
     setting = ToolfaceOffset(
         float(data["offset_deg"]), str(data["author"]), float(data["t"]), str(data["note"]), float(data["previous_deg"])
     )

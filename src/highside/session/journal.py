@@ -21,6 +21,7 @@ from typing import Any
 
 from highside.calibration.record import CalibrationRecord, Environment, parse_record
 from highside.errors import HighsideError, InputError
+from highside.reading import MALFORMED, parse_json
 from highside.session import entries
 from highside.session.entries import Entry, Readings
 from highside.session.ledger import Ledger
@@ -76,7 +77,7 @@ class Header:
             "environment": self.environment.to_dict(),
             "expires_days": self.expires_days,
             "software": self.software,
-            "judged": None if self.judged is None else json.loads(self.judged.to_json()),
+            "judged": None if self.judged is None else parse_json(self.judged.to_json()),
         }
 
 
@@ -142,7 +143,7 @@ class Encoder:
         chain = _chain(self._chain, text)
         if tail[:16] != chain:
             raise ValueError("does not follow from the line before it, or was changed")
-        content = json.loads(text)
+        content = parse_json(text)
         if not isinstance(content, dict) or content.get("n") != self._count:
             raise ValueError("is out of order")
         self._accept(chain)
@@ -169,7 +170,7 @@ def read_journal(data: bytes, *, where: str | None = None) -> Journal:
             else:
                 found.append(_entry(content))
                 times.append(float(content["t"]))
-        except (ValueError, KeyError, TypeError, RecursionError, HighsideError) as error:
+        except (*MALFORMED, HighsideError) as error:
             if number == len(lines) - 2 and header is not None:
                 break  # a torn sector may hold its line's end but not its middle
             what = " ".join(str(error).split())[:200]

@@ -14,7 +14,7 @@ from pathlib import Path
 from highside.calibration.record import to_utc
 from highside.config.certificate import CertificateFields
 from highside.errors import Refused
-from highside.recording.files import read_bytes
+from highside.reading import read_bytes
 from highside.session.driver import SessionDriver
 from highside.session.journal import Journal, read_journal
 from highside.session.snapshot import State

@@ -1,0 +1,143 @@
+"""Bytes of a file, plain or gzipped by its content, never more than a limit."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import zlib
+from contextlib import closing
+from pathlib import Path
+from typing import IO, BinaryIO
+
+from highside.errors import InputError
+
+MAX_FILE_BYTES = 2 << 30
+"""Longest content of a file, unzipped: five hours of 3,840 frames/s on the wire, five million rows of a Recording. A
+command needs about five times as much memory; more is given with `highside --max-bytes`."""
+MAX_RATIO = 200
+"""Bytes that may come out of one gzipped byte. Recordings of numbers pack 2 to 20 times, a column that never changes
+100 times; zeros pack 1,030 times, which is what a file made to fill the memory consists of."""
+RATIO_FROM_BYTES = 16 << 20
+"""What may come out before the ratio is looked at: this much does no harm."""
+_PIECE = 1 << 20
+
+_allowed = MAX_FILE_BYTES
+_asked = False
+
+
+def allow_bytes(count: int) -> None:
+    """Read files of up to `count` bytes from now on, however they are packed: the user said so. Raises InputError."""
+    global _allowed, _asked
+    if count < 1:
+        raise InputError(f"{count} bytes are none", field="--max-bytes", remedy="give at least 1, e.g. 8G")
+    _allowed, _asked = count, True
+
+
+class _Expanding(io.RawIOBase):
+    """A gzip stream that counts: what comes out, and how much went in for it."""
+
+    def __init__(self, packed: BinaryIO, path: Path) -> None:
+        self._packed, self._path = packed, path
+        self._plain = gzip.GzipFile(fileobj=packed, mode="rb")
+        self._out = 0
+        self.name = str(path)
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
+        count = self._plain.readinto(buffer)
+        self._out += count
+        if self._out > _allowed:
+            raise _too_big(self._path, "expands to more than")
+        if not _asked and self._out > RATIO_FROM_BYTES and self._out > MAX_RATIO * self._packed.tell():
+            raise InputError(
+                f"expands to more than {MAX_RATIO} times its size, as no recording does",
+                where=str(self._path),
+                remedy="if it is meant so: highside --max-bytes SIZE ...",
+            )
+        return count
+
+    def close(self) -> None:
+        if not self.closed:
+            self._plain.close()
+            self._packed.close()
+        super().close()
+
+
+def open_file(path: Path) -> BinaryIO:
+    """Open as it is, for reading; nothing is unzipped and nothing limited. Raises InputError that names the file."""
+    try:
+        return path.open("rb")
+    except FileNotFoundError:
+        raise InputError("no such file", where=str(path)) from None
+    except IsADirectoryError:
+        raise InputError("is a directory, not a file", where=str(path)) from None
+    except PermissionError:
+        raise InputError("cannot be read by this user", where=str(path), remedy="check its permissions") from None
+    except OSError as error:
+        raise unreadable(path, error) from None
+    except ValueError as error:
+        # a NUL or a lone surrogate in the name
+        raise InputError(f"is no name of a file ({error})", where=str(path)) from None
+
+
+def open_binary(path: Path) -> BinaryIO:
+    """Open for reading, through gzip if the content says so. Raises InputError that names the file.
+
+    A plain file is read as far as its reader goes; of a gzipped one, reading raises InputError where it expands beyond
+    `MAX_FILE_BYTES` or `MAX_RATIO`, and gzip's own errors where it is damaged.
+    """
+    file = open_file(path)
+    try:
+        packed = file.peek(2)[:2] == b"\x1f\x8b"  # type: ignore[attr-defined]
+    except OSError as error:
+        file.close()
+        raise unreadable(path, error) from None
+    return io.BufferedReader(_Expanding(file, path), _PIECE) if packed else file
+
+
+def read_bytes(path: Path, *, max_bytes: int | None = None) -> bytes:
+    """The whole content, unzipped. Raises InputError for a missing file, a damaged gzip stream, or too much content.
+
+    `max_bytes`: what this kind of file has at most, if less than any file may have.
+    """
+    limit = _allowed if max_bytes is None else min(max_bytes, _allowed)
+    with closing(open_binary(path)) as file:
+        try:
+            return _whole(file, path, limit)
+        except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+            raise InputError(f"is a damaged gzip file: {error}", where=str(path)) from None
+        except OSError as error:
+            raise unreadable(path, error) from None
+
+
+def _whole(file: IO[bytes], path: Path, limit: int) -> bytes:
+    """In pieces, so that a source without an end (a device, a pipe) ends at the limit."""
+    pieces = []
+    size = 0
+    while piece := file.read(_PIECE):
+        pieces.append(piece)
+        size += len(piece)
+        if size > limit:
+            raise _too_big(path, "has more than", limit)
+    return pieces[0] if len(pieces) == 1 else b"".join(pieces)
+
+
+def _too_big(path: Path, how: str, limit: int | None = None) -> InputError:
+    limit = _allowed if limit is None else limit
+    remedy = "if it is meant so: highside --max-bytes SIZE ..." if limit == _allowed else "give the right file"
+    return InputError(f"{how} {in_words(limit)}", where=str(path), remedy=remedy)
+
+
+def in_words(count: int) -> str:
+    """A number of bytes for people, as far as a power of 1024 divides it."""
+    for unit, size in (("GiB", 1 << 30), ("MiB", 1 << 20), ("KiB", 1 << 10)):
+        if count >= size and count % size == 0:
+            return f"{count // size} {unit}"
+    return f"{count} bytes"
+
+
+def unreadable(path: Path, error: OSError) -> InputError:
+    """For a file that is there and cannot be read."""
+    return InputError(f"cannot be read: {error.strerror or error}", where=str(path))
