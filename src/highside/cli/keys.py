@@ -128,7 +128,7 @@ def _checked(file: Path, keys: TrustedKeys) -> dict[str, Any]:
 def _is_record(file: Path) -> bool:
     """Whether a file says of itself that it is a calibration record; whether that is true, the reader finds."""
     from highside.calibration.record import SCHEMA
-    from highside.recording.files import open_binary
+    from highside.reading import open_binary
 
     family = SCHEMA.partition("/")[0].encode()
     if file.suffix != ".json":

@@ -46,7 +46,10 @@ class _Expanding(io.RawIOBase):
         return True
 
     def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
-        count = self._plain.readinto(buffer)
+        # no more than one step of the stream: what came before a torn end must not be lost with it
+        piece = self._plain.read1(len(buffer))
+        count = len(piece)
+        buffer[:count] = piece
         self._out += count
         if self._out > _allowed:
             raise _too_big(self._path, "expands to more than")
