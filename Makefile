@@ -13,12 +13,13 @@ demo: $(VENV)/.run
 test: packages $(VENV)/.test check
 	$(BIN)/python -m pytest
 
-## check: style, types and the contracts between the layers
+## check: style, types, the contracts between the layers, and that what is imported is declared
 check: $(VENV)/.test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/deptry src
 
 .PHONY: packages
 packages:

@@ -7,19 +7,15 @@ import contextlib
 import json
 import statistics
 import subprocess
-import sys
 import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
-import aiomqtt
 import pytest
 from broker import Mosquitto, Proxy, Subscriber, free_port, shipped_config
 
 from highside.config.mqtt import MqttSettings, TlsSettings
-from highside.errors import InputError
-from highside.service.embedded_broker import EmbeddedBroker
 from highside.service.outbox import Outbox
 from highside.service.publisher import Publisher, Retained
 
@@ -245,70 +241,3 @@ async def test_tls_is_used_and_a_strange_certificate_is_refused(tmp_path: Path) 
         async with sending(publisher("localhost", "ca.crt")):
             await until(lambda: outbox.stats.acknowledged == 1, 5.0, "delivery")
     await asyncio.to_thread(outbox.stop, 5.0)
-
-
-async def test_the_embedded_broker_ends_while_a_subscriber_owes_an_acknowledgement() -> None:
-    async with EmbeddedBroker() as broker:
-        reader, writer = await asyncio.open_connection("127.0.0.1", broker.port)
-        writer.write(b"\x10\x0e\x00\x04MQTT\x04\x02\x00\x3c\x00\x02me")  # connect, clean session, as `me`
-        assert (await reader.readexactly(4))[0] == 0x20
-        writer.write(b"\x82\x06\x00\x01\x00\x01a\x01")  # subscribe to `a` at QoS 1
-        assert (await reader.readexactly(5))[0] == 0x90
-        async with aiomqtt.Client("127.0.0.1", broker.port) as client:
-            await client.publish("a", b"x", qos=1)
-        assert (await reader.readexactly(1))[0] & 0xF0 == 0x30  # delivered, and never acknowledged
-        port = broker.port
-    writer.close()
-    with pytest.raises(ConnectionRefusedError):
-        await asyncio.open_connection("127.0.0.1", port)
-
-
-async def test_the_embedded_broker_tells_when_it_had_each_message(tmp_path: Path) -> None:
-    outbox = make_outbox(tmp_path / "outbox.sqlite", commit_interval_s=0.01)
-    outbox.start()
-    delays: list[float] = []
-    async with EmbeddedBroker() as broker:
-
-        def on_receipt(topic: str, payload: bytes, t_mono: float) -> None:
-            if topic == TOPIC:
-                delays.append(t_mono - json.loads(payload)["sent"])
-
-        broker.on_receipt(on_receipt)
-        watcher = Subscriber(broker.port, PREFIX)
-        publisher = Publisher(MqttSettings(port=broker.port), outbox, tool_id=TOOL)
-        async with watcher.running(), sending(publisher):
-            await until(lambda: publisher.connected, 5.0, "connection")
-            spent = time.process_time()
-            for _ in range(100):
-                put(outbox)
-                await asyncio.sleep(0.02)
-            await watcher.wait_for(lambda: len(watcher.messages) == 100, 5.0)
-            spent = time.process_time() - spent
-    await asyncio.to_thread(outbox.stop, 5.0)
-    assert [message["seq"] for _, message in watcher.messages] == list(range(100))
-    assert len(delays) == 100
-    delays.sort()
-    print(
-        f"receipt after {delays[50] * 1e3:.1f} ms, slowest {delays[99] * 1e3:.1f} ms; CPU {spent * 10:.2f} ms a message"
-    )
-    assert 0.0 < delays[50] < 0.2
-
-
-async def test_the_embedded_broker_names_a_port_that_is_taken() -> None:
-    async with EmbeddedBroker() as broker:
-        with pytest.raises(InputError, match=f"cannot listen on 127.0.0.1:{broker.port}"):
-            async with EmbeddedBroker(broker.port):
-                pass
-
-
-def test_the_embedded_broker_runs_as_a_process_and_leaves_on_sigterm() -> None:
-    command = [sys.executable, "-m", "highside.service.embedded_broker", "--port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        word, port = process.stdout.readline().split()
-        assert word == b"ready"
-        assert int(port) > 0
-        process.terminate()
-        _, errors = process.communicate(timeout=10.0)
-    assert process.returncode == 0
-    assert errors == b""

@@ -2,11 +2,68 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+from pathlib import Path
+
+import pytest
+
+HIGHSIDE = Path(sys.executable).parent / "highside"
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """The command as the shell starts it."""
+    return subprocess.run([HIGHSIDE, *arguments], capture_output=True, text=True, timeout=60)
 
 
 def test_numpy_is_not_imported_before_its_threads_are_settled() -> None:
     # OPENBLAS_NUM_THREADS is read when numpy is imported; a diagnosis takes half as long again without it
     told = "import highside.cli.main, sys; print('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", told], capture_output=True, text=True).stdout.strip() == "False"
+
+
+@pytest.mark.parametrize("asked", ["--version", "--help"])
+def test_nothing_heavy_is_imported_to_say_what_there_is(asked: str) -> None:
+    told = (
+        "import sys; from highside.cli.main import app; app([sys.argv[1]], standalone_mode=False);"
+        " heavy = {'numpy', 'scipy', 'pydantic_settings', 'matplotlib', 'nicegui', 'aiomqtt', 'serial', 'can'};"
+        " print('heavy:', *sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", told, asked], capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1].strip() == "heavy:", done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["rnu"], "highside: No such command 'rnu'. Did you mean 'run'? (see highside --help)"),
+        (["run"], "highside: Missing option '--config'. (see highside run --help)"),
+        (["--nope"], "highside: No such option: --nope (see highside --help)"),
+        (["demo", "--secnods", "3"], "--seconds"),
+        (["demo", "--seconds", "x"], "highside: Invalid value for '--seconds'"),
+        (["calibrate", "slve"], "Did you mean 'solve'? (see highside calibrate --help)"),
+    ],
+)
+def test_wrong_usage_is_one_line_and_exit_status_2(arguments: list[str], said: str) -> None:
+    done = run(*arguments)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert done.stderr.startswith("highside: ")
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stdout == ""
+
+
+@pytest.mark.parametrize("group", [[], ["calibrate"], ["rotation"], ["toolface"], ["reproduce"]])
+def test_a_group_without_a_command_prints_its_help(group: list[str]) -> None:
+    done = run(*group)
+    assert done.returncode == 2
+    assert "Commands" in done.stdout
+    command = " ".join(["highside", *group])
+    assert done.stderr == f"highside: no command given; choose one of those above (see {command} --help)\n"
+
+
+def test_the_shell_is_told_how_a_command_goes_on() -> None:
+    asked = {"_HIGHSIDE_COMPLETE": "complete_bash", "COMP_WORDS": "highside ca", "COMP_CWORD": "1"}
+    done = subprocess.run([HIGHSIDE], capture_output=True, text=True, env=os.environ | asked, timeout=60)
+    assert done.stdout.split() == ["calibrate"]

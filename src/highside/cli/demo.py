@@ -24,7 +24,7 @@ def demo(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="End with one line of JSON.")] = False,
 ) -> None:
-    """Simulated tool -> pty -> the real pipeline -> a broker: I and T, live. Needs no hardware and no broker."""
+    """Simulated tool -> pty -> the real pipeline -> its outbox: I and T, live. Needs no hardware and no broker."""
     from rich.console import Console
     from rich.live import Live
 
@@ -51,7 +51,7 @@ def demo(
         print(json.dumps(last.summary()))  # noqa: T201
     else:
         console.print(
-            f"{last.frames} frames, {last.published} attitudes received, {last.lost} lost,"
+            f"{last.frames} frames, {last.published} attitudes delivered, {last.lost} lost,"
             f" {_rms_text(last)} against the truth",
             soft_wrap=True,
         )
@@ -107,8 +107,8 @@ def live_table(snapshot: Snapshot) -> Table:
     rate = snapshot.frames / snapshot.elapsed_s if snapshot.elapsed_s else 0.0
     table.add_row("frames", f"{snapshot.frames}", f"{rate:.0f} /s", "")
     out = snapshot.published / snapshot.elapsed_s if snapshot.elapsed_s else 0.0
-    table.add_row("attitudes received", f"{snapshot.published}", f"{out:.1f} /s", f"{snapshot.lost} lost")
-    table.add_row("last byte to broker", "-" if p99 is None else f"{p99:.1f} ms", "p99", "")
+    table.add_row("attitudes delivered", f"{snapshot.published}", f"{out:.1f} /s", f"{snapshot.lost} lost")
+    table.add_row("last byte to delivery", "-" if p99 is None else f"{p99:.1f} ms", "p99", "")
     if snapshot.survey is not None:
         survey = snapshot.survey
         table.add_row(

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import os
 import sys
+from typing import Any
 
-import click
 import typer
 
 from highside import __version__
@@ -37,7 +37,6 @@ from highside.printable import one_line
 app = typer.Typer(
     name="highside",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     help="Live acquisition and calibration for the accelerometers and gyros of a directional drilling tool.",
 )
@@ -78,19 +77,34 @@ app.command()(run.check)
 app.command()(run.schema)
 
 
+UsageFault: type[Exception] = next(
+    kind for kind in reversed(typer.BadParameter.__mro__) if hasattr(kind, "format_message")
+)
+"""The class of everything that is wrong with a command line. typer carries its parser inside itself and exports the
+leaves of its errors only; their common root is therefore found from a leaf, whatever module it lives in."""
+
+
+def _usage(error: Any) -> int:
+    """Say in one line what is wrong with the command line (typer would draw a box of five); the exit status."""
+    asked = getattr(error, "ctx", None)
+    said = one_line(error.format_message())
+    if type(error).__name__ == "NoArgsIsHelpError":
+        # a group without a command: its help is printed already
+        said = "no command given; choose one of those above"
+    remedy = f" (see {asked.command_path} --help)" if asked is not None else ""
+    print(f"highside: {said}{remedy}", file=sys.stderr)  # noqa: T201
+    return int(error.exit_code)
+
+
 def main() -> None:
     """Entry point of the console script."""
     # our matrices are small: threads inside a product cost more than they bring (read when numpy is first imported)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         sys.exit(app(standalone_mode=False) or 0)
-    except click.ClickException as error:
-        # typer would draw a box of five lines
-        asked = getattr(error, "ctx", None)
-        remedy = f" (see {asked.command_path} --help)" if asked is not None else ""
-        print(f"highside: {one_line(error.format_message())}{remedy}", file=sys.stderr)  # noqa: T201
-        sys.exit(error.exit_code)
-    except (click.Abort, KeyboardInterrupt):
+    except UsageFault as error:
+        sys.exit(_usage(error))
+    except (typer.Abort, KeyboardInterrupt):
         sys.exit(130)
     except HighsideError as error:
         print(f"highside: {error}", file=sys.stderr)  # noqa: T201

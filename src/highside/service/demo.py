@@ -1,14 +1,14 @@
-"""The demonstration: a simulated tool on a pty, the production pipeline behind it, a broker inside the process.
+"""The demonstration: a simulated tool on a pty, the production pipeline behind it, and a reader at its outbox.
 
-Nothing of the path is special to the demonstration but the broker and the tool: the serial link, the codec, the
-monitor, the correction by a calibration record, the outbox and the publisher are those of `highside run`. What comes
-out is counted by a subscriber that knows nothing of them, and compared with where the simulated tool really was.
+Nothing of the path is special to the demonstration but its two ends: the serial link, the codec, the monitor, the
+correction by a calibration record and the outbox are those of `highside run`. No broker is needed: the messages are
+taken out of the outbox where the publisher would take them, counted by one who knows nothing of what made them, and
+compared with where the simulated tool really was.
 """
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import hashlib
 import json
 import math
@@ -19,7 +19,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import aiomqtt
 import numpy as np
 
 from highside.calibration.record import CalibrationRecord, Environment, SolveRequest, build_record, solve_poses
@@ -29,7 +28,8 @@ from highside.link.wire import PtyWire
 from highside.physics.gravity import gravity_direction
 from highside.recording.files import write_whole
 from highside.service.app import Service
-from highside.service.embedded_broker import EmbeddedBroker
+from highside.service.pipeline import Attitude
+from highside.service.publisher import Publisher
 
 TOOL_ID = "demo"
 RATE_HZ = 200.0
@@ -59,7 +59,7 @@ class Snapshot:
     tf_errors_deg: list[float] = field(default_factory=list)
 
     def latency_p99_ms(self) -> float | None:
-        """From a frame's last byte to the broker's receipt."""
+        """From a frame's last byte until its message is taken out of the outbox."""
         return float(np.percentile(self.latency_ms, 99)) if self.latency_ms else None
 
     def summary(self) -> dict[str, Any]:
@@ -89,36 +89,30 @@ def _rms(values: list[float]) -> float | None:
 
 
 class Watcher:
-    """The independent subscriber: counts messages and gaps by sequence number, compares with the truth."""
+    """Whom the messages are for: counts them and their gaps by sequence number, compares them with the truth."""
 
     def __init__(self, device: SimulatedDevice) -> None:
         self.snapshot = Snapshot()
         self._device = device
         self._seen: set[int] = set()
-        self.connected = asyncio.Event()
 
-    async def run(self, port: int) -> None:
-        async with aiomqtt.Client("127.0.0.1", port, identifier="demo-watcher") as client:
-            await client.subscribe(f"highside/{TOOL_ID}/#", qos=1)
-            self.connected.set()
-            async for message in client.messages:
-                name = str(message.topic).rsplit("/", 1)[-1]
-                if isinstance(message.payload, bytes) and name in ("attitude", "survey", "health"):
-                    self._take(name, json.loads(message.payload))
-
-    def _take(self, name: str, payload: dict[str, Any]) -> None:
-        snapshot = self.snapshot
+    def take(self, topic: str, message: bytes) -> None:
+        """One message as it would go to a broker; the monotonic time of its arrival is now."""
+        now_mono = time.monotonic()
+        snapshot, payload = self.snapshot, json.loads(message)
+        name = topic.rsplit("/", 1)[-1]
         if name == "health":
             snapshot.health = payload
         elif name == "survey":
             snapshot.survey = payload
             snapshot.surveys += 1
-        elif payload["seq"] not in self._seen:
+        elif name == "attitude" and payload["seq"] not in self._seen:
             self._seen.add(payload["seq"])
             snapshot.published += 1
             # sequence numbers begin at 0 with the demonstration's own outbox
             snapshot.lost = max(self._seen) + 1 - len(self._seen)
             snapshot.latest = payload
+            snapshot.latency_ms.append((now_mono - payload["t_mono"]) * 1e3)
             truth = self._device.truth(payload["t_device_s"] - payload["window_s"] / 2.0)
             snapshot.truth_inc_deg = math.degrees(truth.inclination_rad)
             snapshot.truth_tf_deg = math.degrees(truth.toolface_rad)
@@ -130,6 +124,46 @@ class Watcher:
         """At the end: everything up to `last_seq`, the last that the service made, had to arrive."""
         if last_seq is not None:
             self.snapshot.lost = last_seq + 1 - len(self._seen)
+
+
+class OutboxReader(Publisher):
+    """Stands where the publisher stands and hands the messages over inside the process: taken from the outbox in its
+    order and acknowledged one by one, as after a broker's PUBACK."""
+
+    def __init__(self, service: Service, to: Callable[[str, bytes], None]) -> None:
+        super().__init__(service.settings.mqtt, service.outbox, tool_id=service.settings.tool.id)
+        self._from = service.outbox
+        self._to = to
+
+    def retained(self, topic: str, payload: bytes) -> None:
+        self._to(topic, payload)
+
+    async def run(self) -> None:
+        """Take what is there whenever the outbox says that something may be; ends by being cancelled."""
+        loop, ready = asyncio.get_running_loop(), asyncio.Event()
+        self._from.begin_delivery(lambda: _set_soon(loop, ready))
+        self.connected = True
+        self.connects += 1
+        try:
+            while True:
+                ready.clear()
+                while (taken := self._from.take()) is not None:
+                    row, _ = taken
+                    self._to(row.topic, row.payload)
+                    self._from.ack(row.id)
+                await ready.wait()
+        finally:
+            self.connected = False
+            self._from.end_delivery()
+
+    async def stop(self, timeout_s: float) -> None:
+        """Wait until everything is taken."""
+        await _settle(lambda: self._from.stats.queued == 0, timeout_s)
+
+
+def _set_soon(loop: asyncio.AbstractEventLoop, event: asyncio.Event) -> None:
+    """Set an event of `loop` from the outbox's thread."""
+    loop.call_soon_threadsafe(event.set)
 
 
 async def run_demo(
@@ -147,53 +181,38 @@ async def _run_in(
     device = SimulatedDevice(DeviceSettings(rate_hz=RATE_HZ, matrix=MATRIX, offset_g=OFFSET_G), wire)
     watcher = Watcher(device)
     snapshot = watcher.snapshot
+    last_seq: int | None = None
 
-    def on_receipt(topic: str, payload: bytes, t_mono: float) -> None:
-        if topic.endswith("/attitude"):
-            snapshot.latency_ms.append((t_mono - json.loads(payload)["t_mono"]) * 1e3)
+    def note(output: object, seq: int) -> None:
+        nonlocal last_seq
+        if isinstance(output, Attitude):
+            last_seq = seq
 
-    async with EmbeddedBroker() as broker:
-        broker.on_receipt(on_receipt)
-        watching = asyncio.create_task(watcher.run(broker.port))
-        await asyncio.wait_for(watcher.connected.wait(), 10.0)
-        device.start()
-        last_seq: int | None = None
+    device.start()
+    try:
+        service = Service(_settings(directory, device.address))
+        service.on_output = note
+        service.publisher = OutboxReader(service, watcher.take)
+        serving = asyncio.create_task(service.run())
+        start = time.monotonic()
         try:
-            service = Service(_settings(directory, device.address, broker.port))
-
-            def note(output: object, seq: int) -> None:
-                nonlocal last_seq
-                if type(output).__name__ == "Attitude":
-                    last_seq = seq
-
-            service.on_output = note
-            serving = asyncio.create_task(service.run())
-            start = time.monotonic()
-            try:
-                while not serving.done() and not watching.done():
-                    await asyncio.sleep(interval_s)
-                    snapshot.elapsed_s = time.monotonic() - start
-                    snapshot.frames = service.pipeline.monitor.counts.good
-                    on_snapshot(snapshot)
-                    if seconds is not None and snapshot.elapsed_s >= seconds:
-                        break
-                for task in (serving, watching):
-                    if task.done() and (error := task.exception()) is not None:
-                        raise error
-                # the tool falls silent first, so that what it said is delivered before the service leaves
-                device.stop()
-                await _settle(lambda: service.outbox.stats.queued == 0)
-            finally:
-                service.stop()
-                await serving
+            while not serving.done():
+                await asyncio.sleep(interval_s)
+                snapshot.elapsed_s = time.monotonic() - start
                 snapshot.frames = service.pipeline.monitor.counts.good
-            await _settle(lambda: snapshot.published > (last_seq or 0))
-            watcher.account(last_seq)
-        finally:
+                on_snapshot(snapshot)
+                if seconds is not None and snapshot.elapsed_s >= seconds:
+                    break
+            # the tool falls silent first, so that what it said is delivered before the service leaves
             device.stop()
-            watching.cancel()
-            with contextlib.suppress(asyncio.CancelledError, aiomqtt.MqttError):
-                await watching
+            await _settle(lambda: service.outbox.stats.queued == 0)
+        finally:
+            service.stop()
+            await serving
+            snapshot.frames = service.pipeline.monitor.counts.good
+        watcher.account(last_seq)
+    finally:
+        device.stop()
     return snapshot
 
 
@@ -231,7 +250,7 @@ def factory_record() -> CalibrationRecord:
     )
 
 
-def _settings(directory: Path, port: str, broker_port: int) -> Settings:
+def _settings(directory: Path, port: str) -> Settings:
     record = directory / "calibration.json"
     write_whole(record, factory_record().to_json().encode())
     return validate(
@@ -243,7 +262,7 @@ def _settings(directory: Path, port: str, broker_port: int) -> Settings:
             "survey": {"still_s": 4.0},
             "calibration": {"record": str(record)},
             # a short commit: the demonstration shows the path, not the wear of a disk
-            "mqtt": {"port": broker_port, "outbox": {"commit_interval_s": 0.01}},
+            "mqtt": {"outbox": {"commit_interval_s": 0.01}},
             "service": {"state_dir": str(directory / "state"), "health_interval_s": 1.0, "log_level": "error"},
         },
         where="the demonstration's settings",
