@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 import math
 import re
+import socket
 import xml.etree.ElementTree as ET
+from html import unescape
 from pathlib import Path
 
 import pytest
@@ -16,6 +18,7 @@ from pydantic import SecretStr
 from highside.cli.bench_face import picture
 from highside.config.web import WebTable
 from highside.errors import InputError
+from highside.session.reasons import Fault, Refusal, Rejection
 from highside.session.snapshot import (
     Attitude,
     Capture,
@@ -37,8 +40,9 @@ from highside.session.snapshot import (
     VerdictState,
     table_reads,
 )
-from highside.web.access import Access
+from highside.web.access import COOKIE_MAX_AGE_S, Access
 from highside.web.drawings import bulls_eye, place, radius_of
+from highside.web.front import HostNames
 from highside.web.parts import STATES, parts_of
 
 ANGLES = st.floats(-180, 180, allow_nan=False)
@@ -214,27 +218,55 @@ def test_only_the_token_opens(shown: str) -> None:
 def test_the_token_opens_and_the_cookie_is_not_the_token() -> None:
     access = Access(SecretStr("the-token-of-this-session"))
     assert access.by_token("the-token-of-this-session") and access.by_header("Bearer the-token-of-this-session")
-    assert access.by_cookie(access.cookie)
-    assert not access.by_token(access.cookie) and "token" not in access.cookie
+    cookie = access.cookie()
+    assert access.by_cookie(cookie)
+    assert not access.by_token(cookie) and "token" not in cookie
     assert not access.by_header("Basic the-token-of-this-session")
     for nothing in (None, ""):
         assert not access.by_token(nothing) and not access.by_cookie(nothing) and not access.by_header(nothing)
 
 
+def test_a_cookie_is_good_for_a_week_and_cannot_be_made_younger() -> None:
+    now = [1e9]
+    access = Access(SecretStr("the-token-of-this-session"), lambda: now[0])
+    cookie = access.cookie()
+    assert access.by_cookie(cookie)
+    now[0] += COOKIE_MAX_AGE_S - 1
+    assert access.by_cookie(cookie)
+    now[0] += 2
+    assert not access.by_cookie(cookie)
+    given, _, seal = cookie.partition(".")
+    assert not access.by_cookie(f"{int(given) + 1000}.{seal}")
+    now[0] -= 2 * COOKIE_MAX_AGE_S
+    assert access.by_cookie(cookie), "a clock that was set back shuts nobody out"
+
+
 @pytest.mark.parametrize(
     ("host", "loopback"),
-    [("127.0.0.1", True), ("localhost", True), ("::1", True), ("0.0.0.0", False), ("bench-1", False)],
+    [("127.0.0.1", True), ("localhost", True), ("::1", True), ("0.0.0.0", False), ("::", False), ("bench-1", False)],
 )
-def test_what_is_bound_to_the_loopback_answers_to_its_names_alone(host: str, loopback: bool) -> None:
+def test_the_page_answers_to_its_own_names_alone(host: str, loopback: bool) -> None:
+    """Rebinding: a page elsewhere has its own name point here, and its scripts would then be of our origin."""
     table = WebTable(host=host)
-    assert table.is_loopback is loopback
-    assert ("*" in table.allowed_hosts()) is not loopback
-    assert WebTable(host=host, hosts=("bench.lab",)).allowed_hosts() == ["bench.lab"]
+    assert table.is_loopback is loopback and (table.warning is None) is loopback
+    names = HostNames(table)
+    for good in ("localhost", "LOCALHOST:8765", "127.0.0.1:8765", "[::1]:8765", "localhost."):
+        assert names.answers(good, "127.0.0.1")
+    for evil in ("evil.example", "evil.example:8765", "localhost.evil.example", "127.0.0.1.evil.example", ""):
+        assert not names.answers(evil, "192.0.2.7")
+    own = socket.gethostname()
+    for wide in (own, f"{own}:8765", "192.0.2.7:8765", f"{own.partition('.')[0]}.local"):
+        assert names.answers(wide, "192.0.2.7") is not loopback
+    assert not names.answers("192.0.2.8", "192.0.2.7"), "an address of somebody else"
+    assert not names.answers("192.0.2.7", None)
+    assert names.answers("192.0.2.7", "::ffff:192.0.2.7") is not loopback
+    assert HostNames(WebTable(host=host, allowed_hosts=("bench.lab",))).answers("Bench.Lab:80", "127.0.0.1")
 
 
 def test_a_token_comes_from_its_file_or_is_new_each_time(tmp_path: Path) -> None:
     kept = tmp_path / "token"
     kept.write_text("a token of twenty letters\n")
+    kept.chmod(0o600)
     assert WebTable(token_file=kept).read_token().get_secret_value() == "a token of twenty letters"
     first, second = (WebTable().read_token().get_secret_value() for _ in range(2))
     assert first != second and math.log2(64) * len(first) > 128
@@ -243,3 +275,71 @@ def test_a_token_comes_from_its_file_or_is_new_each_time(tmp_path: Path) -> None
         WebTable(token_file=kept).read_token()
     with pytest.raises(InputError, match=r"web\.token_file"):
         WebTable(token_file=tmp_path / "none").read_token()
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o604, 0o660, 0o644])
+def test_a_token_that_others_may_read_is_refused_with_the_remedy(tmp_path: Path, mode: int) -> None:
+    kept = tmp_path / "token"
+    kept.write_text("a token of twenty letters\n")
+    kept.chmod(mode)
+    with pytest.raises(InputError, match=rf"web\.token_file: may be read by others \(mode {mode:o}\); chmod 600 "):
+        WebTable(token_file=kept).read_token()
+
+
+def shown(**changed: object) -> Snapshot:
+    """A snapshot of a session that measures."""
+    return Snapshot(
+        seq=1, session="s", tool="tool-7", state=State.GUIDING, prompt="Set 1.",
+        target=Target(pose="1", inc_deg=5.0, tf_deg=45.0),
+        attitude=Attitude(inc_deg=5.0, tf_deg=45.0, g_total=1.0), deviation=deviation(0.0, 0.0, 0.1), stillness=None,
+        plan=PlanState(kind="joint", title="joint", method="joint", poses=4, done=4, skipped=0), capture=None,
+        temp_c=None, poses=[], uncertainty=None, closures=[], faults=[], operator="ann", allowed=[], result=None,
+        last_rejection=None, elapsed_s=10.0,
+    ).model_copy(update=changed)  # fmt: skip
+
+
+def test_without_data_no_number_stands_and_every_sentence_stands_once() -> None:
+    """A cable pulled during a hold: headline, alarm, warning and list all had the same to say."""
+    lost, link = Rejection.DATA_LOST.text, Fault.LINK_DOWN
+    parts = parts_of(
+        shown(
+            state=State.NO_DATA, prompt=link.text, attitude=None, deviation=None, last_rejection=lost,
+            faults=[FaultState(code=link.value, text=link.text, since_s=1.0, detail="ttyUSB0 is gone")],
+            poses=[PoseRow(pose="1", inc_deg=5.0, tf_deg=45.0, state=PoseState.OPEN, attempts=1, text=lost)],
+        )
+    )  # fmt: skip
+    page = unescape("".join(getattr(parts, name) for name in parts.__slots__))
+    assert page.count(link.text) == 1 and page.count(lost) == 1
+    assert "ttyUSB0 is gone" in parts.alarms
+    assert "stale" in parts.numbers and "45" not in re.sub(r'class="goal-of">[^<]*', "", parts.numbers)
+    assert "needle" not in parts.dial and 'class="tool' not in parts.bullseye
+    why = Rejection.MOVED.text
+    row = PoseRow(pose="1", inc_deg=5.0, tf_deg=45.0, state=PoseState.OPEN, attempts=1, text=why)
+    moved = parts_of(shown(last_rejection=why, poses=[row]))
+    assert "".join(getattr(moved, name) for name in moved.__slots__).count(why) == 1
+
+
+def test_what_the_page_says_fits_what_was_done() -> None:
+    assert "Closure" not in parts_of(shown()).calibration, "a joint plan has no ring to wait for"
+    ring = PlanState(kind="balance", title="balance", method="balance", poses=4, done=1, skipped=0)
+    assert "after the first ring of four" in parts_of(shown(plan=ring)).calibration
+    u = Uncertainty(
+        inc_deg=[5.0, 45.0, 90.0], inc_std_deg=[0.002, 0.001, 0.001], tf_std_deg=[0.03, 0.004, 0.002],
+        rms_inc_std_deg=0.0015, rms_tf_std_deg=0.0121,
+    )  # fmt: skip
+    result = ResultState(
+        method="joint", record_id="ab" * 32, inc_std_deg=0.0015, tf_std_deg=0.0121, poses=4, retaken=0, refused=[]
+    )
+    done = shown(
+        state=State.ACCEPTED, plan=ring, result=result, uncertainty=u,
+        in_force=ForceState(present="ab" * 32, before=None),
+    )  # fmt: skip
+    parts = parts_of(done)
+    assert "after the first ring" not in parts.calibration and "so far" not in parts.calibration
+    assert "T ± 0.0020° to 0.0300° (at I = 5°)" in parts.result
+    assert "Next:" in parts.result and "reload" in parts.result
+    assert "Next:" not in parts_of(done.model_copy(update={"in_force": ForceState(present=None, before=None)})).result
+    for seconds, said in ((0.4, "0 s"), (59.0, "59 s"), (125.0, "2 min"), (11_100.0, "3 h 05 min")):
+        assert f"· {said}" in parts_of(shown(elapsed_s=seconds)).foot
+    for reason in (*Rejection, *Refusal, *Fault):
+        assert "`" not in reason.text.replace("(`confirm`)", ""), "the name of a button, not of a command"

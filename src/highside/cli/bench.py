@@ -47,10 +47,12 @@ def bench(
     """
     from highside.config.bench import load_bench
     from highside.service.bench import BenchDriver
+    from highside.service.logs import start_logging
     from highside.session.outcome import verdict_of
     from highside.session.snapshot import State
 
     settings = load_bench(config, overrides)
+    start_logging("warning")
     if auto and settings.simulated is None:
         raise InputError(
             "is not there, and only a simulated bench can be operated by itself",
@@ -125,6 +127,8 @@ async def _page(driver: BenchDriver, operator: str) -> BenchPage:
     fields = None if table.certificate is None else load_certificate_fields(table.certificate)
     page = BenchPage(driver, table, operator=operator, fields=fields)
     await page.start()
+    if table.warning is not None:
+        typer.echo(f"warning: {table.warning}", err=True)
     typer.echo(f"bench page: {page.link}", err=True)
     return page
 

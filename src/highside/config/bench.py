@@ -253,6 +253,8 @@ PATHS = (
     ("store", "trusted_keys"),
     ("web", "token_file"),
     ("web", "certificate"),
+    ("web", "tls", "certificate"),
+    ("web", "tls", "key"),
     ("mqtt", "password_file"),
     ("mqtt", "tls", "ca"),
     ("mqtt", "tls", "cert"),

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import ipaddress
 import secrets
+import ssl
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Annotated
 
 from pydantic import Field, SecretStr
 
@@ -12,6 +15,55 @@ from highside.config.settings import Table
 from highside.errors import InputError
 
 TOKEN_MIN = 16
+
+
+Host = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.:%\[\]-]{1,253}$")]
+
+
+class WebTls(Table):
+    """The table `[web.tls]`: the page by https."""
+
+    certificate: Path = Field(description="Certificate (PEM), with those between it and the root below it.")
+    key: Path = Field(description="Its private key (PEM), not encrypted.")
+
+    def context(self) -> ssl.SSLContext:
+        """Raises InputError where a file cannot be read, the two do not belong together, or the time is over."""
+        from cryptography import x509
+        from cryptography.hazmat.primitives.serialization import load_pem_private_key
+
+        _only_for(self.key, 0o007, "web.tls.key", "640")
+        shown, secret = _bytes(self.certificate, "web.tls.certificate"), _bytes(self.key, "web.tls.key")
+        try:
+            leaf = x509.load_pem_x509_certificates(shown)[0]
+        except (ValueError, IndexError):
+            raise _tls_error(
+                "certificate", self.certificate, "holds no certificate", "a PEM file is expected"
+            ) from None
+        try:
+            key = load_pem_private_key(secret, password=None)
+        except TypeError:
+            raise _tls_error("key", self.key, "is encrypted", "decrypt it, and let only its owner read it") from None
+        except ValueError:
+            raise _tls_error("key", self.key, "holds no private key", "a PEM file is expected") from None
+        if leaf.public_key() != key.public_key():
+            raise _tls_error(
+                "key", self.key, f"does not belong to {self.certificate}", "name the certificate's own key"
+            )
+        now = datetime.now(UTC)
+        if now > leaf.not_valid_after_utc:
+            until = f"{leaf.not_valid_after_utc:%Y-%m-%d}"
+            raise _tls_error("certificate", self.certificate, f"has expired on {until}", "renew it")
+        if now < leaf.not_valid_before_utc:
+            begins = f"{leaf.not_valid_before_utc:%Y-%m-%d}"
+            raise _tls_error("certificate", self.certificate, f"is not valid before {begins}", "is the clock right?")
+        made = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        made.minimum_version = ssl.TLSVersion.TLSv1_2
+        try:
+            made.load_cert_chain(self.certificate, self.key)
+        except ssl.SSLError as error:
+            text = f"cannot be used with its key ({error.reason or error})"
+            raise _tls_error("certificate", self.certificate, text, "make the pair anew") from None
+        return made
 
 
 class WebTable(Table):
@@ -22,10 +74,12 @@ class WebTable(Table):
     token_file: Path | None = Field(
         default=None, description="File with the token for commands; absent: a new one each time, printed at the start."
     )
-    hosts: tuple[str, ...] = Field(
+    allowed_hosts: tuple[Host, ...] = Field(
         default=(),
-        description="Names under which the page may be asked for; absent: the loopback's, or any if not bound to it.",
+        description="Names and addresses under which the page may be asked for, beside this machine's own.",
     )
+    tls: WebTls | None = None
+    viewers: int = Field(default=50, ge=1, le=500, description="Who may look on at once, beside those with the token.")
     certificate: Path | None = Field(
         default=None, description="What the page's certificate says beyond the record; see config/certificate.toml."
     )
@@ -41,16 +95,30 @@ class WebTable(Table):
         except ValueError:
             return False
 
-    def allowed_hosts(self) -> list[str]:
-        """Host names that are answered: a page elsewhere that makes a browser ask for us under its own name is not."""
-        if self.hosts:
-            return list(self.hosts)
-        return ["127.0.0.1", "localhost", "[::1]", self.host] if self.is_loopback else ["*"]
+    @property
+    def warning(self) -> str | None:
+        """What whoever starts the page should know of how it is served."""
+        if self.is_loopback or self.tls is not None:
+            return None
+        return (
+            f"[web] host = {self.host!r} without [web.tls]: the token and all commands travel in clear, and who can"
+            " listen on that network can command; give a certificate and its key, or bind to 127.0.0.1 and tunnel"
+        )
+
+    def check(self) -> None:
+        """Everything that can be judged before the page is served. Raises InputError."""
+        self.read_token()
+        self.tls_context()
+
+    def tls_context(self) -> ssl.SSLContext | None:
+        """For the server. Raises InputError for files that cannot be used."""
+        return None if self.tls is None else self.tls.context()
 
     def read_token(self) -> SecretStr:
         """The token. Raises InputError for a file that cannot be read or is too short to be one."""
         if self.token_file is None:
             return SecretStr(secrets.token_urlsafe(18))
+        _only_for(self.token_file, 0o077, "web.token_file", "600")
         try:
             text = self.token_file.read_text(encoding="utf-8").strip()
         except (OSError, UnicodeDecodeError) as error:
@@ -62,3 +130,27 @@ class WebTable(Table):
                 remedy=f"a token has at least {TOKEN_MIN}",
             )  # fmt: skip
         return SecretStr(text)
+
+
+def _bytes(path: Path, field: str) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", where=str(path), field=field) from None
+
+
+def _only_for(path: Path, forbidden: int, field: str, mode: str) -> None:
+    """Raises InputError where a secret's file may be read by others than it should."""
+    try:
+        found = path.stat().st_mode
+    except OSError:
+        return  # said when it is read
+    if found & forbidden:
+        raise InputError(
+            f"may be read by others (mode {found & 0o777:o})", where=str(path), field=field,
+            remedy=f"chmod {mode} {path}",
+        )  # fmt: skip
+
+
+def _tls_error(name: str, path: Path, what: str, remedy: str) -> InputError:
+    return InputError(what, where=str(path), field=f"web.tls.{name}", remedy=remedy)

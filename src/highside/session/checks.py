@@ -51,6 +51,19 @@ def agreement(poses: PoseSet, newest: str, limits: Limits) -> Agreement:
     return Agreement(float(away[index]), worst == index, poses.ids[worst], float(away[worst]))
 
 
+def all_departures(poses: PoseSet, limits: Limits) -> dict[str, float]:
+    """Departure of each pose from what the others predict, in standard deviations; empty with too few to say. The first
+    poses of a session get theirs only when the later ones are there."""
+    if not poses.has_reference or len(poses) < MIN_POSES_FOR_FIT:
+        return {}
+    try:
+        away = departures(poses, bench_of(limits))
+    except (InputError, np.linalg.LinAlgError):
+        return {}
+    away = away / max(1.0, float(np.median(away)) / MEDIAN_DEPARTURE)
+    return {pose: float(sigmas) for pose, sigmas in zip(poses.ids, away, strict=True)}
+
+
 def ring_closures(poses: PoseSet, limits: Limits) -> list[Closure]:
     """The closures of all rings that have their four poses."""
     if not poses.has_reference or len(poses) < 4:

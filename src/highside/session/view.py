@@ -23,6 +23,7 @@ from highside.session.snapshot import (
     ForceState,
     PlanState,
     PoseRow,
+    PoseState,
     ResultState,
     Snapshot,
     State,
@@ -39,6 +40,7 @@ class View:
         self._session = session
         self._revision = -1
         self._closures: list[ClosureState] = []
+        self._away: dict[str, float] = {}
 
     def snapshot(self) -> Snapshot:
         session = self._session
@@ -76,7 +78,9 @@ class View:
             stillness=self._stillness(),
             capture=self._capture(),
             temp_c=session.tracker.temp_c,
-            poses=[_row(line, plan.stages[line.stage].temp_c) for line in ledger.lines.values()],
+            poses=[
+                _row(line, plan.stages[line.stage].temp_c, self._away.get(line.id)) for line in ledger.lines.values()
+            ],
             uncertainty=session.uncertainty,
             closures=self._closures,
             faults=[
@@ -98,6 +102,8 @@ class View:
         if ledger.revision == self._revision:
             return
         self._revision = ledger.revision
+        if any(line.sigmas is None and line.id not in self._away for line in ledger.done):
+            self._away = checks.all_departures(ledger.pose_set(), ledger.plan.limits)
         limit = checks.closure_limit(ledger.plan)
         closures = checks.ring_closures(ledger.pose_set(), ledger.plan.limits) if ledger.done else []
         self._closures = [
@@ -156,7 +162,8 @@ class View:
         )
 
 
-def _row(line: PoseLine, temp_c: float | None) -> PoseRow:
+def _row(line: PoseLine, temp_c: float | None, away: float | None) -> PoseRow:
+    """`away`: the departure of a pose that was taken before there were others to compare it with."""
     readings = line.readings
     measured = readings.temp_c if readings is not None else None
     text = line.reason.text if line.reason is not None else None
@@ -170,7 +177,7 @@ def _row(line: PoseLine, temp_c: float | None) -> PoseRow:
         attempts=line.attempts,
         std_error_g=None if readings is None else max(readings.std_error_g),
         readings=0 if readings is None else readings.n,
-        sigmas=line.sigmas,
+        sigmas=away if line.sigmas is None and line.state is PoseState.DONE else line.sigmas,
         reason=None if line.reason is None else line.reason.value,
         text=text if not line.detail or text is None else f"{text} ({line.detail})",
     )

@@ -39,8 +39,9 @@ def radius_of(angle_deg: float, tolerance_deg: float) -> float:
 def bulls_eye(deviation: Deviation | None, target: Target | None) -> str:
     """The tool as a dot, the pose asked for as the centre: up is more inclined, right is clockwise."""
     if deviation is None or target is None:
-        empty = f'<circle class="ring" r="{RADIUS:g}"/><text class="scale mid" y="6">no pose asked for</text>'
-        return svg(empty, "no pose is asked for", box="-112 -112 224 224", name="bullseye")
+        why = "no pose asked for" if target is None else "no readings"
+        empty = f'<circle class="ring" r="{RADIUS:g}"/><text class="scale mid" y="6">{why}</text>'
+        return svg(empty, why, box="-112 -112 224 224", name="bullseye")
     good = deviation.angle_deg <= deviation.tolerance_deg
     parts = [f'<circle class="ring" r="{RADIUS:g}"/>']
     for ring in RINGS_DEG:
@@ -141,7 +142,7 @@ def uncertainty_curve(uncertainty: Uncertainty | None) -> str:
     parts.append(f'<text class="scale" x="{left:g}" y="{height - 3:g}">0°</text>')
     parts.append(f'<text class="scale right" x="{width:g}" y="{height - 3:g}">I = {span_deg:g}°</text>')
     said = (
-        f"uncertainty of the calibration so far: I {uncertainty.rms_inc_std_deg:.4f}, T"
+        f"uncertainty of the calibration: I {uncertainty.rms_inc_std_deg:.4f}, T"
         f" {uncertainty.rms_tf_std_deg:.4f} degrees, one standard deviation"
     )
     return svg("".join(parts), said, box=f"0 0 {width:g} {height:g}", name="curve")

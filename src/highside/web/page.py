@@ -9,7 +9,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
+import math
 import secrets
+import time
 from dataclasses import fields
 from functools import partial
 
@@ -24,6 +26,8 @@ from highside.session.labels import LABELS
 from highside.session.snapshot import Command, CommandName, PoseState, Snapshot, State
 from highside.web.parts import Parts, parts_of
 
+CONNECT_WITHIN_S = 15.0
+"""A page whose socket has not come within this is forgotten: each holds some 0.4 MB. A phone on a bad line takes 5."""
 SEEN_TIMEOUT_S = 10.0
 """A browser that has not drawn for so long is asked again."""
 
@@ -93,7 +97,12 @@ class BenchView:
             with ui.element("section").classes("measure").props('aria-label="measurement"'):
                 self._place("hold")
                 self._place("still", classes="drawn")
-            self._build_buttons()
+            with ui.element("section").classes("commands").props('aria-label="commands"') as self._given:
+                if self._commands:
+                    self._build_buttons()
+                else:
+                    # nothing here that a click or a key could reach
+                    ui.html(f'<p class="answer">{NO_TOKEN}</p>{_LOGIN}', sanitize=False)
             with ui.element("section").classes("end").props('aria-label="result"') as self._end:
                 self._place("result")
                 with ui.element("p").classes("links"):
@@ -105,28 +114,24 @@ class BenchView:
                 self._place("calibration")
         with ui.element("div").classes("foot-line"):
             self._place("foot")
-            if not self._commands:
-                ui.html(_LOGIN, sanitize=False)
-        ui.keyboard(self._on_key, repeating=False, ignore=["input", "select", "textarea"])
+        if self._commands:
+            ui.keyboard(self._on_key, repeating=False, ignore=["input", "select", "textarea"])
 
     def _build_buttons(self) -> None:
-        with ui.element("section").classes("commands").props('aria-label="commands"'):
-            with ui.element("div").classes("keys"):
-                for name, (label, key) in LABELS.items():
-                    kind = "go" if name in GO else "stop" if name in STOP else "plain"
-                    shown = "space" if key == " " else key
-                    button = ui.button(color=None, on_click=partial(self._clicked, name)).classes(f"command {kind}")
-                    button.props(f'no-caps unelevated no-wrap data-command="{name.value}"')
-                    with button:
-                        ui.html(f"{label} <kbd>{shown}</kbd>", sanitize=False, tag="span")
-                    self._buttons[name] = button
-            with ui.element("div").classes("again"):
-                self._again = ui.select([], label="Redo one pose").props(
-                    'dense outlined options-dense data-role="again"'
-                )
-                self._again.on_value_change(lambda event: self._redo(event.value))
-                self._name = ui.input("Operator", value=self._operator).props('dense outlined maxlength="64"')
-            self._answer = ui.label("" if self._commands else NO_TOKEN).classes("answer").props('role="status"')
+        with ui.element("div").classes("keys"):
+            for name, (label, key) in LABELS.items():
+                kind = "go" if name in GO else "stop" if name in STOP else "plain"
+                shown = "space" if key == " " else key
+                button = ui.button(color=None, on_click=partial(self._clicked, name)).classes(f"command {kind}")
+                button.props(f'no-caps unelevated no-wrap data-command="{name.value}"')
+                with button:
+                    ui.html(f"{label} <kbd>{shown}</kbd>", sanitize=False, tag="span")
+                self._buttons[name] = button
+        with ui.element("div").classes("redo-one"):
+            self._again = ui.select([], label="Redo one pose").props('dense outlined options-dense data-role="again"')
+            self._again.on_value_change(lambda event: self._redo(event.value))
+            self._name = ui.input("Operator", value=self._operator).props('dense outlined maxlength="64"')
+        self._answer = ui.label("").classes("answer").props('role="status"')
         with ui.dialog().props('aria-label="are you sure?"') as self._dialog, ui.card().classes("ask"):
             self._question = ui.label().classes("question")
             with ui.row():
@@ -146,34 +151,43 @@ class BenchView:
             place, content = self._places[field.name], getattr(parts, field.name)
             if place.content != content:
                 place.set_content(content)
-        allowed = set(snapshot.allowed)
-        for name, button in self._buttons.items():
-            if button.visible is not (name in allowed):
-                button.set_visibility(name in allowed)
+        self._show_commands(snapshot)
         over = snapshot.state in OVER
         if over is not self._over:
             self._over = over
             self._root.classes(add="over" if over else None, remove=None if over else "over")
         self._end.set_visibility(snapshot.result is not None or snapshot.state.ended)
-        self._certificate.set_visibility(snapshot.result is not None and snapshot.result.record_id is not None)
-        done = tuple(row.pose for row in snapshot.poses if row.state is PoseState.DONE)
-        self._again.set_visibility(CommandName.REDO in allowed and bool(done))
-        if done != self._done:
-            self._done = done
-            self._again.set_options(list(done), value=None)
+        certified = snapshot.result is not None and snapshot.result.record_id is not None
+        self._certificate.set_visibility(certified and self._commands)
         target = None if snapshot.target is None else snapshot.target.pose
         if target != self._target:
             self._target = target
             ui.run_javascript(_SCROLL)
 
+    def _show_commands(self, snapshot: Snapshot) -> None:
+        """Those that would not be refused now; where there will be none any more, nothing of them."""
+        if not self._commands:
+            return
+        allowed = set(snapshot.allowed)
+        self._given.set_visibility(bool(allowed) or not snapshot.state.ended)
+        for name, button in self._buttons.items():
+            if button.visible is not (name in allowed):
+                button.set_visibility(name in allowed)
+        done = tuple(row.pose for row in snapshot.poses if row.state is PoseState.DONE)
+        self._again.set_visibility(CommandName.REDO in allowed and bool(done))
+        if done != self._done:
+            self._done = done
+            self._again.set_options(list(done), value=None)
+
     async def follow(self, client: Client) -> None:
         """Show the session until the viewer is gone or the session is over."""
+        if not await _is_there(client, time.monotonic() + CONNECT_WITHIN_S):
+            if not client.is_deleted:
+                # asked for and never opened: a program, or a reader who has gone on
+                client.delete()
+            return
         async for snapshot in self._driver.subscribe(self._rate_hz):
-            while not client.has_socket_connection:
-                if client.is_deleted:
-                    return
-                await asyncio.sleep(0.2)
-            if client.is_deleted:
+            if not await _is_there(client):
                 return
             with client:
                 self.show(snapshot)
@@ -228,6 +242,15 @@ class BenchView:
         reply = await self._driver.command(command)
         label = LABELS[name][0]
         self._answer.set_text(f"{label}: {reply.text}")
+
+
+async def _is_there(client: Client, until_s: float = math.inf) -> bool:
+    """Wait for the viewer's socket; False once he is gone, or where it has not come by then."""
+    while not client.has_socket_connection:
+        if client.is_deleted or time.monotonic() > until_s:
+            return False
+        await asyncio.sleep(0.2)
+    return True
 
 
 _SCROLL = """

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from html import escape
 
+from highside.session.reasons import Fault
 from highside.session.snapshot import PoseRow, PoseState, Snapshot, State, VerdictState, table_reads
 from highside.web.drawings import pictures
 
@@ -83,13 +84,25 @@ def _spoken(snapshot: Snapshot) -> str:
     return f"{STATES[snapshot.state]}{where}; {snapshot.plan.done} poses done"
 
 
+DATA_FAULTS = frozenset({Fault.NO_DATA.value, Fault.LINK_DOWN.value})
+
+
+def _warning(snapshot: Snapshot) -> str:
+    """Why the last pose was not taken; while no data come that is what is said already."""
+    if any(fault.code in DATA_FAULTS for fault in snapshot.faults):
+        return ""
+    return snapshot.last_rejection or ""
+
+
 def _alarms(snapshot: Snapshot) -> str:
-    out = [
-        f'<p class="alarm"><b aria-hidden="true">!</b> {escape(f.text)}{" " + escape(f.detail) if f.detail else ""}</p>'
-        for f in snapshot.faults
-    ]
-    if snapshot.last_rejection:
-        out.append(f'<p class="warning"><b aria-hidden="true">↺</b> {escape(snapshot.last_rejection)}</p>')
+    """What is wrong, each sentence once: what the headline says already is told by its detail alone."""
+    out = []
+    for fault in snapshot.faults:
+        text = " ".join(part for part in ("" if fault.text == snapshot.prompt else fault.text, fault.detail) if part)
+        if text:
+            out.append(f'<p class="alarm"><b aria-hidden="true">!</b> {escape(text)}</p>')
+    if warning := _warning(snapshot):
+        out.append(f'<p class="warning"><b aria-hidden="true">↺</b> {escape(warning)}</p>')
     return "".join(out)
 
 
@@ -102,8 +115,9 @@ def _numbers(snapshot: Snapshot) -> str:
     want_tf = "" if target is None else f"to {target.tf_deg:g}°"
     g = "" if at is None else f"|g| {at.g_total:.5f}"
     temp = "" if snapshot.temp_c is None else f"{snapshot.temp_c:.1f} °C"
+    stale = " stale" if at is None else ""
     return (
-        f'<dl class="figures"><div><dt>inclination</dt><dd>{inc}</dd><dd class="goal-of">{want_inc}</dd></div>'
+        f'<dl class="figures{stale}"><div><dt>inclination</dt><dd>{inc}</dd><dd class="goal-of">{want_inc}</dd></div>'
         f'<div><dt>toolface</dt><dd>{tf}</dd><dd class="goal-of">{want_tf}</dd></div></dl>'
         f'<p class="mute">{g} {temp}</p>'
     )
@@ -171,7 +185,8 @@ def _pose(row: PoseRow, snapshot: Snapshot) -> str:
         f'<tr class="{names}"><td><span aria-hidden="true">{mark}</span><span class="unseen">{word}</span></td>'
         f"<td>{escape(row.pose)}</td>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
     )
-    if row.text and row.state in (PoseState.AGAIN, PoseState.OPEN):
+    told = _warning(snapshot)
+    if row.text and row.state in (PoseState.AGAIN, PoseState.OPEN) and not (told and row.text.startswith(told)):
         out += f'<tr class="why"><td></td><td colspan="5">{escape(row.text)}</td></tr>'
     return out
 
@@ -187,10 +202,12 @@ def _calibration(snapshot: Snapshot, drawn: str) -> str:
         for c in snapshot.closures
     )
     key = '<p class="key"><span class="i">I</span> <span class="t">T</span> one standard deviation over inclination</p>'
-    return (
-        f"{drawn}{key if u is not None else ''}{_caption('calibration so far', text)}"
-        f'<h2>Closure</h2><ul class="closures">{closures or "<li>after the first ring of four</li>"}</ul>'
-    )
+    over = snapshot.result is not None or snapshot.state.ended
+    if not closures and snapshot.plan.method == "balance" and not over:
+        closures = "<li>after the first ring of four</li>"
+    rings = f'<h2>Closure</h2><ul class="closures">{closures}</ul>' if closures else ""
+    label = "calibration so far" if not over else "calibration"
+    return f"{drawn}{key if u is not None else ''}{_caption(label, text)}{rings}"
 
 
 def _result(snapshot: Snapshot) -> str:
@@ -199,7 +216,7 @@ def _result(snapshot: Snapshot) -> str:
         return ""
     std = ""
     if result.inc_std_deg is not None and result.tf_std_deg is not None:
-        std = f"<p class='big'>I ± {result.inc_std_deg:.4f}°, T ± {result.tf_std_deg:.4f}°</p>"
+        std = f"<p class='big'>I ± {result.inc_std_deg:.4f}°, T ± {result.tf_std_deg:.4f}°</p>{_ranges(snapshot)}"
     notes = "".join(f"<li class='bad'>{escape(text)}</li>" for text in result.refused)
     notes += "".join(f"<li>{escape(text)}</li>" for text in result.remarks)
     record = f"<p>record <code>{escape(result.record_id)}</code>{_force(snapshot)}</p>" if result.record_id else ""
@@ -207,7 +224,31 @@ def _result(snapshot: Snapshot) -> str:
         return _verdict(result.verdict) + f"<ul>{notes}</ul>"
     return (
         f"<h2>Result ({escape(result.method)})</h2>{std}<p>{result.poses} poses, {result.retaken} taken again;"
-        f" one standard deviation by the calibration alone</p>{record}<ul>{notes}</ul>"
+        f" one standard deviation by the calibration alone, rms over all attitudes</p>{record}{_next(snapshot)}"
+        f"<ul>{notes}</ul>"
+    )
+
+
+def _ranges(snapshot: Snapshot) -> str:
+    """Over inclination: T is less certain the nearer to vertical, which one figure for all attitudes hides."""
+    u = snapshot.uncertainty
+    if u is None or not u.inc_deg:
+        return ""
+    said = []
+    for name, stds in (("I", u.inc_std_deg), ("T", u.tf_std_deg)):
+        worst = max(range(len(stds)), key=stds.__getitem__)
+        said.append(f"{name} ± {min(stds):.4f}° to {stds[worst]:.4f}° (at I = {u.inc_deg[worst]:.0f}°)")
+    return f"<p>by inclination: {', '.join(said)}</p>"
+
+
+def _next(snapshot: Snapshot) -> str:
+    """What is left to do once the calibration is in force."""
+    force, result = snapshot.in_force, snapshot.result
+    if force is None or result is None or result.record_id is None or force.present != result.record_id:
+        return ""
+    return (
+        "<p class='next'><b>Next:</b> reload the running service (<code>systemctl reload highside</code>), and it"
+        " corrects by this calibration; print the certificate; end this session with Ctrl-C in its terminal.</p>"
     )
 
 
@@ -265,6 +306,14 @@ def _foot(snapshot: Snapshot) -> str:
     who = f", held by {escape(snapshot.operator)}" if snapshot.operator else ""
     serial = f" ({escape(snapshot.serial)})" if snapshot.serial else ""
     return (
-        f"{escape(snapshot.tool)}{serial} · {escape(snapshot.plan.title)} · {snapshot.elapsed_s / 60:.0f} min{who} ·"
+        f"{escape(snapshot.tool)}{serial} · {escape(snapshot.plan.title)} · {_lasted(snapshot.elapsed_s)}{who} ·"
         f" session {escape(snapshot.session)}"
     )
+
+
+def _lasted(seconds: float) -> str:
+    """A time in the unit that fits: 45 s, 12 min, 3 h 05 min."""
+    if seconds < 120.0:
+        return f"{seconds:.0f} s"
+    minutes = int(seconds // 60)
+    return f"{minutes} min" if minutes < 120 else f"{minutes // 60} h {minutes % 60:02d} min"

@@ -1,0 +1,251 @@
+"""What stands before the page: whom it answers, how much it takes in, and for how long.
+
+Every request passes here before any other code sees it. Its `Host` must be a name of ours: a page elsewhere that has
+its own name point to this machine (DNS rebinding) is not answered. Its body is counted while it is read, and is read
+whole before anything is made of it, within a limit and a time. Sockets are counted; one that belongs to no page of ours
+ends soon. All answers carry the headers that forbid a browser to fetch from, or be framed by, anybody else.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import socket
+from collections.abc import Awaitable, Callable, MutableMapping
+from typing import Any
+from urllib.parse import parse_qs
+
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+
+from highside.config.web import WebTable
+from highside.web.sockets import Offences
+from highside.web.viewers import Viewers
+
+Message = MutableMapping[str, Any]
+Scope = MutableMapping[str, Any]
+Receive = Callable[[], Awaitable[Message]]
+Send = Callable[[Message], Awaitable[None]]
+App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+BODY_MAX = {"/login": 10_000, "/api/session/command": 16_384}
+"""Bytes of a body: a token has a few dozen, a command with the longest note and names in escaped JSON some 9,000."""
+OTHER_BODY_MAX = 1_000
+"""Bytes where nobody reads a body at all."""
+BODY_WITHIN_S = 10.0
+"""For the whole body; the longest allowed takes that at 1,600 bytes a second."""
+DISCARDED = 1_000_000
+"""Bytes of a body that is too long which are still read and thrown away, so that its sender stops and reads why."""
+STRANGER_S = 5.0
+"""A socket of no page of ours lives that long: enough to be told to load the page anew."""
+STRANGERS_MAX = 20
+
+_POLICY = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline';"
+    " img-src 'self' data:; font-src 'self' data:; connect-src 'self'; frame-ancestors 'none'; form-action 'self';"
+    " base-uri 'self'"
+)
+_HEADERS = (
+    (b"content-security-policy", _POLICY.encode()),
+    (b"referrer-policy", b"no-referrer"),
+    (b"x-content-type-options", b"nosniff"),
+)
+
+
+class HostNames:
+    """The names under which the page may be asked for."""
+
+    def __init__(self, settings: WebTable) -> None:
+        own = socket.gethostname().lower()
+        short = own.partition(".")[0]
+        names = {"localhost", "127.0.0.1", "::1", settings.host, *settings.allowed_hosts}
+        if not settings.is_loopback:
+            names |= {own, short, f"{short}.local"}
+        self._names = {_plain(name) for name in names}
+        self._loopback = settings.is_loopback
+
+    def answers(self, host: str, reached: str | None) -> bool:
+        """`host` as the request has it, with or without a port; `reached`: the address of ours it came in at."""
+        name = _plain(_without_port(host))
+        if name in self._names:
+            return True
+        # the address itself: nobody else's name can be made to mean it
+        return not self._loopback and reached is not None and _is_address(name) and name == _plain(reached)
+
+
+class Front:
+    """The outermost application; `gate` may answer what is asked for before a page is built for it."""
+
+    def __init__(
+        self,
+        app: App,
+        names: HostNames,
+        viewers: Viewers,
+        offences: Offences,
+        gate: Callable[[Request], Response | None],
+    ) -> None:
+        # the name by which servers find the application within
+        self.app = app
+        self._names = names
+        self._viewers = viewers
+        self._offences = offences
+        self._gate = gate
+        self._strangers = 0
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+        elif scope["type"] == "http":
+            await self._http(scope, receive, _with_headers(send))
+        else:
+            await self._socket(scope, receive, send)
+
+    def _is_ours(self, scope: Scope) -> bool:
+        hosts = [value for name, value in scope["headers"] if name == b"host"]
+        reached = None if scope.get("server") is None else str(scope["server"][0])
+        return len(hosts) == 1 and self._names.answers(hosts[0].decode("latin-1"), reached)
+
+    async def _http(self, scope: Scope, receive: Receive, send: Send) -> None:
+        answer: Response | None = None
+        body = b""
+        if not self._is_ours(scope):
+            text = "This server is not known by that name; [web] allowed_hosts says by which others it may be asked."
+            answer = _closing(421, text)
+        else:
+            taken = await _body(receive, BODY_MAX.get(scope["path"], OTHER_BODY_MAX), _declared(scope))
+            answer, body = (taken, b"") if isinstance(taken, Response) else (None, taken)
+        if answer is None:
+            answer = self._gate(Request(scope))
+        if answer is not None:
+            await answer(scope, receive, send)
+            return
+        rest = iter([{"type": "http.request", "body": body, "more_body": False}])
+
+        async def replay() -> Message:
+            first = next(rest, None)
+            return first if first is not None else await receive()
+
+        # no proxy stands before this server: what says so is a stranger's word
+        headers = [(name, value) for name, value in scope["headers"] if not name.startswith(b"x-forwarded-")]
+        await self.app({**scope, "headers": headers}, replay, send)
+
+    async def _socket(self, scope: Scope, receive: Receive, send: Send) -> None:
+        page = parse_qs(scope["query_string"].decode("latin-1")).get("client_id", [""])[0]
+        if not self._is_ours(scope):
+            await _refuse_socket(scope, send, 421, "not known by that name")
+        elif self._viewers.socket_opened(page):
+            try:
+                await self._within(scope, receive, send)
+            finally:
+                self._viewers.socket_closed(page)
+        elif self._strangers < STRANGERS_MAX:
+            self._strangers += 1
+            try:
+                await self._within(scope, _until(receive, STRANGER_S), send)
+            finally:
+                self._strangers -= 1
+        else:
+            await _refuse_socket(scope, send, 503, "too many sockets")
+
+    async def _within(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """What a frame breaks ends its own socket, and is said in one line."""
+        try:
+            await self.app(scope, receive, send)
+        except Exception as error:
+            if type(error).__name__ == "ClientDisconnected":
+                return
+            self._offences.note(f"a frame that cannot be read ({type(error).__name__})", scope.get("client"))
+            try:
+                await send({"type": "websocket.close", "code": 1008})
+            except Exception:
+                return
+
+
+def _with_headers(send: Send) -> Send:
+    async def sent(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = list(message.get("headers", []))
+            there = {name.lower() for name, _ in headers}
+            message = {**message, "headers": headers + [header for header in _HEADERS if header[0] not in there]}
+        await send(message)
+
+    return sent
+
+
+def _declared(scope: Scope) -> int:
+    """The length that the request says its body has; 0 where it says none."""
+    said = [value for name, value in scope["headers"] if name == b"content-length"]
+    return int(said[0]) if said and said[0].isdigit() and len(said[0]) < 20 else 0
+
+
+async def _body(receive: Receive, limit: int, declared: int) -> bytes | Response:
+    """The whole body, counted while it is read; or the answer to one that is too long or too slow."""
+    got, size = bytearray(), 0
+    try:
+        async with asyncio.timeout(BODY_WITHIN_S):
+            while max(size, declared) <= limit or size <= DISCARDED:
+                message = await receive()
+                if message["type"] == "http.disconnect":
+                    return _closing(400, "The request was not finished.")
+                size += len(message.get("body", b""))
+                if max(size, declared) <= limit:
+                    got += message.get("body", b"")
+                if not message.get("more_body", False):
+                    break
+    except TimeoutError:
+        return _closing(408, f"The request was not whole within {BODY_WITHIN_S:g} s.")
+    if max(size, declared) > limit:
+        return _closing(413, f"The request is too long: at most {limit} bytes are read here.")
+    return bytes(got)
+
+
+def _closing(status: int, text: str) -> Response:
+    return PlainTextResponse(f"{text}\n", status, headers={"Connection": "close"})
+
+
+def _until(receive: Receive, within_s: float) -> Receive:
+    """The same, with a disconnect once the time is over."""
+    end_s = asyncio.get_running_loop().time() + within_s
+
+    async def received() -> Message:
+        try:
+            async with asyncio.timeout_at(end_s):
+                return await receive()
+        except TimeoutError:
+            return {"type": "websocket.disconnect", "code": 1008}
+
+    return received
+
+
+async def _refuse_socket(scope: Scope, send: Send, status: int, text: str) -> None:
+    if "websocket.http.response" not in scope.get("extensions", {}):
+        await send({"type": "websocket.close", "code": 1008})
+        return
+    headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"connection", b"close")]
+    await send({"type": "websocket.http.response.start", "status": status, "headers": headers})
+    await send({"type": "websocket.http.response.body", "body": f"{text}\n".encode(), "more_body": False})
+
+
+def _without_port(host: str) -> str:
+    if host.startswith("["):
+        return host[1:].partition("]")[0]
+    return host.partition(":")[0] if host.count(":") == 1 else host
+
+
+def _plain(name: str) -> str:
+    """As it is compared: small letters, no last dot, an IPv4 address in IPv6's clothes as itself, no zone."""
+    text = name.lower().removesuffix(".").strip("[]").partition("%")[0]
+    try:
+        address = ipaddress.ip_address(text)
+    except ValueError:
+        return text
+    mapped = getattr(address, "ipv4_mapped", None)
+    return str(mapped or address)
+
+
+def _is_address(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
