@@ -53,7 +53,7 @@ def check(
     """Validate a configuration without running it: fields, codec, secrets, calibration record, compensation."""
     from highside.config.settings import load
     from highside.service.app import compensation_of
-    from highside.service.publisher import check_secrets
+    from highside.service.broker_client import check_secrets
 
     settings = load(config, overrides)
     settings.codec.build()

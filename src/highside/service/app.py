@@ -35,13 +35,14 @@ from highside.recording.keys import read_trusted_keys
 from highside.rotation.compensation import Compensation
 from highside.rotation.live import LiveCompensation
 from highside.service import messages
+from highside.service.broker_client import check_secrets
 from highside.service.clock import LoopLag, clock_synced
 from highside.service.drift_keeper import DriftKeeper
 from highside.service.home_assistant import discovery
 from highside.service.notify import Notifier
 from highside.service.outbox import Outbox
 from highside.service.pipeline import Attitude, Pipeline, Survey
-from highside.service.publisher import Publisher, check_secrets
+from highside.service.publisher import Publisher
 from highside.service.recorder import Recorder, RecorderState
 from highside.service.rig import Rig
 

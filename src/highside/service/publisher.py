@@ -1,17 +1,20 @@
-"""The publisher: one task that brings what is in the outbox to the broker. The only module that knows aiomqtt.
+"""The publisher: one task that brings what is in the outbox to the broker.
 
-It connects for ever, with back-off and jitter. Each connection is a new client: what an old one still holds in its
-own queue is forgotten, because the outbox hands out again everything that was not acknowledged. On every connect the
-birth message `online` and the retained state (health and the like) are published first, then the messages: live ones
-in order, the backlog in order in the gaps (see `outbox`). Up to `in_flight` messages are under way at once; a PUBACK
-deletes the row, and a message without PUBACK within `ack_timeout_s` ends the connection: after a silent broker (a
-"black hole") that is noticed before any keep-alive. Delivery is therefore at least once; the sequence number tells a
-duplicate.
+It connects for ever, with back-off and jitter (see `reconnect`). Each connection is a new client: what an old one
+still holds in its own queue is forgotten, because the outbox hands out again everything that was not acknowledged. On
+every connect the birth message `online` and the retained state (health and the like) are published first, then the
+messages: live ones in order, the backlog in order in the gaps (see `outbox`). Up to `in_flight` messages are under way
+at once; a PUBACK deletes the row, and a message without PUBACK within `ack_timeout_s` ends the connection: after a
+silent broker (a "black hole") that is noticed before any keep-alive. Delivery is therefore at least once; the sequence
+number tells a duplicate.
 
 The backlog is sent at `backlog_per_s` at most: a broker queues for each subscriber in order and cuts the queue, so a
 flood would delay the live messages behind it and be lost to a subscriber that is slower.
 
 A connection found dead is reset, not closed: a DISCONNECT that reaches the broker late would cancel the last will.
+
+Commands are called in the turn of the loop in which they arrive; one that raises costs itself. Their answers
+(`reply`), and what is of the moment only (`passing`), go behind the live messages, from memory.
 """
 
 from __future__ import annotations
@@ -20,23 +23,21 @@ import asyncio
 import contextlib
 import logging
 import random
-import socket
-import ssl
-import struct
+import secrets
 from collections import Counter
 from collections.abc import Callable, Coroutine, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import aiomqtt
-import paho.mqtt.client as mqtt
-from aiomqtt.exceptions import MqttConnectError
-from paho.mqtt.properties import Properties
-from paho.mqtt.reasoncodes import ReasonCode
 
-from highside.config.mqtt import MqttSettings, TlsSettings
+from highside.config.mqtt import MqttSettings
 from highside.errors import InputError
+from highside.service.broker_client import broker_client, connect_reason, notice_a_closed_door, on_each_message, reset
 from highside.service.messages import OFFLINE, ONLINE, mark_historical
 from highside.service.outbox import Outbox
+from highside.service.quiet_log import QuietLog
+from highside.service.reconnect import Reconnect, status_word
+from highside.service.replies import Replies, Reply
 
 log = logging.getLogger(__name__)
 
@@ -69,6 +70,13 @@ class PublisherStats(NamedTuple):
     in_flight: int
     sent: int
     """publishes handed to the network, repetitions included"""
+    instance: str
+    short_connections: int
+    taken: str | None
+    """why somebody else seems to use our client id; None: nobody does"""
+    replies: int
+    replies_dropped: int
+    commands_failed: int
 
 
 class Publisher:
@@ -83,18 +91,33 @@ class Publisher:
         on_connect_payloads: Callable[[], list[Retained]] = list,
         commands: Mapping[str, Callable[[bytes, bool], None]] | None = None,
         rng: random.Random | None = None,
+        instance: str | None = None,
     ) -> None:
         self._settings = settings
         self._outbox = outbox
         self._status_topic = settings.topic(tool_id, "status")
         self._client_id = settings.client_id or f"highside-{tool_id}"
+        self.instance = instance or new_instance()
+        self._quiet = QuietLog(log)
+        self._reconnect = Reconnect(
+            self._client_id,
+            self.instance,
+            min_s=settings.reconnect_min_s,
+            max_s=settings.reconnect_max_s,
+            rng=rng or random.Random(),
+        )
         self._on_connect_payloads = on_connect_payloads
         self._commands = dict(commands or {})
         """by topic: what is said to the tool; called with the payload and whether it was retained"""
-        self._rng = rng or random.Random()
-        self._retained: dict[str, bytes] = {}
+        self._retained: dict[str, bytes] = {self._status_topic: status_word(ONLINE, self.instance)}
         self._changed: dict[str, None] = {}
         """retained topics whose latest value is still to be sent on this connection"""
+        self._passing: dict[str, bytes] = {}
+        self._under_way: set[str] = set()
+        """topics of both with a message in flight: a newer value waits, so that a flood of values is no flood here"""
+        self._replies = Replies()
+        self._replying = False
+        self._commands_failed = 0
         self._wake = asyncio.Event()
         self._stopping = asyncio.Event()
         self._stopped = asyncio.Event()
@@ -115,7 +138,18 @@ class Publisher:
     @property
     def stats(self) -> PublisherStats:
         return PublisherStats(
-            self.connected, self.connects, dict(self._failures), self.last_error, len(self._pending), self._sent
+            connected=self.connected,
+            connects=self.connects,
+            failures=dict(self._failures),
+            last_error=self.last_error,
+            in_flight=len(self._pending),
+            sent=self._sent,
+            instance=self.instance,
+            short_connections=self._reconnect.short_connections,
+            taken=self._reconnect.taken,
+            replies=self._replies.made,
+            replies_dropped=self._replies.dropped,
+            commands_failed=self._commands_failed,
         )
 
     def retained(self, topic: str, payload: bytes) -> None:
@@ -123,6 +157,20 @@ class Publisher:
         self._retained[topic] = payload
         self._changed[topic] = None
         self._wake.set()
+
+    def passing(self, topic: str, payload: bytes) -> None:
+        """Publish a value of the moment: QoS 0, not kept by anybody; only the latest of a topic, and none from before
+        the connection."""
+        if self.connected:
+            self._passing[topic] = payload
+            self._wake.set()
+
+    def reply(self, topic: str, payload: bytes, *, done: bool) -> None:
+        """Answer a command that was done, or refused. Beyond some a second answers are dropped and counted."""
+        if self._replies.put(Reply(topic, payload), done=done):
+            self._wake.set()
+        else:
+            self._quiet.say(logging.WARNING, "replies", "mqtt: more commands than can be answered on %s", topic)
 
     async def stop(self, timeout_s: float) -> None:
         """Say `offline` and leave; what is not acknowledged stays in the outbox."""
@@ -136,19 +184,18 @@ class Publisher:
     async def run(self) -> None:
         """Connect and send until `stop`. Never raises for a broker that is away, wrong or rude."""
         self._running = True
-        wait_s = self._settings.reconnect_min_s
         try:
             while not self._stopping.is_set():
-                before = self.connects
                 try:
                     await self._one_connection()
                 except LostConnection as lost:
                     self._note(lost)
-                if self.connects > before:
-                    wait_s = self._settings.reconnect_min_s
+                pause_s = self._reconnect.pause_s()
+                if (taken := self._reconnect.taken) is not None and not self._stopping.is_set():
+                    self.last_error = taken
+                    self._quiet.say(logging.ERROR, "taken", "mqtt: %s", taken)
                 with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(self._stopping.wait(), wait_s * self._rng.uniform(0.5, 1.0))
-                wait_s = min(2.0 * wait_s, self._settings.reconnect_max_s)
+                    await asyncio.wait_for(self._stopping.wait(), pause_s)
         finally:
             self._running = False
             self._stopped.set()
@@ -157,8 +204,9 @@ class Publisher:
         self._failures[lost.reason] += 1
         text = f"{lost.reason}: {lost}"
         if text != self.last_error:
-            # a broker that is away for a day is worth one line, not one a second
-            log.log(logging.INFO if lost.reason == "stopped" else logging.WARNING, "mqtt: %s", text)
+            # a broker that is away for a day is worth one line, one that comes and goes one a minute
+            level = logging.INFO if lost.reason == "stopped" else logging.WARNING
+            self._quiet.say(level, lost.reason, "mqtt: %s", text)
         self.last_error = text
 
     # -- one connection --------------------------------------------------------------------------------------------
@@ -168,28 +216,34 @@ class Publisher:
         try:
             await self._connect(client)
         except (aiomqtt.MqttError, TimeoutError, OSError, ValueError) as error:
-            _reset(client)
-            raise LostConnection(_connect_reason(error), str(error) or "no answer") from error
+            reset(client)
+            raise LostConnection(connect_reason(error), str(error) or "no answer") from error
         except BaseException:
-            _reset(client)
+            reset(client)
             raise
         self._lost = None
         self._backlog_in_flight = 0
+        self._replying = False
+        self._under_way.clear()
+        self._passing.clear()
         loop = asyncio.get_running_loop()
         listener = asyncio.create_task(self._listen(client))
+        listener.add_done_callback(lambda _: self._fail(LostConnection("connection lost", "nobody listens any more")))
+        self._reconnect.connected()
         try:
+            # in front of the birth, so that the broker still shows whose `status` there was before
+            self._start(self._subscribe(client))
+            await asyncio.sleep(0)
             await self._publish_birth(client)
             self.connected = True
             self.connects += 1
             self.last_error = ""
-            log.info("mqtt: connected to %s", self._settings.host)
+            self._quiet.say(logging.INFO, "connected", "mqtt: connected to %s", self._settings.host)
             self._outbox.begin_delivery(lambda: self._wake_from(loop))
-            if self._commands:
-                self._start(self._subscribe(client))
             await self._send_until_lost(client)
             await self._farewell(client)
         except BaseException:
-            _reset(client)
+            reset(client)
             raise
         finally:
             self.connected = False
@@ -232,38 +286,57 @@ class Publisher:
     async def _client(self) -> aiomqtt.Client:
         settings = self._settings
         try:
-            will = aiomqtt.Will(self._status_topic, OFFLINE, qos=1, retain=True)
+            will = aiomqtt.Will(self._status_topic, status_word(OFFLINE, self.instance), qos=1, retain=True)
             client = await broker_client(settings, self._client_id, will=will)
         except (InputError, OSError) as error:
             # a certificate or a credential that is being exchanged: try again
             raise LostConnection("credentials", str(error)) from error
         client.pending_calls_threshold = settings.in_flight + 8
         client._client.connect_timeout = settings.connect_timeout_s
-        _notice_a_closed_door(client)
+        notice_a_closed_door(client)
+        on_each_message(client, self._on_message)
         return client
 
     async def _subscribe(self, client: aiomqtt.Client) -> None:
-        """To the topics of commands. A broker that forbids it costs the commands, not the messages."""
-        for topic in self._commands:
+        """To our own status and the topics of commands. A broker that forbids it costs those, not the messages."""
+        for topic in (self._status_topic, *self._commands):
             try:
                 granted = await client.subscribe(topic, qos=1, timeout=self._settings.ack_timeout_s)
             except (aiomqtt.MqttError, ValueError) as error:
-                log.warning("mqtt: commands on %s cannot be heard: %s", topic, error)
+                self._quiet.say(logging.WARNING, topic, "mqtt: %s cannot be heard: %s", topic, error)
                 continue
             codes = [code if isinstance(code, int) else code.value for code in granted]
             if any(code >= 0x80 for code in codes):
-                log.warning("mqtt: the broker does not let us hear commands on %s: see its access list", topic)
+                text = "mqtt: the broker does not let us hear %s: see its access list"
+                self._quiet.say(logging.WARNING, topic, text, topic)
 
     async def _listen(self, client: aiomqtt.Client) -> None:
-        """Hands over commands; ends when the connection does, and says so at once."""
+        """Ends when the connection does, and says so at once; what arrives goes to `_on_message`."""
         try:
-            async for message in client.messages:
-                command = self._commands.get(str(message.topic))
-                if command is not None and isinstance(message.payload, bytes | bytearray):
-                    command(bytes(message.payload), message.retain)
+            async for _ in client.messages:
+                pass
         except aiomqtt.MqttError as error:
             cause = error.__cause__ or error
             self._fail(LostConnection("connection lost", str(cause)))
+
+    def _on_message(self, topic: str, payload: bytes, retained: bool) -> None:
+        """Never raises: a command that cannot be done must not cost those that follow it."""
+        try:
+            if topic == self._status_topic:
+                self._on_status(payload, retained)
+            elif (command := self._commands.get(topic)) is not None:
+                command(payload, retained)
+        except Exception as error:
+            self._commands_failed += 1
+            text = "mqtt: a message on %s could not be taken: %s: %s"
+            self._quiet.say(logging.ERROR, f"command {type(error).__name__}", text, topic, type(error).__name__, error)
+
+    def _on_status(self, payload: bytes, retained: bool) -> None:
+        self._reconnect.heard_status(payload, retained=retained)
+        if payload.startswith(OFFLINE) and not retained and self.connected and not self._stopping.is_set():
+            # the will of a connection that the broker has given up late, or somebody's who went: we are here
+            self._changed[self._status_topic] = None
+            self._wake.set()
 
     def _fail(self, lost: LostConnection) -> None:
         if self._lost is None:
@@ -274,8 +347,8 @@ class Publisher:
         for topic, payload in self._on_connect_payloads():
             self._retained[topic] = payload
         self._changed.clear()
-        await self._publish(client, self._status_topic, ONLINE, qos=1, retain=True)
-        for topic, payload in self._retained.items():
+        # the status is the first of them
+        for topic, payload in list(self._retained.items()):
             await self._publish(client, topic, payload, qos=1, retain=True)
 
     async def _send_until_lost(self, client: aiomqtt.Client) -> None:
@@ -291,9 +364,19 @@ class Publisher:
             await self._wake.wait()
 
     def _send_changed(self, client: aiomqtt.Client) -> None:
-        for topic in list(self._changed):
+        for topic in [topic for topic in self._changed if topic not in self._under_way]:
             del self._changed[topic]
-            self._start(self._send_retained(client, topic, self._retained[topic]))
+            self._under_way.add(topic)
+            self._start(self._send_value(client, topic, self._retained[topic], retain=True))
+
+    def _send_what_can_wait(self, client: aiomqtt.Client) -> None:
+        """The live messages have left room: values of the moment, and one answer at a time."""
+        for topic in [topic for topic in self._passing if topic not in self._under_way]:
+            self._under_way.add(topic)
+            self._start(self._send_value(client, topic, self._passing.pop(topic), retain=False))
+        if not self._replying and (reply := self._replies.first) is not None:
+            self._replying = True
+            self._start(self._send_reply(client, reply))
 
     def _fill_window(self, client: aiomqtt.Client) -> None:
         settings = self._settings
@@ -310,6 +393,8 @@ class Publisher:
             self._backlog_in_flight += historical
             self._allowance -= historical
             self._start(self._send(client, row.id, row.topic, payload, row.qos, historical))
+        if len(self._pending) < settings.in_flight:
+            self._send_what_can_wait(client)
 
     def _grow_allowance(self, most: float) -> None:
         """The pace of the backlog: an allowance that grows with time; while it is not full the sender looks again."""
@@ -343,14 +428,31 @@ class Publisher:
             self._backlog_in_flight -= historical
             self._wake.set()
 
-    async def _send_retained(self, client: aiomqtt.Client, topic: str, payload: bytes) -> None:
+    async def _send_value(self, client: aiomqtt.Client, topic: str, payload: bytes, *, retain: bool) -> None:
         try:
-            await self._publish(client, topic, payload, qos=1, retain=True)
+            await self._publish(client, topic, payload, qos=1 if retain else 0, retain=retain)
         except LostConnection as lost:
             self._fail(lost)
         except ValueError as error:
-            log.error("mqtt: the retained message on %r cannot be sent (%s)", topic, error)
+            log.error("mqtt: the message on %r cannot be sent (%s)", topic, error)
             self._retained.pop(topic, None)
+        finally:
+            self._under_way.discard(topic)
+            self._wake.set()
+
+    async def _send_reply(self, client: aiomqtt.Client, reply: Reply) -> None:
+        try:
+            await self._publish(client, reply.topic, reply.payload, qos=1, retain=False)
+        except LostConnection as lost:
+            self._fail(lost)
+        except ValueError as error:
+            log.error("mqtt: an answer on %r cannot be sent (%s) and is dropped", reply.topic, error)
+            self._replies.sent(reply)
+        else:
+            self._replies.sent(reply)
+        finally:
+            self._replying = False
+            self._wake.set()
 
     async def _publish(self, client: aiomqtt.Client, topic: str, payload: bytes, *, qos: int, retain: bool) -> None:
         self._sent += 1
@@ -369,121 +471,9 @@ class Publisher:
         left_s = self._stop_deadline_s - loop.time()
         if self._pending and left_s > 0.0:
             await asyncio.wait(self._pending, timeout=left_s)
-        await self._publish(client, self._status_topic, OFFLINE, qos=1, retain=True)
+        await self._publish(client, self._status_topic, status_word(OFFLINE, self.instance), qos=1, retain=True)
 
 
-def _notice_a_closed_door(client: aiomqtt.Client) -> None:
-    """End `connect` when the peer closes before it has answered; aiomqtt would wait for its whole timeout."""
-    loop = asyncio.get_running_loop()
-    told = client._on_disconnect
-
-    def end_connect() -> None:
-        if not client._connected.done():
-            client._connected.set_exception(aiomqtt.MqttError("closed by peer before an answer"))
-
-    def on_disconnect(
-        paho: mqtt.Client, userdata: Any, flags: mqtt.DisconnectFlags, reason: ReasonCode, properties: Properties | None
-    ) -> None:
-        told(paho, userdata, flags, reason, properties)
-        loop.call_soon_threadsafe(end_connect)
-
-    client._client.on_disconnect = on_disconnect
-
-
-def _reset(client: aiomqtt.Client) -> None:
-    """End the TCP connection without a word (RST), so that the broker sends the last will and nothing arrives late."""
-    paho = client._client
-    sock = paho.socket()
-    if not isinstance(sock, socket.socket):
-        return
-    with contextlib.suppress(OSError):
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-    # paho's own way to close: it also takes the descriptor out of the event loop
-    paho._sock_close()
-    if client._misc_task is not None:
-        client._misc_task.cancel()
-    if client._connected.done() and not client._disconnected.done():
-        client._disconnected.set_result(None)
-
-
-def check_secrets(mqtt: MqttSettings) -> None:
-    """Read the files with password and certificates once. Raises `InputError` that names the file and the field."""
-    mqtt.read_password()
-    tls = mqtt.tls
-    if tls is None:
-        return
-    for name, path in (("ca", tls.ca), ("cert", tls.cert), ("key", tls.key)):
-        if path is not None:
-            try:
-                path.read_bytes()
-            except OSError as error:
-                raise InputError(
-                    f"cannot be read ({error.strerror})",
-                    where=str(path),
-                    field=f"mqtt.tls.{name}",
-                    remedy="name a file that this user may read",
-                ) from None
-    try:
-        _tls_context(tls)
-    except OSError as error:
-        # ssl does not say which of the files it could not understand
-        named = [str(path) for path in (tls.ca, tls.cert, tls.key) if path is not None]
-        raise InputError(
-            f"is no certificate or key that can be used ({error.strerror or error})",
-            where=" or ".join(named) or None,
-            field="mqtt.tls",
-            remedy="give PEM files that belong together",
-        ) from None
-
-
-async def broker_client(
-    settings: MqttSettings, identifier: str, *, will: aiomqtt.Will | None = None, clean_session: bool = True
-) -> aiomqtt.Client:
-    """A client of the configured broker, not yet connected. Raises InputError or OSError if a secret cannot be read."""
-    password = settings.read_password()
-    # reading the system's certificates takes tens of milliseconds
-    context = None if settings.tls is None else await asyncio.to_thread(_tls_context, settings.tls)
-    return aiomqtt.Client(
-        settings.host,
-        settings.port,
-        transport=settings.transport,
-        identifier=identifier,
-        username=settings.username,
-        password=password.get_secret_value() if password is not None else None,
-        will=will,
-        clean_session=clean_session,
-        keepalive=settings.keepalive_s,
-        timeout=settings.connect_timeout_s,
-        tls_context=context,
-        max_inflight_messages=settings.in_flight + 8,
-        logger=_client_log,
-    )
-
-
-_client_log = logging.getLogger("highside.mqtt.client")
-"""Of the client library: it counts every message under way as a warning, on stderr where nothing else is set up."""
-_client_log.setLevel(logging.CRITICAL)
-
-
-def _tls_context(tls: TlsSettings) -> ssl.SSLContext:
-    context = ssl.create_default_context(cafile=str(tls.ca) if tls.ca is not None else None)
-    context.minimum_version = ssl.TLSVersion.TLSv1_2
-    if tls.cert is not None and tls.key is not None:
-        # an encrypted key is refused: without this word OpenSSL would ask for one at the terminal
-        context.load_cert_chain(tls.cert, tls.key, password="")
-    return context
-
-
-def _connect_reason(error: BaseException) -> str:
-    if isinstance(error, MqttConnectError):
-        return "refused by broker"
-    text = str(error).lower()
-    if "refused" in text:
-        return "no broker"
-    if "closed by peer" in text:
-        return "closed by peer"
-    if isinstance(error, TimeoutError) or "timed out" in text:
-        return "no answer"
-    if "certificate" in text or "ssl" in text:
-        return "tls"
-    return "cannot connect"
+def new_instance() -> str:
+    """A name for one run of a daemon, to tell it from any other."""
+    return secrets.token_hex(4)

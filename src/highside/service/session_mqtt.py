@@ -26,8 +26,8 @@ from pydantic import ValidationError
 
 from highside.config.mqtt import MqttSettings
 from highside.errors import InputError
+from highside.service.broker_client import broker_client
 from highside.service.messages import OFFLINE, ONLINE
-from highside.service.publisher import broker_client
 from highside.service.tasks import ended
 from highside.session.driver import SessionDriver
 from highside.session.snapshot import Command, Reply

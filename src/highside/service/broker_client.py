@@ -1,0 +1,200 @@
+"""The client of the broker as this project uses it: secrets, limits, and what aiomqtt leaves to its callers.
+
+**What comes in is bounded.** MQTT 3.1.1 lets a sender put 256 MB into one message, and a client has no word in it; paho
+keeps the whole of it in memory. Here a packet is kept up to `INCOMING_MAX` bytes and the rest is read and let go: the
+connection lives, the broker gets its acknowledgement (else it would send the message again for ever), and whoever takes
+the message sees one that is longer than any command. What this cannot do is to save the network the time of the
+transfer: that is the broker's to bound (`message_size_limit` in `config/mosquitto.conf`).
+
+`on_each_message` hands messages over in the callback of the library, not through its queue, which has no bound.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import socket
+import ssl
+import struct
+from collections.abc import Callable
+from typing import Any
+
+import aiomqtt
+import paho.mqtt.client as mqtt
+from aiomqtt.exceptions import MqttConnectError
+from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
+
+from highside.config.mqtt import MqttSettings, TlsSettings
+from highside.errors import InputError
+
+log = logging.getLogger(__name__)
+
+INCOMING_MAX = 16 * 1024
+"""Bytes of a packet that are kept. The longest command, of a bench session, has 10,000."""
+
+_client_log = logging.getLogger("highside.mqtt.client")
+"""Of the client library: it counts every message under way as a warning, on stderr where nothing else is set up."""
+_client_log.setLevel(logging.CRITICAL)
+
+
+class _Head(bytearray):
+    """Keeps the first `INCOMING_MAX` bytes of what is added to it."""
+
+    def __iadd__(self, more: Any) -> _Head:  # type: ignore[misc]
+        room = INCOMING_MAX - len(self)
+        if room > 0:
+            self.extend(more[:room])
+        return self
+
+
+def _bound_incoming(paho: mqtt.Client) -> None:
+    """Never hold more of a packet than its head; never ask the system for more than that at once."""
+    receive = paho._sock_recv
+
+    def bounded(bufsize: int) -> bytes:
+        packet = paho._in_packet
+        if packet["have_remaining"] and packet["remaining_length"] > INCOMING_MAX:
+            if not isinstance(packet["packet"], _Head):
+                packet["packet"] = _Head()
+            return receive(min(bufsize, INCOMING_MAX))
+        return receive(bufsize)
+
+    paho._sock_recv = bounded  # type: ignore[method-assign]
+
+
+def on_each_message(client: aiomqtt.Client, take: Callable[[str, bytes, bool], None]) -> None:
+    """Call `take` (topic, payload, whether retained) with each message, at once. It must not raise."""
+
+    def on_message(_paho: mqtt.Client, _userdata: Any, message: mqtt.MQTTMessage) -> None:
+        try:
+            topic = message.topic
+        except UnicodeDecodeError:
+            return
+        take(topic, bytes(message.payload), message.retain)
+
+    client._client.on_message = on_message
+
+
+def notice_a_closed_door(client: aiomqtt.Client) -> None:
+    """End `connect` when the peer closes before it has answered; aiomqtt would wait for its whole timeout."""
+    loop = asyncio.get_running_loop()
+    told = client._on_disconnect
+
+    def end_connect() -> None:
+        if not client._connected.done():
+            client._connected.set_exception(aiomqtt.MqttError("closed by peer before an answer"))
+
+    def on_disconnect(
+        paho: mqtt.Client, userdata: Any, flags: mqtt.DisconnectFlags, reason: ReasonCode, properties: Properties | None
+    ) -> None:
+        told(paho, userdata, flags, reason, properties)
+        loop.call_soon_threadsafe(end_connect)
+
+    client._client.on_disconnect = on_disconnect
+
+
+def reset(client: aiomqtt.Client) -> None:
+    """End the TCP connection without a word (RST), so that the broker sends the last will and nothing arrives late."""
+    paho = client._client
+    sock = paho.socket()
+    if not isinstance(sock, socket.socket):
+        return
+    with contextlib.suppress(OSError):
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    # paho's own way to close: it also takes the descriptor out of the event loop
+    paho._sock_close()
+    if client._misc_task is not None:
+        client._misc_task.cancel()
+    if client._connected.done() and not client._disconnected.done():
+        client._disconnected.set_result(None)
+
+
+def check_secrets(mqtt: MqttSettings) -> None:
+    """Read the files with password and certificates once. Raises `InputError` that names the file and the field."""
+    mqtt.read_password()
+    tls = mqtt.tls
+    if tls is None:
+        return
+    for name, path in (("ca", tls.ca), ("cert", tls.cert), ("key", tls.key)):
+        if path is not None:
+            try:
+                path.read_bytes()
+            except OSError as error:
+                raise InputError(
+                    f"cannot be read ({error.strerror})",
+                    where=str(path),
+                    field=f"mqtt.tls.{name}",
+                    remedy="name a file that this user may read",
+                ) from None
+    try:
+        _tls_context(tls)
+    except OSError as error:
+        # ssl does not say which of the files it could not understand
+        named = [str(path) for path in (tls.ca, tls.cert, tls.key) if path is not None]
+        raise InputError(
+            f"is no certificate or key that can be used ({error.strerror or error})",
+            where=" or ".join(named) or None,
+            field="mqtt.tls",
+            remedy="give PEM files that belong together",
+        ) from None
+
+
+async def broker_client(
+    settings: MqttSettings,
+    identifier: str,
+    *,
+    will: aiomqtt.Will | None = None,
+    clean_session: bool = True,
+    max_queued_incoming: int = 0,
+) -> aiomqtt.Client:
+    """A client of the configured broker, not yet connected. Raises InputError or OSError if a secret cannot be read.
+
+    `max_queued_incoming`: of the messages that wait to be read one by one (`client.messages`); 0 is without bound.
+    """
+    password = settings.read_password()
+    # reading the system's certificates takes tens of milliseconds
+    context = None if settings.tls is None else await asyncio.to_thread(_tls_context, settings.tls)
+    client = aiomqtt.Client(
+        settings.host,
+        settings.port,
+        transport=settings.transport,
+        identifier=identifier,
+        username=settings.username,
+        password=password.get_secret_value() if password is not None else None,
+        will=will,
+        clean_session=clean_session,
+        keepalive=settings.keepalive_s,
+        timeout=settings.connect_timeout_s,
+        tls_context=context,
+        max_inflight_messages=settings.in_flight + 8,
+        max_queued_incoming_messages=max_queued_incoming,
+        logger=_client_log,
+    )
+    _bound_incoming(client._client)
+    return client
+
+
+def _tls_context(tls: TlsSettings) -> ssl.SSLContext:
+    context = ssl.create_default_context(cafile=str(tls.ca) if tls.ca is not None else None)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    if tls.cert is not None and tls.key is not None:
+        # an encrypted key is refused: without this word OpenSSL would ask for one at the terminal
+        context.load_cert_chain(tls.cert, tls.key, password="")
+    return context
+
+
+def connect_reason(error: BaseException) -> str:
+    if isinstance(error, MqttConnectError):
+        return "refused by broker"
+    text = str(error).lower()
+    if "refused" in text:
+        return "no broker"
+    if "closed by peer" in text:
+        return "closed by peer"
+    if isinstance(error, TimeoutError) or "timed out" in text:
+        return "no answer"
+    if "certificate" in text or "ssl" in text:
+        return "tls"
+    return "cannot connect"
