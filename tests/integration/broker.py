@@ -205,7 +205,9 @@ class Subscriber:
         self.messages: list[tuple[str, Any]] = []
         """topic (without the prefix) and decoded payload, in the order of arrival"""
         self.statuses: list[tuple[float, str, bool]] = []
-        """monotonic time, payload, retained flag of what came on the status topic"""
+        """monotonic time, word, retained flag of what came on the status topic"""
+        self.instances: list[str] = []
+        """whose word each of them was"""
         self.retained: list[tuple[float, str, bytes]] = []
         self.arrived = asyncio.Event()
         self.subscribed = asyncio.Event()
@@ -243,7 +245,9 @@ class Subscriber:
         name = topic.removeprefix(f"{self._prefix}/")
         payload = bytes(message.payload)
         if name == "status":
-            self.statuses.append((now, payload.decode(), message.retain))
+            word, _, instance = payload.decode().partition(" ")
+            self.statuses.append((now, word, message.retain))
+            self.instances.append(instance)
         elif name == "health":
             self.retained.append((now, name, payload))
         else:

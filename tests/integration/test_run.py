@@ -168,7 +168,7 @@ def test_sigterm_says_offline_and_keeps_the_outbox(tmp_path, broker):
             start = time.monotonic()
             assert daemon.terminate(10) == 0, daemon.log
             assert time.monotonic() - start < 10
-            wait_for(lambda: [m for m in subscriber.drain() if m[1] == b"offline"], 3, "offline")
+            wait_for(lambda: [m for m in subscriber.drain() if m[1].startswith(b"offline ")], 3, "offline")
         finally:
             subscriber.close()
             line.close()

@@ -138,7 +138,7 @@ def test_impatient_signals_do_not_cut_the_orderly_end_short(tmp_path, broker, su
             time.sleep(0.002)
         assert daemon.process.wait(10) == 0, daemon.log
         assert "Traceback" not in daemon.log
-        wait_for(lambda: [m for m in subscriber.drain() if m[1] == b"offline"], 3, "offline")
+        wait_for(lambda: [m for m in subscriber.drain() if m[1].startswith(b"offline ")], 3, "offline")
 
 
 def test_the_retained_health_of_a_daemon_that_left_has_the_final_counts(tmp_path, broker, subscriber, line):

@@ -367,7 +367,7 @@ class Desk:
         self.replies: list[dict[str, object]] = []
         self.told: list[bytes] = []
         self.keeper = DriftKeeper(
-            load(path), folder, lambda payload: self.replies.append(json.loads(payload)), self.told.append
+            load(path), folder, lambda payload, _: self.replies.append(json.loads(payload)), self.told.append
         )
 
     def say(self, **command: object) -> dict[str, object]:

@@ -35,6 +35,7 @@ from highside.recording.keys import read_trusted_keys
 from highside.rotation.compensation import Compensation
 from highside.rotation.live import LiveCompensation
 from highside.service import messages
+from highside.service.alarms import UNANSWERED_STANDS_S, Dropping, Growing
 from highside.service.broker_client import check_secrets
 from highside.service.clock import LoopLag, clock_synced
 from highside.service.drift_keeper import DriftKeeper
@@ -42,7 +43,7 @@ from highside.service.home_assistant import discovery
 from highside.service.notify import Notifier
 from highside.service.outbox import Outbox
 from highside.service.pipeline import Attitude, Pipeline, Survey
-from highside.service.publisher import Publisher
+from highside.service.publisher import Publisher, new_instance
 from highside.service.recorder import Recorder, RecorderState
 from highside.service.rig import Rig
 
@@ -75,6 +76,10 @@ class Service:
         self._refused_link: str | None = None
         self._link_task: asyncio.Task[None] | None = None
         self._publisher_task: asyncio.Task[None] | None = None
+        self._dropping = Dropping()
+        self._unanswered = Growing(UNANSWERED_STANDS_S)
+        self._instance = new_instance()
+        """names this run at the broker"""
         self._leaving: set[asyncio.Task[None]] = set()
         """tasks that a reload has replaced and that still give back what they hold"""
         self._name_topics()
@@ -113,13 +118,15 @@ class Service:
     def _make_publisher(self) -> Publisher:
         settings = self.settings
         commands = {settings.mqtt.topic(settings.tool.id, "drift/command"): self._on_drift_command}
-        return Publisher(settings.mqtt, self.outbox, tool_id=settings.tool.id, commands=commands)
+        return Publisher(
+            settings.mqtt, self.outbox, tool_id=settings.tool.id, commands=commands, instance=self._instance
+        )
 
     def _on_drift_command(self, payload: bytes, retained: bool) -> None:
         self.drift.on_command(payload, retained=retained)
 
-    def _reply_drift(self, payload: bytes) -> None:
-        self.outbox.put(self.settings.mqtt.topic(self.settings.tool.id, "drift/reply"), payload, created_s=time.time())
+    def _reply_drift(self, payload: bytes, done: bool) -> None:
+        self.publisher.reply(self.settings.mqtt.topic(self.settings.tool.id, "drift/reply"), payload, done=done)
 
     def _tell_drift(self, payload: bytes) -> None:
         self.publisher.retained(self.settings.mqtt.topic(self.settings.tool.id, "drift"), payload)
@@ -234,8 +241,14 @@ class Service:
             alarms.append(f"link_{link.state.value}")
         if not broker.connected:
             alarms.append("broker_away")
+        if broker.taken:
+            alarms.append("client_id_taken")
+        if self._unanswered.look(broker.replies_dropped):
+            alarms.append("commands_unanswered")
         if not outbox.storage_ok:
             alarms.append("outbox_storage")
+        if self._dropping.look(outbox.dropped):
+            alarms.append("outbox_dropping")
         if self.settings.recorder.enabled and recorder.state is RecorderState.FAILING:
             alarms.append("recorder_storage")
         if self._calibration_error:
@@ -262,6 +275,12 @@ class Service:
                 connects=broker.connects,
                 failures=broker.failures,
                 last_error=broker.last_error,
+                instance=broker.instance,
+                short_connections=broker.short_connections,
+                taken=broker.taken,
+                replies=broker.replies,
+                replies_dropped=broker.replies_dropped,
+                commands_failed=broker.commands_failed,
             ),
             recorder=recorder.as_dict() if self.settings.recorder.enabled else None,
             loop={

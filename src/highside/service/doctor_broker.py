@@ -17,9 +17,9 @@ from pydantic import ValidationError
 from highside.config.mqtt import MqttSettings
 from highside.config.settings import Settings
 from highside.errors import HighsideError
+from highside.service.broker_client import broker_client
 from highside.service.findings import Finding, Level
 from highside.service.messages import HealthMessage
-from highside.service.broker_client import broker_client
 
 QUIET_S = 1.0
 """The broker has handed out everything when nothing came for so long."""

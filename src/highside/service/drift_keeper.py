@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import time
 from collections import deque
@@ -12,13 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
+from pydantic_core import from_json
 
 from highside.config.settings import Settings
 from highside.errors import HighsideError
 from highside.service import saved_drift
 from highside.service.clock import clock_synced
 from highside.service.drift_stage import DriftStage
-from highside.service.messages import DriftCommand, DriftReply
+from highside.service.messages import LONGEST_ID, DriftCommand, DriftReply
+from highside.service.quiet_log import QuietLog
 
 log = logging.getLogger("highside")
 
@@ -27,22 +28,27 @@ ALIGN_STD_DEG = 0.5
 _REMEMBERED = 64
 """ids of commands that are not done again"""
 _LONGEST_COMMAND = 4096
+_LONGEST_ERROR = 400
+_AUDITED = 20
+"""lines a minute that name commands done, of each kind"""
 
 
 class DriftKeeper:
     """Made with the service; `start` and `stop` with its loop, `apply` after a reload.
 
-    `reply(payload)` and `tell(payload)` publish on `drift/reply` and (retained) on `drift`.
+    `reply(payload, done)` and `tell(payload)` publish on `drift/reply` and (retained) on `drift`.
     """
 
     def __init__(
-        self, settings: Settings, state_dir: Path, reply: Callable[[bytes], None], tell: Callable[[bytes], None]
+        self, settings: Settings, state_dir: Path, reply: Callable[[bytes, bool], None], tell: Callable[[bytes], None]
     ) -> None:
         self._settings = settings
         self._path = state_dir / FILE
         self._reply, self._tell = reply, tell
         self._task: asyncio.Task[None] | None = None
         self._done: deque[str] = deque(maxlen=_REMEMBERED)
+        self._quiet = QuietLog(log)
+        self._audit = QuietLog(log, burst=_AUDITED)
         self.error: str | None = None
         self.saves = 0
         self.commands = 0
@@ -134,29 +140,40 @@ class DriftKeeper:
     def on_command(self, payload: bytes, *, retained: bool) -> None:
         """A message on `drift/command`. Never raises; every command is answered."""
         self.commands += 1
+        try:
+            self._obey(payload, retained=retained)
+        except Exception as error:
+            # a fault of ours: who gave the command must know that it was not done
+            self._quiet.say(logging.ERROR, type(error).__name__, "drift command failed: %r", error)
+            self._answer("", f"could not be done: {type(error).__name__}; see the log of the service", logged=True)
+
+    def _obey(self, payload: bytes, *, retained: bool) -> None:
         if retained:
             self._answer("", "is retained: it would be done again at every connect; publish it without that flag")
             return
+        if len(payload) > _LONGEST_COMMAND:
+            self._answer("", f"is longer than {_LONGEST_COMMAND} bytes")
+            return
         try:
-            if len(payload) > _LONGEST_COMMAND:
-                raise ValueError("longer than 4096 bytes")
-            command = DriftCommand.model_validate(json.loads(payload))
+            command = DriftCommand.model_validate_json(payload)
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
+            first = error.errors(include_url=False, include_input=False)[0]
             field = ".".join(str(part) for part in first["loc"])
             what = first["msg"].removeprefix("Value error, ")
             self._answer(_id_of(payload), f"{field}: {what}" if field else what)
             return
-        except (ValueError, RecursionError) as error:
-            self._answer("", f"is no JSON object of a command: {error}")
-            return
         if command.id in self._done:
             self._answer(command.id, None)
             return
-        problem = self._do(command)
+        try:
+            problem = self._do(command)
+        except Exception as error:
+            self._quiet.say(logging.ERROR, type(error).__name__, "drift: %s failed: %r", command.command, error)
+            self._answer(command.id, f"{command.command} failed ({type(error).__name__}): see the service's log")
+            return
         if problem is None:
             self._done.append(command.id)
-            log.info("drift: %s done (%s)", command.command, command.id)
+            self._audit.say(logging.INFO, command.command, "drift: %s done (%s)", command.command, command.id)
         self._answer(command.id, problem)
         self.publish()
 
@@ -175,18 +192,25 @@ class DriftKeeper:
             return stage.connection(command.seconds)
         return stage.restart()
 
-    def _answer(self, of: str, problem: str | None) -> None:
+    def _answer(self, of: str, problem: str | None, *, logged: bool = False) -> None:
         if problem is not None:
-            log.warning("drift command refused: %s", problem)
-        reply = DriftReply(id=of, t=round(time.time(), 6), ok=problem is None, error=problem)
-        self._reply(reply.model_dump_json().encode())
+            problem = _bounded(problem, _LONGEST_ERROR)
+            if not logged:
+                self._quiet.say(logging.WARNING, "refused", "drift command refused: %s", problem)
+        reply = DriftReply(id=_bounded(of, LONGEST_ID), t=round(time.time(), 6), ok=problem is None, error=problem)
+        self._reply(reply.model_dump_json().encode(), problem is None)
 
 
 def _id_of(payload: bytes) -> str:
-    """The id of a command that is otherwise wrong."""
+    """The id of a command that is otherwise wrong, as far as it can be told."""
     try:
-        found = json.loads(payload)
-    except (ValueError, RecursionError):
+        found = from_json(payload)
+    except ValueError:
         return ""
     value = found.get("id") if isinstance(found, dict) else None
-    return value[:64] if isinstance(value, str) else ""
+    return str(value) if isinstance(value, str | int | float) else ""
+
+
+def _bounded(text: str, longest: int) -> str:
+    """What can be said in JSON, whatever it holds: no lone surrogates, and no more than `longest` characters."""
+    return text[:longest].encode("utf-8", "backslashreplace").decode()[:longest]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
 
+from highside.service.alarms import ALARMS
 from highside.service.saved_drift import Alignment
 
 if TYPE_CHECKING:
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 
 ONLINE = b"online"
 OFFLINE = b"offline"
+
+LONGEST_ID = 64
+"""Characters of a command's id."""
 
 _FRESH_END = b'"historical":false}'
 _HISTORICAL_END = b'"historical":true}'
@@ -122,6 +126,12 @@ class BrokerHealth(_Payload):
     connects: Count
     failures: dict[str, Count]
     last_error: str
+    instance: str = Field(default="", description="Names this run of the service, as in `status`.")
+    short_connections: Count = Field(default=0, description="Connections that ended within 5 s.")
+    taken: str | None = Field(default=None, description="Why our client id seems to be used elsewhere; null: not.")
+    replies: Count = Field(default=0, description="Answers to commands that the broker has.")
+    replies_dropped: Count = Field(default=0, description="Answers beyond 5 a second (20 at once), of each kind.")
+    commands_failed: Count = Field(default=0, description="Messages to us that ended in a fault of the program.")
 
 
 class HealthMessage(_Payload):
@@ -153,7 +163,10 @@ class HealthMessage(_Payload):
     )
     reload: dict[str, Any] = Field(description="Reloads taken, and why the last one was refused (null: it was not).")
     balance: dict[str, bool] = Field(description="Whether the counters of bytes, frames and messages add up.")
-    alarms: list[str] = Field(description="What needs attention; empty if nothing.")
+    alarms: list[str] = Field(
+        description="What needs attention; empty if nothing. "
+        + " ".join(f"`{name}`: {text}" for name, text in ALARMS.items())
+    )
 
 
 class LiteralAzimuth(_Payload):
@@ -198,16 +211,22 @@ class DriftMessage(_Payload):
 class DriftCommand(_Payload):
     """`<prefix>/<tool>/drift/command` (to the service, not retained): heading alignment and reset."""
 
-    id: str = Field(min_length=1, max_length=64, description="Any; the reply carries it. Repeated: not done again.")
+    id: str = Field(
+        min_length=1, max_length=LONGEST_ID, description="Any; the reply carries it. Repeated: not done again."
+    )
     command: Literal["align", "reset_heading", "connection", "restart"] = Field(
         description="align: the azimuth is this. reset_heading: it is that of the alignment again (asserts a straight"
         " hole). connection: the tool stands for `seconds` (0: no more). restart: forget all, biases too."
     )
-    azimuth_deg: float | None = Field(default=None, ge=0, le=360, description="align: clockwise from true north.")
-    std_deg: float | None = Field(
-        default=None, ge=0, le=90, description="align: its standard deviation; 0.5 if absent."
+    azimuth_deg: float | None = Field(
+        default=None, ge=0, le=360, strict=True, description="align: clockwise from true north."
     )
-    seconds: float | None = Field(default=None, ge=0, le=1800, description="connection: for how long at most.")
+    std_deg: float | None = Field(
+        default=None, ge=0, le=90, strict=True, description="align: its standard deviation; 0.5 if absent."
+    )
+    seconds: float | None = Field(
+        default=None, ge=0, le=1800, strict=True, description="connection: for how long at most."
+    )
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
@@ -223,7 +242,7 @@ class DriftCommand(_Payload):
 class DriftReply(_Payload):
     """`<prefix>/<tool>/drift/reply`: whether a command was done."""
 
-    id: str
+    id: str = Field(description="That of the command; empty where it could not be read.")
     t: float
     ok: bool
     error: str | None = Field(description="Why not, and what to do.")
@@ -237,14 +256,17 @@ PAYLOADS: dict[str, type[BaseModel]] = {
     "drift/command": DriftCommand,
     "drift/reply": DriftReply,
 }
-"""Model by last part of the topic; `status` is a bare word."""
+"""Model by last part of the topic; `status` is two words."""
 
 
 def schemas() -> dict[str, Any]:
     """JSON Schema of every topic."""
     found: dict[str, Any] = {name: model.model_json_schema() for name, model in PAYLOADS.items()}
-    status = TypeAdapter(Literal["online", "offline"]).json_schema()
-    status["description"] = "Retained plain text, not JSON: birth `online`, last will and farewell `offline`."
+    status = TypeAdapter(Annotated[str, Field(pattern=r"^(online|offline) [0-9a-f]{8}$")]).json_schema()
+    status["description"] = (
+        "Retained plain text, not JSON: birth `online`, last will and farewell `offline`; then a space and the name of"
+        " the run of the service that says so (health's `broker.instance`): `online 5f0c2a91`."
+    )
     found["status"] = status
     return found
 

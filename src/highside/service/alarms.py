@@ -1,0 +1,79 @@
+"""The alarms of the health message: what each says and what to do, and those that outlast what raised them."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Mapping
+
+from highside.service.quiet_log import QuietLog
+
+log = logging.getLogger("highside")
+
+ALARMS: dict[str, str] = {
+    "balance_bytes": "The counts of bytes do not add up: a fault of the program; keep the log.",
+    "balance_frames": "The counts of frames do not add up: a fault of the program; keep the log.",
+    "balance_messages": "The counts of messages do not add up: a fault of the program; keep the log.",
+    "link_down": "The link is gone: cable, adapter, permission; the log names it.",
+    "link_stale": "The link is open and silent: power and wiring of the tool.",
+    "broker_away": "No connection to the broker; messages wait on disk.",
+    "client_id_taken": "Another client uses this tool's MQTT client id, or the broker sheds us: `broker.taken` says"
+    " which. Stop one of the two, or give it its own `tool.id`.",
+    "commands_unanswered": "More commands came in the last minute than can be answered: find who sends them.",
+    "outbox_storage": "The outbox cannot write to the disk; messages wait in memory.",
+    "outbox_dropping": "Messages were dropped within the last hour, `outbox.dropped` says why: more room"
+    " (`[mqtt.outbox]`), or the broker back.",
+    "recorder_storage": "The recorder cannot write to the disk.",
+    "survey_storage": "Surveys cannot be written to the disk; they are tried again.",
+    "calibration_refused": "The configured calibration was refused, `calibration.refused` says why.",
+    "rotation_refused": "The rotor-angle compensation was refused, `rotation.refused` says why.",
+    "reload_refused": "The last reload was refused, `reload.refused` says why; the configuration before is in force.",
+    "stuck_ax": "This accelerometer gives one and the same value.",
+    "stuck_ay": "This accelerometer gives one and the same value.",
+    "stuck_az": "This accelerometer gives one and the same value.",
+    "frozen": "Every reading is the same: a dead converter.",
+    "toolface_offset": "The log of toolface offsets cannot be read; the offset before is in force.",
+    "g_total_trend": "Gtotal of the surveys drifts: run `diagnose`.",
+    "wits_away": "A WITS output has an error and nobody is connected to it.",
+}
+"""By name; `highside schema` prints them with the health message."""
+
+DROPPING_STANDS_S = 3600.0
+"""Seconds for which `outbox_dropping` outlasts the last drop: an operator looks at a rig at least once in an hour."""
+UNANSWERED_STANDS_S = 60.0
+"""Seconds for which `commands_unanswered` outlasts the last answer that was dropped."""
+
+
+class Growing:
+    """Whether a count has grown within the last `stands_s`; looked at with each health message."""
+
+    def __init__(self, stands_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._stands_s, self._clock = stands_s, clock
+        self._count = 0
+        self._last: float | None = None
+
+    def look(self, count: int) -> bool:
+        """Take the present count; begins at 0, and may begin anew."""
+        now = self._clock()
+        if count > self._count:
+            self._last = now
+        self._count = count
+        return self._last is not None and now - self._last < self._stands_s
+
+
+class Dropping:
+    """`outbox_dropping`: stands for an hour after the last drop; each reason has its line in the log, once a minute."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._growing = Growing(DROPPING_STANDS_S, clock)
+        self._quiet = QuietLog(log, clock=clock)
+        self._seen: dict[str, int] = {}
+
+    def look(self, dropped: Mapping[str, int]) -> bool:
+        """Take the present counts by reason."""
+        for reason, count in dropped.items():
+            if count > self._seen.get(reason, 0):
+                text = "outbox: messages are dropped (%s), %d of them since the start"
+                self._quiet.say(logging.ERROR, reason, text, reason, count)
+        self._seen = dict(dropped)
+        return self._growing.look(sum(dropped.values()))
