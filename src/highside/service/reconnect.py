@@ -31,8 +31,9 @@ SHORT_IN_A_ROW = 5
 TOLERATED = 3
 """So many in a row are answered at once by who was connected for long before, although a twin was seen."""
 SHED_PAUSE_S = 2.0
-"""Seconds, doubling up to `SHED_PAUSE_MAX_S`: the pause after many short connections of which nobody knows why."""
-SHED_PAUSE_MAX_S = 30.0
+"""Seconds, doubling up to `SHED_PAUSE_MAX_S`: the pause after many short connections of which nobody knows why. Not
+longer, because it may be a bad line, on which each second of connection counts."""
+SHED_PAUSE_MAX_S = 10.0
 TWIN_PAUSE_S = 20.0
 """Seconds, doubling up to `TWIN_PAUSE_MAX_S`: the pause of who gives way. Each attempt costs the other one
 interruption, so they are to be rare; and they must not end, because the other may have gone."""
