@@ -216,7 +216,7 @@ class Service:
             seq = self.outbox.next_seq(topic)
             payload = messages.attitude_payload(seq, t_wall, attitude.t_mono, self._clock_synced, output)
             self.rig.on_attitude(output, t_wall)
-        self.outbox.put(topic, payload, created_s=now_wall)
+        self.outbox.put(topic, payload, synced=self._clock_synced)
         if self.on_output is not None:
             self.on_output(output, seq)
 
@@ -354,7 +354,7 @@ class Service:
             loop.add_signal_handler(number, handler)
         self.rig.start(lambda: self.pipeline, self._publish_health)
         self.drift.start()
-        self.outbox.start()
+        self.outbox.start(wait=False)
         self.recorder.start()
         self._announce()
         self._publisher_task = asyncio.create_task(self.publisher.run(), name="publisher")
@@ -601,15 +601,10 @@ class Progress:
 
     def __init__(self, outbox: Outbox) -> None:
         self._outbox = outbox
-        self._committed = -1
-        self._since = time.monotonic()
 
     def wedged_s(self) -> float:
         """Seconds for which messages have waited for a commit that did not come."""
-        stats, now = self._outbox.stats, time.monotonic()
-        if stats.committed != self._committed or not self._outbox.uncommitted or not stats.storage_ok:
-            self._committed, self._since = stats.committed, now
-        return now - self._since
+        return self._outbox.overdue_s if self._outbox.stats.storage_ok else 0.0
 
 
 def correction_of(settings: Settings) -> Correction:

@@ -117,6 +117,11 @@ class OutboxHealth(_Payload):
     storage_errors: Count
     storage_error: str
     corrupt_files: Count
+    resumed_at: dict[str, Count] = Field(
+        default_factory=dict,
+        description="By topic, where the last run was killed: the first `seq` of this one. Up to 200 numbers before it"
+        " were reserved and belong to no message.",
+    )
 
 
 class BrokerHealth(_Payload):

@@ -1,24 +1,33 @@
-"""The outbox: messages are stored here before they are sent, and stay until the broker has acknowledged them.
+"""The outbox: a message is kept until the broker has acknowledged it, on disk if that takes longer than a moment.
 
 MQTT is not a store: a client library keeps unsent messages in memory at best, and a broker that went silent swallows
-what was written to its socket. So every message is first committed to SQLite (write-ahead log, `synchronous=FULL`)
-and deleted after its PUBACK. `put` only appends to a bounded hand-over in memory; a thread of its own commits it in
-groups, at once when the last commit was `commit_interval_s` ago, else when that time is over. A process that is
-killed loses what it had not committed: at most one commit interval and the commit in progress.
+what was written to its socket. So `put` keeps the message in a bounded hand-over in memory and gives it to the sender
+at once. What has no PUBACK within `commit_interval_s` is committed to a file by a thread of its own, in groups, and
+deleted after its PUBACK. With a broker that answers nothing is written but the reservation of numbers; without one
+every message reaches the disk within the interval.
 
-**Sequence numbers.** `next_seq` counts per topic and goes on after a restart from the last number committed. A
-message is handed to the sender only after its commit, so that a number is never seen twice with two contents. The one
-exception: while the disk refuses to write, messages are sent from memory, because late is better than never; what a
-kill then loses may leave its numbers to be used again.
+**What a crash or a loss of power costs.** A message is lost if it was neither acknowledged nor committed: it was put
+less than one commit interval, and the commit in progress, before the end. That is the same bound as with a commit
+before sending; what was acknowledged is safe with the broker, what was older is in the file. A message that the broker
+had, and whose deletion was not committed, is sent again: with the same number and content.
+
+**Sequence numbers.** `next_seq` counts per topic and goes on after a restart. No number is ever seen with two contents:
+numbers are reserved on disk in blocks (`sequence`), the sender is given only messages whose number is reserved, and
+after a crash the numbering goes on behind the reservation. So a crash leaves a hole of up to 200 numbers; an orderly
+end leaves none. The one exception is a disk that refuses even to overwrite the reservation (read-only, I/O error; not a
+full one): then messages are sent all the same, because late is better than never, and a kill before it takes writes
+again may let numbers be used again.
 
 **Two streams.** After an outage there are old messages and new ones. Those younger than `historical_after_s` are
 *live* and are handed out in order, first of all; the older ones are *historical*, handed out in order where the live
 stream leaves room. So a backlog of a million rows does not delay what is measured now, each stream keeps its order,
-and the sequence number lets a consumer merge them.
+and the sequence number lets a consumer merge them. Age is told by the boot clock (see `clock`), so that a wall clock
+that is set neither ages nor renews anything; a message of an earlier boot is historical, and too old only if the wall
+clock was synchronised both times.
 
 **Accounts.** `produced == acknowledged + queued + dropped` at any time; `queued` is counted on its own (hand-over and
-database), not inferred. Caps on rows, bytes and age drop the oldest first, counted by reason. A file that is corrupt
-is set aside under another name and a new one begun.
+file), not inferred. Caps on rows, bytes and age drop the oldest first, counted by reason. A file that is corrupt is set
+aside under another name, a new one is begun, and what can be read is taken over.
 """
 
 from __future__ import annotations
@@ -32,22 +41,24 @@ from collections import Counter, OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Protocol
 
 from highside.errors import InputError
+from highside.service import clock
+from highside.service.outbox_file import BATCH_ROWS, BOOT_ID_LETTERS, MessageFile, OutboxState, Row, age, inspect
+from highside.service.sequence import BLOCK, SAFETY, SequenceFile
+
+__all__ = ["Outbox", "OutboxState", "OutboxStats", "Row", "inspect"]
 
 log = logging.getLogger(__name__)
 
-SCHEMA_VERSION = 1
 LIVE_IN_MEMORY = 5_000
-"""Committed live rows kept in memory for the sender; the oldest beyond that become historical."""
+"""Live rows kept in memory for the sender; the oldest beyond that become historical."""
 BACKLOG_CHUNK = 2_000
-BATCH_ROWS = 2_000
-"""Rows in one transaction."""
 RETRY_S = 0.5
 """Pause after the disk refused a commit."""
-CLOCK_IS_SET_S = 1_577_836_800.0
-"""2020-01-01: a message stamped earlier was made before the clock was set, and its age is not known."""
+TIDY_S = 1.0
+"""How often caps are looked at, and how long an acknowledged row may wait to be deleted from the file."""
 
 NO_ROOM_IN_MEMORY = "memory"
 TOO_MANY_ROWS = "max_rows"
@@ -56,19 +67,10 @@ TOO_OLD = "max_age"
 LOST_FILE = "corrupt"
 
 
-class Row(NamedTuple):
-    """One message; `id` grows in the order of `put`."""
+class Clocks(Protocol):
+    """What tells the time; `clock.now` but for tests."""
 
-    id: int
-    topic: str
-    seq: int
-    created_s: float
-    qos: int
-    payload: bytes
-
-    @property
-    def size(self) -> int:
-        return len(self.payload) + len(self.topic)
+    def __call__(self, *, synced: bool | None = None) -> clock.Moment: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +81,7 @@ class OutboxStats:
     """taken over from earlier runs (`carried`) and put in this one"""
     carried: int
     committed: int
+    """written to the file, because the broker did not have them in time"""
     acknowledged: int
     queued: int
     queued_bytes: int
@@ -87,13 +90,18 @@ class OutboxStats:
     storage_errors: int = 0
     storage_error: str = ""
     corrupt_files: int = 0
+    resumed_at: dict[str, int] = field(default_factory=dict)
+    """by topic, the first number of this run where the last one was killed: the hole before it is none of messages"""
 
     def balanced(self) -> bool:
         return self.produced == self.acknowledged + self.queued + sum(self.dropped.values())
 
 
 class Outbox:
-    """See the module. `put`, `next_seq`, `take` and `ack` never block and belong to one thread (the event loop's)."""
+    """See the module. `put`, `next_seq`, `take` and `ack` never block and belong to one thread (the event loop's).
+
+    `path` is the file of messages; the numbers are kept beside it. `clocks` is for tests.
+    """
 
     def __init__(
         self,
@@ -105,21 +113,30 @@ class Outbox:
         commit_interval_s: float = 0.05,
         historical_after_s: float = 5.0,
         max_memory_rows: int = 20_000,
-        clock: Callable[[], float] = time.time,
+        clocks: Clocks = clock.now,
     ) -> None:
-        self._path = path
         self._max_rows, self._max_age_s, self._max_bytes = max_rows, max_age_s, max_bytes
         self._commit_interval_s = commit_interval_s
         self._historical_after_s = historical_after_s
         self._max_memory_rows = max_memory_rows
-        self._clock = clock
+        self._clocks = clocks
 
-        # the lock guards what follows; it is never held during SQL, so nobody waits for the disk
+        # the lock guards what follows; it is never held during a write, so nobody waits for the disk
         self._lock = threading.Lock()
         self._seq: dict[str, int] = {}
+        """the last number given out, by topic"""
+        self._topics: set[str] = set()
+        """those with messages in this run"""
+        self._reserved: dict[str, int] = {}
+        """numbers below this are reserved on disk, or were used by an earlier run, by topic"""
+        self._reserving = True
+        """whether the disk takes reservations"""
+        self._resumed_at: dict[str, int] = {}
         self._next_id = 1
         self._handover: OrderedDict[int, Row] = OrderedDict()
-        """put and not yet committed"""
+        """put, and neither committed nor acknowledged"""
+        self._committing: set[int] = set()
+        """rows of the hand-over that may be in the file already: a commit of them is under way, or failed"""
         self._rows_in_file = 0
         self._bytes_in_file = 0
         self._bytes_in_memory = 0
@@ -138,29 +155,38 @@ class Outbox:
         self._storage_ok = True
         self._storage_errors = 0
         self._storage_error = ""
-        self._corrupt_files = 0
+        self._due_mono: float | None = 0.0
+        """when the thread wakes by itself; None: when it is woken"""
+        self._urgent = True
+        """something is to be done at once"""
+        self._on_ready: Callable[[], None] | None = None
+        self._on_put: Callable[[], None] | None = None
 
         # only the thread touches these
-        self._db: sqlite3.Connection | None = None
+        self._file = MessageFile(path)
+        self._numbers = SequenceFile(path.with_name(path.name + ".numbers"))
         self._last_committed_id = 0
-        self._caps_checked = 0.0
-        self._check_file = True
-        self._opened_before = False
+        self._tidied_mono = 0.0
+        self._sequence_read = self._opened_before = False
 
         self._wake = threading.Event()
         self._stopping = threading.Event()
+        self._numbered = threading.Event()
         self._ready = threading.Event()
         self._fatal: InputError | None = None
         self._thread: threading.Thread | None = None
-        self._on_ready: Callable[[], None] | None = None
 
     # -- the producer's side ---------------------------------------------------------------------------------------
 
-    def start(self) -> None:
-        """Open the file and start the thread. Raises `InputError` if another process has the file open."""
+    def start(self, *, wait: bool = True) -> None:
+        """Open the file and start the thread. Raises `InputError` if another process has the file open.
+
+        `wait=False` returns when the sequence numbers are known: a file with a million messages takes seconds to be
+        counted, and what is measured meanwhile waits in memory.
+        """
         self._thread = threading.Thread(target=self._run, name="outbox", daemon=True)
         self._thread.start()
-        self._ready.wait()
+        (self._ready if wait else self._numbered).wait()
         if self._fatal is not None:
             self._thread.join()
             raise self._fatal
@@ -178,33 +204,73 @@ class Outbox:
         """The sequence number of the next message on `topic`; begins at 0, goes on after a restart."""
         seq = self._seq.get(topic, -1) + 1
         self._seq[topic] = seq
+        self._topics.add(topic)
+        if self._reserved.get(topic, 0) - seq < BLOCK // 2:
+            self._hurry()
         return seq
 
-    def put(self, topic: str, payload: bytes, *, created_s: float, qos: int = 1) -> None:
-        """Hand over a message that carries the last `next_seq(topic)`. Never blocks, never raises for want of room."""
+    def put(
+        self, topic: str, payload: bytes, *, created_s: float | None = None, qos: int = 1, synced: bool = False
+    ) -> None:
+        """Hand over a message that carries the last `next_seq(topic)`. Never blocks, never raises for want of room.
+
+        `created_s` is for one that was made earlier, by the wall clock as it is now; `synced`: that clock is right.
+        """
+        now, mono = self._clocks(synced=synced), time.monotonic()
+        made_s, age_s = (now.wall_s, 0.0) if created_s is None else (created_s, max(now.wall_s - created_s, 0.0))
+        boot_id = now.boot_id[:BOOT_ID_LETTERS]
         with self._lock:
-            row = Row(self._next_id, topic, self._seq.get(topic, -1), created_s, qos, payload)
+            seq = self._seq.get(topic, -1)
+            row = Row(self._next_id, topic, seq, made_s, qos, payload, boot_id, now.boot_s - age_s, synced, mono)
             self._next_id += 1
             self._produced += 1
             self._handover[row.id] = row
             self._bytes_in_memory += row.size
             if len(self._handover) > self._max_memory_rows:
                 self._drop_from_memory()
-        if not self._wake.is_set():
+            if self._delivering and not self._rewind:
+                self._live.append(row)
+                self._trim_live()
+            sleeping = self._due_mono is None or self._due_mono > mono + self._commit_interval_s
+            on_put = self._on_put
+        if sleeping:
             self._wake.set()
+        if on_put is not None:
+            on_put()
 
     def _drop_from_memory(self) -> None:
         for row in self._handover.values():
             if row.id not in self._in_flight:
                 self._forget(row)
                 self._dropped[NO_ROOM_IN_MEMORY] += 1
+                with contextlib.suppress(ValueError):
+                    self._live.remove(row)
                 return
+
+    def _trim_live(self) -> None:
+        while len(self._live) > LIVE_IN_MEMORY:
+            self._live_from = self._live.popleft().id + 1
+
+    def _hurry(self) -> None:
+        """Let the thread look at once."""
+        if not self._urgent:
+            self._urgent = True
+            self._wake.set()
 
     @property
     def uncommitted(self) -> int:
-        """Messages that wait in memory for their commit."""
+        """Messages that the broker does not have and the file neither."""
         with self._lock:
             return len(self._handover)
+
+    @property
+    def overdue_s(self) -> float:
+        """For how long the oldest message has waited for a commit that should have been; 0 if none has."""
+        with self._lock:
+            if not self._handover:
+                return 0.0
+            oldest = next(iter(self._handover.values())).put_mono
+        return max(time.monotonic() - oldest - self._commit_interval_s, 0.0)
 
     @property
     def stats(self) -> OutboxStats:
@@ -220,25 +286,29 @@ class Outbox:
                 storage_ok=self._storage_ok,
                 storage_errors=self._storage_errors,
                 storage_error=self._storage_error,
-                corrupt_files=self._corrupt_files,
+                corrupt_files=self._file.set_aside,
+                resumed_at=dict(self._resumed_at),
             )
 
     # -- the sender's side -----------------------------------------------------------------------------------------
 
-    def begin_delivery(self, on_ready: Callable[[], None]) -> None:
-        """Hand out everything that is not acknowledged, anew. `on_ready` is called in the outbox's thread whenever
-        there may be something to `take`."""
+    def begin_delivery(self, on_ready: Callable[[], None], on_put: Callable[[], None] | None = None) -> None:
+        """Hand out everything that is not acknowledged, anew.
+
+        Whenever there may be something to `take`, `on_ready` is called in the outbox's thread, or `on_put` in that of
+        the caller of `put`.
+        """
         with self._lock:
-            self._on_ready = on_ready
+            self._on_ready, self._on_put = on_ready, on_put
             self._delivering = True
             self._forget_delivery()
             self._rewind = True
-        self._wake.set()
+        self._hurry()
 
     def end_delivery(self) -> None:
         """The connection is gone: what was taken and not acknowledged will be handed out again."""
         with self._lock:
-            self._on_ready = None
+            self._on_ready = self._on_put = None
             self._delivering = False
             self._forget_delivery()
 
@@ -254,34 +324,41 @@ class Outbox:
         `backlog=False` asks for the live stream alone. Each message is handed out once until `begin_delivery`.
         """
         with self._lock:
-            if not self._delivering or (self._rewind and self._storage_ok):
+            if not self._delivering or self._rewind:
                 return None
-            row = self._take_live()
-            if row is not None:
-                self._in_flight[row.id] = row
-                return row, False
-            if backlog and self._backlog:
-                row = self._backlog.popleft()
-                if len(self._backlog) < BACKLOG_CHUNK // 2 and not self._wake.is_set():
-                    self._wake.set()
-                self._in_flight[row.id] = row
-                return row, True
-            return None
+            taken = self._take_live()
+            if taken is None and backlog and self._backlog:
+                taken = self._backlog.popleft(), True
+                if len(self._backlog) < BACKLOG_CHUNK // 2:
+                    self._hurry()
+            if taken is not None:
+                self._in_flight[taken[0].id] = taken[0]
+            return taken
 
-    def _take_live(self) -> Row | None:
-        oldest = self._clock() - self._historical_after_s
+    def _take_live(self) -> tuple[Row, bool] | None:
+        if not self._live and self._storage_ok:
+            return None
+        now = self._clocks(synced=False)
         while self._live:
-            row = self._live.popleft()
-            if row.created_s >= oldest:
-                return row
+            row = self._live[0]
+            if self._reserving and row.seq >= self._reserved.get(row.topic, 0):
+                self._hurry()
+                return None
+            self._live.popleft()
+            if self._is_live(row, now):
+                return row, False
             # it waited too long: the backlog, which reads up to `_live_from`, will find it in the file
             self._live_from = row.id + 1
-            self._wake.set()
+            self._hurry()
         if not self._storage_ok:
             for row in self._handover.values():
                 if row.id not in self._in_flight:
-                    return row
+                    return row, not self._is_live(row, now)
         return None
+
+    def _is_live(self, row: Row, now: clock.Moment) -> bool:
+        old = age(row, now)
+        return old is not None and old <= self._historical_after_s
 
     def ack(self, row_id: int) -> None:
         """The broker has the message: it is deleted. An id that is not in flight is ignored."""
@@ -306,44 +383,61 @@ class Outbox:
     def _forget(self, row: Row) -> None:
         if self._handover.pop(row.id, None) is not None:
             self._bytes_in_memory -= row.size
+            if row.id in self._committing:
+                self._gone[row.id] = None
         else:
             self._rows_in_file -= 1
             self._bytes_in_file -= row.size
-        # also for a row from memory: a commit of it may be under way
-        self._gone[row.id] = None
+            self._gone[row.id] = None
 
     # -- the thread ------------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
         try:
+            self._file.lock()
+            self._begin_numbers()
+            self._numbered.set()
             self._open()
         except InputError as error:
             self._fatal = error
-            self._ready.set()
-            return
         except (sqlite3.Error, OSError) as error:
             self._failed(error)
+        self._numbered.set()
         self._ready.set()
-        while True:
-            self._wake.wait(1.0)
-            self._wake.clear()
-            began = time.monotonic()
-            stopping = self._stopping.is_set()
-            try:
-                done = self._cycle()
-                pause = self._commit_interval_s - (time.monotonic() - began)
-            except (sqlite3.Error, OSError, InputError) as error:
-                self._failed(error)
-                done, pause = True, RETRY_S
-            if not done:
-                self._wake.set()
-                continue
-            if stopping:
-                break
+        while self._fatal is None and not self._turn():
+            pass
+        self._numbers.close()
+        self._file.release()
+
+    def _turn(self) -> bool:
+        """Sleep until something is due, and do it. True at the end."""
+        self._wake.wait(self._sleep_s())
+        self._wake.clear()
+        stopping = self._stopping.is_set()
+        try:
+            done = self._cycle(stopping)
+        except (sqlite3.Error, OSError, InputError) as error:
+            self._failed(error)
             self._notify()
-            if pause > 0.0 and self._stopping.wait(pause):
-                self._wake.set()
-        self._close()
+            if stopping:
+                return True
+            self._stopping.wait(RETRY_S)
+            return False
+        self._notify()
+        return done and stopping
+
+    def _sleep_s(self) -> float | None:
+        """How long nothing needs to be done unless the thread is woken; None: for ever."""
+        with self._lock:
+            now, due = time.monotonic(), None
+            if self._urgent or self._stopping.is_set():
+                due = now
+            elif self._handover:
+                due = next(iter(self._handover.values())).put_mono + self._commit_interval_s
+            elif self._gone or self._rows_in_file or not self._storage_ok:
+                due = now + TIDY_S
+            self._due_mono = due
+            return None if due is None else max(due - now, 0.0)
 
     def _notify(self) -> None:
         with self._lock:
@@ -354,44 +448,101 @@ class Outbox:
             with contextlib.suppress(RuntimeError):
                 on_ready()
 
-    def _cycle(self) -> bool:
-        """Store, delete, fill the sender's queues. False if there is more to do at once."""
-        if self._db is None:
+    def _cycle(self, stopping: bool) -> bool:
+        """Reserve, store, delete, fill the sender's queues. False if there is more to do at once."""
+        with self._lock:
+            self._urgent = False
+        refused = self._reserve()
+        if not self._file.is_open:
             self._open()
-        self._commit()
         now = time.monotonic()
-        if now - self._caps_checked > 1.0 or self._over_caps():
-            self._caps_checked = now
+        tidy = now - self._tidied_mono >= TIDY_S
+        with self._lock:
+            oldest = next(iter(self._handover.values())).put_mono if self._handover else now
+            due = stopping or not self._storage_ok or now - oldest >= self._commit_interval_s
+            over = self._rows_in_file > self._max_rows or self._bytes_in_file > self._max_bytes
+            due = due or (bool(self._gone) and (tidy or len(self._gone) >= BATCH_ROWS))
+        if due:
+            self._commit()
+        if (tidy or over) and self._rows_in_file:
             self._enforce_caps()
+        if tidy:
+            self._tidied_mono = now
         self._fill()
+        self._delete_damaged()
+        if refused is not None:
+            raise refused
         if not self._storage_ok:
             with self._lock:
                 self._storage_ok = True
                 self._storage_error = ""
             log.warning("outbox: storing again")
         with self._lock:
-            if self._stopping.is_set():
-                return not self._handover and not self._gone
-            return len(self._handover) < BATCH_ROWS
+            if stopping:
+                if self._handover or self._gone:
+                    return False
+            else:
+                return True
+        self._numbers.write({topic: seq + 1 for topic, seq in self._seq.items()}, orderly=True)
+        return True
+
+    # -- numbers ---------------------------------------------------------------------------------------------------
+
+    def _begin_numbers(self) -> None:
+        """Where the numbering goes on. An older version kept it in the file of messages."""
+        said = self._numbers.open()
+        first_free = dict(said.first_free)
+        if not first_free or not said.sound:
+            self._file.open()
+            for topic, last in self._file.last_numbers().items():
+                first_free[topic] = max(first_free.get(topic, 0), last + 1)
+        if not said.sound:
+            log.error("outbox: the file of sequence numbers is damaged; %d numbers are left out", SAFETY)
+            first_free = {topic: number + SAFETY for topic, number in first_free.items()}
+        with self._lock:
+            for topic, number in first_free.items():
+                self._seq[topic] = max(self._seq.get(topic, -1), number - 1)
+            self._reserved = dict(first_free)
+            if not said.orderly:
+                self._resumed_at = first_free
+        self._sequence_read = True
+
+    def _reserve(self) -> Exception | None:
+        """Numbers for the next messages; returns why the disk did not take it."""
+        try:
+            if not self._sequence_read:
+                self._begin_numbers()
+            with self._lock:
+                wanted = {
+                    topic: self._seq[topic] + 1 + BLOCK
+                    for topic in self._topics
+                    if self._reserved.get(topic, 0) - (self._seq[topic] + 1) < BLOCK // 2
+                }
+                first_free = {topic: max(seq + 1, self._reserved.get(topic, 0)) for topic, seq in self._seq.items()}
+            if wanted:
+                self._numbers.write(first_free | wanted)
+                with self._lock:
+                    self._reserved = first_free | wanted
+            self._reserving = True
+        except (OSError, sqlite3.Error) as error:
+            self._reserving = False
+            return error
+        return None
+
+    # -- storing ---------------------------------------------------------------------------------------------------
 
     def _commit(self) -> None:
-        db = self._database()
         with self._lock:
             batch = []
             for row in self._handover.values():
                 batch.append(row)
                 if len(batch) == BATCH_ROWS:
                     break
+            self._committing.update(row.id for row in batch)
             gone = list(self._gone)[: 2 * BATCH_ROWS]
         if not batch and not gone:
             return
-        db.execute("BEGIN IMMEDIATE")
-        # an earlier commit of the same rows may have failed after it reached the disk: hence OR IGNORE
-        db.executemany("INSERT OR IGNORE INTO outbox VALUES (?, ?, ?, ?, ?, ?)", batch)
-        last: dict[str, int] = {row.topic: row.seq for row in batch}
-        db.executemany("INSERT OR REPLACE INTO sequence VALUES (?, ?)", last.items())
-        db.executemany("DELETE FROM outbox WHERE id = ?", [(row_id,) for row_id in gone])
-        db.execute("COMMIT")
+        self._file.change(batch, gone)
         with self._lock:
             for row_id in gone:
                 del self._gone[row_id]
@@ -401,48 +552,38 @@ class Outbox:
                 self._bytes_in_memory -= row.size
                 self._rows_in_file += 1
                 self._bytes_in_file += row.size
-                if self._delivering and not self._rewind and row.id not in self._in_flight:
-                    self._live.append(row)
+            self._committing.clear()
             self._committed += len(batch)
             if batch:
                 self._last_committed_id = batch[-1].id
-            while len(self._live) > LIVE_IN_MEMORY:
-                self._live_from = self._live.popleft().id + 1
-
-    def _over_caps(self) -> bool:
-        with self._lock:
-            return self._rows_in_file > self._max_rows or self._bytes_in_file > self._max_bytes
+            if len(self._handover) >= BATCH_ROWS or len(self._gone) >= 2 * BATCH_ROWS:
+                self._urgent = True
 
     def _enforce_caps(self) -> None:
         """Drop the oldest rows beyond a cap. Rows in flight are left alone: their fate is being decided."""
-        expired = self._clock() - self._max_age_s
+        now = self._clocks()
         with self._lock:
             rows_over = self._rows_in_file - self._max_rows
             bytes_over = self._bytes_in_file - self._max_bytes
             spare = self._in_flight.keys() | self._gone.keys()
-        cursor = self._database().execute(
-            "SELECT id, topic, seq, created_s, qos, payload FROM outbox ORDER BY id LIMIT ?",
-            (max(rows_over, 0) + len(spare) + BATCH_ROWS,),
-        )
         victims: list[tuple[Row, str]] = []
-        for values in cursor:
-            row = Row(*values)
+        for row in self._file.oldest(max(rows_over, 0) + len(spare) + BATCH_ROWS):
             if row.id in spare:
                 continue
-            if CLOCK_IS_SET_S < row.created_s < expired:
+            old = age(row, now)
+            if old is not None and old > self._max_age_s:
                 reason = TOO_OLD
             elif rows_over > 0:
                 reason = TOO_MANY_ROWS
             elif bytes_over > 0:
                 reason = TOO_MANY_BYTES
-            elif row.created_s <= CLOCK_IS_SET_S:
+            elif old is None:
                 continue
             else:
                 break
             victims.append((row, reason))
             rows_over -= 1
             bytes_over -= row.size
-        cursor.close()
         if not victims:
             return
         with self._lock:
@@ -454,7 +595,23 @@ class Outbox:
                     dropped.add(row.id)
             self._live = deque(row for row in self._live if row.id not in dropped)
             self._backlog = deque(row for row in self._backlog if row.id not in dropped)
-        self._wake.set()
+            self._urgent = True
+
+    def _delete_damaged(self) -> None:
+        """Rows whose checksum was wrong when they were read: they count as lost."""
+        found, self._file.damaged_rows = set(self._file.damaged_rows), []
+        if not found:
+            return
+        with self._lock:
+            for row_id in found - self._gone.keys() - self._in_flight.keys():
+                self._gone[row_id] = None
+                self._rows_in_file -= 1
+                self._dropped[LOST_FILE] += 1
+            if not self._rows_in_file:
+                self._bytes_in_file = 0
+        log.error("outbox: %d stored messages were damaged and are left out", len(found))
+
+    # -- filling the sender's queues -------------------------------------------------------------------------------
 
     def _fill(self) -> None:
         """Give the sender rows from the file: after a (re)connect the youngest as live, then the backlog."""
@@ -465,10 +622,14 @@ class Outbox:
         if rewind:
             self._find_live()
         with self._lock:
-            first, end, room = self._backlog_cursor, self._live_from, BACKLOG_CHUNK - len(self._backlog)
+            end = self._live_from
+            if self._handover:
+                # a row that waited too long may not be in the file yet: the backlog must not pass it
+                end = min(end, next(iter(self._handover)))
+            first, room = self._backlog_cursor, BACKLOG_CHUNK - len(self._backlog)
         if room < BACKLOG_CHUNK // 2 or first + 1 >= end:
             return
-        rows = self._select("WHERE id > ? AND id < ? ORDER BY id LIMIT ?", (first, end, room))
+        rows = self._file.between(first, end, room)
         with self._lock:
             if self._rewind or not self._delivering:
                 return
@@ -476,138 +637,80 @@ class Outbox:
             self._backlog.extend(row for row in rows if row.id not in self._in_flight and row.id not in self._gone)
 
     def _find_live(self) -> None:
-        oldest = self._clock() - self._historical_after_s
+        now = self._clocks()
         rows: list[Row] = []
-        for row in self._select("ORDER BY id DESC LIMIT ?", (LIVE_IN_MEMORY,)):
-            if row.created_s < oldest:
+        for row in self._file.youngest(LIVE_IN_MEMORY):
+            if not self._is_live(row, now):
                 break
             rows.append(row)
         with self._lock:
-            if not self._rewind:
-                return
-            spare = self._gone.keys() | self._in_flight.keys()
-            self._live = deque(row for row in reversed(rows) if row.id not in spare)
-            self._live_from = rows[-1].id if rows else self._last_committed_id + 1
-            self._backlog_cursor = 0
-            self._rewind = False
+            if self._rewind:
+                self._set_live(rows[::-1])
+                self._backlog.clear()
+                self._backlog_cursor = 0
 
-    def _select(self, clause: str, values: tuple[int, ...]) -> list[Row]:
-        # `clause` is a constant of this module
-        query = f"SELECT id, topic, seq, created_s, qos, payload FROM outbox {clause}"
-        return [Row(*found) for found in self._database().execute(query, values)]
+    def _set_live(self, stored: list[Row]) -> None:
+        """The live stream: what is young in the file, and what is not there yet."""
+        spare = self._gone.keys() | self._in_flight.keys()
+        rows = [*stored, *self._handover.values()]
+        self._live_from = rows[0].id if rows else self._next_id
+        self._live = deque(row for row in rows if row.id not in spare)
+        self._trim_live()
+        self._rewind = False
 
-    # -- the file --------------------------------------------------------------------------------------------------
-
-    def _database(self) -> sqlite3.Connection:
-        assert self._db is not None
-        return self._db
+    # -- opening and failing ---------------------------------------------------------------------------------------
 
     def _open(self) -> None:
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            self._db = self._connect()
-        except sqlite3.OperationalError as error:
-            if "locked" in str(error):
-                raise InputError(
-                    "is in use by another process", where=str(self._path), remedy="stop the other instance first"
-                ) from error
-            raise
-        except sqlite3.DatabaseError as error:
-            self._set_aside(error)
-            self._db = self._connect()
-        db = self._db
-        sequence = dict(db.execute("SELECT topic, last FROM sequence").fetchall())
-        with self._lock:
-            for topic, seq in sequence.items():
-                self._seq[topic] = max(self._seq.get(topic, -1), seq)
-        if self._opened_before:
-            self._count_again(db)
+        before = self._file.set_aside
+        if not self._file.is_open:
+            self._file.open()
+        elif self._opened_before:
             return
-        rows, size, last = db.execute(
-            "SELECT count(*), total(length(payload) + length(topic)), max(id) FROM outbox"
-        ).fetchone()
-        highest = max(last or 0, self._highest_id(db))
+        if self._opened_before:
+            if self._file.set_aside > before:
+                self._count_again()
+            with self._lock:
+                self._rewind = self._delivering
+            return
+        rows, size, highest = self._file.count()
         with self._lock:
             self._carried = rows
             self._produced += rows
             self._rows_in_file += rows
-            self._bytes_in_file += int(size)
+            self._bytes_in_file += size
             self._renumber(highest)
         self._last_committed_id = highest
         self._opened_before = True
 
-    def _count_again(self, db: sqlite3.Connection) -> None:
-        """After a failure: what was committed should still be there; what is not is lost, and counted."""
-        until = (self._last_committed_id,)
-        found = {row_id for (row_id,) in db.execute("SELECT id FROM outbox WHERE id <= ?", until)}
+    def _count_again(self) -> None:
+        """After damage: what was committed should still be there; what is not is lost, and counted."""
         with self._lock:
-            missing = self._rows_in_file - len(found - self._gone.keys())
+            gone = list(self._gone)
+        rows, size, _ = self._file.count(until=self._last_committed_id)
+        rows -= len([row_id for row_id in self._file.present(gone) if row_id <= self._last_committed_id])
+        with self._lock:
+            missing = self._rows_in_file - rows
+            self._bytes_in_file = size
             if missing <= 0:
                 return
             self._dropped[LOST_FILE] += missing
-            self._rows_in_file -= missing
-            self._bytes_in_file = 0 if not self._rows_in_file else self._bytes_in_file
+            self._rows_in_file = rows
             self._forget_delivery()
-            self._rewind = self._delivering
         log.error("outbox: %d messages were lost with the damaged file", missing)
-
-    @staticmethod
-    def _highest_id(db: sqlite3.Connection) -> int:
-        """Ids are never used twice, also not after a restart that found the outbox empty."""
-        found = db.execute("SELECT seq FROM sqlite_sequence WHERE name = 'outbox'").fetchone()
-        return int(found[0]) if found else 0
 
     def _renumber(self, highest: int) -> None:
         """Rows put before the file could be opened come after those in it; none of them was ever in the file."""
+        self._rewind = self._delivering
+        if not self._handover and not self._in_flight:
+            self._next_id = max(self._next_id, highest + 1)
+            return
+        first = max(self._next_id, highest + 1)  # an id that is in flight must not be that of another row
         self._gone.clear()
-        waiting = [row._replace(id=highest + 1 + i) for i, row in enumerate(self._handover.values())]
+        waiting = [row._replace(id=first + i) for i, row in enumerate(self._handover.values())]
         self._handover = OrderedDict((row.id, row) for row in waiting)
-        self._next_id = highest + 1 + len(waiting)
-        self._in_flight.clear()
-
-    def _connect(self) -> sqlite3.Connection:
-        db = sqlite3.connect(self._path, isolation_level=None, timeout=1.0)
-        try:
-            # nobody else has business in this file, and a second daemon is found out at once
-            db.execute("PRAGMA locking_mode = EXCLUSIVE")
-            db.execute("PRAGMA journal_mode = WAL")
-            db.execute("PRAGMA synchronous = FULL")
-            db.execute("PRAGMA journal_size_limit = 4194304")
-            if self._check_file:
-                found = db.execute("PRAGMA quick_check(1)").fetchone()[0]
-                if found != "ok":
-                    raise sqlite3.DatabaseError(found)
-            version = db.execute("PRAGMA user_version").fetchone()[0]
-            if version not in (0, SCHEMA_VERSION):
-                raise sqlite3.DatabaseError(f"schema version {version}, this program writes {SCHEMA_VERSION}")
-            db.execute("BEGIN IMMEDIATE")
-            db.execute(
-                "CREATE TABLE IF NOT EXISTS outbox (id INTEGER PRIMARY KEY AUTOINCREMENT, topic TEXT NOT NULL,"
-                " seq INTEGER NOT NULL, created_s REAL NOT NULL, qos INTEGER NOT NULL, payload BLOB NOT NULL)"
-            )
-            db.execute("CREATE TABLE IF NOT EXISTS sequence (topic TEXT PRIMARY KEY, last INTEGER NOT NULL)")
-            db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
-            db.execute("COMMIT")
-            # a file with another table layout fails here, not in the middle of a commit
-            db.execute("SELECT id, topic, seq, created_s, qos, payload FROM outbox LIMIT 1").fetchone()
-        except BaseException:
-            db.close()
-            raise
-        self._check_file = False
-        return db
-
-    def _set_aside(self, error: Exception) -> None:
-        # the numbering should go on, if that much can still be read
-        with contextlib.suppress(sqlite3.Error), contextlib.closing(sqlite3.connect(self._path, timeout=0.1)) as db:
-            for topic, last in db.execute("SELECT topic, last FROM sequence").fetchall():
-                self._seq[str(topic)] = max(self._seq.get(str(topic), -1), int(last))
-        aside = self._path.with_name(f"{self._path.name}.corrupt-{time.time_ns()}")
-        for suffix in ("", "-wal", "-shm"):
-            with contextlib.suppress(FileNotFoundError):
-                Path(f"{self._path}{suffix}").replace(f"{aside}{suffix}")
-        with self._lock:
-            self._corrupt_files += 1
-        log.error("outbox: %s is damaged (%s); set aside as %s, a new one is begun", self._path, error, aside.name)
+        self._next_id = first + len(waiting)
+        self._forget_delivery()
+        self._rewind = self._delivering
 
     def _failed(self, error: Exception) -> None:
         """The disk refuses. Rows wait in memory; the file is opened anew at the next try."""
@@ -616,15 +719,11 @@ class Outbox:
             self._storage_ok = False
             self._storage_errors += 1
             self._storage_error = f"{type(error).__name__}: {error}"
+            self._urgent = True
+            if self._rewind:
+                self._set_live([])
         if first:
             log.error("outbox: cannot store (%s); messages wait in memory", error)
         if isinstance(error, sqlite3.DatabaseError) and not isinstance(error, sqlite3.OperationalError):
-            self._check_file = True
-        self._close()
-        self._wake.set()
-
-    def _close(self) -> None:
-        if self._db is not None:
-            with contextlib.suppress(sqlite3.Error):
-                self._db.close()
-            self._db = None
+            self._file.distrust()
+        self._file.close()

@@ -239,7 +239,7 @@ class Publisher:
             self.connects += 1
             self.last_error = ""
             self._quiet.say(logging.INFO, "connected", "mqtt: connected to %s", self._settings.host)
-            self._outbox.begin_delivery(lambda: self._wake_from(loop))
+            self._outbox.begin_delivery(lambda: self._wake_from(loop), self._wake.set)
             await self._send_until_lost(client)
             await self._farewell(client)
         except BaseException:

@@ -1,13 +1,11 @@
 """What the drift stage keeps across a restart, as a file: one JSON object, replaced whole, checked when it is read.
 
-Its age is told by the host's monotonic clock if the host was not restarted since, else by the wall clock if that was
-synchronised both times, else by nobody: then nothing of it is taken up. Whether the tool was switched off meanwhile is
-told by the tool's own time.
+Its age is told as `clock` says; where no clock can tell, nothing of it is taken up. Whether the tool was switched off
+meanwhile is told by the tool's own time.
 """
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -18,8 +16,8 @@ from highside.drift.gates import StillStatistics
 from highside.errors import InputError, Refused
 from highside.reading import parse_json, read_bytes
 from highside.recording.files import write_whole
+from highside.service import clock
 
-_BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 _SIZES = {"q": 4, "bias": 3, "scale": 1, "accel_bias": 3, "P": 100, "psi0": 1, "stop": 5, "tally": 10, "work": 120}
 
 
@@ -47,19 +45,11 @@ class Stamp(_Strict):
     @classmethod
     def now(cls, *, synced: bool) -> Self:
         """The host's clocks."""
-        try:
-            boot_id = _BOOT_ID.read_text().strip()
-        except OSError:
-            boot_id = ""
-        return cls(wall_s=time.time(), synced=synced, boot_id=boot_id, boot_s=time.clock_gettime(time.CLOCK_BOOTTIME))
+        return cls.model_validate(clock.now(synced=synced)._asdict())
 
     def age_s(self, now: Stamp) -> float | None:
         """Seconds from this to `now`; None where no clock can tell."""
-        if self.boot_id and self.boot_id == now.boot_id:
-            return max(now.boot_s - self.boot_s, 0.0)
-        if self.synced and now.synced and now.wall_s >= self.wall_s:
-            return now.wall_s - self.wall_s
-        return None
+        return clock.age_s(self, now)
 
 
 class SavedDrift(_Strict):
