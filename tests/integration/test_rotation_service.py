@@ -90,7 +90,13 @@ def test_a_rotor_is_compensated_live_and_the_file_is_swapped_like_a_calibration(
                 health = subscriber.latest("health")
                 assert health is not None
                 channels = ["encoder", "across", "along"]
-                assert health["rotation"] == {"comp_id": good, "channels": channels, "unused": [], "refused": None}
+                assert health["rotation"] == {
+                    "comp_id": good,
+                    "channels": channels,
+                    "unused": [],
+                    "refused": None,
+                    "kept": False,
+                }
 
                 # another file by SIGHUP: no output is lost
                 none = compensation(file, 0.0)
@@ -102,18 +108,26 @@ def test_a_rotor_is_compensated_live_and_the_file_is_swapped_like_a_calibration(
                 everything = subscriber.payloads("attitude")
                 assert [p["seq"] for p in everything] == list(range(len(everything)))
 
-                # a changed file is refused, said, and nothing is taken off
+                # a changed file is refused, said, and the one in force goes on
                 file.write_text(file.read_text().replace('"order": 0', '"order": 1', 1))
                 daemon.process.send_signal(signal.SIGHUP)
-                rows = wait_for(attitudes(None, 5), 20, "attitudes without compensation", daemon)
-                assert all("rotation_refused" in p["flags"] for p in rows[1:])
                 health = wait_for(
                     lambda: (h := subscriber.latest("health")) and "rotation_refused" in h["alarms"] and h,
                     10,
                     "alarm",
                     daemon,
                 )
+                assert "rotation_kept" in health["alarms"]
                 assert "was changed" in health["rotation"]["refused"]
+                before = len(attitudes(none, 0)())
+                rows = wait_for(attitudes(none, before + 5), 20, "compensated attitudes", daemon)[before + 1 :]
+                assert all({"rotation_refused", "rotation_kept"} <= set(p["flags"]) for p in rows)
+                assert daemon.terminate() == 0, daemon.log
+
+            # at the start there is none to keep: nothing is taken off
+            with running(config) as daemon:
+                rows = wait_for(attitudes(None, 5), 20, "attitudes without compensation", daemon)
+                assert all("rotation_refused" in p["flags"] for p in rows[1:])
                 assert daemon.terminate() == 0, daemon.log
         finally:
             device.stop()

@@ -209,6 +209,7 @@ def test_a_second_daemon_on_the_same_state_or_the_same_port_is_refused(tmp_path,
         assert "service.state_dir" in second.stderr
         assert len(second.stderr.strip().splitlines()) == 1
         other = config(tmp_path / "other", line.path, broker.port)
+        other.write_text(other.read_text().replace('id = "t1"', 'id = "t2"'))
         third = subprocess.run(
             [str(HIGHSIDE), "run", "--config", str(other)], capture_output=True, text=True, timeout=20
         )

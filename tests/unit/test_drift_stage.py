@@ -367,8 +367,9 @@ class Desk:
         self.replies: list[dict[str, object]] = []
         self.told: list[bytes] = []
         self.keeper = DriftKeeper(
-            load(path), folder, lambda payload, _: self.replies.append(json.loads(payload)), self.told.append
+            folder, lambda payload, _: self.replies.append(json.loads(payload)), self.told.append, lambda: self.parts
         )
+        self.parts = self.keeper.build(load(path))
 
     def say(self, **command: object) -> dict[str, object]:
         self.keeper.on_command(json.dumps(command).encode(), retained=False)

@@ -52,8 +52,8 @@ def check(
 ) -> None:
     """Validate a configuration without running it: fields, codec, secrets, calibration record, compensation."""
     from highside.config.settings import load
-    from highside.service.app import compensation_of
     from highside.service.broker_client import check_secrets
+    from highside.service.in_force import compensation_of
 
     settings = load(config, overrides)
     settings.codec.build()
@@ -78,7 +78,7 @@ def _calibration_of(settings: Settings, config: Path) -> str:
     """
     from highside.calibration.record import RecordError, RecordReason
     from highside.errors import InputError
-    from highside.service.app import correction_of
+    from highside.service.in_force import correction_of
 
     try:
         return correction_of(settings).cal_id

@@ -26,7 +26,7 @@ def set_offset(
 ) -> None:
     """Set the offset. A running service takes it within a second; every setting is kept. Negative: -- -12.5"""
     from highside.config.settings import load
-    from highside.service.app import state_dir
+    from highside.service.places import state_dir
     from highside.service.toolface import ToolfaceLog
 
     setting = ToolfaceLog(state_dir(load(config, overrides))).set(offset, author, time.time(), note)
@@ -41,7 +41,7 @@ def show(
 ) -> None:
     """Show every setting, the last one is in force."""
     from highside.config.settings import load
-    from highside.service.app import state_dir
+    from highside.service.places import state_dir
     from highside.service.toolface import ToolfaceLog
 
     settings = ToolfaceLog(state_dir(load(config, overrides))).history()

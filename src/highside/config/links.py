@@ -7,6 +7,7 @@ the file tells.
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -64,6 +65,16 @@ class _Link(BaseModel):
         """What arrives."""
         return "bytes"
 
+    @property
+    def place(self) -> str | None:
+        """What no two links can hold at once (a device, an adapter); None: nothing of the kind."""
+        return None
+
+    @property
+    def opens_ahead(self) -> bool:
+        """Whether it may be opened before anybody takes what arrives."""
+        return True
+
     def transport(self) -> Transport:
         """A fresh transport for one attempt."""
         raise AssertionError("each kind of link makes its own")
@@ -99,6 +110,11 @@ class SerialLink(_Link):
         if value not in (1.0, 1.5, 2.0):
             raise ValueError("must be 1, 1.5 or 2")
         return value
+
+    @property
+    def place(self) -> str | None:
+        """The device, by whatever name it is called; a terminal server often has one client at a time."""
+        return self.port if "://" in self.port else os.path.realpath(self.port)
 
     def transport(self) -> Transport:
         return SerialTransport(
@@ -142,6 +158,11 @@ class PythonCanLink(_Link):
     def carries(self) -> Carries | None:
         return "can"
 
+    @property
+    def place(self) -> str | None:
+        """An adapter seldom has more than one user."""
+        return f"{self.interface} {self.channel}"
+
     def transport(self) -> Transport:
         return PythonCanTransport(
             PythonCanSettings(self.interface, self.channel, self.bitrate, self.fd, self.can_ids, dict(self.options))
@@ -169,6 +190,11 @@ class ReplayLink(_Link):
         if not value.is_file():
             raise ValueError(f"no such file: {value}")
         return value
+
+    @property
+    def opens_ahead(self) -> bool:
+        """It would begin to play, and the file was looked at."""
+        return False
 
     def supervisor(self) -> SupervisorSettings:
         """A recording may be silent as long as it was: re-opening would begin it anew."""
@@ -203,6 +229,11 @@ class SimulatedLink(_Link):
     @property
     def carries(self) -> Carries | None:
         return "can" if self.interface else "bytes"
+
+    @property
+    def place(self) -> str | None:
+        """Two tools on one interface would be heard as one."""
+        return self.interface
 
     @cached_property
     def device(self) -> SimulatedDevice:

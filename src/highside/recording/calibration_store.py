@@ -203,6 +203,17 @@ class CalibrationStore:
         stack = self._stack(tool_id)
         return stack[-2].record_id if len(stack) > 1 else None
 
+    def was_taken_back(self, tool_id: str, record_id: str) -> bool:
+        """Whether a record of this tool was rolled back and has not been put in force since."""
+        stack: list[str] = []
+        taken_back: set[str] = set()
+        for entry in self.history(tool_id):
+            if entry.action == "rollback":
+                taken_back.add(stack.pop())
+            elif not stack or stack[-1] != entry.record_id:
+                stack.append(entry.record_id)
+        return record_id in taken_back - set(stack)
+
     def tools(self) -> list[str]:
         """The tools for which something was ever put in force."""
         return sorted({entry.tool_id for entry in self.history()})

@@ -15,7 +15,7 @@ import math
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -192,7 +192,7 @@ async def _run_in(
     try:
         service = Service(_settings(directory, device.address))
         service.on_output = note
-        service.publisher = OutboxReader(service, watcher.take)
+        service.parts = replace(service.parts, publisher=OutboxReader(service, watcher.take))
         serving = asyncio.create_task(service.run())
         start = time.monotonic()
         try:
@@ -262,7 +262,8 @@ def _settings(directory: Path, port: str) -> Settings:
             "survey": {"still_s": 4.0},
             "calibration": {"record": str(record)},
             # a short commit: the demonstration shows the path, not the wear of a disk
-            "mqtt": {"outbox": {"commit_interval_s": 0.01}},
+            # topics of its own: a second demonstration on this machine is another tool
+            "mqtt": {"outbox": {"commit_interval_s": 0.01}, "prefix": directory.name},
             "service": {"state_dir": str(directory / "state"), "health_interval_s": 1.0, "log_level": "error"},
         },
         where="the demonstration's settings",

@@ -28,11 +28,12 @@ from highside.config.rig import WitsSerial
 from highside.config.settings import Settings
 from highside.errors import HighsideError
 from highside.recording.calibration_store import CalibrationStore, read_record
-from highside.service.app import correction_of, state_dir
 from highside.service.broker_client import check_secrets
 from highside.service.clock import clock_synced
 from highside.service.doctor_broker import examine_broker
 from highside.service.findings import Finding, Level
+from highside.service.in_force import correction_of
+from highside.service.places import state_dir
 
 MIB = 1024 * 1024
 EARLIEST_S = 1_767_225_600.0

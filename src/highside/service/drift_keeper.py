@@ -7,6 +7,7 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,57 +34,71 @@ _AUDITED = 20
 """lines a minute that name commands done, of each kind"""
 
 
+@dataclass(frozen=True, slots=True)
+class DriftParts:
+    """What the configuration decides here; replaced as a whole by a reload."""
+
+    settings: Settings
+    stage: DriftStage | None
+    error: str | None = None
+    """why the state of before the restart could not be used"""
+
+
 class DriftKeeper:
-    """Made with the service; `start` and `stop` with its loop, `apply` after a reload.
+    """Made with the service, `start` and `stop` with its loop. `in_force()` tells which parts are at work.
 
     `reply(payload, done)` and `tell(payload)` publish on `drift/reply` and (retained) on `drift`.
     """
 
     def __init__(
-        self, settings: Settings, state_dir: Path, reply: Callable[[bytes, bool], None], tell: Callable[[bytes], None]
+        self,
+        state_dir: Path,
+        reply: Callable[[bytes, bool], None],
+        tell: Callable[[bytes], None],
+        in_force: Callable[[], DriftParts],
     ) -> None:
-        self._settings = settings
         self._path = state_dir / FILE
-        self._reply, self._tell = reply, tell
+        self._reply, self._tell, self._in_force = reply, tell, in_force
         self._task: asyncio.Task[None] | None = None
         self._done: deque[str] = deque(maxlen=_REMEMBERED)
         self._quiet = QuietLog(log)
         self._audit = QuietLog(log, burst=_AUDITED)
-        self.error: str | None = None
+        self._save_error: str | None = None
         self.saves = 0
         self.commands = 0
-        self.stage: DriftStage | None = None
-        if settings.drift.enabled:
-            self.stage = self._load()
 
-    def _load(self) -> DriftStage:
-        saved, known = None, self._path.exists()
-        try:
-            saved = saved_drift.read(self._path, self._settings.tool.id, saved_drift.Stamp.now(synced=clock_synced()))
-        except HighsideError as error:
-            self.error = str(error)
-            log.error("the azimuth of before the restart is lost: %s", error)
-        return self._stage(saved, first_start=not known)
+    @property
+    def stage(self) -> DriftStage | None:
+        """The stage at work; None: switched off."""
+        return self._in_force().stage
 
-    def _stage(self, saved: saved_drift.SavedDrift | None, *, first_start: bool) -> DriftStage:
-        settings = self._settings
-        return DriftStage(
-            settings.drift, settings.site.latitude_deg, saved, loaded_mono=time.monotonic(), first_start=first_start
-        )
+    @property
+    def error(self) -> str | None:
+        """Why the state cannot be kept, or was not taken up and nothing has been kept since."""
+        return self._save_error or (None if self.saves else self._in_force().error)
 
-    def apply(self, settings: Settings) -> None:
-        """New settings: what is known goes on under them."""
-        old, self._settings = self._settings, settings
-        if (old.drift, old.site.latitude_deg) == (settings.drift, settings.site.latitude_deg):
-            return
+    def build(self, settings: Settings, running: DriftParts | None = None) -> DriftParts:
+        """Parts for `settings`: what the running stage knows at this moment goes on under them."""
         if not settings.drift.enabled:
-            self.stage = None
-        elif self.stage is None:
-            self.stage = self._load()
-        else:
-            saved = self.stage.saved()
-            carried = None if saved is None else saved.model_copy(update={"age_s": 0.0})
-            self.stage = self._stage(carried, first_start=not self._path.exists())
+            return DriftParts(settings, None)
+        if running is None or running.stage is None:
+            return self._load(settings)
+        before = running.settings
+        if (before.drift, before.site.latitude_deg) == (settings.drift, settings.site.latitude_deg):
+            return DriftParts(settings, running.stage)
+        saved = running.stage.saved()
+        carried = None if saved is None else saved.model_copy(update={"age_s": 0.0})
+        return DriftParts(settings, _stage(settings, carried, first_start=not self._path.exists()))
+
+    def _load(self, settings: Settings) -> DriftParts:
+        known = self._path.exists()
+        try:
+            now = saved_drift.Stamp.now(synced=clock_synced())
+            saved = saved_drift.read(self._path, settings.tool.id, now)
+        except HighsideError as error:
+            log.error("the azimuth of before the restart is lost: %s", error)
+            return DriftParts(settings, _stage(settings, None, first_start=not known), str(error))
+        return DriftParts(settings, _stage(settings, saved, first_start=not known))
 
     def start(self) -> None:
         """In the event loop."""
@@ -98,7 +113,7 @@ class DriftKeeper:
 
     async def _run(self) -> None:
         while True:
-            await asyncio.sleep(self._settings.drift.save_interval_s)
+            await asyncio.sleep(self._in_force().settings.drift.save_interval_s)
             await self._save()
 
     async def _save(self) -> None:
@@ -107,14 +122,14 @@ class DriftKeeper:
             return
         stamp = saved_drift.Stamp.now(synced=clock_synced())
         try:
-            await asyncio.to_thread(saved_drift.write, self._path, self._settings.tool.id, stamp, state)
+            await asyncio.to_thread(saved_drift.write, self._path, self._in_force().settings.tool.id, stamp, state)
         except HighsideError as error:
-            if self.error != str(error):
+            if self._save_error != str(error):
                 log.error("the azimuth cannot be kept for a restart: %s", error)
-            self.error = str(error)
+            self._save_error = str(error)
         else:
             self.saves += 1
-            self.error = None
+            self._save_error = None
 
     # --- messages ----------------------------------------------------------------------------------------------
 
@@ -199,6 +214,12 @@ class DriftKeeper:
                 self._quiet.say(logging.WARNING, "refused", "drift command refused: %s", problem)
         reply = DriftReply(id=_bounded(of, LONGEST_ID), t=round(time.time(), 6), ok=problem is None, error=problem)
         self._reply(reply.model_dump_json().encode(), problem is None)
+
+
+def _stage(settings: Settings, saved: saved_drift.SavedDrift | None, *, first_start: bool) -> DriftStage:
+    return DriftStage(
+        settings.drift, settings.site.latitude_deg, saved, loaded_mono=time.monotonic(), first_start=first_start
+    )
 
 
 def _id_of(payload: bytes) -> str:

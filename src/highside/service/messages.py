@@ -76,7 +76,7 @@ class _Reading(_Payload):
         description="The rotor-angle compensation in force, of inclination, toolface and azimuth as far as it has their"
         " channels; absent where none is. Its variance is part of theirs. Flags: `rotor_unknown`, `rotation_outside`"
         " (fitted at another inclination): nothing was taken off; `rotation_gap`: it is a guess at this angle;"
-        " `rotation_refused`: the file was refused.",
+        " `rotation_refused`: the file was refused (`rotation_kept`: the one before goes on).",
     )
     zone: str = Field(description="Zone of that calibration.")
     flags: list[str] = Field(description="What is doubtful about this message; empty if nothing.")
@@ -158,15 +158,21 @@ class HealthMessage(_Payload):
     vibration: dict[str, Any] = Field(description="Rms and peak of each axis, seconds and shocks by level.")
     toolface: dict[str, Any] = Field(description="The offset in force, who set it and when.")
     wits: list[dict[str, Any]] = Field(description="Each WITS output: peers, records made, sent and dropped.")
-    calibration: dict[str, Any] = Field(description="`cal_id` in force, and why a configured record was refused.")
+    calibration: dict[str, Any] = Field(
+        description="`cal_id` in force; why a configured record was `refused`, with the `reason` (none_active: nothing"
+        " was ever put in force), and whether the one before is `kept`."
+    )
     rebalance: dict[str, Any] = Field(description="Cross-axis offset of this power-up, and whether it is taken off.")
     drift: dict[str, Any] | None = Field(default=None, description="How the azimuth's state is kept; null: no stage.")
     rotation: dict[str, Any] | None = Field(
         default=None,
         description="Rotor-angle compensation: `comp_id`, its channels, those `unused` (roll and pitch of a vehicle),"
-        " and why a file was refused; null: none.",
+        " why a file was refused, and whether the one before is `kept`; null: none.",
     )
-    reload: dict[str, Any] = Field(description="Reloads taken, and why the last one was refused (null: it was not).")
+    reload: dict[str, Any] = Field(
+        description="Reloads taken, and why the last one was refused (null: it was not); then also the file (`where`)"
+        " and `field` as far as they are known, `while` doing what, and when (`t`)."
+    )
     balance: dict[str, bool] = Field(description="Whether the counters of bytes, frames and messages add up.")
     alarms: list[str] = Field(
         description="What needs attention; empty if nothing. "

@@ -11,6 +11,7 @@ the larger of the scatter that is left and the running estimate of the noise is 
 
 from __future__ import annotations
 
+import copy
 import math
 from collections import deque
 from collections.abc import Callable
@@ -24,7 +25,14 @@ from highside.calibration.correction import Corrected, Correction, Vector
 from highside.calibration.rebalance import Rebalancer
 from highside.codec.frame import ByteCodec, CanCodec, Frame
 from highside.config.rig import ToolfaceSettings, VibrationSettings
-from highside.config.settings import MonitorSettings, PipelineSettings, RebalanceTable, SurveySettings, ToolSettings
+from highside.config.settings import (
+    MonitorSettings,
+    PipelineSettings,
+    RebalanceTable,
+    Settings,
+    SurveySettings,
+    ToolSettings,
+)
 from highside.link.base import Batch, Chunk
 from highside.rotation.live import ROTOR_UNKNOWN, LiveCompensation, RotorError, mean_error
 from highside.service.drift_stage import Azimuth, DriftStage
@@ -286,7 +294,7 @@ class _Block:
 class Pipeline:
     """Takes batches from a link and hands attitudes and surveys to `emit`.
 
-    `correction` may be replaced at any time between two batches (hot swap); `apply` replaces the settings.
+    Other settings, another calibration or compensation: `successor` takes this one's place between two batches.
     """
 
     def __init__(
@@ -308,9 +316,9 @@ class Pipeline:
         self.codec = codec
         self._rotation = rotation
         self.drift = drift
-        """the azimuth, for tools with gyros; may be replaced between two batches"""
+        """the azimuth, for tools with gyros"""
         self._correction = correction
-        self._rebalance_applied = rebalance.apply
+        self._rebalance = rebalance
         self.rebalancer = Rebalancer(rebalance.build())
         self._block = _Block()
         self._gyro_rotor: tuple[float | None, float | None] = (None, None)
@@ -343,13 +351,14 @@ class Pipeline:
 
     @property
     def correction(self) -> Correction:
-        """The calibration in force. Setting another one also forgets the offset found with the old one."""
+        """The calibration in force. Setting one with another id also forgets the offset found with the old one."""
         return self._correction
 
     @correction.setter
     def correction(self, correction: Correction) -> None:
+        if correction.cal_id != self._correction.cal_id:
+            self.rebalancer = Rebalancer(self._rebalance.build())
         self._correction = correction
-        self.rebalancer.reset()
 
     @property
     def rotation(self) -> LiveCompensation | None:
@@ -363,26 +372,43 @@ class Pipeline:
         if before != (None if rotation is None else rotation.id):
             self._window = deque(row._replace(rotor=None) for row in self._window)
             self._gyro_rotor = (None, None)
-            self._stillness.forget()
+            self._stillness = Stillness(self._survey_settings)
 
-    def apply(self, tool: ToolSettings, pipeline: PipelineSettings, survey: SurveySettings) -> None:
-        """Take new settings between two batches; the window goes on."""
-        self._settings, self._survey_settings = pipeline, survey
-        self._noise = NoiseEstimate(tool.noise_g)
-        self._stillness = Stillness(survey)
-        self._due = None
+    def successor(
+        self,
+        before: Settings,
+        settings: Settings,
+        *,
+        correction: Correction,
+        rotation: LiveCompensation | None,
+        drift: DriftStage | None,
+    ) -> Pipeline:
+        """A pipeline under new `settings` that goes on where this one, made under `before`, stands.
 
-    def apply_rig(self, vibration: VibrationSettings, toolface: ToolfaceSettings) -> None:
-        """Take new levels of shaking, whose counts begin anew, and a new limit of toolface."""
-        self.shock = ShockMeter(vibration)
-        self._toolface = toolface
-
-    def apply_limits(self, monitor: MonitorSettings, rebalance: RebalanceTable) -> None:
-        """Take new limits; the monitor's counters and order go on, the re-balance begins anew."""
-        self.monitor.apply(range_g=monitor.range_g, stuck_frames=monitor.stuck_frames)
-        self._rebalance_applied = rebalance.apply
-        self.rebalancer = Rebalancer(rebalance.build())
-        self._block = _Block()
+        This one is left as it is, so that it can go on if the successor is not wanted. Codec, counters and window are
+        the same objects: between two batches one takes the other's place, and only one of them is given batches. What
+        a setting decides is made anew where that setting has changed.
+        """
+        new = copy.copy(self)
+        new.drift = drift
+        # the codec and its counters go on: not a byte is lost for a new limit
+        new.monitor = copy.copy(self.monitor)
+        new.monitor.apply(range_g=settings.monitor.range_g, stuck_frames=settings.monitor.stuck_frames)
+        if settings.rebalance != before.rebalance:
+            new._rebalance = settings.rebalance
+            new.rebalancer, new._block = Rebalancer(settings.rebalance.build()), _Block()
+        if settings.vibration != before.vibration:
+            new.shock = ShockMeter(settings.vibration)
+        new._toolface = settings.toolface
+        made_of = (settings.tool, settings.pipeline, settings.survey)
+        if made_of != (before.tool, before.pipeline, before.survey):
+            new._settings, new._survey_settings = settings.pipeline, settings.survey
+            new._noise = NoiseEstimate(settings.tool.noise_g)
+            new._stillness = Stillness(settings.survey)
+            new._due = None
+        new.correction = correction
+        new.rotation = rotation
+        return new
 
     def on_batch(self, batch: Batch) -> int:
         """Decode and process a batch; returns the number of frames in it."""
@@ -458,7 +484,7 @@ class Pipeline:
         corrected = self._correction.correct(mean, temp_c=temp)
         self.rebalancer.add(t, corrected.gx, corrected.gy, corrected.gz)
         if self.drift is not None:
-            if self._rebalance_applied:
+            if self._rebalance.apply:
                 corrected = self._in_force().correct(mean, temp_c=temp)
             gx, gy, gz = corrected.gx, corrected.gy, corrected.gz
             heading: float | None = 0.0
@@ -509,7 +535,7 @@ class Pipeline:
         self._fresh = 0
 
     def _in_force(self) -> Correction:
-        return self.rebalancer.wrap(self._correction) if self._rebalance_applied else self._correction
+        return self.rebalancer.wrap(self._correction) if self._rebalance.apply else self._correction
 
     def _watch_stillness(self, window: Window, fresh: list[Row], frame: Frame, t: float) -> None:
         still, settings = self._stillness, self._survey_settings

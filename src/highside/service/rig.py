@@ -10,26 +10,17 @@ import logging
 import math
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from highside.calibration.record import CalibrationRecord
 from highside.config.settings import Settings
 from highside.errors import HighsideError
-from highside.recording.calibration_store import CalibrationStore, read_record
 from highside.service.messages import HealthMessage, survey_dict
 from highside.service.metrics import Figures, MetricsServer
 from highside.service.pipeline import Attitude, Pipeline, Survey
-from highside.service.surveys import (
-    Gravity,
-    GravityTrend,
-    SurveyLog,
-    TrendPoint,
-    expected_gravity,
-    trend_of,
-    trusted,
-)
+from highside.service.surveys import GravityTrend, SurveyLog, TrendPoint, trend_of, trusted
 from highside.service.toolface import ToolfaceLog, ToolfaceOffset
 from highside.service.wits import Latest, WitsOutput
 
@@ -39,12 +30,20 @@ OFFSET_CHECK_S = 1.0
 """How soon a new toolface offset is in force."""
 
 
-class Rig:
-    """Made with the service; `start` and `stop` with its loop, `apply` after a reload."""
+@dataclass(frozen=True, slots=True)
+class RigParts:
+    """What the configuration decides here; replaced as a whole by a reload."""
 
-    def __init__(self, settings: Settings, state_dir: Path, health: Callable[[], HealthMessage]) -> None:
-        self._settings = settings
-        self._health = health
+    settings: Settings
+    outputs: tuple[WitsOutput, ...]
+    metrics: MetricsServer | None = None
+
+
+class Rig:
+    """Made with the service, `start` and `stop` with its loop. `in_force()` tells which parts are at work."""
+
+    def __init__(self, state_dir: Path, health: Callable[[], HealthMessage], in_force: Callable[[], RigParts]) -> None:
+        self._health, self._in_force = health, in_force
         self.surveys = SurveyLog(state_dir / "surveys.jsonl")
         self.accepted = 0
         self.refused: Counter[str] = Counter()
@@ -53,11 +52,28 @@ class Rig:
         self.offset: ToolfaceOffset | None = None
         self.offset_error: str | None = None
         self.latest = Latest()
-        self.outputs: list[WitsOutput] = []
-        self.metrics: MetricsServer | None = None
         self._trend = GravityTrend()
         self._trend_of = "none"
-        self._tasks: list[asyncio.Task[None]] = []
+        self._watch: asyncio.Task[None] | None = None
+
+    @property
+    def outputs(self) -> tuple[WitsOutput, ...]:
+        """The WITS outputs at work."""
+        return self._in_force().outputs
+
+    # --- parts -------------------------------------------------------------------------------------------------
+
+    def build(self, settings: Settings, running: RigParts | None = None) -> RigParts:
+        """Parts for `settings`; the WITS outputs of the running ones go on where their tables are the same."""
+        if running is not None and running.settings.wits == settings.wits:
+            return RigParts(settings, running.outputs)
+        return RigParts(settings, tuple(WitsOutput(table, self.latest) for table in settings.wits))
+
+    def open_metrics(self, settings: Settings) -> MetricsServer | None:
+        """The server of figures that `settings` ask for. Raises InputError if it cannot be served."""
+        if settings.metrics is None:
+            return None
+        return MetricsServer(settings.metrics, self._figures, asyncio.get_running_loop())
 
     # --- readings ----------------------------------------------------------------------------------------------
 
@@ -82,14 +98,6 @@ class Rig:
             self._trend, self._trend_of = GravityTrend(), attitude.cal_id
         if trusted(verdict.reasons):
             self._trend.add(TrendPoint(t_wall, attitude.temp_c, verdict.g_error_mg, noise_mg))
-
-    def gravity(self, cal_id: str) -> Gravity:
-        """What Gtotal should be with the calibration in force."""
-        record = _record_in_force(self._settings) if cal_id != "none" else None
-        environment = record.content.get("environment", {}) if record is not None else {}
-        return expected_gravity(
-            self._settings.site, environment.get("gravity_mps2"), environment.get("gravity_std_mps2")
-        )
 
     # --- health ------------------------------------------------------------------------------------------------
 
@@ -154,12 +162,10 @@ class Rig:
         return True
 
     def start(self, pipeline: Callable[[], Pipeline], changed: Callable[[], None]) -> None:
-        """Begin. Raises InputError if the metrics cannot be served."""
-        self._start_metrics()
+        """Begin; outputs and metrics are the service's to start."""
         self.surveys.start()
         cal_id = pipeline().correction.cal_id
         self._trend, self._trend_of = trend_of(self.surveys.recent(), cal_id), cal_id
-        self._start_outputs()
         self.read_offset(pipeline())
 
         async def watch_offset() -> None:
@@ -170,44 +176,14 @@ class Rig:
 
         self._watch = asyncio.create_task(watch_offset(), name="toolface-offset")
 
-    def apply(self, settings: Settings) -> None:
-        """Take new settings. Raises InputError, with the old ones still at work, if the metrics cannot be served."""
-        old, self._settings = self._settings, settings
-        if settings.metrics != old.metrics:
-            serving = self.metrics
-            try:
-                self._start_metrics()
-            except HighsideError:
-                self._settings = old
-                raise
-            if serving is not None:
-                asyncio.get_running_loop().run_in_executor(None, serving.close)
-                if settings.metrics is None:
-                    self.metrics = None
-        if settings.wits != old.wits:
-            for task in self._tasks:
-                task.cancel()
-            self._start_outputs()
-
-    def _start_metrics(self) -> None:
-        if self._settings.metrics is not None:
-            self.metrics = MetricsServer(self._settings.metrics, self._figures, asyncio.get_running_loop())
-
-    def _start_outputs(self) -> None:
-        self.outputs = [WitsOutput(table, self.latest) for table in self._settings.wits]
-        self._tasks = [asyncio.create_task(output.run(), name=output.name) for output in self.outputs]
-
     def _figures(self) -> Figures:
-        return Figures(self._settings.tool.id, self._health(), self.latest.attitude)
+        return Figures(self._in_force().settings.tool.id, self._health(), self.latest.attitude)
 
     async def stop(self, timeout_s: float) -> None:
         """End; every survey handed over is on the disk afterwards, if the disk takes it."""
-        tasks = [*self._tasks, *([self._watch] if hasattr(self, "_watch") else [])]
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
-        if self.metrics is not None:
-            await asyncio.to_thread(self.metrics.close)
+        if self._watch is not None:
+            self._watch.cancel()
+            await asyncio.gather(self._watch, return_exceptions=True)
         await asyncio.to_thread(self.surveys.stop, timeout_s)
 
 
@@ -225,13 +201,19 @@ def _values(attitude: Attitude) -> dict[str, float | None]:
     }
 
 
-def _record_in_force(settings: Settings) -> CalibrationRecord | None:
-    calibration = settings.calibration
+async def run_outputs(outputs: Iterable[WitsOutput]) -> None:
+    """Keep outputs at work until cancelled. What ends although it should not is named; the others go on."""
+    tasks = [asyncio.create_task(output.run(), name=output.name) for output in outputs]
+
+    def ended(task: asyncio.Task[None]) -> None:
+        if not task.cancelled() and (error := task.exception()) is not None:
+            log.error("wits: %s has ended: %s: %s", task.get_name(), type(error).__name__, error)
+
+    for task in tasks:
+        task.add_done_callback(ended)
     try:
-        if calibration.record is not None:
-            return read_record(calibration.record)
-        if calibration.store is not None:
-            return CalibrationStore(calibration.store).active(settings.tool.id)
-    except HighsideError:
-        pass  # the service has said so already
-    return None
+        await asyncio.Event().wait()
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)

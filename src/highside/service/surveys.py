@@ -129,7 +129,8 @@ def judge(attitude: Attitude, gravity: Gravity, limits: AcceptSettings, shock_g:
         reasons.append(SurveyReason.MOVED)
     error = (attitude.g_total - gravity.expected) * gravity.unit_mg
     std = math.hypot(attitude.g_total_std * gravity.unit_mg, gravity.std_mg)
-    if not math.isfinite(attitude.inc_deg) or "calibration_refused" in attitude.flags:
+    refused = "calibration_refused" in attitude.flags and "calibration_kept" not in attitude.flags
+    if not math.isfinite(attitude.inc_deg) or refused or "no_calibration" in attitude.flags:
         reasons.append(SurveyReason.NO_CORRECTION)
     if math.isfinite(error) and abs(error) > limits.g_total_mg + COVERAGE * std:
         reasons.append(SurveyReason.G_TOTAL_LOW if error < 0 else SurveyReason.G_TOTAL_HIGH)

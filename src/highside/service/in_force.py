@@ -1,0 +1,180 @@
+"""Which calibration and which rotor-angle compensation are in force, and what is said of those that were refused.
+
+A file that cannot be used never ends the service and never takes away what is good. At the start there is nothing else,
+so readings pass as they are; at a reload the one in force stays in memory, and flags and alarms say both. It is given
+up only where it is not this tool's any more (another serial number, a key that is not trusted) or where the store says
+that it was taken back.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+from dataclasses import dataclass, replace
+
+from highside.calibration.correction import Correction, IdentityCorrection
+from highside.calibration.record import CalibrationRecord, RecordError, RecordReason, correction_from_record, verify
+from highside.calibration.signature import TrustedKeys
+from highside.config.settings import Settings
+from highside.errors import HighsideError
+from highside.reading import read_bytes
+from highside.recording.calibration_store import CalibrationStore, read_record
+from highside.recording.keys import read_trusted_keys
+from highside.rotation.compensation import Compensation
+from highside.rotation.live import LiveCompensation
+from highside.service.surveys import Gravity, expected_gravity
+
+log = logging.getLogger("highside")
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """The correction in force."""
+
+    correction: Correction
+    record: CalibrationRecord | None = None
+    """what it comes from; None: readings pass as they are"""
+    refused: str | None = None
+    """why the configured record is not in force"""
+    reason: RecordReason | None = None
+    kept: bool = False
+    """although refused: the one that was in force before stays"""
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """Of every output, and alarms."""
+        if self.refused is None:
+            return ()
+        if self.reason is RecordReason.NONE_ACTIVE and not self.kept:
+            return ("no_calibration",)
+        return ("calibration_refused", "calibration_kept") if self.kept else ("calibration_refused",)
+
+    def gravity(self, settings: Settings) -> Gravity:
+        """What Gtotal should be at the site with this calibration."""
+        bench = {} if self.record is None else self.record.content.get("environment", {})
+        return expected_gravity(settings.site, bench.get("gravity_mps2"), bench.get("gravity_std_mps2"))
+
+    def as_dict(self) -> dict[str, str | bool | None]:
+        """Member `calibration` of the health message."""
+        reason = None if self.reason is None else self.reason.value
+        return {"cal_id": self.correction.cal_id, "refused": self.refused, "reason": reason, "kept": self.kept}
+
+
+@dataclass(frozen=True, slots=True)
+class Rotation:
+    """The rotor-angle compensation in force; `live` None: none."""
+
+    live: LiveCompensation | None = None
+    refused: str | None = None
+    kept: bool = False
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """Of every output, and alarms."""
+        if self.refused is None:
+            return ()
+        return ("rotation_refused", "rotation_kept") if self.kept else ("rotation_refused",)
+
+
+def calibration_for(settings: Settings, running: Calibration | None = None) -> Calibration:
+    """The calibration that a configuration puts in force; `running` is the one in force now. Never raises."""
+    try:
+        return _calibration(settings)
+    except Exception as error:
+        # whatever is wrong with a file, the tool is not stopped for it
+        refused, reason = said(error), error.reason if isinstance(error, RecordError) else None
+    if running is not None and _may_stay(running, settings):
+        log.error("the calibration in force (%s) is kept: %s", running.correction.cal_id[:12], refused)
+        return replace(running, refused=refused, reason=reason, kept=True)
+    none = Calibration(_uncalibrated(settings), refused=refused, reason=reason)
+    log.error("%s; readings pass uncorrected", refused)
+    return none
+
+
+def rotation_for(settings: Settings, running: Rotation | None = None) -> Rotation:
+    """The compensation that a configuration puts in force; `running` is the one in force now. Never raises."""
+    try:
+        return Rotation(compensation_of(settings))
+    except Exception as error:
+        refused = said(error)
+    if running is not None and running.live is not None:
+        log.error("the rotor-angle compensation in force (%s) is kept: %s", running.live.id[:12], refused)
+        return Rotation(running.live, refused, kept=True)
+    log.error("rotor-angle compensation refused, nothing is taken off: %s", refused)
+    return Rotation(refused=refused)
+
+
+def correction_of(settings: Settings) -> Correction:
+    """The correction that a configuration asks for.
+
+    Raises Refused (exit status 1) if the record is damaged, expired or of another tool, InputError if it cannot be
+    read.
+    """
+    return _calibration(settings).correction
+
+
+def compensation_of(settings: Settings) -> LiveCompensation | None:
+    """The rotor-angle compensation that a configuration asks for.
+
+    Raises Refused if the file was changed or says nothing of I, T and azimuth, InputError if it cannot be read.
+    """
+    path = settings.rotation.compensation
+    if path is None:
+        return None
+    return LiveCompensation(Compensation.from_json(read_bytes(path), where=str(path)))
+
+
+def said(error: BaseException) -> str:
+    """An error in one line: as it was made for the user's eyes, else with its kind."""
+    if isinstance(error, HighsideError):
+        return str(error)
+    return f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
+
+
+def _calibration(settings: Settings) -> Calibration:
+    record = _record_of(settings)
+    if record is None:
+        return Calibration(_uncalibrated(settings))
+    tool, trusted = settings.tool, _trusted_keys(settings)
+    verify(record, tool_id=tool.id, serial=tool.serial, now_s=time.time(), trusted=trusted)
+    return Calibration(correction_from_record(record), record)
+
+
+def _record_of(settings: Settings) -> CalibrationRecord | None:
+    calibration = settings.calibration
+    if calibration.record is not None:
+        return read_record(calibration.record)
+    if calibration.store is not None:
+        return CalibrationStore(calibration.store).active(settings.tool.id)
+    return None
+
+
+def _trusted_keys(settings: Settings) -> TrustedKeys | None:
+    path = settings.calibration.trusted_keys
+    return None if path is None else read_trusted_keys(path)
+
+
+def _may_stay(running: Calibration, settings: Settings) -> bool:
+    """Whether the calibration in force goes on although the configured one is refused.
+
+    It may have expired meanwhile: it is still better than none. What cannot be read has taken nothing back.
+    """
+    if running.record is None:
+        return False
+    trusted = None
+    with contextlib.suppress(Exception):
+        trusted = _trusted_keys(settings)
+    try:
+        verify(running.record, tool_id=settings.tool.id, serial=settings.tool.serial, trusted=trusted)
+    except RecordError:
+        return False
+    if settings.calibration.store is not None:
+        with contextlib.suppress(Exception):
+            store = CalibrationStore(settings.calibration.store)
+            return not store.was_taken_back(settings.tool.id, running.record.id)
+    return True
+
+
+def _uncalibrated(settings: Settings) -> IdentityCorrection:
+    return IdentityCorrection(settings.calibration.bias_std_g, settings.calibration.scale_std)
