@@ -34,7 +34,7 @@ from highside.calibration.result import Reason
 from highside.calibration.signature import TrustedKeys
 from highside.errors import InputError
 from highside.reading import MALFORMED, parse_json, read_bytes
-from highside.recording.files import write_whole
+from highside.recording.files import make_directory, write_whole
 
 MIN_ID_PREFIX = 6
 """Fewest digits by which a record may be named."""
@@ -90,15 +90,6 @@ def contradiction(record: CalibrationRecord) -> str | None:
     doubt = {Reason.CLOSURE, Reason.TOO_MANY_BAD, Reason.SWAPPED_POSES}
     found = [remark.text for remark in record.result.remarks if remark.refused and remark.reason in doubt]
     return f"record {record.id[:12]} is not put in force: {found[0]}" if found else None
-
-
-def flush_directory(path: Path) -> None:
-    """Make a rename in a directory survive a power cut."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 class CalibrationStore:
@@ -267,8 +258,7 @@ class CalibrationStore:
 
     def _make(self, directory: Path) -> None:
         try:
-            directory.mkdir(parents=True, exist_ok=True)
-            flush_directory(directory.parent)
+            make_directory(directory)
         except OSError as error:
             raise InputError(f"cannot be made ({error.strerror})", where=str(directory)) from error
 

@@ -43,11 +43,7 @@ def write_whole(path: Path, data: bytes) -> None:
             os.fsync(file.fileno())
         Path(beside).replace(target)
         beside = None
-        directory = os.open(target.parent, os.O_RDONLY)
-        try:
-            os.fsync(directory)
-        finally:
-            os.close(directory)
+        flush_directory(target.parent)
     except OSError as error:
         raise InputError(
             f"cannot be written: {error.strerror}", where=str(path), remedy="name a place that this user may write"
@@ -56,6 +52,23 @@ def write_whole(path: Path, data: bytes) -> None:
         if beside is not None:
             with contextlib.suppress(OSError):
                 Path(beside).unlink()
+
+
+def flush_directory(path: Path) -> None:
+    """Make what was created, renamed or deleted in a directory survive a loss of power. Raises OSError."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def make_directory(path: Path) -> None:
+    """Make a directory and its parents where they are missing, to survive a loss of power. Raises OSError."""
+    missing = [place for place in (path, *path.parents) if not place.exists()]
+    path.mkdir(parents=True, exist_ok=True)
+    for made in missing:
+        flush_directory(made.parent)
 
 
 def set_aside(path: Path) -> Path | None:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from highside.errors import InputError
 from highside.reading import read_bytes
-from highside.recording.calibration_store import flush_directory
+from highside.recording.files import flush_directory, make_directory
 from highside.session.entries import Entry
 from highside.session.journal import Encoder, Header, Journal, StorageError, read_journal
 
@@ -38,7 +38,7 @@ class JournalFile:
     def create(cls, directory: Path, header: Header) -> JournalFile:
         """A new file, with its first line on the disk. Raises InputError where it cannot be made."""
         try:
-            directory.mkdir(parents=True, exist_ok=True)
+            make_directory(directory)
             path = directory / f"{header.session}{SUFFIX}"
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         except FileExistsError:

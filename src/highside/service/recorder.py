@@ -36,6 +36,7 @@ from pathlib import Path
 from highside.config.recorder import RecorderSettings
 from highside.link.base import Batch, Chunk
 from highside.recording.candump import format_candump
+from highside.recording.files import flush_directory, make_directory
 from highside.recording.wire import SUFFIX, encode_header, encode_record
 
 log = logging.getLogger(__name__)
@@ -391,7 +392,7 @@ class Recorder:
 
     def _open_segment(self, is_can: bool) -> _Segment:
         """Make room within the cap and create the next file. Raises OSError."""
-        self._directory.mkdir(parents=True, exist_ok=True)
+        make_directory(self._directory)
         existing = self._recordings()
         if self._next_sequence is None:
             self._next_sequence = 1 + (existing[-1][0] if existing else 0)
@@ -410,7 +411,7 @@ class Recorder:
         try:
             if not is_can:
                 self._write(segment, encode_header(self._meta))
-            _sync_directory(self._directory)
+            flush_directory(self._directory)
         except OSError:
             # an empty file is no recording; without this a full disk would be littered with them
             os.close(descriptor)
@@ -452,12 +453,3 @@ class Recorder:
             path.unlink()
             total -= size
             self.stats.segments_deleted += 1
-
-
-def _sync_directory(directory: Path) -> None:
-    """Make a new name survive a loss of power."""
-    descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.config.rig import STANDARD_GRAVITY_MPS2, AcceptSettings, SiteSettings
+from highside.recording.files import flush_directory
 
 if TYPE_CHECKING:
     from highside.service.pipeline import Attitude
@@ -282,7 +283,10 @@ class SurveyLog:
                 # a power cut in the middle of a line must not spoil the next one
                 file.write((b"\n" if torn else b"") + b"".join(lines))
                 file.flush()
+                new = file.tell() == sum(map(len, lines))
                 os.fsync(file.fileno())
+            if new:
+                flush_directory(self.path.parent)
             self.kept += len(lines)
             self.error = ""
         except OSError as error:

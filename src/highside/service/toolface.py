@@ -18,6 +18,7 @@ from typing import Any
 
 from highside.errors import InputError
 from highside.reading import MALFORMED, parse_json, read_bytes
+from highside.recording.files import flush_directory, make_directory
 
 FILE_NAME = "toolface.jsonl"
 
@@ -92,7 +93,7 @@ class ToolfaceLog:
         if not author.strip():
             raise InputError("is empty", field="author", remedy="say who sets the offset")
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
+            make_directory(self.path.parent)
             with self.path.open("a+b") as file:
                 fcntl.flock(file, fcntl.LOCK_EX)
                 before = self.current()
@@ -108,6 +109,8 @@ class ToolfaceLog:
                 file.write(json.dumps(setting.as_dict()).encode() + b"\n")
                 file.flush()
                 os.fsync(file.fileno())
+                if before is None:
+                    flush_directory(self.path.parent)  # the file may be new
                 _give_to_owner(file.fileno(), self.path.parent)
         except OSError as error:
             raise InputError(
