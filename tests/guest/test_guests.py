@@ -20,8 +20,11 @@ import uml
 
 ROOT = Path(__file__).resolve().parents[2]
 SUITE = ROOT / "tests" / "guest_suite"
+SUITES = {"systemd": "test_systemd", "power": "test_power_loss"}
+"""suites with a guest of their own, and how their files begin; all other files are of the CAN suite"""
 VCAN_TIMEOUT_S = 280.0
 SYSTEMD_TIMEOUT_S = 280.0
+POWER_TIMEOUT_S = 480.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +38,11 @@ class Inner:
     failed: int
 
 
-def suite_files(*, systemd: bool) -> list[Path]:
-    """The files of one suite."""
-    return sorted(path for path in SUITE.glob("test_*.py") if path.name.startswith("test_systemd") is systemd)
+def suite_files(suite: str) -> list[Path]:
+    """The files of one suite: "can", "systemd" or "power"."""
+    of = {path: next((s for s, start in SUITES.items() if path.name.startswith(start)), "can")
+          for path in SUITE.glob("test_*.py")}  # fmt: skip
+    return sorted(path for path, name in of.items() if name == suite)
 
 
 def count_tests(files: list[Path]) -> int:
@@ -80,7 +85,9 @@ def assert_complete(inner: Inner, files: list[Path]) -> None:
     assert inner.skipped == 0
 
 
-def run_in_guest(files: list[Path], directory: Path, *, systemd: bool, timeout_s: float) -> Inner:
+def run_in_guest(
+    files: list[Path], directory: Path, *, systemd: bool = False, timeout_s: float, memory: str = "1024M"
+) -> Inner:
     """The suite in a guest, its report written through to `directory`."""
     report = directory / "report.xml"
     result = uml.run_in_guest(
@@ -90,6 +97,7 @@ def run_in_guest(files: list[Path], directory: Path, *, systemd: bool, timeout_s
         timeout_s=timeout_s,
         writable=[directory],
         systemd=systemd,
+        memory=memory,
     )
     note = f"guest: up after {result.boot_s} s, {result.total_s:.1f} s in all\n"
     console = "" if result.status is not None else f"console of the guest:\n{result.console}\n"
@@ -138,12 +146,12 @@ def demand_guest(*, systemd: bool) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(400)
 def test_the_can_suite_passes_on_a_real_vcan(tmp_path: Path) -> None:
-    files = suite_files(systemd=False)
+    files = suite_files("can")
     if host_has_vcan():
         inner = run_here(files, tmp_path)
     else:
         demand_guest(systemd=False)
-        inner = run_in_guest(files, tmp_path, systemd=False, timeout_s=VCAN_TIMEOUT_S)
+        inner = run_in_guest(files, tmp_path, timeout_s=VCAN_TIMEOUT_S)
     assert_complete(inner, files)
 
 
@@ -152,8 +160,17 @@ def test_the_can_suite_passes_on_a_real_vcan(tmp_path: Path) -> None:
 @pytest.mark.timeout(400)
 def test_the_systemd_suite_passes_under_a_real_systemd(tmp_path: Path) -> None:
     demand_guest(systemd=True)
-    files = suite_files(systemd=True)
+    files = suite_files("systemd")
     assert_complete(run_in_guest(files, tmp_path, systemd=True, timeout_s=SYSTEMD_TIMEOUT_S), files)
+
+
+@pytest.mark.guest
+@pytest.mark.slow
+@pytest.mark.timeout(560)
+def test_the_power_loss_suite_passes_on_a_disk_that_forgets(tmp_path: Path) -> None:
+    demand_guest(systemd=False)
+    files = suite_files("power")
+    assert_complete(run_in_guest(files, tmp_path, timeout_s=POWER_TIMEOUT_S, memory="1536M"), files)
 
 
 def test_a_guest_hands_back_output_and_status_apart() -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.candidates import time_constants
 from highside.diagnosis.engine import diagnose_poses
-from highside.diagnosis.memory import Likelihoods, SlowEffect, slow_scores
+from highside.diagnosis.memory import Likelihoods, SlowEffect, SlowScore, slow_scores
 from highside.diagnosis.pool import Member
 from highside.diagnosis.rivals import SAME_CLASS_BIC, Rivalry, beside_memory
 from highside.diagnosis.session import PoseSession
@@ -64,6 +64,30 @@ def test_white_noise_still_decides_between_them() -> None:
     found = [rivalry_of(seed, 0.0)[0] for seed in range(20)]
     # the true one is better by more than a class is wide: no claim of the other would stand alone
     assert np.median([r.delta_bic[0] for r in found]) < -SAME_CLASS_BIC
+
+
+@pytest.mark.parametrize(("behind", "in_class"), [(0.0, True), (4.0, True), (5.9, True), (6.1, False), (20.0, False)])
+def test_a_rival_is_of_one_class_with_the_claim_until_it_costs_six_in_bic(behind: float, in_class: bool) -> None:
+    """6 in BIC is a ratio of 20 in evidence (Kass and Raftery 1995: strong)."""
+    scores = [SlowScore(SLOW[0], 9.0, 0.0, 50.0), SlowScore(SLOW[1], 9.0, 0.0, 50.0 - behind)]
+    blank = Rivalry(np.full(2, np.inf), [Member(0, 0), Member(1, 0)], (0,))
+    assert (1 in beside_memory(blank, scores, Member(0, 0), set()).same) is in_class
+
+
+def test_a_walk_is_believed_from_the_gain_at_which_white_noise_hardly_ever_feigns_one() -> None:
+    """A gain of 12 in -2 log likelihood: white noise has it less than once in a hundred channels, a walk whose steps
+    are a fifth of the noise in 80 % of 120 poses; half of those would not reach 40."""
+    rng = np.random.default_rng(5)
+    white = rng.standard_normal((200, 120))
+    walks = white + 0.2 * np.cumsum(rng.standard_normal((200, 120)), axis=1)
+    t_s = 60.0 * np.arange(120)
+
+    def believed(channels: NDArray[np.float64]) -> float:
+        found = [Likelihoods(one, np.ones(120), np.ones((1, 120)), t_s).memory(np.empty((0, 120))) for one in channels]
+        return float(np.mean([memory.walks for memory in found]))
+
+    assert believed(white) <= 0.01
+    assert believed(walks) >= 0.65  # 3 % is a standard deviation of the share of 200
 
 
 def test_what_is_claimed_already_is_no_rival() -> None:

@@ -106,6 +106,15 @@ def test_normal_gravity_agrees_with_the_published_values_of_wgs84() -> None:
     assert normal_gravity_mps2(0.8, 1000.0) - normal_gravity_mps2(0.8) == pytest.approx(-3.086e-3, rel=1e-3)
 
 
+@pytest.mark.parametrize("latitude_deg", [0.0, 30.0, 60.0, 90.0])
+def test_gravity_falls_off_with_height_as_newtons_law_bends_it(latitude_deg: float) -> None:
+    """To second order in the height the inverse-square law bends by 6 g (h / R)^2 over two steps h, upwards."""
+    latitude, step = np.deg2rad(latitude_deg), 10_000.0
+    ground, middle, top = (normal_gravity_mps2(latitude, k * step) for k in range(3))
+    expected = 6.0 * ground * (step / 6_371_000.0) ** 2
+    assert top - 2.0 * middle + ground == pytest.approx(expected, rel=0.02)
+
+
 def test_from_equator_to_pole_gravity_changes_by_five_thousandths() -> None:
     change = (normal_gravity_mps2(np.pi / 2) - normal_gravity_mps2(0.0)) / 9.80665
     assert change * 1e3 == pytest.approx(5.3, abs=0.05)

@@ -101,6 +101,22 @@ def test_the_stated_covariance_is_the_scatter() -> None:
     assert offsets[0].noise_g == pytest.approx(NOISE_G, rel=0.1)
 
 
+def test_single_shocks_of_many_sigmas_do_not_pull_the_circle() -> None:
+    """Two readings of a hundred are hit by 15 sigma in one direction: counted in, they would pull the centre by a
+    third of a reading's noise, many times what is stated of it."""
+    pulled = []
+    for seed in range(40):
+        t, g = turning(30.0, seed=seed, inc_deg=5.0)
+        hit = np.random.default_rng(1000 + seed).random(t.size) < 0.02
+        g[0, hit & (t > 2.0 * THREE_TURNS_S)] += 15.0 * NOISE_G
+        offset = fed(t, g).offset
+        assert offset is not None
+        pulled.append((offset.bx_g - BIAS[0]) / offset.std_g[0])
+    # a mean of 40 unit normals: false failure below 1e-6
+    assert abs(np.mean(pulled)) < 5.0 / math.sqrt(40.0)
+    assert np.std(pulled) < 1.6
+
+
 @pytest.mark.parametrize("inc_deg", [0.3, 5.0, 45.0, 85.0])
 def test_it_works_at_any_inclination_that_makes_a_circle(inc_deg: float) -> None:
     offset = fed(*turning(30.0, inc_deg=inc_deg, seed=3)).offset

@@ -363,3 +363,16 @@ def test_it_costs_a_few_microseconds_a_frame() -> None:
             live.at(angle)
         best = min(best, (time.perf_counter() - start) / len(angles))
     assert best < 30e-6  # expected 2 to 3
+
+
+def test_the_standard_deviation_stated_at_an_angle_is_the_curves_there() -> None:
+    """In the middle of each degree the two are equal; where a quarter turn was never seen it changes from degree to
+    degree, so that a table that is off by one degree would show."""
+    made = compensation({"inclination": of_inclination}, gap=True)
+    curve = made.curves["inclination"]
+    live = LiveCompensation(made)
+    middles = np.deg2rad(np.arange(360) + 0.5)
+    expected = curve.std(middles, None) * np.pi / (180.0 * 60.0)
+    stated = [live.apply(math.radians(40.0), 1.0, live.at(math.degrees(theta))).inc_std_rad for theta in middles]
+    np.testing.assert_allclose(stated, expected, rtol=1e-9)
+    assert np.abs(np.diff(expected)).max() > 0.02 * expected.max()

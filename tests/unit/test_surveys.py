@@ -60,6 +60,17 @@ def test_each_reason(changes: dict[str, object], shock: float, complete: bool, r
     assert verdict.accepted == (not reasons)
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize("std_mg", [0.02, 0.3, 2.0])
+def test_gtotal_may_miss_its_limit_by_two_standard_deviations_and_no_more(sign: float, std_mg: float) -> None:
+    limits = AcceptSettings()
+    gravity = replace(SITE, std_mg=0.0)
+    for times, accepted in ((1.9, True), (2.1, False)):
+        off = sign * (limits.g_total_mg + times * std_mg) / gravity.unit_mg
+        attitude = replace(GOOD, g_total=gravity.expected + off, g_total_std=std_mg / gravity.unit_mg)
+        assert judge(attitude, gravity, limits, 0.1, complete=True).accepted is accepted
+
+
 def test_gtotal_is_compared_with_the_sites_gravity_in_units_of_the_benchs() -> None:
     gravity = expected_gravity(SiteSettings(gravity_mps2=9.7803, gravity_std_mps2=0.0002), 9.8322, 0.0001)
     assert gravity.expected == pytest.approx(9.7803 / 9.8322)
