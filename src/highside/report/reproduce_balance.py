@@ -16,7 +16,6 @@ The published numbers are facts of that paper, kept in `published_balance.json`.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -36,6 +35,7 @@ from highside.physics.forward import ForwardModel
 from highside.physics.gravity import gravity_direction
 from highside.physics.scenario import BALANCE_TOOLFACES_DEG, PUBLISHED_INCLINATIONS_DEG, pose_grid
 from highside.physics.state import ChainState
+from highside.reading import parse_json
 
 INCLINATIONS_DEG = tuple(sorted(PUBLISHED_INCLINATIONS_DEG, reverse=True))
 STATIONS_DEG = tuple(5.0 * k for k in range(73))
@@ -162,7 +162,7 @@ class Experiment:
 @cache
 def published() -> dict[str, list[dict[str, Any]]]:
     """The published tables 1 to 6: rows as {column: value}, None where the source has lost a cell."""
-    data = json.loads(resources.files("highside.report").joinpath("published_balance.json").read_text(encoding="utf-8"))
+    data = parse_json(resources.files("highside.report").joinpath("published_balance.json").read_bytes())
     return {name: [dict(zip(t["columns"], row, strict=True)) for row in t["rows"]] for name, t in data.items()}
 
 

@@ -26,6 +26,7 @@ from highside.config.settings import Settings, validate
 from highside.link.device import DeviceSettings, SimulatedDevice
 from highside.link.wire import PtyWire
 from highside.physics.gravity import gravity_direction
+from highside.reading import parse_json
 from highside.recording.files import write_whole
 from highside.service.app import Service
 from highside.service.pipeline import Attitude
@@ -99,7 +100,7 @@ class Watcher:
     def take(self, topic: str, message: bytes) -> None:
         """One message as it would go to a broker; the monotonic time of its arrival is now."""
         now_mono = time.monotonic()
-        snapshot, payload = self.snapshot, json.loads(message)
+        snapshot, payload = self.snapshot, parse_json(message)
         name = topic.rsplit("/", 1)[-1]
         if name == "health":
             snapshot.health = payload

@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import fcntl
-import json
 import os
 import shutil
 import sqlite3
@@ -27,6 +26,7 @@ from highside.config.links import PythonCanLink, SerialLink, SocketCanLink
 from highside.config.rig import WitsSerial
 from highside.config.settings import Settings
 from highside.errors import HighsideError
+from highside.reading import MALFORMED, parse_json
 from highside.recording.calibration_store import CalibrationStore, read_record
 from highside.service.broker_client import check_secrets
 from highside.service.clock import clock_synced
@@ -295,7 +295,14 @@ def _can(interface: str) -> Iterator[Finding]:
         yield Finding("link", Level.FAIL, f"{interface}: {answer.stderr.strip() or 'no such interface'}",
                       "plug the adapter in, load its driver")  # fmt: skip
         return
-    yield from judge_can(interface, json.loads(answer.stdout)[0])
+    try:
+        told = parse_json(answer.stdout)[0]
+    except (*MALFORMED, HighsideError) as error:
+        yield Finding(
+            "link", Level.SKIP, f"{interface}: `ip` answers otherwise than expected ({error})", "update iproute2"
+        )
+        return
+    yield from judge_can(interface, told)
 
 
 def judge_can(interface: str, told: dict[str, Any]) -> Iterator[Finding]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
 
+from highside.reading import parse_json
 from highside.service.alarms import ALARMS
 from highside.service.saved_drift import Alignment
 
@@ -319,7 +320,7 @@ def survey_payload(
 
 def survey_dict(seq: int, t: float, survey: Survey) -> dict[str, Any]:
     """A survey as it is kept on disk: what is published, without what belongs to the publishing."""
-    found: dict[str, Any] = json.loads(survey_payload(seq, t, survey.attitude.t_mono, False, survey))
+    found: dict[str, Any] = parse_json(survey_payload(seq, t, survey.attitude.t_mono, False, survey))
     for name in ("t_mono", "clock_synced", "historical"):
         del found[name]
     return found

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import logging
 
 import aiomqtt
@@ -26,6 +25,7 @@ from pydantic import ValidationError
 
 from highside.config.mqtt import MqttSettings
 from highside.errors import InputError
+from highside.reading import parse_json
 from highside.service.broker_client import broker_client
 from highside.service.messages import OFFLINE, ONLINE
 from highside.service.tasks import ended
@@ -128,8 +128,8 @@ class SessionMqtt:
 def _request_of(payload: bytes) -> str:
     """The request id of what could not be read whole, if there is one."""
     try:
-        found = json.loads(payload)
-    except (ValueError, RecursionError):
+        found = parse_json(payload)
+    except InputError:
         return ""
     name = found.get("request_id") if isinstance(found, dict) else None
     return name[:64] if isinstance(name, str) else ""

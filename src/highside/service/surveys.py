@@ -29,6 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.config.rig import STANDARD_GRAVITY_MPS2, AcceptSettings, SiteSettings
+from highside.errors import InputError
+from highside.reading import parse_json
 from highside.recording.files import flush_directory
 
 if TYPE_CHECKING:
@@ -223,6 +225,7 @@ class SurveyLog:
         self.kept = 0
         self.failed = 0
         self.error = ""
+        self.damaged_lines = 0
         self._max_bytes = max_bytes
         self._queue: SimpleQueue[bytes | None] = SimpleQueue()
         self._thread: threading.Thread | None = None
@@ -246,20 +249,19 @@ class SurveyLog:
             self._thread.join(timeout_s)
 
     def recent(self, count: int = TREND_LENGTH) -> list[dict[str, Any]]:
-        """The last surveys of the file; a torn last line is left out."""
+        """The last surveys of the file. A line that is none is left out and counted in `damaged_lines`: one that a loss
+        of power tore stays where it is."""
         try:
             with self.path.open("rb") as file:
                 size = file.seek(0, os.SEEK_END)
                 file.seek(max(size - count * 1024, 0))
-                lines = file.read().split(b"\n")[:-1]
+                lines = file.read(count * 1024).split(b"\n")[:-1]
         except OSError:
             return []
-        found = []
-        for line in lines[-count:]:
-            with contextlib.suppress(ValueError):
-                survey = json.loads(line)
-                if isinstance(survey, dict):
-                    found.append(survey)
+        found = [survey for line in lines[-count:] if (survey := _survey(line)) is not None]
+        self.damaged_lines = len(lines[-count:]) - len(found)
+        if self.damaged_lines:
+            log.warning("%s: %d of the last lines are no surveys; left out", self.path, self.damaged_lines)
         return found
 
     def _write_all(self) -> None:
@@ -296,6 +298,21 @@ class SurveyLog:
             self.error = error.strerror or str(error)
 
 
+def _survey(line: bytes) -> dict[str, Any] | None:
+    """A survey as it was kept; None for a line that is none."""
+    try:
+        survey = parse_json(line)
+    except InputError:
+        return None
+    if not isinstance(survey, dict):
+        return None
+    reasons = survey.get("reasons", [])
+    numbers = [survey.get(name) for name in ("t", "temp_c", "g_error_mg", "g_noise_mg")]
+    if not isinstance(reasons, list) or not all(isinstance(reason, str) for reason in reasons):
+        return None
+    return survey if all(number is None or type(number) in (int, float) for number in numbers) else None
+
+
 def _ends_torn(path: Path) -> bool:
     try:
         with path.open("rb") as file:
@@ -314,7 +331,7 @@ def trend_of(surveys: Iterable[dict[str, Any]], cal_id: str) -> GravityTrend:
         if survey.get("cal_id") == cal_id and trusted(survey.get("reasons", [])):
             error, noise = survey.get("g_error_mg"), survey.get("g_noise_mg")
             if isinstance(error, float) and isinstance(noise, float):
-                trend.add(TrendPoint(float(survey.get("t", 0.0)), survey.get("temp_c"), error, noise))
+                trend.add(TrendPoint(float(survey.get("t") or 0.0), survey.get("temp_c"), error, noise))
     return trend
 
 
