@@ -28,7 +28,7 @@ MAX_MULTIPLEXER_VALUES = 1 << 16
 # as the parser sees them: comments and texts give way, blanks and line ends may stand anywhere
 _PASSED_OVER = re.compile(r"//.*?\n|\"(?:\\\"|[^\"])*?\"")
 _NUMBER = re.compile(r"\d[\d.]*(?:[eE][+-]?\d+)?")
-_SIZE = re.compile(r"\bBO_\s+\d+\s+\w+\s*:\s*(?P<bytes>\d+)|(?P<start>\d+)\s*\|\s*(?P<bits>\d+)\s*@")
+_SIZE = re.compile(r"\bBO_\s+\d+\s+\w+\s*:\s*(?P<bytes>-?\d+)|(?P<start>-?\d+)\s*\|\s*(?P<bits>-?\d+)\s*@")
 _RANGE = re.compile(r"(\d+)\s*-\s*(\d+)")
 _SHOWN = 40
 
@@ -57,14 +57,14 @@ def _check_sizes(bare: str, where: str) -> None:
     for found in _SIZE.finditer(bare):
         if found["bytes"] is not None:
             message_bytes = int(found["bytes"])
-            if message_bytes > MAX_MESSAGE_BYTES:
+            if not 0 <= message_bytes <= MAX_MESSAGE_BYTES:
                 what = f"a message of {message_bytes} bytes, a CAN bus carries at most {MAX_MESSAGE_BYTES}"
                 raise _bad(what, bare, found.start(), where)
             most = max(CLASSIC_BITS, 8 * message_bytes)
             continue
         start, bits = int(found["start"]), int(found["bits"])
-        if bits > most or start >= 8 * MAX_MESSAGE_BYTES:
-            what = f"of {bits} bits" if bits > most else f"that begins at bit {start}"
+        if not (0 < bits <= most and 0 <= start < 8 * MAX_MESSAGE_BYTES):
+            what = f"that begins at bit {start}" if 0 < bits <= most else f"of {bits} bits"
             raise _bad(f"a signal {what}, its message has at most {most}", bare, found.start(), where)
 
 

@@ -98,7 +98,9 @@ class Compensation:
         try:
             validity = Validity.from_dict(data["validity"])
             curves = {str(name): Curve.from_dict(one) for name, one in data["curves"].items()}
-            return cls(curves, validity, str(data["source"]["name"]), str(data["source"]["sha256"]))
+            found = cls(curves, validity, str(data["source"]["name"]), str(data["source"]["sha256"]))
+            _ = found.id  # a text that reads as `nan` would be found out only when it is used
+            return found
         except MALFORMED as error:
             raise InputError(f"is no whole compensation ({error})", where=where, remedy=remedy) from None
 

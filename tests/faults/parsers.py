@@ -1,0 +1,300 @@
+"""Every parser of files and messages, given an input as the program gives it: through a file where it reads files.
+
+A parser returns whether it accepted the input; it raises HighsideError for one that it refuses. What it accepts is
+used, too, as far as its owner would at once: a calibration corrects, a journal is replayed, a codec decodes.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import random
+import shutil
+import tempfile
+from collections.abc import Callable, Coroutine, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import seeds
+from mutate import damaged, damaged_document, damaged_gzip
+
+from highside.calibration.record import correction_from_record
+from highside.codec.can_dbc import compile_dbc
+from highside.config.bench import load_bench
+from highside.config.certificate import load_certificate_fields
+from highside.config.codecs import codec_from_file
+from highside.config.model import load_model
+from highside.config.mqtt import MqttSettings
+from highside.config.settings import load, parse_overrides, validate
+from highside.link.replay import events
+from highside.recording.calibration_store import CalibrationStore, read_record
+from highside.recording.candump import read_candump
+from highside.recording.table import read_poses, read_recording
+from highside.recording.wire import detect_kind, read_segments
+from highside.rotation.compensation import Compensation
+from highside.rotation.live import LiveCompensation
+from highside.service import saved_drift
+from highside.service.drift_keeper import DriftKeeper
+from highside.service.session_mqtt import SessionMqtt
+from highside.service.surveys import SurveyLog, trend_of
+from highside.service.toolface import ToolfaceLog
+from highside.session.driver import SessionDriver
+from highside.session.journal import read_journal
+from highside.session.snapshot import Command, Reply, State
+
+Make = Callable[[random.Random], bytes]
+
+
+@dataclass(frozen=True, slots=True)
+class Parser:
+    """`make` gives a damaged input, `parse` says whether it was accepted."""
+
+    name: str
+    make: Make
+    parse: Callable[[bytes], bool]
+    sound: tuple[bytes, ...]
+    """inputs without damage, which must be accepted"""
+
+
+def of(*inputs: bytes, damage: Callable[[bytes, random.Random], bytes] = damaged) -> Make:
+    return lambda rng: damage(rng.choice(inputs), rng)
+
+
+def of_document(document: Any, write: Callable[[Any], bytes]) -> Make:
+    """Damage by the structure of a document, written again as its owner would write it."""
+    return lambda rng: write(damaged_document(document, rng))
+
+
+def _signed_again(document: Any) -> bytes:
+    return seeds.signed_again(document) if isinstance(document, dict) else json.dumps(document).encode()
+
+
+def _chained_again(lines: Any) -> bytes:
+    return seeds.chained_again(lines) if isinstance(lines, list) else b"{}\n"
+
+
+def _journal_lines() -> list[Any]:
+    return [json.loads(line) for line in seeds.journal().splitlines()]
+
+
+class Bench:
+    """A folder for the files, and everything that lives longer than one input."""
+
+    def __init__(self) -> None:
+        # in memory where there is such a place: a file is written for each input
+        memory = Path("/dev/shm")
+        self.folder = Path(tempfile.mkdtemp(dir=memory if os.access(memory, os.W_OK) else None))
+        logging.getLogger("highside").setLevel(logging.CRITICAL)
+        shutil.copy(seeds.ROOT / "config" / "highside.dbc", self.folder / "highside.dbc")
+        self.replies: list[bytes] = []
+        self.keeper = self._keeper()
+
+    def close(self) -> None:
+        shutil.rmtree(self.folder)
+
+    def put(self, data: bytes, name: str) -> Path:
+        path = self.folder / name
+        path.write_bytes(data)
+        return path
+
+    # --- configuration -----------------------------------------------------------------------------------------
+
+    def service_toml(self, data: bytes) -> bool:
+        load(self.put(data, "service.toml"))
+        return True
+
+    def bench_toml(self, data: bytes) -> bool:
+        load_bench(self.put(data, "bench.toml"))
+        return True
+
+    def certificate_toml(self, data: bytes) -> bool:
+        load_certificate_fields(self.put(data, "certificate.toml"))
+        return True
+
+    def model_toml(self, data: bytes) -> bool:
+        load_model(self.put(data, "model.toml"))
+        return True
+
+    def codec_toml(self, data: bytes) -> bool:
+        codec_from_file(self.put(data, "codec.toml"), "delimited").build()
+        return True
+
+    def override(self, data: bytes) -> bool:
+        parse_overrides([data.decode("utf-8", "surrogateescape")])
+        return True
+
+    def dbc(self, data: bytes) -> bool:
+        messages = compile_dbc(data.decode("cp1252", errors="replace"), where="car.dbc")
+        payload = bytes(range(1, 65))
+        for message in messages.values():
+            numbers = message.numbers(payload)
+            for signal in message.signals.values():
+                signal.extract(*numbers)
+        return True
+
+    # --- records and state -------------------------------------------------------------------------------------
+
+    def record(self, data: bytes) -> bool:
+        correction_from_record(read_record(self.put(data, "record.json"))).correct((0.1, 0.2, 0.97))
+        return True
+
+    def activation(self, data: bytes) -> bool:
+        store = self.folder / "store"
+        (store / "activations").mkdir(parents=True, exist_ok=True)
+        (store / "activations" / "00000001.json").write_bytes(data)
+        (store / "records").mkdir(exist_ok=True)
+        CalibrationStore(store).history()
+        return True
+
+    def compensation(self, data: bytes) -> bool:
+        found = Compensation.from_json(data, where="rotor.json")
+        LiveCompensation(found)
+        return True
+
+    def drift_state(self, data: bytes) -> bool:
+        saved_drift.read(self.put(data, "drift.json"), "t1", saved_drift.Stamp.now(synced=True))
+        return True
+
+    def toolface(self, data: bytes) -> bool:
+        self.put(data, "toolface.jsonl")
+        ToolfaceLog(self.folder).current()
+        return True
+
+    def surveys(self, data: bytes) -> bool:
+        log = SurveyLog(self.put(data, "surveys.jsonl"))
+        trend_of(log.recent(), "c1").as_dict()
+        return log.damaged_lines == 0
+
+    def journal(self, data: bytes) -> bool:
+        read_journal(data, where="session.jsonl").ledger()
+        return True
+
+    # --- recordings --------------------------------------------------------------------------------------------
+
+    def recording(self, data: bytes) -> bool:
+        read_recording(self.put(data, "recording.csv"))
+        return True
+
+    def pose_table(self, data: bytes) -> bool:
+        read_poses(self.put(data, "poses.csv"))
+        return True
+
+    def wire(self, data: bytes) -> bool:
+        path = self.put(data, "wire.hsw")
+        detect_kind(path)
+        reader = read_segments(path)
+        for _ in reader:
+            pass
+        for _ in events(path):
+            pass
+        return reader.torn_bytes == 0
+
+    def candump(self, data: bytes) -> bool:
+        reader = read_candump(self.put(data, "can.log"))
+        for _ in reader:
+            pass
+        return reader.torn_bytes == 0 and reader.bad_lines == 0
+
+    # --- commands ----------------------------------------------------------------------------------------------
+
+    def _keeper(self) -> DriftKeeper:
+        settings = validate({"tool": {"id": "t1"}, "link": {"kind": "simulated"}, "codec": {"name": "tool"}}, where="x")
+        keeper = DriftKeeper(settings, self.folder, self.replies.append, lambda _: None)
+        keeper.stage = seeds.drift_stage()
+        return keeper
+
+    def drift_command(self, data: bytes) -> bool:
+        self.replies.clear()
+        self.keeper.on_command(data, retained=False)
+        assert len(self.replies) == 1, f"{len(self.replies)} replies"
+        return bool(json.loads(self.replies[0])["ok"])
+
+    def session_command(self, data: bytes) -> bool:
+        face = SessionMqtt(_Driver(), MqttSettings(), tool_id="t1")
+        reply: Reply = _at_once(face._obey(data, retained=False))
+        json.loads(reply.model_dump_json())
+        return reply.accepted
+
+
+class _Driver(SessionDriver):
+    """Takes every command."""
+
+    def snapshot(self) -> Any:
+        return _Now()
+
+    async def command(self, command: Command) -> Reply:
+        return Reply(request_id=command.request_id, accepted=True, text=command.operator, state=State.IDLE, seq=1)
+
+
+class _Now:
+    state, seq = State.IDLE, 1
+
+
+def _at_once(work: Coroutine[Any, Any, Any]) -> Any:
+    """The result of a coroutine that waits for nothing."""
+    try:
+        work.send(None)
+    except StopIteration as end:
+        return end.value
+    raise AssertionError("it waits")
+
+
+def all_parsers(bench: Bench) -> Sequence[Parser]:
+    """In the order of the table."""
+    config = seeds.ROOT / "config"
+    bench_files = [(config / name).read_bytes() for name in ("bench.toml", "bench-simulated.toml")]
+    models = [(config / f"model-{name}.toml").read_bytes() for name in ("bench", "known", "rotation")]
+    fields = (config / "certificate.toml").read_bytes()
+    codec = (config / "multi_imu-mapping.toml").read_bytes()
+    shipped = (config / "highside.toml").read_bytes()
+    services = (seeds.SERVICE_PLAIN, shipped, seeds.SERVICE)
+    dbcs = (seeds.DBC, (config / "highside.dbc").read_bytes())
+    record, compensation = seeds.record().to_json().encode(), seeds.compensation()
+    override = (b"mqtt.port=1883", b'tool.id="x"', b"codec.columns={ax=1}")
+    entry = {"number": 1, "tool": "t1", "record": "0" * 64, "action": "activate", "at": "2026-11-22T10:00:00Z"}
+    activation = json.dumps(entry | {"undoes": None}).encode()
+    journal = seeds.journal()
+    return (
+        Parser("service TOML", of(*services), bench.service_toml, services),
+        Parser("bench TOML", of(*bench_files), bench.bench_toml, tuple(bench_files)),
+        Parser("certificate TOML", of(fields), bench.certificate_toml, (fields,)),
+        Parser("model TOML", of(*models), bench.model_toml, tuple(models)),
+        Parser("codec TOML", of(codec), bench.codec_toml, (codec,)),
+        Parser("--set", of(*override), bench.override, override),
+        Parser("DBC text", of(*dbcs), bench.dbc, dbcs),
+        Parser("calibration record", of(record), bench.record, (record,)),
+        Parser("record, hashed again", of_document(json.loads(record), _signed_again), bench.record, (record,)),
+        Parser("activation", of(activation), bench.activation, (activation,)),
+        Parser("compensation", of(compensation), bench.compensation, (compensation,)),
+        Parser(
+            "compensation, hashed again",
+            of_document(json.loads(compensation), _signed_again),
+            bench.compensation,
+            (compensation,),
+        ),
+        Parser("drift state", of(seeds.drift_state()), bench.drift_state, (seeds.drift_state(),)),
+        Parser(
+            "drift state, by structure",
+            of_document(json.loads(seeds.drift_state()), lambda d: json.dumps(d).encode()),
+            bench.drift_state,
+            (seeds.drift_state(),),
+        ),
+        Parser("toolface log", of(seeds.toolface_log()), bench.toolface, (seeds.toolface_log(),)),
+        Parser("surveys", of(seeds.surveys()), bench.surveys, (seeds.surveys(),)),
+        Parser("journal", of(journal), bench.journal, (journal,)),
+        Parser("journal, chained again", of_document(_journal_lines(), _chained_again), bench.journal, (journal,)),
+        Parser(
+            "recording CSV",
+            of(seeds.recording(), seeds.recording_plain()),
+            bench.recording,
+            (seeds.recording(), seeds.recording_plain()),
+        ),
+        Parser("recording CSV.gz", of(seeds.recording_plain(), damage=damaged_gzip), bench.recording, ()),
+        Parser("pose table", of(seeds.poses()), bench.pose_table, (seeds.poses(),)),
+        Parser(".hsw", of(seeds.wire()), bench.wire, (seeds.wire(),)),
+        Parser("candump", of(seeds.candump()), bench.candump, (seeds.candump(),)),
+        Parser("drift/command", of(*seeds.DRIFT_COMMANDS), bench.drift_command, seeds.DRIFT_COMMANDS[:1]),
+        Parser("session/command", of(*seeds.SESSION_COMMANDS), bench.session_command, seeds.SESSION_COMMANDS),
+    )

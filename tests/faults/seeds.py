@@ -1,0 +1,243 @@
+"""Sound files and messages of every kind, small, made by the program itself: what the damage begins with."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT / "tests" / "session")]
+
+from rehearsal import Rehearsal  # noqa: E402
+
+from highside.calibration.record import CalibrationRecord, Environment, SolveRequest, build_record, solve_poses  # noqa: E402
+from highside.codec import tool  # noqa: E402
+from highside.codec.frame import CanFrame  # noqa: E402
+from highside.config.drift import DriftSettings  # noqa: E402
+from highside.physics.gravity import gravity_direction  # noqa: E402
+from highside.recording.candump import format_candump  # noqa: E402
+from highside.recording.table import PoseTable, Recording  # noqa: E402
+from highside.recording.wire import encode_header, encode_record  # noqa: E402
+from highside.rotation import Compensation, FitOptions, Method, Samples, Validity, fit  # noqa: E402
+from highside.service.drift_stage import DriftStage  # noqa: E402
+from highside.service.saved_drift import DriftFile, Stamp  # noqa: E402
+from highside.session import plans  # noqa: E402
+from highside.session.plans import Limits  # noqa: E402
+
+SERVICE = b"""
+[tool]
+id = "t1"
+serial = "7"
+[link]
+kind = "serial"
+port = "/dev/ttyUSB0"
+baud = 115200
+[codec]
+name = "delimited"
+axes = "x-yz"
+delimiter = ","
+columns = 12
+select = { column = 0, equals = "3" }
+time = [{ column = 1 }, { column = 2, divide_by_column = 3 }]
+time_wrap_s = 86400
+[codec.fields]
+ax_g = { column = 4, scale = 1e-4 }
+ay_g = { column = 5, scale = 1e-4 }
+az_g = { column = 6, scale = 1e-4 }
+counts = { column = 7 }
+[pipeline]
+output_rate_hz = 2.5
+[survey]
+still_s = 10.0
+[site]
+latitude_deg = 52.0
+gravity_mps2 = 9.81
+[drift]
+azimuth_deg = 120.0
+[mqtt]
+host = "127.0.0.1"
+[mqtt.outbox]
+commit_interval_s = 0.1
+[[wits]]
+kind = "tcp_server"
+port = 5001
+[metrics]
+port = 9100
+"""
+SERVICE_PLAIN = b"""
+[tool]
+id = "t1"
+[link]
+kind = "socketcan"
+interface = "can0"
+[codec]
+name = "dbc"
+[service]
+state_dir = "state"
+"""
+DRIFT_COMMANDS = (
+    b'{"id":"1","command":"align","azimuth_deg":12.5,"std_deg":0.5}',
+    b'{"id":"abc","command":"connection","seconds":60}',
+    b'{"id":"x-9","command":"reset_heading"}',
+    b'{"id":"2","command":"restart"}',
+)
+SESSION_COMMANDS = (
+    b'{"name":"start","request_id":"r1","operator":"Alice"}',
+    b'{"name":"redo","request_id":"r2","operator":"Alice","pose":"3","note":"again"}',
+    b'{"name":"activate","request_id":"r3","operator":"Bob","confirm":"0123456789ab"}',
+    b'{"name":"abort","request_id":"r4","operator":"Bob"}',
+)
+DBC = (
+    b'VERSION ""\nNS_ :\nBS_:\nBU_: A B\n'
+    b'BO_ 256 ACC: 8 A\n SG_ X : 0|16@1- (0.001,0) [-32|32] "g" B\n SG_ Y : 23|16@0- (1e-3,-0.5) [0|0] "g" B\n'
+    b' SG_ Z : 32|32@1- (1,0) [0|0] "g" B\n'
+    b'BO_ 2147484000 MUX: 64 A\n SG_ M M : 0|4@1+ (1,0) [0|15] "" B\n SG_ P m0 : 8|12@1+ (2,1) [0|100] "" B\n'
+    b' SG_ Q m1 : 8|12@1+ (2,1) [0|100] "" B\n'
+    b'CM_ SG_ 256 X "along the tool";\nBA_DEF_ BO_ "GenMsgCycleTime" INT 0 10000;\n'
+    b'BA_DEF_DEF_ "GenMsgCycleTime" 0;\nBA_ "GenMsgCycleTime" BO_ 256 10;\n'
+    b'VAL_ 256 X 0 "none" 1 "some" ;\nSIG_VALTYPE_ 256 Z : 1;\nSG_MUL_VAL_ 2147484000 P M 0-0, 2-3;\n'
+)
+
+
+def _poses() -> dict[str, list[float]]:
+    rng = np.random.default_rng(24)
+    inc, tf = np.repeat([30.0, 90.0, 150.0], 8), np.tile(np.arange(0.0, 360.0, 45.0), 3)
+    g = gravity_direction(np.deg2rad(inc), np.deg2rad(tf)) + 1e-5 * rng.standard_normal((3, 24))
+    columns = {"inc_ref_deg": inc, "tf_ref_deg": tf, "ax": g[0], "ay": g[1], "az": g[2], "n": np.full(24, 100.0)}
+    columns |= {f"std_a{axis}": np.full(24, 1e-4) for axis in "xyz"}
+    return {name: values.tolist() for name, values in columns.items()}
+
+
+@cache
+def record() -> CalibrationRecord:
+    """A calibration of 24 poses."""
+    poses, request = _poses(), SolveRequest("conventional")
+    return build_record(
+        tool_id="t1",
+        serial="7",
+        request=request,
+        result=solve_poses(poses, request).result,
+        pose_columns=poses,
+        raw_sha256="0" * 64,
+        raw_name="poses.csv",
+        environment=Environment(bench="simulated", temp_c=25.0),
+        now_s=1_795_000_000.0,
+    )
+
+
+@cache
+def compensation() -> bytes:
+    """Three curves: harmonics, a polynomial with the rate, a network."""
+    theta = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)
+    error = 20.0 * np.sin(theta) + 0.1 * np.random.default_rng(1).standard_normal(180)
+    samples = Samples.build(theta, error, 0.1 * (1.0 + np.floor(theta / 1.6)))
+    curves = {
+        "inclination": fit(samples, Method.HARMONICS2, FitOptions(), held_out=False),
+        "toolface": fit(samples, Method.POLYNOMIAL9, FitOptions(rate_terms=1), held_out=False),
+        "heading": fit(samples, Method.NETWORK, FitOptions(), held_out=False),
+    }
+    return Compensation(curves, Validity(40.0), "turns.csv", "0" * 64).to_json().encode()
+
+
+def drift_stage() -> DriftStage:
+    """A stage that has seen a tool at rest for 30 s."""
+    stage = DriftStage(DriftSettings(azimuth_deg=60.0), 52.0, first_start=True)
+    rng = np.random.default_rng(3)
+    for i in range(300):
+        stage.add(*(0.001 * rng.standard_normal(3)).tolist())
+        stage.close(0.1 * i, 1000.0 + 0.1 * i, (0.2, 0.1, 0.97))
+    return stage
+
+
+@cache
+def drift_state() -> bytes:
+    """What such a stage keeps."""
+    state = drift_stage().saved()
+    assert state is not None
+    return DriftFile(tool="t1", stamp=Stamp.now(synced=True), state=state).model_dump_json().encode()
+
+
+@cache
+def toolface_log() -> bytes:
+    lines = [
+        {"t": 1.79e9 + i, "offset_deg": 10.0 * i, "author": "Ann", "note": "scribe", "previous_deg": 0.0}
+        for i in range(4)
+    ]
+    return b"".join(json.dumps(line).encode() + b"\n" for line in lines)
+
+
+@cache
+def surveys() -> bytes:
+    lines = [
+        {"seq": i, "t": 1.79e9 + 600.0 * i, "inc_deg": 12.0, "cal_id": "c1", "reasons": [], "temp_c": 20.0 + i,
+         "g_error_mg": 0.1 * i, "g_noise_mg": 0.02, "accepted": True}
+        for i in range(12)
+    ]  # fmt: skip
+    return b"".join(json.dumps(line).encode() + b"\n" for line in lines)
+
+
+@cache
+def journal() -> bytes:
+    """A whole session of four poses."""
+    plan = plans.balance_plan([12.0], Limits(std_error_g=3e-5, min_hold_s=1.5, max_hold_s=4.0))
+    return Rehearsal(plan, rate_hz=10.0).run().journal
+
+
+@cache
+def recording() -> bytes:
+    t = np.arange(12) * 0.1
+    columns = {"t_s": t, "ax_g": np.sin(t), "ay_g": np.cos(t), "az_g": 0.5 + 0.0 * t, "temp_c": np.full(12, math.nan)}
+    columns["temp_c"][3] = 20.5
+    return Recording(columns | {"seq": np.arange(12.0)}, {"remark": ("a", 'b "quoted", c') * 6}).as_csv().encode()
+
+
+@cache
+def recording_plain() -> bytes:
+    t = np.arange(20) * 0.1
+    return Recording({"t_s": t, "ax_g": np.sin(t), "ay_g": np.cos(t), "az_g": 0.0 * t}).as_csv().encode()
+
+
+@cache
+def poses() -> bytes:
+    return PoseTable({name: np.array(values) for name, values in _poses().items()}).as_csv().encode()
+
+
+@cache
+def wire() -> bytes:
+    """Segments with frames of the tool."""
+    frames = [tool.encode(i, i * 1e-3, (0.1, 0.2, 0.97), temp_c=20.0) for i in range(12)]
+    meta = {"tool": "t1", "codec": "tool", "link": {"kind": "serial", "port": "/dev/ttyUSB0"}}
+    return encode_header(meta) + b"".join(encode_record((1.0 + 0.01 * i, 1.79e9, f)) for i, f in enumerate(frames))
+
+
+@cache
+def candump() -> bytes:
+    rng = np.random.default_rng(5)
+    frames = [CanFrame(1.79e9 + 0.01 * i, 0.0, 0x100 + i, rng.bytes(8), i % 3 == 0) for i in range(20)]
+    return "".join(format_candump(frame, "can0") for frame in frames).encode()
+
+
+def signed_again(content: dict[str, Any]) -> bytes:
+    """A document whose id is the hash of what it says now: as whoever tampers with it would do."""
+    content.pop("id", None)
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return json.dumps({"id": hashlib.sha256(text.encode()).hexdigest(), **content}).encode()
+
+
+def chained_again(lines: list[Any]) -> bytes:
+    """Lines of a journal whose hashes follow from one another."""
+    out, chain = [], ""
+    for line in lines:
+        content = dict(line) if isinstance(line, dict) else {"d": line}
+        content.pop("h", None)
+        text = json.dumps(content, separators=(",", ":"))
+        chain = hashlib.sha256((chain + text).encode("ascii", "replace")).hexdigest()[:16]
+        out.append(f'{text[:-1]},"h":"{chain}"}}\n'.encode("ascii"))
+    return b"".join(out)
