@@ -158,6 +158,7 @@ def read_journal(data: bytes, *, where: str | None = None) -> Journal:
     """Read a journal. Raises InputError for what is none, or is damaged elsewhere than at its torn end."""
     encoder = Encoder()
     header: Header | None = None
+    ledger: Ledger | None = None
     found: list[Entry] = []
     times: list[float] = []
     position = 0
@@ -165,11 +166,15 @@ def read_journal(data: bytes, *, where: str | None = None) -> Journal:
     for number, raw in enumerate(lines[:-1]):
         try:
             content = encoder.check(raw.decode("ascii"))
-            if header is None:
+            if header is None or ledger is None:
                 header = _header(content)
+                ledger = Ledger(header.plan)
             else:
-                found.append(_entry(content))
-                times.append(float(content["t"]))
+                entry, t_wall_s = _entry(content), float(content["t"])
+                # whether it makes sense is found where its line can be named
+                ledger.apply(entry)
+                found.append(entry)
+                times.append(t_wall_s)
         except (*MALFORMED, HighsideError) as error:
             if number == len(lines) - 2 and header is not None:
                 break  # a torn sector may hold its line's end but not its middle
