@@ -202,7 +202,7 @@ class Bench:
 
     def _keeper(self) -> DriftKeeper:
         settings = validate({"tool": {"id": "t1"}, "link": {"kind": "simulated"}, "codec": {"name": "tool"}}, where="x")
-        keeper = DriftKeeper(settings, self.folder, self.replies.append, lambda _: None)
+        keeper = DriftKeeper(settings, self.folder, lambda reply, _done: self.replies.append(reply), lambda _: None)
         keeper.stage = seeds.drift_stage()
         return keeper
 

@@ -9,6 +9,7 @@ package alone; a test holds the rest of the sources to that.
     files      bytes of a file, through gzip, with limits
     texts      text from bytes: encodings
     documents  JSON, lines of JSON, TOML
+    messages   JSON that a pydantic model describes
     table      the header and the rows of a CSV file
     dbc        what a DBC file may say before its parser sees it
 """
@@ -16,6 +17,7 @@ package alone; a test holds the rest of the sources to that.
 from highside.reading.dbc import check_dbc
 from highside.reading.documents import MALFORMED, parse_json, parse_json_lines, parse_toml
 from highside.reading.files import allow_bytes, open_binary, open_file, read_bytes
+from highside.reading.messages import parse_message, text_member
 from highside.reading.table import csv_header, csv_rows
 from highside.reading.texts import decode_text
 
@@ -30,6 +32,8 @@ __all__ = [
     "open_file",
     "parse_json",
     "parse_json_lines",
+    "parse_message",
     "parse_toml",
     "read_bytes",
+    "text_member",
 ]

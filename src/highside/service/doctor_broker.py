@@ -12,11 +12,11 @@ import time
 from collections.abc import AsyncIterator, Iterator
 
 import aiomqtt
-from pydantic import ValidationError
 
 from highside.config.mqtt import MqttSettings
 from highside.config.settings import Settings
-from highside.errors import HighsideError
+from highside.errors import HighsideError, InputError
+from highside.reading import parse_message
 from highside.service.broker_client import broker_client
 from highside.service.findings import Finding, Level
 from highside.service.messages import HealthMessage
@@ -68,10 +68,10 @@ async def _told_by_service(settings: Settings, identifier: str) -> list[Finding]
         if payload is None:
             return [Finding("outbox", Level.SKIP, f"the running service holds it, and nothing is retained on {topic}",
                             "allow this user to read that topic")]  # fmt: skip
-        health = HealthMessage.model_validate_json(payload)
+        health = parse_message(HealthMessage, payload)
     except (aiomqtt.MqttError, OSError, TimeoutError) as error:
         return [Finding("outbox", Level.SKIP, f"the running service holds it; {topic} cannot be read: {error}")]
-    except ValidationError:
+    except InputError:
         return [Finding("outbox", Level.SKIP, f"the running service holds it; its {topic} is of another version")]
     return list(judge_health(health, time.time(), settings.service.health_interval_s))
 

@@ -11,11 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-from pydantic_core import from_json
-
 from highside.config.settings import Settings
-from highside.errors import HighsideError
+from highside.errors import HighsideError, InputError
+from highside.reading import parse_message, text_member
 from highside.service import saved_drift
 from highside.service.clock import clock_synced
 from highside.service.drift_stage import DriftStage
@@ -170,12 +168,9 @@ class DriftKeeper:
             self._answer("", f"is longer than {_LONGEST_COMMAND} bytes")
             return
         try:
-            command = DriftCommand.model_validate_json(payload)
-        except ValidationError as error:
-            first = error.errors(include_url=False, include_input=False)[0]
-            field = ".".join(str(part) for part in first["loc"])
-            what = first["msg"].removeprefix("Value error, ")
-            self._answer(_id_of(payload), f"{field}: {what}" if field else what)
+            command = parse_message(DriftCommand, payload)
+        except InputError as error:
+            self._answer(text_member(payload, "id", LONGEST_ID), str(error))
             return
         if command.id in self._done:
             self._answer(command.id, None)
@@ -220,16 +215,6 @@ def _stage(settings: Settings, saved: saved_drift.SavedDrift | None, *, first_st
     return DriftStage(
         settings.drift, settings.site.latitude_deg, saved, loaded_mono=time.monotonic(), first_start=first_start
     )
-
-
-def _id_of(payload: bytes) -> str:
-    """The id of a command that is otherwise wrong, as far as it can be told."""
-    try:
-        found = from_json(payload)
-    except ValueError:
-        return ""
-    value = found.get("id") if isinstance(found, dict) else None
-    return str(value) if isinstance(value, str | int | float) else ""
 
 
 def _bounded(text: str, longest: int) -> str:

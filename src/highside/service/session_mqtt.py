@@ -21,11 +21,10 @@ import contextlib
 import logging
 
 import aiomqtt
-from pydantic import ValidationError
 
 from highside.config.mqtt import MqttSettings
 from highside.errors import InputError
-from highside.reading import parse_json
+from highside.reading import parse_message, text_member
 from highside.service.broker_client import broker_client
 from highside.service.messages import OFFLINE, ONLINE
 from highside.service.tasks import ended
@@ -110,26 +109,14 @@ class SessionMqtt:
         if len(payload) > PAYLOAD_MAX:
             return self._refused(b"", MALFORMED, f"A command has at most {PAYLOAD_MAX} bytes.")
         try:
-            command = Command.model_validate_json(payload)
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            where = ".".join(map(str, first["loc"])) or "the message"
-            return self._refused(payload, MALFORMED, f"That is no command: {where}: {first['msg']}.")
+            command = parse_message(Command, payload)
+        except InputError as error:
+            return self._refused(payload, MALFORMED, f"That is no command: {error}.")
         return await self._driver.command(command)
 
     def _refused(self, payload: bytes, reason: str, text: str) -> Reply:
         snapshot = self._driver.snapshot()
         return Reply(
-            request_id=_request_of(payload), accepted=False, reason=reason, text=text, state=snapshot.state,
-            seq=snapshot.seq,
+            request_id=text_member(payload, "request_id"), accepted=False, reason=reason, text=text,
+            state=snapshot.state, seq=snapshot.seq,
         )  # fmt: skip
-
-
-def _request_of(payload: bytes) -> str:
-    """The request id of what could not be read whole, if there is one."""
-    try:
-        found = parse_json(payload)
-    except InputError:
-        return ""
-    name = found.get("request_id") if isinstance(found, dict) else None
-    return name[:64] if isinstance(name, str) else ""

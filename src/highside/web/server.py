@@ -20,11 +20,11 @@ from pathlib import Path
 from fastapi import FastAPI, Request, Response
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse, RedirectResponse
 from nicegui import background_tasks, core, ui
-from pydantic import ValidationError
 
 from highside.config.certificate import CertificateFields
 from highside.config.web import WebTable
 from highside.errors import HighsideError, InputError
+from highside.reading import parse_message
 from highside.service.logs import keep_short
 from highside.session.driver import SessionDriver
 from highside.session.snapshot import Command
@@ -184,11 +184,9 @@ class BenchPage:
             text = "commands need the header Authorization: Bearer TOKEN"
             return JSONResponse({"error": text}, 401, headers={"WWW-Authenticate": "Bearer"})
         try:
-            command = Command.model_validate_json(await request.body())
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            where = ".".join(map(str, first["loc"])) or "the message"
-            return JSONResponse({"error": f"{where}: {first['msg']}"}, 422)
+            command = parse_message(Command, await request.body())
+        except InputError as error:
+            return JSONResponse({"error": str(error)}, 422)
         reply = await self._driver.command(command)
         return Response(reply.model_dump_json(), 200 if reply.accepted else 409, media_type="application/json")
 
