@@ -36,7 +36,7 @@ from highside.recording.wire import detect_kind, read_segments
 from highside.rotation.compensation import Compensation
 from highside.rotation.live import LiveCompensation
 from highside.service import saved_drift
-from highside.service.drift_keeper import DriftKeeper
+from highside.service.drift_keeper import DriftKeeper, DriftParts
 from highside.service.session_mqtt import SessionMqtt
 from highside.service.surveys import SurveyLog, trend_of
 from highside.service.toolface import ToolfaceLog
@@ -202,9 +202,8 @@ class Bench:
 
     def _keeper(self) -> DriftKeeper:
         settings = validate({"tool": {"id": "t1"}, "link": {"kind": "simulated"}, "codec": {"name": "tool"}}, where="x")
-        keeper = DriftKeeper(settings, self.folder, lambda reply, _done: self.replies.append(reply), lambda _: None)
-        keeper.stage = seeds.drift_stage()
-        return keeper
+        parts = DriftParts(settings, seeds.drift_stage())
+        return DriftKeeper(self.folder, lambda reply, _done: self.replies.append(reply), lambda _: None, lambda: parts)
 
     def drift_command(self, data: bytes) -> bool:
         self.replies.clear()
