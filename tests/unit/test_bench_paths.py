@@ -9,12 +9,13 @@ import pytest
 from pydantic import BaseModel
 
 from highside.config.bench import PATHS, BenchFile, load_bench
+from highside.config.places import calibrations, sessions
 from highside.errors import InputError
 
 FILE = '[simulated]\n[plan]\nkind = "custom"\nfile = "poses.csv"\n'
 
 
-def test_defaults_start_at_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_relative_names_start_at_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder, elsewhere = tmp_path / "bench", tmp_path / "elsewhere"
     folder.mkdir()
     elsewhere.mkdir()
@@ -22,14 +23,13 @@ def test_defaults_start_at_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     config = folder / "bench.toml"
     config.write_text(FILE)
     found = load_bench(Path("../bench/bench.toml"))
-    assert found.store.directory == folder / "state" / "calibrations"
-    assert found.store.sessions == folder / "state" / "sessions"
+    assert (found.store.directory, found.store.sessions) == (calibrations(), sessions())
     assert found.plan.file == folder / "poses.csv"  # type: ignore[union-attr]
     # one given, one not
     config.write_text(FILE + '[store]\nsessions = "journals"\n')
     found = load_bench(config)
     assert found.store.sessions == folder / "journals"
-    assert found.store.directory == folder / "state" / "calibrations"
+    assert found.store.directory == calibrations()
     # absolute ones and overrides are taken as they are
     config.write_text(FILE + '[store]\nsessions = "/var/lib/journals"\n')
     found = load_bench(config, ["store.directory=here", 'plan={kind="custom",file="mine.csv"}'])

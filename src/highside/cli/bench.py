@@ -15,6 +15,7 @@ from highside.errors import InputError
 
 if TYPE_CHECKING:
     from highside.cli.bench_face import PlainFace, RichFace
+    from highside.config.bench import StoreTable
     from highside.service.bench import BenchDriver
     from highside.session.snapshot import Snapshot
     from highside.web.server import BenchPage
@@ -60,6 +61,7 @@ def bench(
             field="simulated",
             remedy="leave --auto out, or use config/bench-simulated.toml",
         )
+    _say_what_lies_elsewhere(config, settings.store)
     who = operator or ("simulated" if auto else getpass.getuser())
 
     async def session() -> BenchDriver:
@@ -75,6 +77,20 @@ def bench(
         typer.echo(f"record {driver.stored}")
     if driver.session.state is not State.ACCEPTED or verdict not in (None, "pass"):
         raise typer.Exit(1)
+
+
+def _say_what_lies_elsewhere(config: Path, store: StoreTable) -> None:
+    """Earlier versions kept sessions and records beside the configuration file: they are not lost without a word."""
+    from highside.config import places
+
+    beside = config.resolve().parent / "state"
+    for field, now, default in (
+        ("sessions", store.sessions, places.sessions()),
+        ("directory", store.directory, places.calibrations()),
+    ):
+        left = places.left_behind(beside / default.name, now, f"store.{field}") if now == default else None
+        if left is not None:
+            typer.echo(f"highside: {left}", err=True)
 
 
 async def _run(driver: BenchDriver, *, auto: bool, web: bool, plain: bool, operator: str) -> None:

@@ -54,8 +54,9 @@ def diagnose(
     from highside.diagnosis.method import Method
     from highside.errors import InputError
     from highside.recording.files import write_whole
-    from highside.report.diagnosis_page import page_of
+    from highside.report.diagnosis_page import NO_FIGURES, page_of
     from highside.report.diagnosis_words import VERDICTS, blame, sizes
+    from highside.report.page import can_plot
 
     source = recording or summary
     if (recording is None) == (summary is None) or source is None:
@@ -106,6 +107,8 @@ def diagnose(
         typer.echo(f"to blame: {blame(diagnosis)}")
     for finding in diagnosis.intake:
         typer.echo(f"{finding.check} ({', '.join(finding.channels)}): {finding.remedy}")
+    if not can_plot():
+        typer.echo(f"{out / 'report.html'}: {NO_FIGURES}", err=True)
     if write_model is not None:
         if told is not None:
             write_whole(write_model, told.encode())

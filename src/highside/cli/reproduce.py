@@ -50,10 +50,12 @@ def balance(
     """
     from highside.cli.diagnose_progress import progress_on_terminal
     from highside.report import published_instrument
+    from highside.report.page import need_plots
     from highside.report.reproduce_balance import as_dict, published, run_experiment
 
     folder = output if output is not None or as_json else Path("reproduce-balance")
     if folder is not None:
+        need_plots()
         _make(folder)
     experiment = run_experiment()
     tables = published()
@@ -88,11 +90,14 @@ def rotation(
 
     Without --json the page and the numbers are written to a folder (reproduce-rotation, if -o names no other).
     """
+    from highside.report.page import need_plots
     from highside.report.reproduce_rotation import as_dict, page_of, run_experiment
 
+    folder = output if output is not None or as_json else Path("reproduce-rotation")
+    if folder is not None:
+        need_plots()
     experiment = run_experiment()
     result = as_dict(experiment)
-    folder = output if output is not None or as_json else Path("reproduce-rotation")
     if folder is not None:
         page = page_of(experiment)
         _write(folder, "rotation", page, result)
@@ -115,11 +120,14 @@ def drift(
     Filters of others (extra `rivals`) run on the same readings. Takes some minutes. Without --json the page and the
     numbers are written to a folder (reproduce-drift, if -o names no other).
     """
+    from highside.report.page import need_plots
     from highside.report.reproduce_drift import as_dict, run_study
 
+    folder = output if output is not None or as_json else Path("reproduce-drift")
+    if folder is not None:
+        need_plots()
     study = run_study()
     result = as_dict(study)
-    folder = output if output is not None or as_json else Path("reproduce-drift")
     if folder is not None:
         from highside.report.reproduce_drift_page import page_of
 

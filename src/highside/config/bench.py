@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
+from highside.config import places
 from highside.config.codecs import CodecConfig, ToolCodecConfig
 from highside.config.links import LinkConfig
 from highside.config.mqtt import MqttSettings
@@ -171,10 +172,10 @@ class BenchTable(Table):
 
 
 class StoreTable(Table):
-    """Where things are kept; relative names, the defaults too, start at the directory of the file."""
+    """Where things are kept; relative names start at the directory of the file, the defaults are the user's own."""
 
-    directory: Path = Field(default=Path("state/calibrations"), description="The calibration store.")
-    sessions: Path = Field(default=Path("state/sessions"), description="The journals, one file a session.")
+    directory: Path = Field(default_factory=places.calibrations, description="The calibration store.")
+    sessions: Path = Field(default_factory=places.sessions, description="The journals, one file a session.")
     expires_days: float | None = Field(default=None, gt=0)
     signing_key: Path | None = Field(
         default=None, description="Private key of the laboratory (`highside keys new`): the record is signed with it."
@@ -225,7 +226,7 @@ class BenchFile(Table):
     plan: PlanConfig
     session: SessionTable = SessionTable()
     bench: BenchTable = BenchTable()
-    store: StoreTable = StoreTable()
+    store: StoreTable = Field(default_factory=StoreTable)
     web: WebTable = WebTable()
     mqtt: MqttSettings | None = Field(default=None, description="Show the session at this broker and obey it.")
 
@@ -268,10 +269,6 @@ def load_bench(path: Path, overrides: list[str] | None = None) -> BenchFile:
     Relative paths in the file start at its directory, those of overrides at the working directory.
     """
     tables, base = read_toml(path), path.resolve().parent
-    store = tables.setdefault("store", {})
-    if isinstance(store, dict):
-        for name in ("directory", "sessions"):
-            store.setdefault(name, str(StoreTable.model_fields[name].default))
     anchor_paths(tables, base, PATHS)
     given = parse_overrides(overrides or [])
     try:

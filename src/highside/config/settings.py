@@ -158,7 +158,8 @@ class ServiceSettings(Table):
 
     state_dir: Path | None = Field(
         default=None,
-        description="Where the outbox and the recordings live; $STATE_DIRECTORY under systemd, else ./state.",
+        description="Where the outbox and the recordings live; $STATE_DIRECTORY under systemd,"
+        " else the user's own (~/.local/state/highside/TOOL).",
     )
     health_interval_s: float = Field(default=5.0, gt=0.05, le=3600)
     log_level: Literal["debug", "info", "warning", "error"] = "info"

@@ -19,26 +19,34 @@ from highside.report.diagnosis_words import (
     sureness,
     where,
 )
-from highside.report.page import Page, plotting
+from highside.report.page import Page, can_plot, plotting
 
 __all__ = ["VERDICTS", "page_of"]
 
+NO_FIGURES = "without figures: they need matplotlib (pip install 'highside[plot]')"
+"""Said in the page and at the terminal where matplotlib is not installed."""
 DRAWN = 4
 """At most so many places are drawn."""
 
 
 def page_of(diagnosis: Diagnosis, picture: Picture | SummaryPicture | None, recording: str) -> str:
-    """The whole page as HTML. Raises InputError where matplotlib is not installed."""
+    """The whole page as HTML; where matplotlib is not installed it is without figures, and says so."""
+    if not can_plot():
+        return _page_of(diagnosis, None, recording, NO_FIGURES)
     with plotting():
         return _page_of(diagnosis, picture, recording)
 
 
-def _page_of(diagnosis: Diagnosis, picture: Picture | SummaryPicture | None, recording: str) -> str:
+def _page_of(
+    diagnosis: Diagnosis, picture: Picture | SummaryPicture | None, recording: str, remark: str | None = None
+) -> str:
     page = Page(headline(diagnosis))
     page.badge(diagnosis.verdict, KINDS.get(diagnosis.verdict, "open"), f"Diagnosis of {recording}")
     page.facts(_facts(diagnosis))
     if picture is not None:
         _figures(page, diagnosis, picture)
+    if remark is not None:
+        page.paragraph(f"This page is {remark}.", soft=True)
     if len(diagnosis.intake) > 0:
         page.heading("Faults of the data")
         page.table(

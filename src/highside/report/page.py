@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from html import escape
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from highside.errors import InputError
@@ -135,15 +136,23 @@ class Page:
         )
 
 
+def can_plot() -> bool:
+    """Whether matplotlib is installed."""
+    return find_spec("matplotlib") is not None
+
+
+def need_plots() -> None:
+    """Raises InputError where matplotlib is missing: asked before long work whose page is nothing without figures."""
+    if not can_plot():
+        raise InputError("plots need matplotlib, which is not installed", remedy="pip install 'highside[plot]'")
+
+
 @contextmanager
 def plotting() -> Iterator[None]:
     """All figures of a page are drawn within this. Raises InputError where matplotlib is missing."""
-    try:
-        import matplotlib
-    except ImportError:
-        raise InputError(
-            "plots need matplotlib, which is not installed", remedy="pip install 'highside[plot]'"
-        ) from None
+    need_plots()
+    import matplotlib
+
     with matplotlib.rc_context(_plot_style()):
         yield
 

@@ -22,10 +22,12 @@ import signal
 import time
 from collections.abc import Callable, Coroutine
 from dataclasses import asdict, replace
+from pathlib import Path
 from typing import IO, Any
 
 from highside import __version__
 from highside.codec.frame import ByteCodec, CanCodec
+from highside.config.places import left_behind
 from highside.config.settings import Settings
 from highside.errors import InputError
 from highside.link.base import Batch, LinkReason, LinkState, LinkSupervisor
@@ -390,6 +392,11 @@ class Service:
         """
         settings = self.settings
         self._lock = take_state_dir(self.state_dir)
+        # where earlier versions kept it by default: not lost without a word
+        if settings.service.state_dir is None:
+            left = left_behind(Path("state"), self.state_dir, "service.state_dir")
+            if left is not None:
+                log.warning("%s", left)
         self.parts = replace(self.parts, tool_lock=ToolLock(settings.tool.id, settings.mqtt))
         self.parts = replace(self.parts, rig=replace(self.parts.rig, metrics=self.rig.open_metrics(settings)))
         opening = asyncio.create_task(open_link(settings), name="opening the link")

@@ -142,7 +142,7 @@ class OutboxReader(Publisher):
     async def run(self) -> None:
         """Take what is there whenever the outbox says that something may be; ends by being cancelled."""
         loop, ready = asyncio.get_running_loop(), asyncio.Event()
-        self._from.begin_delivery(lambda: _set_soon(loop, ready))
+        self._from.begin_delivery(lambda: _set_soon(loop, ready), ready.set)
         self.connected = True
         self.connects += 1
         try:
@@ -262,9 +262,8 @@ def _settings(directory: Path, port: str) -> Settings:
             "pipeline": {"output_rate_hz": OUTPUT_RATE_HZ},
             "survey": {"still_s": 4.0},
             "calibration": {"record": str(record)},
-            # a short commit: the demonstration shows the path, not the wear of a disk
             # topics of its own: a second demonstration on this machine is another tool
-            "mqtt": {"outbox": {"commit_interval_s": 0.01}, "prefix": directory.name},
+            "mqtt": {"prefix": directory.name},
             "service": {"state_dir": str(directory / "state"), "health_interval_s": 1.0, "log_level": "error"},
         },
         where="the demonstration's settings",

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import IO
 
 from highside.config.mqtt import MqttSettings
+from highside.config.places import service_state
 from highside.config.settings import Settings
 from highside.errors import InputError
 
@@ -26,11 +27,11 @@ _LOOPBACK = {"localhost", "127.0.0.1", "::1", "ip6-localhost", ""}
 
 
 def state_dir(settings: Settings) -> Path:
-    """Where the service keeps its state: configured, given by systemd, or `./state`."""
+    """Where the service keeps its state: configured, given by systemd, or the user's own folder."""
     if settings.service.state_dir is not None:
         return settings.service.state_dir
     given = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
-    return Path(given) if given else Path("state")
+    return Path(given) if given else service_state(settings.tool.id)
 
 
 def take_state_dir(directory: Path) -> IO[str]:
