@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -68,3 +71,41 @@ def test_what_was_kept_elsewhere_is_named(tmp_path: Path) -> None:
     assert "\n" not in said
     assert f'store.sessions = "{earlier}"' in said
     assert left_behind(earlier, earlier, "store.sessions") is None, "it is in use"
+
+
+def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    own = {"XDG_DATA_HOME": str(folder / "data"), "XDG_STATE_HOME": str(folder / "kept")}
+    highside = Path(sys.executable).parent / "highside"
+    return subprocess.run(
+        [highside, *arguments], cwd=folder, env=os.environ | own, capture_output=True, text=True, timeout=60
+    )
+
+
+def test_a_bench_says_where_earlier_sessions_lie(tmp_path: Path) -> None:
+    (tmp_path / "state" / "sessions").mkdir(parents=True)
+    (tmp_path / "state" / "sessions" / "old.journal").write_text("{}")
+    (tmp_path / "bench.toml").write_text('[simulated]\n[plan]\nkind = "roll_test"\nlimit_inc_deg = 1\n')
+    # there is nothing to judge yet: the session ends at once
+    done = run(tmp_path, "calibrate", "bench", "--config", "bench.toml", "--auto")
+    assert done.returncode in (1, 2)
+    said, refused = done.stderr.splitlines()
+    assert said.startswith("highside: ")
+    assert f'store.sessions = "{tmp_path}/state/sessions"' in said
+    assert str(tmp_path / "data" / "highside" / "calibrations") in refused
+    # one that names its store does not use the default, and is told nothing
+    named = ["--set", f"store.sessions={tmp_path}/mine", "--set", f"store.directory={tmp_path}/mine"]
+    done = run(tmp_path, "calibrate", "bench", "--config", "bench.toml", "--auto", *named)
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_service_says_where_its_earlier_state_lies(tmp_path: Path) -> None:
+    (tmp_path / "state").mkdir()
+    (tmp_path / "state" / "outbox.sqlite").write_text("")
+    (tmp_path / "tool.toml").write_text(
+        '[tool]\nid = "places-test"\n[link]\nkind = "serial"\nport = "/dev/no-such-port"\nwait_at_start = false\n'
+        '[codec]\nname = "tool"\n[mqtt]\nport = 1\n'
+    )
+    done = run(tmp_path, "run", "--config", "tool.toml")
+    assert done.returncode == 2, done.stderr
+    assert f'service.state_dir = "{tmp_path}/state"' in done.stderr
+    assert (tmp_path / "kept" / "highside" / "places-test").is_dir()
