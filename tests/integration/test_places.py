@@ -66,19 +66,13 @@ def test_whoever_loses_state_directory_tool_or_port_never_speaks_at_the_broker(t
                 lines = run.stderr.strip().splitlines()
                 assert named in lines[-1]
                 assert not any("Traceback" in one for one in lines)
-            assert (
-                str(daemon.process.pid)
-                in subprocess.run(
-                    [str(HIGHSIDE), "run", "--config", str(losers["tool.id"])],
-                    capture_output=True,
-                    text=True,
-                    timeout=30,
-                ).stderr
-            )
+                if named == "tool.id":
+                    assert f"process {daemon.process.pid}" in lines[-1]
             time.sleep(0.5)
             assert connects(tmp_path / "broker") == before
             statuses = {payload for topic, payload, _, _ in subscriber.drain() if topic.endswith("/status")}
-            assert statuses == {b"online"}
+            assert len(statuses) == 1
+            assert statuses.pop().startswith(b"online")
             assert not [t for t, *_ in subscriber.drain() if "/t2/" in t]
             # the first one did not notice
             line.write_all(b"".join(encode(i, i / 100.0, (0.1, 0.2, 0.97)) for i in range(200)))

@@ -67,6 +67,8 @@ class Service:
         self.state_dir = state_dir(settings)
         self.notifier = Notifier()
         self._lock: IO[str] | None = None
+        self._places = contextlib.AsyncExitStack()
+        """gives back what the start has opened and nobody has taken over"""
         self._lag = LoopLag()
         self._started_mono = time.monotonic()
         self._clock_synced = clock_synced()
@@ -398,8 +400,10 @@ class Service:
             if left is not None:
                 log.warning("%s", left)
         self.parts = replace(self.parts, tool_lock=ToolLock(settings.tool.id, settings.mqtt))
-        self.parts = replace(self.parts, rig=replace(self.parts.rig, metrics=self.rig.open_metrics(settings)))
-        opening = asyncio.create_task(open_link(settings), name="opening the link")
+        if settings.metrics is not None:
+            metrics = self.rig.open_metrics(settings.metrics)
+            self.parts = replace(self.parts, rig=replace(self.parts.rig, metrics=metrics))
+        opening = asyncio.create_task(open_link(settings, self._places), name="opening the link")
         stopping = asyncio.create_task(self._stopping.wait(), name="stopping")
         await asyncio.wait({opening, stopping}, return_when=asyncio.FIRST_COMPLETED)
         stopping.cancel()
@@ -407,6 +411,7 @@ class Service:
             await _cancel(opening)
             return False
         opened = opening.result()
+        self._places.pop_all()  # from here on the link is its supervisor's to close
         self.parts = replace(self.parts, supervisor=make_supervisor(settings.link, self.parts.tap, opened))
         return True
 
@@ -505,6 +510,7 @@ class Service:
         await self._give_places_back()
 
     async def _give_places_back(self) -> None:
+        await self._places.aclose()
         if self.parts.link_task is not None:
             await _cancel(self.parts.link_task)
         if self.parts.rig.metrics is not None:
@@ -552,8 +558,7 @@ class Service:
 
         async def after() -> None:
             if old is not None:
-                self._leaving.add(old)
-                old.add_done_callback(self._leaving.discard)
+                self.let_leave(old)
             before = {task for task in self._leaving if task.get_name() == name}
             for task in before:
                 task.cancel()
@@ -562,6 +567,11 @@ class Service:
             await run()
 
         return asyncio.create_task(after(), name=name)
+
+    def let_leave(self, task: asyncio.Task[None]) -> None:
+        """A task that gives back what was replaced: the next reload, and the end, wait for it."""
+        self._leaving.add(task)
+        task.add_done_callback(self._leaving.discard)
 
     async def all_have_left(self) -> None:
         """Wait for the tasks that earlier reloads have replaced. Raises TimeoutError."""

@@ -62,6 +62,7 @@ class MetricsServer:
                 remedy="choose another port",
             ) from None
         self.port: int = self._server.server_port
+        self.closed = False
         log.info("metrics at http://%s:%d/metrics", settings.host, self.port)
 
     def figures(self) -> Figures | None:
@@ -81,6 +82,7 @@ class MetricsServer:
         """End the server; waits for a scrape under way (call from a thread)."""
         self._server.shutdown()
         self._server.server_close()
+        self.closed = True
         self._thread.join(ANSWER_WITHIN_S)
 
 

@@ -69,14 +69,15 @@ class Opened:
 NOTHING_OPENED = Opened()
 
 
-async def open_link(settings: Settings) -> OpenedTransport | None:
+async def open_link(settings: Settings, undo: AsyncExitStack) -> OpenedTransport | None:
     """The configured link, open; None: it is opened by its supervisor, now or when it can be.
 
-    Raises InputError if it cannot be opened and is not to be waited for.
+    Raises InputError if it cannot be opened and is not to be waited for. `undo` closes it.
     """
     if not _opened_first(settings):
         return None
     opened = OpenedTransport(settings.link.transport())
+    undo.push_async_callback(opened.close)
     try:
         await opened.open_ahead()
     except LinkError as error:
@@ -101,8 +102,13 @@ class Reload:
         self.doing = "reading the configuration"
         """for whoever has to say where it failed"""
 
-    async def run(self) -> Parts:
-        """Returns the parts now in force. Raises whatever went wrong."""
+    @property
+    def done(self) -> bool:
+        """Whether the new configuration is in force."""
+        return self._service.settings is not self._old.settings
+
+    async def run(self) -> None:
+        """Raises whatever went wrong."""
         read = await asyncio.to_thread(self._read)
         self.doing = "building the parts"
         self._build(read, NOTHING_OPENED)
@@ -110,7 +116,7 @@ class Reload:
         async with AsyncExitStack() as undo:
             opened = await self._open(read.settings, undo)
             self.doing = "putting the new parts in force"
-            return self._swap(self._build(read, opened), undo)
+            self._swap(self._build(read, opened), undo)
 
     def _read(self) -> Read:
         """In a thread: the codec may have to parse a file, a certificate or a disk may be slow."""
@@ -191,19 +197,25 @@ class Reload:
 
     async def _open_link(self, new: Settings, undo: AsyncExitStack) -> OpenedTransport | None:
         self.doing = "opening the link"
-        opened = await open_link(new)
-        if opened is not None:
-            undo.push_async_callback(opened.close)
-        return opened
+        return await open_link(new, undo)
 
     async def _close_link(self, undo: AsyncExitStack) -> None:
-        """Make room for the new link; undone, the old one is opened again by its own supervisor."""
+        """Make room for the new link."""
         self.doing = "closing the running link"
-        task, supervisor = self._old.link_task, self._old.supervisor
-        undo.callback(self._service.run_link, supervisor)
+        task = self._old.link_task
+        undo.push_async_callback(self._link_again)
         if task is not None:
             task.cancel()
             await asyncio.wait({task})
+
+    async def _link_again(self) -> None:
+        """The old link is opened again by its own supervisor."""
+        task = self._old.link_task
+        if task is not None:
+            if not task.done() and not task.cancelling():
+                return  # it was not closed yet
+            await asyncio.wait({task})
+        self._service.run_link(self._old.supervisor)
 
     async def _open_metrics(self, new: Settings, undo: AsyncExitStack) -> MetricsServer | None:
         self.doing = "opening the [metrics] listener"
@@ -212,24 +224,26 @@ class Reload:
             return None
         if running is not None and old.metrics is not None and new.metrics.port == old.metrics.port:
             # the same port at another address: only one of the two can listen
-            undo.push_async_callback(self._metrics_again)
+            undo.push_async_callback(self._metrics_again, running)
             await asyncio.to_thread(running.close)
-        server = rig.open_metrics(new)
-        if server is not None:
-            undo.push_async_callback(asyncio.to_thread, server.close)
+        undo.push_async_callback(asyncio.to_thread, (server := rig.open_metrics(new.metrics)).close)
         return server
 
-    async def _metrics_again(self) -> None:
+    async def _metrics_again(self, running: MetricsServer) -> None:
+        """The old figures are served again."""
+        if not running.closed:
+            return
         service, server = self._service, None
         try:
-            server = service.rig.open_metrics(self._old.settings)
+            if self._old.settings.metrics is not None:
+                server = service.rig.open_metrics(self._old.settings.metrics)
         except Exception as error:
             log.error("the figures are no longer served: %s", said(error))
         service.take(replace(service.parts, rig=replace(service.parts.rig, metrics=server)))
 
     # --- in force --------------------------------------------------------------------------------------------------
 
-    def _swap(self, parts: Parts, undo: AsyncExitStack) -> Parts:
+    def _swap(self, parts: Parts, undo: AsyncExitStack) -> None:
         """The tasks of the new parts are made, then all is put in force at once. Nothing here waits, so no frame comes
         in between; a task made here has not begun when it is cancelled again."""
         service, old = self._service, self._old
@@ -242,23 +256,21 @@ class Reload:
             if parts.rig.outputs is not old.rig.outputs:
                 outputs = parts.rig.outputs
                 made["wits_task"] = service.successor("wits", old.wits_task, lambda: run_outputs(outputs))
-            in_force = replace(parts, **made)
-            service.take(in_force)
+            service.take(replace(parts, **made))
             undo.pop_all()
         except BaseException:
             for task in made.values():
                 task.cancel()
             service.take(old)
             raise
-        return in_force
 
-    def retire(self, new: Parts) -> None:
+    def retire(self) -> None:
         """Close what the new parts have replaced and no task of theirs closes."""
-        old = self._old
+        old, new = self._old, self._service.parts
         if old.tool_lock is not None and new.tool_lock is not old.tool_lock:
             old.tool_lock.release()
         if old.rig.metrics is not None and new.rig.metrics is not old.rig.metrics:
-            asyncio.get_running_loop().run_in_executor(None, old.rig.metrics.close)
+            self._service.let_leave(asyncio.create_task(asyncio.to_thread(old.rig.metrics.close), name="metrics"))
         if new.publisher is not old.publisher or new.settings.home_assistant != old.settings.home_assistant:
             self._service.announce()
 
@@ -291,20 +303,20 @@ class Reloader:
     async def _reload(self) -> None:
         if self._load is None:
             return
-        reload = Reload(self._service, self._load)
+        reload: Reload | None = None
         try:
-            new = await reload.run()
+            reload = Reload(self._service, self._load)
+            await reload.run()
+            reload.retire()
         except Exception as error:
-            self.refused = _refusal(error, reload.doing)
-            log.error("reload refused, the old configuration stays in force: %s", self.refused["refused"])
-            log.debug("reload refused", exc_info=error)
-            return
+            if reload is None or not reload.done:
+                self.refused = _refusal(error, "beginning" if reload is None else reload.doing)
+                log.error("reload refused, the old configuration stays in force: %s", self.refused["refused"])
+                log.debug("reload refused", exc_info=error)
+                return
+            log.error("reloaded, but something of before was not closed: %s", said(error))
         self.refused = None
         self.count += 1
-        try:
-            reload.retire(new)
-        except Exception as error:
-            log.error("after the reload: %s", said(error))
         log.info(self._outcome())
 
     def _outcome(self) -> str:

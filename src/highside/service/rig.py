@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from highside.config.rig import MetricsSettings
 from highside.config.settings import Settings
 from highside.errors import HighsideError
 from highside.service.messages import HealthMessage, survey_dict
@@ -69,11 +70,9 @@ class Rig:
             return RigParts(settings, running.outputs)
         return RigParts(settings, tuple(WitsOutput(table, self.latest) for table in settings.wits))
 
-    def open_metrics(self, settings: Settings) -> MetricsServer | None:
-        """The server of figures that `settings` ask for. Raises InputError if it cannot be served."""
-        if settings.metrics is None:
-            return None
-        return MetricsServer(settings.metrics, self._figures, asyncio.get_running_loop())
+    def open_metrics(self, settings: MetricsSettings) -> MetricsServer:
+        """A server of figures. Raises InputError if it cannot be served."""
+        return MetricsServer(settings, self._figures, asyncio.get_running_loop())
 
     # --- readings ----------------------------------------------------------------------------------------------
 

@@ -1,0 +1,284 @@
+"""Reload, with a fault at every line that builds or swaps: the service is as it was, or as it should be, never between.
+
+The lines are not listed: they are those that ran in a reload without a fault, so a new step is covered by itself. The
+service runs in this process on real ptys; frames flow between the attempts.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import fcntl
+import gc
+import os
+import signal
+import socket
+import sys
+import time
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from types import CodeType, FrameType
+from typing import Any
+
+import pytest
+from broker import free_port
+from daemon import Pty
+
+from highside.codec.tool import encode
+from highside.config.settings import load
+from highside.link import opened
+from highside.service import app, drift_keeper, in_force, parts, pipeline, places, publisher, reload, rig
+
+pytestmark = pytest.mark.slow
+
+NOT_INJECTED = {"done", "retire", "_metrics_again", "_link_again"}
+"""of `Reload`: they run after the fact, or only where something has failed already"""
+
+
+def codes() -> set[CodeType]:
+    """The functions that a reload is made of."""
+    found: list[Any] = [
+        *(f for name, f in vars(reload.Reload).items() if callable(f) and name not in NOT_INJECTED),
+        reload.open_link, reload._opened_first, parts.make_supervisor, opened.OpenedTransport.open_ahead,
+        app.Service.make_pipeline, app.Service.make_publisher, app.Service.make_tap, app.Service.successor,
+        app.Service.take, app.Service.all_have_left, pipeline.Pipeline.successor, pipeline.Pipeline.correction.fset,
+        pipeline.Pipeline.rotation.fset, rig.Rig.build, rig.Rig.open_metrics, drift_keeper.DriftKeeper.build,
+        drift_keeper._stage, places.ToolLock.__init__, publisher.Publisher.__init__, in_force.calibration_for,
+        in_force.rotation_for, in_force._calibration, in_force._record_of, in_force.compensation_of,
+    ]  # fmt: skip
+    return {f.__code__ for f in found}
+
+
+class InjectedError(RuntimeError):
+    """What no code expects."""
+
+
+Line = tuple[str, int]
+
+
+class Tracer:
+    """Notes the lines that run, or raises at one of them, once."""
+
+    def __init__(self, target: Line | None = None) -> None:
+        self.lines: dict[Line, None] = {}
+        self.fired = False
+        self._target, self._codes = target, codes()
+
+    def __enter__(self) -> Tracer:
+        sys.settrace(self._call)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        sys.settrace(None)
+
+    def _call(self, frame: FrameType, event: str, arg: object) -> Any:
+        return self._line if frame.f_code in self._codes else None
+
+    def _line(self, frame: FrameType, event: str, arg: object) -> Any:
+        if event == "line":
+            line = (frame.f_code.co_qualname, frame.f_lineno)
+            self.lines[line] = None
+            if line == self._target and not self.fired:
+                self.fired = True
+                raise InjectedError("a fault")
+        return self._line
+
+
+class Manager:
+    """Stands in for systemd: keeps what the service says."""
+
+    def __init__(self, folder: Path) -> None:
+        self.address = str(folder / "notify")
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(self.address)
+        self._socket.setblocking(False)
+
+    def heard(self) -> list[str]:
+        """Messages since this was last asked, without those that come by themselves."""
+        found = []
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                found.append(self._socket.recv(4096).decode())
+        return [text for text in found if not text.startswith("STATUS=")]
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class Rig:
+    """A service at work in this process, its line, its configuration file."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.folder, self.path = folder, folder / "highside.toml"
+        self.line, self.other = Pty(), Pty()
+        self.manager = Manager(folder)
+        monkeypatch.setenv("NOTIFY_SOCKET", self.manager.address)
+        self.sent = 0
+        self.service: app.Service
+
+    @contextlib.asynccontextmanager
+    async def running(self, text: str) -> AsyncIterator[Rig]:
+        self.path.write_text(text)
+        self.service = app.Service(load(self.path), reload=lambda: load(self.path))
+        task = asyncio.create_task(self.service.run())
+        try:
+            await self.until(lambda: held(self.line.path), "the line")
+            await self.until(lambda: any("READY=1" in text for text in self.manager.heard()), "READY")
+            yield self
+        finally:
+            self.service.stop()
+            await task
+            self.line.close()
+            self.other.close()
+            self.manager.close()
+
+    async def until(self, condition: Callable[[], Any], what: str, timeout_s: float = 20.0) -> None:
+        end = time.monotonic() + timeout_s
+        while not condition():
+            assert time.monotonic() < end, f"waited for {what}"
+            await asyncio.sleep(0.002)
+
+    async def sighup(self) -> None:
+        """A signal, and the answer to it."""
+        reloader = self.service.reloader
+        before = reloader.count, reloader.refused
+        os.kill(os.getpid(), signal.SIGHUP)
+        await self.until(lambda: (reloader.count, reloader.refused) != before, "the answer")
+        await asyncio.sleep(0)
+
+    async def frames_flow(self, line: Pty) -> None:
+        """Frames on a line make attitudes, and none is missing."""
+        await self.until(lambda: held(line.path), "the line to be held")
+        counts, made = self.service.pipeline.monitor.counts, self.service.pipeline.attitudes
+        good, gap = counts.good, counts.gap
+        line.write_all(
+            b"".join(encode(i % 65536, i / 100.0, (0.1 + 1e-5 * (i % 7), 0.2, 0.97), temp_c=25.0)
+                     for i in range(self.sent, self.sent + 40))
+        )  # fmt: skip
+        self.sent += 40
+        await self.until(lambda: counts.good == good + 40, "the frames")
+        assert counts.gap == gap
+        assert self.service.pipeline.attitudes > made
+        assert self.service.health().balance == {"bytes": True, "frames": True, "messages": True}
+
+
+def held(path: str) -> bool:
+    """Whether somebody has the port for himself."""
+    descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+def listening(host: str, port: int) -> bool:
+    with contextlib.suppress(OSError), socket.create_connection((host, port), 0.5):
+        return True
+    return False
+
+
+def toml(folder: Path, port: str, *, baud: int = 115200, mqtt: str = "", extra: str = "") -> str:
+    return (
+        f'[tool]\nid = "t1"\n[link]\nkind = "serial"\nport = "{port}"\nbaud = {baud}\n[codec]\nname = "tool"\n'
+        f'[service]\nstate_dir = "{folder / "state"}"\nhealth_interval_s = 0.2\n'
+        f"[mqtt]\nport = {UNUSED}\n{mqtt}\n{extra}"
+    )
+
+
+UNUSED = free_port()
+"""of a broker that is away all the time"""
+
+
+async def inline(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Instead of `asyncio.to_thread`: the tracer sees one thread."""
+    return function(*arguments)
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("kind", ["beside", "in its place"])
+async def test_a_fault_at_any_line_of_a_reload_changes_nothing(tmp_path, monkeypatch, kind):
+    monkeypatch.setattr(reload.asyncio, "to_thread", inline)
+    figures, new_figures, wits = free_port(), free_port(), free_port()
+    everything = (
+        "[pipeline]\noutput_rate_hz = 50\n[monitor]\nrange_g = 5\n[survey]\nstill_s = 3\n[rebalance]\napply = true\n"
+        "[recorder]\nenabled = false\n[vibration]\ncorner_hz = 2.0\n[site]\nlatitude_deg = 50.0\n[drift]\n"
+        f'azimuth_deg = 10.0\n[[wits]]\nkind = "tcp_server"\nport = {wits}\n[home_assistant]\n'
+    )
+    bench = Rig(tmp_path, monkeypatch)
+    old = toml(tmp_path, bench.line.path, extra=f"[metrics]\nport = {figures}\n")
+    if kind == "beside":
+        line = bench.other
+        new = toml(tmp_path, line.path, mqtt='prefix = "drill"', extra=f"{everything}[metrics]\nport = {new_figures}\n")
+    else:
+        # the same port with another baud rate, the same listening port on another address
+        line = bench.line
+        more = f'{everything}[metrics]\nport = {figures}\nhost = "127.0.0.2"\n'
+        new = toml(tmp_path, line.path, baud=57600, extra=more).replace('name = "tool"', 'name = "tool"\naxes = "-yxz"')
+    async with bench.running(old):
+        service = bench.service
+        await bench.frames_flow(bench.line)
+        tasks = len(asyncio.all_tasks())
+        with Tracer() as tracer:
+            bench.path.write_text(new)
+            await bench.sighup()
+        assert service.reloader.refused is None
+        await bench.frames_flow(line)
+        bench.path.write_text(old)
+        await bench.sighup()
+        await bench.frames_flow(bench.line)
+        lines = list(tracer.lines)
+        names = {name for name, _ in lines}
+        assert {"Reload._read", "Reload._build", "Reload._swap", "Service.take"} <= names
+        assert len(lines) > 80
+        refused = 0
+        for target in lines:
+            before = service.parts
+            bench.manager.heard()
+            bench.path.write_text(new)
+            with Tracer(target) as tracer:
+                await bench.sighup()
+            assert tracer.fired, target
+            answered = bench.manager.heard()
+            assert [text.split("\n")[0] for text in answered] == ["RELOADING=1", "READY=1"], target
+            if service.reloader.refused is None:
+                # a line of reading the calibration or after the swap: the new configuration is in force, whole
+                assert service.settings.pipeline.output_rate_hz == 50, target
+                bench.path.write_text(old)
+                await bench.sighup()
+            else:
+                refused += 1
+                told = service.reloader.refused
+                assert "InjectedError: a fault" in told["refused"], target
+                assert "reload_refused" in service.health().alarms
+                assert f"STATUS=reload refused: {told['refused']}"[:80] in answered[1]
+                assert_unchanged(before, service.parts, target)
+                await bench.until(lambda: len(asyncio.all_tasks()) <= tasks, f"{target}: no task is left over")
+                gc.collect()
+                if kind == "beside":
+                    assert not held(bench.other.path), target
+                    assert not listening("127.0.0.1", new_figures), target
+                    places.ToolLock("t1", load(bench.path).mqtt).release()
+                assert not listening("127.0.0.2", figures), target
+                assert not listening("127.0.0.1", wits), target
+            assert listening("127.0.0.1", figures), target
+            await bench.frames_flow(bench.line)
+        print(f"{len(lines)} lines, refused at {refused}")
+        assert refused > 60
+        # and the same file, without a fault, takes effect
+        bench.path.write_text(new)
+        await bench.sighup()
+        assert service.settings.pipeline.output_rate_hz == 50
+        await bench.frames_flow(line)
+
+
+def assert_unchanged(before: parts.Parts, after: parts.Parts, target: Line) -> None:
+    for name in ("settings", "calibration", "rotation", "pipeline", "publisher", "tap", "supervisor", "drift"):
+        assert getattr(after, name) is getattr(before, name), (target, name)
+    assert after.rig.outputs is before.rig.outputs, target
+    assert after.tool_lock is before.tool_lock, target
+    assert after.publisher_task is before.publisher_task, target
+    assert after.link_task is not None, target
+    assert not after.link_task.done(), target
