@@ -236,3 +236,25 @@ async def test_a_broker_that_goes_away_costs_nothing_but_this_face(tmp_path: Pat
             assert await bench.ended() == 1
     finally:
         broker.kill()
+
+
+async def test_a_session_taken_at_the_page_is_not_anothers_by_its_name(tmp_path: Path) -> None:
+    """The name of who holds a session is public: it must not be enough to end it from the broker."""
+    with Mosquitto(tmp_path / "broker") as broker:
+        async with (
+            bench_process(tmp_path, plan=RING, speed=5.0, more=at_broker(broker.port)) as bench,
+            operator(broker.port, "Alice") as stranger,
+        ):
+            assert (await bench.command("start", operator="Alice")).status_code == 200
+            await stranger.see("guiding", "settling", "capturing")
+            assert (await stranger.say("abort"))["reason"] == "held_by_other"
+            assert (await stranger.say("abort", secret="guessed, not known"))["reason"] == "held_by_other"
+            # handed over to the broker, with a secret; at the bench it can still be paused
+            assert (await bench.command("pause", operator="Alice")).status_code == 200
+            assert (await stranger.say("resume", secret="chosen by who resumes"))["accepted"]
+            assert (await stranger.say("pause"))["reason"] == "held_by_other"
+            assert (await bench.command("skip", operator="Alice")).status_code == 409
+            assert (await bench.command("pause", operator="Alice")).status_code == 200
+            assert (await bench.command("abort", operator="Alice")).status_code == 409
+            assert (await bench.command("resume", operator="Alice")).status_code == 200
+            assert (await bench.command("abort", operator="Alice")).status_code == 200

@@ -28,6 +28,7 @@ from highside.service.bench_setup import header_of, simulated_bench, turntable_p
 from highside.service.bench_store import BenchStore, keep_turntable
 from highside.service.monitor import Monitor
 from highside.session import outcome
+from highside.session.commands import Origin
 from highside.session.entries import Entry, Noted
 from highside.session.journal import StorageError
 from highside.session.reasons import Refusal
@@ -158,9 +159,9 @@ class BenchDriver:
             # a face looks again when it is ready to: nothing is kept for it meanwhile
             await asyncio.sleep(1.0 / max_rate_hz)
 
-    async def command(self, command: Command) -> Reply:
+    async def command(self, command: Command, origin: Origin = Origin.HERE) -> Reply:
         async with self._commands:
-            reply = self.session.command(command, time.monotonic())
+            reply = self.session.command(command, time.monotonic(), origin)
             if reply.accepted and self.session.record is not None and self.stored is None:
                 try:
                     await asyncio.to_thread(self._keep_record)

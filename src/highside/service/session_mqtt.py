@@ -9,9 +9,11 @@ After the end, while the bench command stays (until Ctrl-C), `activate` and `rol
 take that back: {"name": "activate", "confirm": "<first digits of the record's id>", ...}.
 
 A command that was retained is not obeyed: nobody knows how old it is. One that the broker delivers twice is done once
-(the session knows its `request_id`). Who may publish commands is the broker's access list; who holds the session among
-them is the session's business. A broker that is away costs this face and nothing else: it connects again for ever, and
-publishes the present state first.
+(the session knows its `request_id`). Who may publish commands is the broker's access list. Who holds the session among
+them is the session's business: whoever gives `start` or `resume` may choose a `secret` (16 characters or more) and send
+it with every command; from then on only commands with it are theirs. A session that was taken at the bench obeys
+nothing from the broker, whatever name a command bears. A broker that is away costs this face and nothing else: it
+connects again for ever, and publishes the present state first.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ from highside.reading import parse_message, text_member
 from highside.service.broker_client import broker_client
 from highside.service.messages import OFFLINE, ONLINE
 from highside.service.tasks import ended
+from highside.session.commands import Origin
 from highside.session.driver import SessionDriver
 from highside.session.snapshot import Command, Reply
 
@@ -112,7 +115,7 @@ class SessionMqtt:
             command = parse_message(Command, payload)
         except InputError as error:
             return self._refused(payload, MALFORMED, f"That is no command: {error}.")
-        return await self._driver.command(command)
+        return await self._driver.command(command, Origin.BROKER)
 
     def _refused(self, payload: bytes, reason: str, text: str) -> Reply:
         snapshot = self._driver.snapshot()

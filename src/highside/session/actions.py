@@ -54,6 +54,8 @@ class Actions:
         self.again: tuple[tuple[str, Rejection, str], ...] = ()
         self.kept = 0
         """entries written since the beginning of this process"""
+        self.holder: str | None = None
+        """what the command that is being done proves of who gave it"""
         self._write = write
         self._wall = wall
         self._store = store
@@ -73,7 +75,7 @@ class Actions:
         operator = command.operator if command is not None else None
         match action:
             case Action.BEGIN:
-                self.keep(entries.Began(operator or ""))
+                self.keep(entries.Began(operator or "", self.holder))
             case Action.BEGIN_HOLD:
                 self.watch.begin_hold()
             case Action.REFUSE_HOLD:
@@ -99,7 +101,7 @@ class Actions:
             case Action.PAUSE:
                 self.keep(entries.Paused(operator or ""))
             case Action.RESUME:
-                self.keep(entries.Resumed(operator))
+                self.keep(entries.Resumed(operator, self.holder))
                 self.tracker.stillness.forget()
             case Action.KEEP:
                 self._accept(command)

@@ -1,10 +1,18 @@
 """Which command may be given now, by whom, and which event it is: the rules that go beyond the table.
 
 One operator holds a session: whoever started it, or resumed it last. Others may look; to take it over it has to be
-paused. What the table refuses is refused first, then what makes no sense for want of a pose, a hold or a result.
+paused. A name is not enough to be that operator, for everybody can read it: a session belongs to where it was taken
+(`Origin`: here, or at the broker) and, if its taker chose a secret, to who knows it. Here, at the terminal of the
+process and on its page, it may always be paused, so that a secret that is lost holds nobody up.
+
+What the table refuses is refused first, then what makes no sense for want of a pose, a hold or a result.
 """
 
 from __future__ import annotations
+
+import hashlib
+import hmac
+from enum import StrEnum
 
 from highside.session.force import InForce, what_is_missing
 from highside.session.hold import Hold
@@ -15,6 +23,31 @@ from highside.session.reasons import Refusal
 from highside.session.snapshot import Command, CommandName, Reply, State
 
 REPLIES_KEPT = 1000
+
+
+class Origin(StrEnum):
+    """Where a command came from, by how whoever gave it had to prove that they may."""
+
+    HERE = "here"
+    """at the terminal of the process, or on its page with the token"""
+    BROKER = "broker"
+    """by MQTT, as the broker's access list allows"""
+
+
+def holder_of(command: Command, origin: Origin) -> str:
+    """What a command proves of who gives it: where it came from, and the SHA-256 of its secret if it has one."""
+    if command.secret is None:
+        return origin.value
+    return f"{origin.value}:{hashlib.sha256(command.secret.get_secret_value().encode()).hexdigest()}"
+
+
+def holds(ledger: Ledger, operator: str, holder: str) -> bool:
+    """Whether a command is of the operator who holds the session; while nobody does, everybody is."""
+    if ledger.operator is None:
+        return True
+    return operator == ledger.operator and (
+        ledger.holder is None or hmac.compare_digest(holder.encode(), ledger.holder.encode())
+    )
 
 
 def event_of(name: CommandName, state: State, ledger: Ledger) -> Event:
@@ -35,6 +68,7 @@ def refusal(
     operator: str,
     pose: str | None,
     *,
+    holder: str,
     state: State,
     ledger: Ledger,
     target: str | None,
@@ -47,8 +81,9 @@ def refusal(
     result = outcome(state, event_of(name, state, ledger))
     if isinstance(result, Refuse):
         return result.reason
-    free = name in (CommandName.START, CommandName.RESUME) or ledger.operator is None
-    if not free and operator != ledger.operator:
+    free = name in (CommandName.START, CommandName.RESUME)
+    here = name is CommandName.PAUSE and holder.partition(":")[0] == Origin.HERE
+    if not (free or here or holds(ledger, operator, holder)):
         return Refusal.HELD_BY_OTHER
     match name:
         case CommandName.REDO | CommandName.SKIP:
@@ -71,15 +106,18 @@ def refusal(
 
 
 class Replies:
-    """The answers given lately, by request id: a command that comes twice is answered as before."""
+    """The answers given lately: a command that comes twice is answered as before. Each who gives commands (`holder_of`)
+    has request ids of their own, so that nobody can use up another's."""
 
     def __init__(self) -> None:
-        self._given: dict[str, Reply] = {}
+        self._given: dict[tuple[str, str, str], Reply] = {}
 
-    def before(self, command: Command) -> Reply | None:
-        return self._given.get(command.request_id)
+    def before(self, command: Command, holder: str) -> Reply | None:
+        return self._given.get((holder, command.operator, command.request_id))
 
-    def give(self, command: Command, refused: Refusal | None, detail: str, state: State, seq: int) -> Reply:
+    def give(
+        self, command: Command, holder: str, refused: Refusal | None, detail: str, state: State, seq: int
+    ) -> Reply:
         reply = Reply(
             request_id=command.request_id,
             accepted=refused is None,
@@ -88,7 +126,7 @@ class Replies:
             state=state,
             seq=seq,
         )
-        self._given[command.request_id] = reply
+        self._given[holder, command.operator, command.request_id] = reply
         while len(self._given) > REPLIES_KEPT:
             del self._given[next(iter(self._given))]
         return reply

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 from typing import Protocol
 
+from highside.session.commands import Origin
 from highside.session.snapshot import Command, Reply, Snapshot
 
 
@@ -30,8 +31,8 @@ class SessionDriver(Protocol):
         """Whether there will be more to see or to command."""
         ...
 
-    async def command(self, command: Command) -> Reply:
-        """Do what an operator asks, or say why not. Never raises for what a command contains."""
+    async def command(self, command: Command, origin: Origin = Origin.HERE) -> Reply:
+        """Do what an operator asks, or say why not; `origin`: where it came from. Never raises for its content."""
         ...
 
     @property

@@ -59,7 +59,10 @@ class Readings:
 
 @dataclass(frozen=True, slots=True)
 class Began:
+    """`holder`: what proves who holds the session from now on (`commands.holder_of`); None: the name alone."""
+
     operator: str
+    holder: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,9 +130,11 @@ class Paused:
 
 @dataclass(frozen=True, slots=True)
 class Resumed:
-    """`operator` holds the session from now on. None: the process was started again, nobody has spoken yet."""
+    """`operator` holds the session from now on. None: the process was started again, nobody has spoken yet.
+    `holder` as in `Began`."""
 
     operator: str | None
+    holder: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,6 +73,8 @@ class Ledger:
         }
         self._planned = {pose.id: pose for pose in plan.poses}
         self.operator: str | None = None
+        self.holder: str | None = None
+        """what proves that a command is the operator's (`commands.holder_of`); None: the name alone"""
         self.began = False
         self.closed = False
         self.stage = 0
@@ -91,8 +93,8 @@ class Ledger:
     def apply(self, entry: Entry) -> None:
         """The only way in which a ledger changes."""
         match entry:
-            case Began(operator):
-                self.began, self.operator = True, operator
+            case Began(operator, holder):
+                self.began, self.operator, self.holder = True, operator, holder
             case Taken():
                 self._take(entry)
             case Refused(pose, reason, detail, readings):
@@ -129,8 +131,8 @@ class Ledger:
             case PlanClosed():
                 self.closed = True
                 self.revision += 1
-            case Resumed(operator):
-                self.operator = operator
+            case Resumed(operator, holder):
+                self.operator, self.holder = operator, holder
             case Ended():
                 self.ended = entry
             case Paused() | Noted() | PutInForce():

@@ -59,7 +59,10 @@ class Refusal(_Said):
     """Why a command was refused."""
 
     NOT_NOW = "not_now", "That cannot be done at this step."
-    HELD_BY_OTHER = "held_by_other", "Another operator holds this session. Ask them, or let them pause it."
+    HELD_BY_OTHER = (
+        "held_by_other",
+        "Another holds this session, or it was taken elsewhere. Ask them, or let them pause it.",
+    )
     UNKNOWN_POSE = "unknown_pose", "There is no pose of that name in this plan."
     NOTHING_TO_UNDO = "nothing_to_undo", "There is nothing left to take back."
     NOT_STILL = "not_still", "The tool is not still, or not at an open pose."

@@ -17,7 +17,7 @@ from highside.calibration.record import CalibrationRecord
 from highside.codec.frame import Frame
 from highside.session import entries, force, outcome
 from highside.session.actions import Actions
-from highside.session.commands import Replies, event_of, refusal
+from highside.session.commands import Origin, Replies, event_of, holder_of, refusal
 from highside.session.entries import Entry
 from highside.session.faults import Faults
 from highside.session.force import InForce, Store, StoreError
@@ -162,40 +162,44 @@ class BenchSession:
         except StorageError as error:
             self.faults.put(Fault.STORAGE, str(error))
 
-    def command(self, command: Command, now_s: float) -> Reply:
+    def command(self, command: Command, now_s: float, origin: Origin = Origin.HERE) -> Reply:
         """Do what an operator asks, or say why not. Repeated request ids get the first answer."""
         self._at(now_s)
-        known = self._replies.before(command)
+        holder = holder_of(command, origin)
+        known = self._replies.before(command, holder)
         if known is not None:
             return known
-        refused, detail = self._refuse(command.name, command.operator, command.pose), ""
+        refused, detail = self._refuse(command.name, command.operator, holder, command.pose), ""
         if refused is None and command.name in force.COMMANDS:
             name = None if self.record is None else self.record.id
             wrong = force.not_confirmed(command, name, self.in_force or InForce())
             refused, detail = (None, "") if wrong is None else (Refusal.NOT_CONFIRMED, wrong)
         if refused is None:
             try:
+                self.actions.holder = holder
                 self._event(event_of(command.name, self.state, self.ledger), command)
             except StorageError as error:
                 refused, detail = Refusal.STORAGE, str(error)
             except StoreError as error:
                 refused, detail = Refusal.STORE, str(error)
         self._moments += 1
-        return self._replies.give(command, refused, detail, self.state, self.seq)
+        return self._replies.give(command, holder, refused, detail, self.state, self.seq)
 
     def allowed(self, operator: str | None = None) -> list[CommandName]:
         """What would not be refused now, to the operator who holds the session if none is named."""
         who, target = operator or self.ledger.operator or "", self.target
-        return [name for name in CommandName if self._refuse(name, who, None, target) is None]
+        holder = self.ledger.holder or Origin.HERE
+        return [name for name in CommandName if self._refuse(name, who, holder, None, target) is None]
 
     def _refuse(
-        self, name: CommandName, operator: str, pose: str | None, target: Candidate | None = None
+        self, name: CommandName, operator: str, holder: str, pose: str | None, target: Candidate | None = None
     ) -> Refusal | None:
         target = target or (self.target if name in (CommandName.SKIP, CommandName.REDO) and pose is None else None)
         return refusal(
             name,
             operator,
             pose,
+            holder=holder,
             state=self.state,
             ledger=self.ledger,
             target=None if target is None else target.id,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, SecretStr
 
 SCHEMA: Literal["highside.session/1"] = "highside.session/1"
 
@@ -302,6 +302,10 @@ class Command(_Model):
     note: str | None = Field(default=None, max_length=500, description="Kept in the journal.")
     confirm: Name | None = Field(
         default=None, description="For activate and rollback: id (its first 6 digits or more) of the record meant."
+    )
+    secret: Annotated[SecretStr, Field(min_length=16, max_length=128)] | None = Field(
+        default=None,
+        description="Chosen by who starts or resumes the session; from then on only commands with it are obeyed.",
     )
 
 
