@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.candidates import Candidate, Variant, columns_of
 from highside.diagnosis.chunks import chunks_of, in_order
+from highside.diagnosis.laws import student_quantile
 from highside.diagnosis.pool import Member
 from highside.diagnosis.result import FittedParameter
 from highside.physics.effect import Effect
@@ -294,8 +295,6 @@ def joint_fit(
     `near` is the same fitted before to some of the readings: from there one step does. Without `bends` what is done
     beyond first order is not asked for.
     """
-    from scipy.stats import t as student
-
     chosen = [(candidates[m.candidate], candidates[m.candidate].variants[m.variant]) for m in members]
     names = list(free)
     first = _begun(model, chosen)
@@ -337,7 +336,7 @@ def joint_fit(
             break
     every = [*every, *shape_names]
     std = np.sqrt(np.maximum(np.diag(inverse), 0.0))
-    half = float(student.ppf(0.975, freedom))
+    half = student_quantile(0.975, freedom)
     fitted: dict[str, dict[str, FittedParameter]] = {}
     implausible = []
     for candidate, variant in chosen:

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.laws import straight_line, student_beyond
 from highside.diagnosis.result import Finding
 
 Array = NDArray[np.float64]
@@ -111,8 +112,6 @@ def _steps_back(t_s: Array, usual: float) -> list[int]:
 def _clock(
     t_s: Array, steps: Array, inside: NDArray[np.bool_], usual: float, seq: Array | None, back: list[int]
 ) -> list[tuple[Finding, bool]]:
-    from scipy.stats import t as student
-
     found: list[tuple[Finding, bool]] = []
     if back:
         words = f"the clock is set back at t = {t_s[back[0] - 1]:g} s: add the step to the times behind it"
@@ -134,7 +133,7 @@ def _clock(
     wide = np.abs(each - np.median(each))
     jumps = np.flatnonzero((wide > 0.25 * usual) & (wide > 20 * jitter))
     if 0 < jumps.size <= 5:
-        p = float(min(1.0, each.size * student.sf(wide[jumps].max() / jitter, 4)))
+        p = float(min(1.0, each.size * student_beyond(wide[jumps].max() / jitter, 4)))
         if p < SURE:
             row = np.flatnonzero(single)[jumps[0]]
             size = float(each[jumps[0]] - np.median(each))
@@ -146,14 +145,11 @@ def _clock(
 
 def _drift(each: Array, rows: NDArray[np.intp], usual: float, jitter: float) -> list[tuple[Finding, bool]]:
     """Spacings that grow or shrink steadily: a straight line through them, by medians of twenty parts."""
-    from scipy.stats import linregress
-
     parts = [p for p in np.array_split(np.arange(each.size), 20) if p.size]
     at = np.array([rows[p].mean() for p in parts])
     level = np.array([np.median(each[p]) for p in parts])
-    line = linregress(at, level)
-    change = float(line.slope * np.ptp(rows)) / usual
-    p = float(line.pvalue)
+    slope, p = straight_line(at, level)
+    change = float(slope * np.ptp(rows)) / usual
     if p < SURE and abs(change) > 1e-4 and abs(change) * usual > jitter / 10:
         words = f"the clock's rate changes by {change:+.2%} over the recording: use a clock that counts frames evenly"
         return [(Finding("clock_drift", ("t_s",), p, words), abs(change) > DRIFT)]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.intake_clock import SURE, chance
+from highside.diagnosis.laws import student_beyond, student_quantile
 from highside.diagnosis.result import Finding
 
 Array = NDArray[np.float64]
@@ -32,8 +33,6 @@ def find_impulses(
     `group` (N,) numbers the stretches that hang together (stops, or one for all); `reference` (3, N) is gravity as the
     bench says, where it is known.
     """
-    from scipy.stats import t as student
-
     n = accel.shape[1]
     rows: set[int] = set()
     found: list[Finding] = []
@@ -50,9 +49,10 @@ def find_impulses(
         size = np.abs(z)
         ratio = float(np.quantile(size, 0.98) / max(np.quantile(size, 0.5), 1e-12))
         freedom = max(
-            (v for v in TAILS if student.ppf(0.99, v) / student.ppf(0.75, v) >= 0.95 * ratio), default=TAILS[0]
+            (v for v in TAILS if student_quantile(0.99, v) / student_quantile(0.75, v) >= 0.95 * ratio),
+            default=TAILS[0],
         )
-        single = 2 * student.sf(size, freedom)
+        single = 2 * student_beyond(size, freedom)
         far = np.flatnonzero(single * n < EXPECTED)
         if not far.size or far.size > SHARE * n:
             continue

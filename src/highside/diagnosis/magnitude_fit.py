@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.candidates import Candidate
+from highside.diagnosis.laws import student_quantile
 from highside.diagnosis.magnitude_observed import Magnitudes
 from highside.diagnosis.regression import VISIBLE
 from highside.diagnosis.result import FittedParameter
@@ -52,8 +53,6 @@ def least(table: Table, candidate: Candidate, columns: Array, shown: Array, free
     `columns` (k, N) are those of the amplitudes, whitened, outside of all else that was fitted; `shown` (k, r) are the
     directions in which the amplitudes, in units of their typical sizes, show at all.
     """
-    from scipy.stats import t as student
-
     assert candidate.effect is not None
     own = [p for p in candidate.effect.parameters if p.name in candidate.amplitudes]
     sizes = np.array([p.typical for p in own])
@@ -63,7 +62,7 @@ def least(table: Table, candidate: Candidate, columns: Array, shown: Array, free
     seen = shown @ vectors[:, good]
     told = seen @ (seen.T @ (np.array([table[p.name].value for p in own]) / sizes))
     std = sizes * np.sqrt(np.sum(seen**2 / values[good], axis=1))
-    half = float(student.ppf(0.975, freedom)) * std
+    half = student_quantile(0.975, freedom) * std
     low, high = _open(own, sizes, seen, told)
     return {
         **table,

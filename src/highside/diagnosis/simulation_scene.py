@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from highside.diagnosis.fit import JointFit
 from highside.diagnosis.gram import HeldOutRows, WalkingChannel, Walks, accumulate
 from highside.diagnosis.held_out import gain_interval
+from highside.diagnosis.laws import student_quantile
 from highside.diagnosis.memory import SLOW_LOG_P, Channel, Memory, SlowEffect, SlowLimits
 from highside.diagnosis.pool import Member
 from highside.diagnosis.regression import outside
@@ -196,8 +197,6 @@ class SimulationScene(RotationScene):
 
     def fit(self, members: Sequence[Member], noise: Any, *, bends: bool = True) -> JointFit:
         """Least squares of base and members in the space of the judged noise."""
-        from scipy.stats import t as student
-
         if not members:
             return JointFit({}, self.residual, ())
         numbers = [np.asarray(self._whole(m), dtype=np.intp) for m in members]
@@ -216,7 +215,7 @@ class SimulationScene(RotationScene):
             scores[:, functions >= 0] += products[:, functions[functions >= 0]]
         robust = inverse @ (scores.T @ scores) @ inverse
         std = np.sqrt(np.maximum(np.maximum(np.diag(inverse), np.diag(robust)), 0.0))
-        half = float(student.ppf(0.975, self.noise.freedom))
+        half = student_quantile(0.975, self.noise.freedom)
         tables: dict[str, dict[str, FittedParameter]] = {}
         outside: list[str] = []
         left = self.residual.copy()

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.candidates import pose_candidates
+from highside.diagnosis.laws import chi2_beyond
 from highside.diagnosis.result import (
     Claim,
     Diagnosis,
@@ -337,12 +338,10 @@ def _parameters(scene: _Scene, best: Fitted) -> list[dict[str, FittedParameter]]
 
 
 def _gain_p(table: Table, best: Fitted, index: int) -> float:
-    from scipy.stats import chi2
-
     others = tuple(o for k, o in enumerate(best.options) if k != index)
     rest = fit_set(table, others, best)
     option = best.options[index]
-    p = float(chi2.sf(max(rest.deviance - best.deviance, 0.0), len(option.amplitudes)))
+    p = chi2_beyond(max(rest.deviance - best.deviance, 0.0), len(option.amplitudes))
     return min(1.0, p * option.tries)
 
 
@@ -376,10 +375,8 @@ def _location(table: Table, best: Fitted, index: int) -> Location:
 
 
 def _base_location(table: Table, base: Fitted, best: Fitted) -> Location:
-    from scipy.stats import chi2
-
     z = np.nan_to_num((table.told - base.cells) / np.sqrt(np.diag(best.chance)).reshape(-1, 4))
-    return _where(table, z, 1.0, float(chi2.sf(_scatter_gain(table, base), 1)))
+    return _where(table, z, 1.0, chi2_beyond(_scatter_gain(table, base), 1))
 
 
 def _where(table: Table, moved: Array, share: float, p: float) -> Location:
@@ -455,8 +452,6 @@ def _remainder(
     beyond: float,
     picture: SummaryPicture,
 ) -> Remainder:
-    from scipy.stats import chi2
-
     table = scene.table
     hints = []
     resembles: list[str] = []
@@ -500,5 +495,5 @@ def _remainder(
         z = np.where(np.isin(np.arange(len(picture.inc_deg)), list(lost))[:, None], picture.after, 0.0)
         everything = replace(table, use=np.ones_like(table.use))
         location = (_where(everything, np.nan_to_num(z), 1.0 - 0.0, min(lost.values())),)
-    p = float(chi2.sf(max(beyond, 0.0), 1))
+    p = chi2_beyond(max(beyond, 0.0), 1)
     return Remainder(location, tuple(hints), p, tuple(resembles))

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.laws import chi2_beyond
 from highside.diagnosis.summary_fit import Fitted, Option, Table, fit_set, rechanced
 
 Array = NDArray[np.float64]
@@ -256,8 +257,6 @@ def left_out_row(table: Table, fitted: Fitted, row: int) -> tuple[Array, Array, 
 
 def unexplained_rows(table: Table, fitted: Fitted) -> dict[int, float]:
     """Rows that the others do not predict, with the probability of their departure."""
-    from scipy.stats import chi2
-
     found: dict[int, float] = {}
     rows = np.flatnonzero(table.use)
     for row in rows:
@@ -265,7 +264,7 @@ def unexplained_rows(table: Table, fitted: Fitted) -> dict[int, float]:
         if not mask.any():
             continue
         value = float(left[mask] @ np.linalg.solve(cov[np.ix_(mask, mask)], left[mask]))
-        p = float(chi2.sf(value, int(mask.sum())))
+        p = chi2_beyond(value, int(mask.sum()))
         if p * rows.size < UNEXPLAINED_P:
             found[int(row)] = p
     return found
