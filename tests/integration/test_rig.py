@@ -150,7 +150,10 @@ def test_the_whole_pack_live(tmp_path: Path, broker: Mosquitto) -> None:
             told = json.loads(payload)
             assert topic == "homeassistant/device/highside_t1/config"
             assert told["availability_topic"] == "highside/t1/status"
-            assert told["components"]["inc"]["state_topic"] == "highside/t1/attitude"
+            assert told["components"]["inc"]["state_topic"] == "highside/t1/latest"
+            seconds = wait_for(lambda: len(m := subscriber.payloads("latest")) > 3 and m, 10, "latest", daemon)
+            assert seconds[-1]["t"] - seconds[-4]["t"] > 2.5
+            assert seconds[-1]["inc_deg"] == pytest.approx(first["inc_deg"], abs=0.5)
             assert told["device"]["serial_number"] == "SN 7"
 
             # a new offset is in force within seconds, and health says who set it

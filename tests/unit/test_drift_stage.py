@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import random
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +20,7 @@ from highside.physics.drift_scenarios import DriftData, Triad, curved_hole, dril
 from highside.service import saved_drift
 from highside.service.drift_keeper import DriftKeeper
 from highside.service.drift_stage import DriftStage
-from highside.service.messages import DriftMessage
+from highside.service.messages import DriftCommand, DriftMessage, DriftReply
 from highside.service.saved_drift import Alignment, SavedDrift, Stamp
 
 LATITUDE = 35.2
@@ -434,3 +436,97 @@ async def test_what_is_kept_is_taken_up_by_the_next_service_and_damage_is_told(t
     feed(spoilt.stage, record(turntable(20.0, 20.0, Triad()), 1))
     # a configured azimuth is that of the first start; what was there since is lost
     assert spoilt.stage.basis == ("unaligned",)
+
+
+def test_an_id_that_no_reply_can_hold_does_not_end_the_answers(tmp_path: Path) -> None:
+    desk = Desk(tmp_path)
+    assert desk.keeper.stage is not None
+    feed(desk.keeper.stage, record(turntable(20.0, 20.0, Triad()), 1))
+    desk.keeper.on_command(b'{"command":"align","id":"\\ud800","azimuth_deg":10}', retained=False)
+    assert desk.replies[-1]["ok"] is False
+    for given, answered in ((5, "5"), ("x" * 1000, "x" * 64), (None, ""), ([1], ""), (True, "True"), (10**30, "")):
+        reply = desk.say(id=given, command="align", azimuth_deg=10.0)
+        assert (reply["ok"], reply["id"]) == (False, answered), given
+    # a number is a number: neither true nor a text
+    for wrong in (True, "10", [10], None):
+        assert desk.say(id="n", command="align", azimuth_deg=wrong)["ok"] is False
+    assert desk.say(id="good", command="align", azimuth_deg=10)["ok"] is True
+
+
+def test_a_command_that_fails_inside_is_answered_and_the_next_is_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    desk = Desk(tmp_path)
+    stage = desk.keeper.stage
+    assert stage is not None
+    feed(stage, record(turntable(20.0, 20.0, Triad()), 1))
+
+    def fails(*_: object) -> None:
+        raise ZeroDivisionError("inside")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(stage, "align", fails)
+        reply = desk.say(id="1", command="align", azimuth_deg=10.0)
+        assert (reply["id"], reply["ok"]) == ("1", False)
+        assert "ZeroDivisionError" in str(reply["error"])
+    with monkeypatch.context() as patch:
+        patch.setattr(DriftCommand, "model_validate", fails)
+        assert desk.say(id="2", command="align", azimuth_deg=10.0)["ok"] is False
+    # one that failed was not done: the same id may be tried again
+    assert desk.say(id="1", command="align", azimuth_deg=10.0)["ok"] is True
+
+
+def mutated(rng: random.Random) -> bytes:
+    """A command, whole or spoilt in one of the ways in which messages are."""
+    command: dict[str, object] = {
+        "id": rng.choice(("a", "b" * rng.randrange(200), "\ud800", "\x00\x1b[2J", rng.randrange(10**9), None, [], {})),
+        "command": rng.choice(("align", "reset_heading", "connection", "restart", "fly", "", 7)),
+    }
+    number = (0, 12.5, -1, 1e308, 10**400, True, "12", None, float("nan"), float("inf"), [], {"a": 1})
+    for name in ("azimuth_deg", "std_deg", "seconds", "\udfff", "x" * rng.randrange(300)):
+        if rng.random() < 0.3:
+            command[name] = rng.choice(number)
+    data = bytearray(json.dumps(command, ensure_ascii=rng.random() < 0.7).encode("utf-8", "surrogatepass"))
+    for _ in range(rng.randrange(4)):
+        at = rng.randrange(len(data) + 1)
+        what = rng.randrange(7)
+        if what == 0 and at < len(data):
+            data[at] ^= 1 << rng.randrange(8)
+        elif what == 1:
+            del data[at:]
+        elif what == 2:
+            data[at:at] = data[: rng.randrange(len(data) + 1)]
+        elif what == 3:
+            data[at:at] = rng.choice((b"[", b'{"a":', b"9", b"\\ud800")) * rng.randrange(1, 900)
+        elif what == 4:
+            data[at:at] = rng.choice((b"NaN", b"1e999", b"-Infinity", b"\x00", b"\xff", b"\xed\xa0\x80", b"\\u0000"))
+        elif what == 5:
+            data[at:at] = rng.randbytes(rng.randrange(40))
+        else:
+            data = bytearray(rng.randbytes(rng.randrange(100)))
+    return bytes(data)
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_spoilt_commands_are_each_answered(tmp_path: Path) -> None:
+    """`HIGHSIDE_FUZZ` is another count."""
+    desk = Desk(tmp_path)
+    assert desk.keeper.stage is not None
+    feed(desk.keeper.stage, record(turntable(20.0, 20.0, Triad()), 1))
+    rng = random.Random(20)
+    count, done = int(os.environ.get("HIGHSIDE_FUZZ", "100000")), 0
+    for i in range(count):
+        payload = mutated(rng)
+        desk.keeper.on_command(payload, retained=rng.random() < 0.02)
+        assert len(desk.replies) == 1, payload
+        reply = DriftReply.model_validate(desk.replies.pop())
+        assert len(reply.id) <= 64 and len(reply.error or "") <= 400
+        done += reply.ok
+        desk.told.clear()
+        assert desk.keeper.commands == i + 1
+    print(f"{count} commands, {done} of them done")
+    assert done > count / 1000
+    stage = desk.keeper.stage
+    assert stage is not None
+    feed(stage, record(turntable(20.0, 20.0, Triad()), 1), later_s=100.0)
+    assert desk.say(id="at the end", command="align", azimuth_deg=10.0)["ok"] is True

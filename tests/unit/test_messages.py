@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from highside.service.drift_stage import Azimuth
 from highside.service.messages import (
+    PAYLOADS,
     AttitudeMessage,
     HealthMessage,
     SurveyMessage,
@@ -154,7 +155,7 @@ def test_a_late_message_is_marked_and_otherwise_the_same() -> None:
 
 def test_every_topic_has_a_schema() -> None:
     found = schemas()
-    assert set(found) == {"attitude", "survey", "health", "drift", "drift/command", "drift/reply", "status"}
+    assert set(found) == {*PAYLOADS, "status"}
     assert re.fullmatch(found["status"]["pattern"], "online 5f0c2a91")
     for name in set(found) - {"status"}:
         assert found[name]["additionalProperties"] is False

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import resource
+import signal
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,6 +20,7 @@ from highside.codec.tool import ToolCodec
 from highside.config.rig import AcceptSettings, SiteSettings
 from highside.config.settings import MonitorSettings, PipelineSettings, RebalanceTable, SurveySettings, ToolSettings
 from highside.physics.motion import Leg, Motion
+from highside.service import surveys
 from highside.service.pipeline import Attitude, Pipeline, Survey
 from highside.service.surveys import (
     GravityTrend,
@@ -106,6 +111,55 @@ def test_a_disk_that_refuses_is_said_and_nothing_stops(tmp_path: Path) -> None:
     log.stop(5.0)
     assert (log.kept, log.failed) == (0, 1)
     assert "No such file" in log.error
+
+
+def test_a_disk_that_takes_again_has_every_survey_and_ends_the_alarm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(surveys, "RETRY_S", 0.05)
+    log = SurveyLog(tmp_path / "later" / "surveys.jsonl")
+    log.start()
+    for seq in range(5):
+        log.keep({"seq": seq})
+    until(lambda: log.failed == 5 and log.error)
+    (tmp_path / "later").mkdir()
+    # no new survey comes
+    until(lambda: log.kept == 5)
+    assert (log.failed, log.error) == (0, "")
+    log.stop(5.0)
+    assert [s["seq"] for s in log.recent()] == list(range(5))
+
+
+def test_a_disk_that_is_full_in_the_middle_of_a_line_leaves_no_line_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(surveys, "RETRY_S", 0.05)
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    log = SurveyLog(tmp_path / "surveys.jsonl")
+    try:
+        # room for three lines and a half
+        resource.setrlimit(resource.RLIMIT_FSIZE, (35, hard))
+        log.start()
+        for seq in range(10, 20):
+            log.keep({"seq": seq})
+        until(lambda: log.error and log.kept + log.failed == 10)
+        time.sleep(0.3)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        until(lambda: log.kept == 10)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        signal.signal(signal.SIGXFSZ, before)
+        log.stop(5.0)
+    lines = (tmp_path / "surveys.jsonl").read_bytes().split(b"\n")
+    assert [json.loads(line)["seq"] for line in lines if line] == list(range(10, 20))
+
+
+def until(condition: Callable[[], object]) -> None:
+    deadline = time.monotonic() + 10.0
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
 
 
 @pytest.mark.parametrize("seed", range(5))

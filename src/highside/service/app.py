@@ -198,6 +198,9 @@ class Service:
     def _reply_drift(self, payload: bytes, done: bool) -> None:
         self.publisher.reply(self._topic("drift/reply"), payload, done=done)
 
+    def _tell_latest(self, payload: bytes) -> None:
+        self.publisher.passing(self._topic("latest"), payload)
+
     def _tell_drift(self, payload: bytes) -> None:
         self.publisher.retained(self._topic("drift"), payload)
 
@@ -348,7 +351,11 @@ class Service:
         settings = self.settings
         if settings.home_assistant is not None:
             tool = settings.tool
-            self.publisher.retained(*discovery(tool.id, tool.serial, settings.mqtt, settings.home_assistant))
+            interval_s = settings.service.health_interval_s
+            found = discovery(
+                tool.id, tool.serial, settings.mqtt, settings.home_assistant, health_interval_s=interval_s
+            )
+            self.publisher.retained(*found)
 
     def publish_health(self) -> None:
         self.publisher.retained(self._topic("health"), messages.health_payload(self.health()))
@@ -418,7 +425,7 @@ class Service:
     def _start(self) -> list[asyncio.Task[None]]:
         """Everything at work; returns the tasks that live as long as the service."""
         self.run_link(self.supervisor)
-        self.rig.start(lambda: self.pipeline, self.publish_health)
+        self.rig.start(lambda: self.pipeline, self.publish_health, self._tell_latest)
         self.drift.start()
         self.outbox.start(wait=False)
         self.recorder.start()

@@ -164,11 +164,8 @@ class DriftKeeper:
         if retained:
             self._answer("", "is retained: it would be done again at every connect; publish it without that flag")
             return
-        if len(payload) > _LONGEST_COMMAND:
-            self._answer("", f"is longer than {_LONGEST_COMMAND} bytes")
-            return
         try:
-            command = parse_message(DriftCommand, payload)
+            command = parse_message(DriftCommand, payload, max_bytes=_LONGEST_COMMAND)
         except InputError as error:
             self._answer(text_member(payload, "id", LONGEST_ID), str(error))
             return

@@ -1,60 +1,107 @@
 """Announces the tool to Home Assistant: one retained message that describes the device and its sensors.
 
-The format is Home Assistant's MQTT discovery of whole devices (`<prefix>/device/<id>/config`).
+The format is Home Assistant's MQTT discovery of whole devices (`<prefix>/device/<id>/config`). Home Assistant records
+every value it is sent, so what it is pointed at comes once a second (`latest`) or on change (`survey`, `health`), never
+at the rate of the attitudes; and each sensor says for how long its value holds, so that a dead tool shows no number.
 """
 
 from __future__ import annotations
 
 import json
+import math
+from typing import Any, NamedTuple
 
 from highside import __version__
 from highside.config.mqtt import MqttSettings
 from highside.config.rig import HomeAssistantSettings
 from highside.service.messages import OFFLINE, ONLINE
 
+LATEST_EXPIRES_S = 10
+"""Seconds after which a value of `latest` is no more shown: ten of them are missing then."""
+HEALTH_EXPIRES_S = 30
+"""The same for `health`, at least; three of its intervals and five seconds where that is more."""
+
+
+class Sensor(NamedTuple):
+    """One value of the device. `member` is that of the payload, in Jinja's words."""
+
+    key: str
+    name: str
+    topic: str
+    member: str
+    unit: str | None
+    icon: str
+    digits: int
+    diagnostic: bool = False
+    device_class: str | None = None
+
+
 SENSORS = (
-    ("inc", "Inclination", "attitude", "{{ value_json.inc_deg }}", "°", "mdi:angle-acute", 3),
-    ("inc_std", "Inclination uncertainty", "attitude", "{{ value_json.inc_std_deg }}", "°", "mdi:plus-minus", 4),
-    ("toolface", "Toolface", "attitude", "{{ value_json.toolface_deg }}", "°", "mdi:rotate-right", 2),
-    ("tf_std", "Toolface uncertainty", "attitude", "{{ value_json.tf_std_deg }}", "°", "mdi:plus-minus", 3),
-    ("azimuth", "Azimuth", "attitude", "{{ value_json.azi_deg | default(none) }}", "°", "mdi:compass", 2),
-    ("g_total", "Gtotal", "attitude", "{{ value_json.g_total }}", "g", "mdi:earth", 5),
-    ("survey_inc", "Survey inclination", "survey", "{{ value_json.inc_deg }}", "°", "mdi:ruler-square", 3),
-    ("survey_g_error", "Survey Gtotal error", "survey", "{{ value_json.g_error_mg }}", "mg", "mdi:scale-balance", 3),
-    ("queued", "Messages waiting", "health", "{{ value_json.outbox.queued }}", None, "mdi:tray-full", 0),
-    ("data_age", "Age of data", "health", "{{ value_json.link.data_age_s }}", "s", "mdi:timer-sand", 1),
+    Sensor("inc", "Inclination", "latest", "inc_deg", "°", "mdi:angle-acute", 3),
+    Sensor("inc_std", "Inclination uncertainty", "latest", "inc_std_deg", "°", "mdi:plus-minus", 4, diagnostic=True),
+    Sensor("toolface", "Toolface", "latest", "toolface_deg", "°", "mdi:rotate-right", 2),
+    Sensor("tf_std", "Toolface uncertainty", "latest", "tf_std_deg", "°", "mdi:plus-minus", 3, diagnostic=True),
+    Sensor("azimuth", "Azimuth", "latest", "azi_deg", "°", "mdi:compass", 2),
+    Sensor("g_total", "Gtotal", "latest", "g_total", "g", "mdi:earth", 5, diagnostic=True),
+    Sensor("survey_inc", "Survey inclination", "survey", "inc_deg", "°", "mdi:ruler-square", 3),
+    Sensor("survey_toolface", "Survey toolface", "survey", "toolface_deg", "°", "mdi:rotate-right", 2),
+    Sensor("survey_azimuth", "Survey azimuth", "survey", "azi_deg | default(none)", "°", "mdi:compass", 2),
+    Sensor("survey_g_error", "Survey Gtotal error", "survey", "g_error_mg", "mg", "mdi:scale-balance", 3, True),
+    Sensor("queued", "Messages waiting", "health", "outbox.queued", None, "mdi:tray-full", 0, diagnostic=True),
+    Sensor("data_age", "Age of data", "health", "link.data_age_s", "s", "mdi:timer-sand", 1, True, "duration"),
 )
-"""id, name, last part of the topic, template of the value, unit, icon, decimals shown"""
 
 
 def discovery(
-    tool_id: str, serial: str | None, mqtt: MqttSettings, settings: HomeAssistantSettings
+    tool_id: str,
+    serial: str | None,
+    mqtt: MqttSettings,
+    settings: HomeAssistantSettings,
+    *,
+    health_interval_s: float,
 ) -> tuple[str, bytes]:
     """Topic and payload of the announcement."""
     unique = f"highside_{tool_id}".replace(".", "_")
-    components: dict[str, dict[str, object]] = {}
-    for key, name, topic, template, unit, icon, digits in SENSORS:
-        components[key] = {
-            "platform": "sensor",
+    expires_s = {
+        "latest": LATEST_EXPIRES_S,
+        "health": max(HEALTH_EXPIRES_S, math.ceil(3.0 * health_interval_s) + 5),
+    }
+    components: dict[str, dict[str, Any]] = {}
+
+    def add(key: str, name: str, topic: str, platform: str, template: str) -> dict[str, Any]:
+        component: dict[str, Any] = {
+            "platform": platform,
             "unique_id": f"{unique}_{key}",
             "name": name,
             "state_topic": mqtt.topic(tool_id, topic),
             "value_template": template,
-            "icon": icon,
-            "suggested_display_precision": digits,
         }
-        if unit is not None:
-            components[key] |= {"unit_of_measurement": unit, "state_class": "measurement"}
-    components["problem"] = {
-        "platform": "binary_sensor",
-        "unique_id": f"{unique}_problem",
-        "name": "Alarm",
-        "device_class": "problem",
-        "state_topic": mqtt.topic(tool_id, "health"),
-        "value_template": "{{ 'ON' if value_json.alarms else 'OFF' }}",
-        "json_attributes_topic": mqtt.topic(tool_id, "health"),
-        "json_attributes_template": "{{ {'alarms': value_json.alarms} | tojson }}",
-    }
+        if topic in expires_s:
+            component["expire_after"] = expires_s[topic]
+        components[key] = component
+        return component
+
+    for sensor in SENSORS:
+        found = add(sensor.key, sensor.name, sensor.topic, "sensor", f"{{{{ value_json.{sensor.member} }}}}")
+        found |= {"icon": sensor.icon, "suggested_display_precision": sensor.digits, "state_class": "measurement"}
+        if sensor.unit is not None:
+            found["unit_of_measurement"] = sensor.unit
+        if sensor.device_class is not None:
+            found["device_class"] = sensor.device_class
+        if sensor.diagnostic:
+            found["entity_category"] = "diagnostic"
+    accepted = "{{ 'ON' if value_json.accepted else 'OFF' }}"
+    add("survey_accepted", "Survey accepted", "survey", "binary_sensor", accepted).update(
+        icon="mdi:check-decagram",
+        json_attributes_topic=mqtt.topic(tool_id, "survey"),
+        json_attributes_template="{{ {'reasons': value_json.reasons} | tojson }}",
+    )
+    alarms = "{{ 'ON' if value_json.alarms else 'OFF' }}"
+    add("problem", "Alarm", "health", "binary_sensor", alarms).update(
+        device_class="problem",
+        json_attributes_topic=mqtt.topic(tool_id, "health"),
+        json_attributes_template="{{ {'alarms': value_json.alarms} | tojson }}",
+    )
     device: dict[str, object] = {"identifiers": [unique], "name": f"Tool {tool_id}", "sw_version": __version__}
     if serial is not None:
         device["serial_number"] = serial
@@ -62,6 +109,7 @@ def discovery(
         "device": device,
         "origin": {"name": "highside", "sw_version": __version__},
         "availability_topic": mqtt.topic(tool_id, "status"),
+        "availability_template": "{{ value.split(' ')[0] }}",
         "payload_available": ONLINE.decode(),
         "payload_not_available": OFFLINE.decode(),
         "qos": 1,

@@ -104,6 +104,24 @@ class SurveyMessage(_Reading):
     historical: bool = Field(description="Sent late, after an outage.")
 
 
+class LatestMessage(_Payload):
+    """`<prefix>/<tool>/latest` (with `[home_assistant]`): the newest attitude, once a second while there is one.
+
+    For who shows values and keeps none: not retained, not stored, late never. The stream is `attitude`.
+    """
+
+    t: float = Field(description="UTC, seconds since 1970, by the clock of the host.")
+    inc_deg: float | None
+    inc_std_deg: float | None
+    tf_deg: float | None
+    tf_std_deg: float | None
+    toolface_deg: float | None
+    azi_deg: float | None
+    azi_std_deg: float | None
+    g_total: float | None
+    temp_c: float | None
+
+
 class OutboxHealth(_Payload):
     """`produced == acknowledged + queued + sum(dropped)`."""
 
@@ -263,6 +281,7 @@ class DriftReply(_Payload):
 PAYLOADS: dict[str, type[BaseModel]] = {
     "attitude": AttitudeMessage,
     "survey": SurveyMessage,
+    "latest": LatestMessage,
     "health": HealthMessage,
     "drift": DriftMessage,
     "drift/command": DriftCommand,
@@ -324,6 +343,12 @@ def survey_dict(seq: int, t: float, survey: Survey) -> dict[str, Any]:
     for name in ("t_mono", "clock_synced", "historical"):
         del found[name]
     return found
+
+
+def latest_payload(t: float, values: dict[str, float | None]) -> bytes:
+    """A `LatestMessage` as JSON; what is not finite is null."""
+    known = {name: None if value is None or value - value != 0.0 else value for name, value in values.items()}
+    return LatestMessage(t=round(t, 6), **known).model_dump_json().encode()
 
 
 def health_payload(health: HealthMessage) -> bytes:

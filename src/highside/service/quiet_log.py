@@ -41,18 +41,17 @@ class QuietLog:
 
     def say(self, level: int, reason: str, text: str, *args: object) -> bool:
         """Write the line, or count it; returns whether it was written. `text` and `args` as for `logging`."""
-        now = self._clock()
+        now, more = self._clock(), ""
         written = self._reasons.get(reason)
         if written is None or now - written.since_s >= self._interval_s:
-            left_out = 0 if written is None else written.left_out
+            if written is not None and written.left_out:
+                more = f" (and {written.left_out} more of this kind since the last such line)"
             if written is None and len(self._reasons) >= REASONS:
                 del self._reasons[next(iter(self._reasons))]
             written = self._reasons[reason] = _Written(now)
-            if left_out:
-                text, args = text + " (and %d more of this kind since the last such line)", (*args, left_out)
         elif written.lines >= self._burst:
             written.left_out += 1
             return False
         written.lines += 1
-        self._log.log(level, text, *args)
+        self._log.log(level, "%s%s", text % args if args else text, more)
         return True

@@ -271,7 +271,8 @@ class Reload:
             old.tool_lock.release()
         if old.rig.metrics is not None and new.rig.metrics is not old.rig.metrics:
             self._service.let_leave(asyncio.create_task(asyncio.to_thread(old.rig.metrics.close), name="metrics"))
-        if new.publisher is not old.publisher or new.settings.home_assistant != old.settings.home_assistant:
+        announced = [(settings.home_assistant, settings.service) for settings in (new.settings, old.settings)]
+        if new.publisher is not old.publisher or announced[0] != announced[1]:
             self._service.announce()
 
 

@@ -18,7 +18,7 @@ from typing import Any
 from highside.config.rig import MetricsSettings
 from highside.config.settings import Settings
 from highside.errors import HighsideError
-from highside.service.messages import HealthMessage, survey_dict
+from highside.service.messages import HealthMessage, latest_payload, survey_dict
 from highside.service.metrics import Figures, MetricsServer
 from highside.service.pipeline import Attitude, Pipeline, Survey
 from highside.service.surveys import GravityTrend, SurveyLog, TrendPoint, trend_of, trusted
@@ -29,6 +29,8 @@ log = logging.getLogger("highside")
 
 OFFSET_CHECK_S = 1.0
 """How soon a new toolface offset is in force."""
+LATEST_INTERVAL_S = 1.0
+"""Seconds between two messages of `latest`: what a person looks at, and what a recorder of states can keep."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +57,7 @@ class Rig:
         self.latest = Latest()
         self._trend = GravityTrend()
         self._trend_of = "none"
-        self._watch: asyncio.Task[None] | None = None
+        self._watches: list[asyncio.Task[None]] = []
 
     @property
     def outputs(self) -> tuple[WitsOutput, ...]:
@@ -160,8 +162,12 @@ class Rig:
             log.info("toolface offset %.3f deg, set by %s", offset.offset_deg, offset.author)
         return True
 
-    def start(self, pipeline: Callable[[], Pipeline], changed: Callable[[], None]) -> None:
-        """Begin; outputs and metrics are the service's to start."""
+    def start(
+        self, pipeline: Callable[[], Pipeline], changed: Callable[[], None], latest: Callable[[bytes], None]
+    ) -> None:
+        """Begin; outputs and metrics are the service's to start. `changed` is called after a new toolface offset,
+        `latest` with the payload of each `LatestMessage`.
+        """
         self.surveys.start()
         cal_id = pipeline().correction.cal_id
         self._trend, self._trend_of = trend_of(self.surveys.recent(), cal_id), cal_id
@@ -173,16 +179,28 @@ class Rig:
                 if self.read_offset(pipeline()):
                     changed()
 
-        self._watch = asyncio.create_task(watch_offset(), name="toolface-offset")
+        self._watches = [
+            asyncio.create_task(watch_offset(), name="toolface-offset"),
+            asyncio.create_task(self._tell_latest(latest), name="latest"),
+        ]
+
+    async def _tell_latest(self, tell: Callable[[bytes], None]) -> None:
+        told_s = 0.0
+        while True:
+            await asyncio.sleep(LATEST_INTERVAL_S)
+            newest = self.latest
+            if self._in_force().settings.home_assistant is not None and newest.attitude_s > told_s:
+                told_s = newest.attitude_s
+                tell(latest_payload(newest.attitude_t, newest.attitude))
 
     def _figures(self) -> Figures:
         return Figures(self._in_force().settings.tool.id, self._health(), self.latest.attitude)
 
     async def stop(self, timeout_s: float) -> None:
         """End; every survey handed over is on the disk afterwards, if the disk takes it."""
-        if self._watch is not None:
-            self._watch.cancel()
-            await asyncio.gather(self._watch, return_exceptions=True)
+        for watch in self._watches:
+            watch.cancel()
+        await asyncio.gather(*self._watches, return_exceptions=True)
         await asyncio.to_thread(self.surveys.stop, timeout_s)
 
 

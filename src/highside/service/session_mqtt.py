@@ -21,6 +21,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import random
 
 import aiomqtt
 
@@ -29,6 +30,9 @@ from highside.errors import InputError
 from highside.reading import parse_message, text_member
 from highside.service.broker_client import broker_client
 from highside.service.messages import OFFLINE, ONLINE
+from highside.service.quiet_log import QuietLog
+from highside.service.reconnect import Reconnect
+from highside.service.replies import TokenBucket
 from highside.service.tasks import ended
 from highside.session.commands import Origin
 from highside.session.driver import SessionDriver
@@ -39,9 +43,19 @@ log = logging.getLogger(__name__)
 RATE_HZ = 2.0
 PAYLOAD_MAX = 10_000
 """Bytes of a command; more is none."""
+TEXT_MAX = 400
+"""Characters of a refusal."""
 FAREWELL_S = 1.0
+WAITING_MAX = 64
+"""Commands that wait to be done, one by one; more are thrown away by the client library. An operator sends one and
+waits for its answer."""
+REFUSALS_PER_S = 5.0
+REFUSALS_AT_ONCE = 20
+"""Commands refused without an operator's word being weighed (malformed, retained) are answered at this rate; beyond,
+they are counted. What an operator asks is always answered."""
 RETAINED = "retained"
 MALFORMED = "malformed"
+FAILED = "failed"
 
 
 class SessionMqtt:
@@ -56,25 +70,38 @@ class SessionMqtt:
         self._rate_hz = rate_hz
         self._topics = {name: settings.topic(tool_id, f"session/{name}") for name in ("state", "command", "reply")}
         self._status = settings.topic(tool_id, "session/status")
+        self._refusals = TokenBucket(REFUSALS_PER_S, REFUSALS_AT_ONCE)
+        self._quiet = QuietLog(log)
         self.connects = 0
+        self.unanswered = 0
 
     async def run(self) -> None:
         """Connect, show and obey for as long as the session is open. Never raises for a broker that is away."""
-        wait_s = self._settings.reconnect_min_s
+        settings = self._settings
+        pauses = Reconnect(
+            self._identifier,
+            "",
+            min_s=settings.reconnect_min_s,
+            max_s=settings.reconnect_max_s,
+            rng=random.Random(),
+        )
         while self._driver.open:
-            before = self.connects
             try:
-                await self._one_connection()
-            except (aiomqtt.MqttError, TimeoutError, OSError, InputError, ValueError) as error:
-                log.warning("session over mqtt: %s", error)
-            wait_s = self._settings.reconnect_min_s if self.connects > before else wait_s
-            await asyncio.sleep(wait_s)
-            wait_s = min(2.0 * wait_s, self._settings.reconnect_max_s)
+                await self._one_connection(pauses)
+            except Exception as error:  # whatever it was: this face connects again, the session goes on
+                text = "session over mqtt: %s"
+                self._quiet.say(logging.WARNING, type(error).__name__, text, error or type(error).__name__)
+            pause_s = pauses.pause_s()
+            if pauses.taken is not None:
+                self._quiet.say(logging.ERROR, "taken", "session over mqtt: %s", pauses.taken)
+            await asyncio.sleep(pause_s)
 
-    async def _one_connection(self) -> None:
+    async def _one_connection(self, pauses: Reconnect) -> None:
         will = aiomqtt.Will(self._status, OFFLINE, qos=1, retain=True)
-        async with await broker_client(self._settings, self._identifier, will=will) as client:
+        made = await broker_client(self._settings, self._identifier, will=will, max_queued_incoming=WAITING_MAX)
+        async with made as client:
             self.connects += 1
+            pauses.connected()
             await client.subscribe(self._topics["command"], qos=1)
             await client.publish(self._status, ONLINE, qos=1, retain=True)
             listening = asyncio.create_task(self._listen(client))
@@ -100,26 +127,35 @@ class SessionMqtt:
         async for message in client.messages:
             payload = message.payload if isinstance(message.payload, bytes) else bytes(str(message.payload), "utf-8")
             reply = await self._obey(payload, retained=message.retain)
+            if reply is None:
+                continue
             await client.publish(
                 self._topics["reply"], reply.model_dump_json(), qos=1, timeout=self._settings.ack_timeout_s
             )
 
-    async def _obey(self, payload: bytes, *, retained: bool) -> Reply:
-        """Do what a message asks for, or say why not."""
+    async def _obey(self, payload: bytes, *, retained: bool) -> Reply | None:
+        """Do what a message asks for, or say why not; None: one wrong message too many, it is only counted."""
         if retained:
             text = "A retained command is not obeyed: nobody knows how old it is. Publish it without retain."
             return self._refused(payload, RETAINED, text)
-        if len(payload) > PAYLOAD_MAX:
-            return self._refused(b"", MALFORMED, f"A command has at most {PAYLOAD_MAX} bytes.")
         try:
-            command = parse_message(Command, payload)
+            command = parse_message(Command, payload, max_bytes=PAYLOAD_MAX)
         except InputError as error:
             return self._refused(payload, MALFORMED, f"That is no command: {error}.")
-        return await self._driver.command(command, Origin.BROKER)
+        try:
+            return await self._driver.command(command, Origin.BROKER)
+        except Exception as error:
+            self._quiet.say(logging.ERROR, command.name, "session over mqtt: %s failed: %r", command.name, error)
+            text = f"{command.name.capitalize()} failed ({type(error).__name__}): see the log of the bench."
+            return self._refused(payload, FAILED, text)
 
-    def _refused(self, payload: bytes, reason: str, text: str) -> Reply:
+    def _refused(self, payload: bytes, reason: str, text: str) -> Reply | None:
+        if not self._refusals.take():
+            self.unanswered += 1
+            self._quiet.say(logging.WARNING, "refusals", "session over mqtt: more wrong commands than can be answered")
+            return None
         snapshot = self._driver.snapshot()
         return Reply(
-            request_id=text_member(payload, "request_id"), accepted=False, reason=reason, text=text,
+            request_id=text_member(payload, "request_id"), accepted=False, reason=reason, text=text[:TEXT_MAX],
             state=snapshot.state, seq=snapshot.seq,
         )  # fmt: skip

@@ -214,21 +214,34 @@ def _slope(x: NDArray[np.float64], y: NDArray[np.float64], noise: float) -> tupl
     return slope, max(scatter, noise) / math.sqrt(xx)
 
 
+RETRY_S = 2.0
+"""Seconds between two tries of a disk that refuses."""
+WAITING_MAX = 1_000
+"""Surveys that wait in memory for the disk, about a megabyte; a survey takes a minute of standing still."""
+
+
 class SurveyLog:
     """Keeps every survey: `surveys.jsonl` in the state directory, written by a thread, a line synced each.
 
-    The file is cut off by renaming it to `surveys.1.jsonl` at the start of the daemon once it holds `max_bytes`.
+    The file is cut off by renaming it to `surveys.1.jsonl` at the start of the daemon once it holds `max_bytes`. What a
+    full disk refuses is tried again every `RETRY_S`, so that nothing is lost and the alarm ends with its cause.
     """
 
     def __init__(self, path: Path, *, max_bytes: int = 64 * 1024 * 1024) -> None:
         self.path = path
         self.kept = 0
-        self.failed = 0
         self.error = ""
         self.damaged_lines = 0
+        self._waiting: deque[bytes] = deque()
+        self._lost = 0
         self._max_bytes = max_bytes
         self._queue: SimpleQueue[bytes | None] = SimpleQueue()
         self._thread: threading.Thread | None = None
+
+    @property
+    def failed(self) -> int:
+        """Surveys that are not on the disk: those that still wait for it, and those that were given up."""
+        return len(self._waiting) + self._lost
 
     def start(self) -> None:
         """Begin to write."""
@@ -265,34 +278,46 @@ class SurveyLog:
         return found
 
     def _write_all(self) -> None:
-        while (line := self._queue.get()) is not None:
-            lines, ended = [line], False
+        ended = False
+        while not ended:
             with contextlib.suppress(Empty):
+                line = self._queue.get(timeout=RETRY_S if self._waiting else None)
                 while True:
-                    more = self._queue.get_nowait()
-                    if more is None:
+                    if line is None:
                         ended = True
-                        break
-                    lines.append(more)
-            self._append(lines)
-            if ended:
-                return
+                    else:
+                        self._waiting.append(line)
+                    line = self._queue.get_nowait()
+            while len(self._waiting) > WAITING_MAX:
+                self._waiting.popleft()
+                self._lost += 1
+            if self._waiting:
+                self._append()
 
-    def _append(self, lines: list[bytes]) -> None:
+    def _append(self) -> None:
+        """Write what waits; what the disk does not take goes on waiting."""
+        lines = list(self._waiting)
         try:
-            torn = _ends_torn(self.path)
-            with self.path.open("ab") as file:
-                # a power cut in the middle of a line must not spoil the next one
-                file.write((b"\n" if torn else b"") + b"".join(lines))
-                file.flush()
-                new = file.tell() == sum(map(len, lines))
-                os.fsync(file.fileno())
-            if new:
-                flush_directory(self.path.parent)
+            # a power cut in the middle of a line must not spoil the next one
+            left = memoryview((b"\n" if _ends_torn(self.path) else b"") + b"".join(lines))
+            with self.path.open("ab", buffering=0) as file:
+                whole = file.seek(0, os.SEEK_END)
+                try:
+                    while left:
+                        left = left[file.write(left) :]
+                    os.fsync(file.fileno())
+                    if whole == 0:
+                        flush_directory(self.path.parent)
+                except OSError:
+                    # else the lines that a full disk took would stand there twice
+                    os.ftruncate(file.fileno(), whole)
+                    raise
+            self._waiting.clear()
             self.kept += len(lines)
+            if self.error:
+                log.warning("surveys are kept again in %s", self.path)
             self.error = ""
         except OSError as error:
-            self.failed += len(lines)
             if not self.error:
                 log.error("surveys cannot be kept in %s: %s", self.path, error.strerror)
             self.error = error.strerror or str(error)
