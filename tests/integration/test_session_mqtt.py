@@ -174,7 +174,7 @@ async def said_wrongly(person: Operator) -> None:
         reply = await person.raw(payload)
         assert not reply["accepted"] and reply["reason"] == "malformed"
     reply = await person.raw(b"\xff" * 20_000)
-    assert "longer than 10000 bytes" in reply["text"]
+    assert "longer than" in reply["text"]
     reply = await person.raw('{"name": "fly", "request_id": "r1", "operator": "x"}', "r1")
     assert reply["reason"] == "malformed" and "name" in reply["text"]
     # retained before anybody listened: not obeyed

@@ -313,10 +313,10 @@ class SurveyLog:
                     os.ftruncate(file.fileno(), whole)
                     raise
             self._waiting.clear()
-            self.kept += len(lines)
             if self.error:
                 log.warning("surveys are kept again in %s", self.path)
             self.error = ""
+            self.kept += len(lines)
         except OSError as error:
             if not self.error:
                 log.error("surveys cannot be kept in %s: %s", self.path, error.strerror)
