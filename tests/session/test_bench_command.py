@@ -35,7 +35,7 @@ PLANS = {
     "oven": ('{kind="oven",temperatures_c=[25,45,25],inclinations_deg=[20,80],toolfaces_deg=[0,120,240]}', 18),
     "heated_roll": ('{kind="heated_roll",temperatures_c=[30,40],inclination_deg=60}', 8),
     "unguided": ('{kind="unguided",min_poses=12}', 20),
-    "verification": ('{kind="verification",limit_inc_deg=0.3,limit_tf_deg=3}', 9),
+    "verification": ('{kind="verification",limit_inc_deg=0.1,limit_tf_deg=1}', 12),
     "roll_test": ('{kind="roll_test",inclination_deg=45,limit_inc_deg=0.3}', 8),
 }
 QUICK = ["simulated.speed=25", "simulated.oven_tau_s=10", "session.soak_s=10", "session.std_error_g=3e-5"]

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from highside.calibration.bench_level import BenchLevel
 from highside.calibration.poses import PoseSet
 from highside.calibration.record import (
     CalibrationRecord,
@@ -22,7 +23,6 @@ from highside.calibration.result import BenchAccuracy
 from highside.calibration.roll_test import RollTest, roll_test
 from highside.calibration.verification import (
     Judged,
-    KnownTilt,
     Verdict,
     Verification,
     judge,
@@ -248,5 +248,5 @@ def test_a_known_tilt_is_taken_off_on_both_sides_of_the_vertical() -> None:
     )
     limits: dict[str, Any] = {"limit_inc_deg": 0.1, "limit_tf_deg": 0.5, "bench": LEVEL}
     assert verify_poses(RECORD, at, **limits).verdict is Verdict.FAIL, "the tilt is not known"
-    tilt = KnownTilt(math.radians(0.2), math.radians(-0.1), 1e-5, 1e-5)
+    tilt = BenchLevel(math.radians(0.2), math.radians(-0.1), 1e-5, 1e-5)
     assert verify_poses(RECORD, at, **limits, tilt=tilt).verdict is Verdict.PASS

@@ -1,7 +1,8 @@
 """Checking an existing calibration: at a few poses of a bench ("as found").
 
 The error of a pose is what the calibration makes of the raw reading minus what the bench says. Its uncertainty is that
-of the *comparison*: reading noise of the mean, one setting of the bench, the bench's tilt and, for toolface, its zero.
+of the *comparison* (`budget`): reading noise of the mean, one setting of the bench, the bench's level as stated or as
+the poses tell it (`bench_level`), and for toolface its zero.
 The calibration's own stated uncertainty is not part of it (the calibration is what is being judged), but tells whether
 an error is of a size that was to be expected: `sigmas`.
 
@@ -14,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
@@ -22,18 +23,15 @@ import numpy as np
 
 from highside.attitude.angles import difference
 from highside.attitude.block import attitude_block, attitude_std_block
-from highside.calibration.comparison import attitudes_set, tilt_shift
+from highside.calibration.bench_level import VERTICAL_RAD, BenchLevel, Mask, best_level, leaning
+from highside.calibration.budget import Budget, K, Width, budgets, compared
+from highside.calibration.comparison import attitudes_set
 from highside.calibration.correction import LinearCorrection
 from highside.calibration.poses import Array, PoseSet
 from highside.calibration.record import CalibrationRecord, correction_from_record
 from highside.calibration.result import UNIFORM_ANGLE_STD_RAD, BenchAccuracy
 from highside.calibration.schedule import ScheduledCorrection
 from highside.errors import InputError
-
-K = 2.0
-"""Coverage factor of the guard band."""
-VERTICAL_RAD = math.radians(0.05)
-"""Nearer to the vertical than this a toolface is not judged."""
 
 
 class Verdict(StrEnum):
@@ -87,7 +85,8 @@ def judge(error: float, std: float, limit: float, expected_std: float | None = N
 
 @dataclass(frozen=True, slots=True)
 class VerifiedPose:
-    """One pose: the bench's setting, the indication (deg), and the two comparisons (deg). `tf` None: near vertical."""
+    """One pose: the bench's setting, the indication (deg), and the two comparisons (deg) with what their uncertainties
+    are made of. `tf` None: near vertical."""
 
     pose: str
     inc_ref_deg: float
@@ -97,6 +96,8 @@ class VerifiedPose:
     inc: Judged | None
     tf: Judged | None
     zone: str
+    inc_budget: Budget
+    tf_budget: Budget
 
     @property
     def verdict(self) -> Verdict:
@@ -114,6 +115,8 @@ class VerifiedPose:
             "inc": None if self.inc is None else self.inc.to_dict(),
             "tf": None if self.tf is None else self.tf.to_dict(),
             "zone": self.zone,
+            "inc_budget_deg": asdict(self.inc_budget),
+            "tf_budget_deg": asdict(self.tf_budget),
             "verdict": self.verdict.value,
         }
 
@@ -126,10 +129,12 @@ class Verification:
     poses: tuple[VerifiedPose, ...]
     limit_inc_deg: float
     limit_tf_deg: float
-    tilt_known: bool
-    """whether the bench's tilt was taken off"""
+    level: BenchLevel
+    """of the bench, and where it is known from; taken off"""
     toolface_zero_deg: float | None
     """taken off the toolfaces (the chuck's zero was estimated), None where it was not"""
+    leans: bool = False
+    """whether the poses show a bench that leans otherwise than was said"""
 
     @property
     def verdict(self) -> Verdict:
@@ -159,8 +164,23 @@ class Verification:
             case _:
                 return (
                     f"Undecided: {tally[Verdict.UNDECIDED]} of {count} poses are too near a limit for the uncertainty"
-                    " of this comparison. Average longer, or use a better bench."
+                    f" of this comparison. {self.widest.text}"
                 )
+
+    @property
+    def widest(self) -> Width:
+        """The comparison, among those undecided (or all), whose U takes the largest share of its limit."""
+        poses = [pose for pose in self.poses if pose.verdict is Verdict.UNDECIDED] or list(self.poses)
+        found = [
+            Width(name, pose.pose, K * budget.std, limit, budget, self.level.source)
+            for pose in poses
+            for name, judged, budget, limit in (
+                ("I", pose.inc, pose.inc_budget, self.limit_inc_deg),
+                ("T", pose.tf, pose.tf_budget, self.limit_tf_deg),
+            )
+            if judged is not None
+        ]
+        return max(found, key=lambda width: width.u_deg / width.limit_deg)
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -172,7 +192,12 @@ class Verification:
             "rule": "guarded acceptance, guard band U = 2 u",
             "limit_inc_deg": self.limit_inc_deg,
             "limit_tf_deg": self.limit_tf_deg,
-            "tilt_known": self.tilt_known,
+            "bench_level": {
+                "source": self.level.source.value,
+                "tilt_deg": [math.degrees(self.level.x_rad), math.degrees(self.level.y_rad)],
+                "tilt_std_deg": [math.degrees(self.level.x_std_rad), math.degrees(self.level.y_std_rad)],
+                "otherwise_than_said": self.leans,
+            },
             "toolface_zero_deg": self.toolface_zero_deg,
             "poses": [pose.to_dict() for pose in self.poses],
         }
@@ -219,24 +244,13 @@ def indicated(record: CalibrationRecord, poses: PoseSet) -> Indicated:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class KnownTilt:
-    """Tilt of a bench as a joint calibration found it (in the plane of inclination, across it), with its standard
-    deviations; rad."""
-
-    x_rad: float
-    y_rad: float
-    x_std_rad: float
-    y_std_rad: float
-
-
-def tilt_of(record: CalibrationRecord) -> KnownTilt | None:
+def tilt_of(record: CalibrationRecord) -> BenchLevel | None:
     """The tilt of the bench that a record was made on; None where it was not estimated."""
     result = record.result
     if result.frame != "gravity":
         return None
     parameters = result.main.parameters
-    return KnownTilt(*result.tilt_rad, parameters.std("tilt_x"), parameters.std("tilt_y"))
+    return BenchLevel(*result.tilt_rad, parameters.std("tilt_x"), parameters.std("tilt_y"))
 
 
 def verify_poses(
@@ -246,47 +260,37 @@ def verify_poses(
     limit_inc_deg: float,
     limit_tf_deg: float,
     bench: BenchAccuracy,
-    tilt: KnownTilt | None = None,
+    tilt: BenchLevel | None = None,
     toolface_zero_std_deg: float = 0.0,
     free_toolface_zero: bool = False,
 ) -> Verification:
     """Judge a calibration at N poses whose attitudes the bench tells.
 
-    `tilt` None: the bench's tilt is not known but for its size, `bench.tilt_rad`; else it is taken off, and counts with
-    its own uncertainty. `free_toolface_zero`: the zero of this clamping is estimated and taken off. Raises InputError.
+    The bench is level within `bench.tilt_rad`, or leans as `tilt` says, unless the poses themselves tell it better or
+    otherwise (`bench_level.best_level`); what is known of it is taken off, and counts with its own uncertainty.
+    `free_toolface_zero`: the zero of this clamping is estimated and taken off. Raises InputError.
     """
     for name, limit in (("--limit-inc-deg", limit_inc_deg), ("--limit-tf-deg", limit_tf_deg)):
         if not (math.isfinite(limit) and limit > 0.0):
             raise InputError(f"{limit:g} is no limit", field=name, remedy="give a positive number of degrees")
-    inc_ref, tf_ref = attitudes_set(*poses.reference())
+    inc_set, tf_set = poses.reference()
+    inc_ref, tf_ref = attitudes_set(inc_set, tf_set)
     found = indicated(record, poses)
-    inc, tf = found.inc, found.tf
-    level = (bench.tilt_rad, bench.tilt_rad)
-    if tilt is not None:
-        level = (tilt.x_std_rad, tilt.y_std_rad)
-    sin_inc = np.abs(np.sin(inc_ref))
-    has_tf = sin_inc > math.sin(VERTICAL_RAD)
-    safe = np.where(has_tf, sin_inc, 1.0)
-    inc_std = np.sqrt(found.inc_noise**2 + bench.pose_rad**2 + level[0] ** 2)
-    tf_std = np.sqrt(
-        found.tf_noise**2 + bench.pose_rad**2 + (level[1] / safe) ** 2 + math.radians(toolface_zero_std_deg) ** 2
-    )
-    inc_error = inc - inc_ref
-    tf_error = difference(tf, tf_ref)
-    if tilt is not None:
-        shift_inc, shift_tf = tilt_shift(poses.reference()[0], tilt.x_rad, tilt.y_rad)
-        inc_error, tf_error = inc_error - shift_inc, tf_error - shift_tf
-    covered = np.isfinite(inc)
+    zero_std = math.radians(toolface_zero_std_deg)
+    errors = (found.inc - inc_ref, difference(found.tf, tf_ref))
+    poses_of = compared(inc_set, tf_set, (found.inc_noise, found.tf_noise), bench.pose_rad, errors)
+    said = tilt or BenchLevel.stated(bench.tilt_rad)
+    level = best_level(poses_of, said)
+    inc_budgets, tf_budgets = budgets(poses_of, (found.inc_noise, found.tf_noise), bench.pose_rad, level, zero_std)
+    inc_std, tf_std = (np.radians([budget.std for budget in which]) for which in (inc_budgets, tf_budgets))
+    shift_inc, shift_tf = leaning(inc_set, tf_set, level.x_rad, level.y_rad)
+    inc_error, tf_error = errors[0] - shift_inc, difference(errors[1], shift_tf)
+    has_tf = np.abs(np.sin(inc_set)) > math.sin(VERTICAL_RAD)
     zero = None
     if free_toolface_zero:
-        use = covered & has_tf
-        if np.count_nonzero(use) < 3:
-            raise InputError("too few poses to estimate the toolface zero", remedy="three at the least, or state it")
-        weight = 1.0 / tf_std[use] ** 2
-        # about the first one, so that errors near half a turn average well
-        first = float(tf_error[use][0])
-        zero = first + float(np.sum(weight * difference(tf_error[use], first)) / np.sum(weight))
+        zero = _zero(tf_error, tf_std, has_tf & np.isfinite(found.inc))
         tf_error = difference(tf_error, zero)
+    covered = np.isfinite(found.inc)
     rows = []
     for i, name in enumerate(poses.ids):
         inc_judged = tf_judged = None
@@ -302,11 +306,13 @@ def verify_poses(
                 pose=name,
                 inc_ref_deg=math.degrees(inc_ref[i]),
                 tf_ref_deg=math.degrees(tf_ref[i]),
-                inc_deg=math.degrees(inc[i]) if covered[i] else None,
-                tf_deg=math.degrees(tf[i]) if covered[i] and has_tf[i] else None,
+                inc_deg=math.degrees(found.inc[i]) if covered[i] else None,
+                tf_deg=math.degrees(found.tf[i]) if covered[i] and has_tf[i] else None,
                 inc=inc_judged,
                 tf=tf_judged,
                 zone=found.zone[i],
+                inc_budget=inc_budgets[i],
+                tf_budget=tf_budgets[i],
             )
         )
     return Verification(
@@ -314,9 +320,20 @@ def verify_poses(
         tuple(rows),
         limit_inc_deg,
         limit_tf_deg,
-        tilt is not None,
+        level,
         None if zero is None else math.degrees(zero),
+        level.contradicts(said),
     )
+
+
+def _zero(tf_error: Array, tf_std: Array, use: Mask) -> float:
+    """The zero of the toolfaces: their weighted mean error. Raises InputError for too few."""
+    if np.count_nonzero(use) < 3:
+        raise InputError("too few poses to estimate the toolface zero", remedy="three at the least, or state it")
+    weight = 1.0 / tf_std[use] ** 2
+    # about the first one, so that errors near half a turn average well
+    first = float(tf_error[use][0])
+    return first + float(np.sum(weight * difference(tf_error[use], first)) / np.sum(weight))
 
 
 def _judge_angle(error: float, std: float, limit_deg: float, expected: float) -> Judged:

@@ -32,7 +32,8 @@ def verify(
     ] = False,
     pose_sigma_deg: Annotated[float, typer.Option(help="Standard deviation of a setting of the bench, deg.")] = 0.0052,
     tilt_sigma_deg: Annotated[
-        float, typer.Option(help="How well the bench is level (standard deviation of each tilt), deg.")
+        float,
+        typer.Option(help="How well the bench is level (std dev of each tilt), where the poses do not tell, deg."),
     ] = 0.05,
     same_bench: Annotated[
         bool, typer.Option("--same-bench", help="The bench of the record: its tilt is known from there.")
@@ -94,12 +95,23 @@ def verify(
             toolface_zero_std_deg=toolface_zero_sigma_deg,
             free_toolface_zero=free_toolface_zero,
         )
+        _require_attainable(found)
     plain = found.to_dict()
     if output is not None:
         write_whole(output, (json.dumps(plain, indent=1, allow_nan=False) + "\n").encode())
     typer.echo(json.dumps(plain, allow_nan=False) if as_json else "\n".join(lines(found)))
     if found.verdict is not Verdict.PASS:
         raise typer.Exit(1)
+
+
+def _require_attainable(found: Verification) -> None:
+    """Raises InputError for a limit that no error at all could pass; a tool that fails it fails nevertheless."""
+    from highside.calibration.verification import Verdict
+
+    width = found.widest
+    if found.verdict is Verdict.UNDECIDED and width.hopeless:
+        field = "--limit-inc-deg" if width.name == "I" else "--limit-tf-deg"
+        raise InputError(f"no tool could pass: {width.text}", field=field)
 
 
 def read_poses(path: Path, *, reference: str = "pose") -> PoseSet:
@@ -139,11 +151,23 @@ def lines(found: Verification | RollTest) -> list[str]:
         f"  {pose.verdict}"
         for pose in found.poses
     ]
+    out.append(_level(found))
     if found.toolface_zero_deg is not None:
         out.append(f"toolface zero of this clamping: {found.toolface_zero_deg:+.4f} deg, taken off")
     if not found.consistent:
         out.append("errors are larger than the record's own stated uncertainty lets expect: the sensor has changed")
     return [*out, found.text]
+
+
+def _level(found: Verification) -> str:
+    level = found.level
+    tilts = ", ".join(
+        f"{word} {math.degrees(value):+.4f} ± {math.degrees(std):.4f} deg"
+        for word, value, std in (("in the plane of inclination", level.x_rad, level.x_std_rad),
+                                 ("across it", level.y_rad, level.y_std_rad))
+    )  # fmt: skip
+    otherwise = "; it leans otherwise than was said" if found.leans else ""
+    return f"level of the bench, {level.source.text}: {tilts} (1 sigma){otherwise}"
 
 
 def _cell(one: Judged | None) -> str:

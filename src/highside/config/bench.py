@@ -108,11 +108,18 @@ class VerificationPlan(_JudgingPlan):
 
     kind: Literal["verification"]
     limit_tf_deg: float = Field(gt=0, le=180, description="Limit on the error of T, deg.")
-    tilt_sigma_deg: float = Field(default=0.05, ge=0, lt=10, description="How well the bench is level, 1 sigma.")
+    tilt_sigma_deg: float = Field(
+        default=0.05, ge=0, lt=10, description="How well the bench is level, 1 sigma, where the poses do not tell."
+    )
     same_bench: bool = Field(default=False, description="The bench of the record: its tilt is known from there.")
     toolface_zero_sigma_deg: float = Field(default=0.0, ge=0, lt=10, description="How well the tool is clamped in T.")
     free_toolface_zero: bool = Field(default=False, description="Estimate the toolface zero of this clamping.")
-    inclinations_deg: tuple[Inclination, ...] = Field(default=(5.0, 45.0, 90.0), min_length=1)
+    inclinations_deg: tuple[Inclination, ...] = Field(
+        default=(-45.0, 5.0, 45.0, 90.0),
+        min_length=1,
+        description="Negative: that ring again with the table turned the other way, at the same attitudes of the tool"
+        " (the toolfaces plus 180 are set); it tells how the bench leans.",
+    )
     toolfaces_deg: tuple[Toolface, ...] = Field(default=(20.0, 140.0, 260.0), min_length=1)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from highside.calibration.poses import PoseSet
 from highside.calibration.record import CalibrationRecord, pose_set
 from highside.calibration.result import BenchAccuracy
-from highside.calibration.verification import KnownTilt, Verification, tilt_of, verify_poses
+from highside.calibration.verification import Verification, tilt_of, verify_poses
 from highside.report.certificate_inputs import Inputs
 from highside.report.sheets import Sheets
 
@@ -88,7 +88,6 @@ def _own_poses(record: CalibrationRecord) -> PoseSet | None:
 def _verify(inputs: Inputs, judged: CalibrationRecord, poses: PoseSet) -> Verification:
     decision, bench = inputs.fields.decision, inputs.fields.bench
     assert decision is not None
-    tilt: KnownTilt | None = tilt_of(inputs.record)
     sigma = inputs.record.request.pose_sigma_deg
     if bench is not None and bench.inc_expanded_deg is not None:
         sigma = math.hypot(sigma, bench.inc_expanded_deg / 2.0)
@@ -98,7 +97,7 @@ def _verify(inputs: Inputs, judged: CalibrationRecord, poses: PoseSet) -> Verifi
         limit_inc_deg=decision.limit_inc_deg,
         limit_tf_deg=decision.limit_tf_deg,
         bench=BenchAccuracy(pose_rad=math.radians(sigma)),
-        tilt=tilt,
+        tilt=tilt_of(inputs.record),
         toolface_zero_std_deg=inputs.fields.use.toolface_zero_deg or 0.0,
     )
 

@@ -57,7 +57,12 @@ def _plan(plan: config.PlanConfig, limits: plans.Limits) -> plans.Plan:
         case config.UnguidedPlan():
             return plans.unguided_plan(min_poses=plan.min_poses)
         case config.VerificationPlan():
-            poses = [(inc, tf) for inc in plan.inclinations_deg for tf in plan.toolfaces_deg]
+            # with the table turned the other way the toolfaces are set half a turn on: the attitudes are the same
+            poses = [
+                (inc, tf if inc >= 0 else (tf + 180.0) % 360.0)
+                for inc in plan.inclinations_deg
+                for tf in plan.toolfaces_deg
+            ]
             return plans.verification_plan(poses, limits)
         case config.RollTestPlan():
             return plans.roll_test_plan(plan.inclination_deg, plan.toolfaces, limits)
@@ -86,7 +91,7 @@ def judged_by(settings: config.BenchFile) -> tuple[CalibrationRecord, plans.Crit
         toolface_zero_sigma_deg=plan.toolface_zero_sigma_deg,
         free_toolface_zero=plan.free_toolface_zero,
     )
-    require_judgeable(record, criterion)
+    require_judgeable(record, plan_of(settings), criterion)
     return record, criterion
 
 

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 
+from highside.calibration.budget import K, narrowest
 from highside.calibration.record import CalibrationRecord
 from highside.calibration.result import BenchAccuracy
 from highside.calibration.roll_test import RollTest, roll_test
-from highside.calibration.verification import Judged, K, Verification, tilt_of, verify_poses
+from highside.calibration.verification import Judged, Verification, tilt_of, verify_poses
 from highside.errors import InputError
 from highside.session.ledger import Ledger
-from highside.session.plans import Criterion, Kind
+from highside.session.plans import Criterion, Kind, Plan
 from highside.session.snapshot import VerdictRow, VerdictState
 
 Found = Verification | RollTest
@@ -45,14 +46,28 @@ def judge(ledger: Ledger, record: CalibrationRecord, criterion: Criterion) -> Fo
     )
 
 
-def require_judgeable(record: CalibrationRecord, criterion: Criterion) -> None:
-    """Raises InputError where a criterion asks of a record what it does not know."""
+def require_judgeable(record: CalibrationRecord, plan: Plan, criterion: Criterion) -> None:
+    """Raises InputError where a criterion asks of a record what it does not know, or limits that no tool could pass."""
     if criterion.same_bench and tilt_of(record) is None:
         raise InputError(
             f"the method {record.result.method} of this record takes the bench as level and knows no tilt",
             field="plan.same_bench",
             remedy="leave it out, and state plan.tilt_sigma_deg",
         )
+    if criterion.limit_tf_deg is None:
+        return
+    width = narrowest(
+        [(pose.id, *pose.reference) for pose in plan.poses],
+        limit_inc_deg=criterion.limit_inc_deg,
+        limit_tf_deg=criterion.limit_tf_deg,
+        bench=BenchAccuracy(math.radians(criterion.tilt_sigma_deg), math.radians(plan.limits.pose_sigma_deg)),
+        noise_g=plan.limits.std_error_g,
+        tilt=tilt_of(record) if criterion.same_bench else None,
+        toolface_zero_std_deg=criterion.toolface_zero_sigma_deg,
+    )
+    if width.hopeless:
+        field = "plan.limit_inc_deg" if width.name == "I" else "plan.limit_tf_deg"
+        raise InputError(f"no tool could pass: {width.text}", field=field)
 
 
 def as_state(found: Found) -> VerdictState:
