@@ -20,7 +20,9 @@ import pytest
 from rehearsal import Rehearsal
 
 from highside.recording.calibration_store import CalibrationStore, read_record
+from highside.service.bench_journal import JournalFile, session_name
 from highside.session import outcome, plans
+from highside.session.entries import Taken
 from highside.session.journal import read_journal
 
 HIGHSIDE = str(Path(sys.executable).with_name("highside"))
@@ -135,6 +137,108 @@ def test_killed_and_gone_on_with(tmp_path: Path) -> None:
     assert "no unfinished session" in nothing.stderr and len(nothing.stderr.splitlines()) == 1
 
 
+def left_at(tmp_path: Path, poses: int, t_wall_s: float = 1_795_000_000.0) -> str:
+    """The journal of a session of sixteen poses whose process ended when so many were taken; its name."""
+    taken = Rehearsal(plans.joint_plan(16, plans.Limits(std_error_g=3e-5, min_hold_s=1.0, max_hold_s=4.0)))
+    taken.run(on_step=lambda _: None, limit_s=10_000.0)
+    directory = tmp_path / "sessions"
+    name = session_name(directory, "bench-demo", t_wall_s)
+    header = replace(taken.header, tool_id="bench-demo", serial=None, session=name, t_wall_s=t_wall_s)
+    file = JournalFile.create(directory, header)
+    for entry in taken.entries:
+        file.write(entry, t_wall_s)
+        if isinstance(entry, Taken):
+            poses -= 1
+        if not poses:
+            break
+    file.close()
+    return name
+
+
+def ended(process: subprocess.Popen[str], text: str, *, number: int = signal.SIGINT) -> str:
+    """Read on until a line holds `text`, send a signal; what stands on stderr."""
+    assert process.stdout is not None
+    assert any(text in line for line in process.stdout), text
+    process.send_signal(number)
+    return process.communicate(timeout=30)[1]
+
+
+def test_a_session_that_was_forgotten_is_offered_named_and_found_again(tmp_path: Path) -> None:
+    """Ended with poses taken, then begun anew by mistake: the new one, without a pose, is never gone on with."""
+    with_poses = left_at(tmp_path, 12)
+    how = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    said = ended(subprocess.Popen(arguments(tmp_path, "--plain"), **how), "choose Start")  # type: ignore[call-overload]
+    assert f"session {with_poses} of " in said and "has 12 of 16 poses and is left as it is" in said
+    assert f"--resume {with_poses}" in said, "it says how to go on"
+    assert "no pose was taken" in said, "of the new one"
+
+    listed = run(HIGHSIDE, "calibrate", "sessions", *arguments(tmp_path)[3:])
+    assert listed.returncode == 0, listed.stderr
+    assert len(listed.stdout.splitlines()) == 2
+    (line,) = (line for line in listed.stdout.splitlines() if line.startswith(with_poses))
+    assert "12 of 16 poses" in line and "unfinished" in line and "joint, 16 poses" in line
+    assert "not begun" in listed.stdout
+
+    for words in (("--resume",), ("--resume", with_poses)):
+        process = subprocess.Popen(arguments(tmp_path, "--plain", *words), **how)  # type: ignore[call-overload]
+        said = ended(process, "12/16 poses")
+        assert process.returncode == 130
+        assert f"12 poses are kept. Go on: highside calibrate bench --config {CONFIG} --resume {with_poses}" in said
+    assert len(list((tmp_path / "sessions").glob("*.journal"))) == 2
+
+    other = run(*arguments(tmp_path, "--auto", "--plain", "--resume", "nobody"))
+    assert other.returncode == 2 and "--resume: there is no session 'nobody'" in other.stderr
+    unasked = run(*arguments(tmp_path, "--auto", "--plain", with_poses))
+    assert unasked.returncode == 2 and f"--resume {with_poses}" in unasked.stderr
+
+
+def test_a_session_that_is_over_is_not_offered(tmp_path: Path) -> None:
+    over = left_at(tmp_path, 99)
+    rows = json.loads(run(HIGHSIDE, "calibrate", "sessions", *arguments(tmp_path)[3:], "--json").stdout)
+    assert [(row["session"], row["done"]) for row in rows] == [(over, 16)]
+    (tmp_path / "store" / "records").mkdir(parents=True)
+    ended_with = read_journal((tmp_path / "sessions" / f"{over}.journal").read_bytes()).ledger().ended
+    assert ended_with is not None
+    assert rows[0]["resumable"], "its record is not in the store yet"
+    (tmp_path / "store" / "records" / f"{ended_with.record}.json").write_text("{}")
+    rows = json.loads(run(HIGHSIDE, "calibrate", "sessions", *arguments(tmp_path)[3:], "--json").stdout)
+    assert (rows[0]["state"], rows[0]["resumable"]) == ("accepted", False)
+    again = run(*arguments(tmp_path, "--auto", "--plain", "--resume", over))
+    assert again.returncode == 2 and f"session {over} is accepted" in again.stderr
+
+
+@pytest.mark.parametrize(("answer", "journals"), [(b"\n", 1), (b"n\n", 2)])
+def test_on_a_terminal_it_asks_whether_to_go_on(tmp_path: Path, answer: bytes, journals: int) -> None:
+    name = left_at(tmp_path, 2)
+    master, slave = pty.openpty()
+    process = subprocess.Popen(
+        arguments(tmp_path, "--plain"), stdin=slave, stdout=slave, stderr=slave, env=os.environ | {"TERM": "dumb"}
+    )
+    seen = b""
+    end = time.monotonic() + 60.0
+
+    def wait_for(text: bytes) -> None:
+        nonlocal seen
+        while text not in seen:
+            assert time.monotonic() < end, (text, seen[-2000:])
+            seen += os.read(master, 65536) if select.select([master], [], [], 0.2)[0] else b""
+
+    try:
+        wait_for(f"session {name} of ".encode())
+        wait_for(b"has 2 of 16 poses: go on? [Y/n]")
+        os.write(master, answer)
+        wait_for(b"2/16 poses" if journals == 1 else b"choose Start")
+        process.send_signal(signal.SIGINT)
+        wait_for(b"2 poses are kept. Go on:" if journals == 1 else b"no pose was taken")
+        assert process.wait(20) == 130
+        assert len(list((tmp_path / "sessions").glob("*.journal"))) == journals
+    finally:
+        process.kill()
+        process.wait()
+        os.close(master)
+        os.close(slave)
+
+
 def test_an_operator_at_the_terminal_types_his_commands(tmp_path: Path) -> None:
     """Lines in, lines out: start, a wrong word, skip, pause, resume, abort; exit status 1."""
     process = subprocess.Popen(
@@ -154,13 +258,13 @@ def test_an_operator_at_the_terminal_types_his_commands(tmp_path: Path) -> None:
                 return
         raise AssertionError(expected)
 
-    say("start", "> start: done")
-    say("dance", "one of start")
-    say("skip 3", "> skip: done")
+    say("start", "> Start: done")
+    say("dance", "one of Start")
+    say("skip 3", "> Skip: done")
     say("redo 99", "no pose of that name")
-    say("pause", "> pause: done")
-    say("resume", "> resume: done")
-    say("abort", "> abort: done")
+    say("pause", "> Pause: done")
+    say("go on", "> Go on: done")
+    say("abort", "> Abort: done")
     process.stdin.close()
     assert process.wait(20) == 1
 

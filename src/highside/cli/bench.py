@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from highside.cli.bench_sessions import go_on_instead, left_unfinished
 from highside.errors import InputError
 
 if TYPE_CHECKING:
@@ -31,12 +32,21 @@ FAREWELLS_S = 10.0
 
 def bench(
     config: ConfigOption,
+    which: Annotated[
+        str | None, typer.Argument(metavar="[SESSION]", help="With --resume: which one, if not the newest.")
+    ] = None,
     overrides: SetOption = None,
     web: Annotated[bool, typer.Option("--web", help="Serve the bench page as well.")] = False,
     auto: Annotated[
         bool, typer.Option("--auto", help="A simulated operator does everything ([simulated] only).")
     ] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with the newest session that has not ended.")] = False,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            help="Go on with SESSION, or with the newest that has poses and has not ended (`calibrate sessions`).",
+        ),
+    ] = False,
     plain: Annotated[
         bool, typer.Option("--plain", help="Lines instead of a live picture, for serial consoles.")
     ] = False,
@@ -62,14 +72,27 @@ def bench(
             remedy="leave --auto out, or use config/bench-simulated.toml",
         )
     _say_what_lies_elsewhere(config, settings.store)
+    if which is not None and not resume:
+        raise InputError(f"{which!r} names a session to go on with", field="SESSION", remedy=f"--resume {which}")
     who = operator or ("simulated" if auto else getpass.getuser())
+    if not resume:
+        which = go_on_instead(settings, config, ask=not auto and sys.stdin.isatty() and sys.stderr.isatty())
+        resume = which is not None
+    # a terminal's Ctrl-C may come before there is one
+    begun: list[BenchDriver] = []
 
     async def session() -> BenchDriver:
-        driver = BenchDriver.go_on(settings) if resume else BenchDriver.begin(settings, operator=who)
+        driver = BenchDriver.go_on(settings, which) if resume else BenchDriver.begin(settings, operator=who)
+        begun.append(driver)
         await _run(driver, auto=auto, web=web, plain=plain or not sys.stdout.isatty(), operator=who)
         return driver
 
-    driver = asyncio.run(session())
+    try:
+        driver = asyncio.run(session())
+    except KeyboardInterrupt:
+        for one in begun:
+            left_unfinished(one, config)
+        raise
     verdict = None if driver.session.solved is None else verdict_of(driver.session.solved)
     if auto:
         typer.echo(json.dumps(summary(driver)))

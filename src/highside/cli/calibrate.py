@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from highside.cli import bench, certificate, verification
+from highside.cli import bench, bench_sessions, certificate, verification
 from highside.errors import InputError, Refused
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ app = typer.Typer(
 )
 
 app.command()(bench.bench)
+app.command()(bench_sessions.sessions)
 app.command()(verification.verify)
 app.command()(certificate.certificate)
 

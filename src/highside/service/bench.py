@@ -23,7 +23,7 @@ from highside.config.links import SerialLink
 from highside.errors import HighsideError, InputError
 from highside.link.base import Batch, Chunk, LinkReason, LinkState, LinkSupervisor, SupervisorSettings, Transport
 from highside.link.bench import SimulatedBench
-from highside.service.bench_journal import JournalFile, session_name, unfinished
+from highside.service.bench_journal import SUFFIX, JournalFile, session_name, sessions, unfinished
 from highside.service.bench_setup import header_of, simulated_bench, turntable_path
 from highside.service.bench_store import BenchStore, keep_turntable
 from highside.service.monitor import Monitor
@@ -88,15 +88,19 @@ class BenchDriver:
         return cls(settings, session, journal, _bench(settings, 0), store)
 
     @classmethod
-    def go_on(cls, settings: BenchFile) -> BenchDriver:
-        """The newest session of this tool that has not ended. Raises InputError where there is none."""
-        path = unfinished(settings.store.sessions, settings.tool.id, _kept_by(settings.store.directory))
+    def go_on(cls, settings: BenchFile, name: str | None = None) -> BenchDriver:
+        """The session of that name, or the newest of this tool that has poses and has not ended. Raises InputError."""
+        directory, tool = settings.store.sessions, settings.tool.id
+        path = _session_of(settings, name) if name is not None else None
         if path is None:
-            raise InputError(
-                f"there is no unfinished session of tool {settings.tool.id!r}",
-                where=str(settings.store.sessions),
-                remedy="begin one without --resume",
-            )
+            found = unfinished(directory, tool, kept_by(settings.store.directory))
+            if found is None:
+                raise InputError(
+                    f"there is no unfinished session with poses of tool {tool!r}",
+                    where=str(directory),
+                    remedy="begin one without --resume; `highside calibrate sessions` lists them",
+                )
+            path = found.path
         journal, read = JournalFile.reopen(path)
         ledger = read.ledger()
         attempt = 1 + sum(isinstance(entry, Noted) and entry.code == "interrupted" for entry in read.entries)
@@ -267,7 +271,27 @@ def _keeper(journal: JournalFile) -> Callable[[Entry], None]:
     return lambda entry: journal.write(entry, time.time())
 
 
-def _kept_by(directory: Path) -> Callable[[str], bool]:
+def _session_of(settings: BenchFile, name: str) -> Path:
+    """The journal of a session by its name. Raises InputError for one that is not there or is over."""
+    directory, tool = settings.store.sessions, settings.tool.id
+    for found in sessions(directory, tool, kept_by(settings.store.directory)):
+        if found.name != name.removesuffix(SUFFIX):
+            continue
+        if found.resumable or found.state in ("unfinished", "not begun"):
+            return found.path
+        remedy = "end the process that drives it first" if found.state == "in use" else "begin a new one"
+        raise InputError(
+            f"session {found.name} is {found.state}", where=str(found.path), field="--resume", remedy=remedy
+        )
+    raise InputError(
+        f"there is no session {name!r} of tool {tool!r}",
+        where=str(directory),
+        field="--resume",
+        remedy="`highside calibrate sessions` lists them",
+    )
+
+
+def kept_by(directory: Path) -> Callable[[str], bool]:
     return lambda record: (directory / "records" / f"{record}.json").is_file()
 
 

@@ -11,7 +11,8 @@ import contextlib
 import fcntl
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -127,17 +128,76 @@ def session_name(directory: Path, tool_id: str, t_wall_s: float) -> str:
     return name
 
 
-def unfinished(directory: Path, tool_id: str, is_stored: Callable[[str], bool]) -> Path | None:
-    """The newest session of this tool that has not ended, or whose accepted record is not stored yet; None: none."""
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A session of a tool on the disk. `state`: how it ended, "unfinished", "not begun", "in use" or "damaged"."""
+
+    path: Path
+    state: str
+    plan: str = ""
+    done: int = 0
+    poses: int | None = None
+    t_wall_s: float | None = None
+    resumable: bool = False
+
+    @property
+    def name(self) -> str:
+        return self.path.name.removesuffix(SUFFIX)
+
+    @property
+    def progress(self) -> str:
+        return f"{self.done} poses" if self.poses is None else f"{self.done} of {self.poses} poses"
+
+
+def sessions(directory: Path, tool_id: str, is_stored: Callable[[str], bool]) -> Iterator[Found]:
+    """The sessions of a tool, the newest first, each read when it is asked for."""
     if not directory.is_dir():
-        return None
+        return
     paths = [path for path in directory.glob(f"*{SUFFIX}") if (m := _NAME.match(path.name)) and m["tool"] == tool_id]
     for path in sorted(paths, key=lambda p: (p.stat().st_mtime_ns, p.name), reverse=True):
-        try:
-            journal = read_journal(read_bytes(path), where=str(path))
-        except InputError:
-            continue
-        ended = journal.ledger().ended
-        if ended is None or (ended.record is not None and not is_stored(ended.record)):
-            return path
+        yield _found(path, is_stored)
+
+
+def _found(path: Path, is_stored: Callable[[str], bool]) -> Found:
+    try:
+        journal = read_journal(read_bytes(path), where=str(path))
+    except InputError:
+        return Found(path, "damaged")
+    ledger, plan = journal.ledger(), journal.header.plan
+    ended, done = ledger.ended, len(ledger.done)
+    if ended is not None:
+        kept = ended.record is None or is_stored(ended.record)
+        state, resumable = (ended.how, False) if kept else ("accepted, its record not stored yet", True)
+    elif _in_use(path):
+        state, resumable = "in use", False
+    else:
+        # one in which nothing was measured has nothing to go on with
+        state, resumable = ("unfinished" if ledger.began else "not begun"), done > 0
+    poses = None if plan.open_ended else len(plan.poses)
+    return Found(path, state, plan.title, done, poses, journal.header.t_wall_s, resumable)
+
+
+def _in_use(path: Path) -> bool:
+    """Whether a process drives the session."""
+    try:
+        with path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    return False
+
+
+def unfinished(directory: Path, tool_id: str, is_stored: Callable[[str], bool]) -> Found | None:
+    """The newest session that may be gone on with: one with poses that has not ended, or whose accepted record is not
+    stored yet; None: none."""
+    return next((found for found in sessions(directory, tool_id, is_stored) if found.resumable), None)
+
+
+def to_offer(directory: Path, tool_id: str, is_stored: Callable[[str], bool]) -> Found | None:
+    """The session to offer to whoever begins a new one: unfinished, and none with poses has come to its end since."""
+    for found in sessions(directory, tool_id, is_stored):
+        if found.resumable:
+            return found
+        if found.done and found.state != "in use":
+            return None
     return None
