@@ -80,7 +80,7 @@ def test_gzip_is_deterministic_and_a_failed_write_leaves_the_old_file(tmp_path: 
         (b"\n\n", "r.csv: is empty"),
         (b"t_s,ax_g\n", "has a header but no frames"),
         (b"ax_g\n1\n", "lacks the column t_s; it has: ax_g"),
-        (b"t_s,ax_g\n0,1\n1,x\n", "line 3: ax_g: 'x' is not a finite number"),
+        (b"t_s,ax_g\n0,1\n1,x\n", "line 3: ax_g: is a text ('x'), multiples of g are expected"),
         (b"t_s,ax_g\n0,1\n1,inf\n", "line 3: ax_g: 'inf' is not a finite number"),
         (b"t_s,ax_g\n0,1_0\n", "line 2: ax_g: '1_0' is not a finite number"),
         (b"t_s,ax_g\n0,1\n1\n2,2,3\n", "line 3: has 1 cells where the header has 2"),

@@ -53,8 +53,19 @@ def _top(
     version: bool = typer.Option(
         False, "--version", callback=_version, is_eager=True, help="Print the version and exit."
     ),
+    max_bytes: str | None = typer.Option(
+        None,
+        "--max-bytes",
+        envvar="HIGHSIDE_MAX_BYTES",
+        metavar="SIZE",
+        help="Longest file to read, unzipped (e.g. 8G); 2G if not given.",
+    ),
 ) -> None:
     """Options of the whole command."""
+    if max_bytes is not None:
+        from highside.reading.files import allow_bytes, size
+
+        allow_bytes(size(max_bytes))
 
 
 app.command()(decode.decode)

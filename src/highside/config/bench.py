@@ -15,8 +15,9 @@ from pydantic import Field, ValidationError, model_validator
 from highside.config import places
 from highside.config.codecs import CodecConfig, ToolCodecConfig
 from highside.config.links import LinkConfig
+from highside.config.mistakes import input_error
 from highside.config.mqtt import MqttSettings
-from highside.config.settings import Table, ToolSettings, anchor_paths, input_error, parse_overrides, read_toml
+from highside.config.settings import Table, ToolSettings, anchor_paths, parse_overrides, read_toml
 from highside.config.web import WebTable
 from highside.errors import InputError
 

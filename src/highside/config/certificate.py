@@ -12,7 +12,8 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from highside.config.settings import Table, input_error, read_toml
+from highside.config.mistakes import input_error
+from highside.config.settings import Table, read_toml
 
 Line = Annotated[str, Field(min_length=1, max_length=200)]
 Note = Annotated[str, Field(min_length=1, max_length=2000)]

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator, model_validator
+from pydantic_core import ErrorDetails
 
 from highside.codec import can_dbc, delimited
 from highside.codec.axes import AxisMap
@@ -18,6 +19,7 @@ from highside.codec.frame import FRAME_COLUMNS, ByteCodec, CanCodec
 from highside.codec.tool import ToolCodec
 from highside.codec.tool_can import ToolCanCodec
 from highside.codec.vn100 import Vn100Codec
+from highside.config.mistakes import UNKNOWN, Mistake, told_together
 from highside.errors import InputError
 from highside.reading import parse_toml, read_bytes
 from highside.recording.table import RECORDING_COLUMNS
@@ -284,22 +286,23 @@ def codec_from_file(path: Path, name: str) -> CodecConfig:
 
 
 def _one_line(error: ValidationError, where: str) -> InputError:
-    """The first of pydantic's errors, as the user knows the file."""
-    details = error.errors(include_url=False)
-    first = details[0]
-    keys = [str(key) for key in first["loc"]]
+    """All of pydantic's errors, as the user knows the file."""
+    return told_together([_mistake(detail) for detail in error.errors(include_url=False)], where)
+
+
+def _mistake(detail: ErrorDetails) -> Mistake:
+    keys = [str(key) for key in detail["loc"]]
     if keys and keys[0] in CODEC_NAMES:
         # the name of the kind stands in the location but not in the file
         del keys[0]
-    what = first["msg"].removeprefix("Value error, ")
-    remedy = None
-    if first["type"] == "union_tag_invalid":
-        keys, what, remedy = ["name"], f"no codec {first['ctx']['tag']!r}", f"allowed: {', '.join(CODEC_NAMES)}"
-    elif first["type"] == "missing":
+    what, remedy = detail["msg"].removeprefix("Value error, "), ""
+    if detail["type"] == "union_tag_invalid":
+        keys, what, remedy = ["name"], f"no codec {detail['ctx']['tag']!r}", f"allowed: {', '.join(CODEC_NAMES)}"
+    elif detail["type"] == "missing":
         what, remedy = "is missing", "add it"
-    elif first["type"] == "extra_forbidden":
-        what, remedy = "is not a known field", "remove it or mend its spelling"
-    return InputError(what, where=where, field=".".join(["codec", *keys]), remedy=remedy)
+    elif detail["type"] == "extra_forbidden":
+        what, remedy = UNKNOWN, "remove it or mend its spelling"
+    return Mistake(".".join(["codec", *keys]), what, remedy)
 
 
 def _shipped(name: str) -> Path:

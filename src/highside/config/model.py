@@ -23,8 +23,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic_core import ErrorDetails
 
 from highside.codec.axes import AxisMap
+from highside.config.mistakes import UNKNOWN, Mistake, told_together
 from highside.config.settings import read_toml
 from highside.errors import InputError
 from highside.physics import effects as library
@@ -473,29 +475,28 @@ def _without_suffix(written: str, known: Mapping[str, Any]) -> tuple[str, float]
 
 
 def _one_line(error: ValidationError, where: str) -> InputError:
-    # a field misspelt is also a field missing: the misspelling is the one to tell
-    details = sorted(error.errors(include_url=False), key=lambda detail: detail["type"] != "extra_forbidden")
-    first = details[0]
+    return told_together([_mistake(detail) for detail in error.errors(include_url=False)], where)
+
+
+def _mistake(detail: ErrorDetails) -> Mistake:
     # the kind of motion stands in the location but not in the file
-    keys = [str(key) for key in first["loc"]]
+    keys = [str(key) for key in detail["loc"]]
     if len(keys) > 1 and keys[0] == "motion":
         keys = [keys[0], *keys[2:]]
-    message = first["msg"].removeprefix("Value error, ")
+    message = detail["msg"].removeprefix("Value error, ")
     remedy = ""
-    if first["type"] == "extra_forbidden":
-        message, remedy = "is not a known field", _nearest(keys, first["loc"])
-    elif first["type"] == "missing":
+    if detail["type"] == "extra_forbidden":
+        message, remedy = UNKNOWN, _nearest(keys, detail["loc"])
+    elif detail["type"] == "missing":
         message, remedy = "is missing", "add it"
-    elif first["type"] == "union_tag_not_found":
+    elif detail["type"] == "union_tag_not_found":
         keys, message, remedy = [*keys, "kind"], "is missing", 'add kind = "poses", "turns", "rotation" or "legs"'
-    elif first["type"] == "union_tag_invalid":
+    elif detail["type"] == "union_tag_invalid":
         keys, message = [*keys, "kind"], "is unknown"
         remedy = 'allowed: "poses", "turns", "rotation", "legs"'
-    elif first["type"] != "value_error" and not isinstance(first.get("input"), dict | list):
-        message = f"{message[0].lower()}{message[1:]} (given {first.get('input')!r})"
-    if len(details) > 1:
-        remedy = f"{remedy} ({len(details) - 1} more to mend)".strip()
-    return InputError(message, where=where, field=".".join(keys) or None, remedy=remedy or None)
+    elif detail["type"] != "value_error" and not isinstance(detail.get("input"), dict | list):
+        message = f"{message[0].lower()}{message[1:]} (given {detail.get('input')!r})"
+    return Mistake(".".join(keys), message, remedy)
 
 
 def _nearest(keys: list[str], location: tuple[int | str, ...]) -> str:

@@ -7,20 +7,19 @@ names the source, the table and field, and what is allowed.
 
 from __future__ import annotations
 
-import difflib
 import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self, get_args
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
-from pydantic_core import ErrorDetails
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
 from highside.calibration.rebalance import RebalanceSettings
 from highside.config.codecs import CodecConfig, speaks_as_the_tool
 from highside.config.drift import DriftSettings
 from highside.config.links import LinkConfig
+from highside.config.mistakes import ENVIRONMENT_PREFIX, input_error, nearest
 from highside.config.mqtt import MqttSettings
 from highside.config.recorder import RecorderSettings
 from highside.config.rig import (
@@ -34,8 +33,6 @@ from highside.config.rig import (
 )
 from highside.errors import InputError
 from highside.reading import parse_toml, read_bytes
-
-ENVIRONMENT_PREFIX = "HIGHSIDE__"
 
 
 class Table(BaseModel):
@@ -291,7 +288,7 @@ def validate(
     try:
         return FileSettings(**given)
     except ValidationError as error:
-        raise input_error(error, where, given) from None
+        raise input_error(error, where, given, Settings) from None
     except InputError:
         raise
     except ValueError as error:
@@ -308,7 +305,7 @@ def _known_environment(where: str) -> None:
                     "is not a known table",
                     where=f"{where} with the environment",
                     field=name,
-                    remedy=_nearest([table], Settings),
+                    remedy=nearest([table], Settings),
                 )
 
 
@@ -340,80 +337,3 @@ def anchor_paths(tables: dict[str, Any], base: Path, fields: Iterable[tuple[str,
             continue  # the name of a systemd credential
         if not Path(value).is_absolute():
             table[keys[-1]] = str(base / value)
-
-
-def input_error(
-    error: ValidationError, where: str, overrides: dict[str, Any], root: type[BaseModel] | None = None
-) -> InputError:
-    """One line for what pydantic found: source, field, what is allowed. `root` is the model of the whole file."""
-    details = error.errors(include_url=False)
-    first = details[0]
-    field, what, remedy = _explain(first, root or Settings)
-    if len(details) > 1:
-        remedy = f"{remedy} ({len(details) - 1} more field{'s' if len(details) > 2 else ''} to mend)".strip()
-    return InputError(what, where=_source(field, overrides) or where, field=field or None, remedy=remedy or None)
-
-
-def _source(field: str, overrides: dict[str, Any]) -> str | None:
-    """Where a field was given, if not in the file."""
-    keys = field.split(".")
-    table: Any = overrides
-    for key in keys:
-        table = table.get(key) if isinstance(table, dict) else None
-    if table is not None:
-        return "--set"
-    wanted = (ENVIRONMENT_PREFIX + "__".join(keys)).upper()
-    return f"environment variable {wanted}" if wanted in {name.upper() for name in os.environ} else None
-
-
-def _explain(detail: ErrorDetails, root: type[BaseModel]) -> tuple[str, str, str]:
-    keys = [str(key) for key in detail["loc"]]
-    # the tag of a discriminated union stands in the location but not in the file
-    if len(keys) > 1 and keys[0] in ("link", "codec", "plan"):
-        keys = [keys[0], *keys[2:]]
-    if len(keys) > 2 and keys[0] == "wits":
-        keys = [*keys[:2], *keys[3:]]
-    field = ".".join(keys)
-    kind, context = detail["type"], detail.get("ctx", {})
-    given = detail.get("input")
-    if kind == "missing":
-        return field, "is missing", "add it"
-    if kind == "extra_forbidden":
-        return field, "is not a known field", _nearest(keys, root)
-    if kind == "union_tag_invalid":
-        tag = str(context.get("discriminator", "")).strip("'")
-        return f"{field}.{tag}", f"{context.get('tag')!r} is unknown", f"allowed: {context.get('expected_tags')}"
-    if kind == "union_tag_not_found":
-        tag = str(context.get("discriminator", "")).strip("'")
-        return f"{field}.{tag}", "is missing", "add it: it says which kind the table describes"
-    if kind in ("model_type", "model_attributes_type", "dict_type"):
-        return field, "must be a table", ""
-    message = detail["msg"].removeprefix("Value error, ")
-    shown = "" if isinstance(given, dict | list) or given is None or kind == "value_error" else f" (given {given!r})"
-    return field, message[0].lower() + message[1:] + shown, ""
-
-
-def _nearest(keys: list[str], root: type[BaseModel]) -> str:
-    """What may have been meant by an unknown field: the nearest, or all that its table allows."""
-    known = _fields_of(root, keys[:-1])
-    near = difflib.get_close_matches(keys[-1], known, n=1)
-    if near:
-        return f"did you mean {near[0]!r}?"
-    return f"allowed: {', '.join(known)}" if known else "remove it"
-
-
-def _fields_of(model: type[BaseModel], keys: list[str]) -> list[str]:
-    """Names of the fields of the table `keys`; of all its kinds where it has several."""
-    if not keys:
-        return list(model.model_fields)
-    found: dict[str, None] = {}
-    if keys[0] in model.model_fields:
-        for part in _models_in(model.model_fields[keys[0]].annotation):
-            found |= dict.fromkeys(_fields_of(part, keys[1:]))
-    return list(found)
-
-
-def _models_in(annotation: Any) -> list[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [model for part in get_args(annotation) for model in _models_in(part)]

@@ -20,6 +20,9 @@ MAX_RATIO = 200
 RATIO_FROM_BYTES = 16 << 20
 """What may come out before the ratio is looked at: this much does no harm."""
 _PIECE = 1 << 20
+_UNITS = {"K": 1 << 10, "M": 1 << 20, "G": 1 << 30}
+_LONGEST_SIZE = 15
+"""digits"""
 
 _allowed = MAX_FILE_BYTES
 _asked = False
@@ -66,6 +69,16 @@ class _Expanding(io.RawIOBase):
             self._plain.close()
             self._packed.close()
         super().close()
+
+
+def size(text: str) -> int:
+    """Bytes, written as a number with K, M or G (powers of 1024) behind it, or nothing. Raises InputError."""
+    number, unit = text.strip().upper().removesuffix("B").removesuffix("I"), 1
+    if number[-1:] in _UNITS:
+        number, unit = number[:-1], _UNITS[number[-1]]
+    if not number.isascii() or not number.isdigit() or len(number) > _LONGEST_SIZE:
+        raise InputError(f"{text!r} is no size", field="--max-bytes", remedy="give bytes, or a number with K, M or G")
+    return int(number) * unit
 
 
 def open_file(path: Path) -> BinaryIO:

@@ -40,6 +40,8 @@ POSE_COLUMNS = ("inc_ref_deg", "tf_ref_deg", "ax", "ay", "az", "n", "std_ax", "s
 SUMMARY_COLUMNS = ("inc_ref_deg", "d_inc_mean_deg", "d_inc_pp_deg", "d_tf_mean_deg", "d_tf_pp_deg")
 _WHOLE = frozenset({"seq", "pose", "direction", "n"})
 _CELL_SHOWN = 40
+_UNITS = {"_s": "seconds", "_dps": "degrees per second", "_deg": "degrees", "_g": "multiples of g"}
+"""what a column's name ends with, and what is expected in it then"""
 
 
 @dataclass(slots=True)
@@ -84,6 +86,10 @@ class Table:
     def require(self, *names: str) -> tuple[Column, ...]:
         """The named columns. Raises InputError that names those that are absent, or that hold no number at all."""
         absent = [name for name in names if name not in self.columns]
+        for name in absent:
+            if name in self.texts:
+                line, cell = _first_text(self.texts[name])
+                raise _no_number(cell, f"{self.source or 'table'}: line {line}", name)
         if absent:
             raise InputError(
                 f"lacks the column{'s' if len(absent) > 1 else ''} {', '.join(absent)}",
@@ -284,13 +290,38 @@ def _cell_by_cell(
                 if name not in known:
                     texts[name] = cells
                     break
-                shown = stripped if len(stripped) <= _CELL_SHOWN else stripped[:_CELL_SHOWN] + "..."
-                raise InputError(f"{shown!r} is not a finite number", where=f"{where}: line {i + 2}", field=name)
+                raise _no_number(stripped, f"{where}: line {i + 2}", name)
             if name == "t_s" and np.isnan(values[i]):
                 raise InputError("every row needs its time", where=f"{where}: line {i + 2}", field=name)
         else:
             columns[name] = values
     return columns, texts
+
+
+def _number(cell: str) -> float | None:
+    """As Python reads it, or None for a text."""
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def _first_text(cells: tuple[str, ...]) -> tuple[int, str]:
+    """(line of the file, cell) of the first cell that made its column one of texts."""
+    for line, cell in enumerate(cells, start=2):
+        stripped = cell.strip()
+        if stripped and ("_" in stripped or (value := _number(stripped)) is None or np.isinf(value)):
+            return line, stripped
+    return 2, ""
+
+
+def _no_number(cell: str, at: str, name: str) -> InputError:
+    """For a cell of a column that must hold numbers."""
+    shown = cell if len(cell) <= _CELL_SHOWN else cell[:_CELL_SHOWN] + "..."
+    unit = next((unit for suffix, unit in _UNITS.items() if name.endswith(suffix)), "numbers")
+    if _number(cell) is None:
+        return InputError(f"is a text ({shown!r}), {unit} are expected", where=at, field=name)
+    return InputError(f"{shown!r} is not a finite number", where=at, field=name, remedy=f"{unit} are expected")
 
 
 def _formatted(column: Column, name: str) -> list[str]:
