@@ -152,15 +152,14 @@ def _no_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def _not_too_deep(value: Any) -> None:
     level = [value] if isinstance(value, dict | list) else []
     for _ in range(MAX_DEPTH):
-        if not level:
-            return
         level = [
             inner
             for one in level
             for inner in (one.values() if isinstance(one, dict) else one)
             if isinstance(inner, dict | list)
         ]
-    raise RecursionError
+    if level:
+        raise RecursionError
 
 
 def _no_lone_surrogate(value: Any) -> None:
