@@ -1,0 +1,59 @@
+"""The short form of `fuzz.py`: some thousand damaged inputs for each parser; what is sound is accepted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import fuzz
+import pytest
+from parsers import Bench, Parser, all_parsers
+
+INPUTS, SECONDS = 2000, 2.0
+
+
+@pytest.fixture(scope="module")
+def parsers() -> Iterator[dict[str, Parser]]:
+    bench = Bench()
+    yield {parser.name: parser for parser in all_parsers(bench)}
+    bench.close()
+
+
+NAMES = (
+    "service TOML", "bench TOML", "certificate TOML", "model TOML", "codec TOML", "--set", "DBC text",
+    "calibration record", "record, hashed again", "activation", "compensation", "compensation, hashed again",
+    "drift state", "drift state, by structure", "toolface log", "surveys", "journal", "journal, chained again",
+    "recording CSV", "recording CSV.gz", "pose table", ".hsw", "candump", "drift/command", "session/command",
+)  # fmt: skip
+
+
+def test_every_parser_is_named_here(parsers: dict[str, Parser]) -> None:
+    assert tuple(parsers) == NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_sound_is_accepted_and_nothing_escapes_from_what_is_not(parsers: dict[str, Parser], name: str) -> None:
+    parser = parsers[name]
+    for sound in parser.sound:
+        assert parser.parse(sound)
+    tally = fuzz.fuzz(parser, INPUTS, seed=20261122, seconds=SECONDS)
+    assert tally.balanced()
+    assert tally.inputs >= 64
+    assert not tally.escaped, (dict(tally.escaped), {what: data[:300] for what, data in tally.examples.items()})
+    # the damage is neither harmless nor nothing but noise
+    assert tally.refused
+
+
+def test_an_exception_a_long_line_and_a_long_time_are_escapes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fuzz, "LONGEST_S", 1)
+
+    def parse(data: bytes) -> bool:
+        if data == b"0":
+            raise KeyError("x")
+        while data == b"1":
+            pass
+        return data == b"2"
+
+    made = iter((b"0", b"1", b"2", b"3"))
+    tally = fuzz.fuzz(Parser("made", lambda _: next(made), parse, ()), 4, seed=1)
+    assert tally.balanced()
+    assert (tally.inputs, tally.accepted, tally.refused, tally.escaped.total()) == (4, 1, 1, 2)
