@@ -142,6 +142,16 @@ async def test_a_second_opener_is_refused_in_this_process_and_in_another(tmp_pat
         await until(lambda: memory.data == b"still here", what="data to the first")
 
 
+def test_a_port_that_is_just_being_let_go_is_not_called_busy(tmp_path: Path) -> None:
+    wire = PtyWire(tmp_path / "tool")
+    wire.plug()
+    owner = open_port(SerialSettings(wire.address))
+    # as a child that was forked while the port was open: the lock lives for as long as its copy of the descriptor
+    with subprocess.Popen(["sleep", "0.2"], pass_fds=[owner.fileno()]):
+        owner.close()
+        open_port(SerialSettings(wire.address)).close()
+
+
 async def test_a_busy_port_is_taken_over_when_its_owner_lets_go(tmp_path: Path) -> None:
     wire = PtyWire(tmp_path / "tool")
     wire.plug()

@@ -35,6 +35,11 @@ LOOK_S = 0.05
 WATCH_S = 0.5
 """how often the node of an open device is compared with the one that was opened"""
 THREAD_POLL_S = 0.2
+LETTING_GO_S = 0.5
+"""Seconds for which a port that is busy is tried again before that is said. A lock lives as long as its last
+descriptor: a process that has just been told to end, or one that was forked and has not become another program yet,
+holds it for some milliseconds more; and the kernel itself says EAGAIN of a terminal that is being closed."""
+_BUSY = (errno.EAGAIN, errno.EBUSY)
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,7 +229,7 @@ def open_port(settings: SerialSettings) -> SerialPort:
 
     The lock is `flock`, which other instances of this and every pyserial program that asks for exclusivity respect (it
     works on a pty as well); on real devices TIOCEXCL is added, which keeps out programs that do not look at locks. Not
-    on a pty: there the flag would outlive us.
+    on a pty: there the flag would outlive us. A busy port is tried again for `LETTING_GO_S`.
     """
     import serial  # here: links of other kinds do not need it
 
@@ -240,12 +245,17 @@ def open_port(settings: SerialSettings) -> SerialPort:
     is_url = "://" in settings.port
     if not is_url:
         options["exclusive"] = True
-    try:
-        port: SerialPort = serial.serial_for_url(settings.port, **options)
-    except ValueError as fault:
-        raise LinkError(LinkReason.CONFIG, f"{settings.port}: {fault}") from fault
-    except OSError as fault:  # SerialException is one
-        raise _open_error(settings.port, fault) from fault
+    give_up_s = time.monotonic() + LETTING_GO_S
+    while True:
+        try:
+            port: SerialPort = serial.serial_for_url(settings.port, **options)
+            break
+        except ValueError as fault:
+            raise LinkError(LinkReason.CONFIG, f"{settings.port}: {fault}") from fault
+        except OSError as fault:  # SerialException is one
+            if fault.errno not in _BUSY or time.monotonic() > give_up_s:
+                raise _open_error(settings.port, fault) from fault
+            time.sleep(LOOK_S)
     if not is_url:
         try:
             fd = port.fileno()
@@ -268,7 +278,7 @@ def open_port(settings: SerialSettings) -> SerialPort:
 def _open_error(name: str, fault: OSError) -> LinkError:
     text = " ".join(str(fault).split())
     code = fault.errno
-    if code in (errno.EAGAIN, errno.EBUSY):
+    if code in _BUSY:
         return LinkError(LinkReason.BUSY, f"{name}: in use by another program")
     if code in (errno.EACCES, errno.EPERM):
         return LinkError(LinkReason.NO_PERMISSION, f"{name}: no permission (is the user in the group dialout?)")

@@ -45,6 +45,7 @@ from highside.service.pipeline import Attitude, Pipeline, Survey
 from highside.service.places import ToolLock, state_dir, take_state_dir
 from highside.service.progress import Progress
 from highside.service.publisher import Publisher, new_instance
+from highside.service.quiet_log import QuietLog
 from highside.service.recorder import Recorder, RecorderState
 from highside.service.reload import Reloader, open_link
 from highside.service.rig import Rig, run_outputs
@@ -56,6 +57,9 @@ WEDGED_AFTER_S = 15.0
 STOP_BUDGET_S = 8.0
 """How long an orderly end may take; systemd would kill after 10 s."""
 CLOCK_CHECK_S = 10.0
+LINK_LINES = 3
+"""Lines a minute for each state and reason of the link: a plug that is seated anew is told whole, a loose contact in a
+few lines; `health` counts every one."""
 LEAVING_S = 10.0
 """How long a reload waits for links and connections that an earlier one replaced; closing takes 2 s at most."""
 
@@ -77,6 +81,7 @@ class Service:
         """other tasks are to be watched"""
         self._refused_link: str | None = None
         self._dropping = Dropping()
+        self._quiet_link = QuietLog(log, burst=LINK_LINES)
         self._unanswered = Growing(UNANSWERED_STANDS_S)
         self._instance = new_instance()
         """names this run at the broker"""
@@ -212,7 +217,8 @@ class Service:
 
     def on_state(self, state: LinkState, reason: LinkReason | None, message: str) -> None:
         level = logging.WARNING if state in (LinkState.DOWN, LinkState.STALE) else logging.INFO
-        log.log(level, "link %s: %s", state.value, message)
+        reason_text = "" if reason is None else reason.value
+        self._quiet_link.say(level, f"{state.value} {reason_text}", "link %s: %s", state.value, message)
         if state in (LinkState.DOWN, LinkState.CONNECTING):
             self.pipeline.on_link_reopened()  # what a link began, the next one does not complete
         if state is LinkState.DOWN:
