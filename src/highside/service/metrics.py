@@ -187,6 +187,10 @@ def metrics_of(figures: Figures) -> Iterator[Metric]:
     yield gauge("outbox_queued_bytes", "Bytes waiting for the broker.", outbox.queued_bytes)
     yield gauge("broker_connected", "Whether the broker is connected.", float(health.broker.connected))
     yield counter("broker_connects_total", "Connections made to the broker.", health.broker.connects)
+    yield counter("broker_short_connections_total", "Those that ended within 5 s.", health.broker.short_connections)
+    yield counter("replies_total", "Answers to commands that the broker has.", health.broker.replies)
+    yield counter("replies_dropped_total", "Answers to commands beyond what is sent.", health.broker.replies_dropped)
+    yield counter("commands_failed_total", "Commands that ended in a fault.", health.broker.commands_failed)
     yield gauge("loop_lag_p999_seconds", "Stalls of the event loop, 99.9 %.", health.loop.get("lag_p999_ms", 0.0) / 1e3)
     yield many(
         GaugeMetricFamily, "alarm", "1 for each alarm that stands.",
