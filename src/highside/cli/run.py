@@ -50,11 +50,17 @@ def check(
     overrides: SetOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the effective configuration as JSON.")] = False,
 ) -> None:
-    """Validate a configuration without running it: fields, codec, secrets, calibration record, compensation."""
-    from highside.config.settings import load
+    """Validate a configuration without running it: fields, codec, secrets, calibration record, compensation.
+
+    A bench session's file (it has a table [plan]) is judged as such, its page's token, certificate and key too.
+    """
+    from highside.config.settings import load, read_toml
     from highside.service.broker_client import check_secrets
     from highside.service.in_force import compensation_of
 
+    if "plan" in read_toml(config):
+        _check_bench(config, overrides, as_json)
+        return
     settings = load(config, overrides)
     settings.codec.build()
     check_secrets(settings.mqtt)
@@ -69,6 +75,29 @@ def check(
     )
     if settings.drift.model_fields_set and settings.drift.enabled and settings.site.latitude_deg is None:
         typer.echo("note: [drift] without site.latitude_deg: the Earth's rotation (15 deg/h) counts as gyro bias")
+
+
+def _check_bench(config: Path, overrides: list[str] | None, as_json: bool) -> None:
+    """The file of `calibrate bench`."""
+    from highside.config.bench import load_bench
+    from highside.service.broker_client import check_secrets
+
+    settings = load_bench(config, overrides)
+    settings.codec.build()
+    if settings.mqtt is not None:
+        check_secrets(settings.mqtt)
+    settings.web.check()
+    if as_json:
+        typer.echo(settings.model_dump_json())
+        return
+    source = "simulated" if settings.link is None else settings.link.kind
+    scheme = "http" if settings.web.tls is None else "https"
+    typer.echo(
+        f"{config}: good. A bench session: tool {settings.tool.id}, link {source}, plan {settings.plan.kind}, page"
+        f" {scheme}://{settings.web.host}:{settings.web.port}"
+    )
+    if settings.web.warning is not None:
+        typer.echo(f"warning: {settings.web.warning}", err=True)
 
 
 def _calibration_of(settings: Settings, config: Path) -> str:

@@ -28,8 +28,12 @@ class WebTls(Table):
 
     def context(self) -> ssl.SSLContext:
         """Raises InputError where a file cannot be read, the two do not belong together, or the time is over."""
-        from cryptography import x509
-        from cryptography.hazmat.primitives.serialization import load_pem_private_key
+        try:
+            from cryptography import x509
+            from cryptography.hazmat.primitives.serialization import load_pem_private_key
+        except ImportError:
+            remedy = "pip install 'highside[web]'"
+            raise InputError("[web.tls] needs the library cryptography", field="web.tls", remedy=remedy) from None
 
         _only_for(self.key, 0o007, "web.tls.key", "640")
         shown, secret = _bytes(self.certificate, "web.tls.certificate"), _bytes(self.key, "web.tls.key")
