@@ -8,12 +8,15 @@ import os
 import re
 import shutil
 import signal
+import socket
 import sys
+import uuid
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import httpx
+import psutil
 import pytest
 from playwright.async_api import Browser, async_playwright
 
@@ -55,6 +58,10 @@ class BenchProcess:
         return self.link.partition("?")[0]
 
     @property
+    def rss_mb(self) -> float:
+        return psutil.Process(self.process.pid).memory_info().rss / 1e6
+
+    @property
     def token(self) -> str:
         return self.link.partition("token=")[2]
 
@@ -63,7 +70,7 @@ class BenchProcess:
         return int(re.search(r":(\d+)/", self.link).group(1))  # type: ignore[union-attr]
 
     async def state(self) -> dict:  # type: ignore[type-arg]
-        async with httpx.AsyncClient() as client:
+        async with httpx.AsyncClient(verify=False) as client:
             return (await client.get(f"{self.address}api/session/state")).json()  # type: ignore[no-any-return]
 
     async def command(self, name: str, *, token: str | None = None, **more: str) -> httpx.Response:
@@ -134,3 +141,46 @@ async def chromium() -> AsyncIterator[Browser]:
             yield browser
         finally:
             await browser.close()
+
+
+async def page_id(bench: BenchProcess, **cookies: str) -> str:
+    """The id of a page that was asked for as an onlooker does, or with the operator's cookie."""
+    async with httpx.AsyncClient(cookies=cookies, verify=False) as client:
+        answer = await client.get(bench.address)
+    found = re.search(r"client_id&?[^0-9a-f]*([0-9a-f-]{36})", answer.text)
+    assert found, f"the page names its client: {answer.status_code} {answer.text[:200]}"
+    return found.group(1)
+
+
+def handshake_of(page: str) -> str:
+    """What the page's script opens its socket with."""
+    return (
+        f"EIO=4&transport=websocket&client_id={page}&next_message_id=0&implicit_handshake=true"
+        f"&document_id={uuid.uuid4()}&tab_id={uuid.uuid4()}"
+    )
+
+
+async def slow_viewer(bench: BenchProcess) -> socket.socket:
+    """A page that was asked for and a socket that was opened for it, with the smallest buffer, never read again."""
+    query = handshake_of(await page_id(bench))
+    raw = socket.socket()
+    raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
+    raw.settimeout(10.0)
+    await asyncio.to_thread(raw.connect, ("127.0.0.1", bench.port))
+    raw.sendall(
+        f"GET /_nicegui_ws/socket.io/?{query} HTTP/1.1\r\nHost: 127.0.0.1:{bench.port}\r\nUpgrade: websocket\r\n"
+        "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+        "Sec-WebSocket-Version: 13\r\n\r\n".encode()
+    )
+    answer = await asyncio.to_thread(raw.recv, 4096)
+    assert b"101" in answer.split(b"\r\n")[0], answer
+    # socket.io: connect to the default namespace ("40"), as a masked text frame
+    mask, text = b"\x01\x02\x03\x04", b"40"
+    raw.sendall(bytes([0x81, 0x80 | len(text)]) + mask + bytes(b ^ mask[i % 4] for i, b in enumerate(text)))
+    # it is shown the session once, so that it counts as a viewer
+    seen = b""
+    while b"run_javascript" not in seen:
+        more = await asyncio.to_thread(raw.recv, 65536)
+        assert more, f"the page let it go: {seen[:200]!r}"
+        seen += more
+    return raw

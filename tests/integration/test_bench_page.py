@@ -7,7 +7,6 @@ import os
 import re
 import socket
 import time
-import uuid
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -16,7 +15,7 @@ import httpx
 import pytest
 import websockets
 from axe_playwright_python.async_playwright import Axe
-from bench_page import RING, SIX, BenchProcess, bench_process, chromium
+from bench_page import RING, SIX, BenchProcess, bench_process, chromium, slow_viewer
 from broker import Proxy
 from playwright.async_api import Page, expect
 
@@ -293,39 +292,6 @@ async def test_viewers_who_do_not_read_disturb_nobody(tmp_path: Path) -> None:
         assert now["faults"] == []
         assert now["plan"]["done"] > start["plan"]["done"]
         assert len(set(drawn)) >= 5, "the one who looks sees it move"
-
-
-async def slow_viewer(bench: BenchProcess) -> socket.socket:
-    """A page that was asked for and a socket that was opened for it, with the smallest buffer, never read again."""
-    async with httpx.AsyncClient() as client:
-        html = (await client.get(bench.address)).text
-    found = re.search(r'"client_id": ?"([^"]+)"', html) or re.search(r"client_id&?[^0-9a-f]*([0-9a-f-]{36})", html)
-    assert found, "the page names its client"
-    query = (
-        f"EIO=4&transport=websocket&client_id={found.group(1)}&next_message_id=0&implicit_handshake=true"
-        f"&document_id={uuid.uuid4()}&tab_id={uuid.uuid4()}"
-    )
-    raw = socket.socket()
-    raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
-    raw.settimeout(10.0)
-    await asyncio.to_thread(raw.connect, ("127.0.0.1", bench.port))
-    raw.sendall(
-        f"GET /_nicegui_ws/socket.io/?{query} HTTP/1.1\r\nHost: 127.0.0.1:{bench.port}\r\nUpgrade: websocket\r\n"
-        "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
-        "Sec-WebSocket-Version: 13\r\n\r\n".encode()
-    )
-    answer = await asyncio.to_thread(raw.recv, 4096)
-    assert b"101" in answer.split(b"\r\n")[0], answer
-    # socket.io: connect to the default namespace ("40"), as a masked text frame
-    mask, text = b"\x01\x02\x03\x04", b"40"
-    raw.sendall(bytes([0x81, 0x80 | len(text)]) + mask + bytes(b ^ mask[i % 4] for i, b in enumerate(text)))
-    # it is shown the session once, so that it counts as a viewer
-    seen = b""
-    while b"run_javascript" not in seen:
-        more = await asyncio.to_thread(raw.recv, 65536)
-        assert more, f"the page let it go: {seen[:200]!r}"
-        seen += more
-    return raw
 
 
 async def test_the_page_needs_its_own_address(tmp_path: Path) -> None:

@@ -133,6 +133,8 @@ class Front:
         page = parse_qs(scope["query_string"].decode("latin-1")).get("client_id", [""])[0]
         if not self._is_ours(scope):
             await _refuse_socket(scope, send, 421, "not known by that name")
+        elif not _of_our_origin(scope):
+            await _refuse_socket(scope, send, 403, "only for pages of this server")
         elif self._viewers.socket_opened(page):
             try:
                 await self._within(scope, receive, send)
@@ -170,6 +172,14 @@ def _with_headers(send: Send) -> Send:
         await send(message)
 
     return sent
+
+
+def _of_our_origin(scope: Scope) -> bool:
+    """Whether a page of ours opens this socket, or a program, which has no origin."""
+    said = [value for name, value in scope["headers"] if name == b"origin"]
+    host = next(value for name, value in scope["headers"] if name == b"host")
+    scheme = b"https" if scope.get("scheme") == "wss" else b"http"
+    return all(origin.lower() == b"%s://%s" % (scheme, host.lower()) for origin in said)
 
 
 def _declared(scope: Scope) -> int:

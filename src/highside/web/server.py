@@ -38,7 +38,7 @@ from highside.web.viewers import Viewers
 
 RECONNECT_S = 10.0
 """A viewer whose socket was cut finds its page as it left it within this; later the page loads anew."""
-LIBRARIES = ("nicegui", "uvicorn.error", "socketio.server", "engineio.server", "asyncio")
+LIBRARIES = ("nicegui", "uvicorn.error", "asyncio")
 """Loggers of what speaks with browsers."""
 _STYLE = (Path(__file__).parent / "bench.css").read_text(encoding="utf-8")
 

@@ -52,6 +52,19 @@ class Offences:
         self._next_s, self._held = now + SAID_EVERY_S, 0
 
 
+class _Noted(logging.Filter):
+    """What a library logs of the frames of strangers is told as all of theirs is."""
+
+    def __init__(self, offences: Offences) -> None:
+        super().__init__()
+        self._offences = offences
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        if record.levelno >= logging.WARNING:
+            self._offences.note("a malformed frame")
+        return False
+
+
 class _Allowance:
     """How many frames a socket may still send."""
 
@@ -80,16 +93,21 @@ class Sockets:
         """Take the place of the handlers there are."""
         sio = core.sio
         self._theirs = dict(sio.handlers["/"])
+        for name in ("socketio.server", "engineio.server"):
+            logging.getLogger(name).filters[:] = [_Noted(self._offences)]
         sio.on("connect", self._connect)
+        sio.on("disconnect", self._disconnect)
         sio.on("handshake", self._handshake)
         sio.on("event", self._event)
         sio.on("javascript_response", self._drawn)
         sio.on("ack", self._acknowledged)
         sio.on("log", _nothing)
+        # each frame has its task already; what a handler raises is to come back to it
+        sio.async_handlers = False
         # every viewer is one socket: no polling, which is a request and a body at a time
         sio.eio.transports = ["websocket"]
-        # sockets, too, only from our own page
-        sio.eio.cors_allowed_origins = None
+        # the origin of a socket is judged before it comes here: this library takes every server for one without TLS
+        sio.eio.cors_allowed_origins = []
         inner: Callable[[str, Any], Awaitable[None]] = sio.eio.handlers["message"]
         sio.eio.on("message", self._counted(inner))
 
@@ -119,11 +137,19 @@ class Sockets:
 
     # --- handlers: none raises for what it is given -------------------------------------------------------------
 
-    async def _connect(self, sid: str, environ: dict[str, Any], _: object = None) -> None:
+    async def _connect(self, sid: str, *args: Any) -> None:
+        environ = core.sio.get_environ(sid)
+        if not args or args[0] is not environ or environ is None:
+            # a frame may name any handler, this one, too
+            self._offences.note("a malformed frame", self._sender(sid))
+            return
         query = {name: values[0] for name, values in parse_qs(environ.get("QUERY_STRING", "")).items()}
         # a page that was loaded ahead introduces itself later, by `handshake`
         if query.get("implicit_handshake") == "true" and not await self._handshake(sid, query):
             raise Refused("Implicit handshake failed")
+
+    def _disconnect(self, sid: str, *_: Any) -> None:
+        self._theirs["disconnect"](sid)
 
     async def _handshake(self, sid: str, *args: Any) -> bool:
         data = args[0] if len(args) == 1 and isinstance(args[0], dict) else {}
