@@ -67,6 +67,11 @@ blind: $(VENV)/.test
 	  $(SCORE) --rivals --only $$kind/rotation --every 12 || exit 1; \
 	done
 
+## pictures: renew what the bench page is compared with in every state (look at each before it is committed)
+.PHONY: pictures
+pictures: $(VENV)/.test
+	HIGHSIDE_RENEW_PICTURES=1 $(BIN)/python -m pytest -q tests/integration/test_page_pictures.py -k three_widths
+
 ## lock: pin every dependency with its hashes (needs uv)
 lock:
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header --extra all --extra build pyproject.toml -o requirements.lock

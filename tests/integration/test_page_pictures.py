@@ -35,10 +35,11 @@ SCALE = 4
 """A kept picture is the screen made smaller by this: shapes and colours stay, how a font is smoothed goes."""
 COLOURS = 32
 LEVEL = 40
-"""Of 255, after a blur of a pixel: what differs by more is another colour or another thing there. Runs of one browser
-differ by 6 at most; the same page with its text smoothed differently by up to 25 on letters."""
-SHARE = 0.015
-"""Of a picture's pixels that may differ by more: a line of text moved by its height is some 0.03 of a phone's page."""
+"""Of 255, after a blur of a pixel: what differs by more is another colour or another thing there."""
+SHARE = 0.01
+"""Of a picture's pixels that may differ by more. Four states at three widths: 0.0006 at most from run to run (what the
+few colours of a kept picture cost), 0.0007 with fonts hinted and smoothed otherwise; 0.023 to 0.13 with the rules of
+OLD_FAULT, 0.028 and more in another font."""
 MOVED_PX = 12.0
 MOVED_SHARE = 0.03
 """A box may stand elsewhere by so much, or by this share of its own distance from the top: fonts of another version

@@ -32,6 +32,7 @@ def doctor(
     from rich.table import Table
 
     from highside.config.settings import load
+    from highside.printable import printable
     from highside.service.doctor import examine
     from highside.service.findings import Finding, Level
 
@@ -52,7 +53,8 @@ def doctor(
         colours = {Level.OK: "green", Level.WARN: "yellow", Level.FAIL: "bold red", Level.SKIP: "dim"}
         table = Table(box=None, show_header=False, padding=(0, 1))
         for f in findings:
-            text = escape(f.found + (f"\n-> {f.remedy}" if f.remedy and f.level is not Level.OK else ""))
+            remedy = f"\n-> {printable(f.remedy)}" if f.remedy and f.level is not Level.OK else ""
+            text = escape(f"{printable(f.found)}{remedy}")
             table.add_row(f"[{colours[f.level]}]{f.level.value.upper()}[/]", f.check, text)
         Console().print(table)
     if failed:

@@ -77,12 +77,15 @@ class OneAMinute(logging.Filter):
 
 
 def keep_short(*names: str) -> None:
-    """The loggers of libraries that speak with strangers: one short line a minute each, by our own formatter."""
+    """The loggers of libraries that speak with strangers: one short line a minute each, by our own formatter.
+
+    With HIGHSIDE_DEBUG set all they say, tracebacks too.
+    """
     for name in names:
         logger = logging.getLogger(name)
         logger.handlers[:] = []
         logger.propagate = True
-        logger.filters[:] = [OneAMinute()]
+        logger.filters[:] = [] if os.environ.get("HIGHSIDE_DEBUG") else [OneAMinute()]
 
 
 def _each_line(text: str) -> str:

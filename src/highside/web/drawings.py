@@ -47,9 +47,9 @@ def bulls_eye(deviation: Deviation | None, target: Target | None) -> str:
     for ring in RINGS_DEG:
         if ring > 1.6 * deviation.tolerance_deg:
             r = RADIUS * radius_of(ring, deviation.tolerance_deg)
-            parts.append(
-                f'<circle class="ring" r="{r:.1f}"/><text class="scale" x="3" y="{-r + 12:.1f}">{ring:g}°</text>'
-            )
+            # within its ring, unless the goal is drawn there
+            y = 12.0 - r if r - 14.0 > RADIUS * INNER else -3.0 - r
+            parts.append(f'<circle class="ring" r="{r:.1f}"/><text class="scale" x="3" y="{y:.1f}">{ring:g}°</text>')
     parts.append('<path class="ring" d="M-100 0H100M0 -100V100"/>')
     parts.append(f'<circle class="goal{" hit" if good else ""}" r="{RADIUS * INNER:.1f}"/>')
     x, y = place(deviation, target)
