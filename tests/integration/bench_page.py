@@ -70,13 +70,13 @@ class BenchProcess:
         return int(re.search(r":(\d+)/", self.link).group(1))  # type: ignore[union-attr]
 
     async def state(self) -> dict:  # type: ignore[type-arg]
-        async with httpx.AsyncClient(verify=False) as client:
+        async with httpx.AsyncClient(verify=False, timeout=60.0) as client:
             return (await client.get(f"{self.address}api/session/state")).json()  # type: ignore[no-any-return]
 
     async def command(self, name: str, *, token: str | None = None, **more: str) -> httpx.Response:
         body = {"name": name, "request_id": os.urandom(8).hex(), "operator": "A. Program"} | more
         headers = {"Authorization": f"Bearer {self.token if token is None else token}"}
-        async with httpx.AsyncClient() as client:
+        async with httpx.AsyncClient(verify=False, timeout=60.0) as client:
             return await client.post(f"{self.address}api/session/command", json=body, headers=headers)
 
     async def wait_for(self, *states: str, timeout_s: float = 90.0) -> dict:  # type: ignore[type-arg]
@@ -109,7 +109,7 @@ async def bench_process(
     said: list[str] = []
     drains: list[asyncio.Task[None]] = []
     try:
-        async with asyncio.timeout(60.0):
+        async with asyncio.timeout(180.0):
             while not (line := (await process.stderr.readline()).decode()).startswith("bench page:"):
                 assert line, f"it ended at once: {said}"
                 said.append(line)
@@ -145,7 +145,7 @@ async def chromium() -> AsyncIterator[Browser]:
 
 async def page_id(bench: BenchProcess, **cookies: str) -> str:
     """The id of a page that was asked for as an onlooker does, or with the operator's cookie."""
-    async with httpx.AsyncClient(cookies=cookies, verify=False) as client:
+    async with httpx.AsyncClient(cookies=cookies, verify=False, timeout=60.0) as client:
         answer = await client.get(bench.address)
     found = re.search(r"client_id&?[^0-9a-f]*([0-9a-f-]{36})", answer.text)
     assert found, f"the page names its client: {answer.status_code} {answer.text[:200]}"
@@ -165,7 +165,7 @@ async def slow_viewer(bench: BenchProcess) -> socket.socket:
     query = handshake_of(await page_id(bench))
     raw = socket.socket()
     raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
-    raw.settimeout(10.0)
+    raw.settimeout(30.0)
     await asyncio.to_thread(raw.connect, ("127.0.0.1", bench.port))
     raw.sendall(
         f"GET /_nicegui_ws/socket.io/?{query} HTTP/1.1\r\nHost: 127.0.0.1:{bench.port}\r\nUpgrade: websocket\r\n"

@@ -72,7 +72,7 @@ async def test_a_body_is_counted_while_it_is_read(tmp_path: Path) -> None:
                 assert await send in (413, 0), f"{path} chunked={chunked}"
         assert highest - before < 20.0, f"{before:.0f} MB before, {highest:.0f} MB at most"
         # what is a little too long is told so, at its limit
-        async with httpx.AsyncClient() as client:
+        async with httpx.AsyncClient(timeout=60.0) as client:
             too_long = await client.post(f"{bench.address}login", content=b"token=" + b"x" * 10_000)
             assert too_long.status_code == 413 and "at most 10000 bytes" in too_long.text
             fits = await client.post(f"{bench.address}login", data={"token": "x" * 9000})
@@ -89,7 +89,7 @@ async def test_a_slow_body_a_slow_head_and_an_idle_connection_end(tmp_path: Path
         async def drip(first: str, drop: bytes) -> int:
             async with connection(bench) as (reader, writer):
                 writer.write(first.encode())
-                answer = asyncio.create_task(status_of(reader, 30.0))
+                answer = asyncio.create_task(status_of(reader, 60.0))
                 with contextlib.suppress(ConnectionError):
                     while not answer.done():
                         writer.write(drop)
@@ -102,7 +102,7 @@ async def test_a_slow_body_a_slow_head_and_an_idle_connection_end(tmp_path: Path
             drip(head, b"1\r\nx\r\n"), drip("GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-", b"x"), drip("", b"")
         )
         assert statuses == [408, 0, 0]
-        assert time.monotonic() - begun < 20.0
+        assert time.monotonic() - begun < 60.0
 
 
 async def test_a_crowd_of_connections_is_told_so_and_shuts_nobody_out_for_long(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ async def test_a_crowd_of_connections_is_told_so_and_shuts_nobody_out_for_long(t
             with contextlib.suppress(httpx.HTTPError, KeyError, ValueError):
                 if (await bench.state())["state"] == "idle":
                     break
-            assert time.monotonic() - begun < 20.0
+            assert time.monotonic() - begun < 60.0
             await asyncio.sleep(0.5)
         assert bench.rss_mb - before < 30.0
         for _, writer in opened:
@@ -126,20 +126,24 @@ async def test_a_crowd_of_connections_is_told_so_and_shuts_nobody_out_for_long(t
 async def test_pages_that_are_asked_for_and_never_opened_are_few_and_forgotten(tmp_path: Path) -> None:
     """300 loads by a program: 50 places, then a sentence; the operator has places of his own; all are free again."""
     async with bench_process(tmp_path) as bench:
-        async with httpx.AsyncClient() as client:
+        async with httpx.AsyncClient(timeout=60.0) as client:
             await client.get(bench.address)
-            before = bench.rss_mb
-            answers = [await client.get(bench.address) for _ in range(300)]
+            before, begun = bench.rss_mb, time.monotonic()
+            answers = []
+            for _ in range(5):
+                answers += await asyncio.gather(*(client.get(bench.address) for _ in range(60)))
             statuses = [answer.status_code for answer in answers]
-            assert statuses.count(200) < 60 and set(statuses) == {200, 503}
-            assert "All 50 places to look on are taken" in answers[-1].text
+            # a place is free again 15 s after its page was made
+            assert statuses.count(200) <= 50 * (1 + int((time.monotonic() - begun) / 15.0))
+            full = [answer.text for answer in answers if answer.status_code == 503]
+            assert set(statuses) == {200, 503} and "All 50 places to look on are taken" in full[0]
             assert bench.rss_mb - before < 40.0, f"{bench.rss_mb - before:.0f} MB for 300 loads"
             # nothing there: no page and no viewer is made for it
             nothing = [(await client.get(f"{bench.address}{k}")).status_code for k in range(50)]
             assert set(nothing) == {404} and bench.rss_mb - before < 40.0
             operator = await client.get(bench.link, follow_redirects=True)
             assert operator.status_code == 200
-        async with asyncio.timeout(40.0), httpx.AsyncClient() as client:
+        async with asyncio.timeout(120.0), httpx.AsyncClient(timeout=60.0) as client:
             while (await client.get(bench.address)).status_code != 200:
                 await asyncio.sleep(0.5)
 
@@ -149,14 +153,14 @@ async def opened(bench: BenchProcess, query: str, **headers: str) -> AsyncIterat
     """A socket of the page's library, its default namespace joined."""
     address = f"ws://127.0.0.1:{bench.port}/_nicegui_ws/socket.io/?{query}"
     async with websockets.connect(address, additional_headers=headers, max_size=2**22) as sock:
-        assert (await asyncio.wait_for(sock.recv(), 10.0))[:1] == "0"
+        assert (await asyncio.wait_for(sock.recv(), 60.0))[:1] == "0"
         await sock.send("40")
         yield sock
 
 
 async def joined(sock: websockets.ClientConnection) -> bool:
     """Whether the page accepted the socket as one of its own."""
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(60.0):
         while True:
             frame = str(await sock.recv())
             if frame.startswith("40"):
@@ -208,7 +212,7 @@ async def test_an_onlooker_writes_no_log_and_presses_no_button(tmp_path: Path) -
 async def test_nobody_speaks_for_the_operators_page(tmp_path: Path) -> None:
     """Who knows the id of the operator's page, and has not his cookie, gets no socket for it and none of its events."""
     async with bench_process(tmp_path) as bench:
-        async with httpx.AsyncClient() as client:
+        async with httpx.AsyncClient(timeout=60.0) as client:
             entered = await client.get(bench.link)
             cookie = entered.cookies["highside_operator"]
         page = await page_id(bench, highside_operator=cookie)
@@ -235,7 +239,7 @@ async def test_nobody_speaks_for_the_operators_page(tmp_path: Path) -> None:
             with contextlib.suppress(websockets.ConnectionClosed):
                 for _ in range(5000):
                     await sock.send("42" + json.dumps(["ack", {"client_id": own, "next_message_id": 0}]))
-            await asyncio.wait_for(sock.wait_closed(), 15.0)
+            await asyncio.wait_for(sock.wait_closed(), 60.0)
         assert not any("Traceback" in line for line in bench.said)
 
 
@@ -245,7 +249,7 @@ async def test_bound_to_all_addresses_only_our_own_names_are_answered(tmp_path: 
         tmp_path, "--set", "web.host=0.0.0.0", "--set", 'web.allowed_hosts=["bench.lab"]'
     ) as bench:
         assert any("without [web.tls]: the token and all commands travel in clear" in line for line in bench.said)
-        async with httpx.AsyncClient() as client:
+        async with httpx.AsyncClient(timeout=60.0) as client:
             for host, status in (
                 ("evil.example", 421), (f"evil.example:{bench.port}", 421), ("192.0.2.8", 421), ("", 421),
                 (f"127.0.0.1:{bench.port}", 200), (own, 200), ("bench.lab", 200), ("localhost", 200),
@@ -271,7 +275,7 @@ async def test_the_page_by_https(tmp_path: Path) -> None:
     async with bench_process(tmp_path, *files) as bench:
         assert bench.link.startswith("https://127.0.0.1:")
         trusted = ssl.create_default_context(cafile=str(pair.certificate))
-        async with httpx.AsyncClient(verify=trusted) as client:
+        async with httpx.AsyncClient(verify=trusted, timeout=60.0) as client:
             address = bench.link.replace("127.0.0.1", "localhost")
             entered = await client.get(address)
             cookie = entered.headers["set-cookie"].lower()
@@ -283,13 +287,13 @@ async def test_the_page_by_https(tmp_path: Path) -> None:
         page = await page_id(bench)
         address = f"wss://localhost:{bench.port}/_nicegui_ws/socket.io/?{handshake_of(page)}"
         async with websockets.connect(address, ssl=trusted, origin=f"https://localhost:{bench.port}") as sock:  # type: ignore[arg-type]
-            assert (await asyncio.wait_for(sock.recv(), 10.0))[:1] == "0"
+            assert (await asyncio.wait_for(sock.recv(), 60.0))[:1] == "0"
             await sock.send("40")
             assert await joined(sock)
 
 
 async def test_the_certificate_names_a_customer_and_is_not_for_onlookers(tmp_path: Path) -> None:
-    async with bench_process(tmp_path) as bench, httpx.AsyncClient() as client:
+    async with bench_process(tmp_path) as bench, httpx.AsyncClient(timeout=60.0) as client:
         assert (await client.get(f"{bench.address}certificate")).status_code == 401
         shown = {"Authorization": f"Bearer {bench.token}"}
         assert (await client.get(f"{bench.address}certificate", headers=shown)).status_code == 409

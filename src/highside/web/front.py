@@ -12,6 +12,7 @@ import asyncio
 import ipaddress
 import socket
 from collections.abc import Awaitable, Callable, MutableMapping
+from contextlib import AbstractContextManager
 from typing import Any
 from urllib.parse import parse_qs
 
@@ -27,6 +28,8 @@ Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[Message]]
 Send = Callable[[Message], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
+
+Gate = Callable[[Request], Response | AbstractContextManager[None]]
 
 BODY_MAX = {"/login": 10_000, "/api/session/command": 16_384}
 """Bytes of a body: a token has a few dozen, a command with the longest note and names in escaped JSON some 9,000."""
@@ -74,7 +77,8 @@ class HostNames:
 
 
 class Front:
-    """The outermost application; `gate` may answer what is asked for before a page is built for it."""
+    """The outermost application; `gate` answers what is asked for before anything is built for it, or gives what to
+    hold meanwhile."""
 
     def __init__(
         self,
@@ -82,7 +86,7 @@ class Front:
         names: HostNames,
         viewers: Viewers,
         offences: Offences,
-        gate: Callable[[Request], Response | None],
+        gate: Gate,
     ) -> None:
         # the name by which servers find the application within
         self.app = app
@@ -114,10 +118,9 @@ class Front:
         else:
             taken = await _body(receive, BODY_MAX.get(scope["path"], OTHER_BODY_MAX), _declared(scope))
             answer, body = (taken, b"") if isinstance(taken, Response) else (None, taken)
-        if answer is None:
-            answer = self._gate(Request(scope))
-        if answer is not None:
-            await answer(scope, receive, send)
+        passed = answer if answer is not None else self._gate(Request(scope))
+        if isinstance(passed, Response):
+            await passed(scope, receive, send)
             return
         rest = iter([{"type": "http.request", "body": body, "more_body": False}])
 
@@ -127,7 +130,8 @@ class Front:
 
         # no proxy stands before this server: what says so is a stranger's word
         headers = [(name, value) for name, value in scope["headers"] if not name.startswith(b"x-forwarded-")]
-        await self.app({**scope, "headers": headers}, replay, send)
+        with passed:
+            await self.app({**scope, "headers": headers}, replay, send)
 
     async def _socket(self, scope: Scope, receive: Receive, send: Send) -> None:
         page = parse_qs(scope["query_string"].decode("latin-1")).get("client_id", [""])[0]

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from fastapi import FastAPI, Request, Response
@@ -125,15 +126,16 @@ class BenchPage:
         Sockets(self._viewers, self._access, offences).guard()
         return Front(app, HostNames(self._settings), self._viewers, offences, self._gate)
 
-    def _gate(self, request: Request) -> Response | None:
-        """What is answered before a page is built: the token, and that all places are taken."""
+    def _gate(self, request: Request) -> Response | AbstractContextManager[None]:
+        """What is answered before a page is built: the token, and that all places are taken; else the place."""
         if request.url.path != "/":
-            return None
+            return nullcontext()
         shown = request.query_params.get("token")
         if shown is not None:
             return self._let_in(shown)
-        if not self._viewers.full(commands=self._may_command(request)):
-            return None
+        commands = self._may_command(request)
+        if not self._viewers.full(commands=commands):
+            return self._viewers.building(commands=commands)
         text = f"All {self._viewers.onlookers_max} places to look on are taken: close the page elsewhere, or wait."
         return _said("Full", text, 503, headers={"Retry-After": "10"})
 

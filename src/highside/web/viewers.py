@@ -6,6 +6,9 @@ for so many and no more; those with the token have places of their own, which no
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+
 OPERATORS_MAX = 20
 """Pages of those who have shown the token, beside the places of onlookers: a table, a phone or two, and reloads."""
 SOCKETS_EACH = 3
@@ -18,12 +21,22 @@ class Viewers:
     def __init__(self, onlookers_max: int) -> None:
         self.onlookers_max = onlookers_max
         self._pages: dict[str, bool] = {}
+        self._building = {True: 0, False: 0}
         self._sockets: dict[str, int] = {}
 
     def full(self, *, commands: bool) -> bool:
         """Whether there is no place left."""
-        taken = sum(1 for may in self._pages.values() if may is commands)
+        taken = sum(1 for may in self._pages.values() if may is commands) + self._building[commands]
         return taken >= (OPERATORS_MAX if commands else self.onlookers_max)
+
+    @contextlib.contextmanager
+    def building(self, *, commands: bool) -> Iterator[None]:
+        """While a page is made its place is taken: of a hundred that ask at once none is made for nothing."""
+        self._building[commands] += 1
+        try:
+            yield
+        finally:
+            self._building[commands] -= 1
 
     def add(self, page: str, *, commands: bool) -> None:
         self._pages[page] = commands
