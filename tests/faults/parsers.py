@@ -37,9 +37,10 @@ from highside.rotation.compensation import Compensation
 from highside.rotation.live import LiveCompensation
 from highside.service import saved_drift
 from highside.service.drift_keeper import DriftKeeper, DriftParts
-from highside.service.session_mqtt import SessionMqtt
+from highside.service.session_mqtt import FAILED, SessionMqtt
 from highside.service.surveys import SurveyLog, trend_of
 from highside.service.toolface import ToolfaceLog
+from highside.session.commands import Origin
 from highside.session.driver import SessionDriver
 from highside.session.journal import read_journal
 from highside.session.snapshot import Command, Reply, State
@@ -209,11 +210,15 @@ class Bench:
         self.replies.clear()
         self.keeper.on_command(data, retained=False)
         assert len(self.replies) == 1, f"{len(self.replies)} replies"
-        return bool(json.loads(self.replies[0])["ok"])
+        reply = json.loads(self.replies[0])
+        # the keeper answers for faults of its own, too
+        assert reply["ok"] or "see the " not in reply["error"], reply["error"]
+        return bool(reply["ok"])
 
     def session_command(self, data: bytes) -> bool:
         face = SessionMqtt(_Driver(), MqttSettings(), tool_id="t1")
         reply: Reply = _at_once(face._obey(data, retained=False))
+        assert reply.reason != FAILED, reply.text
         json.loads(reply.model_dump_json())
         return reply.accepted
 
@@ -224,7 +229,7 @@ class _Driver(SessionDriver):
     def snapshot(self) -> Any:
         return _Now()
 
-    async def command(self, command: Command) -> Reply:
+    async def command(self, command: Command, origin: Origin = Origin.HERE) -> Reply:
         return Reply(request_id=command.request_id, accepted=True, text=command.operator, state=State.IDLE, seq=1)
 
 

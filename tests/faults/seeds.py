@@ -41,7 +41,7 @@ port = "/dev/ttyUSB0"
 baud = 115200
 [codec]
 name = "delimited"
-axes = "x-yz"
+axes = "x-y-z"
 delimiter = ","
 columns = 12
 select = { column = 0, equals = "3" }

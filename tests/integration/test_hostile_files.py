@@ -92,9 +92,10 @@ DBCS = {
 }
 Command = Callable[[Path, Path], list[str]]
 """arguments from (the hostile file, a folder with sound ones)"""
+JOINT = ("--method", "joint", "--tool", "t1")
 OF_TABLES: dict[str, Command] = {
     "calibrate poses": lambda f, d: ["calibrate", "poses", str(f), "-o", str(d / "out.csv")],
-    "calibrate solve": lambda f, d: ["calibrate", "solve", str(f), "--tool", "t", "-o", str(d / "o")],
+    "calibrate solve": lambda f, d: ["calibrate", "solve", str(f), *JOINT, "-o", str(d / "out.json")],
     "drift": lambda f, d: ["drift", str(f), "--method", "none", "-o", str(d / "out.csv")],
     "diagnose": lambda f, d: ["diagnose", str(f), "--model", str(d / "model.toml"), "--out", str(d / "out")],
     "rotation fit": lambda f, d: ["rotation", "fit", str(f), "--method", "sine", "-o", str(d / "out.json")],
