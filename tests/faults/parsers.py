@@ -36,6 +36,7 @@ from highside.recording.wire import detect_kind, read_segments
 from highside.rotation.compensation import Compensation
 from highside.rotation.live import LiveCompensation
 from highside.service import saved_drift
+from highside.service.damage import DamageLog
 from highside.service.drift_keeper import DriftKeeper, DriftParts
 from highside.service.session_mqtt import FAILED, SessionMqtt
 from highside.service.surveys import SurveyLog, trend_of
@@ -204,7 +205,9 @@ class Bench:
     def _keeper(self) -> DriftKeeper:
         settings = validate({"tool": {"id": "t1"}, "link": {"kind": "simulated"}, "codec": {"name": "tool"}}, where="x")
         parts = DriftParts(settings, seeds.drift_stage())
-        return DriftKeeper(self.folder, lambda reply, _done: self.replies.append(reply), lambda _: None, lambda: parts)
+        return DriftKeeper(
+            self.folder, lambda reply, _done: self.replies.append(reply), lambda _: None, lambda: parts, DamageLog()
+        )
 
     def drift_command(self, data: bytes) -> bool:
         self.replies.clear()

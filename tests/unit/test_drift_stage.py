@@ -18,6 +18,7 @@ from highside.drift.recursive import recursive
 from highside.errors import Refused
 from highside.physics.drift_scenarios import DriftData, Triad, curved_hole, drilling, record, turntable
 from highside.service import saved_drift
+from highside.service.damage import DamageLog
 from highside.service.drift_keeper import DriftKeeper
 from highside.service.drift_stage import DriftStage
 from highside.service.messages import DriftCommand, DriftMessage, DriftReply
@@ -369,7 +370,11 @@ class Desk:
         self.replies: list[dict[str, object]] = []
         self.told: list[bytes] = []
         self.keeper = DriftKeeper(
-            folder, lambda payload, _: self.replies.append(json.loads(payload)), self.told.append, lambda: self.parts
+            folder,
+            lambda payload, _: self.replies.append(json.loads(payload)),
+            self.told.append,
+            lambda: self.parts,
+            DamageLog(),
         )
         self.parts = self.keeper.build(load(path))
 

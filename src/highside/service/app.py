@@ -35,9 +35,10 @@ from highside.service import messages
 from highside.service.alarms import UNANSWERED_STANDS_S, Dropping, Growing
 from highside.service.broker_client import check_secrets
 from highside.service.clock import LoopLag, clock_synced
+from highside.service.damage import DamageLog
 from highside.service.drift_keeper import DriftKeeper, DriftParts
 from highside.service.home_assistant import discovery
-from highside.service.in_force import Calibration, Rotation, calibration_for, rotation_for
+from highside.service.in_force import Calibration, Rotation, calibration_for, rotation_for, said
 from highside.service.notify import Notifier
 from highside.service.outbox import Outbox
 from highside.service.parts import Parts, Tap, make_supervisor
@@ -49,6 +50,7 @@ from highside.service.quiet_log import QuietLog
 from highside.service.recorder import Recorder, RecorderState
 from highside.service.reload import Reloader, open_link
 from highside.service.rig import Rig, run_outputs
+from highside.service.starts import StartLog
 
 log = logging.getLogger("highside")
 
@@ -103,8 +105,12 @@ class Service:
             meta={"codec": settings.codec.name, "link": settings.link.kind},
             channel=str(getattr(settings.link, "interface", None) or "can0"),
         )
-        self.rig = Rig(self.state_dir, self.health, lambda: self.parts.rig)
-        self.drift = DriftKeeper(self.state_dir, self._reply_drift, self._tell_drift, lambda: self.parts.drift)
+        self.damage = DamageLog()
+        self._starts = StartLog(self.state_dir)
+        self.rig = Rig(self.state_dir, self.health, lambda: self.parts.rig, self.damage)
+        self.drift = DriftKeeper(
+            self.state_dir, self._reply_drift, self._tell_drift, lambda: self.parts.drift, self.damage
+        )
         self.parts = self._make_parts(settings)
         self.reloader = Reloader(self, reload)
         self.on_output: Callable[[Attitude | Survey, int], None] | None = None
@@ -287,6 +293,12 @@ class Service:
         if pipeline.monitor.frozen:
             alarms.append("frozen")
         alarms.extend(self.rig.alarms())
+        if self.drift.error:
+            alarms.append("drift_state")
+        if damaged := self.damage.as_list():
+            alarms.append("damaged_file")
+        if self._starts.alarm:
+            alarms.append("restarting")
         return messages.HealthMessage(
             t=round(time.time(), 6),
             clock_synced=self._clock_synced,
@@ -323,6 +335,8 @@ class Service:
             rebalance=self._rebalance_health(),
             drift=self.drift.health(),
             reload=self.reloader.as_dict(),
+            starts=self._starts.as_dict(),
+            damaged=damaged,
             balance=balance,
             alarms=alarms,
         )
@@ -382,13 +396,18 @@ class Service:
         for number, handler in handlers:
             loop.add_signal_handler(number, handler)
         others: list[asyncio.Task[None]] = []
+        how: str | None = None
         try:
             if await self._take_places():
                 others = self._start()
                 await self._until_stopped(others)
+            how = self._refused_link
+        except BaseException as error:
+            how = said(error)
+            raise
         finally:
             self.notifier.stopping("leaving")
-            await self._shut_down(others)
+            await self._shut_down(others, how)
             self.notifier.close()
             # only now: an impatient second signal must not end the process before the outbox is committed
             for number, _ in handlers:
@@ -407,6 +426,7 @@ class Service:
         """
         settings = self.settings
         self._lock = take_state_dir(self.state_dir)
+        await asyncio.to_thread(self._starts.begin)
         # where earlier versions kept it by default: not lost without a word
         if settings.service.state_dir is None:
             left = left_behind(Path("state"), self.state_dir, "service.state_dir")
@@ -433,7 +453,9 @@ class Service:
         self.run_link(self.supervisor)
         self.rig.start(lambda: self.pipeline, self.publish_health, self._tell_latest)
         self.drift.start()
+        self.damage.require_file(self.state_dir / "outbox.sqlite", "messages are kept in a new file")
         self.outbox.start(wait=False)
+        self.damage.require_directory(self.state_dir / "recordings", "the recordings in it, if it held any")
         self.recorder.start()
         self.announce()
         outputs = self.rig.outputs
@@ -499,14 +521,15 @@ class Service:
                 return
             await asyncio.sleep(0.05)
 
-    async def _shut_down(self, others: list[asyncio.Task[None]]) -> None:
+    async def _shut_down(self, others: list[asyncio.Task[None]], how: str | None) -> None:
+        """Give everything back; `how` says what ended the run, None: it was asked to end."""
         deadline = time.monotonic() + STOP_BUDGET_S
         for task in others:
             if task.get_name() == "reload":
                 await _cancel(task)  # a reload under way takes back what it has begun
         if not others:
             # it never came to work: nobody was spoken to
-            await self._give_places_back()
+            await self._give_places_back(how)
             return
         parts = (self.parts.link_task, self.parts.wits_task)
         for task in (*[task for task in parts if task is not None], *others, *self._leaving):
@@ -520,9 +543,9 @@ class Service:
         if self.parts.publisher_task is not None:
             await _cancel(self.parts.publisher_task)
         await asyncio.to_thread(self.outbox.stop, max(deadline - time.monotonic(), 1.0))
-        await self._give_places_back()
+        await self._give_places_back(how)
 
-    async def _give_places_back(self) -> None:
+    async def _give_places_back(self, how: str | None) -> None:
         await self._places.aclose()
         if self.parts.link_task is not None:
             await _cancel(self.parts.link_task)
@@ -531,6 +554,7 @@ class Service:
         if self.parts.tool_lock is not None:
             self.parts.tool_lock.release()
         if self._lock is not None:
+            await asyncio.to_thread(self._starts.end, how)
             self._lock.close()
             self._lock = None
 
@@ -545,7 +569,7 @@ class Service:
             self.notifier.status(
                 f"link {link.state.value}, {self.pipeline.attitudes} attitudes,"
                 f" {'connected to' if self.publisher.connected else 'without'} broker,"
-                f" {self.outbox.stats.queued} queued"
+                f" {self.outbox.stats.queued} queued{self.reloader.note()}"
             )
             await asyncio.sleep(self.settings.service.health_interval_s)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import os
 import time
 from collections import deque
 from collections.abc import Callable
@@ -16,6 +17,7 @@ from highside.errors import HighsideError, InputError
 from highside.reading import parse_message, text_member
 from highside.service import saved_drift
 from highside.service.clock import clock_synced
+from highside.service.damage import DamageLog
 from highside.service.drift_stage import DriftStage
 from highside.service.messages import LONGEST_ID, DriftCommand, DriftReply
 from highside.service.quiet_log import QuietLog
@@ -54,9 +56,11 @@ class DriftKeeper:
         reply: Callable[[bytes, bool], None],
         tell: Callable[[bytes], None],
         in_force: Callable[[], DriftParts],
+        damage: DamageLog,
     ) -> None:
         self._path = state_dir / FILE
         self._reply, self._tell, self._in_force = reply, tell, in_force
+        self._damage = damage
         self._task: asyncio.Task[None] | None = None
         self._done: deque[str] = deque(maxlen=_REMEMBERED)
         self._quiet = QuietLog(log)
@@ -89,14 +93,15 @@ class DriftKeeper:
         return DriftParts(settings, _stage(settings, carried, first_start=not self._path.exists()))
 
     def _load(self, settings: Settings) -> DriftParts:
-        known = self._path.exists()
+        known = os.path.lexists(self._path)
         try:
             now = saved_drift.Stamp.now(synced=clock_synced())
             saved = saved_drift.read(self._path, settings.tool.id, now)
-        except HighsideError as error:
-            log.error("the azimuth of before the restart is lost: %s", error)
-            return DriftParts(settings, _stage(settings, None, first_start=not known), str(error))
-        return DriftParts(settings, _stage(settings, saved, first_start=not known))
+            return DriftParts(settings, _stage(settings, saved, first_start=not known))
+        except Exception as error:
+            # whatever is wrong with it, the readings are worth more
+            told = self._damage.note(self._path, error, "the azimuth of before is lost")
+            return DriftParts(settings, _stage(settings, None, first_start=not known), told)
 
     def start(self) -> None:
         """In the event loop."""

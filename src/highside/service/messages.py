@@ -192,6 +192,15 @@ class HealthMessage(_Payload):
         description="Reloads taken, and why the last one was refused (null: it was not); then also the file (`where`)"
         " and `field` as far as they are known, `while` doing what, and when (`t`)."
     )
+    starts: dict[str, Any] = Field(
+        default_factory=dict,
+        description="How often the service ended within the last minutes without being asked to, and the `last` cause.",
+    )
+    damaged: list[dict[str, str | None]] = Field(
+        default_factory=list,
+        description="Files of the state directory found damaged since the start: `what` was wrong, and under which name"
+        " each is kept (`aside`).",
+    )
     balance: dict[str, bool] = Field(description="Whether the counters of bytes, frames and messages add up.")
     alarms: list[str] = Field(
         description="What needs attention; empty if nothing. "

@@ -22,6 +22,7 @@ from highside.config.mqtt import MqttSettings
 from highside.config.places import service_state
 from highside.config.settings import Settings
 from highside.errors import InputError
+from highside.recording.files import set_aside
 
 _LOOPBACK = {"localhost", "127.0.0.1", "::1", "ip6-localhost", ""}
 
@@ -39,6 +40,8 @@ def take_state_dir(directory: Path) -> IO[str]:
     where = str(directory)
     try:
         directory.mkdir(parents=True, exist_ok=True)
+        if (directory / "lock").is_dir():
+            set_aside(directory / "lock")
         lock = (directory / "lock").open("w")
     except OSError as error:
         raise InputError(

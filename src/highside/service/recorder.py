@@ -44,7 +44,7 @@ log = logging.getLogger(__name__)
 GATHER_S = 0.02
 """How long the writer lets batches gather before it writes them: the most that SIGKILL can take."""
 CANDUMP_SUFFIX = ".log"
-_NAME = re.compile(r"^(?P<tool>.+)_(?P<sequence>\d{6,})_\d{8}T\d{6}Z(?:\.hsw|\.log)$")
+_NAME = re.compile(r"^(?P<tool>.+)_(?P<sequence>\d{6,15})_\d{8}T\d{6}Z(?:\.hsw|\.log)$")
 
 
 class RecorderState(Enum):
@@ -258,7 +258,8 @@ class Recorder:
             try:
                 self._write_queued()
                 self._keep_time(close=stopping or not enabled)
-            except OSError as error:
+            except Exception as error:
+                # whatever it is, this thread ends with the service and not before
                 self._refused(error)
                 if stopping:
                     return
@@ -372,14 +373,15 @@ class Recorder:
         with self._changed:
             self.stats.state, self.stats.reason, self.stats.message = state, None, ""
 
-    def _refused(self, error: OSError) -> None:
+    def _refused(self, error: Exception) -> None:
         """The disk does not take it: give the file up, say so; the next attempt begins a new one."""
         if self._segment is not None:
             with contextlib.suppress(OSError):
                 os.close(self._segment.descriptor)
             self._segment = None
-        reason = _REASONS.get(error.errno or 0, DropReason.IO_ERROR)
-        message = f"recording to {self._directory} failed: {error.strerror or error}"
+        number, said = (error.errno, error.strerror) if isinstance(error, OSError) else (None, type(error).__name__)
+        reason = _REASONS.get(number or 0, DropReason.IO_ERROR)
+        message = f"recording to {self._directory} failed: {said or error}"
         stats = self.stats
         with self._changed:
             news = stats.state is not RecorderState.FAILING or stats.reason is not reason
@@ -440,7 +442,7 @@ class Recorder:
         return sorted(
             (int(match["sequence"]), path)
             for path in self._directory.iterdir()
-            if (match := _NAME.match(path.name)) is not None
+            if (match := _NAME.match(path.name)) is not None and path.is_file()
         )
 
     def _delete_oldest(self, existing: list[tuple[int, Path]]) -> None:

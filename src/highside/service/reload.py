@@ -326,6 +326,10 @@ class Reloader:
         kept = [flag for flag in self._service.parts.flags if flag.endswith("_kept")]
         return f"reloaded, but {' and '.join(kept)}" if kept else "reloaded"
 
+    def note(self) -> str:
+        """For the status line that systemd shows, as long as the last reload stands refused."""
+        return "" if self.refused is None else f"; {self._outcome()}"
+
     def as_dict(self) -> dict[str, Any]:
         """Member `reload` of the health message."""
         return {"count": self.count, "refused": None} | (self.refused or {})

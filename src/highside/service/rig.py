@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
+import os
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -17,7 +18,8 @@ from typing import Any
 
 from highside.config.rig import MetricsSettings
 from highside.config.settings import Settings
-from highside.errors import HighsideError
+from highside.service.damage import DamageLog
+from highside.service.in_force import said
 from highside.service.messages import HealthMessage, latest_payload, survey_dict
 from highside.service.metrics import Figures, MetricsServer
 from highside.service.pipeline import Attitude, Pipeline, Survey
@@ -45,8 +47,14 @@ class RigParts:
 class Rig:
     """Made with the service, `start` and `stop` with its loop. `in_force()` tells which parts are at work."""
 
-    def __init__(self, state_dir: Path, health: Callable[[], HealthMessage], in_force: Callable[[], RigParts]) -> None:
-        self._health, self._in_force = health, in_force
+    def __init__(
+        self,
+        state_dir: Path,
+        health: Callable[[], HealthMessage],
+        in_force: Callable[[], RigParts],
+        damage: DamageLog,
+    ) -> None:
+        self._health, self._in_force, self._damage = health, in_force, damage
         self.surveys = SurveyLog(state_dir / "surveys.jsonl")
         self.accepted = 0
         self.refused: Counter[str] = Counter()
@@ -138,16 +146,22 @@ class Rig:
 
     # --- running -----------------------------------------------------------------------------------------------
 
-    def read_offset(self, pipeline: Pipeline) -> bool:
-        """Take a changed toolface offset into force; returns whether it did. A spoilt file changes nothing."""
+    def read_offset(self, pipeline: Pipeline, *, at_start: bool = False) -> bool:
+        """Take a changed toolface offset into force; returns whether it did. A spoilt file changes nothing; at the
+        start it is set aside, later somebody may be at work on it."""
         if not self._toolface_log.changed():
             return False
         try:
             offset = self._toolface_log.current()
             self.offset_error = None
-        except HighsideError as error:
-            self.offset_error = str(error)
-            log.error("toolface offset stays as it is: %s", error)
+        except Exception as error:
+            self.offset_error = said(error)
+            path = self._toolface_log.path
+            if at_start and os.path.lexists(path):
+                self._damage.note(path, error, "no offset is in force; set it anew: highside toolface set")
+                self._toolface_log.changed()
+            else:
+                log.error("toolface offset stays as it is: %s", self.offset_error)
             return True
         if offset is None or offset == self.offset:
             return False
@@ -168,10 +182,14 @@ class Rig:
         """Begin; outputs and metrics are the service's to start. `changed` is called after a new toolface offset,
         `latest` with the payload of each `LatestMessage`.
         """
+        self._damage.require_file(self.surveys.path, "surveys are kept in a new file")
+        self._trend_of = pipeline().correction.cal_id
+        try:
+            self._trend = trend_of(self.surveys.recent(), self._trend_of)
+        except Exception as error:
+            self._damage.note(self.surveys.path, error, "the trend of Gtotal begins anew")
         self.surveys.start()
-        cal_id = pipeline().correction.cal_id
-        self._trend, self._trend_of = trend_of(self.surveys.recent(), cal_id), cal_id
-        self.read_offset(pipeline())
+        self.read_offset(pipeline(), at_start=True)
 
         async def watch_offset() -> None:
             while True:

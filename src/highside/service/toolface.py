@@ -50,7 +50,7 @@ class ToolfaceLog:
 
     def __init__(self, directory: Path) -> None:
         self.path = directory / FILE_NAME
-        self._stamp: tuple[int, int] | None = None
+        self._stamp: tuple[int, int] | None = (0, -1)
 
     def history(self) -> list[ToolfaceOffset]:
         """All settings, oldest first. Raises InputError that names the line that is no setting."""
@@ -73,9 +73,22 @@ class ToolfaceLog:
         return found
 
     def current(self) -> ToolfaceOffset | None:
-        """The setting in force; None: never set, the offset is zero."""
+        """The setting in force; None: never set, the offset is zero.
+
+        Raises InputError as `history` does, and where the settings were set aside because the file was damaged: whoever
+        steers must not take "never set" for an answer then.
+        """
         settings = self.history()
-        return settings[-1] if settings else None
+        if settings:
+            return settings[-1]
+        lost = sorted(self.path.parent.glob(f"{FILE_NAME}.damaged-*"))
+        if lost:
+            raise InputError(
+                f"was damaged and is kept as {lost[-1].name}; no offset is in force",
+                where=str(self.path),
+                remedy="set it anew: highside toolface set",
+            )
+        return None
 
     def changed(self) -> bool:
         """Whether the file has changed since this was last asked."""
@@ -96,7 +109,8 @@ class ToolfaceLog:
             make_directory(self.path.parent)
             with self.path.open("a+b") as file:
                 fcntl.flock(file, fcntl.LOCK_EX)
-                before = self.current()
+                history = self.history()
+                before = history[-1] if history else None
                 setting = ToolfaceOffset(
                     round(offset_deg % 360.0, 6) % 360.0,
                     " ".join(author.split()),
