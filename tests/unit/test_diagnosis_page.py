@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from highside.diagnosis.result import Claim, Diagnosis, FittedParameter, Location, NotTestable
+from highside.diagnosis.fit import JointFit, Observed
+from highside.diagnosis.result import Claim, Diagnosis, Fit, FittedParameter, Location, NotTestable
 from highside.diagnosis.rotation_session import RotationSession
-from highside.diagnosis.scene import Picture
+from highside.diagnosis.scene import Picture, parts_of
+from highside.physics.effects import all_effects
+from highside.physics.forward import ForwardModel
 from highside.physics.plan import RotationPlan, Session, Site
-from highside.report.diagnosis_figures import residuals
-from highside.report.diagnosis_page import page_of
-from highside.report.diagnosis_words import axis_name, rounded, shown, sizes
+from highside.report.diagnosis_figures import over_time, residuals
+from highside.report.diagnosis_page import _places, page_of
+from highside.report.diagnosis_words import axis_name, proof, rounded, shown, sizes
 from highside.report.page import plotting
 
 
@@ -46,9 +50,81 @@ def test_what_cancels_in_the_mean_is_drawn_as_rms() -> None:
     place = Location(("ax",), "rotor_rate_dps x tf_ref_deg", ((360.0, 720.0),), None, 1.0, 1e-9)
     with plotting():
         axis = residuals(picture(np.array(1e-5)), place)[0].axes[0]
-        assert [text.get_text() for text in axis.get_legend().get_texts()] == ["before (rms)", "after (rms)"]
+        assert [text.get_text() for text in axis.get_legend().get_texts()] == ["before (rms)"]
         rms = axis.get_lines()[1].get_ydata()
         assert rms[0] > 3 * rms[len(rms) // 2]
+
+
+def test_of_an_effect_its_own_residual_is_drawn_and_what_is_left_in_units_of_the_noise() -> None:
+    """A lever arm of 100 mg must not be seen along temperature, nor hide what is left."""
+    one = picture(np.array(0.0))
+    state, n = one.session.state, one.before.shape[1]
+    along = np.linspace(20.0, 40.0, n)
+    large = 0.1 * np.sign(np.sin(np.arange(n) / 50.0)) * np.ones((3, 1))
+    small = 1e-4 * (along - 30.0) / 10.0 * np.ones((3, 1))
+    both = replace(
+        one, before=one.after + large + small, parts={"lever_arm": large, "temperature_bias": small},
+        covariates={"temp_c": along}, sigma=(1e-5, 1e-5, 1e-5), recorded=one.after + large + small,
+    )  # fmt: skip
+    place = Location(("ax",), "temp_c", ((20.0, 40.0),), None, 1.0, 1e-9)
+    with plotting():
+        above, left = residuals(both, place, "temperature_bias")[0].axes
+        assert "sigma" in left.get_ylabel()
+        points = above.get_lines()[0].get_ydata()
+        assert np.ptp(points) < 400, "ug: the steps of 100,000 ug are taken off"
+        fitted = above.get_lines()[-2].get_ydata()
+        assert fitted[0] == pytest.approx(-100, abs=3) and fitted[-1] == pytest.approx(100, abs=3)
+        assert 0.5 < np.std(left.get_lines()[0].get_ydata()) < 2.0, "noise is one sigma"
+        top, middle, whole = over_time(both)[0].axes
+        assert [line.get_label() for line in top.get_lines()] == ["recorded", "simulated before", "simulated after"]
+        recorded, before, after = (line.get_ydata() for line in top.get_lines())
+        assert np.std(recorded - after) < 3e-5 < np.std(recorded - before)
+        assert "sigma" in middle.get_ylabel() and "sigma" in whole.get_ylabel()
+    assert state.n == n
+
+
+def claim_of(effect: str) -> Claim:
+    return Claim(effect, "", "", "kinematic", {}, 0.0, (effect,), (), "none needed")
+
+
+def test_no_picture_stands_twice_on_the_page() -> None:
+    one = picture(np.array(1e-5))
+    place = Location(("ax", "ay"), "tf_ref_deg", ((0.0, 90.0),), 1, 0.5, 1e-9)
+    twice = Diagnosis("partial", (place, replace(place, share_of_misfit=0.3)))
+    assert len(_places(twice, one)) == 1
+    claims = (claim_of("lever_arm"), claim_of("time_offset"))
+    named = Diagnosis("named", (place, place), claims)
+    parts = {"lever_arm": one.before - one.after, "time_offset": 0 * one.before}
+    assert [effect for _, effect in _places(named, replace(one, parts=parts))] == ["lever_arm", "time_offset"]
+    assert len(_places(named, one)) == 1, "where the parts are not known the two are one picture"
+    drawn = re.findall(r"<figure>.*?</figure>", page_of(named, replace(one, parts=parts), "rec.csv"), re.S)
+    assert len(drawn) == len(set(drawn)) == 3
+
+
+def test_the_proof_has_one_unit_of_averaging_in_a_sentence() -> None:
+    fit = Fit("g", 3e-2, 8.1e-5, 3e-3, 8.7e-6, 0.99, 0.999, 8.5e-6, "means of 92 rows", row_noise=8.2e-5)
+    rows, means = proof(fit).split(" On readings ")
+    assert "misfit of one row 30 mg before, 81 ug after; noise of one row 82 ug." in rows.lower()
+    assert "8.5 ug" not in rows, "the noise of a mean of 92 rows is no measure for a row"
+    assert "8.7 ug after, noise 8.5 ug of such means" in means
+    plain = proof(replace(fit, row_noise=None))
+    assert "noise 8.5 ug." in plain
+
+
+def test_what_each_effect_does_adds_up_to_what_the_claims_do() -> None:
+    """To first order: the parts are those of the fitted model, one effect left out at a time."""
+    state = Session(RotationPlan(62.0, tuple(2 * np.pi * np.array([-2.0, 2.0])), 4.0, 1.0, 50.0), Site()).rows().state
+    base = ForwardModel.of({"bias": {"b_x": 0.0, "b_y": 0.0, "b_z": 0.0}})
+    names = {e: [p.name for p in all_effects()[e].parameters] for e in ("lever_arm", "time_offset")}
+    full = base.with_effects(
+        {"lever_arm": {names["lever_arm"][0]: 1e-3}, "time_offset": {names["time_offset"][0]: 1e-4}}
+    )
+    seen = Observed(state, full.predict(state))
+    fit = JointFit({"lever_arm": {}, "time_offset": {}}, seen.residual(full), (), model=full)
+    parts = parts_of(base, fit, seen)
+    total = seen.residual(base) - fit.residual
+    assert np.abs(total).max() > 1e-4
+    assert np.allclose(parts["lever_arm"] + parts["time_offset"], total, atol=2e-3 * np.abs(total).max())
 
 
 def test_a_page_says_what_was_not_tested_in_words_that_a_phone_can_show() -> None:

@@ -22,7 +22,7 @@ from highside.diagnosis.pool import Member, Pool, pose_flips, threshold
 from highside.diagnosis.regression import outside, span
 from highside.diagnosis.result import Diagnosis, Fit, Location
 from highside.diagnosis.rivals import Rivalry, next_poses
-from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
+from highside.diagnosis.scene import SLOW, Judged, Picture, Scene, parts_of
 from highside.diagnosis.selection import STARTS, Selector
 from highside.diagnosis.session import PoseSession
 from highside.diagnosis.untestable import with_manoeuvres
@@ -191,7 +191,14 @@ class PoseScene(Scene):
         return replace(found, rmse_before=float(np.sqrt(np.mean((self.residual + self.bend) ** 2))))
 
     def picture(self, fit: JointFit | None) -> Picture:
-        return Picture(self.session, self.residual + self.bend, self.residual if fit is None else fit.residual)
+        return Picture(
+            self.session,
+            self.residual + self.bend,
+            self.residual if fit is None else fit.residual,
+            recorded=self.session.mean,
+            parts=parts_of(self.model, fit, Observed(self.session.state, self.session.mean)),
+            sigma=_of_one_pose(self.noise),
+        )
 
     def told_of_noise(self) -> dict[str, Any]:
         noise = self.noise
@@ -267,3 +274,9 @@ def all_white(noise: PoseNoise, blocks: Sequence[Array]) -> list[Array]:
 
 def _spread(count: int, want: int) -> list[int]:
     return sorted({round(x) for x in np.linspace(0, count - 1, min(want, count))})
+
+
+def _of_one_pose(noise: PoseNoise) -> tuple[float, ...]:
+    """Standard deviation of each channel at a pose, errors of the setting included: the mean over the poses."""
+    mixing = np.linalg.inv(np.moveaxis(noise.whitening, 2, 0))
+    return tuple(float(s) for s in np.sqrt(np.mean(np.sum(mixing**2, axis=2), axis=0)))

@@ -84,6 +84,8 @@ class Fit:
     heldout_gain_high: float | None
     noise_floor: float
     how_held_out: str
+    row_noise: float | None = None
+    """of one row, as `rmse_before` and `rmse_after` are, where `noise_floor` is that of the held-out means"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,7 +34,7 @@ from highside.diagnosis.rotation_noise import windows as learned_from
 from highside.diagnosis.rotation_session import RotationSession
 from highside.diagnosis.rotation_sketch import MANY_ROWS, SOME_ROWS, Sketch, Some, sketched_bend
 from highside.diagnosis.rotation_support import rotation_cells, windows
-from highside.diagnosis.scene import SLOW, Judged, Picture, Scene
+from highside.diagnosis.scene import SLOW, Judged, Picture, Scene, parts_of
 from highside.diagnosis.selection import STARTS, Selector
 from highside.diagnosis.support import Window
 from highside.diagnosis.untestable import what_splits, with_manoeuvres
@@ -409,6 +409,7 @@ class RotationScene(Scene):
             heldout_gain_high=high,
             noise_floor=unit * float(np.sqrt(means[0].expected.sum() / size)),
             how_held_out=words,
+            row_noise=float(np.sqrt(np.mean(self.noise.sigma[:3] ** 2))),
         )
 
     def completed(self, diagnosis: Diagnosis) -> Diagnosis:
@@ -417,8 +418,15 @@ class RotationScene(Scene):
         return with_jitter(told, self.noise, self.channels)
 
     def picture(self, fit: JointFit | None) -> Picture:
+        seen = Observed(self.session.state, self.session.readings)
         return Picture(
-            self.session, self.residual + self.bend, self.residual if fit is None else fit.residual, self.channels
+            self.session,
+            self.residual + self.bend,
+            self.residual if fit is None else fit.residual,
+            self.channels,
+            recorded=self.session.readings,
+            parts=parts_of(self.model, fit, seen),
+            sigma=tuple(float(s) for s in self.noise.sigma),
         )
 
     def told_of_noise(self) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.candidates import Blind, Candidate, Variant
-from highside.diagnosis.fit import JointFit
+from highside.diagnosis.fit import JointFit, Seen
 from highside.diagnosis.location import Scan
 from highside.diagnosis.memory import SLOW_LOG_P, Channel, Memory, SlowEffect, SlowLimits
 from highside.diagnosis.method import WHOLE, Method
@@ -23,6 +23,7 @@ from highside.diagnosis.pool import Member
 from highside.diagnosis.result import Diagnosis, Fit, Location
 from highside.diagnosis.rivals import Refitted, Rivalry
 from highside.diagnosis.selection import MAX_CLAIMS, Selector
+from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
@@ -60,6 +61,24 @@ class Picture:
     """of the channels, where these are no readings of the tool"""
     covariates: Mapping[str, Array] = field(default_factory=dict)
     """(n,) what residuals may be drawn over beside the state"""
+    recorded: Array | None = None
+    """(C, n) the readings themselves, where a simulation stands beside them"""
+    parts: Mapping[str, Array] = field(default_factory=dict)
+    """(C, n) what each claim alone does, at its fitted size, beside all the others"""
+    sigma: tuple[float, ...] = ()
+    """noise of one row of each channel"""
+
+
+def parts_of(base: ForwardModel, fit: JointFit | None, seen: Seen) -> dict[str, Array]:
+    """What each claim of a fit does to the readings, by effect: the fit's residual without it, less the residual."""
+    if fit is None or fit.model is None:
+        return {}
+    known = base.parameters()
+    found = {}
+    for effect in fit.parameters:
+        lacking = fit.model.with_effects({effect: known[effect]}) if effect in known else fit.model.without(effect)
+        found[effect] = seen.residual(lacking) - fit.residual
+    return found
 
 
 @dataclass(frozen=True)

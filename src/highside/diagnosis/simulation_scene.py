@@ -332,7 +332,13 @@ class SimulationScene(RotationScene):
     def picture(self, fit: JointFit | None) -> Picture:
         after = self.residual if fit is None else fit.residual
         return Picture(
-            self.session, self.residual, after, self.channels, self.session.units, covariates_of(self.session)
+            self.session,
+            self.residual,
+            after,
+            self.channels,
+            self.session.units,
+            covariates_of(self.session),
+            sigma=tuple(float(s) for s in self.noise.sigma),
         )
 
     def told_of_noise(self) -> dict[str, Any]:

@@ -1,4 +1,5 @@
-"""Figures of a diagnosis: residuals before and after, where the mismatch sits, of recordings and of error tables."""
+"""Figures of a diagnosis: what each effect does with all others taken off, and what is left; of recordings and of error
+tables. What is left has axes of its own in units of the noise: at the scale of an effect it would be a flat line."""
 
 from __future__ import annotations
 
@@ -34,35 +35,118 @@ TOLD = {
 }
 
 
-def residuals(picture: Picture, location: Location) -> list[Figure]:
-    """One figure a channel: residuals over the covariate of a location, the location shaded.
+def residuals(picture: Picture, location: Location, effect: str | None = None) -> list[Figure]:
+    """One figure a channel over the covariate of a location, the location shaded: above what is to be explained, below
+    what is left of it in units of the noise of one row.
 
-    What turns with the load cancels in the mean over a covariate that only drives its size: then the rms is drawn.
+    Of an `effect` the partial residual: all other named effects taken off, so that only its own shape is seen, and over
+    it what it does as fitted. What turns with the load cancels in the mean over a covariate that only drives its size:
+    then the rms is drawn.
     """
     along, label = _along(picture, location.covariate)
     names = [name for name in location.channels if name in picture.channels] or list(picture.channels)
+    part = picture.parts.get(effect or "")
+    above = picture.before if part is None else picture.after + part
     figures = []
     for name in names:
-        figure, axes = new_figure(1, 1, width=max(10.5 / len(names), 3.5), height=3.0)
+        channel = picture.channels.index(name)
+        size, unit = unit_of(picture, channel)
+        plain = np.array_equal(above, picture.after)
+        figure, axes = new_figure(1 if plain else 2, 1, width=max(10.5 / len(names), 3.5), height=3.0 if plain else 2.2)
         figures.append(figure)
         axis = axes[0][0]
-        channel = picture.channels.index(name)
-        size, unit = (1e6, "ug") if name in ("ax", "ay", "az", "g_total") else (1.0, "")
-        if name in ("gx", "gy", "gz"):
-            size, unit = float(np.degrees(1)), "deg/s"
-        if picture.units:
-            size, unit = 1.0, picture.units[channel]
-        _shade(axis, along, location.intervals)
-        drawn = [(picture.before, BEFORE, "before"), (picture.after, AFTER, "after")]
-        if np.array_equal(picture.before, picture.after):
-            drawn = [(picture.before, AFTER, "residual")]
-        how = _mean if _cancels_not(along, picture.before[channel], picture.after[channel]) else _rms
-        for values, colour, word in drawn:
-            _points(axis, along, size * values[channel], colour, word, how)
-        axis.axhline(0, color=SHADE, linewidth=0.8)
-        axis.set(xlabel=label, ylabel=f"residual, {unit}".rstrip(", "), title=name)
-        axis.legend()
+        how = _mean if _cancels_not(along, above[channel], picture.after[channel]) else _rms
+        if plain:
+            _points(axis, along, size * picture.after[channel], AFTER, "residual", how)
+        else:
+            word = "before" if part is None else "others taken off"
+            _points(axis, along, size * above[channel], BEFORE, word, how)
+            if part is not None:
+                _line(axis, along, size * part[channel], how)
+            _points(axes[1][0], along, picture.after[channel] / sigma_of(picture, channel), AFTER, "left", how)
+            axes[1][0].set(ylabel="left, sigma")
+        for each in (row[0] for row in axes):
+            _shade(each, along, location.intervals)
+            each.axhline(0, color=SHADE, linewidth=0.8)
+            each.set(xlabel=label)
+            each.legend()
+        axis.set(ylabel=f"residual, {unit}".rstrip(", "), title=name)
     return figures
+
+
+def unit_of(picture: Picture, channel: int) -> tuple[float, str]:
+    """Factor and unit in which a channel is drawn."""
+    name = picture.channels[channel]
+    if picture.units:
+        return 1.0, picture.units[channel]
+    if name in ("gx", "gy", "gz"):
+        return float(np.degrees(1)), "deg/s"
+    return (1e6, "ug") if name in ("ax", "ay", "az", "g_total") else (1.0, "")
+
+
+def sigma_of(picture: Picture, channel: int) -> float:
+    """The noise of one row of a channel; where none is told, the rms of what is left."""
+    told = picture.sigma[channel] if channel < len(picture.sigma) else 0.0
+    return told or float(np.sqrt(np.mean(picture.after[channel] ** 2))) or 1.0
+
+
+def over_time(picture: Picture) -> list[Figure]:
+    """One figure a channel: the readings and the simulation where that misses them most, and what is left there in
+    units of the noise; below, the misfit over the whole recording before and after."""
+    t = np.asarray(picture.session.state.t_s, dtype=float)
+    energy = np.sum((picture.before / np.array([[sigma_of(picture, k)] for k in range(len(picture.channels))])) ** 2, 0)
+    rows = _worst_stretch(energy)
+    figures = []
+    for channel, name in enumerate(picture.channels[:3]):
+        size, unit = unit_of(picture, channel)
+        sigma = sigma_of(picture, channel)
+        figure, axes = new_figure(3, 1, width=10.5 / min(3, len(picture.channels)), height=1.9)
+        figures.append(figure)
+        recorded = picture.recorded
+        top, left, whole = (row[0] for row in axes)
+        scale = (1.0, "g") if unit == "ug" else (size, unit)
+        few = rows.stop - rows.start <= 60
+        for values, colour, style, word in (
+            () if recorded is None else
+            ((recorded, SHADE, "o", "recorded"), (recorded - picture.before, BEFORE, "-", "simulated before"),
+             (recorded - picture.after, AFTER, "--", "simulated after"))
+        ):  # fmt: skip
+            top.plot(t[rows], scale[0] * values[channel, rows], style, color=colour, label=word, markersize=3)
+        top.set(ylabel=f"reading, {scale[1]}", title=name)
+        left.plot(t[rows], picture.after[channel, rows] / sigma, "o" if few else "-", color=AFTER, markersize=3,
+                  linewidth=0.8, label="left after")  # fmt: skip
+        left.axhspan(-2, 2, color=SHADE, alpha=0.12, linewidth=0)
+        left.set(ylabel="left, sigma", xlabel="time, s")
+        which, count, middle = _binned(t)
+        for values, colour, word in ((picture.before, BEFORE, "before"), (picture.after, AFTER, "after")):
+            shown = _rms(values[channel] / sigma, which, count)[count > 0]
+            whole.plot(middle[count > 0], shown, ".-", color=colour, label=word, markersize=3)
+        whole.set(yscale="log", ylabel="rms, sigma", xlabel="time, s (whole recording)")
+        for axis in (top, left, whole):
+            if axis.get_legend_handles_labels()[0]:
+                axis.legend(ncols=3, loc="best")
+    return figures
+
+
+STRETCH = 240
+"""Rows that are shown one by one: more are a band of ink."""
+
+
+def _worst_stretch(energy: Array) -> slice:
+    """Where that many rows in a row hold the most misfit."""
+    n = energy.size
+    if n <= STRETCH:
+        return slice(0, n)
+    running = np.convolve(energy, np.ones(STRETCH), "valid")
+    start = int(np.argmax(running))
+    return slice(start, start + STRETCH)
+
+
+def _line(axis: Axes, along: Array, values: Array, how: Callable[[Array, Ints, Ints], Array]) -> None:
+    """What an effect does as fitted."""
+    which, count, middle = _binned(along)
+    shows = count > 0
+    axis.plot(middle[shows], how(values, which, count)[shows], "--", color="black", label="as fitted", linewidth=1.0)
 
 
 def _mean(values: Array, which: Ints, count: Ints) -> Array:

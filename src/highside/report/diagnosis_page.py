@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from highside.diagnosis.engine import Picture
 from highside.diagnosis.result import Claim, Diagnosis, Location
 from highside.diagnosis.simulation_effects import title_of
 from highside.diagnosis.summary import SummaryPicture
-from highside.report.diagnosis_figures import residuals, table_misfit, table_values
+from highside.report.diagnosis_figures import over_time, residuals, table_misfit, table_values
 from highside.report.diagnosis_words import (
     KINDS,
     VERDICTS,
@@ -119,21 +121,50 @@ def _figures(page: Page, diagnosis: Diagnosis, picture: Picture | SummaryPicture
             "beyond it do to a cell."
         )  # fmt: skip
         return
-    drawn = [place for place in diagnosis.location if place.covariate != "reading_g"]
-    if not drawn:
-        drawn = [place for place in diagnosis.remainder.location if place.covariate != "reading_g"]
-    for place in drawn[:DRAWN] or [Location(picture.channels, "t_s", (), None, 0.0, 1.0)]:
-        page.panels(residuals(picture, place), _caption(place))
+    if picture.recorded is not None or not np.array_equal(picture.before, picture.after):
+        page.panels(over_time(picture), _over_time_caption(picture))
+    for place, effect in _places(diagnosis, picture)[:DRAWN]:
+        page.panels(residuals(picture, place, effect), _caption(place, effect if effect in picture.parts else None))
 
 
-def _caption(place: Location) -> str:
+def _places(diagnosis: Diagnosis, picture: Picture) -> list[tuple[Location, str | None]]:
+    """What is drawn: the place of each claim with its effect, or where the mismatch sits; none twice."""
+    claimed = len(diagnosis.location) == len(diagnosis.claims)
+    effects = [claim.effect for claim in diagnosis.claims] if claimed else [None] * len(diagnosis.location)
+    found: list[tuple[Location, str | None]] = []
+    for place, effect in (
+        *zip(diagnosis.location, effects, strict=True),
+        *((place, None) for place in (() if diagnosis.location else diagnosis.remainder.location)),
+    ):
+        own = effect if effect in picture.parts else None
+        same = any((p.channels, p.covariate, e) == (place.channels, place.covariate, own) for p, e in found)
+        if place.covariate != "reading_g" and not same:
+            found.append((place, own))
+    return found or [(Location(picture.channels, "t_s", (), None, 0.0, 1.0), None)]
+
+
+def _over_time_caption(picture: Picture) -> str:
+    readings = "the readings and the simulation" if picture.recorded is not None else "what the simulation leaves"
+    return (
+        f"Above, {readings} before and after what was found is added, where it misses most; in the middle what is left "
+        "there, in units of the noise of one row (the band is two); below, the misfit over the whole recording."
+    )
+
+
+def _caption(place: Location, effect: str | None) -> str:
     if not place.intervals:
         return "Residual of each channel over time."
     shade = "; ".join(f"{low:g} to {high:g}" for low, high in place.intervals)
     harmonic = f", harmonic {place.harmonic}" if place.harmonic else ""
+    where = f"{', '.join(place.channels)} along {axis_name(place.covariate)}{harmonic}"
+    if effect is not None:
+        return (
+            f"{title_of(effect)}: residual of {where}, all other effects that were found taken off (orange), what it "
+            f"does as fitted (dashed), and below what is left, in units of the noise of one row; it acts at {shade}."
+        )
     return (
-        f"Residual of {', '.join(place.channels)} along {axis_name(place.covariate)}{harmonic}: "
-        f"before (orange) and after (blue) what was found is added; the mismatch sits at {shade}."
+        f"Residual of {where} before what was found is added (orange), and below what is left, in units of the noise of"
+        f" one row; the mismatch sits at {shade}."
     )
 
 

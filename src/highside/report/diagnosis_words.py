@@ -142,16 +142,20 @@ def where(places: Sequence[Location]) -> str:
 
 def proof(fit: Fit) -> str:
     """Misfit before and after, in sample and on readings that the fit had not seen."""
+    # each sentence in one unit of averaging: rows with the noise of a row, held-out means with that of such a mean
+    row = fit.noise_floor if fit.row_noise is None else fit.row_noise
+    one = "" if fit.row_noise is None else " of one row"
     words = (
-        f"misfit {shown(fit.rmse_before, fit.unit)} before, {shown(fit.rmse_after, fit.unit)} after; "
-        f"noise {shown(fit.noise_floor, fit.unit)}."
+        f"misfit{one} {shown(fit.rmse_before, fit.unit)} before, {shown(fit.rmse_after, fit.unit)} after; "
+        f"noise{one} {shown(row, fit.unit)}."
     )
     if None not in (fit.heldout_rmse_before, fit.heldout_rmse_after, fit.heldout_gain_low, fit.heldout_gain_high):
         assert fit.heldout_rmse_before is not None and fit.heldout_rmse_after is not None
         assert fit.heldout_gain_low is not None and fit.heldout_gain_high is not None
+        floor = "" if fit.row_noise is None else f", noise {shown(fit.noise_floor, fit.unit)} of such means"
         words += (
             f" On readings that the fit had not seen: {shown(fit.heldout_rmse_before, fit.unit)} before, "
-            f"{shown(fit.heldout_rmse_after, fit.unit)} after; {_percent(fit.heldout_gain_low)} to "
+            f"{shown(fit.heldout_rmse_after, fit.unit)} after{floor}; {_percent(fit.heldout_gain_low)} to "
             f"{_percent(fit.heldout_gain_high)} of the mean square removed ({fit.how_held_out})."
         )
     return words[0].upper() + words[1:]
