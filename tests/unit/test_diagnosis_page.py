@@ -75,7 +75,8 @@ def test_of_an_effect_its_own_residual_is_drawn_and_what_is_left_in_units_of_the
         fitted = above.get_lines()[-2].get_ydata()
         assert fitted[0] == pytest.approx(-100, abs=3) and fitted[-1] == pytest.approx(100, abs=3)
         assert 0.5 < np.std(left.get_lines()[0].get_ydata()) < 2.0, "noise is one sigma"
-        top, middle, whole = over_time(both)[0].axes
+        figure = over_time(both)
+        top, middle, whole = figure.axes[0::3]
         assert [line.get_label() for line in top.get_lines()] == ["recorded", "simulated before", "simulated after"]
         recorded, before, after = (line.get_ydata() for line in top.get_lines())
         assert np.std(recorded - after) < 3e-5 < np.std(recorded - before)

@@ -90,42 +90,53 @@ def sigma_of(picture: Picture, channel: int) -> float:
     return told or float(np.sqrt(np.mean(picture.after[channel] ** 2))) or 1.0
 
 
-def over_time(picture: Picture) -> list[Figure]:
-    """One figure a channel: the readings and the simulation where that misses them most, and what is left there in
-    units of the noise; below, the misfit over the whole recording before and after."""
+def over_time(picture: Picture) -> Figure:
+    """A column a channel: the readings and the simulation where that misses them most, and what is left there in units
+    of the noise; below, the misfit over the whole recording before and after."""
     t = np.asarray(picture.session.state.t_s, dtype=float)
-    energy = np.sum((picture.before / np.array([[sigma_of(picture, k)] for k in range(len(picture.channels))])) ** 2, 0)
-    rows = _worst_stretch(energy)
-    figures = []
-    for channel, name in enumerate(picture.channels[:3]):
+    sigmas = np.array([[sigma_of(picture, k)] for k in range(len(picture.channels))])
+    rows = _worst_stretch(np.sum((picture.before / sigmas) ** 2, axis=0))
+    names = picture.channels[:COLUMNS]
+    figure, axes = new_figure(3, len(names), height=1.9)
+    for channel, name in enumerate(names):
         size, unit = unit_of(picture, channel)
-        sigma = sigma_of(picture, channel)
-        figure, axes = new_figure(3, 1, width=10.5 / min(3, len(picture.channels)), height=1.9)
-        figures.append(figure)
-        recorded = picture.recorded
-        top, left, whole = (row[0] for row in axes)
-        scale = (1.0, "g") if unit == "ug" else (size, unit)
-        few = rows.stop - rows.start <= 60
-        for values, colour, style, word in (
-            () if recorded is None else
-            ((recorded, SHADE, "o", "recorded"), (recorded - picture.before, BEFORE, "-", "simulated before"),
-             (recorded - picture.after, AFTER, "--", "simulated after"))
-        ):  # fmt: skip
-            top.plot(t[rows], scale[0] * values[channel, rows], style, color=colour, label=word, markersize=3)
-        top.set(ylabel=f"reading, {scale[1]}", title=name)
-        left.plot(t[rows], picture.after[channel, rows] / sigma, "o" if few else "-", color=AFTER, markersize=3,
-                  linewidth=0.8, label="left after")  # fmt: skip
+        if unit == "ug":
+            size, unit = 1.0, "g"
+        top, left, whole = (row[channel] for row in axes)
+        _beside(top, t, size, picture, channel, rows)
+        top.set(ylabel=f"reading, {unit}", title=name)
+        sigma = float(sigmas[channel, 0])
+        mark = "o" if rows.stop - rows.start <= FEW else "-"
+        left.plot(t[rows], picture.after[channel, rows] / sigma, mark, color=AFTER, markersize=3, linewidth=0.8)
         left.axhspan(-2, 2, color=SHADE, alpha=0.12, linewidth=0)
         left.set(ylabel="left, sigma", xlabel="time, s")
         which, count, middle = _binned(t)
-        for values, colour, word in ((picture.before, BEFORE, "before"), (picture.after, AFTER, "after")):
-            shown = _rms(values[channel] / sigma, which, count)[count > 0]
-            whole.plot(middle[count > 0], shown, ".-", color=colour, label=word, markersize=3)
+        for values, colour in ((picture.before, BEFORE), (picture.after, AFTER)):
+            whole.plot(middle[count > 0], _rms(values[channel] / sigma, which, count)[count > 0], ".-", color=colour,
+                       markersize=3)  # fmt: skip
         whole.set(yscale="log", ylabel="rms, sigma", xlabel="time, s (whole recording)")
-        for axis in (top, left, whole):
-            if axis.get_legend_handles_labels()[0]:
-                axis.legend(ncols=3, loc="best")
-    return figures
+    handles, labels = axes[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+    return figure
+
+
+COLUMNS = 3
+"""Channels side by side; of a recording with gyros the accelerometers."""
+FEW = 60
+"""No more rows than this are drawn as points: poses, not a curve."""
+
+
+def _beside(axis: Axes, t: Array, size: float, picture: Picture, channel: int, rows: slice) -> None:
+    """The readings and the simulation of one channel, before and after; without readings only what is left."""
+    recorded = np.zeros_like(picture.before) if picture.recorded is None else picture.recorded
+    drawn = [(recorded - picture.before, BEFORE, "-", "simulated before"),
+             (recorded - picture.after, AFTER, "--", "simulated after")]  # fmt: skip
+    if picture.recorded is None:
+        drawn = [(picture.before, BEFORE, "-", "before"), (picture.after, AFTER, "-", "after")]
+    else:
+        axis.plot(t[rows], size * recorded[channel, rows], "o", color=SHADE, label="recorded", markersize=3)
+    for values, colour, style, word in drawn:
+        axis.plot(t[rows], size * values[channel, rows], style, color=colour, label=word)
 
 
 STRETCH = 240

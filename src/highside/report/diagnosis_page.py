@@ -17,6 +17,7 @@ from highside.report.diagnosis_words import (
     headline,
     proof,
     quantity,
+    ranges,
     sizes,
     sureness,
     where,
@@ -122,7 +123,7 @@ def _figures(page: Page, diagnosis: Diagnosis, picture: Picture | SummaryPicture
         )  # fmt: skip
         return
     if picture.recorded is not None or not np.array_equal(picture.before, picture.after):
-        page.panels(over_time(picture), _over_time_caption(picture))
+        page.figure(over_time(picture), _over_time_caption(picture))
     for place, effect in _places(diagnosis, picture)[:DRAWN]:
         page.panels(residuals(picture, place, effect), _caption(place, effect if effect in picture.parts else None))
 
@@ -154,17 +155,17 @@ def _over_time_caption(picture: Picture) -> str:
 def _caption(place: Location, effect: str | None) -> str:
     if not place.intervals:
         return "Residual of each channel over time."
-    shade = "; ".join(f"{low:g} to {high:g}" for low, high in place.intervals)
+    shade = ranges(place)
     harmonic = f", harmonic {place.harmonic}" if place.harmonic else ""
     where = f"{', '.join(place.channels)} along {axis_name(place.covariate)}{harmonic}"
     if effect is not None:
         return (
             f"{title_of(effect)}: residual of {where}, all other effects that were found taken off (orange), what it "
-            f"does as fitted (dashed), and below what is left, in units of the noise of one row; it acts at {shade}."
+            f"does as fitted (dashed), and below what is left, in units of the noise of one row; largest at {shade}."
         )
     return (
         f"Residual of {where} before what was found is added (orange), and below what is left, in units of the noise of"
-        f" one row; the mismatch sits at {shade}."
+        f" one row; the mismatch is largest at {shade}."
     )
 
 

@@ -129,14 +129,25 @@ def sizes(claim: Claim) -> str:
     return ", ".join(words)
 
 
+def ranges(place: Location) -> str:
+    """Where along its covariate a mismatch is largest, with the digits that say something."""
+
+    def told(value: float) -> str:
+        return f"{float(f'{value:.4g}'):g}"
+
+    return "; ".join(told(low) if low == high else f"{told(low)} to {told(high)}" for low, high in place.intervals)
+
+
 def where(places: Sequence[Location]) -> str:
     """Channels, what the mismatch follows and where along it."""
     parts = []
     for place in places:
-        ranges = "; ".join(f"{low:g}" if low == high else f"{low:g} to {high:g}" for low, high in place.intervals)
         harmonic = f", harmonic {place.harmonic}" if place.harmonic else ""
         axis = axis_name(place.covariate)
-        parts.append(f"{', '.join(place.channels)} along {axis}{harmonic}" + (f": {ranges}" if ranges else ""))
+        parts.append(
+            f"{', '.join(place.channels)} along {axis}{harmonic}"
+            + (f": largest at {told}" if (told := ranges(place)) else "")
+        )
     return ". ".join(parts)
 
 
