@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from highside.rotation import Compensation
     from highside.rotation.compare import Comparison
     from highside.rotation.curve import Curve
+    from highside.rotation.direction import DirectionDifference, Motion
     from highside.rotation.samples import Samples
 
     Floats = NDArray[np.float64]
@@ -89,6 +90,7 @@ def fit_command(
     from highside.reading import read_bytes
     from highside.recording.files import write_whole
     from highside.rotation import Compensation, FitOptions, Method, NetworkInput, Validity, fit
+    from highside.rotation.direction import direction_difference
 
     table = _read(recording)
     options = FitOptions(rate_terms, NetworkInput(network_input.value), seed)
@@ -99,7 +101,9 @@ def fit_command(
         Validity(inclination_deg, roll_deg, pitch_deg),
         recording.name,
         hashlib.sha256(read_bytes(recording)).hexdigest(),
+        _motion(table),
     )
+    by_direction = {channel: direction_difference(known[channel], curve) for channel, curve in curves.items()}
     page = None
     if html is not None:
         from highside.report.rotation_page import fit_page
@@ -108,7 +112,10 @@ def fit_command(
     write_whole(output, compensation.to_json().encode())
     if html is not None and page is not None:
         write_whole(html, page.encode())
-    described = {name: _described(curve) for name, curve in curves.items()}
+    described = {
+        name: _described(curve) | {"direction": None if (found := by_direction[name]) is None else found.to_dict()}
+        for name, curve in curves.items()
+    }
     if as_json:
         typer.echo(json.dumps({"output": str(output), "id": compensation.id, "curves": described}))
         return
@@ -120,7 +127,8 @@ def fit_command(
             f" {one['half_range_arcmin']:.4f}'{held_out}"
         )
     for name, curve in curves.items():
-        for remark in curve.remarks:
+        difference = by_direction[name]
+        for remark in (*curve.remarks, *([difference.sentence] if difference is not None and difference.found else [])):
             typer.echo(f"{name}: {remark}", err=True)
 
 
@@ -169,11 +177,18 @@ def apply(
             " azi_deg",
         )
     table.with_columns(added | attitude.columns).write(output)
-    warning = _beyond_validity(table, compensation)
-    if warning:
-        typer.echo(warning, err=True)
+    warnings = [*_beyond_validity(table, compensation), *_never_seen(table, compensation)]
+    for warning in warnings:
+        typer.echo(f"warning: {warning}", err=True)
     if as_json:
-        said = {"output": str(output), "id": compensation.id, "rows": table.n, "channels": left, "warning": warning}
+        said = {
+            "output": str(output),
+            "id": compensation.id,
+            "rows": table.n,
+            "channels": left,
+            "warning": warnings[0] if warnings else None,
+            "warnings": warnings,
+        }
         typer.echo(json.dumps(said | {"attitude": attitude.said}))
         return
     typer.echo(f"{output}: {table.n} rows compensated by {compensation.id[:12]}")
@@ -187,21 +202,36 @@ def apply(
         typer.echo(f"  {name:<8} {counts['compensated']} rows compensated{f'; {why}' if why else ''}")
 
 
-def _beyond_validity(table: Recording, compensation: Compensation) -> str | None:
+def _motion(table: Recording) -> Motion:
+    """How the rotor moved, from the rows whose angle is known."""
+    import numpy as np
+
+    from highside.rotation.direction import Motion
+
+    known = np.isfinite(table.columns["rotor_deg"])
+    return Motion.of(table.t_s[known], np.radians(table.columns["rotor_deg"][known]))
+
+
+def _never_seen(table: Recording, compensation: Compensation) -> list[str]:
+    """A line for each direction and range of rates in the recording that the fit never saw."""
+    return [] if compensation.motion is None else compensation.motion.never_seen_here(_motion(table))
+
+
+def _beyond_validity(table: Recording, compensation: Compensation) -> list[str]:
     """A line if the recording says that it was made far from the inclination at which the compensation was fitted."""
     import numpy as np
 
     validity = compensation.validity
     if validity.inclination_deg is None or not table.has("inc_ref_deg"):
-        return None
+        return []
     off = np.abs(table.columns["inc_ref_deg"] - validity.inclination_deg)
     beyond = int(np.sum(off > validity.within_deg))
     if not beyond:
-        return None
-    return (
+        return []
+    return [
         f"{beyond} of {table.n} rows lie up to {np.nanmax(off):.1f} deg from the inclination of"
         f" {validity.inclination_deg:g} deg at which the compensation was fitted: its coefficients change with attitude"
-    )
+    ]
 
 
 def _described(curve: Curve) -> dict[str, Any]:
@@ -302,16 +332,21 @@ def compare(
     as_json: JsonOption = False,
 ) -> None:
     """Fit all methods to the same rows: what each leaves, on whole turns it had not seen too, and relative to sine."""
-    from highside.rotation import FitOptions, NetworkInput
+    from highside.rotation import FitOptions, Method, NetworkInput
     from highside.rotation.compare import compare as compare_methods
+    from highside.rotation.direction import direction_difference
 
     table = _read(recording)
     options = FitOptions(rate_terms, NetworkInput(network_input.value), seed)
     result: dict[str, Any] = {}
     compared: dict[str, tuple[Samples, Comparison]] = {}
+    by_direction: dict[str, DirectionDifference | None] = {}
     for channel, samples in _samples(table, rate_terms > 0):
         comparison = compare_methods(samples, options=options)
         compared[channel] = samples, comparison
+        best = comparison.scores.get(Method.AUTO) or next(iter(comparison.scores.values()), None)
+        difference = None if best is None else direction_difference(samples, best.curve)
+        by_direction[channel] = difference
         result[channel] = {
             "rows": samples.n,
             "mean_abs_before_arcmin": float(abs(samples.error).mean()),
@@ -329,6 +364,7 @@ def compare(
                 for method, score in comparison.scores.items()
             },
             "refused": {method.value: why for method, why in comparison.refused.items()},
+            "direction": None if difference is None else difference.to_dict(),
         }
     if html is not None:
         from highside.recording.files import write_whole
@@ -350,3 +386,5 @@ def compare(
             )
         for name, why in one["refused"].items():
             typer.echo(f"  {name}: {why}", err=True)
+        told = by_direction[channel]
+        typer.echo("  one direction of rotation only" if told is None else f"  {told.sentence}")

@@ -17,6 +17,7 @@ from highside import __version__
 from highside.errors import InputError, Refused
 from highside.reading import MALFORMED, parse_json
 from highside.rotation.curve import Curve
+from highside.rotation.direction import Motion
 
 SCHEMA = "highside.rotation/1"
 UNIT = "arcmin"
@@ -53,16 +54,21 @@ class Validity:
 
 @dataclass(frozen=True, slots=True)
 class Compensation:
-    """Curves by channel (`roll`, `pitch`, `heading`, or any name), in arcminutes; `source` names the recording."""
+    """Curves by channel (`roll`, `pitch`, `heading`, or any name), in arcminutes; `source` names the recording,
+    `motion` says how the rotor moved in it (None: not known)."""
 
     curves: Mapping[str, Curve]
     validity: Validity
     source: str
     source_sha256: str
+    motion: Motion | None = None
 
     def content(self) -> dict[str, Any]:
         """Everything but the id, as plain data."""
+        # absent where it is not known, so that compensations made without keep their ids
+        motion = {} if self.motion is None else {"motion": self.motion.to_dict()}
         return {
+            **motion,
             "schema": SCHEMA,
             "unit": UNIT,
             "software": {"name": "highside", "version": __version__},
@@ -98,7 +104,8 @@ class Compensation:
         try:
             validity = Validity.from_dict(data["validity"])
             curves = {str(name): Curve.from_dict(one) for name, one in data["curves"].items()}
-            found = cls(curves, validity, str(data["source"]["name"]), str(data["source"]["sha256"]))
+            motion = None if "motion" not in data else Motion.from_dict(data["motion"])
+            found = cls(curves, validity, str(data["source"]["name"]), str(data["source"]["sha256"]), motion)
             _ = found.id  # a text that reads as `nan` would be found out only when it is used
             return found
         except MALFORMED as error:

@@ -6,13 +6,14 @@ random rows flatters; whole turns are left out instead.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from highside.errors import InputError
 from highside.rotation.curve import Curve, HeldOut, Method, NetworkInput
-from highside.rotation.fourier import auto
+from highside.rotation.fourier import LARGEST_ORDER, UTMOST_ORDER, auto
 from highside.rotation.linear import harmonics2, polynomial9, sine
 from highside.rotation.network import network
 from highside.rotation.samples import Samples
@@ -40,6 +41,8 @@ def fit(samples: Samples, method: Method, options: FitOptions = DEFAULTS, *, hel
     """
     if options.rate_terms and method not in (Method.POLYNOMIAL9, Method.AUTO):
         raise InputError(f"{method.value} has no rate terms", field="--rate-terms", remedy="use polynomial9 or auto")
+    if method is Method.AUTO:
+        return _auto(samples, options, held_out=held_out)
     curve = _fit(samples, method, options)
     return replace(curve, held_out=held_out_error(samples, method, options)) if held_out else curve
 
@@ -58,8 +61,47 @@ def _fit(samples: Samples, method: Method, options: FitOptions) -> Curve:
     raise InputError(f"{method.value} is not fitted to a recording", remedy="use OnlineFit")
 
 
+def _auto(samples: Samples, options: FitOptions, *, held_out: bool) -> Curve:
+    """`auto` with as high an order as the errors ask for.
+
+    An order at the top of its range says that there is more: higher ones are tried, and kept where whole turns that the
+    fit had not seen are told better by them (without two whole turns: where BIC asks for them). Otherwise the higher
+    harmonics do not come back from turn to turn, and the remark says so.
+    """
+
+    def fitted(part: Samples, largest_order: int) -> Curve:
+        return auto(part, rate_terms=options.rate_terms, largest_order=largest_order)
+
+    def unseen(largest_order: int) -> HeldOut | None:
+        return _left_out(samples, lambda part: fitted(part, largest_order))
+
+    curve = fitted(samples, LARGEST_ORDER)
+    at_top = curve.order == LARGEST_ORDER and not samples.coverage.has_gap
+    usual = unseen(LARGEST_ORDER) if held_out or at_top else None
+    higher = fitted(samples, UTMOST_ORDER) if at_top else curve
+    if higher.order == curve.order:
+        return replace(curve, held_out=usual)
+    raised = unseen(UTMOST_ORDER)
+    if usual is not None and raised is not None and raised.rms >= usual.rms:
+        said = (
+            f"the highest order of the usual range ({curve.order}) was taken; orders to {higher.order} fit these rows"
+            f" better, but not turns that the fit had not seen ({raised.rms:.4g} against {usual.rms:.4g} rms): what is"
+            " left does not come back from turn to turn"
+        )
+        return replace(curve, held_out=usual, remarks=(*curve.remarks, said))
+    top = " and is the highest that can be tried: finer structure may be left" if higher.order == UTMOST_ORDER else ""
+    said = f"order {higher.order} was taken, beyond the usual range of {LARGEST_ORDER}{top}"
+    if usual is not None and raised is not None:
+        said += f"; turns not seen by the fit: {raised.rms:.4g} rms against {usual.rms:.4g}"
+    return replace(higher, held_out=raised, remarks=(*higher.remarks, said))
+
+
 def held_out_error(samples: Samples, method: Method, options: FitOptions = DEFAULTS) -> HeldOut | None:
     """Fit without each fold of whole turns in turn and score on it; None with fewer than two whole turns."""
+    return _left_out(samples, lambda part: _fit(part, method, options))
+
+
+def _left_out(samples: Samples, make: Callable[[Samples], Curve]) -> HeldOut | None:
     whole = samples.whole_revolutions
     if len(whole) < 2:
         return None
@@ -71,7 +113,7 @@ def held_out_error(samples: Samples, method: Method, options: FitOptions = DEFAU
         if not out.any():
             continue
         seen = samples.select(~out)
-        curve = _fit(seen, method, options)
+        curve = make(seen)
         unseen = samples.select(out)
         left = unseen.error - curve(unseen.theta_rad, unseen.rate_radps)
         squares += float(left @ left)

@@ -26,6 +26,9 @@ from highside.rotation.samples import Samples
 Floats = NDArray[np.float64]
 
 LARGEST_ORDER = 12
+"""Highest harmonic tried at first; where it is taken, `fit` looks beyond."""
+UTMOST_ORDER = 35
+"""Highest harmonic ever tried: the last that five-degree sectors of the turn can carry."""
 HUBER = 1.345
 _MAD_TO_STD = 1.482602218505602
 _ROUNDS = 30
@@ -74,8 +77,11 @@ def auto(samples: Samples, *, rate_terms: int = 0, largest_order: int = LARGEST_
         remarks.append(f"{100 * held_down:.1f} % of the rows lie more than four standard deviations off: held down")
     if samples.coverage.warning:
         remarks.append(samples.coverage.warning)
-    if used == largest_order and not samples.coverage.has_gap:
-        remarks.append(f"the highest order allowed ({used}) was taken: finer structure may be left")
+    if used == order < largest_order and not samples.coverage.has_gap:
+        remarks.append(
+            f"the highest order that these rows can carry ({used}) was taken: finer structure may be left; more rows"
+            " over more of the turn would show it"
+        )
     weight = float(np.mean(np.where(residual == 0.0, 1.0, psi / np.where(residual == 0.0, 1.0, residual))))
     places = np.concatenate([[0], np.arange(1 + extra, count), np.arange(1, 1 + extra)]).astype(int)
     return Curve(
