@@ -24,7 +24,7 @@ from highside.drift.blocks import Batch
 from highside.drift.compiled import kernels
 from highside.drift.filter import Settings
 from highside.drift.frames import to_body
-from highside.drift.gates import Gate, Motion
+from highside.drift.gates import Gate, Motion, quiet_rows
 from highside.drift.kinematic import kinematic
 from highside.drift.literal import AzimuthPolicy, literal
 from highside.drift.recursive import recursive
@@ -84,10 +84,10 @@ def _kinematic(settings: Settings, *, stops: str) -> Method:
     return run
 
 
-def _literal(policy: AzimuthPolicy, *, average: bool = False, correct: bool = True) -> Method:
+def _literal(policy: AzimuthPolicy, *, average: bool = False, correct: bool = True, gate: bool = True) -> Method:
     def run(data: DriftData) -> Angles:
         e = data.experiment
-        quiet = ~e.vibrating if e.name == "drilling" else None
+        quiet = quiet_rows(e.t_s, data.rate, data.accel, np.zeros((0, 2))) if gate else None
         return _ours(
             literal(
                 e.t_s,
@@ -119,6 +119,7 @@ OURS: dict[str, Method] = {
     "literal gyro": _literal(AzimuthPolicy.GYRO),
     "literal prev": _literal(AzimuthPolicy.PREV),
     "literal hold": _literal(AzimuthPolicy.HOLD),
+    "literal hold, without its gate": _literal(AzimuthPolicy.HOLD, gate=False),
     "literal_block hold": _literal(AzimuthPolicy.HOLD, average=True),
     "recursive": _recursive(hold=False),
     "recursive hold": _recursive(hold=True),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from highside.attitude.angles import wrap_signed
-from highside.physics.drift_scenarios import DriftData, drilling, record, rotating_table, turntable
+from highside.physics.drift_scenarios import DriftData, drilling, record, rotating_table, turntable, vibration_table
 from highside.recording.table import Recording, read_recording, write_recording
 from highside.report.reproduce_drift import as_dict, run_study
 from highside.report.reproduce_drift_page import page_of
@@ -65,6 +66,30 @@ def test_each_method_writes_its_rows_and_says_where_the_azimuth_comes_from(
         assert azimuth < 3.0
     words = {"literal": "constraint", "literal_block": "constraint", "recursive": "nothing", "none": "nothing"}
     assert f"azimuth from {words.get(method, 'zero-rate update')}" in done.stderr
+    assert ("gravity believed in 3001 of 6001 rows, within --rest" in done.stderr) is method.startswith("literal")
+
+
+def test_the_literal_method_has_the_papers_gate_on_vibration(tmp_path: Path) -> None:
+    """Shaken all the time it is the gyro alone, and says so; with stops it believes gravity there and nowhere else."""
+    experiment = vibration_table(60.0, 50.0)
+    path, out, alone = tmp_path / "shaken.csv", tmp_path / "out.csv", tmp_path / "alone.csv"
+    write_recording(path, Recording(_columns(record(experiment, 1))))
+    for method, to in (("literal", out), ("none", alone)):
+        done = _highside("drift", path, "--method", method, "-o", to, "--azimuth-deg", "60")
+        assert done.returncode == 0, done.stderr
+        if method == "literal":
+            assert "gravity believed in 0 of 3001 rows" in done.stderr and "gyro alone" in done.stderr
+    gated, gyro = (read_recording(each) for each in (out, alone))
+    for name in ("inc_deg", "tf_deg", "azi_deg"):
+        assert np.array_equal(gated.columns[name], gyro.columns[name])
+    # a second of it believed would have thrown the attitude about by half a g
+    assert np.abs(np.diff(gated.columns["inc_deg"])).max() < 0.01
+
+    drilled = drilling(300.0, 50.0, leg_s=100.0, stop_s=30.0)
+    write_recording(path, Recording(_columns(record(drilled, 2))))
+    done = _highside("drift", path, "--method", "literal", "-o", out, "--azimuth-deg", "60")
+    believed = int(re.search(r"gravity believed in (\d+) of", done.stderr)[1])  # type: ignore[index]
+    assert believed == pytest.approx(int((~drilled.vibrating).sum()), abs=300)  # the gate is a second late, 100 a stop
 
 
 def test_detected_stops_in_a_recording_and_the_same_bytes_again(tmp_path: Path) -> None:
@@ -178,6 +203,10 @@ def test_the_papers_experiments_beside_ours() -> None:
         assert all(row["azimuth_basis"] for row in experiment["methods"])
         for package in ("vqf", "ahrs", "imufusion"):
             assert (package in result["not_installed"]) or any(name.startswith(package) for name in names)
+    shaken = {row["method"]: row for row in result["experiments"][1]["methods"]}
+    # behind its gate the letter has no gravity there: it is the gyro alone
+    assert shaken["literal, policy hold"]["inc_deg_per_hour"] == shaken["gyro alone"]["inc_deg_per_hour"]
+    assert "literal, policy hold, without its gate" in shaken
     by_name = {row["method"]: row for row in result["experiments"][0]["methods"]}
     assert "constraint" in by_name["literal, policy hold"]["azimuth_basis"]
     assert by_name["literal, policy gyro"]["azi_deg_per_hour"] > 2.0

@@ -200,7 +200,7 @@ def test_a_changed_compensation_is_refused_and_others_are_named(folder: Path, fi
         (text.replace(repr(noise), repr(noise * 2)), 1, "it was changed; fit again"),
         (text.replace("highside.rotation/1", "highside.rotation/9"), 1, "this version reads"),
         ("{}", 2, "is no compensation"),
-        ("not json", 2, "is no compensation (not JSON)"),
+        ("not json", 2, "is no compensation (not JSON"),
     ):
         (folder / "bad.json").write_text(content)
         done = highside("rotation", "apply", "bad.json", "rec.csv", "-o", "never.csv", cwd=folder)

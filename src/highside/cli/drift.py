@@ -40,8 +40,9 @@ def drift(
         Method,
         typer.Option(
             "--method",
-            help="literal: the paper's equations 7-12. literal_block: their average over each stop. recursive: PI loop "
-            "with derived gains. kinematic: error-state filter with zero-rate updates. none: the gyro alone.",
+            help="literal: the paper's equations 7-12, gravity believed where its gate sees no vibration. "
+            "literal_block: their average over each stop. recursive: PI loop with derived gains. kinematic: error-"
+            "state filter with zero-rate updates. none: the gyro alone.",
         ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Attitude and bias for each row (CSV, .gz).")],
@@ -210,16 +211,24 @@ def _run(
         return kinematic(t_s, rate, accel, own, rest=rest if rest.size else None, smooth=smooth)
     if method is Method.RECURSIVE:
         return recursive(t_s, rate, accel, settings, hold=straight, rest=rest if rest.size else None)
-    return literal(
+    quiet = quiet_rows(t_s, rate, accel, rest)
+    result = literal(
         t_s,
         rate,
         accel,
         policy=AzimuthPolicy(policy.value) if policy else AzimuthPolicy.HOLD,
-        quiet=quiet_rows(t_s, rate, accel, rest),
+        quiet=quiet,
         azimuth_rad=settings.azimuth_rad or 0.0,
         average=method is Method.LITERAL_BLOCK,
         correct=method is not Method.NONE,
     )
+    if method is Method.NONE:
+        return result
+    by = "within --rest" if rest.size else "by the gate on vibration"
+    said = f"gravity believed in {int(quiet.sum())} of {quiet.size} rows, {by}"
+    if not quiet.any():
+        said += ": nowhere is it quiet, so that the gyro alone carries the attitude and no drift is known"
+    return replace(result, notes=(*result.notes, said))
 
 
 def _columns(result: DriftResult) -> dict[str, Column]:

@@ -148,8 +148,9 @@ class Gate:
 def quiet_rows(t_s: FloatArray, rate: FloatArray, accel: FloatArray, rest: FloatArray) -> NDArray[np.bool_]:
     """(N,) rows in which gravity may be believed, for the methods that know only yes and no. Tool frame.
 
-    Within `rest` (K, 2) if it is given; else by the gate, one block late so that no row knows its future. Where the
-    first record shows no tool at rest there is nothing to gate by, and all rows are believed.
+    This is the paper's gate: in strong vibration the gyro alone carries the attitude, in quiet and at every stop
+    gravity shows the drift. Within `rest` (K, 2) if it is given; else by the gate, one block late so that no row knows
+    its future. Where the first record shows no tool at rest, what no tool at rest would show is vibration.
     """
     if rest.size:
         inside = np.zeros(t_s.size, dtype=bool)
@@ -159,7 +160,6 @@ def quiet_rows(t_s: FloatArray, rate: FloatArray, accel: FloatArray, rest: Float
     batch = Batch.of(t_s, to_body(rate), to_body(accel))
     gate = Gate()
     verdicts = [gate.verdict(block) for block in batch.blocks()]
-    if gate.still is None:
-        return np.ones(t_s.size, dtype=bool)
-    believed = np.array([True] + [verdict > Motion.VIBRATING for verdict in verdicts[:-1]])
-    return believed[batch.number]
+    believed = np.array([verdict > Motion.VIBRATING for verdict in verdicts])
+    # the first block is the one from which the tilt of the start is taken: it is judged by itself
+    return np.concatenate([believed[:1], believed[:-1]])[batch.number]
