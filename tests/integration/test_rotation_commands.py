@@ -288,3 +288,36 @@ def test_the_benchmark_shows_ratios_and_keeps_its_bounds() -> None:
         if ratio <= 2.0 and fit_ms <= 20.0 and update_us <= 20.0:
             return
     pytest.fail(f"evaluation to harmonics2, fit in ms, update in us: {seen}")
+
+
+def test_what_differs_by_the_direction_is_said_with_its_size_and_motion_never_seen_is_warned_of(tmp_path: Path) -> None:
+    """Play of 0.05' in a rotor that turns back and forth; then a recording faster, and the other way."""
+    one = np.arange(240) / 240 * 360.0
+    both = np.concatenate([part for _ in range(4) for part in (one, 360.0 - one)])
+    way = np.sign(np.gradient(both))
+    noise = 0.01 * np.random.default_rng(3).standard_normal(both.size)
+    error = np.cos(np.radians(both)) + 0.025 * way + noise
+    t = np.arange(both.size) * 0.05
+    Recording({"t_s": t, "rotor_deg": both, "d_roll_arcmin": error}).write(tmp_path / "both.csv")
+    done = highside("rotation", "fit", "both.csv", "-o", "both.json", "--json", cwd=tmp_path)
+    assert done.returncode == 0
+    found = json.loads(done.stdout)["curves"]["roll"]["direction"]
+    assert found["found"] and abs(found["constant_arcmin"] - 0.05) < found["constant_u_arcmin"] < 0.02
+    plain = highside("rotation", "fit", "both.csv", "-o", "both.json", cwd=tmp_path)
+    assert "differs by the direction of rotation: forwards minus backwards +0.0" in plain.stderr
+    compared = highside("rotation", "compare", "both.csv", cwd=tmp_path)
+    assert "differs by the direction" in compared.stdout
+
+    forward = {"t_s": t[:480], "rotor_deg": np.mod(np.arange(480) * 1.5, 360.0), "d_roll_arcmin": error[:480]}
+    Recording(forward).write(tmp_path / "forward.csv")
+    assert highside("rotation", "fit", "forward.csv", "-o", "one.json", cwd=tmp_path).returncode == 0
+    assert "one direction of rotation only" in highside("rotation", "compare", "forward.csv", cwd=tmp_path).stdout
+    same = highside("rotation", "apply", "one.json", "forward.csv", "-o", "out.csv", "--json", cwd=tmp_path)
+    assert json.loads(same.stdout)["warnings"] == []
+    other = {**forward, "rotor_deg": forward["rotor_deg"][::-1], "t_s": forward["t_s"] / 4.0}
+    Recording(other).write(tmp_path / "other.csv")
+    warned = highside("rotation", "apply", "one.json", "other.csv", "-o", "out.csv", "--json", cwd=tmp_path)
+    assert warned.returncode == 0
+    said = json.loads(warned.stdout)["warnings"]
+    assert len(said) == 2 and "backwards" in said[0] and "deg/s" in said[1]
+    assert "warning:" in warned.stderr
