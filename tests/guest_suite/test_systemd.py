@@ -187,7 +187,14 @@ def install() -> None:
     # an interpreter with a shared library would look for it where it can no longer be reached
     library = f"Environment=LD_LIBRARY_PATH={PYTHON}/lib\n" if any((base / "lib").glob("libpython3.*.so.*")) else ""
     drop_in.write_text(f"[Service]\nWatchdogSec={WATCHDOG_S:g}\nTimeoutAbortSec=3\nRestartSec=0.5\n{library}")
+    if not notify_reload():
+        (drop_in.parent / "reload.conf").write_bytes((ROOT / "systemd" / "systemd-252.conf").read_bytes())
     run("systemctl", "daemon-reload")
+
+
+def notify_reload() -> bool:
+    """Whether this systemd knows Type=notify-reload."""
+    return int(run("systemctl", "--version").split()[1]) >= 253
 
 
 def synchronise_clock() -> None:
@@ -268,11 +275,16 @@ def test_its_exposure_is_at_most_two(guest: Guest) -> None:
 
 def test_reload_takes_a_good_configuration_and_refuses_a_bad_one(guest: Guest) -> None:
     pid = show("MainPID")
+    assert show("Type") == ("notify-reload" if notify_reload() else "notify")
     configure(rate=20)
     run("systemctl", "reload", UNIT)
     until(lambda: guest.broker.messages("health")[-1]["reload"]["count"] == 1, 15, "the reload")  # type: ignore[index]
+    # RELOADING was answered by READY: the unit is no longer in between
+    until(lambda: show("ActiveState") == "active", 15, "the end of the reload")
     configure(rate=-1)
     run("systemctl", "reload", UNIT)
+    until(lambda: "reload refused" in show("StatusText"), 15, "the refusal in the status line")
+    until(lambda: show("ActiveState") == "active", 15, "the end of the refused reload")
     until(
         lambda: "output_rate_hz" in str(guest.broker.messages("health")[-1]["reload"]["refused"]),  # type: ignore[index]
         15,
