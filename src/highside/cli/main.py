@@ -37,6 +37,7 @@ from highside.printable import one_line
 app = typer.Typer(
     name="highside",
     no_args_is_help=True,
+    rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     help="Live acquisition and calibration for the accelerometers and gyros of a directional drilling tool.",
 )
