@@ -306,7 +306,7 @@ VIEWERS_S = float(os.environ.get("HIGHSIDE_VIEWERS_S", "10"))
 async def test_a_hundred_viewers_who_do_not_read_half_open_and_slow(tmp_path: Path) -> None:
     """Each comes again when he is let go. No reading is lost, the session keeps its pace, the operator is answered, and
     the memory stays."""
-    async with bench_process(tmp_path, speed=1.0, more="[simulated.mistakes]\n") as bench:
+    async with bench_process(tmp_path, speed=1.0) as bench:
         await bench.command("start")
         stop = asyncio.Event()
 
@@ -360,9 +360,13 @@ async def test_a_hundred_viewers_who_do_not_read_half_open_and_slow(tmp_path: Pa
         now, lasted = await bench.state(), time.monotonic() - begun
         stop.set()
         await asyncio.gather(*crowd, return_exceptions=True)
-        print(f"{VIEWERS_S:g} s: rss {before:.0f} -> {highest:.0f} MB, answers {max(waits):.2f} s at most")
+        went = now["elapsed_s"] - start["elapsed_s"]
+        print(
+            f"{lasted:.1f} s: session {went:.1f} s, {now['plan']['done'] - start['plan']['done']} poses,"
+            f" rss {before:.0f} -> {highest:.0f} MB, answers {max(waits):.2f} s at most, faults {now['faults']}"
+        )
         # the session's time is that of the readings that came; a lost one is a fault
-        assert now["elapsed_s"] - start["elapsed_s"] == pytest.approx(lasted, abs=2.0)
+        assert went == pytest.approx(lasted, rel=0.1, abs=3.0)
         assert now["faults"] == []
         assert now["plan"]["done"] > start["plan"]["done"]
         assert highest - before < 40.0
