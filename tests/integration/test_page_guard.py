@@ -173,7 +173,7 @@ async def test_an_onlooker_writes_no_log_and_presses_no_button(tmp_path: Path) -
     """By hand-made frames on a socket of his own: log lines, events on every element, another's page, nonsense."""
     async with bench_process(tmp_path, "--set", "web.viewers=500") as bench:
         page = await page_id(bench)
-        said = len(bench.said)
+        said, begun = len(bench.said), time.monotonic()
         async with opened(bench, handshake_of(page)) as sock:
             assert await joined(sock)
             for level in ("error", "warning", "no such level"):
@@ -206,7 +206,8 @@ async def test_an_onlooker_writes_no_log_and_presses_no_button(tmp_path: Path) -
         text = "".join(bench.said[said:])
         assert "INJECTED" not in text and "\x1b" not in text and "Traceback" not in text
         lines = text.splitlines()
-        assert len(lines) <= 1 and all(len(line) < 400 for line in lines), lines
+        assert len(lines) <= 1 + (time.monotonic() - begun) / 60.0, "one a minute"
+        assert all("bench page: " in line and len(line) < 400 for line in lines), lines
 
 
 async def test_nobody_speaks_for_the_operators_page(tmp_path: Path) -> None:
@@ -370,7 +371,8 @@ async def test_a_hundred_viewers_who_do_not_read_half_open_and_slow(tmp_path: Pa
         assert now["faults"] == []
         assert now["plan"]["done"] > start["plan"]["done"]
         assert highest - before < 40.0
-        assert sorted(waits)[len(waits) // 2] < 1.0
+        # of the clock only this is asked: who looks is answered, on a machine that does ten other things, too
+        assert sorted(waits)[len(waits) // 2] < 5.0
         reply = await bench.command("pause")
         assert reply.status_code == 200
         assert not any("Traceback" in line for line in bench.said)

@@ -149,6 +149,10 @@ class Sockets:
             raise Refused("Implicit handshake failed")
 
     def _disconnect(self, sid: str, *_: Any) -> None:
+        if core.sio.manager.is_connected(sid, "/"):
+            # it is not gone: a frame that names this handler
+            self._offences.note("a malformed frame", self._sender(sid))
+            return
         self._theirs["disconnect"](sid)
 
     async def _handshake(self, sid: str, *args: Any) -> bool:
