@@ -2,7 +2,7 @@
 
 Each check is a function that yields findings. None changes anything or says anything at the broker, but for the
 broker's queue where that was asked for (`doctor_broker`). A check that cannot be made says so. Beside a running service
-its files are left alone: what they hold is in the retained `health`, which is read instead.
+its files are only looked at, and what it says of itself in the retained `health` is read.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from highside.calibration.record import RecordError, RecordReason
 from highside.config.links import PythonCanLink, SerialLink, SocketCanLink
 from highside.config.rig import WitsSerial
 from highside.config.settings import Settings
-from highside.errors import HighsideError
+from highside.errors import HighsideError, InputError
 from highside.reading import MALFORMED, parse_json
 from highside.recording.calibration_store import CalibrationStore, read_record
 from highside.service.broker_client import check_secrets
@@ -33,6 +33,7 @@ from highside.service.clock import clock_synced
 from highside.service.doctor_broker import examine_broker
 from highside.service.findings import Finding, Level
 from highside.service.in_force import correction_of
+from highside.service.outbox_file import inspect
 from highside.service.places import state_dir
 
 MIB = 1024 * 1024
@@ -48,7 +49,7 @@ async def examine(settings: Settings, *, queue_messages: int = 0) -> AsyncIterat
     for part in (
         _state_directory(directory, running),
         _disk(settings, directory),
-        () if running else _outbox(directory),
+        _outbox(directory, running),
         _secrets(settings),
         _clock(),
         _calibration(settings),
@@ -122,27 +123,33 @@ def _disk(settings: Settings, directory: Path) -> Iterator[Finding]:
         yield Finding("disk", Level.WARN, f"only {inodes.f_favail} files can still be made at {where}", "remove files")
 
 
-def _outbox(directory: Path) -> Iterator[Finding]:
+def _outbox(directory: Path, running: bool) -> Iterator[Finding]:
     path = directory / "outbox.sqlite"
     if not path.exists():
         yield Finding("outbox", Level.OK, "empty: no service has run here yet")
         return
     try:
-        with contextlib.closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True, timeout=2.0)) as db:
-            state = db.execute("PRAGMA quick_check").fetchone()[0]
-            queued, oldest = db.execute("SELECT count(*), min(created_s) FROM outbox").fetchone()
-    except sqlite3.Error as error:
-        yield Finding("outbox", Level.FAIL, f"{path}: {error}", "the service sets a damaged file aside at its start")
+        found = inspect(path)
+        if not running:
+            with contextlib.closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True, timeout=2.0)) as db:
+                state = db.execute("PRAGMA quick_check").fetchone()[0]
+            if state != "ok":
+                raise InputError(state, where=str(path), remedy="the service sets a damaged file aside at its start")
+    except (sqlite3.Error, InputError) as error:
+        remedy = error.remedy if isinstance(error, InputError) else None
+        said = f"{path}: {error.what}" if isinstance(error, InputError) else f"{path}: {error}"
+        yield Finding("outbox", Level.FAIL, said, remedy or "the service sets a damaged file aside at its start")
         return
-    if state != "ok":
-        yield Finding("outbox", Level.FAIL, f"{path}: {state}", "the service sets a damaged file aside at its start")
-    elif queued:
-        age = (time.time() - oldest) / 3600.0
-        level = Level.WARN if age > 1.0 else Level.OK
-        yield Finding("outbox", level, f"{queued:,} messages wait for the broker, the oldest {age:.1f} h",
-                      "look at the broker below" if level is Level.WARN else "")  # fmt: skip
-    else:
-        yield Finding("outbox", Level.OK, "sound, nothing waits")
+    whose = "in use by the running service, " if running else "sound, "
+    if not found.queued:
+        yield Finding("outbox", Level.OK, f"{whose}nothing waits")
+        return
+    # an age that no clock can tell is not one to worry about
+    hours = 0.0 if found.oldest_age_s is None else found.oldest_age_s / 3600.0
+    old = "" if found.oldest_age_s is None else f", the oldest {hours:.1f} h"
+    level = Level.WARN if hours > 1.0 else Level.OK
+    yield Finding("outbox", level, f"{whose}{found.queued:,} messages wait for the broker{old}",
+                  "look at the broker below" if level is Level.WARN else "")  # fmt: skip
 
 
 def _secrets(settings: Settings) -> Iterator[Finding]:

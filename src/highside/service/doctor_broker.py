@@ -27,8 +27,6 @@ RETAINED_S = 2.0
 """A retained message comes at once after the subscription; one that has not come by then is not there."""
 OLD_HEALTH_S = 30.0
 """A health message older than this, beyond its interval, is not of a service that is well."""
-WAITING = 1000
-"""More messages waiting than this are worth a warning: 100 s at the default 10 Hz."""
 
 
 async def examine_broker(settings: Settings, *, running: bool, queue_messages: int) -> AsyncIterator[Finding]:
@@ -45,7 +43,7 @@ async def examine_broker(settings: Settings, *, running: bool, queue_messages: i
         yield Finding("broker", Level.FAIL, f"{where}: {str(error) or 'no answer'}",
                       "start it, or mend the [mqtt] table; meanwhile messages are kept on disk")  # fmt: skip
         if running:
-            yield Finding("outbox", Level.SKIP, "the running service holds it; what it says is at the broker")
+            yield Finding("health", Level.SKIP, "what the running service says of itself is at the broker")
         return
     yield Finding("broker", Level.OK, f"{where} answers, {1e3 * (time.monotonic() - began):.0f} ms")
     if running:
@@ -66,13 +64,13 @@ async def _told_by_service(settings: Settings, identifier: str) -> list[Finding]
     try:
         payload = await _retained(settings.mqtt, identifier, topic)
         if payload is None:
-            return [Finding("outbox", Level.SKIP, f"the running service holds it, and nothing is retained on {topic}",
+            return [Finding("health", Level.SKIP, f"nothing is retained on {topic}",
                             "allow this user to read that topic")]  # fmt: skip
         health = parse_message(HealthMessage, payload)
     except (aiomqtt.MqttError, OSError, TimeoutError) as error:
-        return [Finding("outbox", Level.SKIP, f"the running service holds it; {topic} cannot be read: {error}")]
+        return [Finding("health", Level.SKIP, f"{topic} cannot be read: {error}")]
     except InputError:
-        return [Finding("outbox", Level.SKIP, f"the running service holds it; its {topic} is of another version")]
+        return [Finding("health", Level.SKIP, f"{topic} is of another version of highside")]
     return list(judge_health(health, time.time(), settings.service.health_interval_s))
 
 
@@ -90,10 +88,6 @@ def judge_health(health: HealthMessage, now_s: float, interval_s: float) -> Iter
     box = health.outbox
     if not box.storage_ok:
         yield Finding("outbox", Level.FAIL, f"cannot be written: {box.storage_error}", "free the disk, or mend it")
-    elif box.queued > WAITING:
-        yield Finding("outbox", Level.WARN, f"{box.queued:,} messages wait for the broker", "look at the broker")
-    else:
-        yield Finding("outbox", Level.OK, f"in use by the running service; {box.queued:,} messages wait")
 
 
 async def _retained(mqtt: MqttSettings, identifier: str, topic: str) -> bytes | None:
