@@ -31,8 +31,9 @@ from daemon import HIGHSIDE, Pty, Subscriber
 from highside.codec.tool import encode
 
 FRAMES_PER_S = 100.0
-SETTLE_S = 5.0
-"""Start, imports, first messages: not measured."""
+START_S = 60.0
+SETTLE_S = 3.0
+"""Not measured, after the first messages of both."""
 A = (0.35355339, 0.35355339, 0.8660254)
 
 
@@ -82,6 +83,10 @@ def switches(pid: int) -> int:
     return total
 
 
+def heard(subscriber: Subscriber) -> bool:
+    return any(topic.endswith("/attitude") for topic, *_ in subscriber.drain())
+
+
 def measure(folder: Path, broker: Mosquitto, rate_hz: float, seconds: float, *, recorder: bool) -> dict[str, Any]:
     """Both at one message rate; figures of each."""
     folder.mkdir(parents=True)
@@ -106,6 +111,9 @@ def measure(folder: Path, broker: Mosquitto, rate_hz: float, seconds: float, *, 
                 processes[name] = subprocess.Popen(command, stdout=log, stderr=log)
         time.sleep(2.0)
         device.start()
+        deadline = time.monotonic() + START_S
+        while not all(heard(subscriber) for subscriber in subscribers.values()) and time.monotonic() < deadline:
+            time.sleep(0.1)
         time.sleep(SETTLE_S)
         before = {name: _state(process.pid) for name, process in processes.items()}
         first = len(device.written)

@@ -28,6 +28,9 @@ from highside.link.handover import Handover
 SerialPort = Any
 """one of pyserial's classes; what they have in common (`in_waiting`, `fileno`) is not in their common base"""
 READ_SIZE = 65536
+SHORT_READ = 2048
+"""A read that gives less has emptied the line (the kernel's line discipline hands out up to 4 KiB): no second one is
+made only to be told so."""
 READS_PER_WAKE = 16
 """a pty gives 4 KiB a read; the drain is bounded so that one busy line cannot starve the loop"""
 LOOK_S = 0.05
@@ -164,6 +167,8 @@ class SerialTransport:
                 error = self._end_of_file()
                 break
             parts.append(data)
+            if len(data) < SHORT_READ:
+                break  # that was all; if more comes meanwhile, the loop calls again
         if parts:
             self._deliver(Chunk(time.monotonic(), time.time(), b"".join(parts)))
         if error is not None:

@@ -258,6 +258,7 @@ class Service:
     def health(self) -> messages.HealthMessage:
         """What the retained `health` message says; every counter balances at any time (`balance`)."""
         pipeline = self.pipeline
+        pipeline.process_held()
         codec, monitor = pipeline.codec.counts, pipeline.monitor.counts
         outbox, link, broker, recorder = (
             self.outbox.stats,

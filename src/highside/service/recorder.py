@@ -41,8 +41,8 @@ from highside.recording.wire import SUFFIX, encode_header, encode_record
 
 log = logging.getLogger(__name__)
 
-GATHER_S = 0.02
-"""How long the writer lets batches gather before it writes them: the most that SIGKILL can take."""
+GATHER_S = 0.05
+"""How long the writer lets batches gather before it writes them: the most that SIGKILL can take, as of messages."""
 CANDUMP_SUFFIX = ".log"
 _NAME = re.compile(r"^(?P<tool>.+)_(?P<sequence>\d{6,15})_\d{8}T\d{6}Z(?:\.hsw|\.log)$")
 
