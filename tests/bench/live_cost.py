@@ -139,6 +139,9 @@ def measure(folder: Path, broker: Mosquitto, rate_hz: float, seconds: float, *, 
                 if first <= k < last:
                     delays.append((arrived - device.written[k]) * 1e3)
         cpu, io, woken = (b - a for a, b in zip(before[name], after[name], strict=True))
+        if not delays:
+            said = (folder / f"{name}.log").read_text()[-500:]
+            raise SystemExit(f"{name}: no message arrived, nothing was measured: {said}")
         found[name] = figures(delays, cpu / seconds, io, woken / seconds)
     return found
 
@@ -148,8 +151,6 @@ def _state(pid: int) -> tuple[float, int, int]:
 
 
 def figures(delays_ms: list[float], cpu: float, written: int, wakes_per_s: float) -> dict[str, float]:
-    if not delays_ms:
-        raise SystemExit("no message arrived: nothing was measured")
     ordered = sorted(delays_ms)
     return {
         "messages": len(ordered),

@@ -10,6 +10,7 @@ no noise, no health, no reconnection.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import math
 import os
@@ -35,7 +36,8 @@ class Reader:
         self.seq = 0
 
     def readable(self) -> None:
-        self.buffer += os.read(self.fd, 4096)
+        with contextlib.suppress(BlockingIOError):
+            self.buffer += os.read(self.fd, 4096)
         while (at := self.buffer.find(b"\xc8\xf3")) >= 0 and len(self.buffer) - at >= FRAME.size:
             _, _, _, _, t_us, x, y, z, temp, crc = FRAME.unpack_from(self.buffer, at)
             if crc_hqx(self.buffer[at + 2 : at + FRAME.size - 2], 0xFFFF) != crc:

@@ -283,6 +283,35 @@ async def test_cancellation_closes_the_transport(when: str) -> None:
     assert len(asyncio.all_tasks()) == 1
 
 
+async def test_a_cancellation_that_arrives_while_a_failed_attempt_is_cleared_away_is_not_swallowed() -> None:
+    clearing = asyncio.Event()
+
+    class SlowToEnd(FakeTransport):
+        async def wait_ready(self) -> None:
+            try:
+                await asyncio.Event().wait()
+            finally:
+                clearing.set()
+                await asyncio.sleep(0.05)
+
+    class Absent(SlowToEnd):
+        async def open(self, deliver: Deliver) -> None:
+            raise LinkError(LinkReason.NOT_FOUND, "no such device")
+
+    class Ignoring:
+        def on_batch(self, batch: Batch) -> None: ...
+
+        def on_state(self, state: LinkState, reason: LinkReason | None, message: str) -> None: ...
+
+    settings = SupervisorSettings(backoff_initial_s=0.01, backoff_max_s=0.01)
+    task = asyncio.create_task(LinkSupervisor(Absent, Ignoring(), settings).run())
+    await asyncio.wait_for(clearing.wait(), 5.0)
+    task.cancel()
+    done, _ = await asyncio.wait({task}, timeout=2.0)
+    assert done, "the link goes on after its cancellation"
+    assert task.cancelled()
+
+
 async def test_without_a_watchdog_silence_is_allowed() -> None:
     bench = Bench(settings=SupervisorSettings(stale_after_s=0.0))
     await settle()

@@ -14,7 +14,6 @@ Times: `t_mono` is the monotonic clock at which the bytes were read, `t_wall` th
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import random
 import time
 from collections.abc import Callable
@@ -307,8 +306,7 @@ class LinkSupervisor:
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            for task in tasks:
-                await _cancelled(task)
+            await _cancelled(*tasks)
 
     def _deliver(self, batch: Batch) -> None:
         stats = self.stats
@@ -351,8 +349,11 @@ class LinkSupervisor:
             self._sink.on_state(state, reason, message)
 
 
-async def _cancelled(task: asyncio.Future[object] | asyncio.Future[None] | asyncio.Future[LinkError]) -> None:
-    """Cancel and wait until it is over, so that no task outlives its owner."""
-    task.cancel()
-    with contextlib.suppress(asyncio.CancelledError):
-        await asyncio.wait({task})
+async def _cancelled(*tasks: asyncio.Future[object] | asyncio.Future[None] | asyncio.Future[LinkError]) -> None:
+    """Cancel and wait until they are over, so that no task outlives its owner.
+
+    A cancellation of the owner that arrives meanwhile passes: were it swallowed, the link would run for ever.
+    """
+    for task in tasks:
+        task.cancel()
+    await asyncio.wait(tasks)

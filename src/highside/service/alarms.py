@@ -23,6 +23,8 @@ ALARMS: dict[str, str] = {
     "outbox_storage": "The outbox cannot write to the disk; messages wait in memory.",
     "outbox_dropping": "Messages were dropped within the last hour, `outbox.dropped` says why: more room"
     " (`[mqtt.outbox]`), or the broker back.",
+    "clock_stepped": "The wall clock was set within the last hour, `clock.last_step_s` says by how much: the `t` of"
+    " messages before and after it are not of one clock.",
     "recorder_storage": "The recorder cannot write to the disk.",
     "survey_storage": "Surveys cannot be written to the disk; they are tried again.",
     "no_calibration": "No calibration was ever put in force in the configured store; readings pass uncorrected.",

@@ -34,7 +34,7 @@ from highside.link.base import Batch, LinkReason, LinkState, LinkSupervisor
 from highside.service import messages
 from highside.service.alarms import UNANSWERED_STANDS_S, Dropping, Growing
 from highside.service.broker_client import check_secrets
-from highside.service.clock import LoopLag, clock_synced
+from highside.service.clock import LoopLag, StepWatch, clock_synced
 from highside.service.damage import DamageLog
 from highside.service.drift_keeper import DriftKeeper, DriftParts
 from highside.service.home_assistant import discovery
@@ -59,6 +59,7 @@ WEDGED_AFTER_S = 15.0
 STOP_BUDGET_S = 8.0
 """How long an orderly end may take; systemd would kill after 10 s."""
 CLOCK_CHECK_S = 10.0
+STEP_CHECK_S = 1.0
 LINK_LINES = 3
 """Lines a minute for each state and reason of the link: a plug that is seated anew is told whole, a loose contact in a
 few lines; `health` counts every one."""
@@ -78,6 +79,7 @@ class Service:
         self._lag = LoopLag()
         self._started_mono = time.monotonic()
         self._clock_synced = clock_synced()
+        self._steps = StepWatch()
         self._stopping = asyncio.Event()
         self._changed = asyncio.Event()
         """other tasks are to be watched"""
@@ -287,6 +289,8 @@ class Service:
             alarms.append("outbox_dropping")
         if self.settings.recorder.enabled and recorder.state is RecorderState.FAILING:
             alarms.append("recorder_storage")
+        if self._steps.alarm:
+            alarms.append("clock_stepped")
         alarms.extend(self.parts.flags)
         if self.reloader.refused:
             alarms.append("reload_refused")
@@ -305,6 +309,7 @@ class Service:
             clock_synced=self._clock_synced,
             version=__version__,
             uptime_s=round(time.monotonic() - self._started_mono, 3),
+            clock=self._steps.as_dict(),
             link=link.as_dict() | {"data_age_s": age},
             codec=codec.as_dict(),
             monitor=monitor.as_dict(),
@@ -468,6 +473,7 @@ class Service:
         others = [
             asyncio.create_task(self._lag.run(), name="loop-lag"),
             asyncio.create_task(self._tell_health(), name="health"),
+            asyncio.create_task(self._watch_clock(), name="clock"),
             asyncio.create_task(self._feed_watchdog(), name="watchdog"),
             asyncio.create_task(self.reloader.run(), name="reload"),
         ]
@@ -573,6 +579,15 @@ class Service:
                 f" {self.outbox.stats.queued} queued{self.reloader.note()}"
             )
             await asyncio.sleep(self.settings.service.health_interval_s)
+
+    async def _watch_clock(self) -> None:
+        while True:
+            stepped = self._steps.look()
+            if stepped is not None:
+                self._clock_synced = clock_synced()
+                log.warning("the wall clock was set %s by %.1f s", "forward" if stepped > 0.0 else "back", abs(stepped))
+                self.publish_health()
+            await asyncio.sleep(STEP_CHECK_S)
 
     async def _feed_watchdog(self) -> None:
         interval = self.notifier.watchdog_interval_s

@@ -165,6 +165,11 @@ class HealthMessage(_Payload):
     clock_synced: bool
     version: str
     uptime_s: float = Field(ge=0)
+    clock: dict[str, float | None] = Field(
+        default_factory=dict,
+        description="How often the wall clock was set since the start, by how much (s, positive: forward) and how long"
+        " ago the last time.",
+    )
     link: dict[str, Any] = Field(description="State of the link and how often it was opened and lost.")
     codec: dict[str, Count] = Field(description="Where the bytes went: bytes_in = framed + bad + text + junk.")
     monitor: dict[str, Any] = Field(description="Gaps, duplicates, range, stuck axes.")

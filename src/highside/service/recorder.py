@@ -254,7 +254,8 @@ class Recorder:
                 stopping, waiting = self._stopping, bool(self._queue)
                 enabled = self._settings.enabled
             if waiting and not stopping:
-                time.sleep(GATHER_S)
+                with self._changed:
+                    self._changed.wait_for(lambda: self._stopping, GATHER_S)
             try:
                 self._write_queued()
                 self._keep_time(close=stopping or not enabled)
