@@ -127,6 +127,7 @@ async def test_a_second_opener_is_refused_in_this_process_and_in_another(tmp_pat
         with pytest.raises(LinkError) as refused:
             open_port(SerialSettings(wire.address))
         assert refused.value.reason is LinkReason.BUSY
+        assert f"process {os.getpid()})" in refused.value.message
         script = (
             "import sys\nfrom highside.link.base import LinkError\n"
             "from highside.link.serial import SerialSettings, open_port\n"

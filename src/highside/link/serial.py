@@ -284,7 +284,7 @@ def _open_error(name: str, fault: OSError) -> LinkError:
     text = " ".join(str(fault).split())
     code = fault.errno
     if code in _BUSY:
-        return LinkError(LinkReason.BUSY, f"{name}: in use by another program")
+        return LinkError(LinkReason.BUSY, f"{name}: in use by another program{_holder(name)}")
     if code in (errno.EACCES, errno.EPERM):
         return LinkError(LinkReason.NO_PERMISSION, f"{name}: no permission (is the user in the group dialout?)")
     if code in (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ENOTDIR):
@@ -294,6 +294,20 @@ def _open_error(name: str, fault: OSError) -> LinkError:
     if "RFC2217" in text or "Inappropriate ioctl" in text:
         return LinkError(LinkReason.CONFIG, f"{name}: {text}")
     return LinkError(LinkReason.IO_ERROR, f"{name}: {text}")
+
+
+def _holder(path: str) -> str:
+    """Who holds the lock on a port, as far as the kernel tells: " (highside, process 123)", or nothing."""
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        status = Path(path).stat()
+        place = f"{os.major(status.st_dev):02x}:{os.minor(status.st_dev):02x}:{status.st_ino}"
+        for line in Path("/proc/locks").read_text(encoding="ascii").splitlines():
+            # 12: FLOCK  ADVISORY  WRITE 4711 00:19:7 0 EOF
+            words = line.split()
+            if words[1] == "FLOCK" and words[5] == place:
+                pid = int(words[4])
+                return f" ({Path(f'/proc/{pid}/comm').read_text(errors='replace').strip()}, process {pid})"
+    return ""
 
 
 def _close_port(port: SerialPort) -> None:
