@@ -12,7 +12,7 @@ import aiomqtt
 import pytest
 from broker import Mosquitto, free_port, shipped_config
 
-USERS = {"rig7": "seven", "rig8": "eight", "reader": "reads", "stranger": "nothing"}
+USERS = {"rig7": "seven", "rig8": "eight", "reader": "reads", "operator": "acts", "stranger": "nothing"}
 
 
 @pytest.fixture
@@ -91,6 +91,29 @@ async def test_each_user_does_its_own_part_alone(mosquitto: Mosquitto) -> None:
         assert await receive(rig8, 9, quiet_s=0.5) == [("highside/rig8/attitude", b"own")]
         # a user has what is below its own name and nothing else
         assert await receive(stranger, 9, quiet_s=0.3) == []
+
+
+async def test_commands_reach_the_tool_and_nobody_else(mosquitto: Mosquitto) -> None:
+    """A command to a session may carry the secret of who holds it: neither readers nor other operators hear it."""
+    async with (
+        client(mosquitto, "reader") as reader,
+        client(mosquitto, "operator", identifier="first") as operator,
+        client(mosquitto, "operator", identifier="second") as other,
+        client(mosquitto, "rig7") as rig7,
+    ):
+        for listener in (reader, other):
+            await listener.subscribe("#", qos=1)
+            await listener.subscribe("highside/rig7/session/command", qos=1)
+        await rig7.subscribe("highside/rig7/session/command", qos=1)
+        await operator.subscribe("highside/+/session/reply", qos=1)
+        await operator.publish("highside/rig7/session/command", b"secret", qos=1)
+        await operator.publish("highside/rig7/attitude", b"forged", qos=1)
+        assert await receive(rig7, 9, quiet_s=1.0) == [("highside/rig7/session/command", b"secret")]
+        await rig7.publish("highside/rig7/session/reply", b"done", qos=1)
+        reply = [("highside/rig7/session/reply", b"done")]
+        assert await receive(operator, 9, quiet_s=1.0) == reply
+        for listener in (reader, other):
+            assert await receive(listener, 9, quiet_s=0.5) == reply
 
 
 async def test_an_absent_durable_subscriber_gets_all_that_was_acknowledged(mosquitto: Mosquitto) -> None:
