@@ -46,6 +46,7 @@ evidence: $(VENV)/.test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/calibration_montecarlo.py --sensors 1000 --first-seed 300000
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/schedule_coverage.py --sensors 600 --first-seed 400000
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/session_coverage.py 100
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/balance_coverage.py 54
 	$(BIN)/python tests/bench/drift_scenarios.py --only "S1r elevation 0" --seeds 1 --no-rivals --efficiency 60 --consistency 100 --false-stops-h 10
 	$(BIN)/python tests/bench/drift_limit.py
 	$(BIN)/python -m pytest -q -s tests/integration/test_soak.py tests/integration/test_mqtt_faults.py tests/integration/test_mqtt_sigkill.py

@@ -22,11 +22,17 @@ def diagnose(
         Path | None,
         typer.Argument(help="The Recording or pose table (CSV, optionally gzipped), or with --codec a wire recording."),
     ] = None,
-    model: Annotated[Path | None, typer.Option("--model", help="Model file (TOML): what the simulation knows.")] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", help="Model file (TOML): what the simulation knows. --summary does without."),
+    ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="Directory for diagnosis.json and report.html.")] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the calibration of thresholds.")] = 1,
     summary: Annotated[
-        Path | None, typer.Option("--summary", help="A published error table (CSV) in place of a recording.")
+        Path | None,
+        typer.Option(
+            "--summary", help="A published error table (CSV) in place of a recording; --model may be left out."
+        ),
     ] = None,
     corrected_by: Annotated[
         str, typer.Option("--corrected-by", help="conventional3, balance-average or none: what the table comes after.")
@@ -66,8 +72,10 @@ def diagnose(
             "goes with a recording alone", field="--simulation", remedy="leave --summary and --write-model out: "
             "what the other program lacks is for that program to take up",
         )  # fmt: skip
+    # what goes with an error table or another program's output needs no model: nothing is known then, beside the sensor
+    bare = simulation is not None or summary is not None
     for name, value in (("--model", model), ("--out", out)):
-        if value is None and not (name == "--model" and simulation is not None):
+        if value is None and not (name == "--model" and bare):
             raise InputError("is missing", field=name, remedy="see highside diagnose --help")
     assert out is not None
     knows = load_model(model) if model is not None else Model()

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.candidates import pose_candidates
 from highside.diagnosis.laws import chi2_beyond
 from highside.diagnosis.result import (
     Claim,
@@ -23,34 +22,27 @@ from highside.diagnosis.result import (
     Fit,
     FittedParameter,
     Location,
-    NotTestable,
     Remainder,
     Rival,
     Verdict,
 )
 from highside.diagnosis.summary_advice import next_ring
-from highside.diagnosis.summary_chain import CELLS, Linear, Procedure, Sessions, tell
-from highside.diagnosis.summary_fit import Fitted, Option, Table, deviance_at, fit_set, options_of, rechanced
+from highside.diagnosis.summary_chain import CELLS, Linear, Procedure, tell
+from highside.diagnosis.summary_explained import Explained, Scene, explain, prepare
+from highside.diagnosis.summary_fit import Fitted, Table, covariance_of_values, deviance_at, fit_set
 from highside.diagnosis.summary_instrument import detectable, instrument
 from highside.diagnosis.summary_search import (
     Standing,
     alike,
     left_out_row,
     other_amplitudes,
-    polished,
-    search,
     standing,
-    unexplained_rows,
 )
-from highside.errors import InputError
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
 
-STEP_RAD = float(np.radians(0.009))
-"""Half a step of a usual turntable (0.018 deg): where a model does not say how its bench stops."""
-MIN_CELLS = 12
 NAMED_SHARE = 0.85
 """Share of the unexplained scatter's variance that names must remove to be given."""
 BELIEVED = 6.0
@@ -61,14 +53,6 @@ SHOWS = 4.0
 """Chi-square by which a member must move the means to have a name."""
 SCATTER_SEEN = 12.0
 """Gain of deviance at which the scatter beyond chance is there."""
-_UNTOLD = {
-    "bias_drift": "a table does not say when a row was measured",
-    "bias_step": "a table does not say when a row was measured",
-    "warmup": "a table does not say when a row was measured",
-    "thermal_lag": "a table does not say when a row was measured",
-    "backlash": "a table does not say from which side a pose was approached",
-    "stiction": "a table does not say from which side a pose was approached",
-}
 
 
 @dataclass(frozen=True)
@@ -105,20 +89,8 @@ class Summarised:
     named: ForwardModel
     whole: ForwardModel
     noise_g: float
-    noise_log_std: float
-    """how well the noise is known: standard deviation of its logarithm"""
-
-
-@dataclass(frozen=True)
-class _Scene:
-    model: ForwardModel
-    base_names: list[str]
-    base_units: Array
-    table: Table
-    options: list[Option]
-    base: Fitted
-    lacking: list[NotTestable]
-    seed: int
+    explained: Explained
+    """all sets that were tried: what else explains the table (`summary_posterior` draws instruments from them)"""
 
 
 def diagnose_summary(
@@ -139,92 +111,20 @@ def diagnose_summary(
     is None. Raises InputError where the table says too little.
     """
     tell_progress = progress or (lambda share, words: None)
-    scene = _prepare(inc_deg, told, procedure, model, tuple(free), noise_g, seed)
-    found = search(scene.table, scene.options, scene.base, report=lambda s, w: tell_progress(0.5 * s, w))
-    best = polished(scene.table, found.best)
-    lost: dict[int, float] = {}
-    table = scene.table
-    while best.options and len(lost) < len(told) // 5:
-        odd = unexplained_rows(table, best)
-        if not odd:
-            break
-        worst = min(odd, key=odd.__getitem__)
-        lost[worst] = odd[worst]
-        table = table.without_row(worst)
-        best = fit_set(table, best.options, best)
-    if lost:
-        tell_progress(0.5, "once more without the rows that do not fit")
-        scene = replace(scene, table=table, base=fit_set(table, (), scene.base))
-        seeds = [fit_set(table, f.options, f) for f in found.tried[:3]]
-        found = search(table, scene.options, scene.base, width=3, depth=3, seeds=[best, *seeds])
-        best = polished(table, found.best)
+    scene = prepare(inc_deg, told, procedure, model, tuple(free), noise_g, seed)
+    explained = explain(scene, lambda share, words: tell_progress(0.6 * share, words))
+    scene, best, table = explained.scene, explained.best, explained.scene.table
     standings: dict[int, Standing] = {}
     for k in range(len(best.options)):
         if _shows_in_means(table, best, k):
             tell_progress(0.6 + 0.35 * k / len(best.options), f"rivals of {best.options[k].effect}")
-            standings[k] = standing(table, scene.options, scene.base, best, found.tried, k)
+            standings[k] = standing(table, scene.options, scene.base, best, explained.tried, k)
     tell_progress(0.95, "rings left out")
-    return _conclude(scene, best, found.tried, standings, lost, version)
+    return _conclude(explained, standings, version)
 
 
-def _prepare(
-    inc_deg: Array,
-    told: Array,
-    procedure: Procedure,
-    model: ForwardModel,
-    free: tuple[str, ...],
-    noise_g: float | None,
-    seed: int,
-) -> _Scene:
-    if "pose_error" not in model.ids:
-        model = model.with_effects(
-            {"pose_error": {"inc_ring": STEP_RAD, "tf_station": STEP_RAD, "inc_pose": 0.0, "tf_pose": 0.0}}
-        )
-    sessions = Sessions.of(np.radians(inc_deg), procedure)
-    names = model.free_names(free)
-    columns = np.asarray(model.jacobian(sessions.state, names), dtype=float) if names else None
-    units = np.array([_typical(name) for name in names])
-    kept: list[int] = []
-    if columns is not None:
-        columns = columns * units[:, None, None]
-        probe = Linear.about(sessions, model, columns)
-        seen = np.mean(probe.columns**2, axis=(1, 2, 3)) > 1e-6 * np.mean(columns**2, axis=(1, 2))
-        kept = [int(k) for k in np.flatnonzero(seen)]
-    base_columns = columns[kept] if columns is not None else np.empty((0, 3, sessions.state.n))
-    table = Table.of(sessions, told, model, base_columns, noise_g, seed)
-    if table.mask.sum() < MIN_CELLS:
-        raise InputError(f"{int(table.mask.sum())} cells are too few for a diagnosis", remedy=f"give {MIN_CELLS}")
-    clean = np.asarray(model.predict(sessions.state), dtype=float)
-    candidates, blind = pose_candidates(model, sessions.state, free)
-    lacking = [NotTestable(b.effect.id, b.why, b.effect.splitter) for b in blind if b.effect.id not in _UNTOLD]
-    options: list[Option] = []
-    for candidate in candidates:
-        assert candidate.effect is not None
-        if candidate.id in _UNTOLD:
-            continue
-        own = options_of(sessions, clean, candidate)
-        options += own
-        if not own:
-            why = f"the correction ({procedure.corrected_by}) takes it up: it leaves no trace in these columns"
-            lacking.append(NotTestable(candidate.id, why, candidate.effect.splitter))
-    lacking += [NotTestable(e, why, all_effects()[e].splitter) for e, why in _UNTOLD.items() if e in all_effects()]
-    base = rechanced(table, fit_set(table, ()))
-    return _Scene(model, [names[k] for k in kept], units[kept], table, options, base, lacking, seed)
-
-
-def _typical(name: str) -> float:
-    effect_id, _, parameter = name.partition(".")
-    return next(p.typical for p in all_effects()[effect_id].parameters if p.name == parameter)
-
-
-def _conclude(
-    scene: _Scene,
-    best: Fitted,
-    tried: Sequence[Fitted],
-    standings: dict[int, Standing],
-    lost: dict[int, float],
-    version: str,
-) -> Summarised:
+def _conclude(explained: Explained, standings: dict[int, Standing], version: str) -> Summarised:
+    scene, best, tried, lost = explained.scene, explained.best, explained.tried, explained.lost
     table, base = scene.table, scene.base
     places = [_location(table, best, k) for k in range(len(best.options))]
     believed = [k for k, s in standings.items() if s.without >= BELIEVED and s.shapes == 1]
@@ -272,7 +172,7 @@ def _conclude(
         named=instrument(*knows, best, believed if told else []),
         whole=instrument(*knows, best, range(len(best.options))),
         noise_g=best.noise_g,
-        noise_log_std=0.0 if table.noise_g else float(np.sqrt(covariance_of_values(table, best)[-1, -1])),
+        explained=explained,
     )
 
 
@@ -310,16 +210,7 @@ def _implausible(best: Fitted) -> list[str]:
     return outside
 
 
-def covariance_of_values(table: Table, fitted: Fitted) -> Array:
-    """(P + 1, P + 1) covariance of the values (typical units) and the logarithm of the noise."""
-    mask = table.mask
-    cov = fitted.covariance(table)[np.ix_(mask, mask)]
-    slope = fitted.jacobian[:, mask]
-    inner = slope @ np.linalg.solve(cov, slope.T) + np.diag(table.precision(len(slope)))
-    return np.asarray(np.linalg.inv(inner))
-
-
-def _parameters(scene: _Scene, best: Fitted) -> list[dict[str, FittedParameter]]:
+def _parameters(scene: Scene, best: Fitted) -> list[dict[str, FittedParameter]]:
     std = np.sqrt(np.diag(covariance_of_values(scene.table, best)))
     result = []
     for k, option in enumerate(best.options):
@@ -397,7 +288,7 @@ def _where(table: Table, moved: Array, share: float, p: float) -> Location:
     return Location(tuple(CELLS[c] for c in columns), "inc_ref_deg", tuple(intervals), None, share, p)
 
 
-def _claim(scene: _Scene, best: Fitted, index: int, own: Standing, parameters: dict[str, FittedParameter]) -> Claim:
+def _claim(scene: Scene, best: Fitted, index: int, own: Standing, parameters: dict[str, FittedParameter]) -> Claim:
     effect = all_effects()[own.option.effect]
     instead = {name: fitted for name, fitted in own.instead.items() if name in own.same}
     advice = next_ring(scene.model, scene.table, scene.base_names, scene.base_units, best, instead, scene.seed)
@@ -443,7 +334,7 @@ def _proof(table: Table, base: Fitted, best: Fitted, picture: SummaryPicture, ma
 
 
 def _remainder(
-    scene: _Scene,
+    scene: Scene,
     best: Fitted,
     tried: Sequence[Fitted],
     standings: dict[int, Standing],

@@ -73,9 +73,6 @@ def options_of(sessions: Sessions, clean: Array, candidate: Candidate) -> list[O
     return list(unique.values())
 
 
-MAX_AMPLITUDES = 4
-
-
 def _which(variant: Variant, whole: Variant) -> list[int]:
     """Places of a variant's columns among those of the whole effect."""
     return [next(k for k, column in enumerate(whole.columns) if np.array_equal(column, own)) for own in variant.columns]
@@ -178,6 +175,15 @@ class Fitted:
         sizes = [len(option.amplitudes) for option in self.options]
         start = self.values.size - sum(sizes) + sum(sizes[:index])
         return slice(start, start + sizes[index])
+
+
+def covariance_of_values(table: Table, fitted: Fitted) -> Array:
+    """(P + 1, P + 1) covariance of the values (typical units) and the logarithm of the noise."""
+    mask = table.mask
+    cov = fitted.covariance(table)[np.ix_(mask, mask)]
+    slope = fitted.jacobian[:, mask]
+    inner = slope @ np.linalg.solve(cov, slope.T) + np.diag(table.precision(len(slope)))
+    return np.asarray(np.linalg.inv(inner))
 
 
 def chance_of(table: Table, linear: Linear, values: Array, noise_g: float) -> Array:

@@ -1,274 +1,129 @@
-"""The balance paper's experiment on a simulated instrument, its tables and statements beside the published ones.
+"""The balance paper's tables and statements beside what the instrument found from its table 1 predicts.
 
-The published experiment: a triaxial accelerometer on a turntable of 0.018 deg resolution, at eleven inclinations one
-revolution each, 73 stations 5 deg apart with four unfiltered readings (292 a revolution); the readings are corrected
-by the three-pose conventional matrix or by the balance matrix of that inclination, and the errors of I and T against
-the bench are given as mean and peak-to-peak over the revolution.
-
-The simulated instrument is one that such tables can come from: the sizes of its effects (`INSTRUMENT`, `BENCH`) were
-fitted to the means and peak-to-peaks of tables 1 and 6. Many other instruments would give the same tables; what can be
-learned is which features a linear sensor on a perfect bench cannot have. The conventional poses are read on the same
-imperfect bench, as in the paper; only a simulation knows the truth as well, gravity in the tool frame, and both
-references are reported here.
-
-The published numbers are facts of that paper, kept in `published_balance.json`.
+Tables 2 to 6 and the figures are predicted with 95 % intervals (`highside.report.published_instrument`); what is said
+of them is computed from the published and the predicted numbers. Only a simulation knows the truth as well, gravity in
+the tool frame: errors against it are those of instruments that table 1 allows.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from functools import cache
-from importlib import resources
 from typing import Any
 
 import numpy as np
 
-from highside.attitude import attitude_block, wrap_signed
-from highside.calibration.balance import TRIPLES, balance, balance_matrix
-from highside.calibration.conventional import conventional, position_plan
+from highside.calibration.balance import TRIPLES, balance
 from highside.calibration.joint import joint
-from highside.calibration.poses import Array, PoseSet
-from highside.calibration.result import CalibrationResult, Reason, Zone
-from highside.physics.forward import ForwardModel
-from highside.physics.gravity import gravity_direction
-from highside.physics.scenario import BALANCE_TOOLFACES_DEG, PUBLISHED_INCLINATIONS_DEG, pose_grid
-from highside.physics.state import ChainState
-from highside.reading import parse_json
+from highside.calibration.poses import Array
+from highside.calibration.result import Reason
+from highside.report import published_instrument
+from highside.report.balance_prediction import Ensemble, interval
+from highside.report.balance_session import (
+    COLUMNS,
+    INCLINATIONS_DEG,
+    METHODS,
+    STATIONS_DEG,
+    Plan,
+    Session,
+    run_session,
+)
+from highside.report.published_instrument import PublishedInstrument, published
 
-INCLINATIONS_DEG = tuple(sorted(PUBLISHED_INCLINATIONS_DEG, reverse=True))
-STATIONS_DEG = tuple(5.0 * k for k in range(73))
-READINGS = 4
-"""readings at each station of a turn, and averaged for each calibration pose"""
-NOISE_G = 30e-6
-"""standard deviation of one unfiltered reading"""
 EXPECTED_RANGE_SIGMAS = 5.74
 """expected peak-to-peak of 292 normal numbers"""
-SEED = 11
-"""of forty, the one whose tables come nearest to the published ones"""
-
-INSTRUMENT: Mapping[str, Mapping[str, float]] = {
-    "bias": {"b_x": -60e-6, "b_y": -260e-6, "b_z": 790e-6},
-    # as in the paper's example (10): a few mg, all of it taken up by any of the corrections
-    "scale": {"s_x": -0.9e-3, "s_y": -1.1e-3, "s_z": -1.8e-3},
-    "misalignment": {"m_xy": 3.8e-3, "m_xz": -0.7e-3, "m_yx": -1.9e-3, "m_yz": 0.1e-3, "m_zx": 0.9e-3, "m_zy": 0.3e-3},
-    "quadratic": {"k2_x": 480e-6, "k2_y": 400e-6, "k2_z": 260e-6},
-    "cubic": {"k3_x": 16e-6, "k3_y": -150e-6, "k3_z": 130e-6},
-}
-"""what is left after the zero offset has been subtracted, and the sensor's shape"""
-BENCH: Mapping[str, Mapping[str, float]] = {
-    "base_tilt": {"tilt_x": 0.21e-3, "tilt_y": 0.53e-3},
-    "axis_nonorthogonality": {"eps": 0.34e-3},
-    "encoder_first_harmonic": {"c1": -1.0e-3, "s1": 0.76e-3},
-    "encoder_second_harmonic": {"c2": 0.34e-3, "s2": -0.27e-3},
-    "wobble": {"ck": 38e-6, "sk": 28e-6, "k": 2.0},
-    "sag": {"s": -88e-6},
-    # steps of 0.018 deg; the stage does not move within a ring, the encoder repeats by station
-    "pose_error": {
-        "inc_ring": math.radians(0.009),
-        "tf_station": math.radians(0.009),
-        "inc_pose": math.radians(0.001),
-        "tf_pose": math.radians(0.001),
-    },
-}
-
 SMALL_DEG = (3.006, 1.998, 1.206, 0.612)
 LARGE_DEG = (90.0, 75.006, 45.0, 14.994)
-COLUMNS = ("d_inc_mean_deg", "d_inc_pp_deg", "d_tf_mean_deg", "d_tf_pp_deg")
 LEFT_OUT = {"1-2-3": 4, "2-3-4": 1, "3-4-1": 2, "4-1-2": 3}
 """the quadrant whose pose a triple does not use"""
+TRUTH_DRAWS = 24
+"""Draws that the joint estimator is run on: for a middle and a spread."""
 
-
-@dataclass(frozen=True, slots=True)
-class Summary:
-    """Error over a revolution, as the paper's tables give it (deg)."""
-
-    d_inc_mean_deg: float
-    d_inc_pp_deg: float
-    d_tf_mean_deg: float
-    d_tf_pp_deg: float
-
-
-@dataclass(frozen=True, slots=True)
-class Turn:
-    """A revolution at one inclination: `readings` (3, 73, 4) in g, where the bench said the tool was, where it was."""
-
-    inc_ref_rad: float
-    tf_ref_rad: Array
-    """(73,)"""
-    readings: Array
-    inc_true_rad: Array
-    """(73,)"""
-    tf_true_rad: Array
-    """(73,)"""
-
-    def errors_deg(self, C: Array, b: Array, *, against: str = "bench") -> tuple[Array, Array]:
-        """Errors (73, 4) of I and T in deg after the correction `C (m - b)`, against the "bench" or the "truth"."""
-        inc, tf = attitude_block(C @ (self.readings.reshape(3, -1) - b[:, None]))
-        shape = self.readings.shape[1:]
-        inc_ref: Array | float = self.inc_ref_rad if against == "bench" else self.inc_true_rad[:, None]
-        tf_ref = self.tf_ref_rad if against == "bench" else self.tf_true_rad
-        d_tf = wrap_signed(tf.reshape(shape) - tf_ref[:, None])
-        return np.degrees(inc.reshape(shape) - inc_ref), np.degrees(d_tf)
-
-    def summary(self, C: Array, b: Array) -> Summary:
-        d_inc, d_tf = self.errors_deg(C, b)
-        return Summary(float(d_inc.mean()), float(np.ptp(d_inc)), float(d_tf.mean()), float(np.ptp(d_tf)))
+Made = Mapping[str, list[dict[str, Any]]]
 
 
 @dataclass(frozen=True)
-class Experiment:
-    """Everything measured and solved: the turns by inclination (deg), and the corrections by name."""
+class Reproduction:
+    """All that the page and the JSON say."""
 
-    turns: Mapping[float, Turn]
-    poses: PoseSet
-    """the 44 balance poses"""
-    conventional: CalibrationResult
-    balance: Mapping[str, CalibrationResult]
-    """by triple, and "average" """
-    joint: CalibrationResult
-
-    def matrix(self, method: str, inc_deg: float) -> tuple[Array, Array] | None:
-        """C and b of a method at an inclination; None where it was refused."""
-        zone: Zone | None
-        if method in ("conventional", "joint"):
-            zone = (self.conventional if method == "conventional" else self.joint).main
-        else:
-            zones = self.balance[method].zones
-            zone = next((z for z in zones if abs(np.degrees(z.inc_center_rad or 0.0) - inc_deg) < 1e-3), None)
-        if zone is None:
-            return None
-        model = zone.model()
-        return model.C, model.b
-
-    def summary(self, method: str, inc_deg: float) -> Summary | None:
-        """Errors against the bench of a method over the turn at `inc_deg`; None where it was refused."""
-        matrix = self.matrix(method, inc_deg)
-        return None if matrix is None else self.turns[inc_deg].summary(*matrix)
-
-    def refusals(self) -> list[str]:
-        """What balance declined, in its own words."""
-        return [r.text for r in self.balance["average"].remarks if r.reason is Reason.NEAR_HORIZONTAL]
-
-    def forced_at_90(self) -> Summary:
-        """The average matrix at 90 deg taken all the same, as the paper did."""
-        inc, tf = self.poses.reference()
-        ring = np.flatnonzero(np.abs(np.degrees(inc) - 90.0) < 1e-3)
-        C = balance_matrix(self.poses.a[:, ring], gravity_direction(inc[ring], tf[ring]))
-        return self.turns[90.0].summary(C, np.zeros(3))
+    instrument: PublishedInstrument
+    tables: Made
+    ratios: list[dict[str, Any]]
+    shares: list[dict[str, Any]]
+    left_out: dict[str, list[dict[str, Any]]]
+    truth: list[dict[str, Any]]
+    refused: list[str]
 
 
-@cache
-def published() -> dict[str, list[dict[str, Any]]]:
-    """The published tables 1 to 6: rows as {column: value}, None where the source has lost a cell."""
-    data = parse_json(resources.files("highside.report").joinpath("published_balance.json").read_bytes())
-    return {name: [dict(zip(t["columns"], row, strict=True)) for row in t["rows"]] for name, t in data.items()}
-
-
-def run_experiment(seed: int = SEED) -> Experiment:
-    """Simulate the sessions on one bench and solve all corrections. The same seed gives the same experiment."""
-    rng = np.random.default_rng(seed)
-    sensor, bench = ForwardModel.of(INSTRUMENT), ForwardModel.of(BENCH)
-    three_inc, three_tf = position_plan(3)
-    ring_inc, ring_tf = pose_grid(INCLINATIONS_DEG, BALANCE_TOOLFACES_DEG)
-    turn_inc, turn_tf = pose_grid(INCLINATIONS_DEG, STATIONS_DEG)
-    inc = np.concatenate([three_inc, ring_inc, turn_inc])
-    tf = np.concatenate([three_tf, ring_tf, turn_tf])
-
-    # one call for all: the error of a ring's inclination and of a station's toolface is the same whenever it is set
-    state = ChainState.build(inc, tf)
-    inc_true, tf_true = bench.truth(state, bench.draw(state, rng))
-    clean = sensor.predict(ChainState.build(inc_true, tf_true))
-    readings = clean[:, :, None] + NOISE_G * rng.standard_normal((*clean.shape, READINGS))
-
-    def pose_set(start: int, stop: int) -> PoseSet:
-        part = readings[:, start:stop]
-        return PoseSet.build(
-            part.mean(axis=2),
-            inc_ref_rad=inc[start:stop],
-            tf_ref_rad=tf[start:stop],
-            n=READINGS,
-            std=part.std(axis=2, ddof=1),
-        )
-
-    first_turn = 3 + ring_inc.size
-    stations = len(STATIONS_DEG)
-    turns = {}
-    for k, inc_deg in enumerate(INCLINATIONS_DEG):
-        rows = slice(first_turn + k * stations, first_turn + (k + 1) * stations)
-        turns[inc_deg] = Turn(float(np.radians(inc_deg)), tf[rows], readings[:, rows], inc_true[rows], tf_true[rows])
-    poses = pose_set(3, first_turn)
-    return Experiment(
-        turns=turns,
-        poses=poses,
-        conventional=conventional(pose_set(0, 3)),
-        balance={name: balance(poses, triples=name) for name in (*TRIPLES, "average")},
-        joint=joint(pose_set(0, first_turn)),
+def reproduce(instrument: PublishedInstrument, seed: int = 7) -> Reproduction:
+    """Everything from the one instrument. The same seed gives the same numbers."""
+    ensemble = instrument.ensemble
+    sessions = _sessions(instrument, seed)
+    return Reproduction(
+        instrument,
+        tables(instrument),
+        headline_ratios(ensemble),
+        specification_shares(ensemble),
+        {f"{i:g}": left_out_quadrants(ensemble, i) for i in (1.206, 0.612)},
+        against_truth(sessions),
+        refusals(sessions[0]),
     )
+
+
+def _sessions(instrument: PublishedInstrument, seed: int) -> list[Session]:
+    plan = Plan.of_the_paper()
+    return [
+        run_session(plan, d.model, d.noise_g, np.random.default_rng([seed, k]), d.own_g)
+        for k, d in enumerate(instrument.posterior.draws[:TRUTH_DRAWS])
+    ]
 
 
 # --- tables
 
 
-def tables(experiment: Experiment) -> dict[str, list[dict[str, Any]]]:
-    """Tables 1 to 6: each row says what it is of, and holds `ours` and `published` (None where there is none)."""
-    paper = published()
+def tables(instrument: PublishedInstrument) -> dict[str, list[dict[str, Any]]]:
+    """Tables 1 to 6: each row says what it is of and whether it was held out, and gives by column what is published,
+    predicted, the ends of its interval, and whether that holds it (None where one of them is missing)."""
     result: dict[str, list[dict[str, Any]]] = {}
-    for name, method in (("table1", "conventional"), ("table6", "average")):
-        result[name] = [
-            _row(experiment.summary(method, row["inc_ref_deg"]), row, correction=method, inc_ref_deg=row["inc_ref_deg"])
-            for row in paper[name]
-        ]
-    result["table2"] = [
-        _row(
-            experiment.summary(row["correction"].removeprefix("balance "), row["inc_ref_deg"]),
-            row,
-            correction=row["correction"],
-            inc_ref_deg=row["inc_ref_deg"],
-        )
-        for row in paper["table2"]
-    ]
-    # "first-quadrant balance" is not defined in the text: the four candidates, each beside the same published row
-    result["table3"] = []
-    for row in paper["table3"]:
-        inc_deg = row["inc_ref_deg"]
-        candidates = ["conventional"] if row["correction"] == "conventional" else list(TRIPLES)
-        for method in candidates:
-            label = method if method == "conventional" else f"balance {method}"
-            result["table3"].append(
-                _row(experiment.summary(method, inc_deg), row, correction=label, inc_ref_deg=inc_deg)
-            )
-    for name, inc_deg in (("table4", 1.206), ("table5", 0.612)):
-        result[name] = [
-            _row(experiment.summary(row["triple"], inc_deg), row, correction=row["triple"], inc_ref_deg=inc_deg)
-            for row in paper[name]
-        ]
-    return dict(sorted(result.items()))
-
-
-def _row(ours: Summary | None, row: Mapping[str, Any], **what: str | float) -> dict[str, Any]:
-    return {**what, "ours": asdict(ours) if ours else None, "published": {name: row[name] for name in COLUMNS}}
-
-
-def ratios(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, float]:
-    """What is left of each error, in percent of its size before."""
-    return {name: 100.0 * abs(after[name]) / abs(before[name]) for name in COLUMNS}
-
-
-def headline_ratios(made: Mapping[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """Table 6 as a share of table 1 at every inclination balance can be used at."""
-    out = []
-    for before, after in zip(made["table1"], made["table6"], strict=True):
-        if before["inc_ref_deg"] == 90.0:
-            continue
-        out.append(
+    cells = instrument.predictions.cells
+    for start in range(0, len(cells), len(COLUMNS)):
+        own = cells[start : start + len(COLUMNS)]
+        first = own[0]
+        whole = first.predicted is not None
+        result.setdefault(first.table, []).append(
             {
-                "inc_ref_deg": before["inc_ref_deg"],
-                "ours": ratios(before["ours"], after["ours"]),
-                "published": ratios(before["published"], after["published"]),
+                "correction": first.correction,
+                "inc_ref_deg": first.inc_ref_deg,
+                "held_out": first.held_out,
+                "published": {c.column: c.published for c in own},
+                "predicted": {c.column: c.predicted for c in own} if whole else None,
+                "low": {c.column: c.low for c in own} if whole else None,
+                "high": {c.column: c.high for c in own} if whole else None,
+                "covered": {c.column: c.covered for c in own},
+                "repeated": {c.column: c.repeated for c in own},
             }
         )
+    return result
+
+
+def _interval(values: Array, told: float | None) -> dict[str, Any]:
+    low, middle, high = (float(v) for v in interval(values))
+    covered = None if told is None else low <= told <= high
+    return {"published": told, "predicted": middle, "low": low, "high": high, "covered": covered}
+
+
+def headline_ratios(ensemble: Ensemble) -> list[dict[str, Any]]:
+    """Table 6 as a share of table 1 in percent, by column, at every inclination balance can be used at (figure 7)."""
+    paper = published()
+    out = []
+    for before, after in zip(paper["table1"], paper["table6"], strict=True):
+        inc_deg = before["inc_ref_deg"]
+        if inc_deg == 90.0:
+            continue
+        said = 100.0 * np.abs(ensemble.of(["average"], inc_deg)) / np.abs(ensemble.of(["conventional"], inc_deg))
+        told = {name: 100.0 * abs(after[name]) / abs(before[name]) for name in COLUMNS}
+        row = {name: _interval(said[:, c], told[name]) for c, name in enumerate(COLUMNS)}
+        out.append({"inc_ref_deg": inc_deg, **row})
     return out
 
 
@@ -280,66 +135,87 @@ def specification_band_deg(inc_deg: float) -> float:
     return 5.0 if inc_deg < 3.0 else 3.0
 
 
-def specification_shares(made: Mapping[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """Toolface peak-to-peak before and after as percent of the specification's band."""
+def specification_shares(ensemble: Ensemble) -> list[dict[str, Any]]:
+    """Toolface peak-to-peak before and after as percent of the specification's band (figure 7)."""
+    paper = published()
     out = []
-    for before, after in zip(made["table1"], made["table6"], strict=True):
-        band = specification_band_deg(before["inc_ref_deg"])
-        share = {
-            f"{who}_{when}": None if row[who] is None else 100.0 * row[who]["d_tf_pp_deg"] / band
-            for who in ("ours", "published")
-            for when, row in (("before", before), ("after", after))
-        }
-        out.append({"inc_ref_deg": before["inc_ref_deg"], "band_deg": band, **share})
+    for before, after in zip(paper["table1"], paper["table6"], strict=True):
+        inc_deg = before["inc_ref_deg"]
+        band = specification_band_deg(inc_deg)
+        row: dict[str, Any] = {"inc_ref_deg": inc_deg, "band_deg": band}
+        for when, method, told in (("before", "conventional", before), ("after", "average", after)):
+            if method == "average" and inc_deg == 90.0:
+                continue
+            said = 100.0 * ensemble.of([method], inc_deg)[:, 3] / band
+            row[when] = _interval(said, 100.0 * told["d_tf_pp_deg"] / band)
+        out.append(row)
     return out
 
 
-def smooth_error_deg(turn: Turn, C: Array, b: Array, harmonics: int = 2) -> tuple[Array, Array]:
-    """Errors (73,) of I and T against the bench without the noise: the first harmonics of the turn."""
-    angle = turn.tf_ref_rad
+def smooth(turns: Array, harmonics: int = 2) -> Array:
+    """Errors (..., 73) over a turn without the noise: the first harmonics."""
+    angle = np.radians(np.array(STATIONS_DEG))
     basis = [np.ones_like(angle)]
     for k in range(1, harmonics + 1):
         basis += [np.cos(k * angle), np.sin(k * angle)]
     X = np.stack(basis, axis=1)
-    inc, tf = (X @ np.linalg.lstsq(X, e.mean(axis=1), rcond=None)[0] for e in turn.errors_deg(C, b))
-    return inc, tf
+    return np.asarray(turns @ (X @ np.linalg.pinv(X)).T)
 
 
-def left_out_quadrants(experiment: Experiment, inc_deg: float) -> list[dict[str, Any]]:
-    """For each triple the mean size of its toolface error, noise taken out, in each quadrant (figures 4 and 5)."""
-    turn = experiment.turns[inc_deg]
-    quadrant = np.minimum((np.degrees(turn.tf_ref_rad) % 360.0 // 90.0).astype(int), 3)
+def left_out_quadrants(ensemble: Ensemble, inc_deg: float) -> list[dict[str, Any]]:
+    """For each triple how likely its toolface error, noise taken out, is largest in the quadrant that it leaves out,
+    and by how much it is larger there than elsewhere (figures 4 and 5)."""
+    quadrant = np.minimum((np.array(STATIONS_DEG) % 360.0 // 90.0).astype(int), 3)
     out = []
     for name in TRIPLES:
-        matrix = experiment.matrix(name, inc_deg)
-        assert matrix is not None
-        _, d_tf = smooth_error_deg(turn, *matrix)
-        mean = [float(np.abs(d_tf[quadrant == q]).mean()) for q in range(4)]
+        size = np.abs(smooth(ensemble.turn(name, inc_deg)[1]))
+        mean = np.stack([size[:, quadrant == q].mean(axis=1) for q in range(4)], axis=1)
+        there = LEFT_OUT[name] - 1
+        others = np.delete(mean, there, axis=1).mean(axis=1)
+        low, middle, high = (float(v) for v in interval(mean[:, there] / others))
         out.append(
             {
                 "triple": name,
                 "left_out": LEFT_OUT[name],
-                "mean_abs_tf_error_deg": mean,
-                "largest_in": int(np.argmax(mean)) + 1,
+                "probability_largest_there": float(np.mean(np.argmax(mean, axis=1) == there)),
+                "ratio_to_others": {"predicted": middle, "low": low, "high": high},
             }
         )
     return out
 
 
-def against_truth(experiment: Experiment) -> list[dict[str, Any]]:
-    """Root mean square errors (deg) of I and T over each turn, against the bench and against the truth."""
+def against_truth(sessions: list[Session]) -> list[dict[str, Any]]:
+    """Root mean square errors (deg) of I and T over each turn, against the bench and against the truth: middle of the
+    draws."""
+    names = ("conventional", "average", "joint")
+    found: dict[str, list[Array]] = {}
+    for session in sessions:
+        C, picked = session.matrices(), [METHODS.index("conventional"), METHODS.index("average")]
+        together = joint(session.poses()).main.model()
+        every = np.broadcast_to(together.C, (1, len(INCLINATIONS_DEG), 3, 3))
+        for against in ("bench", "truth"):
+            parts = (
+                session.errors_deg(C[picked], against=against),
+                session.errors_deg(every, together.b, against=against),
+            )
+            for angle, first, second in zip(("inc", "tf"), parts[0], parts[1], strict=True):
+                rms = np.sqrt(np.mean(np.concatenate([first, second]) ** 2, axis=(2, 3)))
+                for name, values in zip(names, rms, strict=True):
+                    found.setdefault(f"{name}_{angle}_rms_{against}_deg", []).append(values)
     out = []
-    for inc_deg, turn in experiment.turns.items():
+    for r, inc_deg in enumerate(INCLINATIONS_DEG):
         row: dict[str, Any] = {"inc_ref_deg": inc_deg}
-        for method in ("conventional", "average", "joint"):
-            matrix = experiment.matrix(method, inc_deg)
-            for against in ("bench", "truth"):
-                errors = (None, None) if matrix is None else turn.errors_deg(*matrix, against=against)
-                for angle, error in zip(("inc", "tf"), errors, strict=True):
-                    rms = None if error is None else float(np.sqrt(np.mean(error**2)))
-                    row[f"{method}_{angle}_rms_{against}_deg"] = rms
+        for key, values in found.items():
+            refused = key.startswith("average") and inc_deg == 90.0
+            row[key] = None if refused else float(np.median([v[r] for v in values]))
         out.append(row)
     return out
+
+
+def refusals(session: Session) -> list[str]:
+    """What balance declines, in its own words."""
+    solved = balance(session.poses().subset(np.arange(3, 3 + 4 * len(INCLINATIONS_DEG))), triples="average")
+    return [r.text for r in solved.remarks if r.reason is Reason.NEAR_HORIZONTAL]
 
 
 # --- words
@@ -347,42 +223,45 @@ def against_truth(experiment: Experiment) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """Where the paper's model or text and the measurements part: what is said, what is measured there and here.
+    """Where the paper's model or text and the measurements part: what is said, what was measured, what table 1
+    predicts.
 
-    `holds` is whether what the paper says is true of the published tables, and of ours.
+    `holds` is whether what the paper says is true of the published tables, and of those predicted from table 1 (their
+    middles).
     """
 
     topic: str
     paper_says: str
     published: str
-    ours: str
+    predicted: str
     reason: str
     holds_published: bool
-    holds_ours: bool
+    holds_predicted: bool
 
 
-def statements(experiment: Experiment, made: Mapping[str, list[dict[str, Any]]]) -> list[Statement]:
+def statements(found: Reproduction) -> list[Statement]:
     """The comparison in words, every number computed from the tables."""
+    made, noise_g = found.tables, found.instrument.found.noise_g
     return [
         _peak_to_peak_of_inclination(made),
         _mean_of_inclination(made),
         _mean_of_toolface(made),
-        _no_inclination_error_after_balance(made),
-        _exact_at_90(experiment, made),
-        _all_errors_fall(made),
-        _small_as_good_as_large(made),
-        _printed_ratios(made),
-        _accuracy(experiment),
+        _no_inclination_error_after_balance(made, noise_g),
+        _exact_at_90(made),
+        _all_errors_fall(found),
+        _small_as_good_as_large(made, noise_g),
+        _printed_ratios(found),
+        _accuracy(found),
     ]
 
 
-def _column(made: Mapping[str, list[dict[str, Any]]], table: str, who: str, name: str) -> dict[float, float]:
+def _column(made: Made, table: str, who: str, name: str) -> dict[float, float]:
     return {row["inc_ref_deg"]: row[who][name] for row in made[table] if row[who] is not None}
 
 
-def _peak_to_peak_of_inclination(made: Mapping[str, list[dict[str, Any]]]) -> Statement:
+def _peak_to_peak_of_inclination(made: Made) -> Statement:
     told, holds = {}, {}
-    for who in ("published", "ours"):
+    for who in ("published", "predicted"):
         pp = _column(made, "table1", who, "d_inc_pp_deg")
         ratio = pp[90.0] / pp[0.612]
         told[who] = f"{pp[90.0]:.3f} deg at 90 deg, {pp[0.612]:.3f} deg at 0.612 deg: a ratio of {ratio:.1f}"
@@ -391,19 +270,18 @@ def _peak_to_peak_of_inclination(made: Mapping[str, list[dict[str, Any]]]) -> St
         "Conventional: peak-to-peak of inclination",
         "(13): 2 sqrt(2) dS0, the same at every inclination",
         told["published"],
-        told["ours"],
+        told["predicted"],
         "One dS0 common to all elements cannot change with inclination. An offset b that three poses leave in the "
-        "matrix can: it comes back as b (1 - gx - gy - gz), nothing near vertical and most near horizontal (here it "
-        "makes two thirds of the figure at 90 deg).",
+        "matrix can: it comes back as b (1 - gx - gy - gz), nothing near vertical and most near horizontal.",
         bool(holds["published"]),
-        bool(holds["ours"]),
+        bool(holds["predicted"]),
     )
 
 
-def _mean_of_inclination(made: Mapping[str, list[dict[str, Any]]]) -> Statement:
+def _mean_of_inclination(made: Made) -> Statement:
     predicted = np.tan(np.radians(75.006)) / np.tan(np.radians(0.612))
     told, holds = {}, {}
-    for who in ("published", "ours"):
+    for who in ("published", "predicted"):
         mean = _column(made, "table1", who, "d_inc_mean_deg")
         ratio = mean[0.612] / mean[75.006]
         told[who] = (
@@ -414,17 +292,17 @@ def _mean_of_inclination(made: Mapping[str, list[dict[str, Any]]]) -> Statement:
         "Conventional: mean of inclination",
         f"(13): -2 cot I dSr, of one sign and {predicted:.0f} times larger at 0.612 than at 75 deg",
         told["published"],
-        told["ours"],
+        told["predicted"],
         "With the derivative of the determinant dSr drops out and the mean is zero. What is left comes from the offset "
         "that three poses cannot show, from the bench's tilt and steps, and from the quadratic terms of the sensor.",
         bool(holds["published"]),
-        bool(holds["ours"]),
+        bool(holds["predicted"]),
     )
 
 
-def _mean_of_toolface(made: Mapping[str, list[dict[str, Any]]]) -> Statement:
+def _mean_of_toolface(made: Made) -> Statement:
     told, holds = {}, {}
-    for who in ("published", "ours"):
+    for who in ("published", "predicted"):
         mean = _column(made, "table1", who, "d_tf_mean_deg")
         arc = [mean[i] * np.sin(np.radians(i)) for i in SMALL_DEG]
         told[who] = (
@@ -436,65 +314,61 @@ def _mean_of_toolface(made: Mapping[str, list[dict[str, Any]]]) -> Statement:
         "Conventional: mean of toolface",
         "(13): dS0, the same at every inclination (corrected: zero)",
         told["published"],
-        told["ours"],
+        told["predicted"],
         "Growing as 1 / sin I with a nearly constant arc, it is the mark of a bench that leans across its plane of "
         "inclination, or whose spindle is not square to it: no error of a sensor's matrix or offset does that.",
         bool(holds["published"]),
-        bool(holds["ours"]),
+        bool(holds["predicted"]),
     )
 
 
-def _no_inclination_error_after_balance(made: Mapping[str, list[dict[str, Any]]]) -> Statement:
+def _no_inclination_error_after_balance(made: Made, noise_g: float) -> Statement:
     told, holds = {}, {}
-    for who in ("published", "ours"):
+    for who in ("published", "predicted"):
         pp = {i: v for i, v in _column(made, "table6", who, "d_inc_pp_deg").items() if i != 90.0}
         worst = max(pp, key=lambda i: pp[i])
         told[who] = f"{min(pp.values()):.3f} to {max(pp.values()):.3f} deg peak-to-peak are left, most at {worst:g} deg"
         holds[who] = max(pp.values()) < 1e-3
-    noise = EXPECTED_RANGE_SIGMAS * np.degrees(NOISE_G)
+    noise = EXPECTED_RANGE_SIGMAS * np.degrees(noise_g)
     return Statement(
         "Average balance: inclination",
         "(19): dI = 0",
         told["published"],
-        told["ours"],
+        told["predicted"],
         f"It is zero for an error common to the four poses, at I = Ic only. Noise alone leaves {noise:.3f} deg; "
         "what goes beyond it between 15 and 75 deg is the shape of the sensor and the bench's encoder.",
         bool(holds["published"]),
-        bool(holds["ours"]),
+        bool(holds["predicted"]),
     )
 
 
-def _exact_at_90(experiment: Experiment, made: Mapping[str, list[dict[str, Any]]]) -> Statement:
-    forced = experiment.forced_at_90()
+def _exact_at_90(made: Made) -> Statement:
     row = next(r for r in made["table6"] if r["inc_ref_deg"] == 90.0)["published"]
     return Statement(
         "Balance at 90 deg",
         "tables 3 and 6: inclination without any error",
         f"mean {row['d_inc_mean_deg']:.6f}, peak-to-peak {row['d_inc_pp_deg']:.6f} deg",
-        f"refused. Solved all the same: mean {abs(forced.d_inc_mean_deg):.6f}, "
-        f"peak-to-peak {forced.d_inc_pp_deg:.6f} deg",
+        "refused, and nothing is predicted",
         "cos Ic = 0: the third row of W vanishes, so the corrected gz is zero whatever the tool does. The table shows "
         "this degeneracy, not accuracy.",
         row["d_inc_pp_deg"] == 0.0,
-        experiment.matrix("average", 90.0) is not None,
+        False,
     )
 
 
-def _all_errors_fall(made: Mapping[str, list[dict[str, Any]]]) -> Statement:
-    names = {"d_inc_mean_deg": "mean I", "d_inc_pp_deg": "p-p I", "d_tf_mean_deg": "mean T", "d_tf_pp_deg": "p-p T"}
+def _all_errors_fall(found: Reproduction) -> Statement:
+    names = published_instrument.TITLES
     told, holds = {}, {}
-    for who in ("published", "ours"):
+    for who in ("published", "predicted"):
         grown = [
-            f"{names[name]} at {row['inc_ref_deg']:g} deg ({row[who][name] / 100.0:.1f} times)"
-            for row in headline_ratios(made)
+            f"{names[name]} at {row['inc_ref_deg']:g} deg ({row[name][who] / 100.0:.1f} times)"
+            for row in found.ratios
             for name in COLUMNS
-            if row[who][name] > 100.0
+            if row[name][who] > 100.0
         ]
         if who == "published":
-            at_45 = {
-                r["correction"]: r["published"]["d_inc_mean_deg"] for r in made["table3"] if r["inc_ref_deg"] == 45.0
-            }
-            before, after = at_45["conventional"], at_45["balance 1-2-3"]
+            at_45 = {r["correction"]: r["published"] for r in found.tables["table3"] if r["inc_ref_deg"] == 45.0}
+            before, after = (at_45[name]["d_inc_mean_deg"] for name in ("conventional", "1st quadrant"))
             if abs(after) > abs(before):
                 grown.append(f"mean I at 45 deg in table 3 ({abs(after / before):.1f} times)")
         told[who] = "grown: " + (", ".join(grown) if grown else "none")
@@ -503,55 +377,57 @@ def _all_errors_fall(made: Mapping[str, list[dict[str, Any]]]) -> Statement:
         "All errors fall",
         "after balance all errors are smaller, at most 30.8 % is left",
         told["published"],
-        told["ours"],
+        told["predicted"],
         "Small means are noise of the calibration poses. The 30.8 % are those of 1.206 and 0.612 deg only.",
         bool(holds["published"]),
-        bool(holds["ours"]),
+        bool(holds["predicted"]),
     )
 
 
-def _small_as_good_as_large(made: Mapping[str, list[dict[str, Any]]]) -> Statement:
+def _small_as_good_as_large(made: Made, noise_g: float) -> Statement:
     told, holds = {}, {}
-    for who in ("published", "ours"):
+    for who in ("published", "predicted"):
         pp = _column(made, "table6", who, "d_tf_pp_deg")
         told[who] = f"{pp[0.612]:.2f} deg at 0.612 deg, {pp[45.0]:.2f} deg at 45 deg peak-to-peak"
         holds[who] = pp[0.612] < 2.0 * pp[45.0]
-    floor = EXPECTED_RANGE_SIGMAS * np.degrees(NOISE_G) / np.sin(np.radians(0.612))
+    floor = EXPECTED_RANGE_SIGMAS * np.degrees(noise_g) / np.sin(np.radians(0.612))
     return Statement(
         "Small inclinations are as good as large ones",
         "toolface after balance is as accurate near vertical as elsewhere",
         told["published"],
-        told["ours"],
+        told["predicted"],
         f"The noise of a reading turns toolface by sigma / sin I: {floor:.2f} deg peak-to-peak at 0.612 deg for "
-        f"{NOISE_G * 1e6:.0f} ug. No correction can do better with single readings; averaging does.",
+        f"{noise_g * 1e6:.0f} ug. No correction can do better with single readings; averaging does.",
         bool(holds["published"]),
-        bool(holds["ours"]),
+        bool(holds["predicted"]),
     )
 
 
-def _printed_ratios(made: Mapping[str, list[dict[str, Any]]]) -> Statement:
-    told = {}
-    table = {row["inc_ref_deg"]: row for row in headline_ratios(made)}
-    for who in ("published", "ours"):
-        told[who] = "; ".join(
-            f"at {inc:g} deg {table[inc][who]['d_tf_mean_deg']:.1f} % and {table[inc][who]['d_tf_pp_deg']:.1f} %"
+def _printed_ratios(found: Reproduction) -> Statement:
+    table = {row["inc_ref_deg"]: row for row in found.ratios}
+    mean, spread = COLUMNS[2:]
+    told = {
+        who: "; ".join(
+            f"at {inc:g} deg {table[inc][mean][who]:.1f} % and {table[inc][spread][who]:.1f} %"
             for inc in (1.206, 0.612)
         )
+        for who in ("published", "predicted")
+    }
     printed = (0.2, 29.3, 1.1, 28.1)
-    computed = [round(table[i]["published"][c], 1) for i in (1.206, 0.612) for c in COLUMNS[2:]]
+    computed = [round(table[i][c]["published"], 1) for i in (1.206, 0.612) for c in (mean, spread)]
     return Statement(
         "What is left of toolface errors (mean, peak-to-peak)",
         "the text prints 0.2 %, 29.3 %, 1.1 % and 28.1 %",
         told["published"] + " by its own tables 1 and 6",
-        told["ours"],
+        told["predicted"],
         "The four figures of the text do not follow from the tables.",
         sorted(printed) == sorted(computed),
         False,
     )
 
 
-def _accuracy(experiment: Experiment) -> Statement:
-    row = next(r for r in against_truth(experiment) if r["inc_ref_deg"] == 0.612)
+def _accuracy(found: Reproduction) -> Statement:
+    row = next(r for r in found.truth if r["inc_ref_deg"] == 0.612)
     bench, truth, joint_truth = (
         row["average_tf_rms_bench_deg"],
         row["average_tf_rms_truth_deg"],
@@ -569,25 +445,51 @@ def _accuracy(experiment: Experiment) -> Statement:
     )
 
 
-def as_dict(experiment: Experiment) -> dict[str, Any]:
+def figures(found: Reproduction) -> dict[str, dict[str, Any]]:
+    """What each of the paper's figures shows beside what is predicted of it: from which tables, and the verdicts."""
+    predictions = found.instrument.predictions
+
+    def counted(table: str, methods: tuple[str, ...] = ()) -> dict[str, Any]:
+        own = [c for c in predictions.cells if c.table == table and c.held_out and c.covered is not None]
+        own = [c for c in own if not methods or c.correction in methods]
+        return {"table": table, "covered": sum(bool(c.covered) for c in own), "of": len(own)}
+
+    result: dict[str, dict[str, Any]] = {
+        "figure1": {"shows": "conventional errors over a turn", "table": "table1", "held_out": False},
+        "figure2": {
+            "shows": "small inclinations, conventional and balance 1-2-3", "held_out": True, **counted("table2"),
+        },
+        "figure3": {
+            "shows": "large inclinations, conventional and balance of three quadrants", "held_out": True,
+            **counted("table3"),
+        },
+    }  # fmt: skip
+    for name, table, inc in (("figure4", "table4", "1.206"), ("figure5", "table5", "0.612")):
+        likely = [row["probability_largest_there"] for row in found.left_out[inc]]
+        result[name] = {
+            "shows": f"the four triples at {inc} deg", "held_out": True, **counted(table),
+            "error_largest_in_quadrant_left_out": {"published": True, "probability": likely},
+        }  # fmt: skip
+    result["figure6"] = {"shows": "average of the four triples", "held_out": True, **counted("table6")}
+    parts = [row[name] for row in found.ratios for name in ("d_inc_pp_deg", "d_tf_pp_deg")]
+    parts += [row["after"] for row in found.shares if "after" in row]
+    result["figure7"] = {
+        "shows": "peak-to-peak after as a share of before, and of the specification", "held_out": True,
+        "covered": sum(bool(p["covered"]) for p in parts), "of": len(parts),
+    }  # fmt: skip
+    return result
+
+
+def as_dict(found: Reproduction) -> dict[str, Any]:
     """Everything as plain values for JSON."""
-    made = tables(experiment)
     return {
-        "instrument": {name: dict(values) for name, values in INSTRUMENT.items()},
-        "bench": {name: dict(values) for name, values in BENCH.items()},
-        "noise_g": NOISE_G,
-        "stations": len(STATIONS_DEG),
-        "readings_per_station": READINGS,
-        "tables": made,
-        "ratios_percent": headline_ratios(made),
-        "specification_share_percent": specification_shares(made),
-        "left_out_quadrants": {str(i): left_out_quadrants(experiment, i) for i in (1.206, 0.612)},
-        "against_truth": against_truth(experiment),
-        "closures": [
-            {"inc_ref_deg": round(float(np.degrees(c.inc_rad)), 3), "value_g": c.value.tolist(), "p": c.p}
-            for c in experiment.balance["average"].closures
-        ],
-        "refused": experiment.refusals(),
-        "forced_at_90": asdict(experiment.forced_at_90()),
-        "statements": [asdict(s) for s in statements(experiment, made)],
+        **published_instrument.as_dict(found.instrument),
+        "tables": found.tables,
+        "figures": figures(found),
+        "ratios_percent": found.ratios,
+        "specification_share_percent": found.shares,
+        "left_out_quadrants": found.left_out,
+        "against_truth_deg": found.truth,
+        "refused": found.refused,
+        "statements": [asdict(s) for s in statements(found)],
     }
