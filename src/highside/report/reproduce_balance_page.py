@@ -111,14 +111,16 @@ def _figures(page: Page, found: Reproduction) -> None:
                 "inclination (mean of the four readings of a station), and the published means and peak-to-peaks of "
                 "table 1, which it was found from.")  # fmt: skip
     beside = {name: _beside(found.tables[name]) for name in ("table2", "table3", "table4", "table5")}
-    page.panels([_compared(ensemble, SMALL_DEG), beside["table2"]], "Figure 2. Small inclinations: conventional "
+    page.figure(_compared(ensemble, SMALL_DEG), "Figure 2. Small inclinations: conventional "
                 "(dashed) and balance 1-2-3 (solid, with band); below, table 2.")  # fmt: skip
+    page.figure(beside["table2"], "Table 2 of figure 2.")
     large = tuple(i for i in LARGE_DEG if i != 90.0)
-    page.panels([_compared(ensemble, large), beside["table3"]], "Figure 3. Large inclinations: conventional (dashed) "
+    page.figure(_compared(ensemble, large), "Figure 3. Large inclinations: conventional (dashed) "
                 "and balance 1-2-3 (solid, with band); below, table 3. Balance at 90 deg is refused.")  # fmt: skip
+    page.figure(beside["table3"], "Table 3 of figure 3.")
     for number, inc_deg in ((4, 1.206), (5, 0.612)):
-        parts = [_triples(ensemble, inc_deg), beside[f"table{number}"]]
-        page.panels(parts, _triples_caption(found, number, inc_deg))
+        page.figure(_triples(ensemble, inc_deg), _triples_caption(found, number, inc_deg))
+        page.figure(beside[f"table{number}"], f"Table {number} of figure {number}.")
     page.figure(_turns(found, "average", "table6"), "Figure 6. Average of the four triples: error over a turn at each "
                 "inclination that balance can be used at, and the published figures of table 6.")  # fmt: skip
     page.figure(_bars(found), "Figure 7. Peak-to-peak after the average balance as a share of that before, and of the "
