@@ -207,7 +207,7 @@ class Subscriber:
         self.statuses: list[tuple[float, str, bool]] = []
         """monotonic time, word, retained flag of what came on the status topic"""
         self.instances: list[str] = []
-        """whose word each of them was"""
+        """the runs that began or took leave"""
         self.retained: list[tuple[float, str, bytes]] = []
         self.arrived = asyncio.Event()
         self.subscribed = asyncio.Event()
@@ -245,9 +245,9 @@ class Subscriber:
         name = topic.removeprefix(f"{self._prefix}/")
         payload = bytes(message.payload)
         if name == "status":
-            word, _, instance = payload.decode().partition(" ")
-            self.statuses.append((now, word, message.retain))
-            self.instances.append(instance)
+            self.statuses.append((now, payload.decode(), message.retain))
+        elif name == "instance":
+            self.instances.append(payload.decode().partition(" ")[2])
         elif name == "health":
             self.retained.append((now, name, payload))
         else:

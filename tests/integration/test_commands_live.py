@@ -160,7 +160,7 @@ def test_a_client_that_takes_our_name_is_an_alarm_and_few_lines(
     with running(config(tmp_path, broker)) as daemon:
         wait_for(lambda: ear.latest("health"), 30, "health", daemon)
         instance = (ear.latest("health") or {})["broker"]["instance"]
-        assert ("highside/t1/status", f"online {instance}".encode()) in [message[:2] for message in ear.drain()]
+        assert ("highside/t1/instance", f"online {instance}".encode()) in [message[:2] for message in ear.drain()]
         log = len(daemon.log)
         thief = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2, client_id="highside-t1")
         thief.reconnect_delay_set(1, 1)

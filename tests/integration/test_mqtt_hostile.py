@@ -277,7 +277,7 @@ async def test_a_broker_restarted_empty_or_with_an_old_status_is_no_twin(tmp_pat
     with Mosquitto(tmp_path / "broker") as broker:
         publisher = Publisher(MqttSettings(port=broker.port), outbox, tool_id=TOOL)
         with sender(broker.port) as client:
-            client.publish(f"{PREFIX}/status", b"online 0123abcd", qos=1, retain=True).wait_for_publish(5.0)
+            client.publish(f"{PREFIX}/instance", b"online 0123abcd", qos=1, retain=True).wait_for_publish(5.0)
         async with sending(publisher, outbox):
             await until(lambda: publisher.connected, 5.0, "connection")
             await asyncio.sleep(5.2)
@@ -301,6 +301,6 @@ async def test_another_service_with_a_client_id_of_its_own_is_noticed(tmp_path: 
             await until(lambda: first.stats.taken is not None, 5.0, "the alarm")
             assert second.instance in str(first.stats.taken)
         # its `offline` was not the last word: we are here
-        await watcher.wait_for(lambda: watcher.instances[-1] == first.instance, 5.0)
-        assert (watcher.statuses[-1][1], watcher.instances[-1]) == ("online", first.instance)
+        last = ("online", first.instance)
+        assert await watcher.wait_for(lambda: (watcher.statuses[-1][1], watcher.instances[-1]) == last, 5.0)
     assert (first.connects, second.connects) == (1, 1)

@@ -155,9 +155,10 @@ def test_a_late_message_is_marked_and_otherwise_the_same() -> None:
 
 def test_every_topic_has_a_schema() -> None:
     found = schemas()
-    assert set(found) == {*PAYLOADS, "status"}
-    assert re.fullmatch(found["status"]["pattern"], "online 5f0c2a91")
-    for name in set(found) - {"status"}:
+    assert set(found) == {*PAYLOADS, "status", "instance"}
+    assert re.fullmatch(found["status"]["pattern"], "online")
+    assert re.fullmatch(found["instance"]["pattern"], "online 5f0c2a91")
+    for name in set(found) - {"status", "instance"}:
         assert found[name]["additionalProperties"] is False
         assert json.loads(json.dumps(found[name])) == found[name]
     required = set(found["attitude"]["required"])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from highside.service.reconnect import SHORT_S, STANDS_S, Reconnect, read_status, status_word
+from highside.service.reconnect import SHORT_S, STANDS_S, Reconnect, instance_word, read_instance
 
 
 class Clock:
@@ -72,9 +72,9 @@ def test_what_the_run_before_has_left_is_no_twin() -> None:
     clock = Clock()
     state = make(clock)
     state.connected()
-    state.heard_status(b"online bbbbbbbb", retained=True)
-    state.heard_status(b"offline bbbbbbbb", retained=False)
-    state.heard_status(b"online aaaaaaaa", retained=False)
+    state.heard_instance(b"online bbbbbbbb", retained=True)
+    state.heard_instance(b"offline bbbbbbbb", retained=False)
+    state.heard_instance(b"online aaaaaaaa", retained=False)
     clock.now += 1.0
     assert state.pause_s() <= 0.1
     assert state.taken is None
@@ -86,8 +86,8 @@ def test_a_status_that_is_none_is_no_sign(payload: bytes) -> None:
     state = make(clock)
     lives(state, clock, 1.0)
     state.connected()
-    state.heard_status(payload, retained=True)
-    state.heard_status(payload, retained=False)
+    state.heard_instance(payload, retained=True)
+    state.heard_instance(payload, retained=False)
     assert state.taken is None
 
 
@@ -96,14 +96,14 @@ def test_what_others_call_themselves_is_printable_and_short() -> None:
     state = make(clock)
     lives(state, clock, 1.0)
     state.connected()
-    state.heard_status(b"online \x1b[2J" + b"y" * 1000, retained=True)
+    state.heard_instance(b"online \x1b[2J" + b"y" * 1000, retained=True)
     told = str(state.taken)
     assert told.isprintable()
     assert len(told) < 200
 
 
 def test_the_status_says_whose_word_it_is() -> None:
-    assert read_status(status_word(b"online", "5f0c2a91")) == ("online", "5f0c2a91")
+    assert read_instance(instance_word(b"online", "5f0c2a91")) == ("online", "5f0c2a91")
 
 
 @dataclass
@@ -142,7 +142,7 @@ def fight(begins_s: tuple[float, float], until_s: float, *, readable: bool = Tru
             due[loser] = clock.now + max(states[loser].pause_s(), 0.001)
         states[who].connected()
         if broker.readable and broker.status:
-            states[who].heard_status(broker.status, retained=True)
+            states[who].heard_instance(broker.status, retained=True)
         broker.publish(b"online " + names[who].encode())
         broker.holder, due[who] = who, float("inf")
         broker.log.append((clock.now - zero, who))

@@ -109,7 +109,6 @@ def discovery(
         "device": device,
         "origin": {"name": "highside", "sw_version": __version__},
         "availability_topic": mqtt.topic(tool_id, "status"),
-        "availability_template": "{{ value.split(' ')[0] }}",
         "payload_available": ONLINE.decode(),
         "payload_not_available": OFFLINE.decode(),
         "qos": 1,

@@ -150,7 +150,7 @@ class BrokerHealth(_Payload):
     connects: Count
     failures: dict[str, Count]
     last_error: str
-    instance: str = Field(default="", description="Names this run of the service, as in `status`.")
+    instance: str = Field(default="", description="Names this run of the service, as in `instance`.")
     short_connections: Count = Field(default=0, description="Connections that ended within 5 s.")
     taken: str | None = Field(default=None, description="Why our client id seems to be used elsewhere; null: not.")
     replies: Count = Field(default=0, description="Answers to commands that the broker has.")
@@ -301,18 +301,22 @@ PAYLOADS: dict[str, type[BaseModel]] = {
     "drift/command": DriftCommand,
     "drift/reply": DriftReply,
 }
-"""Model by last part of the topic; `status` is two words."""
+"""Model by last part of the topic; `status` is a word, `instance` two."""
 
 
 def schemas() -> dict[str, Any]:
     """JSON Schema of every topic."""
     found: dict[str, Any] = {name: model.model_json_schema() for name, model in PAYLOADS.items()}
-    status = TypeAdapter(Annotated[str, Field(pattern=r"^(online|offline) [0-9a-f]{8}$")]).json_schema()
-    status["description"] = (
-        "Retained plain text, not JSON: birth `online`, last will and farewell `offline`; then a space and the name of"
-        " the run of the service that says so (health's `broker.instance`): `online 5f0c2a91`."
-    )
-    found["status"] = status
+    for name, pattern, says in (
+        ("status", "^(online|offline)$", "birth `online`, last will and farewell `offline`."),
+        (
+            "instance", "^(online|offline) [0-9a-f]{8}$",
+            "which run of the service was the last to begin or to take leave (health's `broker.instance`): `online"
+            " 5f0c2a91`. Two services of one tool notice each other by it.",
+        ),
+    ):  # fmt: skip
+        found[name] = TypeAdapter(Annotated[str, Field(pattern=pattern)]).json_schema()
+        found[name]["description"] = f"Retained plain text, not JSON: {says}"
     return found
 
 

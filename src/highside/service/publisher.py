@@ -36,7 +36,7 @@ from highside.service.broker_client import broker_client, connect_reason, notice
 from highside.service.messages import OFFLINE, ONLINE, mark_historical
 from highside.service.outbox import Outbox
 from highside.service.quiet_log import QuietLog
-from highside.service.reconnect import Reconnect, status_word
+from highside.service.reconnect import Reconnect, instance_word
 from highside.service.replies import Replies, Reply
 
 log = logging.getLogger(__name__)
@@ -96,6 +96,7 @@ class Publisher:
         self._settings = settings
         self._outbox = outbox
         self._status_topic = settings.topic(tool_id, "status")
+        self._instance_topic = settings.topic(tool_id, "instance")
         self._client_id = settings.client_id or f"highside-{tool_id}"
         self.instance = instance or new_instance()
         self._quiet = QuietLog(log)
@@ -109,7 +110,10 @@ class Publisher:
         self._on_connect_payloads = on_connect_payloads
         self._commands = dict(commands or {})
         """by topic: what is said to the tool; called with the payload and whether it was retained"""
-        self._retained: dict[str, bytes] = {self._status_topic: status_word(ONLINE, self.instance)}
+        self._retained: dict[str, bytes] = {
+            self._status_topic: ONLINE,
+            self._instance_topic: instance_word(ONLINE, self.instance),
+        }
         self._changed: dict[str, None] = {}
         """retained topics whose latest value is still to be sent on this connection"""
         self._passing: dict[str, bytes] = {}
@@ -231,7 +235,7 @@ class Publisher:
         listener.add_done_callback(lambda _: self._fail(LostConnection("connection lost", "nobody listens any more")))
         self._reconnect.connected()
         try:
-            # in front of the birth, so that the broker still shows whose `status` there was before
+            # in front of the birth, so that the broker still shows whose `instance` there was before
             self._start(self._subscribe(client))
             await asyncio.sleep(0)
             await self._publish_birth(client)
@@ -286,7 +290,7 @@ class Publisher:
     async def _client(self) -> aiomqtt.Client:
         settings = self._settings
         try:
-            will = aiomqtt.Will(self._status_topic, status_word(OFFLINE, self.instance), qos=1, retain=True)
+            will = aiomqtt.Will(self._status_topic, OFFLINE, qos=1, retain=True)
             client = await broker_client(settings, self._client_id, will=will)
         except (InputError, OSError) as error:
             # a certificate or a credential that is being exchanged: try again
@@ -298,8 +302,8 @@ class Publisher:
         return client
 
     async def _subscribe(self, client: aiomqtt.Client) -> None:
-        """To our own status and the topics of commands. A broker that forbids it costs those, not the messages."""
-        for topic in (self._status_topic, *self._commands):
+        """To our own words and the topics of commands. A broker that forbids it costs those, not the messages."""
+        for topic in (self._instance_topic, self._status_topic, *self._commands):
             try:
                 granted = await client.subscribe(topic, qos=1, timeout=self._settings.ack_timeout_s)
             except (aiomqtt.MqttError, ValueError) as error:
@@ -324,6 +328,8 @@ class Publisher:
         try:
             if topic == self._status_topic:
                 self._on_status(payload, retained)
+            elif topic == self._instance_topic:
+                self._on_instance(payload, retained)
             elif (command := self._commands.get(topic)) is not None:
                 command(payload, retained)
         except Exception as error:
@@ -332,10 +338,20 @@ class Publisher:
             self._quiet.say(logging.ERROR, f"command {type(error).__name__}", text, topic, type(error).__name__, error)
 
     def _on_status(self, payload: bytes, retained: bool) -> None:
-        self._reconnect.heard_status(payload, retained=retained)
-        if payload.startswith(OFFLINE) and not retained and self.connected and not self._stopping.is_set():
+        if payload == OFFLINE and not retained and self.connected and not self._stopping.is_set():
             # the will of a connection that the broker has given up late, or somebody's who went: we are here
             self._changed[self._status_topic] = None
+            self._wake.set()
+
+    def _on_instance(self, payload: bytes, retained: bool) -> None:
+        self._reconnect.heard_instance(payload, retained=retained)
+        if (
+            payload != self._retained[self._instance_topic]
+            and self.connected
+            and not (retained or self._stopping.is_set())
+        ):
+            # somebody spoke as this tool, and may have gone again: ours is the last word while we are here
+            self._changed[self._instance_topic] = None
             self._wake.set()
 
     def _fail(self, lost: LostConnection) -> None:
@@ -471,7 +487,9 @@ class Publisher:
         left_s = self._stop_deadline_s - loop.time()
         if self._pending and left_s > 0.0:
             await asyncio.wait(self._pending, timeout=left_s)
-        await self._publish(client, self._status_topic, status_word(OFFLINE, self.instance), qos=1, retain=True)
+        gone = instance_word(OFFLINE, self.instance)
+        await self._publish(client, self._instance_topic, gone, qos=1, retain=True)
+        await self._publish(client, self._status_topic, OFFLINE, qos=1, retain=True)
 
 
 def new_instance() -> str:

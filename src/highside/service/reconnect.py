@@ -5,9 +5,9 @@ disk image used twice) then throw each other off for ever, each connection a suc
 second, and `status` flips with every one. Two things tell:
 
 - connections that end within `SHORT_S`, several in a row: something sheds us, whatever it is;
-- a foreign *instance* in the retained `status`: each run of a daemon has a random name, `status` says whose word it is
-  (`online 5f0c2a91`), and who reads another name there than its own last word has a twin for certain. At the first
-  connection of a run it means nothing: it is the run before.
+- a foreign name in the retained topic `instance`: each run of a daemon has a random one and says it there with its
+  birth (`online 5f0c2a91`), and who reads another name there than its own last word has a twin for certain. At the
+  first connection of a run it means nothing: it is the run before.
 
 The pause between connections doubles up to `reconnect_max_s`, and a short connection counts as a failed one. Beyond
 that somebody has to give way, or both are useless: who has never been connected for long in this run does so at the
@@ -42,13 +42,13 @@ STANDS_S = 600.0
 """Seconds for which the alarm stands after the last sign: twice the longest pause, so that it does not come and go."""
 
 
-def status_word(word: bytes, instance: str) -> bytes:
-    """The payload of `status`."""
+def instance_word(word: bytes, instance: str) -> bytes:
+    """The payload of the topic `instance`."""
     return word + b" " + instance.encode()
 
 
-def read_status(payload: bytes) -> tuple[str, str]:
-    """The word and the instance of a `status`; empty where there is none."""
+def read_instance(payload: bytes) -> tuple[str, str]:
+    """The word and the name of a run in the topic `instance`; empty where there is none."""
     word, _, instance = payload[:100].decode("utf-8", errors="replace").partition(" ")
     return word, instance
 
@@ -87,13 +87,13 @@ class Reconnect:
         self._connects += 1
         self._seen = ""
 
-    def heard_status(self, payload: bytes, *, retained: bool) -> None:
-        """What came on our own `status` topic."""
-        word, instance = read_status(payload)
+    def heard_instance(self, payload: bytes, *, retained: bool) -> None:
+        """What came on our own topic `instance`."""
+        word, instance = read_instance(payload)
         if instance == self._instance or not instance:
             return
         if not retained:
-            # we are connected and so is it: another client id, one tool. The will of an earlier run says `offline`
+            # we are connected and so is it: another client id, one tool. One that leaves says `offline`
             if word == "online":
                 self._tell(f"another service (instance {printable(instance)[:32]}) speaks as this tool at the broker")
         elif self._connects > 1:
