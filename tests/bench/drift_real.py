@@ -201,8 +201,7 @@ def main() -> None:
     parser.add_argument("data", type=Path, nargs="?", default=beside)
     arguments = parser.parse_args()
     if not (arguments.data / "broad").is_dir():
-        print(f"no recordings in {arguments.data}: nothing measured")
-        return
+        raise SystemExit(f"no recordings in {arguments.data}: nothing measured; name their folder")
     for lines in (broad(arguments.data / "broad"), vn100(arguments.data / "serial_vn100")):
         for line in lines:
             print(line, flush=True)

@@ -3,7 +3,9 @@
 A DBC file says of each message where in its payload each signal lies. A signal's bits are consecutive either in the
 payload read as one little-endian number (Intel) or as one big-endian number (Motorola; its start bit is that of the
 most significant bit, counted within bytes from the least significant one). So a signal is two figures, a shift and a
-mask, plus sign, scale and offset: about 1 us for a message where the library needs 8.
+mask, plus sign, scale and offset. A message of two signals takes 2.1 to 2.5 us with its `Frame`; the library decodes
+it in 1.4 to 1.6 and needs 2.2 with the same `Frame` (recorded bus of a car, 2,487 messages): no gain in time, but only
+the signals that are mapped are decoded, and a payload of the wrong length is counted, not raised.
 
 Where the quantities lie in several messages, each is taken when it comes, and a frame goes out with the message named
 by `emit_on` (the last one of a cycle). Values are used once: a message that was lost leaves a gap, never an old value.
