@@ -46,6 +46,7 @@ from typing import Protocol
 from highside.errors import InputError
 from highside.service import clock
 from highside.service.outbox_file import BATCH_ROWS, BOOT_ID_LETTERS, MessageFile, OutboxState, Row, age, inspect
+from highside.service.quiet_log import QuietLog
 from highside.service.sequence import BLOCK, SAFETY, SequenceFile
 
 __all__ = ["Outbox", "OutboxState", "OutboxStats", "Row", "inspect"]
@@ -120,6 +121,7 @@ class Outbox:
         self._historical_after_s = historical_after_s
         self._max_memory_rows = max_memory_rows
         self._clocks = clocks
+        self._quiet = QuietLog(log)
 
         # the lock guards what follows; it is never held during a write, so nobody waits for the disk
         self._lock = threading.Lock()
@@ -476,7 +478,7 @@ class Outbox:
             with self._lock:
                 self._storage_ok = True
                 self._storage_error = ""
-            log.warning("outbox: storing again")
+            self._quiet.say(logging.WARNING, "storing", "outbox: storing again")
         with self._lock:
             if stopping:
                 if self._handover or self._gone:
@@ -723,7 +725,8 @@ class Outbox:
             if self._rewind:
                 self._set_live([])
         if first:
-            log.error("outbox: cannot store (%s); messages wait in memory", error)
+            text = "outbox: cannot store (%s); messages wait in memory"
+            self._quiet.say(logging.ERROR, "cannot store", text, error)
         if isinstance(error, sqlite3.DatabaseError) and not isinstance(error, sqlite3.OperationalError):
             self._file.distrust()
         self._file.close()

@@ -38,6 +38,7 @@ from highside.link.base import Batch, Chunk
 from highside.recording.candump import format_candump
 from highside.recording.files import flush_directory, make_directory
 from highside.recording.wire import SUFFIX, encode_header, encode_record
+from highside.service.quiet_log import QuietLog
 
 log = logging.getLogger(__name__)
 
@@ -173,6 +174,7 @@ class Recorder:
     ) -> None:
         self.stats = RecorderStats()
         self._settings = settings
+        self._quiet = QuietLog(log)
         self._directory = directory
         self._tool_id = tool_id
         self._meta = {"tool": tool_id, **(meta or {})}
@@ -353,7 +355,7 @@ class Recorder:
                 stats.batches_written += 1
                 stats.bytes_written += size
             if stats.state is RecorderState.FAILING:
-                log.info("recording again, to %s", segment.path.name)
+                self._quiet.say(logging.INFO, "again", "recording again, to %s", segment.path.name)
             stats.state, stats.reason, stats.message = RecorderState.RECORDING, None, ""
 
     def _keep_time(self, *, close: bool) -> None:
@@ -389,7 +391,8 @@ class Recorder:
             stats.state, stats.reason, stats.message, stats.file = RecorderState.FAILING, reason, message, None
             stats.failures += 1
         if news:
-            log.error("%s; acquisition goes on, trying again every %g s", message, self._settings.retry_s)
+            text = "%s; acquisition goes on, trying again every %g s"
+            self._quiet.say(logging.ERROR, reason.value, text, message, self._settings.retry_s)
 
     # --- files ---------------------------------------------------------------------------------------------------
 
