@@ -96,8 +96,7 @@ def wheel(project_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     ):
         shutil.copy(project_root / name, copy / name)
     for name in ("LICENSE", "NOTICE"):
-        if (project_root / name).is_file():
-            shutil.copy(project_root / name, copy / name)
+        shutil.copy(project_root / name, copy / name)
     for name in USED:
         (copy / name).parent.mkdir(parents=True, exist_ok=True)
         (copy / name).write_text("of a user")
@@ -163,6 +162,8 @@ def test_a_wheel_of_a_used_checkout_holds_nothing_of_its_user(wheel: Path, proje
     examples = here.stdout.split() or [f"config/{name}" for name in ("highside.dbc", "bench.toml", "highside.toml")]
     assert shipped >= {f"highside/data/{name}" for name in examples}, "a new example must be named in pyproject.toml"
     assert len(shipped) == len(examples) or not here.stdout
+    for name in ("LICENSE", "NOTICE"):
+        assert any(found.endswith(f".dist-info/licenses/{name}") for found in names), "the wheel carries its licence"
     for name in USED:
         assert not any(Path(found).name == Path(name).name for found in names), name
     sources = subprocess.run(
