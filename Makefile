@@ -3,7 +3,7 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 
-.PHONY: demo test check bench evidence blind lock clean
+.PHONY: demo test check data bench evidence blind lock clean
 
 ## demo: set up a virtual environment and show I and T of a simulated tool, live
 demo: $(VENV)/.run
@@ -20,6 +20,10 @@ check: $(VENV)/.test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/deptry src
+
+## data: fetch the public recordings that the tests read (HIGHSIDE_DATA, else ../shared/data), checked by SHA-256
+data:
+	$(PYTHON) tests/data/fetch.py
 
 .PHONY: packages
 packages:

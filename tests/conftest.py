@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ import pytest
 from highside.attitude import compiled
 
 ROOT = Path(__file__).resolve().parent.parent
-SHARED_DATA = ROOT.parent / "shared" / "data"
+SHARED_DATA = Path(os.environ.get("HIGHSIDE_DATA") or ROOT.parent / "shared" / "data")
 
 
 # started in the background of a script, the tests would inherit ignored signals and pass them on to every command they
@@ -53,8 +54,42 @@ def engine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> s
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Real recordings made by others, beside the checkout. Absent: skipped, but a failure under CI."""
-    if SHARED_DATA.is_dir():
-        return SHARED_DATA
+    if not SHARED_DATA.is_dir():
+        _without_recording(SHARED_DATA)
+    return SHARED_DATA
+
+
+def _without_recording(missing: Path) -> None:
+    told = f"no real recordings at {missing}: `make data` fetches them, or HIGHSIDE_DATA names the folder that has them"
     if os.environ.get("CI") == "true":
-        pytest.fail("the folder ../shared/data with the real recordings is missing, and CI must not skip these tests")
-    pytest.skip("needs the real recordings in ../shared/data")
+        pytest.fail(f"{told}; CI must not skip these tests", pytrace=False)
+    pytest.skip(told)
+
+
+def _missing_recording(error: Exception) -> Path | None:
+    """The file below the folder of recordings that an error names and that is not there: not all can be fetched."""
+    for word in re.findall(re.escape(str(SHARED_DATA)) + r"/[\w./-]+", str(error)):
+        if not (path := Path(word.rstrip("."))).exists():
+            return path
+    return None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup() -> Generator[None, None, None]:
+    """A fixture that needs a recording which is not there is treated as `shared_data` treats the folder."""
+    return (yield from _told_of_recordings())
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call() -> Generator[None, None, None]:
+    """Likewise a test."""
+    return (yield from _told_of_recordings())
+
+
+def _told_of_recordings() -> Generator[None, None, None]:
+    try:
+        return (yield)
+    except Exception as error:
+        if (missing := _missing_recording(error)) is not None:
+            _without_recording(missing)
+        raise

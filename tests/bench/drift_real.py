@@ -14,6 +14,7 @@ import argparse
 import gzip
 import importlib.util
 import itertools
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -197,7 +198,7 @@ def vn100(folder: Path) -> Iterator[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    beside = Path(__file__).resolve().parents[3] / "shared" / "data"
+    beside = Path(os.environ.get("HIGHSIDE_DATA") or Path(__file__).resolve().parents[3] / "shared" / "data")
     parser.add_argument("data", type=Path, nargs="?", default=beside)
     arguments = parser.parse_args()
     if not (arguments.data / "broad").is_dir():

@@ -8,6 +8,7 @@ stretches, at rest it is the one direction that all rows share.
 from __future__ import annotations
 
 import gzip
+import os
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -15,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import least_squares
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+DATA = Path(os.environ.get("HIGHSIDE_DATA") or Path(__file__).resolve().parents[3] / "shared" / "data")
 """Beside the checkout, never inside it: each recording keeps its own licence."""
 G0 = 9.80665
 
