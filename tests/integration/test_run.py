@@ -369,3 +369,16 @@ def test_overrides_and_environment_come_before_the_file(tmp_path):
     assert (seen["mqtt"]["port"], seen["mqtt"]["host"]) == (3, "a")
     assert seen["link"]["port"] == "/dev/y"
     assert seen["tool"]["id"] == "from-env"
+    # what has one underscore is no setting: the commands' own switches, and whatever else a machine has
+    plain = {
+        **os.environ,
+        "HIGHSIDE_DEBUG": "1",
+        "HIGHSIDE_MAX_BYTES": "2G",
+        "HIGHSIDE_TOOL__ID": "no",
+        "HIGHSIDE_X": "1",
+    }
+    run = subprocess.run(
+        [str(HIGHSIDE), "check", str(path), "--json"], capture_output=True, text=True, timeout=30, env=plain
+    )
+    assert run.returncode == 0, run.stderr
+    assert json.loads(run.stdout)["tool"]["id"] == "tool"

@@ -12,7 +12,8 @@ from pydantic_core import ErrorDetails
 
 from highside.errors import InputError
 
-ENVIRONMENT_PREFIX = "HIGHSIDE_"
+ENVIRONMENT_PREFIX = "HIGHSIDE__"
+"""Two underscores: HIGHSIDE_DEBUG and the like are no settings of the service."""
 MOST_TOLD = 8
 """mistakes in one line; more are counted"""
 
