@@ -55,6 +55,12 @@ evidence: $(VENV)/.test
 	$(BIN)/python tests/bench/drift_limit.py
 	$(BIN)/python -m pytest -q -s tests/integration/test_soak.py tests/integration/test_mqtt_faults.py tests/integration/test_mqtt_sigkill.py
 
+## faults: the fault scenarios at their own numbers (about an hour), measured into docs/faults.md; FAULTS="--scenario 4"
+FAULTS ?=
+.PHONY: faults
+faults: packages $(VENV)/.test
+	$(BIN)/python tests/faults/run.py --write $(FAULTS)
+
 ## blind: the sealed decks (hours), seeded by the commit that last changed the engine; BLIND="--seed mine --small" for a look
 BLIND ?=
 SCORE = OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/blind/score.py $(BLIND)

@@ -6,6 +6,7 @@ three.
 
 from __future__ import annotations
 
+import copy
 import gzip
 import json
 import random
@@ -121,20 +122,21 @@ def damaged_document(document: Any, rng: random.Random) -> Any:
     for _ in range(rng.randrange(1, 4)):
         places = list(_places(out))
         if not places:
-            return rng.choice(VALUES)
+            return copy.deepcopy(rng.choice(VALUES))
         holder, key = rng.choice(places)
         act = rng.randrange(5)
         if act == 0:
             del holder[key]
         elif act == 1 and isinstance(holder, list):
-            holder.insert(key, holder[key])
+            holder.insert(key, json.loads(json.dumps(holder[key])))
         elif act == 1:
             holder[rng.choice(("x", "", "\ud800", str(key) + "_"))] = holder.pop(key)
         elif act == 2:
             other, name = rng.choice(places)
             holder[key] = json.loads(json.dumps(other[name])) if _there(other, name) else None
         else:
-            holder[key] = rng.choice(VALUES)
+            # a copy: a value that stands in two places could be put into itself
+            holder[key] = copy.deepcopy(rng.choice(VALUES))
     return out
 
 

@@ -6,6 +6,7 @@ Needs root and vcan0. The limits on time are wide (one virtual CPU, every system
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
 import statistics
 import struct
@@ -38,7 +39,7 @@ from highside.recording.candump import format_candump
 
 INTERFACE = "vcan7"
 QUICK = SupervisorSettings(backoff_initial_s=0.05, backoff_max_s=0.5, stale_after_s=0.0)
-CYCLES = 20
+CYCLES = int(os.environ.get("HIGHSIDE_CAN_CYCLES", "20"))
 
 
 def run(*words: str) -> None:
@@ -174,7 +175,7 @@ async def test_the_filter_lets_only_the_wanted_identifiers_through(vcan: str, se
     assert [frame.data for frame in memory.frames] == [b"a", b"b"]
 
 
-async def test_down_and_up_again_twenty_times_is_reported_and_recovered(vcan: str) -> None:
+async def test_down_and_up_again_is_reported_and_recovered(vcan: str) -> None:
     memory = Memory()
     detected, back = [], []
     async with supervised(memory, SocketCanSettings(vcan)) as supervisor:

@@ -28,7 +28,10 @@ class Subscriber:
         self.messages: queue.Queue[tuple[str, bytes, bool, float]] = queue.Queue()
         self.all: list[tuple[str, bytes, bool, float]] = []
         self._client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2, client_id=client_id, clean_session=clean)
+        self.subscriptions = 0
+        """times that a broker took the subscription: after the start, and after each return of the broker"""
         self._client.on_message = self._on_message
+        self._client.on_subscribe = self._on_subscribe
         self._client.on_connect = lambda client, *_: client.subscribe(topics, qos=1)
         self._client.reconnect_delay_set(1, 1)
         self._client.connect_async("127.0.0.1", port, keepalive=30)
@@ -36,6 +39,9 @@ class Subscriber:
 
     def _on_message(self, _client: Any, _data: Any, message: mqtt.MQTTMessage) -> None:
         self.messages.put((message.topic, message.payload, message.retain, time.monotonic()))
+
+    def _on_subscribe(self, *_: Any) -> None:
+        self.subscriptions += 1
 
     def drain(self) -> list[tuple[str, bytes, bool, float]]:
         """Everything received so far."""

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from bad_reloads import bad_files
 from broker import Mosquitto
 from daemon import Daemon, Pty, Subscriber, running, wait_for
 
@@ -131,34 +132,11 @@ def at_work(folder: Path, broker: Mosquitto, content: Callable[[str], str]):
 
 @pytest.mark.timeout(240)
 def test_twenty_bad_reloads_of_every_kind_while_frames_flow_lose_nothing(tmp_path, broker):
-    (tmp_path / "bad.dbc").write_text('BO_ 1 x: 8 y\n SG_ x : 62|4294967296@1+ (1,0) [0|0] "" z\n')
-    (tmp_path / "not-a-record.json").write_text("[" * 100_000)
     with socket.create_server(("127.0.0.1", 0)) as taken, at_work(
         tmp_path, broker, lambda port: text(tmp_path, port, broker.port)
     ) as (reload, line, manager):  # fmt: skip
         good = (tmp_path / "highside.toml").read_text()
-        bad = {
-            "wrong type": good.replace("= 10", '= "ten"'),
-            "out of range": good.replace("= 10", "= -1"),
-            "nan": good.replace("= 10", "= nan"),
-            "5,000 digits": good.replace("= 10", f"= {'1' * 5000}"),
-            "unknown field": good + "[monitor]\nrnge_g = 1\n",
-            "unknown table": good + "[moniter]\nrange_g = 1\n",
-            "unknown codec": good.replace('name = "tool"', 'name = "toll"'),
-            "no TOML": "[[[[" * 1000,
-            "nested": "a = " + "[" * 50_000,
-            "empty": "",
-            "nul": "\0" * 4096,
-            "torn": good[: len(good) // 2],
-            "another tool": good.replace("t1", "t2"),
-            "another state": good.replace("/state", "/other"),
-            "port away": good.replace(line.path, "/dev/no-such-port"),
-            "port is a directory": good.replace(line.path, str(tmp_path)),
-            "listener taken": good + f"[metrics]\nport = {taken.getsockname()[1]}\n",
-            "no certificate": good.replace("[service]", "[mqtt.tls]\nca = 'no.pem'\n[service]"),
-            "no password file": good.replace("[service]", "username = 'a'\npassword_file = 'no.pw'\n[service]"),
-            "codec's file": good.replace('name = "tool"', 'name = "dbc"\ndbc = "bad.dbc"'),
-        }
+        bad = bad_files(good, line.path, taken.getsockname()[1], tmp_path)
         assert len(bad) == 20
         tool = Tool(line)
         tool.start()

@@ -238,25 +238,28 @@ def test_a_port_that_cannot_be_opened_at_the_start_ends_the_service_or_is_waited
     subscriber.close()
 
 
+KILLS = int(os.environ.get("HIGHSIDE_KILLS", "30"))
+
+
 def reports_of_an_open_link(subscriber: Subscriber) -> int:
     return sum(1 for p in subscriber.payloads("health") if p["link"]["opens"] >= 1)
 
 
-@pytest.mark.timeout(400)
-def test_killed_at_thirty_random_points_it_loses_at_most_one_commit_interval(tmp_path, broker):
+@pytest.mark.timeout(3600 if KILLS > 30 else 400)
+def test_killed_at_random_points_it_loses_at_most_one_commit_interval(tmp_path, broker):
     """Outbox sound, recording readable to its last complete record, no more lost than the commit interval."""
     subscriber, line = Subscriber(broker.port, client_id="keeper", clean=False), Pty()
     path = config(tmp_path / "t", line.path, broker.port, extra="[pipeline]\noutput_rate_hz = 50\n")
     state = tmp_path / "t" / "state"
     rng = random.Random(30)
     rate = 500.0
-    stream = frames(40 * int(rate), rate_hz=rate)
-    size = len(stream) // (40 * int(rate))
+    stream = frames((10 + KILLS) * int(rate), rate_hz=rate)
+    size = len(stream) // ((10 + KILLS) * int(rate))
     at = 0
     last_sent_t = 0.0
     worst_lost_s = 0.0
     try:
-        for _ in range(30):
+        for _ in range(KILLS):
             opens = reports_of_an_open_link(subscriber)
             with running(path) as daemon:
                 wait_for(
@@ -307,7 +310,7 @@ def test_killed_at_thirty_random_points_it_loses_at_most_one_commit_interval(tmp
         # between two runs the window that was open and what was not committed yet are lost: 50 ms, the tick of the
         # writer, and the grid point that a new process only opens (20 ms); the machine may be busy
         worst_lost_s = max([*gaps, last_sent_t - times[-1]])
-        print(f"30 kills, {len(payloads)} attitudes, longest gap {worst_lost_s * 1e3:.0f} ms of device time")
+        print(f"{KILLS} kills, {len(payloads)} attitudes, longest gap {worst_lost_s * 1e3:.0f} ms of device time")
         assert worst_lost_s <= 0.5
     finally:
         subscriber.close()

@@ -24,6 +24,9 @@ from daemon import Subscriber, running, wait_for
 pytestmark = pytest.mark.slow
 
 SECONDS = float(os.environ.get("HIGHSIDE_SOAK_S", "60"))
+LAG_MS = 20.0 if SECONDS > 60 else 200.0
+"""99.9 % of the stalls of the event loop are shorter: 20 ms is what the CAN socket's buffer bridges at 9,000
+frames/s; ten times that in the short form, whose machine may be busy"""
 SERIAL_RATE = 3840
 CAN_RATE = 9000
 
@@ -50,7 +53,7 @@ sys.stdin.readline()
 """
 
 
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(180 + 2 * SECONDS)
 def test_a_minute_at_3840_frames_a_second_over_a_pty_loses_nothing(tmp_path: Path) -> None:
     path = tmp_path / "soak.toml"
     port = tmp_path / "tty"
@@ -102,6 +105,7 @@ def test_a_minute_at_3840_frames_a_second_over_a_pty_loses_nothing(tmp_path: Pat
         f" {SERIAL_RATE / cpu:.0f} frames/s per core, loop lag p99.9 {health['loop']['lag_p999_ms']} ms"
         f" max {health['loop']['lag_max_ms']} ms"
     )
+    assert health["loop"]["lag_p999_ms"] < LAG_MS
     assert health["monitor"]["good"] == sent
     assert health["monitor"]["gap"] == health["monitor"]["duplicate"] == 0
     assert health["codec"]["bytes_junk"] == health["codec"]["bytes_bad"] == 0
@@ -113,7 +117,7 @@ def test_a_minute_at_3840_frames_a_second_over_a_pty_loses_nothing(tmp_path: Pat
     assert seqs == list(range(len(seqs)))
 
 
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(180 + 2 * SECONDS)
 async def test_a_minute_at_9000_can_frames_a_second_loses_nothing(tmp_path: Path) -> None:
     import can
 
@@ -184,6 +188,7 @@ async def test_a_minute_at_9000_can_frames_a_second_loses_nothing(tmp_path: Path
         f" cpu {cpu:.2f} of one core with the sender, loop lag p99.9 {health.loop['lag_p999_ms']} ms"
         f" max {health.loop['lag_max_ms']} ms"
     )
+    assert health.loop["lag_p999_ms"] < LAG_MS
     assert counts["sent"] >= 0.9 * CAN_RATE * SECONDS
     assert service.supervisor.stats.can_frames == counts["sent"]
     assert abs(health.monitor["received"] - counts["sent"] // per_reading) <= 1

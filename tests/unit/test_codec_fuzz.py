@@ -6,6 +6,7 @@ random chunks. What is accepted is checked against the input by means that are n
 
 from __future__ import annotations
 
+import os
 import random
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +21,7 @@ from highside.codec.tool import ToolCodec
 from highside.codec.tool_can import ToolCanCodec
 from highside.codec.vn100 import Vn100Codec
 
-INPUTS = 100_000
+INPUTS = int(os.environ.get("HIGHSIDE_FUZZ_INPUTS", "100000"))
 
 
 def damaged(data: bytes, rng: random.Random) -> bytes:

@@ -197,6 +197,8 @@ class Curve:
         count = curve.parameters.size
         if curve.parameters.ndim != 1 or curve.covariance.shape != (count, count) or count != curve._expected_count():
             raise ValueError("parameters, covariance and order do not belong together")
+        if (curve.form is Form.NETWORK) != (curve.network_input is not None):
+            raise ValueError("form and network do not belong together")
         return curve
 
     def _expected_count(self) -> int:
