@@ -1,7 +1,6 @@
 """highside: live acquisition and calibration for directional sensors.
 
-The layers, lowest first, are `errors`, `attitude`, `physics`, `calibration`, `codec`, `recording`, `link`, `config`,
-`session`, `service`, `report`, `cli`. Each may use those below it; `pyproject.toml` holds the contracts.
+The layers and which may use which stand in `pyproject.toml` (`[tool.importlinter]`), drawn in `docs/architecture.md`.
 """
 
 __version__ = "0.1.0"
