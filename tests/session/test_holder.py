@@ -45,6 +45,7 @@ def test_a_session_taken_at_the_bench_obeys_nobody_at_the_broker(session: BenchS
     for secret in (None, SECRET):
         assert say(session, "abort", Origin.BROKER, secret=secret).reason == "held_by_other"
         assert say(session, "pause", Origin.BROKER, secret=secret).reason == "held_by_other"
+    assert say(session, "pause", Origin.HERE, operator="Bob").reason == "held_by_other"
     assert say(session, "pause", Origin.HERE).accepted
 
 

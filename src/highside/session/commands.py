@@ -3,7 +3,8 @@
 One operator holds a session: whoever started it, or resumed it last. Others may look; to take it over it has to be
 paused. A name is not enough to be that operator, for everybody can read it: a session belongs to where it was taken
 (`Origin`: here, or at the broker) and, if its taker chose a secret, to who knows it. Here, at the terminal of the
-process and on its page, it may always be paused, so that a secret that is lost holds nobody up.
+process and on its page, one that was taken at the broker or with a secret may always be paused, so that a secret that
+is lost holds nobody up.
 
 What the table refuses is refused first, then what makes no sense for want of a pose, a hold or a result.
 """
@@ -82,7 +83,8 @@ def refusal(
     if isinstance(result, Refuse):
         return result.reason
     free = name in (CommandName.START, CommandName.RESUME)
-    here = name is CommandName.PAUSE and holder.partition(":")[0] == Origin.HERE
+    # who has the name alone to prove can be asked; a secret, or a broker, may be out of reach
+    here = name is CommandName.PAUSE and holder.partition(":")[0] == Origin.HERE and ledger.holder != Origin.HERE
     if not (free or here or holds(ledger, operator, holder)):
         return Refusal.HELD_BY_OTHER
     match name:
