@@ -225,6 +225,33 @@ def tilted(inc: np.ndarray, tf: np.ndarray, rng: np.random.Generator) -> np.ndar
     return A @ g + B[:, None] + NOISE / 10.0 * rng.standard_normal(g.shape)
 
 
+def wrong_alike_everywhere(size_deg: float, *, reversed_too: bool, stated_deg: float = 0.05) -> Verification:
+    """A tool that shows I wrong by the same angle at every pose, on a level bench."""
+    rings = (5.0, 30.0, 45.0, 75.0, 90.0)
+    inc, tf = np.repeat(rings, 4), np.tile([45.0, 135.0, 225.0, 315.0], len(rings))
+    sides = [(inc, tf), (-inc[:4], (tf[:4] + 180.0) % 360.0)][: 1 + reversed_too]
+    set_inc, set_tf = (np.concatenate(part) for part in zip(*sides, strict=True))
+    true_inc, true_tf = np.abs(set_inc), np.where(set_inc < 0.0, set_tf + 180.0, set_tf)
+    m = readings(true_inc + size_deg, true_tf, np.random.default_rng(3))
+    poses = PoseSet.build(
+        m, inc_ref_rad=np.deg2rad(set_inc), tf_ref_rad=np.deg2rad(set_tf), n=np.full(set_inc.size, 100.0), std=NOISE
+    )
+    bench = BenchAccuracy(math.radians(stated_deg), math.radians(0.0052))
+    return verify_poses(record(), poses, limit_inc_deg=0.1, limit_tf_deg=1.0, bench=bench)
+
+
+@pytest.mark.parametrize("size_deg", [0.3, 1.0, -1.0])
+def test_a_tool_that_is_wrong_alike_everywhere_does_not_pass_as_a_leaning_bench(size_deg: float) -> None:
+    """From one side the two look the same: more lean than was stated is not taken for the bench's without a word."""
+    found = wrong_alike_everywhere(size_deg, reversed_too=False)
+    assert found.verdict is Verdict.UNDECIDED
+    assert "more than was said of this bench" in found.text and "turned the other way" in found.text
+    # with poses from both sides it is the tool
+    assert wrong_alike_everywhere(size_deg, reversed_too=True).verdict is Verdict.FAIL
+    # a bench of which it was said that it may lean so much
+    assert wrong_alike_everywhere(size_deg, reversed_too=False, stated_deg=1.0).verdict is Verdict.PASS
+
+
 def test_a_known_tilt_is_taken_off_on_both_sides_of_the_vertical() -> None:
     from highside.calibration.comparison import compare
 

@@ -135,10 +135,13 @@ class Verification:
     """taken off the toolfaces (the chuck's zero was estimated), None where it was not"""
     leans: bool = False
     """whether the poses show a bench that leans otherwise than was said"""
+    unproven: bool = False
+    """whether what was taken off as the bench's lean is more than was said, and could as well be the tool's error"""
 
     @property
     def verdict(self) -> Verdict:
-        return worst([pose.verdict for pose in self.poses])
+        found = worst([pose.verdict for pose in self.poses])
+        return Verdict.UNDECIDED if found is Verdict.PASS and self.unproven else found
 
     @property
     def consistent(self) -> bool:
@@ -160,6 +163,13 @@ class Verification:
                 return (
                     f"Undecided: the calibration does not hold at {tally[Verdict.NOT_COVERED]} of {count} poses. Verify"
                     " within its zones, or calibrate there."
+                )
+            case _ if not tally[Verdict.UNDECIDED]:
+                return (
+                    f"Undecided: the poses show a lean of {math.degrees(self.level.x_rad):+.3f} and"
+                    f" {math.degrees(self.level.y_rad):+.3f} deg, more than was said of this bench; a tool that is"
+                    " wrong alike everywhere looks the same. Set poses also with the table turned the other way"
+                    " (inclination -I, toolface + 180), or state how level the bench is (tilt_sigma_deg)."
                 )
             case _:
                 return (
@@ -323,6 +333,7 @@ def verify_poses(
         level,
         None if zero is None else math.degrees(zero),
         level.contradicts(said),
+        level.unproven(said),
     )
 
 
