@@ -146,6 +146,8 @@ sessions = "sessions"
         config.write_text(settings.format(seed="", plan=refused))
         done = highside("calibrate", "bench", "--config", str(config), "--auto", check=2)
         assert f"{field}: no tool could pass" in done.stderr and said in done.stderr, done.stderr
+        checked = highside("check", str(config), check=2)
+        assert checked.stderr.startswith(f"highside: {config}: {field}: no tool could pass"), checked.stderr
         assert set((tmp_path / "sessions").iterdir()) == sessions, "nothing was begun"
     assert (in_session["verdict"], in_session["judged"]) == ("pass", found["record"]), "as the session itself said"
     damaged = tmp_path / "x.journal"

@@ -125,3 +125,12 @@ def test_a_bench_session_signs_its_record(folder: Path) -> None:
     finally:
         (folder / "lab.key").chmod(0o600)
     assert "lab.key" in refused and "read by others" in refused
+
+
+def test_what_has_no_end_and_does_not_stay_is_not_signed(folder: Path, tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.json"
+    os.mkfifo(pipe)
+    for place in (pipe, Path("/dev/zero")):
+        for command in (("sign", place, "--key", folder / "lab.key"), ("verify", place, "--trusted", folder / "trusted")):
+            said = highside("keys", *command, status=2).stderr
+            assert said.startswith(f"highside: {place}: is a pipe, a socket or a device"), said

@@ -131,7 +131,7 @@ def _is_record(file: Path) -> bool:
     from highside.reading import open_binary
 
     family = SCHEMA.partition("/")[0].encode()
-    if file.suffix != ".json":
+    if file.suffix != ".json" or not file.is_file():
         return False
     with open_binary(file) as stream:
         try:

@@ -78,8 +78,10 @@ def check(
 
 
 def _check_bench(config: Path, overrides: list[str] | None, as_json: bool) -> None:
-    """The file of `calibrate bench`."""
+    """The file of `calibrate bench`: all that would refuse the session at its start, its limits too."""
     from highside.config.bench import load_bench
+    from highside.errors import InputError
+    from highside.service.bench_setup import judged_by
     from highside.service.broker_client import check_secrets
 
     settings = load_bench(config, overrides)
@@ -87,6 +89,12 @@ def _check_bench(config: Path, overrides: list[str] | None, as_json: bool) -> No
     if settings.mqtt is not None:
         check_secrets(settings.mqtt)
     settings.web.check()
+    try:
+        judged_by(settings)
+    except InputError as error:
+        if error.where is not None:
+            raise
+        raise InputError(error.what, where=str(config), field=error.field, remedy=error.remedy) from None
     if as_json:
         typer.echo(settings.model_dump_json())
         return

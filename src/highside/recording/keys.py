@@ -120,6 +120,10 @@ def _sha256(path: Path) -> str:
     """Of the bytes as they are on the disk, gzipped or not."""
     digest = hashlib.sha256()
     try:
+        # a pipe would be waited for, a device has no end, and neither is there to be checked afterwards
+        if path.exists() and not path.is_file():
+            what = "a directory" if path.is_dir() else "a pipe, a socket or a device"
+            raise InputError(f"is {what}, not a file", where=str(path), remedy="sign a file that stays")
         with path.open("rb") as file:
             while part := file.read(1 << 20):
                 digest.update(part)
