@@ -131,6 +131,9 @@ def test_what_has_no_end_and_does_not_stay_is_not_signed(folder: Path, tmp_path:
     pipe = tmp_path / "pipe.json"
     os.mkfifo(pipe)
     for place in (pipe, Path("/dev/zero")):
-        for command in (("sign", place, "--key", folder / "lab.key"), ("verify", place, "--trusted", folder / "trusted")):
+        for command in (
+            ("sign", place, "--key", folder / "lab.key"),
+            ("verify", place, "--trusted", folder / "trusted"),
+        ):
             said = highside("keys", *command, status=2).stderr
             assert said.startswith(f"highside: {place}: is a pipe, a socket or a device"), said

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from highside.cli.bench_sessions import go_on_instead, left_unfinished
+from highside.cli.say import echo, echo_json
 from highside.errors import InputError
 
 if TYPE_CHECKING:
@@ -95,9 +96,9 @@ def bench(
         raise
     verdict = None if driver.session.solved is None else verdict_of(driver.session.solved)
     if auto:
-        typer.echo(json.dumps(summary(driver)))
+        echo_json(json.dumps(summary(driver)))
     elif driver.stored is not None:
-        typer.echo(f"record {driver.stored}")
+        echo(f"record {driver.stored}")
     if driver.session.state is not State.ACCEPTED or verdict not in (None, "pass"):
         raise typer.Exit(1)
 
@@ -113,7 +114,7 @@ def _say_what_lies_elsewhere(config: Path, store: StoreTable) -> None:
     ):
         left = places.left_behind(beside / default.name, now, f"store.{field}") if now == default else None
         if left is not None:
-            typer.echo(f"highside: {left}", err=True)
+            echo(f"highside: {left}", err=True)
 
 
 async def _run(driver: BenchDriver, *, auto: bool, web: bool, plain: bool, operator: str) -> None:
@@ -167,8 +168,8 @@ async def _page(driver: BenchDriver, operator: str) -> BenchPage:
     page = BenchPage(driver, table, operator=operator, fields=fields)
     await page.start()
     if table.warning is not None:
-        typer.echo(f"warning: {table.warning}", err=True)
-    typer.echo(f"bench page: {page.link}", err=True)
+        echo(f"warning: {table.warning}", err=True)
+    echo(f"bench page: {page.link}", err=True)
     return page
 
 

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ValidationError
 
+from highside.cli.say import echo
 from highside.printable import printable
 from highside.session.labels import LABELS, label, understood
 from highside.session.snapshot import (
@@ -77,7 +78,7 @@ class PlainFace(_Face):
     """Lines: one when something changes, one every few seconds while nothing does; words in (`redo 3`)."""
 
     def say(self, text: str) -> None:
-        print(text, file=sys.stderr, flush=True)  # noqa: T201
+        echo(text, err=True)
 
     async def run(self) -> None:
         reader = asyncio.create_task(self._words()) if self.listen else None
@@ -102,11 +103,11 @@ class PlainFace(_Face):
             line += f"  [{snapshot.last_rejection}]"
         for fault in snapshot.faults:
             line += f"  [{fault.text}{' ' + fault.detail if fault.detail else ''}]"
-        print(line, flush=True)  # noqa: T201
+        echo(line)
         verdict = None if snapshot.result is None else snapshot.result.verdict
         for row in verdict.rows if verdict is not None else ():
             cells = "  ".join(cell for cell in verdict_cells(row) if cell)
-            print(f"           {row.name}: {cells}  {row.verdict}", flush=True)  # noqa: T201
+            echo(f"           {row.name}: {cells}  {row.verdict}")
 
     async def _words(self) -> None:
         loop = asyncio.get_running_loop()
@@ -131,10 +132,10 @@ class PlainFace(_Face):
                 meant = understood(line)
                 if meant is None:
                     known = ", ".join(label(name) for name in CommandName)
-                    print(f"? {line.split()[0]!r}: one of {known}", flush=True)  # noqa: T201
+                    echo(f"? {line.split()[0]!r}: one of {known}")
                     continue
                 await self.send(*meant)
-                print(f"> {self.answer}", flush=True)  # noqa: T201
+                echo(f"> {self.answer}")
         finally:
             loop.remove_reader(descriptor)
 

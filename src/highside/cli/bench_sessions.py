@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from highside.cli.say import echo, echo_json
 from highside.printable import printable
 
 if TYPE_CHECKING:
@@ -40,16 +40,16 @@ def sessions(
     kept = kept_by(settings.store.directory)
     found = list(bench_journal.sessions(settings.store.sessions, settings.tool.id, kept))
     if as_json:
-        typer.echo(json.dumps([_plain(one) for one in found]))
+        echo_json(json.dumps([_plain(one) for one in found]))
         return
     if not found:
-        typer.echo(f"no session of tool {settings.tool.id} in {settings.store.sessions}")
+        echo(f"no session of tool {settings.tool.id} in {settings.store.sessions}")
         return
     width = max(len(one.name) for one in found)
     for one in found:
         begun = "" if one.t_wall_s is None else _local(one.t_wall_s)
         line = f"{one.name:<{width}}  {begun:<16}  {one.progress:<16}  {one.state:<12}  {one.plan}"
-        typer.echo(printable(line.rstrip()))
+        echo(line.rstrip())
 
 
 def _plain(one: Found) -> dict[str, object]:
@@ -80,9 +80,7 @@ def go_on_instead(settings: BenchFile, config: Path, *, ask: bool) -> str | None
     told = printable(f"session {found.name}{begun} ({found.plan}) has {found.progress}")
     if ask:
         return found.name if typer.confirm(f"{told}: go on?", default=True, err=True) else None
-    typer.echo(
-        f"{told} and is left as it is; a new one begins. Go on with it: {_command(config, found.name)}", err=True
-    )
+    echo(f"{told} and is left as it is; a new one begins. Go on with it: {_command(config, found.name)}", err=True)
     return None
 
 
@@ -94,10 +92,10 @@ def left_unfinished(driver: BenchDriver, config: Path) -> None:
     name = driver.session.header.session
     count = len(ledger.done)
     if not count:
-        print("\nno pose was taken: begin anew", file=sys.stderr)  # noqa: T201
+        echo("\nno pose was taken: begin anew", err=True)
         return
     poses = "1 pose is" if count == 1 else f"{count} poses are"
-    print(f"\n{poses} kept. Go on: {_command(config, name)}", file=sys.stderr)  # noqa: T201
+    echo(f"\n{poses} kept. Go on: {_command(config, name)}", err=True)
 
 
 def _local(t_wall_s: float) -> str:

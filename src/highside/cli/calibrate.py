@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from highside.cli import bench, bench_sessions, certificate, verification
+from highside.cli.say import echo, echo_json
 from highside.errors import InputError, Refused
 
 if TYPE_CHECKING:
@@ -108,11 +109,11 @@ def poses(
     Table(columns).write(output)
     count = columns["ax"].size
     if as_json:
-        typer.echo(json.dumps({"poses": count, "dropped": dropped, "output": str(output)}))
+        echo_json(json.dumps({"poses": count, "dropped": dropped, "output": str(output)}))
         return
-    typer.echo(f"{output}: {count} poses, {int(columns['n'].sum())} of {table.n} readings")
+    echo(f"{output}: {count} poses, {int(columns['n'].sum())} of {table.n} readings")
     for line in dropped:
-        typer.echo(f"left out: {line}", err=True)
+        echo(f"left out: {line}", err=True)
 
 
 @app.command()
@@ -177,7 +178,7 @@ def solve(
         table, model_id, left = correct_poses_by_model(table, model)
         turntable_id = model_id if turntable_id is None else f"{turntable_id} {model_id}"
         if left:
-            typer.echo(f"of {model} only the bench is used; estimated anew: {', '.join(left)}", err=True)
+            echo(f"of {model} only the bench is used; estimated anew: {', '.join(left)}", err=True)
     columns = _pose_columns(table)
     solution = solve_poses(columns, request, where=str(poses_file))
     now = time.time()
@@ -208,7 +209,7 @@ def solve(
     refused = [remark for remark in _all_remarks(solution) if remark.refused]
     if refused:
         for remark in refused:
-            typer.echo(f"highside: refused ({remark.reason.value}): {remark.text}", err=True)
+            echo(f"highside: refused ({remark.reason.value}): {remark.text}", err=True)
         raise typer.Exit(1)
 
 
@@ -246,16 +247,14 @@ def apply(
         added.columns.pop("zone", None)
     added.write(output)
     if as_json:
-        typer.echo(json.dumps({"rows": table.n, "output": str(output), "cal_id": record.id, **out.counts}))
+        echo_json(json.dumps({"rows": table.n, "output": str(output), "cal_id": record.id, **out.counts}))
         return
     made = ", ".join(f"{name} {count}" for name, count in out.counts["zones"].items())
-    typer.echo(f"{output}: {table.n} rows corrected by {record.id[:12]} ({made or 'none'})")
+    echo(f"{output}: {table.n} rows corrected by {record.id[:12]} ({made or 'none'})")
     if out.counts["outside_zone"]:
-        typer.echo(f"{out.counts['outside_zone']} rows lie outside of every zone and have no inclination or toolface")
+        echo(f"{out.counts['outside_zone']} rows lie outside of every zone and have no inclination or toolface")
     if out.counts["temperature_outside"]:
-        typer.echo(
-            f"{out.counts['temperature_outside']} rows lie outside of the calibrated temperatures: uncertainty grown"
-        )
+        echo(f"{out.counts['temperature_outside']} rows lie outside of the calibrated temperatures: uncertainty grown")
 
 
 @app.command()
@@ -320,15 +319,13 @@ def history(store: StoreOption, tool: ToolOption = None, as_json: JsonOption = F
         for entry in entries
     ]
     if as_json:
-        typer.echo(json.dumps({"history": rows, "records": kept.ids()}))
+        echo_json(json.dumps({"history": rows, "records": kept.ids()}))
         return
     for row in rows:
         mark = "*" if row["active"] else " "
-        typer.echo(
-            f"{mark} {row['number']:>4}  {row['at']}  {row['tool']:<12} {row['action']:<9} {str(row['id'])[:12]}"
-        )
+        echo(f"{mark} {row['number']:>4}  {row['at']}  {row['tool']:<12} {row['action']:<9} {str(row['id'])[:12]}")
     if not rows:
-        typer.echo(f"nothing was put in force; {len(kept.ids())} records are kept")
+        echo(f"nothing was put in force; {len(kept.ids())} records are kept")
 
 
 @app.command()
@@ -599,11 +596,11 @@ def _only_tool(kept: CalibrationStore, tool: str | None) -> str:
 
 def _say_entry(entry: Any, as_json: bool) -> None:
     if as_json:
-        typer.echo(
+        echo_json(
             json.dumps({"number": entry.number, "action": entry.action, "tool": entry.tool_id, "id": entry.record_id})
         )
     else:
-        typer.echo(f"in force for tool {entry.tool_id}: {entry.record_id}")
+        echo(f"in force for tool {entry.tool_id}: {entry.record_id}")
 
 
 def _recompute(record: CalibrationRecord, as_json: bool) -> None:
@@ -615,7 +612,7 @@ def _recompute(record: CalibrationRecord, as_json: bool) -> None:
             f"record {record.id[:12]} does not follow from its own poses: parameters differ by {difference:.3g}"
         )
     if not as_json:
-        typer.echo(f"recomputed from its {record.pose_count} poses: parameters equal within {difference:.1e}")
+        echo(f"recomputed from its {record.pose_count} poses: parameters equal within {difference:.1e}")
 
 
 def _all_remarks(solution: Solution) -> list[Any]:
@@ -626,9 +623,9 @@ def _all_remarks(solution: Solution) -> list[Any]:
 def _show_record(record: CalibrationRecord, as_json: bool) -> None:
     summary = _summary(record)
     if as_json:
-        typer.echo(json.dumps(summary))
+        echo_json(json.dumps(summary))
         return
-    typer.echo("\n".join(_summary_lines(summary)))
+    echo("\n".join(_summary_lines(summary)))
 
 
 def _summary(record: CalibrationRecord) -> dict[str, Any]:

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from highside.cli.say import echo
+
 
 def certificate(
     record_file: Annotated[Path, typer.Argument(metavar="RECORD", help="Calibration record (JSON).")],
@@ -53,11 +55,11 @@ def certificate(
     inputs = Inputs(record, fields, to_utc(time.time()), previous, found, left)
     sheets = make(inputs)
     write_whole(output, sheets.html().encode())
-    typer.echo(f"{output}: certificate of record {record.id[:12]}, {len(sheets.sheets())} pages")
+    echo(f"{output}: certificate of record {record.id[:12]}, {len(sheets.sheets())} pages")
     if private is not None:
         from highside.recording.keys import sign_file
 
         beside = sign_file(output, private, now_s=time.time())
-        typer.echo(f"{beside}: signed by {private.name}")
+        echo(f"{beside}: signed by {private.name}")
     for line in verdict_lines(inputs):
-        typer.echo(line)
+        echo(line)

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from highside.cli.say import echo, echo_json
+
 if TYPE_CHECKING:
     from highside.codec.frame import ByteCodec, CanCodec, Counts, Frame
     from highside.recording.table import Recording
@@ -66,8 +68,8 @@ def decode(
     if frames:
         write_recording(output, from_frames(frames, times, decoder.extra_columns))
     if as_json:
-        typer.echo(json.dumps(summary))
-    typer.echo(_for_people(file, decoded, decoder.counts, len(frames), source), err=True)
+        echo_json(json.dumps(summary))
+    echo(_for_people(file, decoded, decoder.counts, len(frames), source), err=True)
     if not decoded.frames:
         raise Refused(f"{file}: codec {codec!r} found no frame in it; nothing was written")
     if not frames:

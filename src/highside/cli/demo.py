@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-import sys
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from highside.cli.say import echo, echo_json
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -44,11 +45,11 @@ def demo(
             nonlocal printed_s
             if snapshot.elapsed_s - printed_s >= LINE_EVERY_S and snapshot.latest is not None:
                 printed_s = snapshot.elapsed_s
-                print(one_line(snapshot), file=sys.stderr if as_json else sys.stdout, flush=True)
+                echo(one_line(snapshot), err=as_json)
 
         last = asyncio.run(run_demo(seconds, line))
     if as_json:
-        print(json.dumps(last.summary()))  # noqa: T201
+        echo_json(json.dumps(last.summary()))
     else:
         console.print(
             f"{last.frames} frames, {last.published} attitudes delivered, {last.lost} lost,"

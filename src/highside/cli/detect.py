@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from highside.cli.say import echo, echo_json
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -40,7 +42,7 @@ def detect(
         findings = [done.result() for done in work]
     findings.sort(key=lambda finding: (finding.codec is None, -finding.share, finding.port))
     if as_json:
-        typer.echo(json.dumps([finding.as_dict() for finding in findings]))
+        echo_json(json.dumps([finding.as_dict() for finding in findings]))
     elif findings:
         _table(findings)
     best = findings[0] if findings else None
@@ -49,7 +51,7 @@ def detect(
     if best.codec is None:
         raise Refused(f"none of {len(findings)} ports gives valid frames: is the tool powered and connected?")
     if not as_json:
-        typer.echo(_configuration(best))
+        echo(_configuration(best))
 
 
 def _tool_can_codec() -> Callable[[], CanCodec] | None:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from highside.cli.say import echo
+
 if TYPE_CHECKING:
     from highside.config.model import Model
     from highside.diagnosis.engine import Picture
@@ -108,20 +110,20 @@ def diagnose(
     write_whole(out / "diagnosis.json", (json.dumps(diagnosis.to_dict(), indent=1) + "\n").encode())
     write_whole(out / "report.html", page.encode())
     named = ", ".join(claim.effect for claim in diagnosis.claims)
-    typer.echo(f"{diagnosis.verdict} - {VERDICTS[diagnosis.verdict]}{': ' + named if named else ''}")
+    echo(f"{diagnosis.verdict} - {VERDICTS[diagnosis.verdict]}{': ' + named if named else ''}")
     for claim in diagnosis.claims:
-        typer.echo(f"{claim.effect}: {sizes(claim)}")
+        echo(f"{claim.effect}: {sizes(claim)}")
     if blame(diagnosis):
-        typer.echo(f"to blame: {blame(diagnosis)}")
+        echo(f"to blame: {blame(diagnosis)}")
     for finding in diagnosis.intake:
-        typer.echo(f"{finding.check} ({', '.join(finding.channels)}): {finding.remedy}")
+        echo(f"{finding.check} ({', '.join(finding.channels)}): {finding.remedy}")
     if not can_plot():
-        typer.echo(f"{out / 'report.html'}: {NO_FIGURES}", err=True)
+        echo(f"{out / 'report.html'}: {NO_FIGURES}", err=True)
     if write_model is not None:
         if told is not None:
             write_whole(write_model, told.encode())
         else:
-            typer.echo(f"{write_model}: not written, since nothing was given a name", err=True)
+            echo(f"{write_model}: not written, since nothing was given a name", err=True)
     if diagnosis.verdict == "bad_data":
         raise typer.Exit(1)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import typer
+from highside.cli.say import echo
 
 if TYPE_CHECKING:
     from highside.config.model import Model
@@ -31,7 +31,7 @@ def diagnose_beside(rows: Recording, simulation: Path, knows: Model, seed: int) 
         raise InputError(error.what, where=str(simulation), field=error.field, remedy=error.remedy) from None
     a = session.alignment
     said = f"shifted by {a.shift_s:.4g} s" if a.shift_s else f"lag {a.lag_s:.4f} s, left in"
-    typer.echo(
+    echo(
         f"{', '.join(session.names)}: {session.n * session.step_s:.1f} s compared, {1 / session.step_s:.3g} rows/s, "
         f"up to {session.band_hz:.3g} Hz; prediction {said} (correlation {a.correlation:.3f})"
     )  # fmt: skip

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from highside.cli.run import ConfigOption, SetOption
+from highside.cli.say import echo_json
 
 
 def doctor(
@@ -48,7 +49,7 @@ def doctor(
         asyncio.run(collect())
     failed = [finding for finding in findings if finding.level is Level.FAIL]
     if as_json:
-        typer.echo(json.dumps({"config": str(config), "ok": not failed, "findings": [f.as_dict() for f in findings]}))
+        echo_json(json.dumps({"config": str(config), "ok": not failed, "findings": [f.as_dict() for f in findings]}))
     else:
         colours = {Level.OK: "green", Level.WARN: "yellow", Level.FAIL: "bold red", Level.SKIP: "dim"}
         table = Table(box=None, show_header=False, padding=(0, 1))

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from highside.cli.say import echo
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -143,12 +145,12 @@ def drift(
     # the rotor's angle goes along: `rotation apply` takes its error off the azimuth
     rotor = {name: table.columns[name] for name in ("rotor_deg", "rotor_rate_dps") if table.has(name)}
     write_recording(output, Recording(_columns(result) | rotor))
-    typer.echo(f"{t_s.size} rows, {method.value}; azimuth from {result.basis_words}", err=True)
+    echo(f"{t_s.size} rows, {method.value}; azimuth from {result.basis_words}", err=True)
     for note in (*result.notes, *doubts):
-        typer.echo(f"note: {note}", err=True)
+        echo(f"note: {note}", err=True)
     clipped = saturated_rows(rate)
     if clipped:
-        typer.echo(
+        echo(
             f"note: a gyro stands at its limit in {clipped} rows: turns beyond its range are lost, "
             "and the azimuth with them",
             err=True,

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import typer
+from highside.cli.say import echo
 
 
 def effects() -> None:
     """Print the page of the library of effects (Markdown): stories, formulas, parameters, ranges, confounders."""
     from highside.physics.effects_page import markdown
 
-    typer.echo(markdown(), nl=False)
+    echo(markdown(), nl=False)

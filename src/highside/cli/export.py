@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from highside.cli.say import echo
 from highside.recording.export_format import ExportFormat
 
 
@@ -41,7 +42,7 @@ def export(
         recording = read_recording(file) if codec is None and config is None else decode_recording(file, codec, config)
         bar.update(task, description=f"writing {target.name}", total=recording.n)
         write(recording, target, to, lambda done, total: bar.update(task, completed=done, total=total))
-    typer.echo(f"{target}: {recording.n} frames, {len(recording.order)} columns", err=True)
+    echo(f"{target}: {recording.n} frames, {len(recording.order)} columns", err=True)
 
 
 def _stem(file: Path) -> str:

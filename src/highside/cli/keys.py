@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from highside.cli.say import echo, echo_json
 from highside.errors import InputError, Refused
 
 if TYPE_CHECKING:
@@ -37,8 +38,8 @@ def new(
     key = new_key(name)
     secret = typer.prompt("Passphrase", hide_input=True, confirmation_prompt=True).encode() if passphrase else None
     public = write_key(file, key, secret)
-    typer.echo(f"{file}: private key (readable by you alone), {public}: public key {key.fingerprint}")
-    typer.echo(key.public_line)
+    echo(f"{file}: private key (readable by you alone), {public}: public key {key.fingerprint}")
+    echo(key.public_line)
 
 
 @app.command()
@@ -47,7 +48,7 @@ def show(file: Annotated[Path, typer.Argument(help="Public key, or a file of tru
     from highside.recording.keys import read_trusted_keys
 
     for fingerprint, (name, _) in read_trusted_keys(file).keys.items():
-        typer.echo(f"{fingerprint}  {name}")
+        echo(f"{fingerprint}  {name}")
 
 
 @app.command()
@@ -73,12 +74,10 @@ def verify(
     keys = read_trusted_keys(trusted)
     rows = [_checked(file, keys) for file in files]
     if as_json:
-        typer.echo(json.dumps({"files": rows}))
+        echo_json(json.dumps({"files": rows}))
     else:
         for row in rows:
-            typer.echo(
-                f"{row['file']}: signed by {row['signer']} on {row['time']}" if row["valid"] else f"{row['refused']}"
-            )
+            echo(f"{row['file']}: signed by {row['signer']} on {row['time']}" if row["valid"] else f"{row['refused']}")
     if not all(row["valid"] for row in rows):
         raise typer.Exit(1)
 
@@ -103,10 +102,10 @@ def _sign(file: Path, key: SigningKey) -> None:
     if _is_record(file):
         record = read_record(file).signed(key, now_s=time.time())
         write_whole(file, record.to_json().encode())
-        typer.echo(f"{file}: record {record.id[:12]} signed by {key.name} ({key.fingerprint})")
+        echo(f"{file}: record {record.id[:12]} signed by {key.name} ({key.fingerprint})")
     else:
         beside = sign_file(file, key, now_s=time.time())
-        typer.echo(f"{beside}: {file.name} signed by {key.name} ({key.fingerprint})")
+        echo(f"{beside}: {file.name} signed by {key.name} ({key.fingerprint})")
 
 
 def _checked(file: Path, keys: TrustedKeys) -> dict[str, Any]:

@@ -31,6 +31,7 @@ from highside.cli import (
     simulate,
     toolface,
 )
+from highside.cli.say import echo
 from highside.errors import HighsideError
 from highside.printable import one_line
 
@@ -45,7 +46,7 @@ app = typer.Typer(
 
 def _version(show: bool) -> None:
     if show:
-        typer.echo(__version__)
+        echo(__version__)
         raise typer.Exit
 
 
@@ -104,7 +105,7 @@ def _usage(error: Any) -> int:
         # a group without a command: its help is printed already
         said = "no command given; choose one of those above"
     remedy = f" (see {asked.command_path} --help)" if asked is not None else ""
-    print(f"highside: {said}{remedy}", file=sys.stderr)  # noqa: T201
+    echo(f"highside: {said}{remedy}", err=True)
     return int(error.exit_code)
 
 
@@ -119,7 +120,7 @@ def main() -> None:
     except (typer.Abort, KeyboardInterrupt):
         sys.exit(130)
     except HighsideError as error:
-        print(f"highside: {error}", file=sys.stderr)  # noqa: T201
+        echo(f"highside: {error}", err=True)
         sys.exit(error.exit_status)
     except BrokenPipeError:
         # the reader of our output went away (`| head`): not an error of ours
@@ -128,9 +129,9 @@ def main() -> None:
     except Exception as error:
         if os.environ.get("HIGHSIDE_DEBUG"):
             raise
-        print(  # noqa: T201
+        echo(
             f"highside: internal error: {type(error).__name__}: {one_line(str(error))}"
             " (set HIGHSIDE_DEBUG=1 for details)",
-            file=sys.stderr,
+            err=True,
         )
         sys.exit(70)

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from highside.cli.say import echo, echo_json
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -47,7 +49,7 @@ def replay(
         raise InputError(f"holds {what}, which do not fit --to {to}", where=str(file), remedy=remedy)
     timeline = events(file, byte_rate)
     wire.plug()
-    typer.echo(wire.address)
+    echo(wire.address)
     played = Played()
     try:
         asyncio.run(_play(timeline, wire, speed, played))
@@ -65,8 +67,8 @@ def replay(
             "duration_s": round(played.duration_s, 3),
         }
         if as_json:
-            typer.echo(json.dumps(summary))
-        typer.echo(
+            echo_json(json.dumps(summary))
+        echo(
             f"{file}: {played.records} records ({played.frames} CAN frames, {played.bytes} bytes) in"
             f" {played.duration_s:.1f} s, {played.unheard} unheard",
             err=True,

@@ -8,6 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
+from highside.cli.say import echo, echo_json
+
 app = typer.Typer(name="reproduce", no_args_is_help=True, help="The papers' tables beside ours.")
 
 
@@ -67,27 +69,27 @@ def balance(
 
             _write(folder, "balance", page_of(found), result)
     if as_json:
-        typer.echo(json.dumps(result))
+        echo_json(json.dumps(result))
         return
-    typer.echo("The published instrument, from table 1 alone")
+    echo("The published instrument, from table 1 alone")
     for line in published_instrument.in_words(instrument):
-        typer.echo(f"  {line}")
-    typer.echo("\nTables 2 to 6, not seen by the fit")
-    typer.echo(f"  {published_instrument.coverage_in_words(instrument)}")
+        echo(f"  {line}")
+    echo("\nTables 2 to 6, not seen by the fit")
+    echo(f"  {published_instrument.coverage_in_words(instrument)}")
     for table, *words in published_instrument.verdicts(instrument):
         columns = zip(published_instrument.TITLES.values(), words, strict=True)
-        typer.echo(f"  {table}: " + "; ".join(f"{name} {verdict}" for name, verdict in columns))
+        echo(f"  {table}: " + "; ".join(f"{name} {verdict}" for name, verdict in columns))
     for line in published_instrument.outside_in_words(instrument):
-        typer.echo(f"  {line}")
-    typer.echo("\nThe mean toolface of single triples")
+        echo(f"  {line}")
+    echo("\nThe mean toolface of single triples")
     for line in balance_triples.in_words(instrument.triples, instrument.found.noise_g):
-        typer.echo(f"  {line}")
-    typer.echo("\nWhere the paper's model and the measurements part")
+        echo(f"  {line}")
+    echo("\nWhere the paper's model and the measurements part")
     for statement in result["statements"]:
-        typer.echo(f"{statement['topic']}\n  the paper says   {statement['paper_says']}")
-        typer.echo(f"  its own tables   {statement['published']}\n  predicted        {statement['predicted']}")
-        typer.echo(f"  why              {statement['reason']}\n")
-    typer.echo(f"Tables and figures: {folder}/balance.html")
+        echo(f"{statement['topic']}\n  the paper says   {statement['paper_says']}")
+        echo(f"  its own tables   {statement['published']}\n  predicted        {statement['predicted']}")
+        echo(f"  why              {statement['reason']}\n")
+    echo(f"Tables and figures: {folder}/balance.html")
 
 
 @app.command()
@@ -113,12 +115,12 @@ def rotation(
         page = page_of(experiment)
         _write(folder, "rotation", page, result)
     if as_json:
-        typer.echo(json.dumps(result))
+        echo_json(json.dumps(result))
         return
     for statement in result["statements"]:
-        typer.echo(f"{statement['topic']}\n  the paper says  {statement['paper_says']}")
-        typer.echo(f"  these rotors    {statement['ours']}\n  why             {statement['reason']}\n")
-    typer.echo(f"Tables and figures: {folder}/rotation.html")
+        echo(f"{statement['topic']}\n  the paper says  {statement['paper_says']}")
+        echo(f"  these rotors    {statement['ours']}\n  why             {statement['reason']}\n")
+    echo(f"Tables and figures: {folder}/rotation.html")
 
 
 @app.command()
@@ -145,18 +147,18 @@ def drift(
         page = page_of(study)
         _write(folder, "drift", page, result)
     if as_json:
-        typer.echo(json.dumps(result))
+        echo_json(json.dumps(result))
         return
     for experiment in result["experiments"]:
         paper = {
             angle: f"{pair['before']} -> {pair['after']}" if pair else "not given"
             for angle, pair in experiment["paper_deg_per_hour"].items()
         }
-        typer.echo(f"{experiment['experiment']}, deg/h (inclination, toolface, azimuth)")
-        typer.echo(f"  the paper: {paper['inc']}, {paper['tf']}, {paper['azi']}")
-        typer.echo(f"  least azimuth drift on average by theory: {experiment['azimuth_bound_deg_per_hour']:.3f}")
+        echo(f"{experiment['experiment']}, deg/h (inclination, toolface, azimuth)")
+        echo(f"  the paper: {paper['inc']}, {paper['tf']}, {paper['azi']}")
+        echo(f"  least azimuth drift on average by theory: {experiment['azimuth_bound_deg_per_hour']:.3f}")
         for row in experiment["methods"]:
             drifts = ", ".join(f"{row[f'{angle}_deg_per_hour']:.3f}" for angle in ("inc", "tf", "azi"))
-            typer.echo(f"  {row['method']}: {drifts}")
-        typer.echo("")
-    typer.echo(f"Tables, figures and assumptions: {folder}/drift.html")
+            echo(f"  {row['method']}: {drifts}")
+        echo("")
+    echo(f"Tables, figures and assumptions: {folder}/drift.html")

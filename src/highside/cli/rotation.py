@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from highside.cli.say import echo, echo_json
 from highside.cli.self_fit import fit_self
 from highside.cli.turntable import read_compensation, turntable
 from highside.errors import InputError
@@ -117,19 +118,19 @@ def fit_command(
         for name, curve in curves.items()
     }
     if as_json:
-        typer.echo(json.dumps({"output": str(output), "id": compensation.id, "curves": described}))
+        echo_json(json.dumps({"output": str(output), "id": compensation.id, "curves": described}))
         return
-    typer.echo(f"{output}: {method.value} of {table.n} rows, {compensation.id[:12]}")
+    echo(f"{output}: {method.value} of {table.n} rows, {compensation.id[:12]}")
     for name, one in described.items():
         held_out = "" if one["held_out_rms_arcmin"] is None else f", held out {one['held_out_rms_arcmin']:.4f}'"
-        typer.echo(
+        echo(
             f"  {name:<8} order {one['order']:<2} noise {one['noise_arcmin']:.4f}', amplitude"
             f" {one['half_range_arcmin']:.4f}'{held_out}"
         )
     for name, curve in curves.items():
         difference = by_direction[name]
         for remark in (*curve.remarks, *([difference.sentence] if difference is not None and difference.found else [])):
-            typer.echo(f"{name}: {remark}", err=True)
+            echo(f"{name}: {remark}", err=True)
 
 
 @app.command()
@@ -179,7 +180,7 @@ def apply(
     table.with_columns(added | attitude.columns).write(output)
     warnings = [*_beyond_validity(table, compensation), *_never_seen(table, compensation)]
     for warning in warnings:
-        typer.echo(f"warning: {warning}", err=True)
+        echo(f"warning: {warning}", err=True)
     if as_json:
         said = {
             "output": str(output),
@@ -189,17 +190,17 @@ def apply(
             "warning": warnings[0] if warnings else None,
             "warnings": warnings,
         }
-        typer.echo(json.dumps(said | {"attitude": attitude.said}))
+        echo_json(json.dumps(said | {"attitude": attitude.said}))
         return
-    typer.echo(f"{output}: {table.n} rows compensated by {compensation.id[:12]}")
+    echo(f"{output}: {table.n} rows compensated by {compensation.id[:12]}")
     for channel, one in left.items():
-        typer.echo(
+        echo(
             f"  {channel:<8} mean absolute error {one['before_mean_abs_arcmin']:.4f}' ->"
             f" {one['after_mean_abs_arcmin']:.4f}'"
         )
     for name, counts in attitude.said.items():
         why = ", ".join(f"{n} {flag}" for flag, n in counts.items() if n and flag != "compensated")
-        typer.echo(f"  {name:<8} {counts['compensated']} rows compensated{f'; {why}' if why else ''}")
+        echo(f"  {name:<8} {counts['compensated']} rows compensated{f'; {why}' if why else ''}")
 
 
 def _motion(table: Recording) -> Motion:
@@ -372,19 +373,19 @@ def compare(
 
         write_whole(html, compare_page(recording.name, compared).encode())
     if as_json:
-        typer.echo(json.dumps({"recording": str(recording), "channels": result}))
+        echo_json(json.dumps({"recording": str(recording), "channels": result}))
         return
     for channel, one in result.items():
-        typer.echo(f"{channel}: {one['rows']} rows, mean absolute error {one['mean_abs_before_arcmin']:.4f}'")
-        typer.echo(f"  {'method':<12} order  mean |e|    largest  held out  better than sine")
+        echo(f"{channel}: {one['rows']} rows, mean absolute error {one['mean_abs_before_arcmin']:.4f}'")
+        echo(f"  {'method':<12} order  mean |e|    largest  held out  better than sine")
         for name, row in one["methods"].items():
             held = "-" if row["held_out_rms_arcmin"] is None else f"{row['held_out_rms_arcmin']:.5f}'"
             better = "-" if row["better_than_sine"] is None else f"{100 * row['better_than_sine']:.1f} %"
-            typer.echo(
+            echo(
                 f"  {name:<12} {row['order']:>5}  {row['mean_abs_arcmin']:.5f}'  {row['largest_arcmin']:.4f}'"
                 f"  {held:>9}  {better:>8}"
             )
         for name, why in one["refused"].items():
-            typer.echo(f"  {name}: {why}", err=True)
+            echo(f"  {name}: {why}", err=True)
         told = by_direction[channel]
-        typer.echo("  one direction of rotation only" if told is None else f"  {told.sentence}")
+        echo("  one direction of rotation only" if told is None else f"  {told.sentence}")

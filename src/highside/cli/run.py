@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from highside.cli.say import echo, echo_json
+
 if TYPE_CHECKING:
     from highside.config.settings import Settings
 
@@ -67,14 +69,14 @@ def check(
     cal_id = _calibration_of(settings, config)
     compensation_of(settings)
     if as_json:
-        typer.echo(settings.model_dump_json())
+        echo_json(settings.model_dump_json())
         return
-    typer.echo(
+    echo(
         f"{config}: good. Tool {settings.tool.id}, link {settings.link.kind}, codec {settings.codec.name},"
         f" calibration {cal_id}, broker {settings.mqtt.host}:{settings.mqtt.port}"
     )
     if settings.drift.model_fields_set and settings.drift.enabled and settings.site.latitude_deg is None:
-        typer.echo("note: [drift] without site.latitude_deg: the Earth's rotation (15 deg/h) counts as gyro bias")
+        echo("note: [drift] without site.latitude_deg: the Earth's rotation (15 deg/h) counts as gyro bias")
 
 
 def _check_bench(config: Path, overrides: list[str] | None, as_json: bool) -> None:
@@ -96,16 +98,16 @@ def _check_bench(config: Path, overrides: list[str] | None, as_json: bool) -> No
             raise
         raise InputError(error.what, where=str(config), field=error.field, remedy=error.remedy) from None
     if as_json:
-        typer.echo(settings.model_dump_json())
+        echo_json(settings.model_dump_json())
         return
     source = "simulated" if settings.link is None else settings.link.kind
     scheme = "http" if settings.web.tls is None else "https"
-    typer.echo(
+    echo(
         f"{config}: good. A bench session: tool {settings.tool.id}, link {source}, plan {settings.plan.kind}, page"
         f" {scheme}://{settings.web.host}:{settings.web.port}"
     )
     if settings.web.warning is not None:
-        typer.echo(f"warning: {settings.web.warning}", err=True)
+        echo(f"warning: {settings.web.warning}", err=True)
 
 
 def _calibration_of(settings: Settings, config: Path) -> str:
@@ -122,7 +124,7 @@ def _calibration_of(settings: Settings, config: Path) -> str:
     except RecordError as error:
         if error.reason is not RecordReason.NONE_ACTIVE:
             raise
-        typer.echo(
+        echo(
             f"note: {error.text}: readings pass uncorrected; run `highside calibrate bench`, put its record in force",
             err=True,
         )
@@ -141,4 +143,4 @@ def schema() -> None:
     """Print the JSON Schemas of all MQTT messages as one JSON object."""
     from highside.service.messages import schemas
 
-    typer.echo(json.dumps(schemas(), indent=2))
+    echo_json(json.dumps(schemas(), indent=2))

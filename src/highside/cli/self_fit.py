@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from highside.cli.say import echo, echo_json
 from highside.errors import InputError, Refused
 
 if TYPE_CHECKING:
@@ -105,17 +106,17 @@ def fit_self(
             "curves": described,
         }
         said |= {"inclination_deg": inclinations[0] if len(found) == 1 else inclinations, "remarks": remarks}
-        typer.echo(json.dumps(said))
+        echo_json(json.dumps(said))
         return
     at = ", ".join(f"{one:.2f}" for one in inclinations)
-    typer.echo(f"{output}: {of.value} errors of {turns:.1f} turns at I = {at} deg, {made.id[:12]}")
+    echo(f"{output}: {of.value} errors of {turns:.1f} turns at I = {at} deg, {made.id[:12]}")
     for name, one in described.items():
-        typer.echo(
+        echo(
             f"  {name:<11} order {one['order']:<2} amplitude {one['half_range_arcmin']:.3f}',"
             f" uncertain by {one['std_worst_arcmin']:.3f}'"
         )
     for remark in dict.fromkeys([*remarks, *(remark for curve in curves.values() for remark in curve.remarks)]):
-        typer.echo(remark, err=True)
+        echo(remark, err=True)
 
 
 def _errors(recording: Path, of: PartName, calibration: Path | None) -> SelfErrors:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from highside.cli.say import echo
 from highside.cli.simulate_drift import DriftExperiment, write_experiment
 
 if TYPE_CHECKING:
@@ -84,8 +85,8 @@ def simulate(
         write_poses(poses, _pose_table(done, knows.tool.map))
     nothing = [name for name, values in forward.parameters().items() if not any(_sized(name, values))]
     for name in nothing:
-        typer.echo(f"note: the effect '{name}' is included, but all its parameters are 0", err=True)
-    typer.echo(f"{done.accel.shape[1]} rows; wrote {', '.join(str(path) for path in written)}", err=True)
+        echo(f"note: the effect '{name}' is included, but all its parameters are 0", err=True)
+    echo(f"{done.accel.shape[1]} rows; wrote {', '.join(str(path) for path in written)}", err=True)
 
 
 def _sized(effect_id: str, values: dict[str, float]) -> list[float]:

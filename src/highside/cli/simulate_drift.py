@@ -12,7 +12,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
+from highside.cli.say import echo
 
 if TYPE_CHECKING:
     from highside.physics.drift_scenarios import DriftData
@@ -58,10 +58,10 @@ def write_experiment(name: DriftExperiment, elevation_deg: float, output: Path, 
     }
     write_recording(rows, Recording(truth))
     write_whole(words, (json.dumps(_truth(name, data, seed), indent=1) + "\n").encode())
-    typer.echo(f"{e.t_s.size} rows; wrote {output}, {rows}, {words}", err=True)
+    echo(f"{e.t_s.size} rows; wrote {output}, {rows}, {words}", err=True)
     if e.rest.size:
         stood = ",".join(f"{begin:g}-{end:g}" for begin, end in e.rest)
-        typer.echo(f"note: the tool stood at --rest {stood}", err=True)
+        echo(f"note: the tool stood at --rest {stood}", err=True)
 
 
 def _truth(name: DriftExperiment, data: DriftData, seed: int) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from highside.cli.run import ConfigOption, SetOption
+from highside.cli.say import echo, echo_json
 
 app = typer.Typer(
     name="toolface", no_args_is_help=True, help="The offset from the sensor's scribe line to the bend, and its history."
@@ -30,7 +31,7 @@ def set_offset(
     from highside.service.toolface import ToolfaceLog
 
     setting = ToolfaceLog(state_dir(load(config, overrides))).set(offset, author, time.time(), note)
-    typer.echo(f"toolface offset {setting.previous_deg:g} deg -> {setting.offset_deg:g} deg, set by {setting.author}")
+    echo(f"toolface offset {setting.previous_deg:g} deg -> {setting.offset_deg:g} deg, set by {setting.author}")
 
 
 @app.command("show")
@@ -46,11 +47,11 @@ def show(
 
     settings = ToolfaceLog(state_dir(load(config, overrides))).history()
     if as_json:
-        typer.echo(json.dumps([setting.as_dict() for setting in settings]))
+        echo_json(json.dumps([setting.as_dict() for setting in settings]))
         return
     if not settings:
-        typer.echo("never set: the offset is 0 deg")
+        echo("never set: the offset is 0 deg")
     for setting in settings:
         when = datetime.fromtimestamp(setting.t, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
         note = f"  {setting.note}" if setting.note else ""
-        typer.echo(f"{when}  {setting.offset_deg:8.3f} deg  by {setting.author}{note}")
+        echo(f"{when}  {setting.offset_deg:8.3f} deg  by {setting.author}{note}")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from highside.cli.say import echo, echo_json
 from highside.errors import InputError
 
 if TYPE_CHECKING:
@@ -76,16 +77,16 @@ def turntable(
         "inclination_arcmin": float(np.degrees(found.along_noise_rad) * 60.0),
     }
     if as_json:
-        typer.echo(json.dumps({"output": str(output), "id": made.id, "order": found.order, "noise": left}))
+        echo_json(json.dumps({"output": str(output), "id": made.id, "order": found.order, "noise": left}))
         return
-    typer.echo(f"{output}: order {found.order} from {int(rows.sum())} rows, {made.id[:12]}")
+    echo(f"{output}: order {found.order} from {int(rows.sum())} rows, {made.id[:12]}")
     for name, curve in made.curves.items():
         harmonics = np.hypot(curve.parameters[1::2], curve.parameters[2::2])
         listed = ", ".join(f"{k}: {size:.3f}'" for k, size in enumerate(harmonics, start=1))
-        typer.echo(f"  {name:<8} {listed or 'no harmonic'}")
-    typer.echo(f"  a row about the curves: T {left['toolface_arcmin']:.3f}', I {left['inclination_arcmin']:.3f}'")
+        echo(f"  {name:<8} {listed or 'no harmonic'}")
+    echo(f"  a row about the curves: T {left['toolface_arcmin']:.3f}', I {left['inclination_arcmin']:.3f}'")
     if found.coverage.warning:
-        typer.echo(found.coverage.warning, err=True)
+        echo(found.coverage.warning, err=True)
 
 
 def correct_poses(table: Table, path: Path) -> tuple[Table, str]:

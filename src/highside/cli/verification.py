@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from highside.cli.say import echo, echo_json
 from highside.errors import InputError
 
 if TYPE_CHECKING:
@@ -99,7 +100,10 @@ def verify(
     plain = found.to_dict()
     if output is not None:
         write_whole(output, (json.dumps(plain, indent=1, allow_nan=False) + "\n").encode())
-    typer.echo(json.dumps(plain, allow_nan=False) if as_json else "\n".join(lines(found)))
+    if as_json:
+        echo_json(json.dumps(plain, allow_nan=False))
+    else:
+        echo("\n".join(lines(found)))
     if found.verdict is not Verdict.PASS:
         raise typer.Exit(1)
 

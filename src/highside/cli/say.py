@@ -1,0 +1,23 @@
+"""What a command prints. Names, notes and texts out of files may stand in it: nothing of them reaches the terminal as a
+control sequence or reverses its reading order."""
+
+from __future__ import annotations
+
+import typer
+
+from highside.printable import printable
+
+
+def echo(text: str = "", *, err: bool = False, nl: bool = True) -> None:
+    """Print lines for people, on stdout or stderr; line ends and tabs stay, what no line may hold is escaped."""
+    typer.echo("\n".join("\t".join(map(printable, line.split("\t"))) for line in text.split("\n")), err=err, nl=nl)
+
+
+def echo_json(document: str) -> None:
+    """Print a JSON document: the same values, with characters that a terminal would obey as JSON's own escapes."""
+    typer.echo("".join(c if c.isprintable() or c in "\n\t" else _escaped(c) for c in document))
+
+
+def _escaped(character: str) -> str:
+    units = character.encode("utf-16-be", "surrogatepass")
+    return "".join(f"\\u{units[k]:02x}{units[k + 1]:02x}" for k in range(0, len(units), 2))
