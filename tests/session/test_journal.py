@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from highside.service.bench_journal import JournalFile, session_name, unfinished
 from highside.service.bench_operator import Mistake
 from highside.session import plans
 from highside.session.entries import Entry, Taken
-from highside.session.journal import read_journal
+from highside.session.journal import encode_all, read_journal
 from highside.session.plans import Limits
 from highside.session.session import StorageError
 from highside.session.snapshot import CommandName, State
@@ -103,6 +104,15 @@ def test_a_flipped_bit_is_found(done: Rehearsal, where: float, bit: int) -> None
 def test_no_junk_is_taken_for_a_journal(data: bytes) -> None:
     with pytest.raises(InputError):
         read_journal(data)
+
+
+@pytest.mark.parametrize("t", [1e18, 1e300, -1e12])
+def test_a_time_that_no_calendar_has_is_found(done: Rehearsal, t: float) -> None:
+    """The chain holds: whoever wrote it computed it."""
+    data = encode_all(done.session.header, [])
+    assert read_journal(data).header.t_wall_s == done.session.header.t_wall_s
+    with pytest.raises(InputError, match="is no time in seconds"):
+        read_journal(encode_all(replace(done.session.header, t_wall_s=t), []))
 
 
 def test_lines_exchanged_or_left_out_are_found(done: Rehearsal) -> None:

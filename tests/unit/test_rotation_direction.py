@@ -100,6 +100,41 @@ def test_a_row_at_a_reversal_belongs_to_neither_direction() -> None:
     assert directions(theta).tolist() == [1, 1, 1, 0, -1, 0, 0, 0, 1, 1]
 
 
+@pytest.mark.parametrize(
+    "kind", ["stands after each turn", "flickers while it stands", "read twice", "read five times"]
+)
+def test_a_rotor_that_stands_often_hides_no_difference(kind: str) -> None:
+    """The typical step must not be one at which nothing turned: then no turn was whole, and nothing was said."""
+    theta = back_and_forth(4)
+    for seed, play in ((1, 0.08), (2, 0.0)):
+        error = recorded(seed, theta, play=play, wobble=0.003).error
+        if kind.startswith("read"):
+            times = 2 if "twice" in kind else 5
+            samples = Samples.build(np.repeat(theta, times), np.repeat(error, times))
+        else:
+            rng = np.random.default_rng(seed)
+            flicker = 1e-4 if "flickers" in kind else 0.0
+            still = np.repeat(theta.reshape(-1, ROWS)[:, -1:], 400, axis=1)
+            still = still + flicker * rng.standard_normal(still.shape)
+            noisy = np.repeat(error.reshape(-1, ROWS)[:, -1:], 400, axis=1) + NOISE * rng.standard_normal(still.shape)
+            samples = Samples.build(
+                np.hstack([theta.reshape(-1, ROWS), still]).ravel(), np.hstack([error.reshape(-1, ROWS), noisy]).ravel()
+            )
+        found = found_in(samples)
+        assert (found.forward_turns, found.backward_turns) == (4, 4)
+        assert found.found is (play > 0.0)
+        assert abs(found.constant - play) < 0.03
+        motion = Motion.of(np.arange(samples.theta_rad.size) / 100.0, samples.theta_rad)
+        assert motion.forward_turns == pytest.approx(4.0, abs=0.05), "a flicker is no travel"
+        assert motion.least_dps is not None and motion.least_dps > 100.0
+
+
+@pytest.mark.filterwarnings("error")
+def test_errors_that_are_all_zero_are_no_difference() -> None:
+    theta = back_and_forth(3)
+    assert not found_in(Samples.build(theta, np.zeros_like(theta))).found
+
+
 def test_motion_is_kept_with_a_compensation_and_old_ones_keep_their_ids() -> None:
     theta = back_and_forth(2)
     motion = Motion.of(np.arange(theta.size) * 0.01, theta)

@@ -59,6 +59,15 @@ def test_what_cannot_be_is_refused_and_nothing_is_written(
     assert not log.path.exists()
 
 
+@pytest.mark.parametrize("t", ["1e18", "1e300", "-1e12"])
+def test_a_time_that_no_calendar_has_is_named_with_its_line(tmp_path: Path, t: str) -> None:
+    log = ToolfaceLog(tmp_path)
+    log.set(10.0, "a", 1.0)
+    log.path.write_text(log.path.read_text().replace('"t": 1.0', f'"t": {t}') + log.path.read_text())
+    with pytest.raises(InputError, match="line 1: is no toolface setting"):
+        log.history()
+
+
 def test_a_change_is_noticed_once(tmp_path: Path) -> None:
     log = ToolfaceLog(tmp_path)
     # the first look is one: what was there before the start, or was set aside, is to be read

@@ -15,7 +15,7 @@ package alone; a test holds the rest of the sources to that.
 """
 
 from highside.reading.dbc import check_dbc
-from highside.reading.documents import MALFORMED, parse_json, parse_json_lines, parse_toml
+from highside.reading.documents import MALFORMED, instant, parse_json, parse_json_lines, parse_toml
 from highside.reading.files import allow_bytes, open_binary, open_file, read_bytes
 from highside.reading.messages import parse_message, text_member
 from highside.reading.table import csv_header, csv_rows
@@ -28,6 +28,7 @@ __all__ = [
     "csv_header",
     "csv_rows",
     "decode_text",
+    "instant",
     "open_binary",
     "open_file",
     "parse_json",

@@ -32,6 +32,8 @@ _SHOWN = 20
 MALFORMED = (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError, RecursionError)
 """What building our own objects of a document raises where the document says something else than it should."""
 
+_INSTANTS = (-62_135_596_800.0, 253_402_300_799.0)
+"""Epoch seconds of the years 1 to 9999: others no calendar prints."""
 _LONE_SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 _QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
 
@@ -71,6 +73,14 @@ def parse_json(
     except RecursionError:
         raise _no(kind, f"brackets nested deeper than {MAX_DEPTH}", where, remedy) from None
     return value
+
+
+def instant(value: object) -> float:
+    """Epoch seconds out of a document. Raises ValueError or TypeError for what is no time that can be printed."""
+    seconds = float(value)  # type: ignore[arg-type]
+    if not _INSTANTS[0] <= seconds <= _INSTANTS[1]:
+        raise ValueError(f"{seconds:g} is no time in seconds")
+    return seconds
 
 
 def parse_json_lines(

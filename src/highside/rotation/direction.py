@@ -42,7 +42,9 @@ SEEN_TURNS = 0.25
 RATE_MARGIN = 1.5
 """A rate counts as seen up to so many times the fastest of the fit, and down to the slowest divided by it."""
 STANDING = 0.02
-"""Share of the median rate below which the rotor counts as standing."""
+"""Share of the typical rate below which the rotor counts as standing."""
+WHOLE_TURN = 0.02
+"""A turn may lack this share: rows beside a reversal or a stand belong to no direction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +61,13 @@ class Motion:
     def of(cls, t_s: Floats, theta_rad: Floats) -> Self:
         """From times (N,) s and rotor angles (N,) rad, wrapped or not, in order."""
         steps = wrap_signed(np.diff(theta_rad))
+        # an encoder that flickers while the rotor stands has not turned it
+        steps = np.where(_moves(steps), steps, 0.0)
         forward = float(steps[steps > 0].sum()) / TURN
         backward = -float(steps[steps < 0].sum()) / TURN
         apart = np.diff(t_s)
         rates = np.degrees(np.abs(steps[apart > 0] / apart[apart > 0]))
-        moving = rates[rates > STANDING * float(np.median(rates))] if rates.size else rates
+        moving = rates[rates > 0.0]
         if not moving.size:
             return cls(forward, backward)
         least, greatest = np.quantile(moving, (0.01, 0.99))
@@ -155,15 +159,37 @@ class DirectionDifference:
         )
 
 
+def _moves(steps: Floats) -> NDArray[np.bool_]:
+    """Which steps the rotor turned by, and did not stand. Typical is the size of step by which half of the way is made:
+    neither stands nor angles that are read more often than they change are counted."""
+    sizes = np.abs(steps)
+    if not sizes.size:
+        return np.zeros(0, dtype=bool)
+    ordered = np.sort(sizes)
+    way = np.cumsum(ordered)
+    typical = ordered[min(int(np.searchsorted(way, 0.5 * way[-1])), ordered.size - 1)]
+    return np.asarray(sizes > STANDING * typical)
+
+
 def directions(theta_rad: Floats) -> Signs:
-    """(N,) +1 where the angle grows, -1 where it falls, of a rotor that is read often enough; 0 where it stands."""
+    """(N,) +1 where the angle grows, -1 where it falls, of a rotor that is read often enough; 0 at a reversal.
+
+    A row belongs to a direction where the rotor turned that way before and after it, however long it stood there: play
+    is taken up by the last motion.
+    """
     steps = wrap_signed(np.diff(theta_rad))
-    least = STANDING * float(np.median(np.abs(steps)))
-    sign = np.where(np.abs(steps) <= least, 0, np.sign(steps)).astype(np.int8)
+    moved = _moves(steps)
+    turned = np.flatnonzero(moved)
     out = np.zeros(theta_rad.size, dtype=np.int8)
-    # a row belongs to a direction where the steps on both its sides do: what happens at a reversal belongs to neither
-    out[1:-1] = np.where(sign[1:] == sign[:-1], sign[1:], 0)
-    out[0], out[-1] = sign[0], sign[-1]
+    if not turned.size:
+        return out
+    signs = np.concatenate([[0], np.sign(steps[turned]).astype(np.int8), [0]])
+    count = np.concatenate([[0], np.cumsum(moved)])  # of moving steps before each row
+    before, after = signs[count], signs[count + 1]
+    out[:] = np.where(before == after, before, 0)
+    # before the first step and after the last there is one side only
+    out[0] = np.sign(steps[0]) if moved[0] else 0
+    out[-1] = np.sign(steps[-1]) if moved[-1] else 0
     return out
 
 
@@ -201,7 +227,7 @@ def direction_difference(samples: Samples, curve: Curve) -> DirectionDifference 
     rows_a_turn = float(np.mean([rows.stop - rows.start for _, rows in turns]))
     # turns that agree by chance, or to rounding, are no better known than their rows' noise
     least = curve.noise / np.sqrt(rows_a_turn) * np.where(np.arange(seen.shape[1]) == 0, 1.0, np.sqrt(2.0))
-    spread = np.maximum(scatter, np.maximum(least, 1e-12 * float(np.abs(samples.error).max())))
+    spread = np.maximum(scatter, np.maximum(least, 1e-12 * float(np.abs(samples.error).max()) or 1e-300))
     unit = float(np.sqrt(np.linalg.inv(design.T @ design)[1, 1]))
     difference = part[1]
     t = np.abs(difference) / (spread * unit)
@@ -224,9 +250,9 @@ def _whole_turns(theta_rad: Floats, way: Signs) -> list[tuple[int, slice]]:
         if not sign or end - begin < 8:
             continue
         travel = np.abs(np.cumsum(steps[begin:end]) - steps[begin])
-        step = travel[-1] / (end - begin - 1)
-        # a turn is whole to two steps
-        for number in range(int((travel[-1] + 2.0 * step) // TURN)):
+        step = travel[-1] / max(np.count_nonzero(steps[begin + 1 : end]), 1)
+        # a turn is whole to two steps of a coarse reading
+        for number in range(int((travel[-1] + max(2.0 * step, WHOLE_TURN * TURN)) // TURN)):
             rows = np.flatnonzero((travel >= number * TURN - 1e-9) & (travel < (number + 1) * TURN - 1e-9))
             out.append((sign, slice(int(begin + rows[0]), int(begin + rows[-1] + 1))))
     return out

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from highside.errors import InputError
-from highside.reading import MALFORMED, parse_json, read_bytes
+from highside.reading import MALFORMED, instant, parse_json, read_bytes
 from highside.recording.files import flush_directory, make_directory
 
 FILE_NAME = "toolface.jsonl"
@@ -153,7 +153,11 @@ def _end_torn_line(file: Any) -> None:
 def _setting(line: bytes) -> ToolfaceOffset:
     data = parse_json(line)
     setting = ToolfaceOffset(
-        float(data["offset_deg"]), str(data["author"]), float(data["t"]), str(data["note"]), float(data["previous_deg"])
+        float(data["offset_deg"]),
+        str(data["author"]),
+        instant(data["t"]),
+        str(data["note"]),
+        float(data["previous_deg"]),
     )
     if not 0.0 <= setting.offset_deg < 360.0:
         raise ValueError

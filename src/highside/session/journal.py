@@ -21,7 +21,7 @@ from typing import Any
 
 from highside.calibration.record import CalibrationRecord, Environment, parse_record
 from highside.errors import HighsideError, InputError
-from highside.reading import MALFORMED, parse_json
+from highside.reading import MALFORMED, instant, parse_json
 from highside.session import entries
 from highside.session.entries import Entry, Readings
 from highside.session.ledger import Ledger
@@ -170,7 +170,7 @@ def read_journal(data: bytes, *, where: str | None = None) -> Journal:
                 header = _header(content)
                 ledger = Ledger(header.plan)
             else:
-                entry, t_wall_s = _entry(content), float(content["t"])
+                entry, t_wall_s = _entry(content), instant(content["t"])
                 # whether it makes sense is found where its line can be named
                 ledger.apply(entry)
                 found.append(entry)
@@ -206,7 +206,7 @@ def _header(content: Mapping[str, Any]) -> Header:
         environment=Environment(**data["environment"]),
         expires_days=data["expires_days"],
         software=str(data["software"]),
-        t_wall_s=float(content["t"]),
+        t_wall_s=instant(content["t"]),
         judged=record,
     )
 
