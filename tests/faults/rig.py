@@ -22,7 +22,7 @@ from highside.link.wire import PtyWire  # noqa: E402
 if TYPE_CHECKING:
     from daemon import Subscriber
 
-SETTLE_S = 0.1
+SETTLE_S = 0.2
 """after a port was opened: what a driver held from before is thrown away by the reader, so the tool waits that long"""
 
 

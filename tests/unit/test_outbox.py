@@ -483,3 +483,35 @@ def test_stop_commits_what_was_just_put(tmp_path: Path) -> None:
         assert outbox.stats.committed == 1
     assert stored(path) == list(range(12_001))
     assert threading.active_count() < 20
+
+
+def test_what_a_disk_that_refused_held_back_does_not_come_as_live_behind_younger_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The broker is back while the disk refuses: young messages go out of memory, stored ones are history then."""
+    refusing = threading.Event()
+
+    def guarded(work: Callable[..., object]) -> Callable[..., object]:
+        def call(*arguments: object) -> object:
+            if refusing.is_set():
+                raise sqlite3.OperationalError("disk I/O error")
+            return work(*arguments)
+
+        return call
+
+    with started(tmp_path / "outbox.sqlite", historical_after_s=60.0) as outbox:
+        put(outbox, 10)
+        until(lambda: outbox.stats.committed == 10, "commit")
+        for name in ("change", "youngest", "between", "open"):
+            monkeypatch.setattr(outbox._file, name, guarded(getattr(outbox._file, name)))
+        refusing.set()
+        put(outbox, 1)
+        until(lambda: not outbox.stats.storage_ok, "refusal")
+        outbox.begin_delivery(lambda: None)
+        put(outbox, 4)
+        young = take_all(outbox, 5)
+        refusing.clear()
+        until(lambda: outbox.stats.storage_ok, "the disk takes again")
+        old = take_all(outbox, 10)
+    assert [(row.seq, historical) for row, historical in young] == [(seq, False) for seq in range(10, 15)]
+    assert [(row.seq, historical) for row, historical in old] == [(seq, True) for seq in range(10)]

@@ -451,3 +451,13 @@ def test_errors_without_noise_are_reproduced_to_rounding() -> None:
     assert curve.order >= 3
     assert np.allclose(curve.parameters[:7], truth, atol=1e-12)
     assert np.allclose(auto(Samples.build(theta, np.zeros(400)))(theta), 0.0)
+
+
+def test_a_networks_curve_without_its_network_is_refused() -> None:
+    """And a network beside another form: either would fail at its first use."""
+    one = draw(A, 0, 0, rows=200)
+    data = network(samples_of(one), iterations=5).to_dict()
+    assert Curve.from_dict(data).form == "network"
+    for changed in (data | {"network": None}, data | {"form": "fourier"}):
+        with pytest.raises(ValueError, match="belong together"):
+            Curve.from_dict(changed)

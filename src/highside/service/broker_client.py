@@ -95,6 +95,33 @@ def notice_a_closed_door(client: aiomqtt.Client) -> None:
     client._client.on_disconnect = on_disconnect
 
 
+def write_only_while_open(client: aiomqtt.Client) -> None:
+    """Never watch the descriptor of a socket that was closed meanwhile.
+
+    aiomqtt asks the event loop to do so a turn later, by number. By then the number may be nobody's, which is an error
+    with a traceback in the log, or another file's: a serial port is always ready to be written to, and the loop would
+    never rest again.
+    """
+    loop, paho = asyncio.get_running_loop(), client._client
+
+    def write() -> None:
+        try:
+            paho.loop_write()
+        except Exception as error:
+            if not client._disconnected.done():
+                client._disconnected.set_exception(error)
+
+    def watch(_paho: mqtt.Client, _userdata: Any, sock: Any) -> None:
+        def begin() -> None:
+            now = paho.socket()
+            if now is not None and now is sock and now.fileno() >= 0:
+                loop.add_writer(now.fileno(), write)
+
+        loop.call_soon_threadsafe(begin)
+
+    paho.on_socket_register_write = watch
+
+
 def reset(client: aiomqtt.Client) -> None:
     """End the TCP connection without a word (RST), so that the broker sends the last will and nothing arrives late."""
     paho = client._client

@@ -151,6 +151,8 @@ class Outbox:
         self._backlog_cursor = 0
         self._live_from = 0
         """rows with an id from here on belong to the live stream"""
+        self._live_sent = -1
+        """the youngest message that was handed out live since `begin_delivery`"""
         self._in_flight: dict[int, Row] = {}
         self._produced = self._carried = self._committed = self._acknowledged = 0
         self._dropped: Counter[str] = Counter()
@@ -319,6 +321,7 @@ class Outbox:
         self._live.clear()
         self._backlog.clear()
         self._rewind = False
+        self._live_sent = -1
 
     def take(self, *, backlog: bool = True) -> tuple[Row, bool] | None:
         """The next message to send and whether it is historical; None if there is none now.
@@ -334,7 +337,10 @@ class Outbox:
                 if len(self._backlog) < BACKLOG_CHUNK // 2:
                     self._hurry()
             if taken is not None:
-                self._in_flight[taken[0].id] = taken[0]
+                row, historical = taken
+                self._in_flight[row.id] = row
+                if not historical:
+                    self._live_sent = max(self._live_sent, row.id)
             return taken
 
     def _take_live(self) -> tuple[Row, bool] | None:
@@ -355,7 +361,7 @@ class Outbox:
         if not self._storage_ok:
             for row in self._handover.values():
                 if row.id not in self._in_flight:
-                    return row, not self._is_live(row, now)
+                    return row, row.id < self._live_sent or not self._is_live(row, now)
         return None
 
     def _is_live(self, row: Row, now: clock.Moment) -> bool:
@@ -654,7 +660,8 @@ class Outbox:
     def _set_live(self, stored: list[Row]) -> None:
         """The live stream: what is young in the file, and what is not there yet."""
         spare = self._gone.keys() | self._in_flight.keys()
-        rows = [*stored, *self._handover.values()]
+        # after a disk that refused the file is looked at again: what is older than what went out live is history
+        rows = [row for row in (*stored, *self._handover.values()) if row.id > self._live_sent]
         self._live_from = rows[0].id if rows else self._next_id
         self._live = deque(row for row in rows if row.id not in spare)
         self._trim_live()

@@ -32,7 +32,14 @@ import aiomqtt
 
 from highside.config.mqtt import MqttSettings
 from highside.errors import InputError
-from highside.service.broker_client import broker_client, connect_reason, notice_a_closed_door, on_each_message, reset
+from highside.service.broker_client import (
+    broker_client,
+    connect_reason,
+    notice_a_closed_door,
+    on_each_message,
+    reset,
+    write_only_while_open,
+)
 from highside.service.messages import OFFLINE, ONLINE, mark_historical
 from highside.service.outbox import Outbox
 from highside.service.quiet_log import QuietLog
@@ -298,6 +305,7 @@ class Publisher:
         client.pending_calls_threshold = settings.in_flight + 8
         client._client.connect_timeout = settings.connect_timeout_s
         notice_a_closed_door(client)
+        write_only_while_open(client)
         on_each_message(client, self._on_message)
         return client
 
