@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
 from collections.abc import Generator, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -61,9 +63,32 @@ def shared_data() -> Path:
 
 def _without_recording(missing: Path) -> None:
     told = f"no real recordings at {missing}: `make data` fetches them, or HIGHSIDE_DATA names the folder that has them"
+    for one in _listed():
+        if missing == SHARED_DATA / one["path"] and "url" not in one:
+            told = (
+                f"no {missing}: it cannot be fetched ({one['not_fetched']}); HIGHSIDE_DATA names a folder that has it"
+            )
     if os.environ.get("CI") == "true":
         pytest.fail(f"{told}; CI must not skip these tests", pytrace=False)
     pytest.skip(told)
+
+
+def _listed() -> list[dict[str, Any]]:
+    listed: list[dict[str, Any]] = json.loads((ROOT / "tests/data/recordings.json").read_text())["recordings"]
+    return listed
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """One line for all tests that lacked a recording."""
+    listed = _listed()
+    missing = [one for one in listed if not (SHARED_DATA / one["path"]).is_file()]
+    if missing:
+        fetched = sum("url" in one for one in missing)
+        terminalreporter.write_line(
+            f"real recordings: {len(missing)} of {len(listed)} are not in {SHARED_DATA}; `make data` fetches {fetched},"
+            " the others are at no address (tests/data/recordings.json has the reasons):"
+            " HIGHSIDE_DATA names a folder that holds them"
+        )
 
 
 def _missing_recording(error: Exception) -> Path | None:

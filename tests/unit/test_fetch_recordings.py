@@ -128,6 +128,16 @@ def test_a_checkout_without_recordings_says_how_to_get_them(
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", test]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=env, cwd=project_root)
     assert done.stdout.splitlines()[-1].startswith(outcome), done.stdout
+    assert f"real recordings: 25 of 25 are not in {folder}; `make data` fetches 9," in done.stdout
     assert f"no real recordings at {folder}" in done.stdout
     assert "`make data` fetches them, or HIGHSIDE_DATA names the folder that has them" in done.stdout
     assert "Traceback" not in done.stdout
+
+
+def test_a_recording_that_cannot_be_fetched_says_so(project_root: Path, tmp_path: Path) -> None:
+    test = "tests/unit/test_physics_scenario.py::test_the_published_inclinations_are_those_of_the_tables"
+    env = os.environ | {"HIGHSIDE_DATA": str(tmp_path), "CI": ""}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", test]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=env, cwd=project_root)
+    assert done.stdout.splitlines()[-1].startswith("1 skipped"), done.stdout
+    assert "table1_conventional.csv: it cannot be fetched (typed from the paper's tables" in done.stdout
