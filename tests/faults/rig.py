@@ -7,6 +7,7 @@ import json
 import sys
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -109,14 +110,20 @@ class Tool(threading.Thread):
         self.frame_bytes += len(data)
         self._now = self._next = due
 
-    def connect(self, timeout_s: float = 20.0) -> float:
-        """Plug in and speak as soon as somebody listens; returns when it was plugged in (monotonic)."""
+    def connect(self, timeout_s: float = 20.0, opened: Callable[[], object] | None = None) -> float:
+        """Plug in and speak as soon as somebody listens; returns when it was plugged in (monotonic).
+
+        `opened` waits until the reader says that it has opened the port; otherwise the tool waits `SETTLE_S`.
+        """
         self.wire.plug()
         at = time.monotonic()
         while not self.wire.listened_to:
             assert time.monotonic() < at + timeout_s, f"nobody opened the port within {timeout_s} s"
             time.sleep(0.002)
-        time.sleep(SETTLE_S)
+        if opened is None:
+            time.sleep(SETTLE_S)
+        else:
+            opened()
         with self._lock:
             self._muted = False
         return at

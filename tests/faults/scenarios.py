@@ -203,6 +203,7 @@ def broker_away(seconds: int, folder: Path, *, strict: bool) -> Row:
             books(checks, told, tool)
             attitudes = subscriber.payloads("attitude")
             twice = delivered(checks, attitudes, told["pipeline"]["attitudes"])
+            lost = told["pipeline"]["attitudes"] - len({message["seq"] for message in attitudes})
             rising(checks, attitudes)
             checks.ask(daemon.terminate() == 0, "orderly end")
         subscriber.close()
@@ -211,7 +212,7 @@ def broker_away(seconds: int, folder: Path, *, strict: bool) -> Row:
     checks.ask(not outbox["dropped"], f"dropped {outbox['dropped']}")
     checks.ask(grown < 5.0 or not strict, f"memory grew by {grown:.1f} MiB")
     checks.say(
-        f"away {away_s:.0f} s; {told['pipeline']['attitudes']:,} attitudes made, 0 lost where this row holds,"
+        f"away {away_s:.0f} s; {told['pipeline']['attitudes']:,} attitudes made, {lost} lost,"
         f" {twice} sent twice; {outbox['committed']:,} went through the disk; first back after {back_s:.1f} s; memory"
         f" {grown:+.1f} MiB"
     )

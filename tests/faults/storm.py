@@ -18,6 +18,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import psutil
 from rig import Checks, Gate, Row, Tool, books, configuration
@@ -98,10 +99,19 @@ class Storm:
         self.done["SIGHUPs"] += 5
 
     def unplug(self) -> None:
-        self._tool.disconnect()
+        """The daemon's own counts say when it has all that was sent, and when it has opened the port again."""
+        tool = self._tool
+        tool.drain()
+        sent = tool.frame_bytes + tool.noise_bytes
+        self._told(lambda health: health["codec"]["bytes_in"] >= sent, "all bytes")
+        opens = health_of(self._subscriber)["link"]["opens"]
+        tool.disconnect()
         time.sleep(self._rng.uniform(0.05, 1.0))
-        self._tool.connect()
+        tool.connect(opened=lambda: self._told(lambda health: health["link"]["opens"] > opens, "the open port"))
         self.done["unplugs"] += 1
+
+    def _told(self, true: Callable[[dict[str, Any]], bool], what: str) -> None:
+        wait_for(lambda: (health := health_of(self._subscriber)) and true(health), 20, what, self._daemon)
 
     def noise(self) -> None:
         self._tool.noise(self._rng.randbytes(self._rng.randrange(1, 20_000)))
@@ -155,13 +165,18 @@ def storm(seconds: int, folder: Path, *, strict: bool) -> Row:
     # read anew at each call it would cost a system call for each of thousands of frames
     env = {name: value for name, value in wall.env.items() if name != "FAKETIME_NO_CACHE"}
     env["FAKETIME_CACHE_DURATION"] = "1"
-    with socket.create_server(("127.0.0.1", 0)) as taken, Gate(folder / "broker") as gate:
+    with contextlib.closing(disk), socket.create_server(("127.0.0.1", 0)) as taken, Gate(folder / "broker") as gate:
         subscriber = Subscriber(gate.port)
-        path.write_text(configuration(folder, tool, gate.gate, state=disk.place / "state"))
+        path.write_text(
+            configuration(folder, tool, gate.gate, state=disk.place / "state").replace("_s = 0.5", "_s = 0.2")
+        )
         with running(path, env=env) as daemon:
             tool.start()
-            tool.connect()
-            wait_for(lambda: health_of(subscriber), 30, "health", daemon)
+            tool.connect(
+                opened=lambda: wait_for(
+                    lambda: (h := health_of(subscriber)) and h["link"]["opens"], 30, "the open port", daemon
+                )
+            )
             process = psutil.Process(daemon.process.pid)
             begun = time.monotonic()
             faults = Storm(daemon, tool, gate, subscriber, disk, wall, path, taken.getsockname()[1])
@@ -191,7 +206,6 @@ def storm(seconds: int, folder: Path, *, strict: bool) -> Row:
             checks.ask("Traceback" not in daemon.log, "no traceback in the log")
         subscriber.close()
     tool.stop()
-    disk.close()
     books(checks, told, tool)
     twice = delivered(checks, attitudes, made)
     rising(checks, attitudes)
