@@ -119,12 +119,16 @@ def test_a_bench_session_signs_its_record(folder: Path) -> None:
     highside("calibrate", "bench", "--config", bench, "--auto", "--plain")
     (record,) = (folder / "bench-store" / "records").glob("*.json")
     assert "Laboratory lab" in highside("keys", "verify", record, "--trusted", folder / "trusted").stdout
+    journals = set((folder / "bench-sessions").iterdir())
     (folder / "lab.key").chmod(0o640)
     try:
         refused = highside("calibrate", "bench", "--config", bench, "--auto", "--plain", status=2).stderr
+        checked = highside("check", bench, status=2).stderr
     finally:
         (folder / "lab.key").chmod(0o600)
     assert "lab.key" in refused and "read by others" in refused
+    assert "lab.key" in checked and "read by others" in checked
+    assert set((folder / "bench-sessions").iterdir()) == journals, "no empty session is left behind"
 
 
 def test_what_has_no_end_and_does_not_stay_is_not_signed(folder: Path, tmp_path: Path) -> None:

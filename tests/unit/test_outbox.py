@@ -317,6 +317,22 @@ def full_disk(limit: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
+def test_an_error_that_nobody_thought_of_does_not_end_the_storing(tmp_path: Path) -> None:
+    """A name that no file can hold: told as a fault of storage, sent from memory, and what follows is stored again."""
+    with started(tmp_path / "outbox.sqlite") as outbox:
+        put(outbox, 1, topic="a\ud800b")
+        put(outbox, 1)
+        until(lambda: not outbox.stats.storage_ok, "failure noticed")
+        assert "UnicodeEncodeError" in outbox.stats.storage_error
+        outbox.begin_delivery(lambda: None)
+        for row, _ in take_all(outbox, 2):
+            outbox.ack(row.id)
+        until(lambda: outbox.stats.storage_ok, "recovery")
+        outbox.end_delivery()
+        put(outbox, 3)
+        until(lambda: outbox.stats.committed == 3, "commit of what followed")
+
+
 def test_a_full_disk_does_not_stop_acquisition_or_sending_and_is_survived(tmp_path: Path) -> None:
     path = tmp_path / "outbox.sqlite"
     with started(path, max_memory_rows=400) as outbox:

@@ -84,6 +84,7 @@ def _check_bench(config: Path, overrides: list[str] | None, as_json: bool) -> No
     from highside.config.bench import load_bench
     from highside.errors import InputError
     from highside.service.bench_setup import judged_by
+    from highside.service.bench_store import BenchStore
     from highside.service.broker_client import check_secrets
 
     settings = load_bench(config, overrides)
@@ -93,6 +94,7 @@ def _check_bench(config: Path, overrides: list[str] | None, as_json: bool) -> No
     settings.web.check()
     try:
         judged_by(settings)
+        BenchStore.of(settings.store, settings.tool.serial)  # its signing key
     except InputError as error:
         if error.where is not None:
             raise

@@ -77,8 +77,10 @@ class MqttSettings(BaseModel):
     )
     prefix: str = Field(
         default="highside",
-        pattern=r"^[^/#+\s][^#+\s]*[^/#+\s]$|^[^/#+\s]$",
-        description="Topics: <prefix>/<tool>/...",
+        max_length=200,
+        pattern=r"^[^$/#+\s\p{C}]([^#+\s\p{C}]*[^/#+\s\p{C}])?$",
+        description="Topics: <prefix>/<tool>/... Brokers end a connection for control characters in a topic; those"
+        " that begin with $ are their own.",
     )
     historical_after_s: float = Field(default=5.0, gt=0, description="Older messages are marked `historical`.")
     outbox: OutboxSettings = OutboxSettings()

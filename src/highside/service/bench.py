@@ -82,8 +82,9 @@ class BenchDriver:
         now = time.time()
         directory = settings.store.sessions
         header = header_of(settings, session_name(directory, settings.tool.id, now), now, operator)
-        journal = JournalFile.create(directory, header)
+        # a key that is refused must leave no empty journal behind
         store = BenchStore.of(settings.store, settings.tool.serial)
+        journal = JournalFile.create(directory, header)
         session = BenchSession(header, _keeper(journal), time.time, known_noise_g=settings.tool.noise_g, store=store)
         return cls(settings, session, journal, _bench(settings, 0), store)
 
@@ -101,10 +102,10 @@ class BenchDriver:
                     remedy="begin one without --resume; `highside calibrate sessions` lists them",
                 )
             path = found.path
+        store = BenchStore.of(settings.store, settings.tool.serial)
         journal, read = JournalFile.reopen(path)
         ledger = read.ledger()
         attempt = 1 + sum(isinstance(entry, Noted) and entry.code == "interrupted" for entry in read.entries)
-        store = BenchStore.of(settings.store, settings.tool.serial)
         noise = settings.tool.noise_g
         session = BenchSession(
             read.header, _keeper(journal), time.time, ledger=ledger, known_noise_g=noise, store=store

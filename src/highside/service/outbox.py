@@ -424,7 +424,8 @@ class Outbox:
         stopping = self._stopping.is_set()
         try:
             done = self._cycle(stopping)
-        except (sqlite3.Error, OSError, InputError) as error:
+        except Exception as error:
+            # whatever it is: were this thread to end, nothing would be stored any more and nobody would be told
             self._failed(error)
             self._notify()
             if stopping:
