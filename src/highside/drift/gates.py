@@ -149,8 +149,10 @@ def quiet_rows(t_s: FloatArray, rate: FloatArray, accel: FloatArray, rest: Float
     """(N,) rows in which gravity may be believed, for the methods that know only yes and no. Tool frame.
 
     This is the paper's gate: in strong vibration the gyro alone carries the attitude, in quiet and at every stop
-    gravity shows the drift. Within `rest` (K, 2) if it is given; else by the gate, one block late so that no row knows
-    its future. Where the first record shows no tool at rest, what no tool at rest would show is vibration.
+    gravity shows the drift. Within `rest` (K, 2) if it is given; else where the gate finds a row's own
+    block and the one before it quiet: a row is judged with the second it lies in, since the first readings of vibration
+    that were believed would throw an attitude that is replaced by every reading.
+    Where the first record shows no tool at rest, what no tool at rest would show is vibration.
     """
     if rest.size:
         inside = np.zeros(t_s.size, dtype=bool)
@@ -161,5 +163,5 @@ def quiet_rows(t_s: FloatArray, rate: FloatArray, accel: FloatArray, rest: Float
     gate = Gate()
     verdicts = [gate.verdict(block) for block in batch.blocks()]
     believed = np.array([verdict > Motion.VIBRATING for verdict in verdicts])
-    # the first block is the one from which the tilt of the start is taken: it is judged by itself
-    return np.concatenate([believed[:1], believed[:-1]])[batch.number]
+    before = np.concatenate([believed[:1], believed[:-1]])
+    return np.asarray((believed & before)[batch.number], dtype=bool)
