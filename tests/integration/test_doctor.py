@@ -68,7 +68,9 @@ def test_doctor_beside_a_healthy_service_finds_no_fault_and_says_nothing_at_the_
                 assert any(line.startswith("broker ") and "answers" in line for line in told), answer.stdout
                 time.sleep(0.5)
                 after = subscriber.drain()
-                own = {f"highside/t1/{name}" for name in ("attitude", "survey", "status", "health", "drift")}
+                own = {
+                    f"highside/t1/{name}" for name in ("attitude", "survey", "status", "instance", "health", "drift")
+                }
                 assert {topic for topic, *_ in after} <= own, "doctor publishes nothing unless it is asked to"
                 assert b"offline" not in {payload for topic, payload, *_ in after if topic.endswith("status")}
                 health = subscriber.latest("health")
