@@ -111,7 +111,14 @@ class Storm:
         self.done["unplugs"] += 1
 
     def _told(self, true: Callable[[dict[str, Any]], bool], what: str) -> None:
-        wait_for(lambda: (health := health_of(self._subscriber)) and true(health), 20, what, self._daemon)
+        try:
+            wait_for(lambda: (health := health_of(self._subscriber)) and true(health), 30, what, self._daemon)
+        except AssertionError:
+            health, tool = health_of(self._subscriber), self._tool
+            raise AssertionError(
+                f"{what}: not told within 30 s; the tool sent {tool.frame_bytes} + {tool.noise_bytes} bytes, the daemon"
+                f" says {health['codec']}, {health['link']}, {health['broker']}"
+            ) from None
 
     def noise(self) -> None:
         self._tool.noise(self._rng.randbytes(self._rng.randrange(1, 20_000)))
