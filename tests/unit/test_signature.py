@@ -231,3 +231,11 @@ def test_any_file_is_signed_beside_it(tmp_path: Path, lab: SigningKey, trusted: 
         beside.write_bytes(damaged)
         with pytest.raises((Refused, InputError)):
             check_file(file, trusted)
+
+
+def test_a_time_in_other_digits_is_no_time() -> None:
+    """What is signed is ASCII: other digits would fail in the check itself, past the errors that it names."""
+    signed = new_key("Laboratory").sign(FILE, "0" * 64, "2026-11-21T02:40:00Z").to_dict()
+    assert Signature.from_dict(signed).time == "2026-11-21T02:40:00Z"
+    with pytest.raises(ValueError, match="time is not of the form"):
+        Signature.from_dict(signed | {"time": "\u0662\u0660\u0662\u0666-11-21T02:40:00Z"})

@@ -33,7 +33,7 @@ RECORD = "record"
 FILE = "file"
 """kind of signature: of any file, by the SHA-256 of its bytes"""
 
-_TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ")
+_TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", re.ASCII)
 NAME_MAX = 200
 """Longest name of a signer, characters."""
 
