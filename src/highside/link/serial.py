@@ -260,7 +260,8 @@ def open_port(settings: SerialSettings) -> SerialPort:
         except OSError as fault:  # SerialException is one
             if fault.errno not in _BUSY or time.monotonic() > give_up_s:
                 raise _open_error(settings.port, fault) from fault
-            time.sleep(LOOK_S)
+            # not time.sleep: that waits for a point of the absolute clock, which a clock that is being faked breaks
+            threading.Event().wait(LOOK_S)
     if not is_url:
         try:
             fd = port.fileno()
