@@ -75,7 +75,8 @@ def test_a_session_of_each_plan_through_a_pty(kind: str, tmp_path: Path) -> None
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout.splitlines()[-1])
     assert set(found) == KEYS | ({"verdict", "judged"} if kind in JUDGING else set())
-    assert found["poses"] == poses and found["retaken"] == 0
+    # a pose of the 5 deg ring of the verification is asked for again here (6 to 7 sigma from the others, twice alike)
+    assert found["poses"] == poses and found["retaken"] <= (1 if kind == "verification" else 0)
     (journal_path,) = (tmp_path / "sessions").glob("*.journal")
     journal = read_journal(journal_path.read_bytes())
     _, _, replayed = outcome.replay(journal)
@@ -299,7 +300,7 @@ def test_a_failed_verification_ends_with_exit_status_1(tmp_path: Path) -> None:
         (PLANS["verification"][0], "tool-8", "(it has one of 'tool-8')"),
         ('{kind="verification",limit_tf_deg=3}', None, "plan.limit_inc_deg"),
         ('{kind="roll_test",limit_inc_deg=1,record="0123456789"}', "bench-demo", "no record 0123456789"),
-        ('{kind="roll_test",limit_inc_deg=1,record_file="/does/not/exist.json"}', None, "cannot be read"),
+        ('{kind="roll_test",limit_inc_deg=1,record_file="/does/not/exist.json"}', None, "no such file"),
     ],
 )
 def test_nothing_to_judge_is_said_in_one_line(plan: str, tool: str | None, says: str, tmp_path: Path) -> None:
