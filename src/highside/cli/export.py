@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -37,7 +38,10 @@ def export(
         raise InputError("is the recording itself", where=str(target), field="--output", remedy="name another file")
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, disable=not sys.stderr.isatty(), transient=True) as bar:
+    shown = sys.stderr.isatty()
+    bar = Progress(*columns, console=console, disable=not shown, transient=True)
+    # older versions end a bar that nobody sees with an empty line
+    with bar if shown else contextlib.nullcontext():
         task = bar.add_task(f"reading {file.name}", total=None)
         recording = read_recording(file) if codec is None and config is None else decode_recording(file, codec, config)
         bar.update(task, description=f"writing {target.name}", total=recording.n)
