@@ -13,6 +13,7 @@ import os
 import sys
 import termios
 import tty
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from enum import Enum
 from typing import TYPE_CHECKING, Any
@@ -45,7 +46,7 @@ PLAIN_EVERY_S = 5.0
 BAR = 30
 
 
-class _Face:
+class _Face(ABC):
     """What both share: sending commands."""
 
     def __init__(self, driver: SessionDriver, operator: str, *, listen: bool) -> None:
@@ -69,9 +70,9 @@ class _Face:
         reply = await self.driver.command(command)
         self.answer = printable(f"{label(name)}: {reply.text}")
 
+    @abstractmethod
     def say(self, text: str) -> None:
         """Tell whoever sits here something that is no part of the session."""
-        raise NotImplementedError
 
 
 class PlainFace(_Face):
