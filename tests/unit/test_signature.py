@@ -187,8 +187,11 @@ def test_a_public_key_of_another_beside_a_private_one_is_refused(
         read_key(tmp_path / "lab.key")
 
 
-@pytest.mark.skipif(shutil.which("ssh-keygen") is None, reason="ssh-keygen is not installed")
 def test_fingerprint_and_keys_are_those_of_openssh(tmp_path: Path, lab: SigningKey) -> None:
+    if shutil.which("ssh-keygen") is None:
+        if os.environ.get("CI") == "true":
+            pytest.fail("ssh-keygen is not installed, and CI must not skip this test")
+        pytest.skip("needs ssh-keygen (apt-get install openssh-client)")
     public = write_key(tmp_path / "lab.key", lab)
     told = subprocess.run(["ssh-keygen", "-lf", public], capture_output=True, text=True, check=True).stdout
     assert lab.fingerprint in told
