@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import os
 import subprocess
 import sys
 import zlib
@@ -188,6 +187,15 @@ def test_one_line_that_names_it_and_exit_status_2(
     assert sorted(folder.rglob("*")) == before
 
 
+MEASURED = """
+import resource, subprocess, sys
+status = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL).returncode
+print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+sys.exit(status)
+"""
+"""A small process between: a child is charged with the memory of the process that forked it, and pytest is large."""
+
+
 @pytest.mark.parametrize(
     ("arguments", "content"),
     [
@@ -211,13 +219,12 @@ def test_no_file_takes_the_memory(arguments: Command, content: bytes | None, tmp
     highside = Path(sys.executable).with_name("highside")
     given = arguments(hostile, folder)
     with (tmp_path / "said").open("w") as error:
-        process = subprocess.Popen([highside, *given], stdout=subprocess.DEVNULL, stderr=error, cwd=tmp_path)
-        # of this child alone: the largest of all children may be another test's
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
+        process = subprocess.run(
+            [sys.executable, "-c", MEASURED, highside, *given], stdout=subprocess.PIPE, stderr=error, cwd=tmp_path
+        )
     said = (tmp_path / "said").read_text()
     assert process.returncode == 2, said
     assert said.count("\n") == 1
     assert "hostile" in said
     # kilobytes; the command needs 35 to 200 MB to start
-    assert usage.ru_maxrss < 600_000
+    assert int(process.stdout) < 600_000
