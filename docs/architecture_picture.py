@@ -41,6 +41,7 @@ PURPOSE = {
     "attitude": "I, T, azimuth and their covariance",
     "reading": "everything from outside, read with bounds",
     "errors": "what a user is told, in one line",
+    "plugins": "entry points of other packages",
     "printable": "text from outside, harmless to a terminal",
 }
 
