@@ -6,6 +6,7 @@ follow the viewer's dark or light scheme, on a ground of the picture's own.
 
 from __future__ import annotations
 
+import re
 import tomllib
 from html import escape
 from pathlib import Path
@@ -26,9 +27,10 @@ STYLE = """
 PURPOSE = {
     "cli": "the highside command: one file a group of commands",
     "web": "the bench page",
-    "report": "HTML reports, certificates, plots; the papers reproduced",
-    "service": "the daemon; what drives a bench session",
-    "session": "the bench session: state machine, plans, journal's lines",
+    "papers": "the three papers' tables beside ours",
+    "report": "HTML reports, certificates, plots",
+    "bench": "the bench session, pure, and what drives it",
+    "service": "the daemon; service.rig: surveys, WITS, metrics",
     "config": "what a file of settings may say",
     "link": "serial, SocketCAN, python-can, replay, simulated tool",
     "recording": "files: recordings, wire segments, calibration store",
@@ -95,15 +97,15 @@ def layers() -> list[list[str]]:
     """The contract's layers, highest first; those of one line may not use each other."""
     project = tomllib.loads((HERE.parent / "pyproject.toml").read_text())
     contracts = project["tool"]["importlinter"]["contracts"]
-    (told,) = [contract["layers"] for contract in contracts if contract["type"] == "layers"]
-    return [[name.strip().removeprefix("highside.") for name in line.split(":")] for line in told]
+    told = next(contract["layers"] for contract in contracts if "containers" not in contract)
+    return [[name.strip().removeprefix("highside.") for name in re.split("[:|]", line)] for line in told]
 
 
 def pure() -> set[str]:
     """Packages that know no link, no service and no event loop, by the contract."""
     project = tomllib.loads((HERE.parent / "pyproject.toml").read_text())
     contracts = project["tool"]["importlinter"]["contracts"]
-    (told,) = [contract["source_modules"] for contract in contracts if contract["type"] == "forbidden"]
+    told = next(contract["source_modules"] for contract in contracts if contract["type"] == "forbidden")
     return {name.removeprefix("highside.") for name in told}
 
 
@@ -159,7 +161,7 @@ def draw_reading() -> str:
     picture.arrow((680, 508), (770, 508))
     picture.box(770, 340, 170, ("service.rig", "surveys, WITS, metrics,", "toolface of the bend"), "out", 76)
     picture.arrow((395, 442), (855, 442), (855, 416))
-    picture.box(20, 340, 170, ("session", "service.bench: instead", "of all that follows"), "pure", 76)
+    picture.box(20, 340, 170, ("bench.session", "bench.driver: instead", "of all that follows"), "pure", 76)
     picture.arrow((240, 188), (205, 188), (205, 378), (190, 378))
     picture.text(20, 434, "raw, never corrected")
     picture.box(

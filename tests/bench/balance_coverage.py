@@ -8,7 +8,7 @@ experiment is simulated on it, and a table 1 is written down. What `highside dia
 predicts the synthetic tables 2 to 6, as `highside reproduce balance` does with the published ones, with 95 % intervals.
 Printed: the share of cells within their intervals, by column and in all, and its standard error over instruments
 (cells of one instrument are not independent). To FILE is added a line an instrument: by column, how far each cell is
-from the middle of its interval, in halves of it on its side; `highside.report.balance_prediction.WIDENED` comes from
+from the middle of its interval, in halves of it on its side; `highside.papers.balance_prediction.WIDENED` comes from
 there.
 """
 
@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 from highside.diagnosis.summary_chain import Procedure
 from highside.diagnosis.summary_explained import STEP_RAD, explain, prepare
 from highside.diagnosis.summary_posterior import instruments
+from highside.papers.balance_prediction import DRAWS, Predictions, predict, run_ensemble
+from highside.papers.balance_session import COLUMNS, INCLINATIONS_DEG, METHODS, Plan, cells_of, run_session
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
-from highside.report.balance_prediction import DRAWS, Predictions, predict, run_ensemble
-from highside.report.balance_session import COLUMNS, INCLINATIONS_DEG, METHODS, Plan, cells_of, run_session
 
 FREE = ("bias", "scale", "misalignment")
 EFFECTS = (

@@ -4,7 +4,7 @@
 
 Three figures in deg/h for each case (error at the end by the hours passed):
 
-    recursion   `physics.drift_bound`: the covariance carried along the true motion, from formulas
+    recursion   `papers.drift_bound`: the covariance carried along the true motion, from formulas
     batch       the information of the whole recording at once: attitude and gyro bias at the end of every second,
                 axial scale error and accelerometer biases, their priors and all readings in one sparse least-squares
                 problem whose Jacobians are differences of the nonlinear motion, sample by sample; no recursion, none
@@ -45,8 +45,8 @@ from highside.attitude.quaternion import (
 )
 from highside.drift.frames import to_body
 from highside.drift.kinematic import kinematic
-from highside.physics.drift_bound import azimuth_bound
-from highside.physics.drift_scenarios import (
+from highside.papers.drift_bound import azimuth_bound
+from highside.papers.drift_scenarios import (
     DEG_PER_HOUR,
     Experiment,
     Triad,

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from highside.attitude.quaternion import conjugate, from_angles, multiply, to_tool
 from highside.drift.filter import Settings, carried
 from highside.drift.kinematic import kinematic
-from highside.report import drift_rivals as rivals
+from highside.papers import drift_rivals as rivals
 
 Array = NDArray[np.float64]
 

@@ -28,8 +28,9 @@ from highside.drift.gates import Gate, Motion, quiet_rows
 from highside.drift.kinematic import kinematic
 from highside.drift.literal import AzimuthPolicy, literal
 from highside.drift.recursive import recursive
-from highside.physics.drift_bound import azimuth_bound
-from highside.physics.drift_scenarios import (
+from highside.papers.drift_bound import azimuth_bound
+from highside.papers.drift_rivals import Rival, installed
+from highside.papers.drift_scenarios import (
     LATITUDE_RAD,
     DriftData,
     Experiment,
@@ -41,7 +42,6 @@ from highside.physics.drift_scenarios import (
     turntable,
     vibration_table,
 )
-from highside.report.drift_rivals import Rival, installed
 
 Array = NDArray[np.float64]
 Angles = tuple[Array, Array, Array]

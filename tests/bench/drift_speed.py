@@ -22,8 +22,8 @@ from highside.drift.compiled import kernels
 from highside.drift.filter import KinematicFilter, Settings
 from highside.drift.frames import to_body
 from highside.drift.kinematic import kinematic
-from highside.physics.drift_scenarios import LATITUDE_RAD, drilling, record, rotating_table
-from highside.report import drift_rivals
+from highside.papers import drift_rivals
+from highside.papers.drift_scenarios import LATITUDE_RAD, drilling, record, rotating_table
 from highside.service.drift_stage import DriftStage
 
 SETTINGS = Settings(latitude_rad=LATITUDE_RAD, azimuth_rad=float(np.radians(60.0)))

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.papers.rotation_scenarios import CHANNELS, SCENARIOS, Draw, Scenario, draw
 from highside.rotation import Samples, auto
 from highside.rotation.bases import fourier_rows
-from highside.rotation.scenarios import CHANNELS, SCENARIOS, Draw, Scenario, draw
 
 Floats = NDArray[np.float64]
 

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from highside.report.reproduce_rotation import measure_times
+from highside.papers.reproduce_rotation import measure_times
+from highside.papers.rotation_scenarios import B, draw
 from highside.rotation import Method, OnlineFit
-from highside.rotation.scenarios import B, draw
 
 
 def measure(repeats: int) -> dict[str, Any]:

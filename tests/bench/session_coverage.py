@@ -20,9 +20,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "session"))
 
 from rehearsal import Rehearsal, random_sensor
 
-from highside.session import outcome, plans
-from highside.session.plans import Criterion, Kind, Limits, Plan
-from highside.session.snapshot import State
+from highside.bench.session import outcome, plans
+from highside.bench.session.plans import Criterion, Kind, Limits, Plan
+from highside.bench.session.snapshot import State
 
 EIGHTHS = tuple(45.0 * k for k in range(8))
 LIMITS = Limits(std_error_g=4e-5, min_hold_s=1.0, max_hold_s=3.0, soak_s=15.0)

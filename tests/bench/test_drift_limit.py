@@ -13,8 +13,8 @@ import pytest
 
 from highside.drift.frames import to_body
 from highside.drift.kinematic import kinematic
-from highside.physics.drift_bound import azimuth_bound
-from highside.physics.drift_scenarios import Experiment, drilling, record, rotating_rod, rotating_table, turntable
+from highside.papers.drift_bound import azimuth_bound
+from highside.papers.drift_scenarios import Experiment, drilling, record, rotating_rod, rotating_table, turntable
 
 
 def load_study() -> ModuleType:

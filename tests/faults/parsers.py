@@ -20,6 +20,11 @@ from typing import Any
 import seeds
 from mutate import damaged, damaged_document, damaged_gzip
 
+from highside.bench.mqtt import FAILED, SessionMqtt
+from highside.bench.session.commands import Origin
+from highside.bench.session.driver import SessionDriver
+from highside.bench.session.journal import read_journal
+from highside.bench.session.snapshot import Command, Reply, State
 from highside.calibration.record import correction_from_record
 from highside.codec.can_dbc import compile_dbc
 from highside.config.bench import load_bench
@@ -38,13 +43,8 @@ from highside.rotation.live import LiveCompensation
 from highside.service import saved_drift
 from highside.service.damage import DamageLog
 from highside.service.drift_keeper import DriftKeeper, DriftParts
-from highside.service.session_mqtt import FAILED, SessionMqtt
-from highside.service.surveys import SurveyLog, trend_of
-from highside.service.toolface import ToolfaceLog
-from highside.session.commands import Origin
-from highside.session.driver import SessionDriver
-from highside.session.journal import read_journal
-from highside.session.snapshot import Command, Reply, State
+from highside.service.rig.surveys import SurveyLog, trend_of
+from highside.service.rig.toolface import ToolfaceLog
 
 Make = Callable[[random.Random], bytes]
 

@@ -17,6 +17,8 @@ sys.path[:0] = [str(ROOT / "tests" / "session")]
 
 from rehearsal import Rehearsal  # noqa: E402
 
+from highside.bench.session import plans  # noqa: E402
+from highside.bench.session.plans import Limits  # noqa: E402
 from highside.calibration.record import CalibrationRecord, Environment, SolveRequest, build_record, solve_poses  # noqa: E402
 from highside.codec import tool  # noqa: E402
 from highside.codec.frame import CanFrame  # noqa: E402
@@ -28,8 +30,6 @@ from highside.recording.wire import encode_header, encode_record  # noqa: E402
 from highside.rotation import Compensation, FitOptions, Method, Samples, Validity, fit  # noqa: E402
 from highside.service.drift_stage import DriftStage  # noqa: E402
 from highside.service.saved_drift import DriftFile, Stamp  # noqa: E402
-from highside.session import plans  # noqa: E402
-from highside.session.plans import Limits  # noqa: E402
 
 SERVICE = b"""
 [tool]

@@ -20,6 +20,10 @@ import numpy as np
 import pytest
 from power_loss import LAST, Cut, LoggedDisk
 
+from highside.bench.journal_file import JournalFile
+from highside.bench.session.entries import Noted
+from highside.bench.session.journal import read_journal
+from highside.bench.setup import header_of
 from highside.calibration.record import CalibrationRecord, Environment, SolveRequest, build_record, solve_poses
 from highside.config.bench import load_bench
 from highside.config.recorder import RecorderSettings
@@ -29,13 +33,9 @@ from highside.physics.gravity import gravity_direction
 from highside.recording.calibration_store import CalibrationStore, load_active
 from highside.recording.files import write_whole
 from highside.recording.wire import read_segments
-from highside.service.bench_journal import JournalFile
-from highside.service.bench_setup import header_of
 from highside.service.recorder import Recorder
-from highside.service.surveys import SurveyLog
-from highside.service.toolface import ToolfaceLog
-from highside.session.entries import Noted
-from highside.session.journal import read_journal
+from highside.service.rig.surveys import SurveyLog
+from highside.service.rig.toolface import ToolfaceLog
 
 ROOT = Path(__file__).resolve().parents[2]
 HIGHSIDE = Path(sys.executable).with_name("highside")

@@ -12,9 +12,8 @@ from collections.abc import AsyncIterator
 
 from pydantic import SecretStr
 
-from highside.config.web import WebTable
-from highside.session.reasons import Fault, Rejection
-from highside.session.snapshot import (
+from highside.bench.session.reasons import Fault, Rejection
+from highside.bench.session.snapshot import (
     Attitude,
     Capture,
     ClosureState,
@@ -36,6 +35,7 @@ from highside.session.snapshot import (
     VerdictRow,
     VerdictState,
 )
+from highside.config.web import WebTable
 
 RECORD, BEFORE = "3fa9" * 16, "77c1" * 16
 MEASURING = [CommandName.REDO, CommandName.SKIP, CommandName.UNDO, CommandName.PAUSE, CommandName.ABORT]

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from highside.attitude.angles import wrap_signed
-from highside.physics.drift_scenarios import DriftData, drilling, record, rotating_table, turntable, vibration_table
+from highside.papers.drift_scenarios import DriftData, drilling, record, rotating_table, turntable, vibration_table
+from highside.papers.reproduce_drift import as_dict, run_study
+from highside.papers.reproduce_drift_page import page_of
 from highside.recording.table import Recording, read_recording, write_recording
-from highside.report.reproduce_drift import as_dict, run_study
-from highside.report.reproduce_drift_page import page_of
 
 COLUMNS = (
     "t_s", "inc_deg", "tf_deg", "azi_deg", "azi_std_deg", "bias_x_dps", "bias_y_dps", "bias_z_dps",

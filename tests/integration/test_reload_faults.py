@@ -27,7 +27,8 @@ from daemon import Pty
 from highside.codec.tool import encode
 from highside.config.settings import load
 from highside.link import opened
-from highside.service import app, drift_keeper, in_force, parts, pipeline, places, publisher, reload, rig
+from highside.service import app, drift_keeper, in_force, parts, pipeline, places, publisher, reload
+from highside.service.rig import rig
 
 pytestmark = pytest.mark.slow
 

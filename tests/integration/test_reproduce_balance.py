@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from highside.report import balance_prediction, published_instrument, reproduce_balance
-from highside.report.balance_prediction import Count
-from highside.report.balance_session import COLUMNS, METHODS
+from highside.papers import balance_prediction, published_instrument, reproduce_balance
+from highside.papers.balance_prediction import Count
+from highside.papers.balance_session import COLUMNS, METHODS
 
 FILES = {
     "table1": "table1_conventional.csv",
@@ -164,9 +164,9 @@ def test_the_mean_toolface_of_a_triple_follows_from_the_means_of_inclination(run
 
 def test_the_same_holds_on_any_simulated_instrument() -> None:
     """The rule of the triples is geometry: it holds with the signs of `gravity_direction`, to second order."""
+    from highside.papers.balance_session import INCLINATIONS_DEG, Plan, cells_of, run_session
+    from highside.papers.balance_triples import BEFORE
     from highside.physics.forward import ForwardModel
-    from highside.report.balance_session import INCLINATIONS_DEG, Plan, cells_of, run_session
-    from highside.report.balance_triples import BEFORE
 
     model = ForwardModel.of({"encoder_first_harmonic": {"c1": 2e-3, "s1": -1e-3}, "bias": {"b_x": 5e-4}})
     cells = cells_of(run_session(Plan.of_the_paper(), model, 0.0, np.random.default_rng(1)).errors_deg())

@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 
 from highside.cli.main import main
+from highside.papers.rotation_scenarios import CHANNELS, B, draw
 from highside.recording.table import Recording, read_recording
 from highside.rotation import Compensation, Method, harmonics2
 from highside.rotation.samples import Samples
-from highside.rotation.scenarios import CHANNELS, B, draw
 
 COMMAND = [sys.executable, "-c", "from highside.cli.main import main; main()"]
 

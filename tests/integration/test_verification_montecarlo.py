@@ -17,6 +17,8 @@ import pytest
 from scipy.stats import beta, binom
 
 from highside.attitude.angles import difference
+from highside.bench.session.plans import Limits
+from highside.bench.setup import _plan
 from highside.calibration.bench_level import Source
 from highside.calibration.comparison import attitudes_set
 from highside.calibration.poses import PoseSet
@@ -25,8 +27,6 @@ from highside.calibration.result import BenchAccuracy
 from highside.calibration.verification import Verdict, Verification, indicated, verify_poses
 from highside.config.bench import VerificationPlan
 from highside.physics.gravity import bench_gravity, gravity_direction
-from highside.service.bench_setup import _plan
-from highside.session.plans import Limits
 
 pytestmark = pytest.mark.slow
 

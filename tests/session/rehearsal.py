@@ -7,19 +7,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from highside.bench.session import outcome
+from highside.bench.session.entries import Entry
+from highside.bench.session.force import Store
+from highside.bench.session.journal import Encoder, Header, read_journal
+from highside.bench.session.ledger import Ledger
+from highside.bench.session.plans import Plan
+from highside.bench.session.session import BenchSession
+from highside.bench.session.snapshot import Command, CommandName, State
+from highside.bench.simulated_bench import BenchSettings, SimulatedBench
+from highside.bench.simulated_operator import Habits, Mistake, SimulatedOperator, rehearse
 from highside.calibration.record import CalibrationRecord, Environment
-from highside.link.bench import BenchSettings, SimulatedBench
 from highside.link.device import DeviceSettings
 from highside.physics.motion import still
-from highside.service.bench_operator import Habits, Mistake, SimulatedOperator, rehearse
-from highside.session import outcome
-from highside.session.entries import Entry
-from highside.session.force import Store
-from highside.session.journal import Encoder, Header, read_journal
-from highside.session.ledger import Ledger
-from highside.session.plans import Plan
-from highside.session.session import BenchSession
-from highside.session.snapshot import Command, CommandName, State
 
 MATRIX = ((0.9991, 0.0038, -0.0007), (-0.0019, 0.9989, 0.0001), (0.0009, 0.0003, 0.9982))
 OFFSET_G = (0.0012, -0.0008, 0.0015)

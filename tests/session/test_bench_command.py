@@ -19,11 +19,11 @@ from pathlib import Path
 import pytest
 from rehearsal import Rehearsal
 
+from highside.bench.journal_file import JournalFile, session_name
+from highside.bench.session import outcome, plans
+from highside.bench.session.entries import Taken
+from highside.bench.session.journal import read_journal
 from highside.recording.calibration_store import CalibrationStore, read_record
-from highside.service.bench_journal import JournalFile, session_name
-from highside.session import outcome, plans
-from highside.session.entries import Taken
-from highside.session.journal import read_journal
 
 HIGHSIDE = str(Path(sys.executable).with_name("highside"))
 CONFIG = Path(__file__).resolve().parents[2] / "config" / "bench-simulated.toml"

@@ -10,17 +10,17 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 from rehearsal import Rehearsal, command
 
+from highside.bench.session import plans
+from highside.bench.session.entries import Entry, Reopened, Skipped, Taken, Undone
+from highside.bench.session.guidance import angle_between_deg
+from highside.bench.session.journal import read_journal
+from highside.bench.session.plans import Limits
+from highside.bench.session.session import StorageError
+from highside.bench.session.snapshot import CommandName, PoseState, State
+from highside.bench.session.view import View
+from highside.bench.simulated_operator import SimulatedOperator
 from highside.calibration.poses import Array
 from highside.physics.gravity import gravity_direction
-from highside.service.bench_operator import SimulatedOperator
-from highside.session import plans
-from highside.session.entries import Entry, Reopened, Skipped, Taken, Undone
-from highside.session.guidance import angle_between_deg
-from highside.session.journal import read_journal
-from highside.session.plans import Limits
-from highside.session.session import StorageError
-from highside.session.snapshot import CommandName, PoseState, State
-from highside.session.view import View
 
 PLAN = plans.custom_plan(
     [(20.0, 0.0), (20.0, 120.0), (20.0, 240.0), (70.0, 60.0), (70.0, 180.0), (110.0, 300.0)],

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from rehearsal import Rehearsal, command
 
+from highside.bench.session import plans
+from highside.bench.session.entries import Refused, Reopened, Taken
+from highside.bench.session.plans import Limits
+from highside.bench.session.reasons import Fault, Rejection
+from highside.bench.session.snapshot import CommandName, PoseState, State
+from highside.bench.session.view import View
+from highside.bench.simulated_operator import Mistake, SimulatedOperator
 from highside.codec.frame import Frame
-from highside.service.bench_operator import Mistake, SimulatedOperator
-from highside.session import plans
-from highside.session.entries import Refused, Reopened, Taken
-from highside.session.plans import Limits
-from highside.session.reasons import Fault, Rejection
-from highside.session.snapshot import CommandName, PoseState, State
-from highside.session.view import View
 
 QUICK = Limits(std_error_g=3e-5, min_hold_s=3.0, max_hold_s=6.0, soak_s=10.0)
 GRID = [(20.0, 0.0), (20.0, 120.0), (20.0, 240.0), (70.0, 60.0), (70.0, 180.0), (110.0, 300.0), (110.0, 120.0)]
@@ -110,7 +110,7 @@ def test_every_fault_in_every_state_is_survived(state: State, fault: str) -> Non
                 swapped = [f._replace(ax=f.ay, ay=f.ax) for f in bench.frames(5)]
                 session.readings(swapped, bench.time_s)
         case "restart":
-            from highside.session.journal import read_journal
+            from highside.bench.session.journal import read_journal
 
             journal = read_journal(rehearsal.journal)
             rehearsal.session = session = rehearsal.make_session(journal.ledger())

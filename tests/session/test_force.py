@@ -9,15 +9,15 @@ from pathlib import Path
 import pytest
 from rehearsal import Rehearsal
 
+from highside.bench.session import plans
+from highside.bench.session.entries import PutInForce
+from highside.bench.session.journal import StorageError, read_journal
+from highside.bench.session.plans import Limits
+from highside.bench.session.snapshot import Command, CommandName, Reply, State
+from highside.bench.session.view import View
+from highside.bench.store import BenchStore
 from highside.calibration.record import CalibrationRecord
 from highside.recording.calibration_store import CalibrationStore
-from highside.service.bench_store import BenchStore
-from highside.session import plans
-from highside.session.entries import PutInForce
-from highside.session.journal import StorageError, read_journal
-from highside.session.plans import Limits
-from highside.session.snapshot import Command, CommandName, Reply, State
-from highside.session.view import View
 
 PLAN = plans.balance_plan([30.0], Limits(std_error_g=4e-5, min_hold_s=1.0, max_hold_s=3.0))
 

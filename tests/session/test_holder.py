@@ -9,13 +9,13 @@ import pytest
 from pydantic import ValidationError
 from rehearsal import Rehearsal
 
-from highside.session import plans
-from highside.session.commands import Origin
-from highside.session.journal import read_journal
-from highside.session.plans import Limits
-from highside.session.session import BenchSession
-from highside.session.snapshot import Command, CommandName, Reply, State
-from highside.session.view import View
+from highside.bench.session import plans
+from highside.bench.session.commands import Origin
+from highside.bench.session.journal import read_journal
+from highside.bench.session.plans import Limits
+from highside.bench.session.session import BenchSession
+from highside.bench.session.snapshot import Command, CommandName, Reply, State
+from highside.bench.session.view import View
 
 PLAN = plans.balance_plan([12.0], Limits(std_error_g=3e-5, min_hold_s=1.5, max_hold_s=4.0))
 SECRET, OTHER = "a secret of Alice", "a secret of Mallory"

@@ -14,15 +14,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rehearsal import Rehearsal, command
 
+from highside.bench.journal_file import JournalFile, session_name, unfinished
+from highside.bench.session import plans
+from highside.bench.session.entries import Entry, Taken
+from highside.bench.session.journal import encode_all, read_journal
+from highside.bench.session.plans import Limits
+from highside.bench.session.session import StorageError
+from highside.bench.session.snapshot import CommandName, State
+from highside.bench.simulated_operator import Mistake
 from highside.errors import InputError
-from highside.service.bench_journal import JournalFile, session_name, unfinished
-from highside.service.bench_operator import Mistake
-from highside.session import plans
-from highside.session.entries import Entry, Taken
-from highside.session.journal import encode_all, read_journal
-from highside.session.plans import Limits
-from highside.session.session import StorageError
-from highside.session.snapshot import CommandName, State
 
 QUICK = Limits(std_error_g=3e-5, min_hold_s=1.5, max_hold_s=4.0)
 PLAN = plans.balance_plan([12.0, 40.0], QUICK)

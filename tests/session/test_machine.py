@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from highside.session.machine import (
+from highside.bench.session.machine import (
     COMMANDS,
     LIVE,
     NOT_NOW,
@@ -20,8 +20,8 @@ from highside.session.machine import (
     onward,
     outcome,
 )
-from highside.session.reasons import Fault, Refusal, Rejection
-from highside.session.snapshot import CommandName, State
+from highside.bench.session.reasons import Fault, Refusal, Rejection
+from highside.bench.session.snapshot import CommandName, State
 
 PAIRS = list(itertools.product(State, Event))
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from rehearsal import Rehearsal, random_sensor
 
+from highside.bench.session import plans
+from highside.bench.session.plans import Kind, Limits, Plan
+from highside.bench.session.snapshot import PoseState, State
 from highside.errors import InputError
-from highside.session import plans
-from highside.session.plans import Kind, Limits, Plan
-from highside.session.snapshot import PoseState, State
 
 QUICK = Limits(std_error_g=2e-5, min_hold_s=2.0, max_hold_s=8.0, soak_s=20.0)
 

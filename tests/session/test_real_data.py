@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from rehearsal import WALL_S, command
 
+from highside.bench.session import outcome, plans
+from highside.bench.session.entries import Entry, Refused
+from highside.bench.session.journal import Encoder, Header, read_journal
+from highside.bench.session.session import BenchSession
+from highside.bench.session.snapshot import CommandName, State
 from highside.calibration.magnitude import leave_one_out_errors
 from highside.calibration.record import Environment
 from highside.codec.frame import Frame
-from highside.session import outcome, plans
-from highside.session.entries import Entry, Refused
-from highside.session.journal import Encoder, Header, read_journal
-from highside.session.session import BenchSession
-from highside.session.snapshot import CommandName, State
 
 RATE_HZ = 100.0
 

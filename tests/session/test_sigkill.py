@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 from rehearsal import Rehearsal
 
-from highside.service.bench_journal import JournalFile
-from highside.service.bench_operator import SimulatedOperator
-from highside.session import outcome, plans
-from highside.session.entries import Entry, Taken
-from highside.session.journal import read_journal
-from highside.session.plans import Limits
-from highside.session.snapshot import PoseState, State
+from highside.bench.journal_file import JournalFile
+from highside.bench.session import outcome, plans
+from highside.bench.session.entries import Entry, Taken
+from highside.bench.session.journal import read_journal
+from highside.bench.session.plans import Limits
+from highside.bench.session.snapshot import PoseState, State
+from highside.bench.simulated_operator import SimulatedOperator
 
 KILLS = 100
 PLAN = plans.custom_plan(

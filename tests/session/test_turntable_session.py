@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from rehearsal import Rehearsal
 
+from highside.bench.session import plans, turntable
+from highside.bench.session.entries import Ended
+from highside.bench.session.journal import encode_all, read_journal
+from highside.bench.session.plans import Limits, Plan
+from highside.bench.session.snapshot import State
+from highside.bench.session.view import View
+from highside.bench.setup import header_of, turntable_path
+from highside.bench.store import keep_turntable
 from highside.config.bench import BenchFile
 from highside.errors import InputError
 from highside.rotation.compensation import Compensation
-from highside.service.bench_setup import header_of, turntable_path
-from highside.service.bench_store import keep_turntable
-from highside.session import plans, turntable
-from highside.session.entries import Ended
-from highside.session.journal import encode_all, read_journal
-from highside.session.plans import Limits, Plan
-from highside.session.snapshot import State
-from highside.session.view import View
 
 QUICK = Limits(std_error_g=3e-5, min_hold_s=1.0, max_hold_s=4.0)
 ENCODER_DEG = ((0.04, -0.02), (0.015, 0.03), (0.0, 0.01))
@@ -67,7 +67,7 @@ def test_the_journal_tells_the_same_fit(turned: Rehearsal) -> None:
     assert solved.turntable is not None and solved.turntable.to_json() == fitted(turned).to_json()
     assert record is not None and turned.session.record is not None and record.id == turned.session.record.id
     told = [replace(e, turntable="0" * 64) if isinstance(e, Ended) else e for e in turned.entries]
-    from highside.session import outcome
+    from highside.bench.session import outcome
 
     with pytest.raises(InputError, match="turntable"):
         outcome.replay(read_journal(encode_all(turned.header, [(entry, 1.0) for entry in told])))

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from rehearsal import MATRIX, OFFSET_G, Rehearsal, command
 
+from highside.bench.session import outcome, plans
+from highside.bench.session.entries import Ended
+from highside.bench.session.journal import Encoder, encode_all, read_journal
+from highside.bench.session.plans import Criterion, Limits, Plan
+from highside.bench.session.snapshot import CommandName, State
+from highside.bench.session.view import View
 from highside.calibration.record import CalibrationRecord
 from highside.errors import InputError
-from highside.session import outcome, plans
-from highside.session.entries import Ended
-from highside.session.journal import Encoder, encode_all, read_journal
-from highside.session.plans import Criterion, Limits, Plan
-from highside.session.snapshot import CommandName, State
-from highside.session.view import View
 
 QUICK = Limits(std_error_g=2e-5, min_hold_s=2.0, max_hold_s=8.0)
 POSES = [(5.0, 20.0), (45.0, 140.0), (90.0, 260.0), (45.0, 260.0)]

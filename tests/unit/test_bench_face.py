@@ -8,8 +8,7 @@ from collections.abc import AsyncIterator
 
 import pytest
 
-from highside.cli.bench_face import PlainFace, RichFace, picture
-from highside.session.snapshot import (
+from highside.bench.session.snapshot import (
     Command,
     CommandName,
     FaultState,
@@ -24,6 +23,7 @@ from highside.session.snapshot import (
     VerdictRow,
     VerdictState,
 )
+from highside.cli.bench_face import PlainFace, RichFace, picture
 
 RECORD, BEFORE = "ab" * 32, "cd" * 32
 

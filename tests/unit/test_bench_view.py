@@ -15,11 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import SecretStr
 
-from highside.cli.bench_face import picture
-from highside.config.web import WebTable
-from highside.errors import InputError
-from highside.session.reasons import Fault, Refusal, Rejection
-from highside.session.snapshot import (
+from highside.bench.session.reasons import Fault, Refusal, Rejection
+from highside.bench.session.snapshot import (
     Attitude,
     Capture,
     ClosureState,
@@ -40,6 +37,9 @@ from highside.session.snapshot import (
     VerdictState,
     table_reads,
 )
+from highside.cli.bench_face import picture
+from highside.config.web import WebTable
+from highside.errors import InputError
 from highside.web.access import COOKIE_MAX_AGE_S, Access
 from highside.web.drawings import bulls_eye, place, radius_of
 from highside.web.front import HostNames

@@ -8,7 +8,7 @@ import pytest
 from highside.drift.checks import check_units, saturated_rows
 from highside.drift.frames import DEG_PER_SQRT_HOUR
 from highside.errors import InputError
-from highside.physics.drift_scenarios import (
+from highside.papers.drift_scenarios import (
     Experiment,
     curved_hole,
     drilling,

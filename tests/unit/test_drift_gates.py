@@ -8,7 +8,7 @@ from highside.drift.blocks import Batch, Block
 from highside.drift.core import agrees
 from highside.drift.frames import DEG_PER_HOUR, to_body
 from highside.drift.gates import DWELL_S, LEARN_S, Gate, Motion, quiet_rows
-from highside.physics.drift_scenarios import Experiment, drilling, record, rotating_table, turntable, vibration_table
+from highside.papers.drift_scenarios import Experiment, drilling, record, rotating_table, turntable, vibration_table
 
 
 def _blocks(experiment: Experiment, seed: int) -> list[Block]:

@@ -15,8 +15,8 @@ from highside.drift.frames import attitude, to_body
 from highside.drift.gates import Motion
 from highside.drift.kinematic import kinematic
 from highside.drift.result import AzimuthBasis, DriftResult
-from highside.physics.drift_bound import azimuth_bound
-from highside.physics.drift_scenarios import (
+from highside.papers.drift_bound import azimuth_bound
+from highside.papers.drift_scenarios import (
     LATITUDE_RAD,
     PERFECT,
     DriftData,

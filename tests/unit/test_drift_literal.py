@@ -10,7 +10,7 @@ from highside.attitude.quaternion import from_rotation_vector, multiply, up_dire
 from highside.drift.frames import DEG_PER_HOUR, EARTH_RATE_RADPS, to_body
 from highside.drift.literal import AzimuthPolicy, Literal, Quaternion, aligned, gravity_quaternion, literal
 from highside.drift.result import AzimuthBasis, DriftResult
-from highside.physics.drift_scenarios import (
+from highside.papers.drift_scenarios import (
     DriftData,
     Triad,
     curved_hole,

@@ -10,7 +10,7 @@ from highside.drift.filter import Settings
 from highside.drift.frames import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, to_body
 from highside.drift.recursive import RecursiveFilter, Scalar, recursive, steady_gains
 from highside.drift.result import AzimuthBasis
-from highside.physics.drift_scenarios import LATITUDE_RAD, Triad, record, turntable
+from highside.papers.drift_scenarios import LATITUDE_RAD, Triad, record, turntable
 
 ARW, RRW = 0.1 * DEG_PER_SQRT_HOUR, 0.1 * DEG_PER_HOUR / 60
 

@@ -16,7 +16,7 @@ from highside.drift.filter import Settings as FilterSettings
 from highside.drift.kinematic import kinematic
 from highside.drift.recursive import recursive
 from highside.errors import Refused
-from highside.physics.drift_scenarios import DriftData, Triad, curved_hole, drilling, record, turntable
+from highside.papers.drift_scenarios import DriftData, Triad, curved_hole, drilling, record, turntable
 from highside.service import saved_drift
 from highside.service.damage import DamageLog
 from highside.service.drift_keeper import DriftKeeper

@@ -14,18 +14,18 @@ from typing import Any
 
 import pytest
 
+from highside.bench.journal_file import JournalFile
+from highside.bench.session.entries import Noted
+from highside.bench.setup import header_of
 from highside.config.bench import load_bench
 from highside.config.recorder import RecorderSettings
 from highside.link.base import Chunk
 from highside.recording.calibration_store import CalibrationStore
 from highside.recording.files import make_directory, write_whole
 from highside.recording.wire import SegmentWriter
-from highside.service.bench_journal import JournalFile
-from highside.service.bench_setup import header_of
 from highside.service.recorder import Recorder
-from highside.service.surveys import SurveyLog
-from highside.service.toolface import ToolfaceLog
-from highside.session.entries import Noted
+from highside.service.rig.surveys import SurveyLog
+from highside.service.rig.toolface import ToolfaceLog
 
 ROOT = Path(__file__).resolve().parents[2]
 NOW = 1_795_000_000.0

@@ -11,8 +11,8 @@ import pytest
 
 from highside.config.mqtt import MqttSettings
 from highside.config.rig import HomeAssistantSettings
-from highside.service.home_assistant import discovery
 from highside.service.messages import LatestMessage, latest_payload
+from highside.service.rig.home_assistant import discovery
 
 VALUES = {
     "inc_deg": 12.3456, "inc_std_deg": 0.01, "tf_deg": 3.0, "tf_std_deg": 0.2, "toolface_deg": 103.0, "azi_deg": None,

@@ -27,7 +27,7 @@ from highside.service.messages import (
     survey_payload,
 )
 from highside.service.pipeline import Attitude, Survey
-from highside.service.surveys import SurveyReason, Verdict
+from highside.service.rig.surveys import SurveyReason, Verdict
 
 ATTITUDE = Attitude(
     t_device_s=1.0,

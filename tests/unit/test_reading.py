@@ -32,8 +32,8 @@ from highside.recording.table import Recording, Table, read_recording
 from highside.recording.wire import read_segments
 from highside.rotation.compensation import Compensation
 from highside.service import saved_drift
-from highside.service.surveys import SurveyLog, trend_of
-from highside.service.toolface import ToolfaceLog
+from highside.service.rig.surveys import SurveyLog, trend_of
+from highside.service.rig.toolface import ToolfaceLog
 
 
 @pytest.fixture(autouse=True)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from highside.papers.rotation_scenarios import A, draw
 from highside.rotation import Compensation, FitOptions, Method, Samples, Validity, fit
 from highside.rotation.direction import DirectionDifference, Motion, direction_difference, directions
 from highside.rotation.fourier import LARGEST_ORDER, UTMOST_ORDER
-from highside.rotation.scenarios import A, draw
 
 Floats = NDArray[np.float64]
 NOISE = 0.02

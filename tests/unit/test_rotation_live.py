@@ -18,6 +18,7 @@ from highside.drift.kinematic import kinematic
 from highside.errors import Refused
 from highside.link.device import DeviceSettings, SimulatedDevice, encode
 from highside.link.wire import PtyWire
+from highside.papers.rotation_scenarios import A, draw
 from highside.physics.gravity import gravity_direction
 from highside.physics.motion import Leg, Motion
 from highside.physics.rotation_chain import Faults, azimuth_errors
@@ -25,7 +26,6 @@ from highside.rotation import Compensation, Curve, FitOptions, Method, NetworkIn
 from highside.rotation.live import ROTATION_GAP, ROTATION_OUTSIDE, ROTOR_UNKNOWN, LiveCompensation, point
 from highside.rotation.recorded import attitudes as attitudes_of
 from highside.rotation.recorded import azimuths
-from highside.rotation.scenarios import A, draw
 from highside.service.drift_stage import Azimuth
 from highside.service.pipeline import Attitude, Survey
 

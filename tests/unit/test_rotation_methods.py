@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from highside.errors import InputError, Refused
+from highside.papers.rotation_scenarios import SCENARIOS, A, B, Draw, Scenario, draw
 from highside.rotation import (
     Curve,
     Method,
@@ -25,7 +26,6 @@ from highside.rotation import (
     sine,
 )
 from highside.rotation.bases import fourier_rows, fourier_sum
-from highside.rotation.scenarios import SCENARIOS, A, B, Draw, Scenario, draw
 
 SEEDS = range(6)
 CHANNELS = range(3)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from highside.errors import InputError
+from highside.papers.rotation_scenarios import A, draw
 from highside.rotation import OnlineFit, Samples, auto, harmonics2, online
 from highside.rotation.bases import fourier_sum
-from highside.rotation.scenarios import A, draw
 
 ROWS = 6000
 TURNS = 5

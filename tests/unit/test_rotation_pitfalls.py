@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from highside.papers.rotation_scenarios import A, Draw, draw
 from highside.rotation import NetworkInput, Samples, network, polynomial9, sine
 from highside.rotation.bases import chebyshev_rows, fourier_rows
 from highside.rotation.network import forward as network_output
 from highside.rotation.network import jacobian_rows
-from highside.rotation.scenarios import A, Draw, draw
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from highside.config.rig import VibrationSettings
-from highside.service.shock import ShockMeter
+from highside.service.rig.shock import ShockMeter
 
 RATE = 400.0
 

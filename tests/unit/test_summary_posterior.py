@@ -8,8 +8,8 @@ import pytest
 from highside.diagnosis.summary_chain import Procedure
 from highside.diagnosis.summary_explained import STEP_RAD, Explained, explain, prepare
 from highside.diagnosis.summary_posterior import Posterior, instruments
+from highside.papers.balance_session import INCLINATIONS_DEG, Plan, cells_of, run_session
 from highside.physics.forward import ForwardModel
-from highside.report.balance_session import INCLINATIONS_DEG, Plan, cells_of, run_session
 
 NOISE_G = 40e-6
 MODEL = ForwardModel.of(

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from highside.errors import InputError
-from highside.service.toolface import ToolfaceLog
+from highside.service.rig.toolface import ToolfaceLog
 
 
 def test_every_setting_is_kept_and_the_last_is_in_force(tmp_path: Path) -> None:

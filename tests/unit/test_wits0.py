@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from highside.codec.wits0 import Parser, encode
 from highside.config.rig import DEFAULT_ITEMS, WitsItem
 from highside.errors import InputError
-from highside.service.wits import Latest, record
+from highside.service.rig.wits import Latest, record
 
 codes = st.from_regex(r"[0-9]{4}", fullmatch=True)
 values = st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=20).map(str.strip)

@@ -16,10 +16,10 @@ from highside.cli.say import echo, echo_json
 from highside.errors import InputError
 
 if TYPE_CHECKING:
+    from highside.bench.driver import BenchDriver
+    from highside.bench.session.snapshot import Snapshot
     from highside.cli.bench_face import PlainFace, RichFace
     from highside.config.bench import StoreTable
-    from highside.service.bench import BenchDriver
-    from highside.session.snapshot import Snapshot
     from highside.web.server import BenchPage
 
 ConfigOption = Annotated[Path, typer.Option("--config", help="TOML file of the session; see config/bench-*.toml.")]
@@ -57,11 +57,11 @@ def bench(
 
     Exit 1: it ended without a result that was accepted, or with a verdict other than pass.
     """
+    from highside.bench.driver import BenchDriver
+    from highside.bench.session.outcome import verdict_of
+    from highside.bench.session.snapshot import State
     from highside.config.bench import load_bench
-    from highside.service.bench import BenchDriver
     from highside.service.logs import start_logging
-    from highside.session.outcome import verdict_of
-    from highside.session.snapshot import State
 
     settings = load_bench(config, overrides)
     start_logging("warning")
@@ -126,7 +126,7 @@ async def _run(driver: BenchDriver, *, auto: bool, web: bool, plain: bool, opera
     face = PlainFace(driver, operator, listen=not auto) if plain else RichFace(driver, operator, listen=not auto)
     tasks = [asyncio.create_task(face.run())]
     if driver.settings.mqtt is not None:
-        from highside.service.session_mqtt import SessionMqtt
+        from highside.bench.mqtt import SessionMqtt
 
         at_broker = SessionMqtt(driver, driver.settings.mqtt, tool_id=driver.settings.tool.id)
         tasks.append(asyncio.create_task(at_broker.run()))
@@ -184,8 +184,8 @@ async def _say_when_ended(driver: BenchDriver, face: PlainFace | RichFace, page:
 
 async def _operate(driver: BenchDriver, *, commands: bool) -> None:
     """The simulated operator at the simulated bench; without `commands` only the hands that turn the table."""
-    from highside.service.bench_operator import SimulatedOperator
-    from highside.service.bench_setup import habits_of
+    from highside.bench.setup import habits_of
+    from highside.bench.simulated_operator import SimulatedOperator
 
     table = driver.settings.simulated
     if table is None or driver.bench is None:
@@ -203,7 +203,7 @@ def summary(driver: BenchDriver) -> dict[str, Any]:
     calibration has its id and the verdict beside."""
     import numpy as np
 
-    from highside.session.outcome import errors_against, verdict_of
+    from highside.bench.session.outcome import errors_against, verdict_of
 
     session = driver.session
     record, solved = session.record, session.solved

@@ -20,10 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ValidationError
 
-from highside.cli.say import echo
-from highside.printable import printable
-from highside.session.labels import LABELS, label, understood
-from highside.session.snapshot import (
+from highside.bench.session.labels import LABELS, label, understood
+from highside.bench.session.snapshot import (
     Command,
     CommandName,
     PoseState,
@@ -32,13 +30,15 @@ from highside.session.snapshot import (
     VerdictState,
     table_reads,
 )
+from highside.cli.say import echo
+from highside.printable import printable
 
 if TYPE_CHECKING:
     from rich.console import Group
     from rich.live import Live
     from rich.table import Table
 
-    from highside.session.driver import SessionDriver
+    from highside.bench.session.driver import SessionDriver
 
 KEYS = {key: name for name, (_, key) in LABELS.items()}
 """Letters of the live picture."""

@@ -13,9 +13,9 @@ from highside.cli.say import echo, echo_json
 from highside.printable import printable
 
 if TYPE_CHECKING:
+    from highside.bench.driver import BenchDriver
+    from highside.bench.journal_file import Found
     from highside.config.bench import BenchFile
-    from highside.service.bench import BenchDriver
-    from highside.service.bench_journal import Found
 
 ConfigOption = Annotated[Path, typer.Option("--config", help="TOML file of the session; see config/bench-*.toml.")]
 SetOption = Annotated[
@@ -32,9 +32,9 @@ def sessions(
 
     An unfinished one is gone on with by `highside calibrate bench --config FILE --resume NAME`.
     """
+    from highside.bench import journal_file as bench_journal
+    from highside.bench.driver import kept_by
     from highside.config.bench import load_bench
-    from highside.service import bench_journal
-    from highside.service.bench import kept_by
 
     settings = load_bench(config, overrides)
     kept = kept_by(settings.store.directory)
@@ -70,8 +70,8 @@ def go_on_instead(settings: BenchFile, config: Path, *, ask: bool) -> str | None
 
     Asked on a terminal; elsewhere it is only said that there is one, and how to go on with it.
     """
-    from highside.service.bench import kept_by
-    from highside.service.bench_journal import to_offer
+    from highside.bench.driver import kept_by
+    from highside.bench.journal_file import to_offer
 
     found = to_offer(settings.store.sessions, settings.tool.id, kept_by(settings.store.directory))
     if found is None:

@@ -51,9 +51,9 @@ def balance(
     numbers are written to a folder (reproduce-balance, if -o names no other).
     """
     from highside.cli.diagnose_progress import progress_on_terminal
-    from highside.report import balance_triples, published_instrument
+    from highside.papers import balance_triples, published_instrument
+    from highside.papers.reproduce_balance import as_dict, reproduce
     from highside.report.page import need_plots
-    from highside.report.reproduce_balance import as_dict, reproduce
 
     folder = output if output is not None or as_json else Path("reproduce-balance")
     if folder is not None:
@@ -65,7 +65,7 @@ def balance(
         found = reproduce(instrument)
         result = as_dict(found)
         if folder is not None:
-            from highside.report.reproduce_balance_page import page_of
+            from highside.papers.reproduce_balance_page import page_of
 
             _write(folder, "balance", page_of(found), result)
     if as_json:
@@ -103,8 +103,8 @@ def rotation(
 
     Without --json the page and the numbers are written to a folder (reproduce-rotation, if -o names no other).
     """
+    from highside.papers.reproduce_rotation import as_dict, page_of, run_experiment
     from highside.report.page import need_plots
-    from highside.report.reproduce_rotation import as_dict, page_of, run_experiment
 
     folder = output if output is not None or as_json else Path("reproduce-rotation")
     if folder is not None:
@@ -133,8 +133,8 @@ def drift(
     Filters of others (extra `rivals`) run on the same readings. Takes some minutes. Without --json the page and the
     numbers are written to a folder (reproduce-drift, if -o names no other).
     """
+    from highside.papers.reproduce_drift import as_dict, run_study
     from highside.report.page import need_plots
-    from highside.report.reproduce_drift import as_dict, run_study
 
     folder = output if output is not None or as_json else Path("reproduce-drift")
     if folder is not None:
@@ -142,7 +142,7 @@ def drift(
     study = run_study()
     result = as_dict(study)
     if folder is not None:
-        from highside.report.reproduce_drift_page import page_of
+        from highside.papers.reproduce_drift_page import page_of
 
         page = page_of(study)
         _write(folder, "drift", page, result)

@@ -81,10 +81,10 @@ def check(
 
 def _check_bench(config: Path, overrides: list[str] | None, as_json: bool) -> None:
     """The file of `calibrate bench`: all that would refuse the session at its start, its limits too."""
+    from highside.bench.setup import judged_by
+    from highside.bench.store import BenchStore
     from highside.config.bench import load_bench
     from highside.errors import InputError
-    from highside.service.bench_setup import judged_by
-    from highside.service.bench_store import BenchStore
     from highside.service.broker_client import check_secrets
 
     settings = load_bench(config, overrides)

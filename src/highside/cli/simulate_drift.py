@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from highside.cli.say import echo
 
 if TYPE_CHECKING:
-    from highside.physics.drift_scenarios import DriftData
+    from highside.papers.drift_scenarios import DriftData
 
 
 class DriftExperiment(StrEnum):
@@ -31,7 +31,7 @@ def write_experiment(name: DriftExperiment, elevation_deg: float, output: Path, 
     """Write the Recording of an experiment and the truth beside it; says what was written."""
     import numpy as np
 
-    from highside.physics import drift_scenarios as scenarios
+    from highside.papers import drift_scenarios as scenarios
     from highside.recording.files import write_whole
     from highside.recording.table import Recording, write_recording
 

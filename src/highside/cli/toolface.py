@@ -28,7 +28,7 @@ def set_offset(
     """Set the offset. A running service takes it within a second; every setting is kept. Negative: -- -12.5"""
     from highside.config.settings import load
     from highside.service.places import state_dir
-    from highside.service.toolface import ToolfaceLog
+    from highside.service.rig.toolface import ToolfaceLog
 
     setting = ToolfaceLog(state_dir(load(config, overrides))).set(offset, author, time.time(), note)
     echo(f"toolface offset {setting.previous_deg:g} deg -> {setting.offset_deg:g} deg, set by {setting.author}")
@@ -43,7 +43,7 @@ def show(
     """Show every setting, the last one is in force."""
     from highside.config.settings import load
     from highside.service.places import state_dir
-    from highside.service.toolface import ToolfaceLog
+    from highside.service.rig.toolface import ToolfaceLog
 
     settings = ToolfaceLog(state_dir(load(config, overrides))).history()
     if as_json:

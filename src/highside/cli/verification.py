@@ -120,11 +120,11 @@ def _require_attainable(found: Verification) -> None:
 
 def read_poses(path: Path, *, reference: str = "pose") -> PoseSet:
     """The poses of a table, or those that a bench session accepted. Raises InputError."""
+    from highside.bench.journal_file import SUFFIX
+    from highside.bench.session.journal import read_journal
     from highside.calibration.poses import PoseSet
     from highside.cli.calibrate import _pose_columns, _read_pose_table
     from highside.reading import read_bytes
-    from highside.service.bench_journal import SUFFIX
-    from highside.session.journal import read_journal
 
     if path.suffix == SUFFIX:
         columns = read_journal(read_bytes(path), where=str(path)).ledger().pose_columns()

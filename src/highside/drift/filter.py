@@ -26,7 +26,7 @@ Each update is gated by its innovation and applied in Joseph's form (`core`). Ca
 How well it can do at best: a gyro noise of N turns the azimuth about Up by N sqrt(t), and gravity never shows it. On a
 table that turns about its axis at elevation theta the bias along the axis is known to N / (cos(theta) sqrt(t)) and acts
 with sin(theta), together N sqrt(t) / cos(theta): 0.10 deg in an hour at 0, 0.13 at 30, 0.24 at 60 deg for 0.1
-deg/sqrt(h). As a rate it falls with the root of the time: 0.10 deg/h at 30 deg take two hours. `physics.drift_bound`
+deg/sqrt(h). As a rate it falls with the root of the time: 0.10 deg/h at 30 deg take two hours. `papers.drift_bound`
 computes it for any motion; the filter reaches it.
 """
 

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.report.page import Page, new_figure, plotting
-from highside.report.reproduce_rotation import COLOURS, NAMES
 from highside.rotation import Compensation, Curve, Method, Samples
 from highside.rotation.compare import Comparison
 from highside.rotation.curve import Form
@@ -25,6 +24,20 @@ Floats = NDArray[np.float64]
 
 MOST_POINTS = 1500
 """rows drawn of a channel; a page needs no more"""
+NAMES: Mapping[Method, str] = {
+    Method.SINE: "1 sine",
+    Method.HARMONICS2: "2 two harmonics",
+    Method.POLYNOMIAL9: "3 polynomial",
+    Method.NETWORK: "4 network",
+    Method.AUTO: "auto",
+}
+COLOURS: Mapping[Method, str] = {
+    Method.SINE: "#9aa3ab",
+    Method.HARMONICS2: "#d9822b",
+    Method.POLYNOMIAL9: "#7a5bd0",
+    Method.NETWORK: "#c2447d",
+    Method.AUTO: "#2f7fd1",
+}
 _GREY, _GAP = "#9aa3ab", "#d9822b"
 
 

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from highside.bench.session.journal import Journal
+from highside.bench.session.outcome import solve
+from highside.bench.session.snapshot import VerdictRow, VerdictState
+from highside.bench.session.verdict import as_state
 from highside.calibration.comparison import Comparison, Errors, compare
 from highside.calibration.record import PoseColumns, Solution, SolveRequest
 from highside.errors import HighsideError
 from highside.report.bench_or_sensor import Findings, bench_or_sensor
 from highside.report.page import Page, new_figure, plotting
-from highside.session.journal import Journal
-from highside.session.outcome import solve
-from highside.session.snapshot import VerdictRow, VerdictState
-from highside.session.verdict import as_state
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -37,7 +37,6 @@ from highside.service.broker_client import check_secrets
 from highside.service.clock import LoopLag, StepWatch, clock_synced
 from highside.service.damage import DamageLog
 from highside.service.drift_keeper import DriftKeeper, DriftParts
-from highside.service.home_assistant import discovery
 from highside.service.in_force import Calibration, Rotation, calibration_for, rotation_for, said
 from highside.service.notify import Notifier
 from highside.service.outbox import Outbox
@@ -49,7 +48,8 @@ from highside.service.publisher import Publisher, new_instance
 from highside.service.quiet_log import QuietLog
 from highside.service.recorder import Recorder, RecorderState
 from highside.service.reload import Reloader, open_link
-from highside.service.rig import Rig, run_outputs
+from highside.service.rig.home_assistant import discovery
+from highside.service.rig.rig import Rig, run_outputs
 from highside.service.starts import StartLog
 
 log = logging.getLogger("highside")

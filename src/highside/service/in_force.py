@@ -23,7 +23,7 @@ from highside.recording.calibration_store import CalibrationStore, read_record
 from highside.recording.keys import read_trusted_keys
 from highside.rotation.compensation import Compensation
 from highside.rotation.live import LiveCompensation
-from highside.service.surveys import Gravity, expected_gravity
+from highside.service.rig.surveys import Gravity, expected_gravity
 
 log = logging.getLogger("highside")
 

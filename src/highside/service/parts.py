@@ -20,7 +20,7 @@ from highside.service.in_force import Calibration, Rotation
 from highside.service.pipeline import Pipeline
 from highside.service.places import ToolLock
 from highside.service.publisher import Publisher
-from highside.service.rig import RigParts
+from highside.service.rig.rig import RigParts
 
 
 class LinkSink(Protocol):

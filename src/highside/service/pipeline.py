@@ -37,8 +37,8 @@ from highside.link.base import Batch, Chunk
 from highside.rotation.live import ROTOR_UNKNOWN, LiveCompensation, RotorError, mean_error
 from highside.service.drift_stage import Azimuth, DriftStage
 from highside.service.monitor import Monitor
-from highside.service.shock import ShockMeter
-from highside.service.surveys import Gravity, Verdict, judge
+from highside.service.rig.shock import ShockMeter
+from highside.service.rig.surveys import Gravity, Verdict, judge
 
 HELD_FRAMES = 32
 """Frames that are decoded at once and processed together, when one of them completes an output: ten frames in one go

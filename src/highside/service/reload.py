@@ -32,10 +32,10 @@ from highside.link.base import LinkError
 from highside.link.opened import OpenedTransport
 from highside.service.broker_client import check_secrets
 from highside.service.in_force import Calibration, Rotation, calibration_for, rotation_for, said
-from highside.service.metrics import MetricsServer
 from highside.service.parts import Parts, make_supervisor
 from highside.service.places import ToolLock
-from highside.service.rig import run_outputs
+from highside.service.rig.metrics import MetricsServer
+from highside.service.rig.rig import run_outputs
 
 if TYPE_CHECKING:
     from highside.service.app import Service

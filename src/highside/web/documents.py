@@ -11,13 +11,13 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from highside.bench.session.driver import SessionDriver
+from highside.bench.session.journal import Journal, read_journal
+from highside.bench.session.snapshot import State
 from highside.calibration.record import to_utc
 from highside.config.certificate import CertificateFields
 from highside.errors import Refused
 from highside.reading import read_bytes
-from highside.session.driver import SessionDriver
-from highside.session.journal import Journal, read_journal
-from highside.session.snapshot import State
 
 READABLE = frozenset({State.REVIEW, State.ACCEPTED, State.REJECTED, State.ABORTED})
 
@@ -53,9 +53,9 @@ class Documents:
             return known[1]
 
     def _certificate(self, journal: Journal) -> str:
+        from highside.bench.session.outcome import replay
         from highside.report.certificate import certificate
         from highside.report.certificate_inputs import Inputs
-        from highside.session.outcome import replay
 
         _, _, record = replay(journal)
         if record is None:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from html import escape
 
-from highside.session.snapshot import Attitude, Deviation, Snapshot, Stillness, Target, Uncertainty, table_reads
+from highside.bench.session.snapshot import Attitude, Deviation, Snapshot, Stillness, Target, Uncertainty, table_reads
 
 RADIUS = 100.0
 RINGS_DEG = (1.0, 10.0, 90.0)

@@ -21,9 +21,9 @@ from nicegui.elements.html import Html
 from nicegui.events import KeyEventArguments
 from pydantic import ValidationError
 
-from highside.session.driver import SessionDriver
-from highside.session.labels import LABELS
-from highside.session.snapshot import Command, CommandName, PoseState, Snapshot, State
+from highside.bench.session.driver import SessionDriver
+from highside.bench.session.labels import LABELS
+from highside.bench.session.snapshot import Command, CommandName, PoseState, Snapshot, State
 from highside.web.parts import Parts, parts_of
 
 CONNECT_WITHIN_S = 15.0

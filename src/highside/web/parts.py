@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from html import escape
 
-from highside.session.reasons import Fault
-from highside.session.snapshot import PoseRow, PoseState, Snapshot, State, VerdictState, table_reads
+from highside.bench.session.reasons import Fault
+from highside.bench.session.snapshot import PoseRow, PoseState, Snapshot, State, VerdictState, table_reads
 from highside.web.drawings import pictures
 
 STATES = {

@@ -22,13 +22,13 @@ from fastapi import FastAPI, Request, Response
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse, RedirectResponse
 from nicegui import background_tasks, core, ui
 
+from highside.bench.session.driver import SessionDriver
+from highside.bench.session.snapshot import Command
 from highside.config.certificate import CertificateFields
 from highside.config.web import WebTable
 from highside.errors import HighsideError, InputError
 from highside.reading import parse_message
 from highside.service.logs import keep_short
-from highside.session.driver import SessionDriver
-from highside.session.snapshot import Command
 from highside.web.access import COOKIE, COOKIE_MAX_AGE_S, Access
 from highside.web.documents import Documents
 from highside.web.front import Front, HostNames

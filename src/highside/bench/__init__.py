@@ -1,0 +1,5 @@
+"""The calibration at the bench: a pure session (`bench.session`) and what drives it.
+
+`bench.driver.BenchDriver` owns link, codec, monitor, journal file and store, and gives good frames, raw, to the
+session. A face (the terminal, the page, MQTT in `bench.mqtt`) holds a `SessionDriver` and nothing else.
+"""

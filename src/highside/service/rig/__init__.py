@@ -1,0 +1,4 @@
+"""What the daemon has around I and T for the rig: surveys, toolface offset, shock, WITS, metrics, announcement.
+
+`rig.rig.Rig` holds it together. It takes what the pipeline has made, and nothing in it can hold that up.
+"""
