@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.summary_chain import Procedure
-from highside.diagnosis.summary_explained import STEP_RAD, explain, prepare
-from highside.diagnosis.summary_posterior import instruments
+from highside.diagnosis.table.chain import Procedure
+from highside.diagnosis.table.explained import STEP_RAD, explain, prepare
+from highside.diagnosis.table.posterior import instruments
 from highside.papers.balance_prediction import DRAWS, Predictions, predict, run_ensemble
 from highside.papers.balance_session import COLUMNS, INCLINATIONS_DEG, METHODS, Plan, cells_of, run_session
 from highside.physics.effects import all_effects

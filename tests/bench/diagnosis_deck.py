@@ -20,9 +20,9 @@ import numpy as np
 import rotation_deck
 from numpy.typing import NDArray
 
+from highside.diagnosis.core.result import Diagnosis
 from highside.diagnosis.engine import diagnose_poses
-from highside.diagnosis.result import Diagnosis
-from highside.diagnosis.session import PoseSession
+from highside.diagnosis.poses.session import PoseSession
 from highside.physics import effects as library
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import gravity_direction

@@ -18,8 +18,8 @@ import numpy as np
 import rotation_cases as cases
 
 from highside.diagnosis.engine import diagnose_rotation
-from highside.diagnosis.rotation_session import RotationSession
-from highside.diagnosis.session import PoseSession
+from highside.diagnosis.poses.session import PoseSession
+from highside.diagnosis.rows.session import RotationSession
 from highside.physics.forward import ForwardModel
 from highside.physics.plan import PosePlan, Session, rings
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from highside.diagnosis.fit import Observed
-from highside.diagnosis.rotation_session import RotationSession
+from highside.diagnosis.core.fit import Observed
+from highside.diagnosis.rows.session import RotationSession
 from highside.physics import effects as library
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import gravity_direction

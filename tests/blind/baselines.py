@@ -19,13 +19,13 @@ import deck
 import numpy as np
 
 from highside.config.model import Model
-from highside.diagnosis.candidates import Candidate
-from highside.diagnosis.held_out import pose_folds
-from highside.diagnosis.pose_scene import PoseScene
-from highside.diagnosis.regression import outside, span
-from highside.diagnosis.rotation_scene import RotationScene
-from highside.diagnosis.rotation_session import rotation_session
-from highside.diagnosis.session import pose_session
+from highside.diagnosis.core.candidates import Candidate
+from highside.diagnosis.core.held_out import pose_folds
+from highside.diagnosis.core.regression import outside, span
+from highside.diagnosis.poses.scene import PoseScene
+from highside.diagnosis.poses.session import pose_session
+from highside.diagnosis.rotation.scene import RotationScene
+from highside.diagnosis.rows.session import rotation_session
 
 PENALTIES = 40
 THRESHOLDS = np.geomspace(0.03, 1.0, 14)

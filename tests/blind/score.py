@@ -10,7 +10,7 @@ in, `diagnosis.json` out. The answers are kept line by line in FOLDER, so an int
 
     answers-SEED.jsonl                  the deck of simulated worlds
     real-SEED.jsonl                     --real: effects put into real recordings (real_noise.py)
-    answers-SEED-without-PART.jsonl     --without: a part of the method left out (highside.diagnosis.method)
+    answers-SEED-without-PART.jsonl     --without: a part of the method left out (highside.diagnosis.core.method)
     rivals-SEED.jsonl                   --rivals: sparse regressions of well-kept libraries (baselines.py)
 
 FOLDER/table.md is made anew from all of them that are there.

@@ -138,7 +138,7 @@ def test_verdicts_follow_the_counts() -> None:
 
 def test_other_numbers_in_the_held_out_tables_change_no_prediction() -> None:
     """What is found takes table 1 alone (`from_table_1`); what is predicted does not look at what was published."""
-    from highside.diagnosis.summary_posterior import Drawn
+    from highside.diagnosis.table.posterior import Drawn
     from highside.physics.forward import ForwardModel
 
     model = ForwardModel.of({"bias": {"b_x": 3e-4}, "base_tilt": {"tilt_x": 2e-4}})

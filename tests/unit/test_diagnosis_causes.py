@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from highside.diagnosis.causes import followed_covariate
+from highside.diagnosis.core.causes import followed_covariate
 from highside.physics.effects import get
 from highside.physics.forward import ForwardModel
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from highside.diagnosis.core.result import Diagnosis
 from highside.diagnosis.engine import diagnose_poses
-from highside.diagnosis.result import Diagnosis
-from highside.diagnosis.session import PoseSession, pose_session
+from highside.diagnosis.poses.session import PoseSession, pose_session
 from highside.errors import InputError
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel

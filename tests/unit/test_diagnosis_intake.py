@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from highside.diagnosis.intake import Intake, chance, check
+from highside.diagnosis.intake.checks import Intake, chance, check
 from highside.physics.gravity import gravity_direction
 
 Array = NDArray[np.float64]

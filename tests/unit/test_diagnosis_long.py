@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from highside.diagnosis.design import Design
+from highside.diagnosis.core.exchange import beside_refits
+from highside.diagnosis.core.fit import Observed, base_fit, bend_of, joint_fit
+from highside.diagnosis.core.pool import Member
+from highside.diagnosis.core.rivals import Refitted, Rivalry
 from highside.diagnosis.engine import diagnose_rotation
-from highside.diagnosis.exchange import beside_refits
-from highside.diagnosis.fit import Observed, base_fit, bend_of, joint_fit
-from highside.diagnosis.pool import Member
-from highside.diagnosis.rivals import Refitted, Rivalry
-from highside.diagnosis.rotation_noise import plain
-from highside.diagnosis.rotation_session import RotationSession
-from highside.diagnosis.rotation_sketch import MANY_ROWS, may_bend
+from highside.diagnosis.rotation.sketch import MANY_ROWS, may_bend
+from highside.diagnosis.rows.design import Design
+from highside.diagnosis.rows.noise import plain
+from highside.diagnosis.rows.session import RotationSession
 from highside.physics.effect import Effect
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel

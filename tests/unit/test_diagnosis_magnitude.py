@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from highside.diagnosis.core.result import Diagnosis, FittedParameter
 from highside.diagnosis.engine import diagnose_magnitudes
-from highside.diagnosis.magnitude_fit import from_the_start
-from highside.diagnosis.magnitude_session import MagnitudeSession, magnitude_session
-from highside.diagnosis.result import Diagnosis, FittedParameter
+from highside.diagnosis.magnitude.fit import from_the_start
+from highside.diagnosis.magnitude.session import MagnitudeSession, magnitude_session
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import attitude_of
 from highside.physics.state import ChainState

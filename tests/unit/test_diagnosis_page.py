@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from highside.diagnosis.fit import JointFit, Observed
-from highside.diagnosis.result import Claim, Diagnosis, Fit, FittedParameter, Location, NotTestable
-from highside.diagnosis.rotation_session import RotationSession
-from highside.diagnosis.scene import Picture, parts_of
+from highside.diagnosis.core.fit import JointFit, Observed
+from highside.diagnosis.core.result import Claim, Diagnosis, Fit, FittedParameter, Location, NotTestable
+from highside.diagnosis.core.scene import Picture, parts_of
+from highside.diagnosis.rows.session import RotationSession
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 from highside.physics.plan import RotationPlan, Session, Site

@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from highside.diagnosis.core.location import products
+from highside.diagnosis.core.regression import outside, span
+from highside.diagnosis.core.support import cells_of, support
+from highside.diagnosis.core.untestable import what_splits
 from highside.diagnosis.engine import diagnose_rotation
-from highside.diagnosis.location import products
-from highside.diagnosis.regression import outside, span
-from highside.diagnosis.rotation_session import RotationSession
-from highside.diagnosis.session import PoseSession
-from highside.diagnosis.support import cells_of, support
-from highside.diagnosis.untestable import what_splits
+from highside.diagnosis.poses.session import PoseSession
+from highside.diagnosis.rows.session import RotationSession
 from highside.physics.effects import get
 from highside.physics.forward import ForwardModel
 from highside.physics.plan import RotationPlan, Session, Site

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from highside.diagnosis.noise import STRETCH
-from highside.diagnosis.pose_scene import PoseScene
-from highside.diagnosis.session import PoseSession, pose_session
+from highside.diagnosis.poses.noise import STRETCH
+from highside.diagnosis.poses.scene import PoseScene
+from highside.diagnosis.poses.session import PoseSession, pose_session
 from highside.physics.forward import ForwardModel
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "bench"))

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from highside.diagnosis.design import Design, Line
+from highside.diagnosis.core.fit import Observed, base_fit
+from highside.diagnosis.core.markov import LevelNoise, VectorNoise
 from highside.diagnosis.engine import diagnose_rotation
-from highside.diagnosis.fit import Observed, base_fit
-from highside.diagnosis.gram import HeldOutRows, Space, Walks, accumulate
-from highside.diagnosis.markov import LevelNoise, VectorNoise
-from highside.diagnosis.rotation_lines import found_lines
-from highside.diagnosis.rotation_noise import RotationNoise, estimate
-from highside.diagnosis.rotation_session import RotationSession, rotation_session
+from highside.diagnosis.rotation.lines import found_lines
+from highside.diagnosis.rows.design import Design, Line
+from highside.diagnosis.rows.gram import HeldOutRows, Space, Walks, accumulate
+from highside.diagnosis.rows.noise import RotationNoise, estimate
+from highside.diagnosis.rows.session import RotationSession, rotation_session
 from highside.errors import InputError
 from highside.physics.forward import ForwardModel
 from highside.physics.noise import autoregressive

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from highside.diagnosis.design import Design
+from highside.diagnosis.core.fit import Observed, base_fit
+from highside.diagnosis.core.result import Diagnosis
 from highside.diagnosis.engine import diagnose_rotation
-from highside.diagnosis.fit import Observed, base_fit
-from highside.diagnosis.gram import HeldOutRows, WalkingChannel, Walks, accumulate
-from highside.diagnosis.result import Diagnosis
-from highside.diagnosis.rotation_lines import found_lines
-from highside.diagnosis.rotation_means import Sectors, mean_errors
-from highside.diagnosis.rotation_noise import estimate
-from highside.diagnosis.rotation_session import RotationSession
+from highside.diagnosis.rotation.lines import found_lines
+from highside.diagnosis.rotation.means import Sectors, mean_errors
+from highside.diagnosis.rows.design import Design
+from highside.diagnosis.rows.gram import HeldOutRows, WalkingChannel, Walks, accumulate
+from highside.diagnosis.rows.noise import estimate
+from highside.diagnosis.rows.session import RotationSession
 from highside.physics.forward import ForwardModel
 from highside.physics.plan import Profile, RotationPlan, Session, Site
 from highside.physics.scenario import random_sensor

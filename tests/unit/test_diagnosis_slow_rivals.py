@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from highside.diagnosis.candidates import time_constants
+from highside.diagnosis.core.candidates import time_constants
+from highside.diagnosis.core.memory import Likelihoods, SlowEffect, SlowScore, slow_scores
+from highside.diagnosis.core.pool import Member
+from highside.diagnosis.core.rivals import SAME_CLASS_BIC, Rivalry, beside_memory
 from highside.diagnosis.engine import diagnose_poses
-from highside.diagnosis.memory import Likelihoods, SlowEffect, SlowScore, slow_scores
-from highside.diagnosis.pool import Member
-from highside.diagnosis.rivals import SAME_CLASS_BIC, Rivalry, beside_memory
-from highside.diagnosis.session import PoseSession
+from highside.diagnosis.poses.session import PoseSession
 from highside.physics.effects import get
 from highside.physics.forward import ForwardModel
 from highside.physics.scenario import random_sensor

@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from highside.calibration.conventional import position_plan
-from highside.diagnosis.summary import Summarised, diagnose_summary
-from highside.diagnosis.summary_chain import Correction, Linear, Procedure, Sessions, draw, tell
-from highside.diagnosis.summary_instrument import predict_table
+from highside.diagnosis.table.chain import Correction, Linear, Procedure, Sessions, draw, tell
+from highside.diagnosis.table.engine import Summarised, diagnose_summary
+from highside.diagnosis.table.instrument import predict_table
 from highside.errors import InputError
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from highside.diagnosis.intake import check
+from highside.diagnosis.intake.checks import check
 
 Array = NDArray[np.float64]
 STRAIGHT = ((0, 1.0), (1, 1.0), (2, 1.0))

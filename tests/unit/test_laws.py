@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, linregress, t
 
-from highside.diagnosis.laws import chi2_beyond, straight_line, student_beyond, student_quantile
+from highside.diagnosis.core.probability import chi2_beyond, straight_line, student_beyond, student_quantile
 
 FREEDOMS = [1.5, 2.0, 3.0, 4.0, 8.0, 30.0, 211.0, 1e4]
 

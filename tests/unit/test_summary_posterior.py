@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from highside.diagnosis.summary_chain import Procedure
-from highside.diagnosis.summary_explained import STEP_RAD, Explained, explain, prepare
-from highside.diagnosis.summary_posterior import Posterior, instruments
+from highside.diagnosis.table.chain import Procedure
+from highside.diagnosis.table.explained import STEP_RAD, Explained, explain, prepare
+from highside.diagnosis.table.posterior import Posterior, instruments
 from highside.papers.balance_session import INCLINATIONS_DEG, Plan, cells_of, run_session
 from highside.physics.forward import ForwardModel
 

@@ -12,10 +12,10 @@ from highside.cli.say import echo
 
 if TYPE_CHECKING:
     from highside.config.model import Model
+    from highside.diagnosis.core.method import Method
+    from highside.diagnosis.core.result import Diagnosis
     from highside.diagnosis.engine import Picture
-    from highside.diagnosis.method import Method
-    from highside.diagnosis.result import Diagnosis
-    from highside.diagnosis.summary import SummaryPicture
+    from highside.diagnosis.table.engine import SummaryPicture
     from highside.recording.table import Recording
 
 
@@ -59,7 +59,7 @@ def diagnose(
     from highside.cli.diagnose_inputs import read_rows
     from highside.cli.diagnose_progress import progress_on_terminal
     from highside.config.model import Model, as_toml, load_model
-    from highside.diagnosis.method import Method
+    from highside.diagnosis.core.method import Method
     from highside.errors import InputError
     from highside.recording.files import write_whole
     from highside.report.diagnosis_page import NO_FIGURES, page_of
@@ -154,11 +154,11 @@ def _diagnose(rows: Recording, knows: Model, seed: int, method: Method) -> tuple
 
     from highside import __version__
     from highside.cli.diagnose_rotation import diagnose_rows, rotates
-    from highside.diagnosis.clipped import with_clipping, without_clipped_poses
+    from highside.diagnosis.core.result import Diagnosis
     from highside.diagnosis.engine import diagnose_poses
-    from highside.diagnosis.intake import check
-    from highside.diagnosis.result import Diagnosis
-    from highside.diagnosis.session import pose_session
+    from highside.diagnosis.intake.checks import check
+    from highside.diagnosis.intake.clipped import with_clipping, without_clipped_poses
+    from highside.diagnosis.poses.session import pose_session
     from highside.errors import InputError
 
     if knows.reference.kind == "magnitude":

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from highside.config.model import Model
-    from highside.diagnosis.result import Diagnosis
-    from highside.diagnosis.scene import Picture
+    from highside.diagnosis.core.result import Diagnosis
+    from highside.diagnosis.core.scene import Picture
     from highside.recording.table import Recording
 
 
@@ -18,10 +18,10 @@ def diagnose_magnitude(rows: Recording, knows: Model, seed: int) -> tuple[Diagno
     import numpy as np
 
     from highside import __version__
+    from highside.diagnosis.core.result import Diagnosis
     from highside.diagnosis.engine import diagnose_magnitudes
-    from highside.diagnosis.intake import check
-    from highside.diagnosis.magnitude_session import magnitude_session, nothing_testable
-    from highside.diagnosis.result import Diagnosis
+    from highside.diagnosis.intake.checks import check
+    from highside.diagnosis.magnitude.session import magnitude_session, nothing_testable
 
     axes = knows.tool.map
     signed = list(zip(axes.order, axes.signs, strict=True))

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from highside.config.model import Model
+    from highside.diagnosis.core.method import Method
+    from highside.diagnosis.core.result import Diagnosis
     from highside.diagnosis.engine import Picture
-    from highside.diagnosis.intake import Intake
-    from highside.diagnosis.method import Method
-    from highside.diagnosis.result import Diagnosis
+    from highside.diagnosis.intake.checks import Intake
     from highside.recording.table import Recording
 
 GYRO_FREE = ("gyro_bias", "gyro_scale")
@@ -32,9 +32,9 @@ def diagnose_rows(
     import numpy as np
 
     from highside import __version__
-    from highside.diagnosis.clipped import without_meaning
     from highside.diagnosis.engine import diagnose_rotation
-    from highside.diagnosis.rotation_session import rotation_session
+    from highside.diagnosis.intake.clipped import without_meaning
+    from highside.diagnosis.rows.session import rotation_session
     from highside.errors import InputError
 
     raw = rows.accel()

@@ -9,18 +9,18 @@ from highside.cli.say import echo
 
 if TYPE_CHECKING:
     from highside.config.model import Model
-    from highside.diagnosis.result import Diagnosis
-    from highside.diagnosis.scene import Picture
+    from highside.diagnosis.core.result import Diagnosis
+    from highside.diagnosis.core.scene import Picture
     from highside.recording.table import Recording
 
 
 def diagnose_beside(rows: Recording, simulation: Path, knows: Model, seed: int) -> tuple[Diagnosis, Picture | None]:
     """Align, compare, diagnose. Without a model that names `free` effects, nothing is refitted beforehand."""
     from highside import __version__
+    from highside.diagnosis.core.result import Diagnosis
     from highside.diagnosis.engine import diagnose_simulation
-    from highside.diagnosis.result import Diagnosis
-    from highside.diagnosis.simulation_intake import check_prediction
-    from highside.diagnosis.simulation_session import simulation_session
+    from highside.diagnosis.simulation.intake import check_prediction
+    from highside.diagnosis.simulation.session import simulation_session
     from highside.errors import InputError
     from highside.recording.table import read_recording
 

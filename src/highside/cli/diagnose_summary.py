@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from highside.config.model import Model
-    from highside.diagnosis.result import Diagnosis
-    from highside.diagnosis.summary import SummaryPicture
+    from highside.diagnosis.core.result import Diagnosis
+    from highside.diagnosis.table.engine import SummaryPicture
 
 
 def diagnose_table(
@@ -26,8 +26,8 @@ def diagnose_table(
     import numpy as np
 
     from highside import __version__
-    from highside.diagnosis.summary import diagnose_summary
-    from highside.diagnosis.summary_chain import CELLS, CORRECTIONS, Procedure
+    from highside.diagnosis.table.chain import CELLS, CORRECTIONS, Procedure
+    from highside.diagnosis.table.engine import diagnose_summary
     from highside.errors import InputError
     from highside.physics.noise import std_of_average
     from highside.recording.table import SummaryTable

@@ -13,27 +13,27 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.candidates import RING
-from highside.diagnosis.conclusion import conclude, is_loud
-from highside.diagnosis.exchange import exchanged, kept
-from highside.diagnosis.fit import BENDS
-from highside.diagnosis.magnitude_scene import MagnitudeScene
-from highside.diagnosis.magnitude_session import MagnitudeSession
-from highside.diagnosis.memory import Channel, beats_the_walk, slow_scores
-from highside.diagnosis.method import WHOLE, Method
-from highside.diagnosis.pool import Member
-from highside.diagnosis.pose_scene import PoseScene
-from highside.diagnosis.result import Diagnosis
-from highside.diagnosis.rivals import SAME_CLASS_EVIDENCE
-from highside.diagnosis.rotation_scene import RotationScene
-from highside.diagnosis.rotation_session import RotationSession
-from highside.diagnosis.rotation_sketch import MANY_ROWS, SOME_ROWS, Sketch, may_bend
-from highside.diagnosis.scene import Judged, Picture, Scene
-from highside.diagnosis.selection import Selector
-from highside.diagnosis.session import PoseSession
-from highside.diagnosis.simulation_scene import SimulationScene
-from highside.diagnosis.simulation_session import SimulationSession
-from highside.diagnosis.suspicion import Suspicion, slow_standing, suspect, suspected, unsuspecting
+from highside.diagnosis.core.candidates import RING
+from highside.diagnosis.core.conclusion import conclude, is_loud
+from highside.diagnosis.core.exchange import exchanged, kept
+from highside.diagnosis.core.fit import BENDS
+from highside.diagnosis.core.memory import Channel, beats_the_walk, slow_scores
+from highside.diagnosis.core.method import WHOLE, Method
+from highside.diagnosis.core.pool import Member
+from highside.diagnosis.core.result import Diagnosis
+from highside.diagnosis.core.rivals import SAME_CLASS_EVIDENCE
+from highside.diagnosis.core.scene import Judged, Picture, Scene
+from highside.diagnosis.core.selection import Selector
+from highside.diagnosis.core.suspicion import Suspicion, slow_standing, suspect, suspected, unsuspecting
+from highside.diagnosis.magnitude.scene import MagnitudeScene
+from highside.diagnosis.magnitude.session import MagnitudeSession
+from highside.diagnosis.poses.scene import PoseScene
+from highside.diagnosis.poses.session import PoseSession
+from highside.diagnosis.rotation.scene import RotationScene
+from highside.diagnosis.rotation.sketch import MANY_ROWS, SOME_ROWS, Sketch, may_bend
+from highside.diagnosis.rows.session import RotationSession
+from highside.diagnosis.simulation.scene import SimulationScene
+from highside.diagnosis.simulation.session import SimulationSession
 from highside.physics.forward import ForwardModel
 
 __all__ = ["Picture", "diagnose", "diagnose_magnitudes", "diagnose_poses", "diagnose_rotation", "diagnose_simulation"]

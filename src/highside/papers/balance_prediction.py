@@ -1,11 +1,11 @@
 """What table 1 of the balance paper predicts of its other tables and figures, cell by cell with intervals.
 
-One instrument is found, from table 1 alone (`highside.diagnosis.summary`). What table 1 leaves open of it is kept as
-draws: other sets of effects that explain the table as well, their sizes and signs, effects too small to show in it, the
-noise of a reading (`highside.diagnosis.summary_posterior`). The whole experiment is run once on each draw, with chance
-of its own, so that a predicted cell is a distribution: its middle, and the interval that holds 95 % of it, widened by
-half of the last published digit and by what simulated instruments show to be missing (`WIDENED`). Tables 2 to 6 take no
-part in any of that.
+One instrument is found, from table 1 alone (`highside.diagnosis.table.engine`). What table 1 leaves open of it is kept
+as draws: other sets of effects that explain the table as well, their sizes and signs, effects too small to show in it,
+the noise of a reading (`highside.diagnosis.table.posterior`). The whole experiment is run once on each draw, with
+chance of its own, so that a predicted cell is a distribution: its middle, and the interval that holds 95 % of it,
+widened by half of the last published digit and by what simulated instruments show to be missing (`WIDENED`). Tables 2
+to 6 take no part in any of that.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from highside.calibration.balance import TRIPLES
 from highside.calibration.poses import Array
-from highside.diagnosis.summary_posterior import Drawn
+from highside.diagnosis.table.posterior import Drawn
 from highside.papers.balance_session import COLUMNS, INCLINATIONS_DEG, METHODS, Plan, cells_of, run_session
 
 LEVEL = 0.95

@@ -1,7 +1,7 @@
 """The instrument behind the balance paper's tables, found from its table 1 alone, and what that predicts of the rest.
 
 Table 1 (after the three-pose correction) is diagnosed as `highside diagnose --summary` does it, without a model: one
-instrument is found. What table 1 leaves open of it stays open (`highside.diagnosis.summary_posterior`), and tables 2 to
+instrument is found. What table 1 leaves open of it stays open (`highside.diagnosis.table.posterior`), and tables 2 to
 6 and all figures are predicted with intervals (`highside.papers.balance_prediction`). They take no part in the fit.
 
 The published numbers are facts of that paper, kept in `published_balance.json`.
@@ -19,10 +19,10 @@ import numpy as np
 
 from highside import __version__
 from highside.config.model import Model
-from highside.diagnosis.result import Diagnosis
-from highside.diagnosis.summary import Summarised, diagnose_summary
-from highside.diagnosis.summary_chain import CELLS, Procedure
-from highside.diagnosis.summary_posterior import Posterior, instruments
+from highside.diagnosis.core.result import Diagnosis
+from highside.diagnosis.table.chain import CELLS, Procedure
+from highside.diagnosis.table.engine import Summarised, diagnose_summary
+from highside.diagnosis.table.posterior import Posterior, instruments
 from highside.papers.balance_prediction import (
     DRAWS,
     LEVEL,

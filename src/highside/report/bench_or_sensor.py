@@ -14,9 +14,9 @@ import numpy as np
 
 from highside import __version__
 from highside.calibration.record import PoseColumns, Solution
+from highside.diagnosis.core.result import Diagnosis
 from highside.diagnosis.engine import Picture, diagnose_poses
-from highside.diagnosis.result import Diagnosis
-from highside.diagnosis.session import MIN_POSES, PoseSession
+from highside.diagnosis.poses.session import MIN_POSES, PoseSession
 from highside.errors import HighsideError
 from highside.physics.effect import Stage
 from highside.physics.effects import all_effects

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.core.result import Location
 from highside.diagnosis.engine import Picture
-from highside.diagnosis.result import Location
-from highside.diagnosis.summary import SummaryPicture
-from highside.diagnosis.summary_chain import CELLS
+from highside.diagnosis.table.chain import CELLS
+from highside.diagnosis.table.engine import SummaryPicture
 from highside.report.diagnosis_words import AXIS_NAMES
 from highside.report.page import new_figure
 

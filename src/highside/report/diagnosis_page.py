@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.diagnosis.core.result import Claim, Diagnosis, Location
 from highside.diagnosis.engine import Picture
-from highside.diagnosis.result import Claim, Diagnosis, Location
-from highside.diagnosis.simulation_effects import title_of
-from highside.diagnosis.summary import SummaryPicture
+from highside.diagnosis.simulation.effects import title_of
+from highside.diagnosis.table.engine import SummaryPicture
 from highside.report.diagnosis_figures import over_time, residuals, table_misfit, table_values
 from highside.report.diagnosis_words import (
     KINDS,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from highside.diagnosis.result import Claim, Diagnosis, Fit, Location
-from highside.diagnosis.simulation_effects import title_of
+from highside.diagnosis.core.result import Claim, Diagnosis, Fit, Location
+from highside.diagnosis.simulation.effects import title_of
 from highside.physics.effect import Stage
 from highside.physics.effects import all_effects
 

@@ -1,0 +1,295 @@
+"""What could have been left out: the columns that each effect of the library would add to the readings, per unit.
+
+Effects are taken to first order at the fitted base model. A parameter that only shapes an effect (a time constant, a
+harmonic order, the time of a step) is tried at several values: the *variants* of the candidate.
+
+Beside the named effects stand *shadows*: unnamed products of temperature, time or direction of approach with powers of
+the load. They are there so that an interaction outside of the library is not given the name of the nearest effect
+inside it; a shadow that wins is reported as unknown, with its covariates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.untestable import one_sided
+from highside.physics.effect import Effect, Parameter, Stage
+from highside.physics.effects import all_effects
+from highside.physics.forward import ForwardModel
+from highside.physics.state import ChainState
+
+Array = NDArray[np.float64]
+
+CHANNELS = ("ax", "ay", "az")
+MAX_STEP_TIMES = 60
+SHORTEST = 0.03
+"""of a recording: a shorter time constant is over before anything else happens"""
+LEAST_A_RING = 6
+"""poses of a ring, on average, for single rings to be looked at: one that is off looks like noise that remembers"""
+ONE_SIDE = "every attitude is reached from one side, so it is a constant; or the side is not recorded"
+RING = "shadow:ring"
+"""Id of what is off on one ring alone: measured in one go, it looks like noise that remembers."""
+_NEVER = {
+    "tone": "a tone averages out while a pose is held",
+    "aliased_vibration": "vibration in step with the rotation needs rotation",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """A candidate at one value of its shape: `columns` (k, 3, n), one for each amplitude that is let act.
+
+    For a long recording `columns` (k,) are their numbers in the `Design` instead. `whole` says that all amplitudes act;
+    else only some do (one axis, one order of a polynomial), so that an effect on one axis is not judged as if it had
+    needed three.
+    """
+
+    shape: dict[str, float]
+    columns: NDArray[Any]
+    label: str = ""
+    whole: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """An effect of the library, or a shadow (`effect` is None, each variant one product of covariates)."""
+
+    id: str
+    effect: Effect | None
+    amplitudes: tuple[str, ...]
+    variants: tuple[Variant, ...]
+    searched: int = 0
+    """how many values of a shape were looked through to find the variants, where these are only the best"""
+
+    @property
+    def named(self) -> bool:
+        """Whether this has a name a report may give."""
+        return self.effect is not None
+
+    def unit(self) -> Array:
+        """(k,) a typical size of each amplitude; 1 for shadows."""
+        if self.effect is None:
+            return np.ones(len(self.amplitudes))
+        return np.array([p.typical for p in self.effect.parameters if not p.shape])
+
+
+@dataclass(frozen=True, slots=True)
+class Blind:
+    """An effect that the recording cannot show because what it follows is constant or not recorded."""
+
+    effect: Effect
+    why: str
+
+
+def pose_candidates(model: ForwardModel, state: ChainState, free: Sequence[str]) -> tuple[list[Candidate], list[Blind]]:
+    """Candidates among the library's effects for a session of poses, and those that leave no trace at all in it.
+
+    `free` are the effects that the base fit adjusts anyway. Gyro effects are no matter of the triad and left out.
+    """
+    wanted = [
+        effect
+        for effect in all_effects().values()
+        if not effect.random and effect.stage is not Stage.GYRO and effect.id not in free
+    ]
+    plain = [effect for effect in wanted if len(effect.amplitudes) == len(effect.parameters)]
+    columns = _plain_columns(model, state, plain)
+    found: list[Candidate] = []
+    blind: list[Blind] = []
+    for effect in wanted:
+        names = tuple(effect.parameters[k].name for k in effect.amplitudes)
+        if one_sided(effect, state):
+            blind.append(Blind(effect, ONE_SIDE))
+            continue
+        if effect.id in _NEVER:
+            blind.append(Blind(effect, _NEVER[effect.id]))
+            continue
+        variants = [Variant({}, columns[effect.id])] if effect in plain else _shaped(model, state, effect)
+        variants = [
+            Variant(v.shape, v.columns[list(part)], whole=len(part) == len(names))
+            for v in variants
+            for part in parts_of(names)
+            if np.any(np.abs(v.columns[list(part)]) > 1e-12)
+        ]
+        if variants:
+            found.append(Candidate(effect.id, effect, names, tuple(variants)))
+        else:
+            blind.append(Blind(effect, what_lacks(effect, state)))
+    return found, blind
+
+
+def parts_of(names: Sequence[str]) -> list[tuple[int, ...]]:
+    """Which amplitudes of an effect may act alone: all; those of one axis; those of one order; single ones of few."""
+    everything = tuple(range(len(names)))
+    parts = [everything]
+    for place in (2,) if {"c", "s"} <= {name[0] for name in names} else (2, 0):
+        # behind the last underscore stands the axis (or the product), before it the order (or the axis)
+        groups: dict[str, list[int]] = {}
+        for k, name in enumerate(names):
+            groups.setdefault(name.rpartition("_")[place] if "_" in name else "", []).append(k)
+        parts += [tuple(group) for group in groups.values()]
+    rows: dict[tuple[str, str], list[int]] = {}
+    for k, name in enumerate(names):
+        prefix, _, suffix = name.rpartition("_")
+        if len(suffix) == 2 and "_" not in prefix:
+            # of a matrix (who reads, what leaks in) each row may act alone, or two
+            rows.setdefault((prefix, suffix[0]), []).append(k)
+    parts += [tuple(row) for row in rows.values()]
+    if not rows and len(names) == 9:
+        rows = {("", name): [k for k, n in enumerate(names) if n[: n.rfind("_")] == name]
+                for name in dict.fromkeys(n[: n.rfind("_")] for n in names)}  # fmt: skip
+    if len(rows) == 3:
+        parts += [(*one, *other) for one, other in combinations(rows.values(), 2)]
+    if len(names) <= 3 and not {"c", "s"} <= {name[0] for name in names}:
+        # a cosine and a sine are one amplitude and one phase, and stay together
+        parts += [(k,) for k in everything]
+    elif not any("_" in name for name in names):
+        # of several cosines and sines each pair may act alone
+        parts += [everything[k : k + 2] for k in range(0, len(names), 2)]
+    return sorted(set(parts), key=lambda part: (-len(part), part))
+
+
+def columns_of(
+    model: ForwardModel,
+    state: ChainState,
+    effect: Effect,
+    shape: dict[str, float],
+    force: Array | None = None,
+    *,
+    gyros: bool = False,
+) -> Array:
+    """(k, 3, n): change of the report with each amplitude of an effect at the given shape; with `gyros` (k, 6, n).
+
+    `force` (3, n), the model's specific force where it is known already, saves the evaluation of the chain.
+    """
+    start = dict(zip((p.name for p in effect.parameters), model.vector_of(effect.id).tolist(), strict=True))
+    for k in effect.amplitudes:
+        parameter = effect.parameters[k]
+        if not effect.complex_safe and parameter.gate[0] == 0.0 and start[parameter.name] == 0.0:
+            # a slack has no derivative at zero: its slope is taken where it has some size
+            start[parameter.name] = parameter.typical
+    if effect.stage in (Stage.SENSOR, Stage.THERMAL) and force is not None:
+        # at the end of the chain: what the effect adds is what the report changes by
+        vector = effect.vector({**start, **shape})
+        return np.asarray(effect.derivative(state, vector, force), dtype=float)[list(effect.amplitudes)]
+    names = [f"{effect.id}.{effect.parameters[k].name}" for k in effect.amplitudes]
+    with_it = model.with_effects({effect.id: {**start, **shape}})
+    found = with_it.jacobian(state, names)
+    if gyros:
+        found = np.concatenate([found, with_it.gyro_jacobian(state, names)], axis=1)
+    return np.asarray(found, dtype=float)
+
+
+def _plain_columns(model: ForwardModel, state: ChainState, effects: Sequence[Effect]) -> dict[str, Array]:
+    """Columns of effects without shapes: those that are smooth in one evaluation of the chain."""
+    smooth = [effect for effect in effects if effect.complex_safe]
+    every = np.asarray(model.jacobian(state, [effect.id for effect in smooth]), dtype=float)
+    result: dict[str, Array] = {}
+    at = 0
+    for effect in smooth:
+        size = len(effect.amplitudes)
+        result[effect.id] = every[at : at + size]
+        at += size
+    for effect in effects:
+        if effect.id not in result:
+            result[effect.id] = columns_of(model, state, effect, {})
+    return result
+
+
+def _shaped(model: ForwardModel, state: ChainState, effect: Effect) -> list[Variant]:
+    shapes = [parameter for parameter in effect.parameters if parameter.shape]
+    if len(shapes) != 1:
+        raise ValueError(f"effect '{effect.id}' has {len(shapes)} shape parameters, one is supported")
+    shape = shapes[0]
+    values = time_constants(shape, state) if shape.grid and shape.unit == "s" else shape.grid or _step_times(state)
+    force = np.asarray(model.chain(state).force, dtype=float)
+    return [Variant({shape.name: v}, columns_of(model, state, effect, {shape.name: v}, force)) for v in values]
+
+
+def time_constants(shape: Parameter, state: ChainState) -> tuple[float, ...]:
+    """The grid of a time constant, halved and doubled on to all that are plausible and that a recording tells apart.
+
+    The shortest is longer than from one reading to the next; the longest bends within the recording hardly at all.
+    """
+    length = float(np.ptp(state.t_s))
+    shortest = max(shape.gate[0], length * SHORTEST, length / max(state.n - 1, 1))
+    values = list(shape.grid)
+    while values[0] / 2 >= shortest:
+        values.insert(0, values[0] / 2)
+    while values[-1] < min(length, shape.gate[1]):
+        values.append(min(2 * values[-1], shape.gate[1]))
+    return tuple(values)
+
+
+def _step_times(state: ChainState) -> tuple[float, ...]:
+    """Instants between poses, away from both ends, for a step that could be anywhere."""
+    elapsed = state.t_s - state.t_s[0]
+    between = (elapsed[:-1] + elapsed[1:]) / 2
+    inner = between[4:-4]
+    keep = np.unique(np.linspace(0, inner.size - 1, min(MAX_STEP_TIMES, inner.size)).round().astype(int))
+    return tuple(float(value) for value in inner[keep])
+
+
+def what_lacks(effect: Effect, state: ChainState) -> str:
+    """Why an effect leaves no trace at all."""
+    words = {
+        "temp_c": "the temperature does not change, or is not recorded",
+        "rotor_rate_radps": "the tool does not rotate while it is read",
+        "rotor_accel_radps2": "the rotation is not sped up or slowed down",
+        "vibration_rms_g": "vibration is not recorded, or there is none",
+        "direction": ONE_SIDE,
+        "t_s": "the recording has no length",
+    }
+    lacking = [words[name] for name in effect.needs if name in words and np.ptp(getattr(state, name)) == 0.0]
+    if effect.stage is Stage.GYRO and not lacking:
+        return "gyros are not recorded, or do not respond to it here"
+    if lacking:
+        return lacking[0]
+    moves = max(float(np.ptp(state.inc_rad)), float(np.ptp(state.tf_rad))) > 0.0
+    return "it does not act in any attitude of this recording" if moves else "the tool does not move while it is read"
+
+
+def shadows(state: ChainState, force: Array) -> list[Candidate]:
+    """Unnamed interactions; `force` (3, n) in g. Each variant is one column on one channel."""
+    x, y, z = force
+    linear = {"x": x, "y": y, "z": z}
+    square = {"x^2": x * x, "y^2": y * y, "z^2": z * z, "x y": x * y, "x z": x * z, "y z": y * z}
+    cubic = {"x^3": x**3, "y^3": y**3, "z^3": z**3, "|x|": abs(x), "|y|": abs(y), "|z|": abs(z), "x y z": x * y * z}
+    elapsed = state.t_s - state.t_s[0]
+    time = elapsed / max(float(elapsed[-1]), 1e-9)
+    found: list[Candidate] = []
+
+    def add(name: str, covariate: Array, terms: dict[str, Array], own_axis: bool = True) -> None:
+        variants = []
+        for channel, axis in enumerate("xyz"):
+            for label, term in terms.items():
+                if label == axis and not own_axis:
+                    continue
+                column = np.zeros((1, 3, state.n))
+                column[0, channel] = covariate * term
+                words = label if name == "one" else f"{name} x {label}"
+                variants.append(Variant({}, column, f"{words} on {CHANNELS[channel]}"))
+        kind = "ring" if name == "one" else name
+        found.append(Candidate(f"shadow:{kind}:{next(iter(terms))}", None, ("a",), tuple(variants)))
+
+    if np.ptp(state.temp_c) > 0.5:
+        warm = (state.temp_c - state.temp_c.mean()) / state.temp_c.std()
+        add("temperature", warm, linear, own_axis=False)
+        add("temperature", warm, square)
+        add("temperature", warm, cubic)
+        add("temperature^2", warm**2, linear)
+    add("time", time, linear)
+    add("time", time, square)
+    if np.ptp(state.direction) > 0:
+        add("direction of approach", np.asarray(state.direction), linear)
+    numbers, first = np.unique(state.ring, return_index=True)
+    if numbers.size > 4 and LEAST_A_RING * numbers.size <= state.n:
+        rings = {f"ring at {np.degrees(state.inc_rad[i]):g} deg": np.asarray(state.ring == k, dtype=float)
+                 for k, i in zip(numbers, first, strict=True)}  # fmt: skip
+        add("one", np.ones(state.n), rings)
+    return found

@@ -1,0 +1,95 @@
+"""Likelihood of stretches that were left out: what members of a pool predict there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.pool import Member, Pool
+
+Array = NDArray[np.float64]
+
+TRANSIENT = 0.1
+"""Share of a member's energy outside of a block, below which the other blocks say nothing of it."""
+
+
+class Gains(Protocol):
+    """Held-out likelihood of the claims."""
+
+    def gain(self, before: Sequence[Member], after: Sequence[Member]) -> tuple[float, float]:
+        """Gain of log likelihood by going from some members to others, and its standard error over blocks."""
+        ...
+
+
+class HeldOut:
+    """Prediction of contiguous blocks from the rest, whitened; `base` (P, N) columns fitted always."""
+
+    def __init__(self, base: Array, residual: Array, folds: Sequence[NDArray[np.intp]]) -> None:
+        self._base, self._residual, self._folds = base, residual, folds
+
+    def hides(self, columns: Array) -> bool:
+        """Whether leaving out one of the blocks leaves next to nothing of columns (K, N)."""
+        energy = np.sum(columns**2, axis=0)
+        return bool(max(energy[fold].sum() for fold in self._folds) > (1 - TRANSIENT) * energy.sum())
+
+    def errors(self, columns: Array) -> list[Array]:
+        """Prediction errors of each fold with these columns (K, N) fitted beside the base."""
+        every = np.vstack([self._base, columns])
+        norm = np.linalg.norm(every, axis=1, keepdims=True)
+        every = every / np.where(norm > 0, norm, 1.0)
+        gram, moment = every @ every.T, every @ self._residual
+        result = []
+        for fold in self._folds:
+            part = every[:, fold]
+            left = gram - part @ part.T
+            # what the other blocks hardly determine is not extrapolated
+            ridge = 1e-9 * np.eye(left.shape[0])
+            solution = np.linalg.solve(left + ridge, moment - part @ self._residual[fold])
+            result.append(self._residual[fold] - solution @ part)
+        return result
+
+
+@dataclass(frozen=True)
+class PoseGains:
+    """Held-out likelihood of members of a pool, from their whitened columns.
+
+    What lives within one block cannot be predicted from the others: with such a member the blocks of `apart`, of every
+    so many poses, are left out instead.
+    """
+
+    pool: Pool
+    held_out: HeldOut
+    apart: HeldOut | None = None
+
+    def gain(self, before: Sequence[Member], after: Sequence[Member]) -> tuple[float, float]:
+        held_out = self.held_out
+        if self.apart is not None and any(held_out.hides(self.pool.columns(m)) for m in {*before, *after}):
+            held_out = self.apart
+        pairs = [held_out.errors(self.pool.stack(members)) for members in (before, after)]
+        return block_gain(*(np.array([float(e @ e) for e in errors]) for errors in pairs))
+
+
+def block_gain(before: Array, after: Array) -> tuple[float, float]:
+    """Gain of log likelihood and its standard error from the squared errors of each block."""
+    by_block = (before - after) / 2
+    return float(by_block.sum()), float(by_block.std(ddof=1) * np.sqrt(by_block.size))
+
+
+def gain_interval(before: Array, after: Array) -> tuple[float, float]:
+    """95 % interval of the share of the squared error that is removed, from the squared errors of each block (B,)."""
+    left = float(after.sum() / before.sum())
+    # of a ratio of sums, to first order
+    error = float((after - left * before).std(ddof=1) * np.sqrt(before.size) / before.sum())
+    return 1.0 - left - 1.96 * error, 1.0 - left + 1.96 * error
+
+
+def pose_folds(n: int, count: int = 10, *, interleaved: bool = False) -> list[NDArray[np.intp]]:
+    """Contiguous blocks of poses, or every so many poses, as indices into whitened vectors (3 n,)."""
+    count = min(count, n // 3)
+    poses = np.arange(n)
+    parts = [poses[k::count] for k in range(count)] if interleaved else np.array_split(poses, count)
+    return [np.concatenate([part, part + n, part + 2 * n]) for part in parts]

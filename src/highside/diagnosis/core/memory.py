@@ -1,0 +1,378 @@
+"""Noise with memory: is the scatter from pose to pose coloured, do offsets wander, or did something slow happen?
+
+Each channel's scatter is taken as s^2 (I + q K): white plus a part K with memory, either exp(-|i - j| / l) (coloured
+noise, l poses long) or min(i, j) (a walk without end). q and K are chosen by restricted likelihood, with the base and
+every smooth function of attitude projected off, but nothing that follows time or temperature: a fit that may bend with
+time swallows the walk and then finds it absent.
+
+A slow effect (step, drift, warm-up, thermal lag, temperature) is believed only where it beats the walk: q is chosen
+anew with and without it, and the gain of likelihood must be large while no walk remains beside it. Otherwise the
+answer is "wander", with the slow effects as what it resembles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from highside.diagnosis.core.markov import LevelNoise
+
+Array = NDArray[np.float64]
+
+FOUND = 12.0
+"""Gain of -2 log likelihood of a channel from which memory is believed."""
+SUSPECT = 8.0
+SLOW_LOG_P = 2.8
+NEAR_LOG_P = 1.0
+"""-log10 p beside a walk from which a slow effect resembles what was seen."""
+REMAINING = 15.0
+"""A slow effect beside which more evidence of memory than this remains is not the whole story."""
+LENGTHS = (1.5, 4.0, np.inf)
+"""Memory in poses; infinite is the walk."""
+SHARES = {1.5: (0.3, 1.0, 3.0, 10.0), 4.0: (0.1, 0.4, 1.5, 6.0), np.inf: (3e-4, 1e-3, 4e-3, 0.015, 0.05, 0.2, 0.8)}
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """The memory of one channel: `gain` of -2 log likelihood over white noise, `share` q and `length` l of the best,
+    and `upper`, the largest share of that length that the data allow at 95 %."""
+
+    gain: float
+    share: float
+    length: float
+    upper: float
+
+    @property
+    def walks(self) -> bool:
+        """Whether this is a walk beyond doubt."""
+        return self.gain > FOUND and np.isinf(self.length)
+
+
+@dataclass(frozen=True, slots=True)
+class SlowEffect:
+    """A candidate of the slow stage: its index among the candidates, its variant, and its function of time on each
+    channel, (C, n) or its number (C,)."""
+
+    candidate: int
+    variant: int
+    function: NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class SlowScore:
+    """How a slow effect fares against the walk."""
+
+    effect: SlowEffect
+    log_p: float
+    remaining: float
+    score: float
+
+
+@dataclass(frozen=True, slots=True)
+class SlowStage:
+    """`claimed` in the order found, `admitted` all that beat the walk by themselves, `near` those that come near."""
+
+    claimed: list[SlowScore]
+    admitted: list[SlowScore]
+    near: list[SlowScore]
+
+
+def intervals(t_s: Array) -> Array:
+    """(n,) times of poses in mean intervals between poses, from 0."""
+    return np.asarray((t_s - t_s[0]) / max(float(t_s[-1] - t_s[0]) / max(t_s.size - 1, 1), 1e-12))
+
+
+class Innovating(Protocol):
+    """Noise under several settings S, by its innovations."""
+
+    @property
+    def log_determinant(self) -> Array: ...
+    def white(self, columns: Array) -> Array: ...
+
+
+class Likelihoods:
+    """Restricted likelihood of a channel under each noise with memory, prepared once for many regressors.
+
+    `residual` (n,), `variance` (n,) of the white part, `nuisance` (P, n), all of one channel; `t_s` (n,).
+    """
+
+    def __init__(self, residual: Array, variance: Array, nuisance: Array, t_s: Array) -> None:
+        self.settings = settings()
+        lengths, shares = np.array(self.settings).T
+        self._prepare(
+            residual, LevelNoise.of(variance, intervals(t_s), shares * float(variance.mean()), lengths), nuisance
+        )
+
+    def _prepare(self, residual: Array, noise: Innovating, nuisance: Array) -> None:
+        self._noise = noise
+        space = _basis(nuisance)
+        turned = self._noise.white(np.vstack([residual[None], space]))
+        q, r = np.linalg.qr(turned[:, 1:].transpose(0, 2, 1))
+        self._space = q.transpose(0, 2, 1)
+        diagonal = np.abs(np.diagonal(r, axis1=1, axis2=2))
+        self._logdet = self._noise.log_determinant + 2 * np.log(diagonal).sum(axis=1)
+        self._residual = self._outside(turned[:, :1])[:, 0]
+        self._freedom = residual.size - space.shape[0]
+
+    def _outside(self, turned: Array) -> Array:
+        """What of innovations (S, K, n) the nuisance does not explain."""
+        return np.asarray(turned - (turned @ self._space.transpose(0, 2, 1)) @ self._space)
+
+    def _prepared(self, columns: Array) -> Array:
+        return self._outside(self._noise.white(columns))
+
+    def without(self, columns: Array) -> Array:
+        """-2 log likelihood (settings,) with further columns (K, n) projected off."""
+        return self.with_each(columns, columns[:0], include_none=True)[:, 0]
+
+    def with_each(self, columns: Array, functions: Array, *, include_none: bool = False) -> Array:
+        """-2 log likelihood (settings, F) with columns (K, n) projected off and each function of (F, n) fitted.
+
+        With `include_none` first that of no function at all.
+        """
+        freedom = self._freedom - len(columns)
+        turned = self._prepared(np.vstack([columns, functions]))
+        left, tested = self._residual, turned[:, len(columns) :]
+        if len(columns):
+            q, _ = np.linalg.qr(turned[:, : len(columns)].transpose(0, 2, 1))
+            left = left - np.einsum("snk,sk->sn", q, np.einsum("snk,sn->sk", q, left))
+            tested = tested - (tested @ q) @ q.transpose(0, 2, 1)
+        energy = np.sum(left**2, axis=1)[:, None]
+        norm = np.sum(tested**2, axis=2)
+        gained = np.einsum("sfn,sn->sf", tested, left) ** 2 / np.where(norm > 1e-12, norm, np.inf)
+        gained = np.concatenate([np.zeros_like(energy), gained], axis=1) if include_none else gained
+        return np.asarray(
+            freedom * np.log(np.maximum(energy - gained, 1e-30) / freedom) + self._logdet[:, None]
+        )  # fmt: skip
+
+    def with_block(self, columns: Array, block: Array) -> Array:
+        """-2 log likelihood (settings,) with columns (K, n) projected off and a block of columns (B, n) fitted."""
+        freedom = self._freedom - len(columns)
+        turned = self._prepared(np.vstack([columns, _basis(block)]))
+        left = self._residual
+        if turned.shape[1]:
+            q, _ = np.linalg.qr(turned.transpose(0, 2, 1))
+            left = left - np.einsum("snk,sk->sn", q, np.einsum("snk,sn->sk", q, left))
+        return np.asarray(freedom * np.log(np.sum(left**2, axis=1) / freedom) + self._logdet)
+
+    def memory(self, columns: Array) -> Memory:
+        """The memory that the data ask for with columns (K, n) projected off."""
+        return memory_of(self.settings, self.without(columns))
+
+
+def settings() -> list[tuple[float, float]]:
+    """(length, share) of each noise that is tried, white noise first."""
+    return [(1.0, 0.0)] + [(length, q) for length in LENGTHS for q in SHARES[length]]
+
+
+def memory_of(tried: Sequence[tuple[float, float]], minus2l: Array) -> Memory:
+    """The memory that -2 log likelihoods (settings,) ask for; the first setting is white noise."""
+    at = int(np.argmin(minus2l))
+    length, share = tried[at]
+    allowed = [q for (one, q), value in zip(tried, minus2l, strict=True)
+               if one == length and value <= minus2l[at] + 2.7]  # fmt: skip
+    return Memory(float(minus2l[0] - minus2l[at]), share, length, max([*allowed, share]))
+
+
+class Channel(Protocol):
+    """The likelihood of one channel, whatever stands for columns: arrays (K, n) or their numbers (K,)."""
+
+    def without(self, columns: Any) -> Array: ...
+    def with_each(self, columns: Any, functions: Any) -> Array: ...
+    def with_block(self, columns: Any, block: Any) -> Array: ...
+    def memory(self, columns: Any) -> Memory: ...
+
+
+def beats_the_walk(
+    channels: Sequence[Channel],
+    others: NDArray[Any],
+    block: NDArray[Any],
+    dof: int,
+    tries: float = 1.0,
+    certain: float = SLOW_LOG_P,
+) -> bool:
+    """Whether a claim of `dof` directions, block (B, C, ...), is still needed where the noise may have any memory.
+
+    It is the best of so many `tries`; `certain` is the -log10 p asked for.
+
+    The memory is chosen anew with and without it; `others` (K, C, ...) are the other claims.
+    """
+    gain = 0.0
+    for c, channel in enumerate(channels):
+        nothing = block[:0, c]
+        plain = channel.with_block(nothing, others[:, c]) if len(others) else channel.without(nothing)
+        gain += float(plain.min() - channel.with_block(nothing, np.concatenate([others[:, c], block[:, c]])).min())
+    p = tries * float(chdtrc(dof, max(gain, 0.0)))
+    return bool(-np.log10(max(p, 1e-300)) > certain)
+
+
+def _basis(columns: Array) -> Array:
+    """Rows that span columns (P, n), well conditioned."""
+    norm = np.linalg.norm(columns, axis=1)
+    kept = columns[norm > 0] / norm[norm > 0][:, None]
+    if not len(kept):
+        return np.empty((0, columns.shape[1]))
+    _, values, rows = np.linalg.svd(kept, full_matrices=False)
+    return np.asarray(rows[values > 1e-6 * values[0]])
+
+
+@dataclass(frozen=True, slots=True)
+class SlowLimits:
+    """What a slow effect must show to be believed beside a walk; figures are from simulated walks of every size."""
+
+    log_p: float = SLOW_LOG_P
+    remaining: float = REMAINING
+    quiet_log_p: float = SLOW_LOG_P
+    """asked where hardly any memory remains"""
+    quiet: float = 6.0
+    """evidence of memory that is hardly any"""
+    alike: Mapping[str, float] = field(default_factory=dict)
+    """asked of effects, by id, that a walk imitates more easily than others"""
+    forgiven: float = 0.0
+    """share of the evidence of memory that may remain beside one that beats the walk twice as clearly as asked"""
+    pairs: bool = False
+    """whether two may pass together where neither passes alone"""
+    over_walk: float | None = None
+    """in place of -log10 p, twice the logarithm of the likelihood ratio that is asked of the effect without any walk
+    over a walk without the effect: either story has to tell all that was seen"""
+
+    def passes(self, effect: str, log_p: float, remaining: float, evidence: float, score: float) -> bool:
+        """Whether an effect of -log10 p and score, that leaves so much of the evidence of memory, is believed."""
+        if self.over_walk is not None:
+            return score - remaining > self.over_walk and remaining < self.remaining
+        return (
+            (log_p > self.alike.get(effect, self.quiet_log_p) and remaining < self.quiet)
+            or (log_p > max(self.log_p, self.alike.get(effect, 0.0)) and remaining < self.remaining)
+            or (log_p > 2 * self.log_p and remaining < self.forgiven * evidence)
+        )
+
+
+SEEDS = 4
+"""Slow effects with each of which a second one is tried."""
+PAIR_LOG_P = 0.7
+"""So much more -log10 p is asked of each of two: there are as many more ways for a walk to look like them."""
+PAIR_SCORE = 12.0
+"""Two slow effects stand in place of one that is enough by itself where they gain so much more of -2 log likelihood."""
+
+
+def slow_scores(
+    channels: Sequence[Channel], slow: Sequence[SlowEffect], beside: Sequence[SlowScore] = ()
+) -> tuple[list[SlowScore], Array, float]:
+    """How every slow effect fares beside those; what each gains of -2 log likelihood; the evidence of memory.
+
+    The memory is chosen anew with each, so that differences of score between slow effects hold whether or not the
+    noise wanders.
+    """
+    functions, tries = np.stack([e.function for e in slow]), _tries(slow)
+    channels = channels[: functions.shape[1]]
+    columns = np.stack([score.effect.function for score in beside]) if beside else functions[:0]
+    gain, remaining, evidence = np.zeros(len(slow)), np.zeros(len(slow)), 0.0
+    for c, channel in enumerate(channels):
+        without = channel.without(columns[:, c])
+        plain = float(without.min())
+        evidence += float(without[0]) - plain
+        tested = channel.with_each(columns[:, c], functions[:, c])
+        gain += plain - tested.min(axis=0)
+        remaining += tested[0] - tested.min(axis=0)
+    log_p, score = _slow_log_p(gain, len(channels), tries), gain - 2 * np.log(tries)
+    rows = zip(slow, log_p.tolist(), remaining.tolist(), score.tolist(), strict=True)
+    return [SlowScore(*row) for row in rows], gain, evidence
+
+
+def plain_level(channels: Sequence[Channel], slow: Sequence[SlowEffect]) -> float:
+    """-2 log likelihood without any slow effect, the memory of each channel chosen."""
+    none = np.stack([e.function for e in slow])[:0]
+    return sum(float(channel.without(none[:, c]).min()) for c, channel in enumerate(channels[: none.shape[1]]))
+
+
+def _tries(slow: Sequence[SlowEffect]) -> Array:
+    """(len(slow),) how many shapes of its effect each is one of."""
+    owners, count = np.unique([e.candidate for e in slow], return_counts=True)
+    return np.array([float(count[owners == e.candidate][0]) for e in slow])
+
+
+def slow_effects(
+    channels: Sequence[Channel],
+    slow: Sequence[SlowEffect],
+    ids: Sequence[str],
+    limits: SlowLimits,
+    most: int = 2,
+) -> SlowStage:
+    """Test each slow effect (`ids` name them) against the walk, then again beside the first that is claimed."""
+    channels = channels[: slow[0].function.shape[0]]
+    tries = _tries(slow)
+
+    def scored(beside: Sequence[SlowScore]) -> tuple[list[SlowScore], Array, float]:
+        return slow_scores(channels, slow, beside)
+
+    claimed: list[SlowScore] = []
+    admitted: list[SlowScore] = []
+    near: list[SlowScore] = []
+    for turn in range(most):
+        scores, gain, evidence = scored(claimed)
+        taken = {c.effect.candidate for c in claimed}
+        passing = [
+            s for s, name in zip(scores, ids, strict=True)
+            if s.effect.candidate not in taken and limits.passes(name, s.log_p, s.remaining, evidence, s.score)
+        ]  # fmt: skip
+        if turn == 0:
+            near = [s for s in scores if s.log_p > NEAR_LOG_P]
+        admitted += passing
+        # of two that fit alike the one that stands first in the library
+        best = max(passing, key=lambda s: round(s.score, 1)) if passing else None
+        if turn == 0 and limits.pairs and evidence > SUSPECT:
+            pair = _pair(scores, gain, ids, limits, tries, len(channels), lambda one: scored([one]))
+            if pair and (best is None or sum(s.score for s in pair) > best.score + PAIR_SCORE):
+                claimed += pair
+                admitted += pair
+                break
+        if best is None:
+            break
+        claimed.append(best)
+    return SlowStage(claimed, admitted, near)
+
+
+def _pair(
+    scores: Sequence[SlowScore],
+    gain: Array,
+    ids: Sequence[str],
+    limits: SlowLimits,
+    tries: Array,
+    channels: int,
+    beside: Callable[[SlowScore], tuple[list[SlowScore], Array, float]],
+) -> list[SlowScore]:
+    """Two that only together leave no walk, each of which is needed beside the other; none if there are no such."""
+    seeds: dict[int, int] = {}
+    for k in np.argsort([-s.score for s in scores]).tolist():
+        if scores[k].log_p > NEAR_LOG_P:
+            seeds.setdefault(scores[k].effect.candidate, k)
+    best: tuple[float, list[SlowScore]] = (0.0, [])
+    for k in list(seeds.values())[:SEEDS]:
+        after, more, evidence = beside(scores[k])
+        # what the first gains where the second is there already
+        beside_it = gain[k] + more - gain
+        back = _slow_log_p(beside_it, channels, tries[k])
+        for j, second in enumerate(after):
+            if second.effect.candidate == scores[k].effect.candidate:
+                continue
+            needed = all(
+                limits.passes(name, log_p - PAIR_LOG_P, second.remaining, evidence, score - 2 * np.log(10**PAIR_LOG_P))
+                for name, log_p, score in (
+                    (ids[j], second.log_p, second.score),
+                    (ids[k], float(back[j]), float(beside_it[j] - 2 * np.log(tries[k]))),
+                )
+            )
+            total = scores[k].score + second.score
+            if needed and total > best[0]:
+                best = (total, [scores[k], second])
+    return best[1]
+
+
+def _slow_log_p(gain: Array, channels: int, tries: Array | float) -> Array:
+    """-log10 p of gains of -2 log likelihood by one function on each channel, the best of so many tries."""
+    return np.asarray(-np.log10(np.maximum(chdtrc(channels, np.maximum(gain, 0.0)), 1e-300)) - np.log10(tries))

@@ -1,0 +1,173 @@
+"""Candidates in units of the noise: how each stands beside what is fitted, and what the best of all shows by chance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.candidates import Candidate
+from highside.diagnosis.core.regression import VISIBLE, Race, log10_p, outside
+
+Array = NDArray[np.float64]
+
+ALARM_RATE = 0.01
+FLIPS = 300
+BLOCK_POSES = 6
+HALF = 2 * np.log(2)
+"""Gain of an amplitude of known sign: half of what one of either sign might have been has been ruled out."""
+REMEMBERS = 6.6
+"""Gain of chi-square that one direction has by chance in 1 % of cases: a slack that remembers must be better by as much
+than one that does not, which it becomes where the tool hardly ever turns back."""
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A candidate at one of its variants."""
+
+    candidate: int
+    variant: int
+
+
+class Pool:
+    """All variants of all candidates in units of the noise."""
+
+    def __init__(self, candidates: Sequence[Candidate], blocks: Sequence[Array]) -> None:
+        self.candidates = list(candidates)
+        self.blocks = list(blocks)
+        self.members = [Member(i, j) for i, c in enumerate(candidates) for j in range(len(c.variants))]
+        self.owner = np.array([m.candidate for m in self.members], dtype=np.intp)
+        self.tries = np.maximum(
+            np.bincount(self.owner, minlength=len(self.candidates)), [c.searched for c in candidates]
+        ).astype(float)
+        self.race = Race(self.blocks)
+        self.one_sided = [
+            i for i, m in enumerate(self.members) if _one_sided(self.candidates[m.candidate]) and len(blocks[i]) == 1
+        ]
+        sizes = [_known_size(self.candidates[m.candidate]) for m in self.members]
+        self.known = [(i, size) for i, size in enumerate(sizes) if size is not None]
+        self._index = {member: i for i, member in enumerate(self.members)}
+
+    def columns(self, member: Member) -> Array:
+        """(k, N), whitened."""
+        return self.blocks[self._index[member]]
+
+    def whole(self, member: Member) -> Member:
+        """The variant of the same shape in which all amplitudes act; of what has no name each stands for itself."""
+        if not self.candidates[member.candidate].named:
+            return member
+        variants = self.candidates[member.candidate].variants
+        shape = variants[member.variant].shape
+        of_it = (j for j, v in enumerate(variants) if v.whole and v.shape == shape)
+        return Member(member.candidate, next(of_it, member.variant))
+
+    def stack(self, members: Sequence[Member]) -> Array:
+        """Columns of several members, (K, N)."""
+        if not members:
+            return np.empty((0, self.blocks[0].shape[1]))
+        return np.vstack([self.columns(member) for member in members])
+
+
+def _one_sided(candidate: Candidate) -> bool:
+    """Whether the only amplitude of an effect cannot be negative."""
+    if candidate.effect is None or len(candidate.amplitudes) != 1:
+        return False
+    return next(p.gate[0] for p in candidate.effect.parameters if not p.shape) == 0.0
+
+
+def _known_size(candidate: Candidate) -> float | None:
+    """The only amplitude that an effect may have."""
+    effect = candidate.effect
+    if effect is None or not effect.known_size or len(candidate.amplitudes) != 1:
+        return None
+    return next(p.typical for p in effect.parameters if not p.shape)
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Every candidate at its best variant after what is already explained; arrays (candidates,)."""
+
+    best: list[Member]
+    gain: Array
+    dof: Array
+    log_p: Array
+    """-log10 p with the number of shapes counted in"""
+    bic: Array
+    """gain of BIC from adding it; positive is better"""
+
+
+def standing(pool: Pool, space: Array, residual: Array, freedom: float, size: int) -> Standing:
+    """Run the race for one residual (N,) outside of `space`; `size` is the number of readings."""
+    gains, dof = pool.race.run(space, residual[None])
+    gain = gains[:, 0]
+    for i in pool.one_sided:
+        # an amplitude that cannot be negative explains nothing by being so
+        if float(outside(space, pool.blocks[i])[0] @ residual) < 0:
+            gain[i] = 0.0
+        else:
+            # of two slacks that lag alike the one that need not remember is the simpler
+            effect = pool.candidates[pool.members[i].candidate].effect
+            gain[i] = max(0.0, gain[i] + (HALF if effect is not None and effect.complex_safe else -REMEMBERS))
+    for i, amplitude in pool.known:
+        # taken as large as it must be, not as large as would suit
+        bare = amplitude * outside(space, pool.blocks[i])[0]
+        gain[i] = max(0.0, float(2 * bare @ residual - bare @ bare))
+    score = gain - dof * np.log(size)
+    best: list[Member] = []
+    picked = np.zeros(len(pool.candidates), dtype=np.intp)
+    for k in range(len(pool.candidates)):
+        own = np.flatnonzero(pool.owner == k)
+        picked[k] = own[np.argmax(score[own])]
+        best.append(pool.members[picked[k]])
+    return Standing(
+        best,
+        gain[picked],
+        dof[picked].astype(float),
+        log10_p(gain[picked], dof[picked], freedom, pool.tries),
+        score[picked] - 2 * np.log(pool.tries),
+    )
+
+
+def threshold(race: Race, owner: NDArray[np.intp], chance: Array, space: Array, freedom: Array | float) -> float:
+    """-log10 p that the family exceeds by chance in 1 % of sessions; `chance` (B, N) are residuals of nothing.
+
+    `freedom` is one for all, or one for each variant.
+    """
+    gains, dof = race.run(space, chance)
+    each = np.broadcast_to(np.asarray(freedom, dtype=float), owner.shape)
+    families = np.unique(owner)
+    worst = np.zeros(len(chance))
+    for family in families:
+        own = owner == family
+        for k in np.unique(dof[own]):
+            same = own & (dof == k)
+            tries = float(own.sum())
+            worst = np.maximum(worst, log10_p(gains[same].max(axis=0), np.array(k), float(each[same].min()), tries))
+    return max(float(np.quantile(worst, 1 - ALARM_RATE)), float(-np.log10(ALARM_RATE / families.size)))
+
+
+def pose_flips(rich: Array, rng: np.random.Generator, channels: int = 3) -> Array:
+    """(FLIPS, C n) rich residuals (C n,) with the signs of blocks of poses flipped."""
+    n = rich.size // channels
+    block = np.arange(n) // BLOCK_POSES
+    signs = rng.choice([-1.0, 1.0], size=(FLIPS, int(block[-1]) + 1))[:, block]
+    return np.asarray(rich * np.tile(signs, (1, channels)))
+
+
+def ranked(score: Array) -> list[int]:
+    """Numbers of scores, best first; of equal ones (but for rounding) the one that stands first in the library."""
+    return [int(k) for k in np.argsort(-np.round(score, 3), kind="stable")]
+
+
+def span_with(base: Array, columns: Array) -> Array:
+    """Orthonormal basis of an orthonormal base and further columns."""
+    if columns.shape[0] == 0:
+        return base
+    norm = np.linalg.norm(columns, axis=1, keepdims=True)
+    bare = outside(base, columns / np.where(norm > 0, norm, 1.0))
+    values, vectors = np.linalg.eigh(bare @ bare.T)
+    good = values > VISIBLE**2
+    added = (vectors[:, good] / np.sqrt(values[good])).T @ bare
+    return np.vstack([base, outside(base, added)])

@@ -1,0 +1,237 @@
+"""Is the recording what it claims to be? Faults of the data that no physics explains and no fit should be asked about.
+
+These are exact detectors, not regressions: each counts something that a healthy recording does not have and gives the
+probability of that count by chance. A finding that spoils the data stops the diagnosis (`bad_data`): a fit would give
+the fault the name of some effect, and be very sure of it. Others are told and lived with.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.result import Finding
+from highside.diagnosis.intake.clock import STRAY, SURE, chance, clock_findings, duplicates
+from highside.diagnosis.intake.impulses import find_impulses
+from highside.physics.gravity import STANDARD_GRAVITY_MPS2, gravity_direction
+
+Array = NDArray[np.float64]
+
+CHANNELS = ("ax", "ay", "az")
+COLUMNS = ("ax_g", "ay_g", "az_g")
+UNITS = {"m/s2": STANDARD_GRAVITY_MPS2, "mg": 1e3, "ug": 1e6}
+CLIPPED_SHARE = 0.2
+"""Where more of a channel is clipped, the rest says too little."""
+
+
+@dataclass(frozen=True, slots=True)
+class Intake:
+    """What was found, whether it spoils the data, and the share and limit (g) of each channel with a flat top."""
+
+    findings: tuple[Finding, ...]
+    spoiled: bool
+    clipped: dict[int, tuple[float, float]]
+    impulses: NDArray[np.intp]
+    """rows whose reading is far off its neighbours"""
+
+
+def check(
+    columns: Mapping[str, Array], needed: Sequence[str], axes: Sequence[tuple[int, float]], *, attitude: bool = True
+) -> Intake:
+    """Check the columns (N,) of a recording. `needed` are those the diagnosis cannot do without.
+
+    `axes` says which channel, with which sign, is the tool's x, y and z. Without a reference `attitude` nothing says
+    which axis should feel what, and frames that are lost are told but do no harm: each row has its time.
+    """
+    missing = [name for name in (*COLUMNS, *needed) if name not in columns]
+    if missing:
+        return _spoiled([Finding("missing_column", tuple(missing), 0.0, f"record {', '.join(missing)} as well")])
+    held = ~np.isnan(columns["pose"]) if "pose" in columns else np.ones(columns["t_s"].size, dtype=bool)
+    holes = [name for name in ("t_s", *COLUMNS, *needed) if np.isnan(columns[name][held]).any()]
+    if holes:
+        count = max(int(np.isnan(columns[name][held]).sum()) for name in holes)
+        words = f"{count} of {int(held.sum())} values are missing: repeat those poses or leave the rows out"
+        return _spoiled([Finding("missing_values", tuple(_short(name) for name in holes), 0.0, words)])
+    clock = clock_findings(columns, held)
+    time = [finding for finding, _ in clock]
+    accel = np.stack([columns[name][held] for name in COLUMNS])
+    still = [c for c in range(3) if np.ptp(accel[c]) == 0.0]
+    if still:
+        names = tuple(CHANNELS[c] for c in still)
+        return _spoiled([*time, Finding("constant_channel", names, _all_equal(accel.shape[1]), "check wire and codec")])
+    unit = _unit(accel)
+    if unit:
+        return _spoiled([*time, unit])
+    reference = _reference({name: column[held] for name, column in columns.items()}) if attitude else None
+    clipped: dict[int, tuple[float, float, float]] = {}
+    if reference is not None:
+        expected = np.empty_like(reference)
+        for tool, (channel, sign) in enumerate(axes):
+            expected[channel] = sign * reference[tool]
+        clipped = {c: found for c in range(3) if (found := _clipping(accel[c], expected[c]))}
+        # a channel that is mostly flat follows no axis map
+        mostly = any(share >= CLIPPED_SHARE for share, _, _ in clipped.values())
+        frames = [] if mostly else _axes(accel, reference, axes)
+        if frames:
+            return _spoiled([*time, *frames])
+    spoiling = [finding for finding, spoils in clock if spoils and (attitude or finding.check != "dropped_frames")]
+    told = [finding for finding in time if finding not in spoiling]
+    spoiling += duplicates(columns, held, accel)
+    for c, (share, limit, p) in clipped.items():
+        words = f"{share:.1%} of the readings share the value {limit:g} g: use a larger range"
+        flat = Finding("clipping", (CHANNELS[c],), p, words)
+        (spoiling if share >= CLIPPED_SHARE else told).append(flat)
+    spoiling += [f for c in range(3) if c not in clipped and (f := _stuck_bit(accel[c], c))]
+    rows = np.flatnonzero(held)
+    impulses: NDArray[np.intp] = rows[:0]
+    knocks: list[Finding] = []
+    if not clipped and (attitude or "pose" in columns):
+        # of a tool that is moved by hand and has no reference, a jerk is no fault
+        stops = np.cumsum(np.diff(columns["pose"][held], prepend=np.nan) != 0) if "pose" in columns else 0 * rows
+        impulses, knocks = find_impulses(accel, stops, reference)
+    told += [*knocks, *(f for c in range(3) if (f := _quantisation(accel[c], c)))]
+    flats = {c: (share, limit) for c, (share, limit, _) in clipped.items()}
+    return Intake((*spoiling, *told), bool(spoiling), flats, rows[impulses])
+
+
+def _spoiled(findings: Sequence[Finding]) -> Intake:
+    return Intake(tuple(findings), True, {}, np.empty(0, dtype=np.intp))
+
+
+def _short(name: str) -> str:
+    return name.removesuffix("_g") if name in COLUMNS else name
+
+
+def _all_equal(count: int) -> float:
+    """Probability that so many readings agree where two do with even odds."""
+    return float(2.0 ** -min(count - 1, 1000))
+
+
+def _reference(columns: Mapping[str, Array]) -> Array:
+    """(3, N) gravity in the tool frame as the bench says."""
+    tf = columns["tf_ref_deg"] if "tf_ref_deg" in columns else columns["rotor_deg"]
+    return np.asarray(gravity_direction(np.radians(columns["inc_ref_deg"]), np.radians(tf)), dtype=float)
+
+
+def _unit(accel: Array) -> Finding | None:
+    """The size of gravity tells the unit."""
+    size = float(np.median(np.linalg.norm(accel, axis=0)))
+    if 0.7 < size < 1.4:
+        return None
+    guess = next((name for name, one in UNITS.items() if 0.8 < size / one < 1.25), None)
+    words = (
+        f"|a| is {size:.6g}: looks like {guess}, divide by {UNITS[guess]:g}"
+        if guess
+        else (f"|a| is {size:.6g} where gravity is 1: scale the readings to g")
+    )
+    away = int(np.sum(np.abs(np.linalg.norm(accel, axis=0) - 1) > 0.3))
+    return Finding("wrong_unit", CHANNELS, chance(away, accel.shape[1], STRAY), words)
+
+
+def _axes(accel: Array, reference: Array, axes: Sequence[tuple[int, float]]) -> list[Finding]:
+    """Search all 48 signed permutations of the channels for the one that follows the bench."""
+    tool = np.stack([sign * accel[channel] for channel, sign in axes])
+    now = np.sum((tool - reference) ** 2, axis=0)
+    best: tuple[float, tuple[int, ...], tuple[int, ...]] = (np.inf, (0, 1, 2), (1, 1, 1))
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1, -1), repeat=3):
+            misfit = float(np.sum((np.array(signs)[:, None] * tool[list(order)] - reference) ** 2))
+            best = min(best, (misfit, order, signs))
+    misfit, order, signs = best
+    n = accel.shape[1]
+    level = np.sqrt(now.mean())
+    if level < 0.2:
+        return []
+    better = np.sum((np.array(signs)[:, None] * tool[list(order)] - reference) ** 2, axis=0)
+    wins = int(np.sum(better < now))
+    p = chance(wins, n, 0.5)
+    if misfit / n > 0.2**2 or np.sqrt(misfit / n) > level / 3:
+        words = "the readings do not follow the bench's angles under any axis map: are these the right columns?"
+        return [Finding("not_gravity", CHANNELS, chance(int(np.sum(now > 0.04)), n, STRAY), words)]
+    found = []
+    letters = "xyz"
+    mapped = "".join(("-" if s < 0 else "") + letters[o] for o, s in zip(order, signs, strict=True))
+    swapped = tuple(CHANNELS[axes[i][0]] for i in range(3) if order[i] != i)
+    turned = tuple(CHANNELS[axes[i][0]] for i in range(3) if order[i] == i and signs[i] < 0)
+    if swapped:
+        words = f"the bench's angles are followed if the channels are read as {mapped}: check wiring or [tool] axes"
+        found.append(Finding("swapped_axis", swapped, p, words))
+    if turned:
+        words = f"the bench's angles are followed if the sign is turned ({mapped}): check [tool] axes"
+        found.append(Finding("inverted_axis", turned, p, words))
+    return found
+
+
+def _clipping(values: Array, expected: Array) -> tuple[float, float, float] | None:
+    """Share, limit (g) and p of a flat top: readings of one value where different loads are expected."""
+    best: tuple[float, float, float] | None = None
+    for extreme in (float(values.max()), float(values.min())):
+        at = values == extreme
+        count = int(at.sum())
+        loads = expected[at]
+        others = np.unique(values[~at]).size
+        if count < 3 or others < 3:
+            continue
+        # equal loads give equal readings on a coarse converter: count loads that differ by more than its step, and
+        # compare the number of equal readings with how often neighbours agree elsewhere
+        step = float(np.median(np.diff(np.unique(values[~at]))))
+        apart = np.unique(np.round(loads / max(10 * step, 2e-3))).size
+        agree = max(float(np.mean(np.diff(values[~at]) == 0)), 1.0 / values.size)
+        p = min((1.0 / others) ** (apart - 1), agree ** (count - apart))
+        if apart >= 2 and p < SURE and np.ptp(loads) > max(20 * step, 5e-3):
+            share = count / values.size + (best[0] if best else 0.0)
+            best = (share, abs(extreme), min(p, best[2] if best else 1.0))
+    return best
+
+
+def _codes(values: Array) -> tuple[NDArray[np.int64], float] | None:
+    """Whole numbers behind the readings and the step of the converter, if there is one."""
+    distinct = np.unique(values)
+    if distinct.size < 16:
+        return None
+    gaps = np.diff(distinct)
+    # sums of rounding errors are no steps
+    step = float(gaps[gaps > 1e-9].min())
+    step = float(np.ptp(distinct) / np.round(np.ptp(distinct) / step))
+    codes = values / step
+    if np.max(np.abs(codes - np.round(codes))) > 0.02:
+        return None
+    return np.round(codes).astype(np.int64), step
+
+
+def _stuck_bit(values: Array, channel: int) -> Finding | None:
+    """A binary digit that never changes although the readings pass through both of its states."""
+    found = _codes(values)
+    if found is None:
+        return None
+    codes, _ = found
+    distinct = np.unique(codes)
+    top = int(np.log2(max(int(np.ptp(distinct)), 1))) - 2
+    for bit in range(top):
+        held = (distinct >> bit) & 1
+        if np.ptp(held) == 0:
+            # every stretch of 2^(bit+1) codes that was visited had both states to choose from
+            visits = np.unique(distinct >> (bit + 1)).size
+            p = float(2.0 ** -min(visits - 1, 1000))
+            if p < SURE:
+                words = f"binary digit {bit} is always {int(held[0])}: the converter or its wire is broken"
+                return Finding("stuck_bit", (CHANNELS[channel],), p, words)
+    return None
+
+
+def _quantisation(values: Array, channel: int) -> Finding | None:
+    """A step of the converter so coarse that the noise does not smooth it."""
+    found = _codes(values)
+    if found is None:
+        return None
+    codes, step = found
+    # unchanged from row to row in most rows: the noise is well below the step
+    still = float(np.mean(np.diff(codes) == 0))
+    if still < 0.8:
+        return None
+    words = f"the converter's step of {step:.3g} g is coarser than the noise: errors of up to half of it stay in a mean"
+    return Finding("quantisation", (CHANNELS[channel],), _all_equal(int(np.sum(np.diff(codes) == 0))), words)

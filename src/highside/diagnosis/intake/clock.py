@@ -1,0 +1,174 @@
+"""Intake checks of the frames' order and times: reversed, reordered, lost and repeated frames, a clock that steps or
+drifts.
+
+A healthy link may lose, repeat or disorder a frame in ten thousand (`STRAY`); the p-values are exact binomial tails
+beyond that. The clock is judged by its own regularity: times that jitter by more than `JITTER` of their spacing (times
+of arrival) cannot show a small step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.probability import straight_line, student_beyond
+from highside.diagnosis.core.result import Finding
+
+Array = NDArray[np.float64]
+
+STRAY = 1e-4
+"""Share of frames that a healthy link may lose, repeat or disorder."""
+SURE = 1e-6
+LOST_SHARE = 0.01
+"""Where more frames are lost, the recording is not what it claims to be."""
+JITTER = 0.02
+DRIFT = 1e-3
+"""Change of the clock's rate over a recording that spoils it."""
+
+
+def chance(count: int, of: int, rate: float) -> float:
+    """Probability of at least `count` among `of` where each happens with `rate`: an exact binomial tail."""
+    from scipy.special import bdtrc
+
+    return 1.0 if count <= 0 else float(bdtrc(count - 1, of, rate))
+
+
+def clock_findings(columns: Mapping[str, Array], held: NDArray[np.bool_]) -> list[tuple[Finding, bool]]:
+    """What is wrong with the times (N,) and the counter, each with whether it spoils the recording.
+
+    `held` (N,) are the rows of stops; between stops a recording may pause.
+    """
+    t_s = columns["t_s"]
+    steps = np.diff(t_s)
+    n = steps.size
+    if n < 2:
+        return []
+    back = int(np.sum(steps < 0))
+    if back > n / 2:
+        return [(Finding("reversed_time", ("t_s",), chance(back, n, 0.5), "sort the rows by time"), True)]
+    found: list[tuple[Finding, bool]] = []
+    seq = columns["seq"] if "seq" in columns and not np.isnan(columns["seq"]).any() else None
+    pose = columns.get("pose", np.zeros(n + 1))
+    inside = (pose[1:] == pose[:-1]) & held[1:] & held[:-1]
+    forward = steps[inside & (steps > 0)]
+    usual = float(np.median(forward)) if forward.size else 0.0
+    stepped = _steps_back(t_s, usual)
+    if back > len(stepped):
+        words = f"{back} rows are out of order: sort by time or counter"
+        found.append((Finding("reordered_frames", ("t_s",), chance(back, n, STRAY), words), True))
+    if usual <= 0:
+        return found
+    found += _lost(steps, inside, usual, seq)
+    found += _clock(t_s, steps, inside, usual, seq, stepped)
+    return found
+
+
+def _lost(steps: Array, inside: NDArray[np.bool_], usual: float, seq: Array | None) -> list[tuple[Finding, bool]]:
+    """Frames that are missing, by the counter, else by gaps within a stop."""
+    n = steps.size
+    if seq is not None:
+        jumps = np.diff(seq)
+        lost = int(np.sum(np.maximum(jumps[jumps > 0] - 1, 0)))
+        gaps = int(np.sum(jumps > 1))
+    else:
+        missing = np.round(steps[inside & (steps > 0)] / usual) - 1
+        lost, gaps = int(np.sum(missing)), int(np.sum(missing > 0))
+        # a stop that lost its first or last rows has no gap, but fewer rows than the others
+        sizes = np.diff(np.concatenate([[0], np.flatnonzero(~inside) + 1, [n + 1]]))
+        usual_size = np.bincount(sizes).argmax()
+        if sizes.size > 3 and usual_size > 2 and np.mean(sizes == usual_size) > 0.6:
+            short = int(np.sum(np.maximum(usual_size - sizes, 0)))
+            lost, gaps = max((lost, gaps), (short, int(np.sum(sizes < usual_size))))
+    p = chance(lost, n + lost, STRAY)
+    if lost == 0 or p >= SURE:
+        return []
+    share = lost / (n + lost)
+    spoils = share > LOST_SHARE
+    words = f"{lost} frames are lost in {gaps} gaps ({share:.1%}): " + (
+        "check the link and record again" if spoils else "few enough to go on with"
+    )
+    return [(Finding("dropped_frames", ("seq" if seq is not None else "t_s",), p, words), spoils)]
+
+
+def _steps_back(t_s: Array, usual: float) -> list[int]:
+    """Rows at which time falls back and goes on from there: the clock was set back; disordered rows recover at once."""
+    found = []
+    for k in np.flatnonzero(np.diff(t_s) < 0)[:50]:
+        ahead = t_s[k + 1 : k + 1 + 50]
+        # a row that came late is followed by a jump forward to where time had been
+        if ahead.size > 10 and np.all(np.diff(ahead) > 0) and np.all(np.diff(ahead) < 1.5 * usual):
+            before = t_s[max(0, k - 10) : k + 1]
+            if (
+                np.all(np.diff(before) > 0)
+                and t_s[k] - t_s[k + 1] > 0.5 * usual
+                and np.all(np.diff(before) < 1.5 * usual)
+            ):
+                found.append(int(k) + 1)
+    return found
+
+
+def _clock(
+    t_s: Array, steps: Array, inside: NDArray[np.bool_], usual: float, seq: Array | None, back: list[int]
+) -> list[tuple[Finding, bool]]:
+    found: list[tuple[Finding, bool]] = []
+    if back:
+        words = f"the clock is set back at t = {t_s[back[0] - 1]:g} s: add the step to the times behind it"
+        found.append((Finding("clock_step", ("t_s",), chance(len(back), steps.size, STRAY / 10), words), True))
+    single = inside & (steps > 0)
+    if seq is not None:
+        single &= np.diff(seq) == 1
+    else:
+        # whole spacings more are a gap, not a step of the clock
+        single &= np.round(steps / usual) <= 1
+    each = steps[single]
+    if each.size < 50:
+        return found
+    scatter = 1.4826 * float(np.median(np.abs(each - np.median(each))))
+    jitter = max(scatter, 1e-6 * usual, 1e-9)
+    if scatter > JITTER * usual:
+        return found
+    # heavy-tailed jitter is healthy: a step must be a rare one among the spacings themselves
+    wide = np.abs(each - np.median(each))
+    jumps = np.flatnonzero((wide > 0.25 * usual) & (wide > 20 * jitter))
+    if 0 < jumps.size <= 5:
+        p = float(min(1.0, each.size * student_beyond(wide[jumps].max() / jitter, 4)))
+        if p < SURE:
+            row = np.flatnonzero(single)[jumps[0]]
+            size = float(each[jumps[0]] - np.median(each))
+            words = f"the clock steps by {size:+.4g} s at t = {t_s[row]:g} s without a frame lost: correct the times"
+            found.append((Finding("clock_step", ("t_s",), p, words), True))
+    found += _drift(each, np.flatnonzero(single), usual, jitter)
+    return found
+
+
+def _drift(each: Array, rows: NDArray[np.intp], usual: float, jitter: float) -> list[tuple[Finding, bool]]:
+    """Spacings that grow or shrink steadily: a straight line through them, by medians of twenty parts."""
+    parts = [p for p in np.array_split(np.arange(each.size), 20) if p.size]
+    at = np.array([rows[p].mean() for p in parts])
+    level = np.array([np.median(each[p]) for p in parts])
+    slope, p = straight_line(at, level)
+    change = float(slope * np.ptp(rows)) / usual
+    if p < SURE and abs(change) > 1e-4 and abs(change) * usual > jitter / 10:
+        words = f"the clock's rate changes by {change:+.2%} over the recording: use a clock that counts frames evenly"
+        return [(Finding("clock_drift", ("t_s",), p, words), abs(change) > DRIFT)]
+    return []
+
+
+def duplicates(columns: Mapping[str, Array], held: NDArray[np.bool_], accel: Array) -> list[Finding]:
+    """Frames that arrived twice: equal counters, or neighbours equal in all channels more often than others are."""
+    n = accel.shape[1]
+    if n < 3:
+        return []
+    if "seq" in columns and not np.isnan(columns["seq"]).any():
+        twice = int(np.sum(np.diff(columns["seq"]) == 0))
+        p = chance(twice, n, STRAY)
+    else:
+        same = np.all(np.diff(accel, axis=1) == 0, axis=0)
+        apart = np.all(accel[:, 2:] == accel[:, :-2], axis=0)
+        twice, p = int(same.sum()), chance(int(same.sum()), n - 1, max(float(apart.mean()) * 1.5, STRAY))
+    if twice and p < SURE:
+        words = f"{twice} frames are there twice: remove the copies"
+        return [Finding("duplicated_frames", ("ax", "ay", "az"), p, words)]
+    return []

@@ -1,0 +1,91 @@
+"""Single readings far off their neighbours: glitches of a link or knocks, which a mean or a fit would take for physics.
+
+Each reading is compared with what its stop, or its neighbours in time, have beside what the reference predicts, in
+units of the scatter around it. How heavy the tails of healthy noise are is read off its quantiles, so that a rough
+but healthy noise shows no impulses.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.probability import student_beyond, student_quantile
+from highside.diagnosis.core.result import Finding
+from highside.diagnosis.intake.clock import SURE, chance
+
+Array = NDArray[np.float64]
+
+TAILS = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0, 100.0)
+"""Degrees of freedom of Student's t that healthy noise may have."""
+WINDOW = 25
+SHARE = 0.01
+"""Where more readings are impulses, they are no impulses but the recording."""
+EXPECTED = 1e-3
+"""Impulses are readings of which a healthy recording has fewer than this."""
+
+
+def find_impulses(
+    accel: Array, group: NDArray[np.intp], reference: Array | None
+) -> tuple[NDArray[np.intp], list[Finding]]:
+    """Rows of impulses in readings (3, N), and what to say of them.
+
+    `group` (N,) numbers the stretches that hang together (stops, or one for all); `reference` (3, N) is gravity as the
+    bench says, where it is known.
+    """
+    n = accel.shape[1]
+    rows: set[int] = set()
+    found: list[Finding] = []
+    if n < 100:
+        return np.empty(0, dtype=np.intp), found
+    values = accel
+    if reference is not None:
+        basis = np.vstack([reference, np.ones(n)])
+        values = accel - np.linalg.lstsq(basis.T, accel.T, rcond=None)[0].T @ basis
+    for channel, name in enumerate(("ax", "ay", "az")):
+        z = _in_scatters(values[channel], group)
+        if z is None:
+            continue
+        size = np.abs(z)
+        ratio = float(np.quantile(size, 0.98) / max(np.quantile(size, 0.5), 1e-12))
+        freedom = max(
+            (v for v in TAILS if student_quantile(0.99, v) / student_quantile(0.75, v) >= 0.95 * ratio),
+            default=TAILS[0],
+        )
+        single = 2 * student_beyond(size, freedom)
+        far = np.flatnonzero(single * n < EXPECTED)
+        if not far.size or far.size > SHARE * n:
+            continue
+        p = float(min(n * single.min(), chance(int(far.size), n, EXPECTED / n)))
+        if p < SURE:
+            rows |= {int(k) for k in far}
+            words = (
+                f"{far.size} readings are up to {size.max():.0f} times the scatter off their neighbours: they are left "
+                "out; look for a loose contact or a knock"
+            )
+            found.append(Finding("impulses", (name,), p, words))
+    return np.array(sorted(rows), dtype=np.intp), found
+
+
+def _in_scatters(values: Array, group: NDArray[np.intp]) -> Array | None:
+    """Each value less the median of its neighbours in its stretch, over the scatter around it; None where there is no
+    scatter."""
+    left = np.zeros(values.size)
+    borders = np.flatnonzero(np.diff(group)) + 1
+    for part in np.split(np.arange(values.size), borders):
+        if part.size < 5:
+            continue
+        own = values[part]
+        left[part] = own - (np.median(own) if part.size <= WINDOW else _running_median(own, 7))
+    scatter = 1.4826 * _running_median(np.abs(left), 4 * WINDOW + 1)
+    usual = float(np.median(scatter[scatter > 0])) if np.any(scatter > 0) else 0.0
+    if usual == 0.0:
+        return None
+    # a quiet stretch of a coarse converter has no scatter of its own
+    return np.asarray(left / np.maximum(scatter, 0.3 * usual))
+
+
+def _running_median(values: Array, width: int) -> Array:
+    from scipy.ndimage import median_filter
+
+    return np.asarray(median_filter(values, size=min(width, values.size), mode="nearest"))

@@ -1,0 +1,113 @@
+"""How large a departure of the magnitude of gravity chance makes, learned without swallowing what is looked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.candidates import Candidate
+from highside.diagnosis.core.location import Basis
+from highside.diagnosis.core.memory import Innovating
+from highside.diagnosis.core.pool import ALARM_RATE
+from highside.diagnosis.core.regression import VISIBLE, log10_p, outside, span
+from highside.diagnosis.magnitude.session import MagnitudeSession
+from highside.diagnosis.poses.scene import RICH_SHARE
+from highside.physics.effect import Stage
+
+Array = NDArray[np.float64]
+
+MOST_ASKED = 2
+LEAST_FREEDOM = 6
+"""So many readings are kept to measure the scatter by: with fewer no F test shows anything."""
+
+
+@dataclass(frozen=True)
+class MagnitudeNoise:
+    """`std` (n,) in g of each reading; `level` whitens in time order where the scatter has a memory."""
+
+    std: Array
+    freedom: float
+    level: Innovating | None = None
+
+    def white(self, columns: Array) -> Array:
+        """(..., 1, n) in g -> (..., n) in units of the noise."""
+        rows = columns[..., 0, :]
+        if self.level is None:
+            return np.asarray(rows / self.std)
+        turned = self.level.white(rows.reshape(-1, rows.shape[-1]))[0]
+        return np.asarray(turned.reshape(rows.shape))
+
+
+def rich_columns(base: Array, candidates: Sequence[Candidate], bases: Sequence[Basis]) -> Array:
+    """Columns (P, 1, n) of what could be systematic, the likeliest first, as many directions as the session affords."""
+    room = int(RICH_SHARE * base.shape[2])
+    stages = [Stage.SENSOR, Stage.THERMAL]
+    named = sorted(
+        (c for c in candidates if c.effect is not None and len([v for v in c.variants if v.whole]) == 1),
+        key=lambda c: (stages.index(c.effect.stage) if c.effect and c.effect.stage in stages else 9, len(c.amplitudes)),
+    )
+    first = [c for c in named if c.id in ("bias", "scale", "misalignment")]
+    parts = [v.columns for c in [*first, *(c for c in named if c not in first)] for v in c.variants if v.whole]
+    parts += [basis.functions[:, None] for basis in bases]
+    kept = base
+    taken = span(base[:, 0]).shape[0]
+    for part in parts:
+        wider = np.concatenate([kept, part])
+        rank = span(wider[:, 0], tolerance=1e-4).shape[0]
+        if rank <= room:
+            kept, taken = wider, rank
+        if taken == room:
+            break
+    return kept
+
+
+def plainly_asked(rich: Array, base: Array, residual: Array, candidates: Sequence[Candidate]) -> Array:
+    """The rich columns and what the readings plainly ask for beyond them.
+
+    Few readings do not afford a rich model of everything, and what it lacks would pass as scatter and hide itself. An F
+    test with the residual of its own fit does not have that flaw.
+    """
+    space = span(base[:, 0])
+    n = residual.size
+    asked = base
+    for _ in range(MOST_ASKED):
+        left = outside(space, residual[0])
+        total, freedom = float(left @ left), n - space.shape[0]
+        best: tuple[float, Array] | None = None
+        for candidate in candidates:
+            for variant in candidate.variants:
+                own = span(outside(space, variant.columns[:, 0] / _size(variant.columns[:, 0])), tolerance=VISIBLE)
+                k = own.shape[0]
+                if not 0 < k <= freedom - LEAST_FREEDOM:
+                    continue
+                gain = float(np.sum((own @ left) ** 2))
+                per_noise = gain * (freedom - k) / max(total - gain, 1e-12 * total)
+                p = float(log10_p(np.array(per_noise), np.array(k), freedom - k, len(candidate.variants)))
+                if best is None or p > best[0]:
+                    best = (p, own)
+        if best is None or best[0] < -np.log10(ALARM_RATE / len(candidates)):
+            break
+        asked = np.concatenate([asked, best[1][:, None]])
+        space = span(np.concatenate([space, best[1]]))
+    whole = np.concatenate([rich, asked])
+    # what is asked for goes before what merely could be there
+    return whole if n - span(whole[:, 0], tolerance=1e-4).shape[0] >= LEAST_FREEDOM else asked
+
+
+def _size(columns: Array) -> Array:
+    norm = np.linalg.norm(columns, axis=1, keepdims=True)
+    return np.where(norm > 0, norm, 1.0)
+
+
+def scatter(session: MagnitudeSession, residual: Array, rich: Array) -> MagnitudeNoise:
+    """Scatter of the readings beyond the rich columns. Poses of a hand scatter alike whatever their length; blocks of a
+    rest by the number of rows they hold."""
+    relative = np.sqrt(np.median(session.count) / session.count) if session.rest else np.ones(session.n)
+    space = span(rich[:, 0] / relative, tolerance=1e-4)
+    left = outside(space, residual[0] / relative)
+    freedom = session.n - space.shape[0]
+    size = max(float(np.sqrt(left @ left / freedom)), 1e-9)
+    return MagnitudeNoise(size * relative, float(freedom))

@@ -1,0 +1,227 @@
+"""From the rows of a recording without reference to still readings, of which only the magnitude of gravity is known.
+
+Two kinds of session are told apart by themselves. A *hand session* holds the tool still in many attitudes: each
+still interval is one reading. A *rest* stays in one attitude, or a few: it says nothing of the sensor's matrix, but
+shows what follows time and temperature, so its still rows are averaged in short blocks and all blocks of one attitude
+share one direction of gravity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.calibration.poses import StillInterval, find_still_intervals, labelled_intervals
+from highside.diagnosis.core.result import Diagnosis, Finding, NotTestable, Remainder
+from highside.errors import InputError
+from highside.physics.effects import all_effects
+from highside.physics.gravity import attitude_of, unit
+from highside.physics.state import ChainState
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+MIN_ATTITUDES = 12
+"""Nine unknowns of offset and matrix, and a few readings to judge them by."""
+DISTINCT_RAD = float(np.radians(5.0))
+SAME_RAD = float(np.radians(0.5))
+WINDOW_S, WINDOW_ROWS = 0.5, 10
+"""Stillness is judged by windows of this length: of fewer rows the scatter is not known well enough."""
+SMOOTH_S = 5.0
+MIN_REST_S = 45.0
+MIN_BLOCK_S = 1.0
+MAX_BLOCKS = 300
+MIN_BLOCKS = 40
+MIN_SHARE = 0.2
+"""Of all blocks of a rest, how many an attitude needs to be kept."""
+
+
+@dataclass(frozen=True)
+class MagnitudeSession:
+    """n still readings: `mean` (3, n) in g, tool frame; `count` (n,) rows of each; `group` (n,) the attitude each was
+    taken in; `rest`: whether these are blocks of a rest, not poses; `found` says in words what was found."""
+
+    mean: Array
+    count: Array
+    group: Ints
+    t_s: Array
+    temp_c: Array
+    vibration_rms_g: Array
+    rest: bool
+    attitudes: int
+    """distinct attitudes"""
+    found: str
+    row_seconds: float
+    gravity_mps2: float
+    began_s: float
+    """time of the recording's first row: what follows time does so from there, not from the first reading"""
+
+    @property
+    def n(self) -> int:
+        """Number of readings."""
+        return int(self.mean.shape[1])
+
+    @cached_property
+    def direction(self) -> Array:
+        """(3, n) unit vectors of the readings as they are, each attitude's mean."""
+        return unit(self.by_group(self.mean))
+
+    @property
+    def state(self) -> ChainState:
+        """The chain's state at the directions of the readings as they are."""
+        return self.state_at(self.direction)
+
+    def by_group(self, vectors: Array) -> Array:
+        """(3, n) means over the readings of each attitude."""
+        groups = int(self.group.max()) + 1
+        weight = np.bincount(self.group, weights=self.count, minlength=groups)
+        means = np.stack([np.bincount(self.group, weights=self.count * row, minlength=groups) for row in vectors])
+        return np.asarray((means / weight)[:, self.group])
+
+    def state_at(self, direction: Array) -> ChainState:
+        """The chain's state where gravity points along `direction` (3, n)."""
+        inc, tf = attitude_of(direction)
+        return ChainState.build(
+            inc, tf, t_s=self.t_s, temp_c=self.temp_c, vibration_rms_g=self.vibration_rms_g,
+            pose=self.group.astype(np.int64), row_seconds=self.row_seconds, gravity_mps2=self.gravity_mps2,
+        )  # fmt: skip
+
+
+def magnitude_session(columns: Mapping[str, Array], accel_g: Array, *, gravity_mps2: float) -> MagnitudeSession | str:
+    """The still readings of a recording, or in words why it has too few of them to be diagnosed by |g|.
+
+    `columns` (N,) as in the Recording format, `accel_g` (3, N) in the tool frame.
+    """
+    t_s = columns["t_s"]
+    # the usual step, also where frames come in bursts
+    rate_hz = max(1e-3, (t_s.size - 1) / max(float(t_s[-1] - t_s[0]), 1e-9))
+    try:
+        if "pose" in columns:
+            intervals = labelled_intervals(accel_g, np.nan_to_num(columns["pose"], nan=-1.0))
+        else:
+            intervals = _still(accel_g, rate_hz)
+    except InputError as error:
+        return error.what
+    rows = [interval.rows() for interval in intervals]
+    attitudes, found = _told(accel_g, rows, rate_hz)
+    if attitudes >= MIN_ATTITUDES:
+        return _session(columns, accel_g, rows, np.arange(len(rows)), False, attitudes, found, gravity_mps2)
+    if "pose" not in columns:
+        # a rest may drift: without the slow change of the magnitude it is seen whole
+        with suppress(InputError):
+            intervals = _still(accel_g / _slow_magnitude(accel_g, rate_hz), rate_hz)
+    rows = [interval.rows() for interval in intervals]
+    attitudes, found = _told(accel_g, rows, rate_hz)
+    still = sum(r.size for r in rows) / rate_hz
+    means = np.stack([accel_g[:, r].mean(axis=1) for r in rows], axis=1)
+    blocks, group = _blocks(intervals, _attitudes(means, SAME_RAD), rate_hz, still)
+    # an attitude that was held only for a moment has a level of its own and shows nothing over time
+    long = np.bincount(group, minlength=len(rows)) >= MIN_SHARE * len(blocks)
+    blocks, group = [b for b, g in zip(blocks, group, strict=True) if long[g]], group[long[group]]
+    if still < MIN_REST_S or len(blocks) < MIN_BLOCKS:
+        return (
+            f"{found}: for the sensor's matrix at least {MIN_ATTITUDES} attitudes are needed, for what follows time or "
+            f"temperature at least {MIN_REST_S:.0f} s at rest"
+        )
+    return _session(columns, accel_g, blocks, group, True, attitudes, found, gravity_mps2)
+
+
+def _still(accel_g: Array, rate_hz: float) -> list[StillInterval]:
+    return find_still_intervals(accel_g, rate_hz, window_s=max(WINDOW_S, WINDOW_ROWS / rate_hz))
+
+
+def _slow_magnitude(accel_g: Array, rate_hz: float) -> Array:
+    """(N,) running mean of |a|."""
+    from scipy.ndimage import uniform_filter1d
+
+    size = np.linalg.norm(accel_g, axis=0)
+    return np.asarray(uniform_filter1d(size, max(1, round(SMOOTH_S * rate_hz)), mode="nearest"))
+
+
+def _told(accel_g: Array, rows: list[Ints], rate_hz: float) -> tuple[int, str]:
+    """The number of distinct attitudes, and in words what was found."""
+    attitudes = int(_attitudes(np.stack([accel_g[:, r].mean(axis=1) for r in rows], axis=1), DISTINCT_RAD).max()) + 1
+    still = sum(r.size for r in rows) / rate_hz
+    return attitudes, f"{len(rows)} still intervals in {attitudes} attitudes, {still:.0f} s in all"
+
+
+def _attitudes(means: Array, apart_rad: float) -> Ints:
+    """Number of the attitude (n,) of each reading (3, n): that of the first one that points the same way."""
+    kept: list[Array] = []
+    number = np.empty(means.shape[1], dtype=np.intp)
+    for i, vector in enumerate(unit(means).T):
+        near = [k for k, other in enumerate(kept) if np.linalg.norm(vector - other) < apart_rad]
+        number[i] = near[0] if near else len(kept)
+        if not near:
+            kept.append(vector)
+    return number
+
+
+def _blocks(intervals: list[StillInterval], number: Ints, rate_hz: float, still_s: float) -> tuple[list[Ints], Ints]:
+    """Rows of blocks of like length within the intervals, and the attitude of each."""
+    length = max(2, round(rate_hz * max(MIN_BLOCK_S, still_s / MAX_BLOCKS)))
+    rows: list[Ints] = []
+    group: list[int] = []
+    for interval, own in zip(intervals, number, strict=True):
+        within = interval.rows()
+        for part in np.array_split(within, max(1, round(within.size / length))):
+            if part.size >= length / 2:
+                rows.append(part)
+                group.append(int(own))
+    return rows, np.array(group, dtype=np.intp)
+
+
+def _session(
+    columns: Mapping[str, Array],
+    accel_g: Array,
+    rows: list[Ints],
+    group: Ints,
+    rest: bool,
+    attitudes: int,
+    found: str,
+    gravity_mps2: float,
+) -> MagnitudeSession:
+    def each(name: str, neutral: float, power: int = 1) -> Array:
+        """(n,) means, or roots of mean powers, over the rows of each reading."""
+        column = columns.get(name)
+        if column is None or np.isnan(column).all():
+            return np.full(len(rows), neutral)
+        return np.array([float(np.nanmean(column[r] ** power)) ** (1 / power) for r in rows])
+
+    return MagnitudeSession(
+        mean=np.stack([accel_g[:, r].mean(axis=1) for r in rows], axis=1),
+        count=np.array([float(r.size) for r in rows]),
+        group=np.unique(group, return_inverse=True)[1].reshape(-1),
+        t_s=each("t_s", 0.0),
+        temp_c=each("temp_c", 25.0),
+        vibration_rms_g=each("vibration_rms_g", 0.0, 2),
+        rest=rest,
+        attitudes=attitudes,
+        found=found,
+        row_seconds=float(np.median(np.diff(columns["t_s"]))),
+        gravity_mps2=gravity_mps2,
+        began_s=float(columns["t_s"][0]),
+    )
+
+
+def nothing_testable(why: str, intake: tuple[Finding, ...], seed: int, version: str) -> Diagnosis:
+    """The answer to a recording that is not still enough: no effect can be tested, and why."""
+    needs = (
+        f"hold the tool still in at least {MIN_ATTITUDES} attitudes all over the sphere, a few seconds each, or leave "
+        "it at rest for minutes; or record its attitude"
+    )
+    effects = [e for e in all_effects().values() if not e.random]
+    return Diagnosis(
+        "not_testable",
+        remainder=Remainder(hints=(why,)),
+        not_testable=tuple(NotTestable(e.id, why, needs) for e in effects),
+        intake=intake,
+        noise={"model": "none", "reference": why},
+        seed=seed,
+        version=version,
+    )

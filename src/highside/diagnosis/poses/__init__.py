@@ -1,0 +1,1 @@
+"""Stepped sessions with a known reference: one mean a stop."""

@@ -1,0 +1,235 @@
+"""How large a departure chance makes, estimated without swallowing the effect that is looked for.
+
+The scatter is taken from a *rich* residual: everything that any candidate or any smooth function of the covariates
+could explain is projected off first, and the lost degrees of freedom are counted. Components, pose by pose:
+
+    cov(pose) = diag(s_x^2, s_y^2, s_z^2) + s_I^2 t_I t_I' + s_T^2 t_T t_T'
+
+the three sensors' own scatter, and that of the bench's stops in inclination and toolface (t_I, t_T: change of the
+reading with the angle), which is common to the channels. The second part is kept only where the likelihood asks.
+
+A bench may be quiet by night and shaken by day: the whole is scaled by a size that changes slowly with time, where it
+follows the scatter of the rows within the poses, or else where the mean squares of stretches of the session differ by
+more than chance lets them.
+
+Scatter that remembers from pose to pose is the matter of `memory`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, chdtri
+
+from highside.diagnosis.core.markov import VectorNoise
+from highside.diagnosis.core.memory import Memory, intervals
+from highside.diagnosis.core.regression import outside, span
+
+Array = NDArray[np.float64]
+
+QUIETEST = 0.02
+"""A channel is taken to be at least so noisy beside the loudest one."""
+TABLE_GAIN = 9.0
+"""Gain of -2 log likelihood from which the bench's own scatter is believed."""
+
+
+STRETCH = 16
+"""Poses of a stretch over which the size of the noise is averaged."""
+UNEVEN = 0.01
+"""Chance at which even noise would be taken for uneven."""
+POWERS = np.linspace(0.0, 1.5, 16)
+"""Powers of the scatter within poses that the scatter from pose to pose is tried to go with."""
+
+
+@dataclass(frozen=True)
+class PoseNoise:
+    """`sigma` (3,) in g, `inc`, `tf` in rad, and `whitening` (3, 3, n): W_i with W_i cov_i W_i' = 1.
+
+    The components are means over the session; `size` (n,) is what they are multiplied by at each pose.
+    """
+
+    sigma: Array
+    inc: float
+    tf: float
+    whitening: Array
+    freedom: float
+    """residual degrees of freedom that one component was estimated with"""
+    size: Array
+    full: VectorNoise | None = None
+    """whitening in time order, where the scatter has a memory"""
+
+    def white(self, columns: Array) -> Array:
+        """(..., 3, n) in g -> (..., 3 n) in units of the noise."""
+        if self.full is not None:
+            return self.full.white(columns)
+        turned = np.einsum("ijn,...jn->...in", self.whitening, columns)
+        return np.asarray(turned.reshape(*columns.shape[:-2], columns.shape[-2] * columns.shape[-1]))
+
+
+def estimate(
+    residual: Array, rich: Array, tangents: Array, *, scatter: Array | None = None, uneven: bool = True
+) -> PoseNoise:
+    """Noise of a residual (3, n) after the rich columns (P, 3, n). `tangents` (2, 3, n): d reading / d(I, T), g/rad.
+
+    With `uneven` its size may change with time; `scatter` (3, n) is that of the rows within each pose, if known.
+    """
+    n = residual.shape[1]
+    sigma, inc, tf = np.full(3, max(float(residual.std()), 1e-12)), 0.0, 0.0
+    size = np.ones(n)
+    for _ in range(2):
+        draft = _draft(sigma, inc, tf, tangents, size)
+        left, share = _left(draft, residual, rich)
+        # back to g, scaled up for what the projection took
+        swollen = (left / np.sqrt(np.maximum(share, 0.05))).reshape(3, n)
+        back = np.einsum("ijn,jn->in", np.linalg.inv(draft.whitening.transpose(2, 0, 1)).transpose(1, 2, 0), swollen)
+        sigma, inc, tf = _components(back / size, tangents)
+        if uneven:
+            even = _draft(sigma, inc, tf, tangents, np.ones(n)).whitening
+            size = _size(np.einsum("ijn,jn->in", even, back), share.reshape(3, n), scatter)
+    draft = _draft(sigma, inc, tf, tangents, size)
+    left, share = _left(draft, residual, rich)
+    freedom = float(share.sum())
+    # the level to which F tests refer: mean square of the rich residual with its own degrees of freedom
+    level = max(float(np.sqrt(np.sum(left**2) / freedom)), 1e-9)
+    # a test leans on the one component that its effect runs along, which is known to a share of this only
+    components = 5 if inc or tf else 3
+    return PoseNoise(sigma * level, inc * level, tf * level, draft.whitening / level, freedom / components, size)
+
+
+def _draft(sigma: Array, inc: float, tf: float, tangents: Array, size: Array) -> PoseNoise:
+    return PoseNoise(sigma, inc, tf, _whitening(sigma, inc, tf, tangents) / size, 1.0, size)
+
+
+def _left(noise: PoseNoise, residual: Array, rich: Array) -> tuple[Array, Array]:
+    """Whitened residual (3 n,) outside of the rich columns, and the share of each reading that these leave."""
+    space = span(noise.white(rich))
+    return outside(space, noise.white(residual)), np.asarray(1.0 - np.sum(space**2, axis=0))
+
+
+def _size(unit: Array, share: Array, scatter: Array | None) -> Array:
+    """(n,) size of the noise at each pose, mean square 1, from readings (3, n) that have variance 1 if it is even.
+
+    `share` (3, n) of each was left by the rich columns.
+    """
+    n = unit.shape[1]
+    if n < 4 * STRETCH:
+        return np.ones(n)
+    energy, known = np.sum(share * unit**2, axis=0), share.sum(axis=0)
+    at = np.arange(n)
+    near = np.exp(-0.5 * ((at[:, None] - at) / (STRETCH / 2)) ** 2)
+    logs = _by_scatter(energy, known, near, scatter)
+    if logs is None:
+        logs = _by_stretches(energy, known, near)
+    size = np.exp(0.5 * logs)
+    return np.asarray(size / np.sqrt(np.mean(size**2)))
+
+
+def _by_scatter(energy: Array, known: Array, near: Array, scatter: Array | None) -> Array | None:
+    """Logarithms (n,) of the variance as a power of the mean square within poses; None if it does not follow that."""
+    if scatter is None or not np.all(np.mean(scatter**2, axis=1) > 0):
+        return None
+    squares = np.mean(scatter**2 / np.mean(scatter**2, axis=1, keepdims=True), axis=0)
+    within = np.log(np.maximum(near @ squares / near.sum(axis=1), 1e-6))
+    tried = POWERS[:, None] * within
+    # -2 log likelihood of sums of squares with so many degrees of freedom, their level fitted
+    level = np.sum(energy * np.exp(-tried), axis=1) / known.sum()
+    minus2l = known.sum() * np.log(level) + tried @ known
+    best = int(np.argmin(minus2l))
+    return tried[best] if minus2l[0] - minus2l[best] > chdtri(1, UNEVEN) else None
+
+
+def _by_stretches(energy: Array, known: Array, near: Array) -> Array:
+    """Logarithms (n,) of the variance, smoothed; 0 where Bartlett's test finds stretches alike.
+
+    What scatter of the averages chance explains is taken off their differences.
+    """
+    n = energy.size
+    stretches = np.array_split(np.arange(n), n // STRETCH)
+    squares = np.array([energy[part].sum() for part in stretches])
+    dof = np.array([known[part].sum() for part in stretches])
+    differ = dof.sum() * np.log(squares.sum() / dof.sum()) - np.sum(dof * np.log(squares / dof))
+    differ /= 1 + (np.sum(1 / dof) - 1 / dof.sum()) / (3 * (len(dof) - 1))
+    if chdtrc(len(dof) - 1, differ) > UNEVEN:
+        return np.zeros(n)
+    logs = np.log((near @ energy) / (near @ known))
+    chance = float(np.mean(2 * (near**2 @ known) / (near @ known) ** 2))
+    return np.asarray(max(0.0, 1.0 - chance / float(np.var(logs))) * (logs - logs.mean()))
+
+
+def rich_residual(noise: PoseNoise, residual: Array, rich: Array) -> Array:
+    """Whitened residual (3 n,) outside of the rich columns, scaled to unit variance: what sign flips are made of."""
+    space = span(noise.white(rich))
+    left = outside(space, noise.white(residual))
+    return np.asarray(left / np.sqrt(np.maximum(1.0 - np.sum(space**2, axis=0), 0.05)))
+
+
+def _whitening(sigma: Array, inc: float, tf: float, tangents: Array) -> Array:
+    cov = _covariance(sigma, inc, tf, tangents)
+    lower = np.linalg.cholesky(cov)
+    return np.asarray(np.linalg.inv(lower).transpose(1, 2, 0))
+
+
+def _covariance(sigma: Array, inc: float, tf: float, tangents: Array) -> Array:
+    """(n, 3, 3)."""
+    by_inc, by_tf = tangents.transpose(0, 2, 1)
+    cov = np.zeros((by_inc.shape[0], 3, 3)) + np.diag(sigma**2)
+    cov += inc**2 * by_inc[:, :, None] * by_inc[:, None, :]
+    cov += tf**2 * by_tf[:, :, None] * by_tf[:, None, :]
+    return cov
+
+
+def _components(residual: Array, tangents: Array) -> tuple[Array, float, float]:
+    """Scatter of the sensors (3,) and of the bench's two angles by maximum likelihood, from (3, n)."""
+    from scipy.optimize import minimize
+
+    plain = residual.std(axis=1)
+    # a channel of which the rich model has left nothing is not without noise
+    plain = np.maximum(plain, max(QUIETEST * float(plain.max()), 1e-12))
+    rows = residual.T
+    angle = float(plain.mean())
+
+    def deviance(logs: Array) -> tuple[float, Array]:
+        """-2 log likelihood and its gradient by the logarithms of the five sizes."""
+        scale = np.exp(logs)
+        sigma, inc, tf = plain * scale[:3], angle * scale[3], angle * scale[4]
+        cov = _covariance(sigma, inc, tf, tangents)
+        inverse = np.linalg.inv(cov)
+        left = np.einsum("nij,nj->ni", inverse, rows)
+        by_cov = inverse - left[:, :, None] * left[:, None, :]
+        by_angle = [np.einsum("ni,nij,nj->", t, by_cov, t) for t in tangents.transpose(0, 2, 1)]
+        gradient = 2 * np.array([
+            *(np.einsum("nii->i", by_cov) * sigma**2), by_angle[0] * inc**2, by_angle[1] * tf**2
+        ])  # fmt: skip
+        return float(np.sum(np.linalg.slogdet(cov)[1]) + np.sum(left * rows)), gradient
+
+    without = float(2 * residual.shape[1] * np.log(plain).sum() + residual.size)
+    found = minimize(
+        deviance,
+        np.array([-0.3, -0.3, -0.3, -0.5, -0.5]),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(-6, 1)] * 3 + [(-6, 4)] * 2,
+        options={"maxiter": 40, "ftol": 1e-7},
+    )
+    if without - found.fun < TABLE_GAIN:
+        return plain, 0.0, 0.0
+    scale = np.exp(found.x)
+    return plain * scale[:3], float(angle * scale[3]), float(angle * scale[4])
+
+
+def with_memory(noise: PoseNoise, memories: Sequence[Memory], tangents: Array, t_s: Array) -> PoseNoise:
+    """The same noise with the memory of each channel added, as large as the data allow."""
+    cov = _covariance(noise.sigma, noise.inc, noise.tf, tangents) * noise.size[:, None, None] ** 2
+    level = np.diagonal(cov, axis1=1, axis2=2).mean(axis=0)
+    shares = level * [m.upper if m.share > 0 else 0.0 for m in memories]
+    lengths = np.array([m.length for m in memories])
+    return replace(noise, full=VectorNoise.of(cov, intervals(t_s), shares, lengths))
+
+
+def white_variance(noise: PoseNoise, tangents: Array) -> Array:
+    """(3, n) variance of each reading, memory left aside."""
+    cov = _covariance(noise.sigma, noise.inc, noise.tf, tangents) * noise.size[:, None, None] ** 2
+    return np.asarray(np.diagonal(cov, axis1=1, axis2=2).T)

@@ -1,0 +1,1 @@
+"""Rotating recordings with a known reference: single rows."""

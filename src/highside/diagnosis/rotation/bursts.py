@@ -1,0 +1,119 @@
+"""Something that comes and goes in a rotating recording: a vibration of a while, which no function of the whole shows.
+
+It is looked for in what is left of everything else, whitened: spectra of windows of several lengths, each cell in units
+of the level of its neighbourhood in the same window. So neither noise that grows and shrinks nor an error in the colour
+of the noise looks like a burst; what is left is exponential, and the highest of all cells is judged by their number.
+Where it begins and ends is where a wave of its frequency fits best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.result import Diagnosis, Location
+
+Array = NDArray[np.float64]
+
+SHARES = (0.025, 0.05, 0.1, 0.2)
+"""Lengths of the windows, of the rows."""
+SHORTEST = 128
+FIRST_CELL = 3
+"""What is slower than this in a window is drift."""
+NEIGHBOURS = 100
+CHANCE = 1e-4
+"""Probability by which the highest cell of a recording without a burst is as high."""
+GRID = 240
+FINER = 21
+
+
+@dataclass(frozen=True)
+class Burst:
+    """From row to row, its frequency in turns a row, the channels, and the probability of chance."""
+
+    start: int
+    stop: int
+    frequency: float
+    channels: tuple[int, ...]
+    p: float
+
+
+def found_burst(rest: Sequence[tuple[slice, Array]]) -> Burst | None:
+    """The clearest burst in runs of rows, with what is left of them whitened (C, n); None where chance does it."""
+    cells = 0
+    best: tuple[float, int, int, int, float] | None = None
+    for k, (_, rows) in enumerate(rest):
+        for start, length in _windows(rows.shape[1]):
+            power = np.abs(np.fft.rfft(rows[:, start : start + length], axis=1)[:, FIRST_CELL:-1]) ** 2
+            cells += power.size
+            ratio = power / _level(power)
+            at = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
+            if best is None or ratio[at] > best[0]:
+                best = (float(ratio[at]), k, start, length, float(at[1] + FIRST_CELL) / length)
+    if best is None or best[0] < np.log(cells / CHANCE):
+        return None
+    height, k, _, length, frequency = best
+    part, rows = rest[k]
+    start, stop, frequency, energy = _extent(rows, frequency, 1.0 / length)
+    channels = np.flatnonzero(energy > max(0.1 * energy.max(), np.log(1e3)))
+    return Burst(
+        part.start + start,
+        part.start + stop,
+        frequency,
+        tuple(int(c) for c in channels),
+        float(min(1.0, cells * np.exp(-height))),
+    )
+
+
+def _windows(n: int) -> Iterator[tuple[int, int]]:
+    for share in SHARES:
+        length = int(share * n)
+        if length >= SHORTEST:
+            for start in range(0, n - length + 1, length // 2):
+                yield start, length
+
+
+def _level(power: Array) -> Array:
+    """(C, cells) mean power of the neighbourhood of each cell, by its median."""
+    parts = np.array_split(power, max(1, power.shape[1] // NEIGHBOURS), axis=1)
+    level = [np.broadcast_to(np.median(p, axis=1, keepdims=True), p.shape) for p in parts]
+    return np.asarray(np.maximum(np.concatenate(level, axis=1) / np.log(2), 1e-30))
+
+
+def _extent(rows: Array, frequency: float, width: float) -> tuple[int, int, float, Array]:
+    """First row, last row and frequency of the wave that fits best, and its energy on each channel."""
+    n = rows.shape[1]
+    edges = np.linspace(0, n, GRID + 1).astype(int)
+    best: tuple[float, int, int, float, Array] | None = None
+    for f in frequency + np.linspace(-width, width, FINER):
+        turned = rows * np.exp(-2j * np.pi * f * np.arange(n))
+        sums = np.concatenate([np.zeros((len(rows), 1)), np.cumsum(turned, axis=1)], axis=1)[:, edges]
+        span = np.maximum(edges[None, :] - edges[:, None], 1)
+        energy = np.abs(sums[:, None, :] - sums[:, :, None]) ** 2 / span
+        total = np.triu(energy.sum(axis=0), 1)
+        a, b = np.unravel_index(int(np.argmax(total)), total.shape)
+        if best is None or total[a, b] > best[0]:
+            best = (float(total[a, b]), int(edges[a]), int(edges[b]), float(f), energy[:, a, b])
+    assert best is not None
+    return best[1], best[2], best[3], best[4]
+
+
+def with_burst(diagnosis: Diagnosis, burst: Burst | None, t_s: Array, channels: Sequence[str]) -> Diagnosis:
+    """The diagnosis with a burst told, where nothing else was found: it has no name.
+
+    Beside names or other remainders it is left to them: what they leave may come and go with the rate.
+    """
+    if burst is None or diagnosis.verdict != "nothing_left_out":
+        return diagnosis
+    names = tuple(channels[c] for c in burst.channels)
+    ends = (float(t_s[burst.start]), float(t_s[burst.stop - 1]))
+    hz = burst.frequency * (t_s.size - 1) / float(t_s[-1] - t_s[0])
+    place = Location(names, "t_s", (ends,), None, 1.0, burst.p)
+    words = f"a vibration of {hz:.3g} Hz comes and goes on {', '.join(names)}"
+    remainder = replace(
+        diagnosis.remainder, location=(place,), hints=(words, *diagnosis.remainder.hints), p=burst.p
+    )  # fmt: skip
+    return replace(diagnosis, verdict="unknown", location=(place,), remainder=remainder)

@@ -1,0 +1,115 @@
+"""Lines in a rotating recording: fixed frequencies (a hum), and orders of the rotation (something that turns along).
+
+Both are found in the residual of the base fit by a Fourier transform: over the time for frequencies, over the unwrapped
+rotor angle for orders (the rows are gathered by their angle first). A line that stands there is tried as a candidate at
+its own frequency; how many were looked through is counted against it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import next_fast_len, rfft
+
+from highside.diagnosis.rows.design import Line
+from highside.diagnosis.rows.session import RotationSession
+
+Array = NDArray[np.float64]
+
+MAINS_HZ = (50.0, 60.0)
+CHANCE = 1e-3
+"""Probability by which the highest of all peaks of a spectrum without lines is as high."""
+MAX_ORDER = 60.0
+LARGEST_WHOLE = 12
+"""Whole orders up to this are harmonics of the toolface, which other effects and the scan stand for."""
+PADDED = 2
+"""A spectrum is told at so many times as many frequencies: a line between two of them would lose half its power."""
+SMOOTH = 101
+"""Independent cells of a spectrum by whose median the level around a cell is known."""
+
+
+def found_lines(session: RotationSession, residual: Array) -> list[Line]:
+    """The lines worth trying; `residual` (C, n), of which the accelerometers are searched."""
+    frequencies = max(session.n // 2, 1)
+    lines = [Line("tone", hz, frequencies) for hz in MAINS_HZ if _visible(session, hz)]
+    rows = residual[:3] / residual[:3].std(axis=1, keepdims=True)
+    hz = _frequency(session, rows)
+    if hz is not None:
+        lines.append(Line("tone", hz, frequencies))
+    order = _order(session, rows)
+    if order is not None:
+        lines.append(Line("aliased_vibration", *order))
+    return lines
+
+
+def _visible(session: RotationSession, hz: float) -> bool:
+    """Whether a frequency does not fold onto a constant at this rate of sampling."""
+    turns = hz * session.step_s
+    return abs(turns - round(turns)) > 1.0 / session.n
+
+
+def _peak(power: Array, skip: NDArray[np.bool_]) -> tuple[int, int] | None:
+    """Cell and loudest channel of the highest peak of spectra (C, cells) above their neighbourhood, if it is more than
+    chance gives: each in units of its local level is exponential, so their sum has a gamma distribution."""
+    from scipy.special import gammainccinv
+
+    stretches = np.array_split(power, max(1, power.shape[1] // (PADDED * SMOOTH)), axis=1)
+    level = np.concatenate(
+        [np.broadcast_to(np.median(s, axis=1, keepdims=True), s.shape) for s in stretches], axis=1
+    ) / np.log(2)
+    ratio = power / np.maximum(level, 1e-30)
+    total = np.where(skip, 0.0, ratio.sum(axis=0))
+    at = int(np.argmax(total))
+    limit = float(gammainccinv(power.shape[0], CHANCE / power.shape[1]))
+    return (at, int(np.argmax(ratio[:, at]))) if total[at] > limit else None
+
+
+def _frequency(session: RotationSession, rows: Array) -> float | None:
+    n = session.n
+    length = next_fast_len(PADDED * n, real=True)
+    spectrum = np.abs(rfft(rows, length, axis=1)) ** 2
+    skip = np.zeros(spectrum.shape[1], dtype=bool)
+    # what is slower than a few waves is drift
+    skip[: 12 * length // n] = True
+    peak = _peak(spectrum, skip)
+    if peak is None:
+        return None
+    # the frequency between the cells: the best of a fine grid on the row itself
+    at, channel = peak
+    tries = at / length + np.linspace(-0.75, 0.75, 31) / n
+    best = _best(tries, np.arange(n, dtype=float), rows[channel])
+    return best / session.step_s
+
+
+def _best(tries: Array, places: Array, row: Array) -> float:
+    """The frequency (cycles for a unit of `places`), of evenly spaced ones, of a wave in a row (n,)."""
+    turned = row * np.exp(-2j * np.pi * tries[0] * places)
+    onward = np.exp(-2j * np.pi * (tries[1] - tries[0]) * places)
+    power = np.empty(tries.size)
+    for k in range(tries.size):
+        power[k] = np.abs(turned.sum())
+        turned *= onward
+    return float(tries[int(np.argmax(power))])
+
+
+def _order(session: RotationSession, rows: Array) -> tuple[float, int] | None:
+    turned = session.state.tf_rad / (2 * np.pi)
+    turned = turned - turned.min()
+    turns = float(turned.max())
+    if turns < 3:
+        return None
+    size = int(2 ** np.ceil(np.log2(turns * 2 * MAX_ORDER * 1.2)))
+    cell = np.minimum((turned / turns * size).astype(np.intp), size - 1)
+    gathered = np.stack([np.bincount(cell, weights=row, minlength=size) for row in rows])
+    length = PADDED * size
+    spectrum = np.abs(rfft(gathered, length, axis=1)) ** 2
+    orders = np.arange(spectrum.shape[1]) / turns * (size / length)
+    use = orders < MAX_ORDER
+    orders = orders[use]
+    near = np.abs(orders - np.round(orders)) < 2.5 / turns
+    peak = _peak(spectrum[:, use], (near & (np.round(orders) <= LARGEST_WHOLE)) | (orders < 0.1))
+    if peak is None:
+        return None
+    at, channel = peak
+    tries = orders[at] + np.linspace(-0.75, 0.75, 31) / turns
+    return _best(tries, turned, rows[channel]), orders.size // PADDED

@@ -1,0 +1,85 @@
+"""Some rows of a long recording, asked before all: what is strong shows there, and what is far off is ruled out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.fit import BENDS, JointFit, Observed, base_fit, bend_of, joint_fit
+from highside.diagnosis.core.pool import Member
+from highside.diagnosis.rows.noise import WINDOWS, RotationNoise
+from highside.diagnosis.rows.session import RotationSession
+from highside.physics.forward import ForwardModel
+
+if TYPE_CHECKING:
+    from highside.diagnosis.rotation.scene import RotationScene
+
+Array = NDArray[np.float64]
+
+MANY_ROWS = 30_000
+"""Of a longer recording some rows are diagnosed first."""
+SOME_ROWS = 6_000
+NEIGHBOURS = 400
+"""Rows of a stretch by which noise is told from what is slow."""
+
+
+@dataclass(frozen=True)
+class Sketch:
+    """What some rows of a long recording say: their scene, and the members that they name."""
+
+    scene: RotationScene
+    members: Sequence[Member]
+
+    @property
+    def names(self) -> list[str]:
+        """Ids of the effects."""
+        return [self.scene.candidates[m.candidate].id for m in self.members]
+
+
+@dataclass(frozen=True)
+class Some:
+    """Some rows of a long recording: fits begin there, and rivals far behind are ruled out by them."""
+
+    session: RotationSession
+    noise: RotationNoise
+    fits: dict[frozenset[Member], JointFit] = field(default_factory=dict)
+    """members fitted to these rows"""
+
+    @property
+    def seen(self) -> Observed:
+        """The rows, as a fit sees them."""
+        return Observed(self.session.state, self.session.readings)
+
+
+def may_bend(session: RotationSession, model: ForwardModel, free: Sequence[str], seed: int) -> bool:
+    """Whether what the base leaves of some rows is so large that its square, in g, may show in all of them.
+
+    What is done beyond first order is of that size. The noise is told from it by second differences.
+    """
+    some = session.thinned(SOME_ROWS, seed)
+    model, left = base_fit(model, Observed(some.state, some.readings), free)
+    noise = np.zeros(3)
+    starts = np.linspace(0, session.n - NEIGHBOURS, WINDOWS).astype(int)
+    for start in starts:
+        rows = slice(int(start), int(start) + NEIGHBOURS)
+        near = Observed(session.state.rows(rows), session.readings[:, rows]).residual(model)[:3]
+        noise += np.mean(np.diff(near, 2, axis=1) ** 2, axis=1) / 6 / starts.size
+    size = np.maximum(np.mean(left[:3] ** 2, axis=1) - noise, 0.0)
+    return bool(np.any(size > np.sqrt(noise * BENDS / session.n)))
+
+
+def sketched_bend(
+    model: ForwardModel, seen: Observed, free: Sequence[str], some: Some, sketch: Sketch
+) -> Array | float:
+    """(C, n) what the members of a sketch do beyond first order in all rows, at the sizes that fit some of them.
+
+    A bend is small beside its effect, so sizes need be known no better than that.
+    """
+    near = joint_fit(
+        model, some.seen, free, sketch.scene.candidates, sketch.members, some.noise, some.noise.freedom
+    )  # fmt: skip
+    return 0.0 if near.bend is None else bend_of(model, near, seen, free, sketch.scene.candidates, sketch.members)

@@ -1,0 +1,340 @@
+"""All columns of a long recording, made chunk by chunk: base, effects of the library, shadows and locating groups.
+
+A *column* (what one amplitude of an effect adds) has on each channel one *function* of the rows, or none. Functions are
+numbered channel by channel: first the channel's own (what comes through the chain), then those that only follow
+covariates, which are the same on every channel and made once. What a column is made of is found out on a few rows (a
+probe), so nothing here knows single effects, except how a shape that is not smooth is searched (the time of a step, the
+frequency of a line).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.candidates import (
+    MAX_STEP_TIMES,
+    Blind,
+    Candidate,
+    Variant,
+    parts_of,
+    time_constants,
+    what_lacks,
+)
+from highside.diagnosis.core.chunks import chunks_of
+from highside.diagnosis.core.untestable import one_sided
+from highside.diagnosis.rows.bases import Group, Recipe, Rows, rotation_groups, rotation_shadows
+from highside.diagnosis.rows.session import RotationSession
+from highside.physics.effect import Effect, Stage
+from highside.physics.effects import all_effects
+from highside.physics.forward import ForwardModel
+from highside.physics.state import ChainState
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+PROBE = 400
+EXTREMES = 4
+"""Rows at each end of each covariate that are probed as well: a ramp of the rate may be rare."""
+NOTHING = 1e-12
+STEP_MARGIN = 0.03
+"""Share of a recording at each end in which a step is not looked for."""
+LINES = ("tone", "aliased_vibration")
+_FAR = 1 << 40
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A line found in the residual: `value` of the shape of an effect of `LINES`, among so many that were searched."""
+
+    effect: str
+    value: float
+    searched: int
+
+
+@dataclass(frozen=True)
+class _Source:
+    """An effect through the chain: amplitudes (k,), and numbers (k, C) of what they do on the channels, -1 for none."""
+
+    effect: Effect
+    vector: Array
+    amplitudes: tuple[int, ...]
+    numbers: Ints
+    stored: Array | None
+    """(k, C, N) where the effect remembers and cannot be made in chunks"""
+
+    def among(self, place: Sequence[Ints]) -> bool:
+        """Whether any of its functions has a place (m_c,) on its channel."""
+        return any(bool(np.any(own[n[n >= 0]] >= 0)) for own, n in zip(place, self.numbers.T, strict=True))
+
+
+def _telling(state: ChainState) -> Ints:
+    """Rows at which every effect shows that shows at all: evenly spread, and where each covariate is extreme."""
+    rows = [np.linspace(0, state.n - 1, PROBE).astype(np.intp)]
+    for along in (
+        state.inc_rad, state.temp_c, state.rotor_rate_radps, state.rotor_accel_radps2, state.inc_rate_radps,
+        state.vibration_rms_g,
+    ):  # fmt: skip
+        order = np.argsort(along, kind="stable")
+        rows += [order[:EXTREMES], order[-EXTREMES:]]
+    return np.unique(np.concatenate(rows))
+
+
+class Design:
+    """The columns of a session beside a fitted base `model` whose effects `free` are adjusted anyway.
+
+    `where` (P, C): for each column the number of its function on each channel, -1 for none. `base` are the numbers of
+    the base's columns; `cells` those of each (channel, group), in the order of `cell_of`.
+    """
+
+    def __init__(
+        self, session: RotationSession, model: ForwardModel, free: Sequence[str], lines: Sequence[Line] = ()
+    ) -> None:
+        self.session, self.model, self.free, self.lines = session, model, tuple(free), tuple(lines)
+        self._sources: list[_Source] = []
+        self._recipes: list[tuple[int, int, Recipe]] = []
+        """of the shared functions: the first of a recipe, how many it makes"""
+        self._shared = 0
+        self._own = np.zeros(len(session.channels), dtype=np.intp)
+        self._columns: list[Ints] = []
+        """of each column the numbers on the channels; shared functions from `_FAR` on until their place is known"""
+        self._probe_state = session.state.rows(np.concatenate([[0], _telling(session.state)]))
+        self.base = np.array(self._add_base(), dtype=np.intp)
+        self.candidates: list[Candidate] = []
+        self.blind: list[Blind] = []
+        self._add_effects(lines)
+        self._add_shadows()
+        self.groups: list[Group] = rotation_groups(session.state)
+        self.cells: list[Ints] = []
+        self.cell_of: list[tuple[int, int]] = []
+        for b, group in enumerate(self.groups):
+            functions = self._share(group.make)
+            for c in range(len(session.channels)):
+                self.cell_of.append((c, b))
+                self.cells.append(np.array([self._on(c, f) for f in functions]))
+        where = np.array(self._columns)
+        self.where = np.where(where >= _FAR, where - _FAR + self._own, where)
+        self.sizes = [int(own) + self._shared for own in self._own]
+
+    def turns(self) -> list[Array]:
+        """(N,) revolutions of the tool, then of each line, from any beginning."""
+        state = self.session.state
+        turned = np.asarray(state.tf_rad / (2 * np.pi), dtype=float)
+        return [turned] + [
+            np.asarray(line.value * (state.t_s if line.effect == "tone" else turned)) for line in self.lines
+        ]
+
+    # -- what the rows become
+
+    def chunks(self) -> Iterator[slice]:
+        """Runs of rows that together are the whole recording."""
+        yield from chunks_of(self.session.n)
+
+    def functions(self, part: slice, below: Array | None = None, only: Sequence[Ints] | None = None) -> list[Array]:
+        """The functions (m_c, n) of each channel on a run of rows; with rows `below` (C, N), (m_c + 1, n).
+
+        Or `only` those of the numbers (k_c,) of each channel, in their order.
+        """
+        wanted = [np.arange(m) for m in self.sizes] if only is None else only
+        place = [np.full(m, -1, dtype=np.intp) for m in self.sizes]
+        for own, numbers in zip(place, wanted, strict=True):
+            own[numbers] = np.arange(numbers.size)
+        result = [np.empty((w.size + (below is not None), part.stop - part.start)) for w in wanted]
+        # the first row of all stands before the run: effects reckon time from it
+        state = self.session.state.rows(np.concatenate([[0], np.arange(part.start, part.stop)]))
+        sources = [s for s in self._sources if only is None or s.among(place)]
+        made = [s for s in sources if s.stored is None]
+        blocks = iter(self._evaluate(state, [(s.effect, s.vector, s.amplitudes) for s in made]) if made else [])
+        for source in sources:
+            block = next(blocks)[:, :, 1:] if source.stored is None else source.stored[:, :, part]
+            for k, c in zip(*np.nonzero(source.numbers >= 0), strict=True):
+                at = place[c][source.numbers[k, c]]
+                if at >= 0:
+                    result[c][at] = block[k, c]
+        rows = Rows(self.session.state.rows(part), part.start)
+        for first, count, recipe in self._recipes:
+            at = np.array(
+                [own[int(m) + first : int(m) + first + count] for own, m in zip(place, self._own, strict=True)]
+            )
+            if (at >= 0).any():
+                for k, function in enumerate(recipe(rows)):
+                    for c in np.flatnonzero(at[:, k] >= 0):
+                        result[c][at[c, k]] = function
+        if below is not None:
+            for c, made_of in enumerate(result):
+                made_of[-1] = below[c, part]
+        return result
+
+    def readings_of(self, column: int, amplitude: float, part: slice) -> Array:
+        """(C, n) what a column adds on a run of rows."""
+        functions = self.functions(part)
+        result = np.zeros((len(functions), functions[0].shape[1]))
+        for c, number in enumerate(self.where[column]):
+            if number >= 0:
+                result[c] = amplitude * functions[c][number]
+        return result
+
+    # -- what there is
+
+    def _add_base(self) -> list[int]:
+        by_effect: dict[str, list[int]] = {}
+        for name in self.model.free_names(list(self.free)) if self.free else []:
+            effect_id, _, parameter = name.partition(".")
+            names = [p.name for p in self.model.effect(effect_id).parameters]
+            by_effect.setdefault(effect_id, []).append(names.index(parameter))
+        numbers: list[int] = []
+        for effect_id, amplitudes in by_effect.items():
+            numbers += self._through(self.model.effect(effect_id), self.model.vector_of(effect_id), amplitudes)
+        return [n for n in numbers if n >= 0]
+
+    def _add_effects(self, lines: Sequence[Line]) -> None:
+        for effect in all_effects().values():
+            absent = effect.stage is Stage.GYRO and not self.session.gyros
+            absent |= one_sided(effect, self.session.state)
+            if effect.random or effect.id in self.free:
+                continue
+            searched = 0
+            tried: list[tuple[dict[str, float], list[int]]] = []
+            if effect.id in LINES:
+                own = [line for line in lines if line.effect == effect.id]
+                searched = max((line.searched for line in own), default=0)
+                name = next(p.name for p in effect.parameters if p.shape)
+                tried = [({name: line.value}, self._line(effect.id, line.value)) for line in own]
+            elif effect.stage is Stage.THERMAL and not effect.depends_on_input:
+                tried = [(shape, self._slow(effect, shape)) for shape in self._shapes(effect)]
+            elif not absent:
+                vectors = [(shape, self._vector(effect, shape)) for shape in self._shapes(effect)]
+                tried = [(shape, self._through(effect, vector, effect.amplitudes)) for shape, vector in vectors]
+            names = tuple(effect.parameters[k].name for k in effect.amplitudes)
+            variants = []
+            for shape, columns in tried:
+                for part in parts_of(names):
+                    numbers = np.array([columns[k] for k in part])
+                    if np.any(numbers >= 0):
+                        variants.append(Variant(shape, numbers, whole=len(part) == len(names)))
+            if variants:
+                self.candidates.append(Candidate(effect.id, effect, names, tuple(variants), searched))
+            elif effect.id not in LINES:
+                self.blind.append(Blind(effect, what_lacks(effect, self.session.state)))
+
+    def _add_shadows(self) -> None:
+        groups = rotation_shadows(self.session.state)
+        # without a name they are one family: whatever else it may be
+        family = sum(len(group.labels) for group in groups) * 3
+        for group in groups:
+            functions = self._share(group.make)
+            variants = []
+            for c, axis in enumerate("xyz"):
+                each = 2 if group.pairs else 1
+                for k, label in enumerate(group.labels):
+                    if not (group.off_axis and label == axis):
+                        numbers = np.array([self._on(c, f) for f in functions[each * k : each * (k + 1)]])
+                        words = group.name if group.pairs else f"{group.name} x {label}"
+                        variants.append(Variant({}, numbers, f"{words} on {self.session.channels[c]}"))
+            self.candidates.append(
+                Candidate(f"shadow:{group.name}:{group.labels[0]}", None, ("a",), tuple(variants), family)
+            )  # fmt: skip
+
+    def _shapes(self, effect: Effect) -> list[dict[str, float]]:
+        shapes = [p for p in effect.parameters if p.shape]
+        if len(shapes) > 1:
+            raise ValueError(f"effect '{effect.id}' has {len(shapes)} shape parameters, one is supported")
+        if not shapes:
+            return [{}]
+        values = shapes[0].grid or self._step_times()
+        if shapes[0].grid and shapes[0].unit == "s":
+            values = time_constants(shapes[0], self.session.state)
+        return [{shapes[0].name: v} for v in values]
+
+    def _step_times(self) -> list[float]:
+        length = float(np.ptp(self.session.state.t_s))
+        times = np.linspace(STEP_MARGIN * length, (1 - STEP_MARGIN) * length, MAX_STEP_TIMES)
+        return [float(t) for t in times]
+
+    def _vector(self, effect: Effect, shape: dict[str, float]) -> Array:
+        vector = np.array(self.model.vector_of(effect.id), dtype=float)
+        for k, parameter in enumerate(effect.parameters):
+            if parameter.name in shape:
+                vector[k] = shape[parameter.name]
+            elif not parameter.shape and not effect.complex_safe and parameter.gate[0] == 0.0 and vector[k] == 0.0:
+                # a slack has no derivative at zero: its slope is taken where it has some size
+                vector[k] = parameter.typical
+        return vector
+
+    def _through(self, effect: Effect, vector: Array, amplitudes: Sequence[int]) -> list[int]:
+        """Columns of an effect through the chain; -1 for one that leaves no trace."""
+        wanted = tuple(amplitudes)
+        stored: Array | None = None
+        if effect.complex_safe:
+            probe = self._evaluate(self._probe_state, [(effect, vector, wanted)])[0][:, :, 1:]
+        else:
+            # a play remembers: the whole recording at once
+            stored = self._evaluate(self.session.state, [(effect, vector, wanted)])[0]
+            probe = stored
+        shows = np.max(np.abs(probe), axis=2) > NOTHING
+        of_channels = np.where(shows, self._own + np.cumsum(shows, axis=0) - 1, -1)
+        self._own += shows.sum(axis=0)
+        self._sources.append(_Source(effect, vector, wanted, of_channels, stored))
+        return [self._add(own) if (own >= 0).any() else -1 for own in of_channels]
+
+    def _slow(self, effect: Effect, shape: dict[str, float]) -> list[int]:
+        """Columns of an effect of time or temperature alone: one function an order, the same for each axis."""
+        state = self.session.state
+        functions: dict[str, int] = {}
+        numbers = []
+        for k in effect.amplitudes:
+            order, _, axis = effect.parameters[k].name.rpartition("_")
+            if order not in functions:
+                vector = self._vector(effect, shape)
+                vector[list(effect.amplitudes)] = 0.0
+                vector[k] = 1.0
+                functions[order] = self._share(self._slow_recipe(effect, vector, "xyz".index(axis)))[0]
+            numbers.append(self._on("xyz".index(axis), functions[order]))
+        if np.ptp(state.temp_c) == 0.0 and "temp_c" in effect.needs:
+            return [-1] * len(numbers)
+        return numbers
+
+    def _slow_recipe(self, effect: Effect, vector: Array, axis: int) -> Recipe:
+        if effect.id == "bias_step":
+            start = float(self.session.state.t_s[0] + vector[-1])
+            return lambda rows: [(rows.state.t_s >= start).astype(float)]
+        # it may remember: the whole recording at once
+        whole = effect.delta(self.session.state, vector, np.zeros((3, self.session.n)))[axis]
+        values = np.ascontiguousarray(whole, dtype=float)
+        return lambda rows: [values[rows.first : rows.first + rows.state.n]]
+
+    def _line(self, effect_id: str, value: float) -> list[int]:
+        """cos on x, y, z, then sin: the amplitudes of a line."""
+
+        def wave(rows: Rows) -> list[Array]:
+            phase = value * (2 * np.pi * rows.state.t_s if effect_id == "tone" else rows.state.tf_rad)
+            return [np.asarray(np.cos(phase)), np.asarray(np.sin(phase))]
+
+        functions = self._share(wave)
+        return [self._on(c, f) for f in functions for c in range(3)]
+
+    def _share(self, recipe: Recipe) -> list[int]:
+        """Numbers of the functions of a recipe among the shared ones."""
+        count = len(recipe(Rows(self.session.state.rows(slice(0, 2)))))
+        self._recipes.append((self._shared, count, recipe))
+        numbers = list(range(self._shared, self._shared + count))
+        self._shared += count
+        return numbers
+
+    def _on(self, channel: int, function: int) -> int:
+        """A new column: a shared function on one channel."""
+        own = np.full(self._own.size, -1, dtype=np.intp)
+        own[channel] = _FAR + function
+        return self._add(own)
+
+    def _add(self, own: Ints) -> int:
+        self._columns.append(own)
+        return len(self._columns) - 1
+
+    def _evaluate(self, state: ChainState, wanted: Sequence[tuple[Effect, Array, tuple[int, ...]]]) -> list[Array]:
+        """(k, C, n) of each (effect, vector, amplitudes)."""
+        found = self.model.derivatives(state, [(e, v) for e, v, _ in wanted], gyros=self.session.gyros)
+        return [np.asarray(f[list(a)], dtype=float) for f, (_, _, a) in zip(found, wanted, strict=True)]

@@ -1,0 +1,363 @@
+"""A long recording in the space of its own columns: everything that is asked of it, from inner products.
+
+The rows are passed through once. Kept are, channel by channel, the Gram matrices of the whitened functions and of the
+residual on each segment (a fold of the held-out test, a steady rate), and their sums over short blocks. All tests,
+choices and fits see the recording only through inner products, so it is replaced by *coordinates*: vectors of a few
+hundred numbers with the same inner products as columns of any length. An offset that wanders is slow against a block:
+its covariance changes only the part of the inner products that lies between the blocks' means, and that part is passed
+through the filter of `markov`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.chunks import in_order
+from highside.diagnosis.core.markov import LevelNoise
+from highside.diagnosis.core.memory import Memory, memory_of
+from highside.diagnosis.rows.design import Design
+from highside.diagnosis.rows.noise import RotationNoise
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+Key = tuple[int, int, bool]
+"""of a part of the rows: fold, steady rate (-1: none), whether it is scored in its fold"""
+Fold = tuple[list[Key], list[Key]]
+"""parts that are left out, and those of them that are scored"""
+
+FOLDS = 10
+BLOCK_S = 0.5
+MAX_BLOCKS = 1000
+FLIP_S = 3.0
+WALK_SHARES = (0.0, 1e-6, 4e-6, 1.6e-5, 6e-5, 2.5e-4, 1e-3, 4e-3, 0.016)
+"""Variance of a walk's step from row to row in units of the white variance of a row."""
+FORGETFUL = ((0.5, (0.03, 0.1, 0.3)), (4.0, (0.01, 0.04, 0.15)))
+"""Levels that forget, what a filter of few terms leaves of a noise's colour: their memory in blocks, and variances in
+units of the white variance of a block's mean."""
+MEMORIES = (*((np.inf, share) for share in WALK_SHARES), *((length, q) for length, own in FORGETFUL for q in own))
+"""(length, share) of each memory that is tried; the first is none."""
+
+
+@dataclass(frozen=True)
+class Segments:
+    """To which fold, steady rate (-1: none) and block a row belongs, and whether it is scored in its fold."""
+
+    fold: Ints
+    rate: Ints
+    core: NDArray[np.bool_]
+    block: Ints
+    flip: Ints
+
+    @classmethod
+    def of(cls, design: Design, lead: int) -> Segments:
+        """The rows at a fold's ends are trained on by nobody else, and not scored: their noise remembers."""
+        session = design.session
+        n, rows = session.n, np.arange(session.n)
+        fold = rows * FOLDS // n
+        gap = lead + round(1.0 / session.step_s)
+        starts = np.searchsorted(fold, np.arange(FOLDS + 1))
+        edge = np.minimum(rows - starts[fold], starts[fold + 1] - 1 - rows)
+        core = (edge >= gap) | (fold == 0) & (rows < starts[1] - gap) | (fold == FOLDS - 1) & (rows >= starts[-2] + gap)
+        length = max(BLOCK_S, session.n * session.step_s / MAX_BLOCKS)
+        block = (rows * session.step_s / length).astype(np.intp)
+        return cls(fold, session.rate_group, core, block, (rows * session.step_s / FLIP_S).astype(np.intp))
+
+
+@dataclass(frozen=True)
+class Gram:
+    """Inner products of one channel's whitened functions, the residual as the last of them: m + 1 in all."""
+
+    parts: dict[Key, Array]
+    """(m + 1, m + 1) of each (fold, rate, core)"""
+    sums: Array
+    """(m + 1, blocks) sums over blocks"""
+    counts: Array
+    """(blocks,) rows of each block that count"""
+    rows: dict[Key, float]
+    """rows of each part that count"""
+
+    @property
+    def total(self) -> Array:
+        """(m + 1, m + 1) of all rows."""
+        return np.asarray(sum(self.parts.values(), np.zeros_like(next(iter(self.parts.values())))))
+
+
+def accumulate(design: Design, noise: RotationNoise, residual: Array) -> tuple[list[Gram], Segments]:
+    """One pass over the rows; `residual` (C, N) after the base fit."""
+    segments = Segments.of(design, noise.lead)
+    sizes = [m + 1 for m in design.sizes]
+    blocks = int(segments.block[-1]) + 1
+    parts: list[dict[Key, Array]] = [{} for _ in sizes]
+    rows: list[dict[Key, float]] = [{} for _ in sizes]
+    sums = [np.zeros((m, blocks)) for m in sizes]
+    chunks = list(design.chunks())
+
+    def one(part: slice) -> list[_Chunk]:
+        led = slice(max(0, part.start - noise.lead), part.stop)
+        return [
+            _chunk(noise.whiten(c, functions, part), noise.weight[c, part], segments, part)
+            for c, functions in enumerate(design.functions(led, residual))
+        ]
+
+    for part, made in zip(chunks, in_order(one, chunks), strict=True):
+        first = int(segments.block[part.start])
+        for c, chunk in enumerate(made):
+            for key, gram, counted in chunk.pieces:
+                parts[c][key] = parts[c][key] + gram if key in parts[c] else gram
+                rows[c][key] = rows[c].get(key, 0.0) + counted
+            sums[c][:, first : first + chunk.sums.shape[1]] += chunk.sums
+    counts = [
+        np.bincount(segments.block, weights=(w > 0).astype(float), minlength=blocks).astype(float) for w in noise.weight
+    ]
+    return [Gram(*kept) for kept in zip(parts, sums, counts, rows, strict=True)], segments
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """What a run of rows adds on one channel."""
+
+    pieces: list[tuple[Key, Array, float]]
+    sums: Array
+
+
+def _chunk(white: Array, weight: Array, segments: Segments, part: slice) -> _Chunk:
+    key = (segments.fold[part] * 64 + segments.rate[part] + 1) * 2 + segments.core[part]
+    pieces = []
+    for start, stop in _runs(key):
+        row = part.start + start
+        name = (int(segments.fold[row]), int(segments.rate[row]), bool(segments.core[row]))
+        piece = white[:, start:stop]
+        pieces.append((name, np.asarray(piece @ piece.T), float(np.sum(weight[start:stop] > 0))))
+    starts = [start for start, _ in _runs(segments.block[part])]
+    return _Chunk(pieces, np.add.reduceat(white, starts, axis=1))
+
+
+def _runs(values: NDArray[np.generic]) -> list[tuple[int, int]]:
+    """(start, stop) of runs of equal values."""
+    borders = np.flatnonzero(np.asarray(values[1:] != values[:-1])) + 1
+    edges = [0, *borders.tolist(), values.shape[0]]
+    return list(pairwise(edges))
+
+
+@dataclass(frozen=True)
+class Walks:
+    """Inner products of one channel under each of `MEMORIES`: (settings, m + 1, m + 1), and log determinants."""
+
+    grams: Array
+    log_determinant: Array
+    rows: float
+
+    @classmethod
+    def of(cls, gram: Gram) -> Walks:
+        """A block's mean has the white variance 1 / rows and the level of the walk at its middle."""
+        used = gram.counts > 0
+        counts = gram.counts[used]
+        means = gram.sums[:, used] / counts
+        steps = np.cumsum(counts) - counts / 2
+        lengths, shares = np.array(MEMORIES).T
+        typical = float(np.median(counts))
+        forgets = np.isfinite(lengths)
+        shares = np.where(forgets, shares / typical, shares)
+        noise = LevelNoise.of(1 / counts, steps - steps[0], shares, np.where(forgets, lengths * typical, np.inf))
+        within = gram.total - (means * counts) @ means.T
+        between = noise.white(means)
+        return cls(within + between @ between.transpose(0, 2, 1), noise.log_determinant, float(counts.sum()))
+
+    def that_never_forget(self) -> Walks:
+        """Those of `WALK_SHARES` alone."""
+        count = len(WALK_SHARES)
+        return Walks(self.grams[:count], self.log_determinant[:count], self.rows)
+
+    def under(self, memory: Memory) -> Array:
+        """(m + 1, m + 1) under the largest memory of its length that the data allow."""
+        return np.asarray(self.grams[MEMORIES.index((memory.length, memory.upper))])
+
+
+class WalkingChannel:
+    """-2 log likelihood of a channel under each of `MEMORIES`: `functions` by their numbers, -1 for none.
+
+    `base` are the numbers of functions that are always projected off.
+    """
+
+    settings: ClassVar = list(MEMORIES)
+
+    def __init__(self, walks: Walks, base: Ints) -> None:
+        self.grams, self._logdet, self._rows = walks.grams, walks.log_determinant, walks.rows
+        self._base = base
+
+    def memory(self, columns: Ints) -> Memory:
+        """The memory that the data ask for with functions (K,) projected off."""
+        return memory_of(self.settings[: len(self.grams)], self.without(columns))
+
+    def without(self, columns: Ints) -> Array:
+        """(settings,)."""
+        return self.with_block(columns, columns[:0])
+
+    def with_block(self, columns: Ints, block: Ints) -> Array:
+        """(settings,) with functions (K,) projected off and (B,) fitted."""
+        return self._minus2l(columns, self._energy(np.concatenate([columns, block])))
+
+    def with_each(self, columns: Ints, functions: Ints) -> Array:
+        """(settings, F) with functions (K,) projected off and each of (F,) fitted."""
+        energy = np.empty((len(self.grams), functions.size))
+        kept = self._numbers(columns)
+        for s, gram in enumerate(self.grams):
+            last = gram.shape[0] - 1
+            picked = np.concatenate([functions[functions >= 0], [last]])
+            inner = gram[np.ix_(picked, picked)]
+            if kept.size:
+                cross = gram[np.ix_(kept, picked)]
+                inner = inner - cross.T @ solved(gram[np.ix_(kept, kept)], cross)
+            norm, moment = np.diag(inner)[:-1], inner[:-1, -1]
+            shows = norm > 1e-6 * np.diag(gram)[picked[:-1]]
+            energy[s] = inner[-1, -1]
+            energy[s, functions >= 0] -= np.where(shows, moment**2 / np.where(shows, norm, 1.0), 0.0)
+        return self._minus2l(columns, energy)
+
+    def _numbers(self, columns: Ints) -> Ints:
+        return np.unique(np.concatenate([self._base, columns[columns >= 0]]))
+
+    def _energy(self, columns: Ints) -> Array:
+        kept = self._numbers(columns)
+        found = np.empty(len(self.grams))
+        for s, gram in enumerate(self.grams):
+            moment = gram[kept, -1]
+            found[s] = gram[-1, -1] - moment @ solved(gram[np.ix_(kept, kept)], moment)
+        return found
+
+    def _minus2l(self, columns: Ints, energy: Array) -> Array:
+        kept = self._numbers(columns)
+        freedom = self._rows - kept.size
+        size = np.empty(len(self.grams))
+        for s, gram in enumerate(self.grams):
+            inner = gram[np.ix_(kept, kept)]
+            scale = np.sqrt(np.maximum(np.diag(self.grams[0])[kept], 1e-300))
+            values = np.linalg.eigvalsh(inner / scale[:, None] / scale[None, :])
+            size[s] = np.log(values[values > 1e-9 * max(values.max(initial=0.0), 1e-300)]).sum() if kept.size else 0.0
+        logdet = self._logdet + size
+        shape = (-1,) + (1,) * (energy.ndim - 1)
+        return np.asarray(freedom * np.log(energy / freedom) + logdet.reshape(shape))
+
+
+def solved(inner: Array, right: Array) -> Array:
+    """Least-squares solution of a singular normal equation, columns scaled to one size."""
+    if not inner.size:
+        return right
+    scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+    values, vectors = np.linalg.eigh(inner / scale[:, None] / scale[None, :])
+    good = values > 1e-9 * max(float(values[-1]), 1e-300)
+    part = vectors[:, good]
+    scaled = (right.T / scale).T
+    return np.asarray(((part / values[good]) @ (part.T @ scaled)).T / scale).T
+
+
+class Space:
+    """Coordinates with the inner products of the recording's whitened columns: channel beside channel, R in all."""
+
+    def __init__(self, design: Design, grams: Sequence[Array]) -> None:
+        """`grams` (m + 1, m + 1) of each channel, the residual last."""
+        self._where = design.where
+        self.coordinates: list[Array] = []
+        self._lift: list[Array] = []
+        residual = []
+        for gram in grams:
+            inner, moment = gram[:-1, :-1], gram[:-1, -1]
+            scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+            values, vectors = np.linalg.eigh(inner / scale[:, None] / scale[None, :])
+            good = values > 1e-9 * values[-1]
+            part, root = vectors[:, good], np.sqrt(values[good])
+            self.coordinates.append(scale[:, None] * part * root)
+            self._lift.append(part / root / scale[:, None])
+            residual.append(self._lift[-1].T @ moment)
+        sizes = [c.shape[1] for c in self.coordinates]
+        ends = np.cumsum([0, *sizes])
+        self.channels = [slice(int(a), int(b)) for a, b in pairwise(ends)]
+        self.size = int(ends[-1])
+        self.residual = np.concatenate(residual)
+
+    @staticmethod
+    def of_channel(gram: Array) -> Array:
+        """(m,) weights of the functions that explain the residual best, from (m + 1, m + 1)."""
+        return solved(gram[:-1, :-1], gram[:-1, -1])
+
+    def columns(self, numbers: Ints) -> Array:
+        """(k, R) of columns of the design."""
+        result = np.zeros((numbers.size, self.size))
+        for c, own in enumerate(self.channels):
+            functions = self._where[numbers, c]
+            shows = (functions >= 0) & (numbers >= 0)
+            result[shows, own] = self.coordinates[c][functions[shows]]
+        return result
+
+    def moments(self, products: Sequence[Array]) -> Array:
+        """(k, R) of vectors given by their inner products with the functions, (k, m) on each channel."""
+        return np.concatenate([p @ lift for p, lift in zip(products, self._lift, strict=True)], axis=1)
+
+    def weights(self, vector: Array) -> list[Array]:
+        """(m,) on each channel: the combination of whitened functions that a vector (R,) stands for."""
+        return [lift @ vector[own] for lift, own in zip(self._lift, self.channels, strict=True)]
+
+
+class HeldOutRows:
+    """Prediction of stretches of a recording from the rest of it, from inner products alone."""
+
+    def __init__(self, design: Design, grams: Sequence[Gram]) -> None:
+        self.where = design.where
+        self.base = design.base
+        self._grams = grams
+        self._sums: dict[tuple[tuple[Key, ...], ...], list[Array]] = {}
+        keys = sorted({key for gram in grams for key in gram.parts})
+        self.keys = keys
+        self._rows = {key: sum(g.rows.get(key, 0.0) for g in grams) for key in keys}
+        self.folds: list[Fold] = []
+        for fold in range(FOLDS):
+            own = [key for key in keys if key[0] == fold]
+            self.folds.append((own, [key for key in own if key[2]]))
+        rates = [[key for key in keys if key[1] == rate] for rate in sorted({key[1] for key in keys} - {-1})]
+        self.by_rate: list[Fold] = [(own, own) for own in rates]
+
+    def inner(self, numbers: Ints, groups: Sequence[Sequence[Key]]) -> Array:
+        """(G, K + 1, K + 1) of columns and, last, the residual, over the parts of each group."""
+        total = np.zeros((len(groups), numbers.size + 1, numbers.size + 1))
+        for c, sums in enumerate(self._over(groups)):
+            functions = self.where[numbers, c]
+            shows = np.append(np.where(numbers >= 0, functions, -1) >= 0, True)
+            picked, place = np.append(functions, -1)[shows], np.flatnonzero(shows)
+            total[:, place[:, None], place] += sums[:, picked[:, None], picked]
+        return total
+
+    def _over(self, groups: Sequence[Sequence[Key]]) -> list[Array]:
+        """(G, m + 1, m + 1) on each channel: inner products of all functions over the parts of each group."""
+        which = tuple(tuple(keys) for keys in groups)
+        if which not in self._sums:
+            self._sums[which] = [
+                np.stack([
+                    sum((gram.parts[key] for key in keys if key in gram.parts), np.zeros_like(gram.total))
+                    for keys in which
+                ])
+                for gram in self._grams
+            ]  # fmt: skip
+        return self._sums[which]
+
+    def scored(self, fold: Fold) -> float:
+        """Readings that a fold scores."""
+        return float(sum(self._rows[key] for key in fold[1]))
+
+    def energies(self, numbers: Ints, folds: Sequence[Fold]) -> Array:
+        """(folds,) squared prediction error of what is scored, with columns (K,) fitted beside the base."""
+        every = np.concatenate([self.base, numbers])
+        left_out, scored = ([fold[i] for fold in folds] for i in (0, 1))
+        total = self.inner(every, [self.keys, *left_out, *scored])
+        rest, test = total[0] - total[1 : len(folds) + 1], total[len(folds) + 1 :]
+        result = []
+        for trained, tested in zip(rest, test, strict=True):
+            solution = np.append(-solved(trained[:-1, :-1], trained[:-1, -1]), 1.0)
+            result.append(float(solution @ tested @ solution))
+        return np.array(result)

@@ -1,0 +1,55 @@
+"""Sampling jitter: an effect that moves no mean, found by the scatter.
+
+Rows that are sampled at random early or late scatter across the gravity vector in proportion to the rate. The noise
+model has tried that on each channel; where the evidence is beyond doubt it is a claim, with one size for all channels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import chdtrc
+
+from highside.diagnosis.core.result import Claim, Diagnosis, FittedParameter, Location
+from highside.diagnosis.rows.noise import RotationNoise
+from highside.physics.effects import get
+
+CERTAIN = 30.0
+"""Gain of -2 log likelihood, of all channels, from which jitter is named: unmodelled tails never reach it."""
+TOLD = ("nothing_left_out", "named", "named_plus")
+
+
+def with_jitter(diagnosis: Diagnosis, noise: RotationNoise, channels: Sequence[str]) -> Diagnosis:
+    """The diagnosis with sampling jitter among its claims, or in what remains where no names are given."""
+    gain, size, error = noise.jitter.T
+    found = np.flatnonzero(gain > 0)
+    evidence = float(gain.sum())
+    if evidence < CERTAIN:
+        return diagnosis
+    effect = get("sampling_jitter")
+    if diagnosis.verdict not in TOLD:
+        told = replace(diagnosis.remainder, resembles=(*diagnosis.remainder.resembles, effect.id))
+        return replace(diagnosis, remainder=told)
+    weight = 1 / np.maximum(error[found], 1e-12) ** 2
+    value, std = float(np.sum(weight * size[found]) / weight.sum()), float(weight.sum() ** -0.5)
+    p = max(float(chdtrc(found.size, evidence)), 1e-300)
+    claim = Claim(
+        effect=effect.id,
+        story=effect.story,
+        formula=effect.formula,
+        stage=effect.stage.value,
+        parameters={"sigma": FittedParameter(value, std, value - 1.96 * std, value + 1.96 * std, "s")},
+        p_familywise=p,
+        equivalence_class=(effect.id,),
+        rivals_ruled_out=(),
+        next_manoeuvre="none needed: noise that follows vibration was tried and does not explain the scatter",
+    )
+    where = Location(tuple(channels[int(c)] for c in found), "rotor_rate_dps", (), None, 1.0, p)
+    return replace(
+        diagnosis,
+        verdict="named_plus" if diagnosis.verdict == "named_plus" else "named",
+        claims=(*diagnosis.claims, claim),
+        location=(*diagnosis.location, where),
+    )

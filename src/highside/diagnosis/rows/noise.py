@@ -1,0 +1,395 @@
+"""The noise of a rotating recording: coloured channel by channel, and not equally large at all times.
+
+Each channel's noise is autoregressive, its order chosen by BIC from a *rich* residual: all columns of the design are
+projected off, so that no effect is taken for colour. What the projection takes with it bends the autocovariance; how
+much is found out by doing the same to white noise, and is given back. The size of the innovations may follow the square
+of the vibration, the square of the rate across the gravity vector (sampling jitter), and slowly the time. Rows that
+stand out as impulses count for nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.chunks import in_order
+from highside.diagnosis.core.memory import Memory
+from highside.diagnosis.rows.design import Design
+from highside.diagnosis.rows.session import RotationSession
+from highside.physics.gravity import gravity_jacobians
+from highside.physics.state import ChainState
+
+Array = NDArray[np.float64]
+
+MAX_ORDER = 16
+MAX_ROWS = 24_000
+"""Rows that the noise is learned from; of longer recordings, windows spread over all of it."""
+WINDOWS = 8
+DRAWS = 24
+VARIANCE_GAIN = 12.0
+"""Gain of -2 log likelihood from which a dependence of the scatter is believed."""
+SCALE_S = 8.0
+IMPULSE = 6.0
+MAX_IMPULSES = 2e-3
+"""A larger share of outlying rows is the shape of the noise, not impulses."""
+ROUNDING = 1e-9
+"""No reading is told more exactly than this share of its size."""
+DIGITS = 1e-4
+"""What is left of readings is asked for to four digits."""
+JITTER, SHAKEN = 0, 1
+
+
+@dataclass(frozen=True)
+class RotationNoise:
+    """`filters` (a_0 = 1, a_1, ...) of each channel, `weight` (C, N): whitened row = (filter * reading) * weight.
+
+    `sigma` (C,) typical size of the innovations (g, gyros rad/s), `freedom` as for poses; `memories` of each channel's
+    whitened rows, in blocks, where an offset wanders.
+    """
+
+    filters: tuple[Array, ...]
+    weight: Array
+    sigma: Array
+    freedom: float
+    by_vibration: Array
+    """(C,) gain of -2 log likelihood by letting the scatter follow vibration"""
+    jitter: Array
+    """(C, 3): gain of -2 log likelihood by letting it follow the rate, sampling jitter in s, its standard deviation"""
+    impulses: int
+    memories: tuple[Memory, ...] = ()
+
+    @property
+    def lead(self) -> int:
+        """How many rows before a row its whitening needs."""
+        return max(f.size for f in self.filters) - 1
+
+    def whiten(self, channel: int, functions: Array, part: slice) -> Array:
+        """Functions (m, lead + n), or (m, n) at the start of all, whitened for the rows of `part`, (m, n)."""
+        led = min(part.start, self.lead)
+        white = filtered(self.filters[channel], functions, led)
+        white *= self.weight[channel, part]
+        return white
+
+    def white(self, columns: Array) -> Array:
+        """(..., C, N) readings -> (..., C N) in units of the noise, a wandering offset left aside."""
+        flat = columns.reshape(-1, *columns.shape[-2:])
+        turned = np.stack([self.whiten(c, flat[:, c], slice(0, flat.shape[2])) for c in range(flat.shape[1])], axis=1)
+        return np.asarray(turned.reshape(*columns.shape[:-2], columns.shape[-2] * columns.shape[-1]))
+
+
+def filtered(polynomial: Array, rows: Array, led: int) -> Array:
+    """a_0 x_t + a_1 x_(t-1) + ... of rows (m, led + n), (m, n); what lies before all rows counts as 0."""
+    n = rows.shape[1] - led
+    result = rows[:, led:].copy()
+    term = np.empty_like(result)
+    for k in range(1, polynomial.size):
+        skip = max(0, k - led)
+        if skip < n:
+            part = term[:, : n - skip]
+            np.multiply(rows[:, led - k + skip : led - k + n], polynomial[k], out=part)
+            result[:, skip:] += part
+    return np.asarray(result, dtype=float)
+
+
+@dataclass
+class _Learning:
+    """Windows of rows with their functions on one channel: (m, lead + n) each, and readings (lead + n,).
+
+    `counts` (n,) are 0 for rows that are left out.
+    """
+
+    parts: list[slice]
+    functions: list[Array]
+    readings: list[Array]
+    counts: list[Array] | None
+
+    def outside(self, polynomial: Array, others: Sequence[Array] = ()) -> tuple[list[Array], int, list[Array]]:
+        """Filtered readings beyond the functions, window by window; the rank; and `others` (d, n) treated alike."""
+        lead = polynomial.size - 1
+        led = [min(lead, part.start) for part in self.parts]
+        turned = [filtered(polynomial, f[:, f.shape[1] - (p.stop - p.start) - n :], n)
+                  for f, p, n in zip(self.functions, self.parts, led, strict=True)]  # fmt: skip
+        target = [filtered(polynomial, r[None, r.size - (p.stop - p.start) - n :], n)
+                  for r, p, n in zip(self.readings, self.parts, led, strict=True)]  # fmt: skip
+        if self.parts[0].start == 0:
+            # the first rows lack what came before them
+            for one in (turned[0], target[0]):
+                one[:, :lead] = 0.0
+        if self.counts is not None:
+            lost = [np.convolve(1 - kept, np.ones(lead + 1))[: kept.size] > 0 for kept in self.counts]
+            for one, rows in [*zip(turned, lost, strict=True), *zip(target, lost, strict=True)]:
+                one[:, rows] = 0.0
+        gram = sum((t @ t.T for t in turned), np.zeros((turned[0].shape[0],) * 2))
+        size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        values, vectors = np.linalg.eigh(gram / size[:, None] / size[None, :])
+        good = values > 1e-9 * values[-1]
+        root = (vectors[:, good] / np.sqrt(values[good])) / size[:, None]
+
+        def left(rows: list[Array]) -> list[Array]:
+            seen = root.T @ sum(
+                (t @ r.T for t, r in zip(turned, rows, strict=True)), np.zeros((size.size, len(rows[0])))
+            )
+            back = root @ seen
+            return [r - back.T @ t for r, t in zip(rows, turned, strict=True)]
+
+        return [r[0] for r in left(target)], int(good.sum()), left(list(others)) if others else []
+
+
+def windows(n: int) -> list[slice]:
+    """The rows that the noise is learned from."""
+    if n <= MAX_ROWS:
+        return [slice(0, n)]
+    length = MAX_ROWS // WINDOWS
+    starts = np.linspace(0, n - length, WINDOWS).astype(int)
+    return [slice(int(s), int(s) + length) for s in starts]
+
+
+def estimate(design: Design, residual: Array, seed: int, *, coloured: bool = True) -> RotationNoise:
+    """The noise of a residual (C, N) after the base fit, everything in the design projected off.
+
+    Without `coloured` it is taken for white and equally large at all times.
+    """
+    session = design.session
+    parts = windows(session.n)
+    made: list[list[Array]] = [[] for _ in session.channels]
+    for part in parts:
+        for c, functions in enumerate(design.functions(slice(max(0, part.start - 2 * MAX_ORDER), part.stop))):
+            made[c].append(functions)
+
+    def of(c: int) -> _Found:
+        counts = None if session.left_out is None else [np.where(session.left_out[p], 0.0, 1.0) for p in parts]
+        before = [residual[c, max(0, p.start - 2 * MAX_ORDER) : p.stop] for p in parts]
+        size = float(np.sqrt(np.mean(session.readings[c] ** 2)))
+        if float(residual[c].std()) < ROUNDING * size:
+            # a simulation without noise: nothing is smaller than rounding
+            return _Found(np.ones(1), np.full(session.n, 1 / (ROUNDING * size)), ROUNDING * size)
+        learning = _Learning(parts, made[c], before, counts)
+        polynomial = _colour(learning, np.random.default_rng([seed, c])) if coloured else np.ones(1)
+        left, rank, _ = learning.outside(polynomial)
+        rows = sum(r.size for r in left)
+        shape, by_vibration, jitter, wild = _scatter(session, c, parts, left, polynomial, coloured)
+        level = float(
+            np.sqrt(sum(float(np.sum((r * w) ** 2)) for r, w in zip(left, shape[1], strict=True)) / (rows - rank))
+        )
+        level = max(level, 1e-15)
+        weight = shape[0] / level
+        weight[wild] = 0.0
+        if session.left_out is not None:
+            weight[_spread(np.flatnonzero(session.left_out), polynomial.size - 1, session.n)] = 0.0
+        weight[: polynomial.size - 1] = 0.0
+        scatter = (jitter[0], jitter[1] * level, jitter[2] * level)
+        return _Found(polynomial, weight, level, by_vibration, scatter, wild.size, float(rows - rank))
+
+    found = list(in_order(of, range(len(session.channels))))
+    return RotationNoise(
+        tuple(one.polynomial for one in found),
+        np.stack([one.weight for one in found]),
+        np.array([one.sigma for one in found]),
+        min(float(session.n), *(one.freedom for one in found)),
+        np.array([one.by_vibration for one in found]),
+        np.array([one.jitter for one in found]),
+        sum(one.impulses for one in found),
+    )
+
+
+@dataclass(frozen=True)
+class _Found:
+    """The noise of one channel; names as in `RotationNoise`."""
+
+    polynomial: Array
+    weight: Array
+    sigma: float
+    by_vibration: float = 0.0
+    jitter: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    impulses: int = 0
+    freedom: float = np.inf
+
+
+def rounding(readings: Array, residual: Array, seed: int) -> Array:
+    """(C, n) noise of the size to which readings, and what a base fit leaves of them, are asked for at all.
+
+    A simulation without noise has none, and then what effects do beyond first order would be all that is seen.
+    """
+    of_readings, of_residual = (np.sqrt(np.mean(x**2, axis=1, keepdims=True)) for x in (readings, residual))
+    size = np.maximum(ROUNDING * of_readings, DIGITS * of_residual)
+    return np.asarray(size * np.random.default_rng(seed).standard_normal(readings.shape))
+
+
+def plain(sigma: Array, n: int) -> RotationNoise:
+    """White noise of one size (C,) on each channel of n rows."""
+    count = sigma.size
+    weight = np.repeat(1 / sigma[:, None], n, axis=1)
+    return RotationNoise((np.ones(1),) * count, weight, sigma, float(n), np.zeros(count), np.zeros((count, 3)), 0)
+
+
+def with_walk(noise: RotationNoise, memories: Sequence[Memory]) -> RotationNoise:
+    """The same noise with what wanders added to it."""
+    return replace(noise, memories=tuple(memories))
+
+
+def _colour(learning: _Learning, rng: np.random.Generator) -> Array:
+    """The filter that whitens a channel: a first guess, then what is left of colour after it, bias taken off."""
+    polynomial = np.ones(1)
+    for turn in range(3):
+        drawn = [rng.standard_normal((DRAWS, p.stop - p.start)) for p in learning.parts]
+        left, rank, projected = learning.outside(polynomial, drawn)
+        rows = sum(r.size for r in left)
+        level = sum(float(r @ r) for r in left) / (rows - rank)
+        found = _autocovariance([r[None] for r in left])[0] / level
+        # what projecting the functions off does to white noise, on average
+        bias = np.mean(_autocovariance(drawn) - _autocovariance(projected), axis=0)
+        step = _levinson(found + bias, rows)
+        if step.size == 1:
+            break
+        polynomial = np.convolve(polynomial, step)
+        if turn:
+            # the refinement multiplies on; its far terms are nothing
+            polynomial = polynomial[: 2 * MAX_ORDER + 1]
+    return polynomial
+
+
+def _autocovariance(series: list[Array]) -> Array:
+    """(d, lags) mean product at each lag of series (d, n), pooled over windows."""
+    total = np.zeros((series[0].shape[0], MAX_ORDER + 1))
+    rows = sum(s.shape[1] for s in series)
+    for s in series:
+        for k in range(MAX_ORDER + 1):
+            total[:, k] += np.einsum("dn,dn->d", s[:, k:], s[:, : s.shape[1] - k])
+    return np.asarray(total / rows, dtype=float)
+
+
+def _levinson(autocovariance: Array, rows: int) -> Array:
+    """Prediction error filter of the order that BIC chooses, by the Levinson-Durbin recursion."""
+    error = float(autocovariance[0])
+    polynomial = np.ones(1)
+    best, chosen = rows * np.log(error), polynomial
+    for order in range(1, MAX_ORDER + 1):
+        reflection = -float(polynomial @ autocovariance[order:0:-1][:order]) / error
+        if not abs(reflection) < 1:
+            break
+        padded = np.append(polynomial, 0.0)
+        polynomial = padded + reflection * padded[::-1]
+        error *= 1 - reflection**2
+        score = rows * np.log(error) + order * np.log(rows)
+        if score < best:
+            best, chosen = score, polynomial
+    return np.asarray(chosen)
+
+
+def _scatter(
+    session: RotationSession, channel: int, parts: list[slice], left: list[Array], polynomial: Array, changes: bool
+) -> tuple[tuple[Array, list[Array]], float, tuple[float, float, float], NDArray[np.intp]]:
+    """How the size of the innovations goes along: 1 / size of all rows and of the windows' rows, evidence, impulses.
+
+    The size is relative; jitter is given as the ratio of its time scatter to the level of the innovations.
+    """
+    if not changes:
+        every = [np.ones_like(rows) for rows in left]
+        return (np.ones(session.n), every), 0.0, (0.0, 0.0, 0.0), np.empty(0, dtype=np.intp)
+    state = session.state
+    whole = {SHAKEN: np.asarray(state.vibration_rms_g**2, dtype=float), JITTER: _across(state, channel)}
+    if channel >= 3:
+        whole[JITTER] = np.zeros(session.n)
+    rows = np.concatenate(left)
+    take = np.concatenate([np.arange(p.start, p.stop) for p in parts])
+    lead = polynomial.size - 1
+    keep = np.ones(rows.size, dtype=bool)
+    keep[:lead] = False
+    scale = float(np.median(np.abs(rows[keep])) / 0.6745)
+    wild = keep & (np.abs(rows) > IMPULSE * scale)
+    modelled = {k: v[take] for k, v in whole.items() if np.ptp(v) > 0}
+    square = np.minimum(rows**2, (IMPULSE * scale) ** 2) / scale**2
+    chosen: dict[int, float] = {}
+    level, cost = float(square[keep].mean()), 0.0
+    cost = _deviance(square[keep], np.full(int(keep.sum()), level))
+    evidence = {SHAKEN: 0.0, JITTER: 0.0}
+    # heavy tails make differences of scatter look surer than they are
+    kurtosis = float(np.mean(square[keep] ** 2) / np.mean(square[keep]) ** 2)
+    for _ in range(len(modelled)):
+        tries = {}
+        for k in modelled:
+            if k not in chosen:
+                names = [*chosen, k]
+                weights = _variance_fit(square[keep], [modelled[j][keep] for j in names])
+                fitted = weights[0] + sum(w * modelled[j][keep] for w, j in zip(weights[1:], names, strict=True))
+                tries[k] = (cost - _deviance(square[keep], fitted), names, weights)
+        k = max(tries, key=lambda name: tries[name][0])
+        gain, names, weights = tries[k]
+        if gain * 2 / max(kurtosis - 1, 2.0) < VARIANCE_GAIN:
+            break
+        evidence[k] = gain * 2 / max(kurtosis - 1, 2.0)
+        level, chosen = float(weights[0]), dict(zip(names, weights[1:].tolist(), strict=True))
+        cost -= gain
+    size = level + sum((w * whole[k] for k, w in chosen.items()), np.zeros(session.n))
+    size /= float(np.mean(size[take]))
+    if wild.mean() > MAX_IMPULSES:
+        wild[:] = False
+    size *= _slowly(session, take, square / size[take], keep & ~wild)
+    root = 1 / np.sqrt(size)
+    strays = take[wild & (np.abs(rows) * root[take] > IMPULSE * scale)]
+    spread = _spread(strays, lead, session.n)
+    jitter = (0.0, 0.0, 0.0)
+    if chosen.get(JITTER, 0.0) > 0:
+        time = float(np.sqrt(chosen[JITTER])) * scale
+        # relative to the level of all innovations, which `scale` and the mean size make up
+        mean = scale * float(np.sqrt(np.mean(square[keep])))
+        jitter = (evidence[JITTER], time / mean, time / mean / np.sqrt(max(2 * evidence[JITTER], 1.0)))
+    part_roots = np.split(root[take] * keep, np.cumsum([p.stop - p.start for p in parts])[:-1])
+    return (root, part_roots), evidence[SHAKEN], jitter, spread
+
+
+def _spread(rows: NDArray[np.intp], lead: int, n: int) -> NDArray[np.intp]:
+    """Rows, and those after them that the filter brings them into."""
+    return np.unique(np.minimum((rows[:, None] + np.arange(lead + 1)).ravel(), n - 1))
+
+
+def _across(state: ChainState, channel: int) -> Array:
+    """(N,) square of the change of a reading with the time of sampling, (g/s)^2."""
+    if channel >= 3:
+        return np.zeros(state.n)
+    by_tf = np.asarray(gravity_jacobians(state.inc_rad, state.tf_rad)[1][channel], dtype=float)
+    return np.asarray((by_tf * state.rotor_rate_radps) ** 2)
+
+
+def _deviance(square: Array, variance: Array) -> float:
+    return float(np.sum(np.log(variance) + square / variance))
+
+
+def _variance_fit(square: Array, regressors: list[Array]) -> Array:
+    """Weights >= 0 of a constant and regressors whose sum is the variance, by iterated weighted least squares."""
+    from scipy.optimize import nnls
+
+    columns = np.stack([np.ones(square.size), *regressors])
+    unit = columns.max(axis=1)
+    columns = columns / unit[:, None]
+    fitted = np.full(square.size, float(square.mean()))
+    weights = np.zeros(len(columns))
+    for _ in range(6):
+        scaled = columns / fitted
+        weights = nnls(scaled @ scaled.T, scaled @ (square / fitted))[0]
+        fitted = np.maximum(weights @ columns, 1e-3 * float(square.mean()))
+    return np.asarray(np.maximum(weights / unit, [1e-6, *[0.0] * len(regressors)]))
+
+
+def _slowly(session: RotationSession, take: NDArray[np.intp], square: Array, keep: NDArray[np.bool_]) -> Array:
+    """(N,) slow change of the variance, shrunk to 1 as far as chance explains it."""
+    if take.size < session.n:
+        return np.ones(session.n)
+    width = max(1, round(SCALE_S / session.step_s))
+    count = max(1, session.n // width)
+    if count < 4:
+        return np.ones(session.n)
+    edges = np.linspace(0, session.n, count + 1).astype(int)
+    used = np.add.reduceat(keep.astype(float), edges[:-1])
+    means = np.add.reduceat(np.where(keep, square, 0.0), edges[:-1]) / np.maximum(used, 1.0)
+    means /= means.mean()
+    kurtosis = float(np.mean(square[keep] ** 2) / np.mean(square[keep]) ** 2)
+    expected = (kurtosis - 1) / width
+    share = max(0.0, 1 - expected / max(float(means.var()), 1e-12))
+    if share < 0.5:
+        return np.ones(session.n)
+    middle = (edges[1:] + edges[:-1]) / 2
+    return np.asarray(np.interp(np.arange(session.n), middle, np.maximum(1 + share * (means - 1), 0.05)))

@@ -1,0 +1,1 @@
+"""Recordings beside another program's prediction of them."""

@@ -1,0 +1,176 @@
+"""The columns of a recording beside another program's prediction: effects, unnamed products, locating groups.
+
+As `design`, with everything at hand as rows: what is compared is short enough for that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.candidates import Blind, Candidate, Variant
+from highside.diagnosis.rows.bases import Group
+from highside.diagnosis.rows.design import Design
+from highside.diagnosis.simulation.effects import Around, described, effects_of
+from highside.diagnosis.simulation.session import SimulationSession
+from highside.physics.effect import Effect
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+NOTHING = 1e-12
+FAINT = 3.0
+"""An amplitude that at its largest plausible size adds less than this, in standard deviations, is left out."""
+TIME_WAVES = 8
+BLIND = {
+    "lever_arm": "rates (gx_dps, gy_dps, gz_dps) are not recorded, or no channel is an acceleration of a named axis",
+    "temperature_bias": "the temperature (temp_c) is not recorded, or does not change",
+    "temperature_scale": "the temperature (temp_c) is not recorded, or does not change",
+    "centripetal": "the speed (speed_mps) or a rate is not recorded, or no channel is an acceleration of a named axis",
+    "time_offset": "the two files are on clocks of their own: aligning them has taken any offset away",
+}
+"""Effects that need something that may be lacking."""
+
+
+class SimulationDesign(Design):
+    """The columns of a session beside a base of the effects `free`, which are adjusted anyway."""
+
+    def __init__(self, session: SimulationSession, free: Sequence[str], around: Around) -> None:
+        self.session, self.lines = session, ()
+        self.free = tuple(free)
+        self._rows: list[list[Array]] = [[] for _ in session.names]
+        self._columns: list[Ints] = []
+        base: list[int] = []
+        self.candidates: list[Candidate] = []
+        self.column_values: dict[int, Array] = {}
+        shown = set()
+        scatter = np.maximum((session.readings - session.predicted).std(axis=1), 1e-12)
+        too_small: list[str] = []
+        for tried in effects_of(session, around):
+            shown.add(tried.effect.id)
+            limits = np.array([max(abs(g) for g in p.gate) for p in tried.effect.parameters])
+            shapes = []
+            for shape, columns in tried.shapes:
+                size = limits * np.linalg.norm(columns / scatter[:, None], axis=(1, 2))
+                kept = [column if s > FAINT else np.zeros_like(column) for column, s in zip(columns, size, strict=True)]
+                shapes.append((shape, [self._put(column) for column in kept]))
+            if tried.effect.id in self.free:
+                base += [number for number in shapes[0][1] if number >= 0]
+                continue
+            variants = []
+            for shape, numbers in shapes:
+                for part in tried.parts:
+                    own = np.array([numbers[k] for k in part], dtype=np.intp)
+                    if np.any(own >= 0):
+                        variants.append(Variant(shape, own, whole=len(part) == len(numbers)))
+            names = tuple(p.name for p in tried.effect.parameters)
+            if variants:
+                self.candidates.append(Candidate(tried.effect.id, tried.effect, names, tuple(variants)))
+            else:
+                too_small.append(tried.effect.id)
+        self.base = np.array(base, dtype=np.intp)
+        self.blind = [Blind(described(name), why) for name, why in BLIND.items() if name not in shown]
+        small = "even the largest size that is plausible would not show in this recording"
+        self.blind += [Blind(described(name), small) for name in too_small]
+        self._add_products(session)
+        self.groups = _groups(session)
+        self.cells: list[Ints] = []
+        self.cell_of: list[tuple[int, int]] = []
+        for b, functions in enumerate(_functions(session)):
+            for c in range(len(session.names)):
+                self.cell_of.append((c, b))
+                self.cells.append(np.array([self._put_on(c, f) for f in functions], dtype=np.intp))
+        self.where = np.array(self._columns)
+        self.sizes = [len(rows) for rows in self._rows]
+        self._stacked = [np.stack(rows) for rows in self._rows]
+
+    def functions(self, part: slice, below: Array | None = None, only: Sequence[Ints] | None = None) -> list[Array]:
+        """As those of a `Design`."""
+        made = [r[:, part] if only is None else r[only[c]][:, part] for c, r in enumerate(self._stacked)]
+        return made if below is None else [np.vstack([m, below[c : c + 1, part]]) for c, m in enumerate(made)]
+
+    def effect_of(self, number: int) -> Effect:
+        """The effect of a candidate."""
+        effect = self.candidates[number].effect
+        assert effect is not None
+        return effect
+
+    def column(self, number: int) -> Array:
+        """(C, n) what a column adds to the readings."""
+        return self.readings_of(number, 1.0, slice(0, self.session.n))
+
+    def _put(self, column: Array) -> int:
+        """Number of a column (C, n); -1 for one that is nothing."""
+        shows = np.max(np.abs(column), axis=1) > NOTHING
+        if not shows.any():
+            return -1
+        own = np.full(len(self._rows), -1, dtype=np.intp)
+        for c in np.flatnonzero(shows):
+            own[c] = len(self._rows[c])
+            self._rows[c].append(column[c])
+        self._columns.append(own)
+        return len(self._columns) - 1
+
+    def _put_on(self, channel: int, function: Array) -> int:
+        column = np.zeros((len(self._rows), function.size))
+        column[channel] = function
+        return self._put(column)
+
+    def _add_products(self, session: SimulationSession) -> None:
+        """Unnamed products, so that they are not given the name of the nearest effect."""
+        scaled = [s / max(float(np.abs(s).max()), 1e-12) for s in session.predicted]
+        u = np.linspace(-1.0, 1.0, session.n)
+        tables: dict[str, dict[str, Array]] = {
+            "time": {n: u * s for n, s in zip(session.names, scaled, strict=True)},
+            "prediction": {
+                f"{session.names[i]} {session.names[j]}": scaled[i] * scaled[j]
+                for i in range(len(scaled)) for j in range(i, len(scaled))
+            },
+        }  # fmt: skip
+        for name, terms in tables.items():
+            variants = []
+            for c in range(len(session.names)):
+                for label, term in terms.items():
+                    number = self._put_on(c, term)
+                    if number >= 0:
+                        variants.append(
+                            Variant({}, np.array([number]), f"{name} x {label} on {session.names[c]}", whole=True)
+                        )
+            if variants:
+                self.candidates.append(Candidate(f"shadow:{name}", None, ("a",), tuple(variants)))
+
+
+def _covariates(session: SimulationSession) -> list[tuple[str, Array, list[Array], bool]]:
+    """Name, values, functions, and whether it is slow."""
+    found: list[tuple[str, Array, list[Array], bool]] = []
+    for name, s in zip(session.names, session.predicted, strict=True):
+        x = (s - s.mean()) / max(float(s.std()), 1e-12)
+        found.append((name, s, [x, x**2, x**3], False))
+    for axis, rate in session.rates.items():
+        x = rate / max(float(rate.std()), 1e-12)
+        found.append((f"g{axis}_dps", np.degrees(rate), [x, np.abs(x), x * x], False))
+    if session.speed is not None:
+        x = (session.speed - session.speed.mean()) / max(float(session.speed.std()), 1e-12)
+        found.append(("speed_mps", session.speed, [x, x * x], False))
+    if session.warm:
+        t = session.state.temp_c
+        x = (t - t.mean()) / t.std()
+        found.append(("temp_c", t, [x, x * x, x**3], True))
+    u = np.linspace(0.0, 1.0, session.n)
+    found.append(("t_s", session.state.t_s, [np.cos(np.pi * k * u) for k in range(1, TIME_WAVES + 1)], True))
+    return found
+
+
+def covariates_of(session: SimulationSession) -> dict[str, Array]:
+    """(n,) what residuals can be drawn over."""
+    return {name: along for name, along, _, _ in _covariates(session)}
+
+
+def _groups(session: SimulationSession) -> list[Group]:
+    return [Group(name, along, lambda _: [], (), slow) for name, along, _, slow in _covariates(session)]
+
+
+def _functions(session: SimulationSession) -> list[list[Array]]:
+    return [functions for _, _, functions, _ in _covariates(session)]

@@ -1,0 +1,86 @@
+"""Is a prediction of the same things as the recording? Unit, sign and axes, before any physics is asked.
+
+Of each channel the slope of recording over prediction is looked at: a factor between units, a turned sign or a
+neighbour that fits far better is a fault of the files, however well a fit could live with it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.result import Finding
+from highside.diagnosis.simulation.effects import kind_of
+from highside.diagnosis.simulation.session import SimulationSession
+
+Array = NDArray[np.float64]
+
+FACTORS = {
+    "m/s2 against g": 9.80665,
+    "g against m/s2": 1 / 9.80665,
+    "deg against rad": math.degrees(1),
+    "rad against deg": math.radians(1),
+    "thousandths against units": 1e3,
+    "units against thousandths": 1e-3,
+}
+NEAR = 0.15
+"""How near to a factor a slope must be, relative."""
+FOLLOWS = 0.8
+"""Correlation from which a channel is taken to follow another."""
+STRANGE = 0.4
+
+
+def check_prediction(session: SimulationSession) -> tuple[Finding, ...]:
+    """What spoils the comparison; empty if nothing does."""
+    kept = slice(None) if session.left_out is None else ~session.left_out
+    measured, predicted = session.readings[:, kept], session.predicted[:, kept]
+    dead = [n for n, m, p in zip(session.names, measured, predicted, strict=True) if np.ptp(m) == 0 and np.ptp(p) > 0]
+    if dead:
+        return (Finding("constant_channel", tuple(dead), 0.0, "check wire and codec"),)
+    found = _axes(session, measured, predicted)
+    if found:
+        return found
+    for name, m, p in zip(session.names, measured, predicted, strict=True):
+        r = _correlation(m, p)
+        if abs(r) < FOLLOWS:
+            continue
+        slope = r * float(m.std() / p.std())
+        if slope < 0:
+            words = f"the recording follows the prediction with the sign turned (slope {slope:.3g})"
+            return (Finding("inverted_axis", (name,), _chance(r, session), f"{words}: check signs"),)
+        unit = next((u for u, f in FACTORS.items() if abs(slope / f - 1) < NEAR), None)
+        if unit:
+            words = f"the recording is {slope:.4g} times the prediction: looks like {unit}"
+            return (Finding("wrong_unit", (name,), _chance(r, session), words),)
+    return ()
+
+
+def _axes(session: SimulationSession, measured: Array, predicted: Array) -> tuple[Finding, ...]:
+    """Channels that follow each other's prediction and not their own."""
+    kinds = [kind_of(n, u) for n, u in zip(session.names, session.units, strict=True)]
+    for c, d in _pairs(kinds):
+        crossed = _correlation(measured[c], predicted[d]), _correlation(measured[d], predicted[c])
+        own = _correlation(measured[c], predicted[c]), _correlation(measured[d], predicted[d])
+        if min(np.abs(crossed)) > FOLLOWS and max(np.abs(own)) < STRANGE:
+            words = "each follows the prediction of the other: check the order of the columns"
+            p = _chance(float(min(np.abs(crossed))), session)
+            return (Finding("swapped_axis", (session.names[c], session.names[d]), p, words),)
+    return ()
+
+
+def _pairs(kinds: Sequence[str]) -> list[tuple[int, int]]:
+    return [(c, d) for c in range(len(kinds)) for d in range(c) if kinds[c] == kinds[d]]
+
+
+def _correlation(one: Array, other: Array) -> float:
+    size = float(one.std() * other.std())
+    return float(np.mean((one - one.mean()) * (other - other.mean())) / size) if size > 0 else 0.0
+
+
+def _chance(correlation: float, session: SimulationSession) -> float:
+    """Probability of such a correlation by chance, one independent value a second."""
+    n = max(session.n * session.step_s, 4.0)
+    return float(math.erfc(math.atanh(min(abs(correlation), 1 - 1e-12)) * math.sqrt((n - 3) / 2)))

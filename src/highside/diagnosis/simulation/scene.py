@@ -1,0 +1,395 @@
+"""A recording beside another program's prediction, prepared for the diagnosis: linear effects in coloured noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.fit import JointFit
+from highside.diagnosis.core.held_out import gain_interval
+from highside.diagnosis.core.memory import SLOW_LOG_P, Channel, Memory, SlowEffect, SlowLimits
+from highside.diagnosis.core.pool import Member
+from highside.diagnosis.core.probability import student_quantile
+from highside.diagnosis.core.regression import outside
+from highside.diagnosis.core.result import Diagnosis, Fit, FittedParameter, Location
+from highside.diagnosis.core.rivals import Rivalry
+from highside.diagnosis.core.scene import SLOW, Judged, Picture
+from highside.diagnosis.rotation.scene import RotationScene, _chance
+from highside.diagnosis.rows.gram import HeldOutRows, WalkingChannel, Walks, accumulate
+from highside.diagnosis.rows.jitter import with_jitter
+from highside.diagnosis.rows.noise import RotationNoise, estimate, with_walk
+from highside.diagnosis.simulation.design import SimulationDesign, covariates_of
+from highside.diagnosis.simulation.effects import Around
+from highside.diagnosis.simulation.session import SimulationSession
+from highside.physics.forward import ForwardModel
+
+Array = NDArray[np.float64]
+
+TURNS = 4
+MOST_BINS, LEAST_IN_BIN = 24, 100
+MOST_NAMED = 6
+OFFSETS = frozenset({"bias", "gyro_bias", "offset"})
+FAR = 3.0
+"""Standard deviations of a walk's mean beyond which an offset is none."""
+LEAST_NAMED, LEAST_PRODUCT = 0.003, 0.02
+"""Of all that is explained, what an effect, or an unnamed product, must explain to be more than a remainder."""
+
+
+@dataclass(frozen=True)
+class SimulationScene(RotationScene):
+    """n rows of some channels beside their prediction."""
+
+    session: SimulationSession
+    design: SimulationDesign
+
+    @classmethod
+    def beside(cls, session: SimulationSession, free: tuple[str, ...], seed: int) -> SimulationScene:
+        """Make the columns, take the base off, learn the noise; again about the delays that are found."""
+        scene = cls._about(session, free, seed, Around())
+        around = scene._delays()
+        for _ in range(TURNS):
+            if around == Around():
+                break
+            scene = cls._about(session, free, seed, around)
+            before, around = around, scene._delays()
+            if _near(before, around):
+                break
+        return scene
+
+    def _delays(self) -> Around:
+        """What a first choice says of effects that are not linear."""
+        members = [m for m in self._plain.selector.select() if self.candidates[m.candidate].named]
+        found = self.fit(members, None).parameters
+        delay = found.get("time_offset", {}).get("t0")
+        lags = found.get("bandwidth_lag", {})
+        names = next((c.amplitudes for c in self.candidates if c.id == "bandwidth_lag"), ())
+        taus = tuple(max(lags[name].value, 0.0) if name in lags else 0.0 for name in names)
+        return Around(0.0 if delay is None else delay.value, taus if any(taus) else ())
+
+    @classmethod
+    def _about(cls, session: SimulationSession, free: tuple[str, ...], seed: int, around: Around) -> SimulationScene:
+        design = SimulationDesign(session, free, around)
+        residual = session.readings - session.predicted
+        if design.base.size:
+            columns = np.stack([design.column(int(k)) for k in design.base])
+            kept = np.ones(session.n) if session.left_out is None else 1.0 - session.left_out
+            sizes = np.maximum(residual.std(axis=1, keepdims=True), 1e-12)
+            rows = (columns / sizes * kept).reshape(len(columns), -1)
+            weights = np.linalg.lstsq(rows.T, (residual / sizes * kept).reshape(-1), rcond=1e-9)[0]
+            residual = residual - np.tensordot(weights, columns, 1)
+        noise = _by_activity(design, estimate(design, residual, seed), residual)
+        grams, segments = accumulate(design, noise, residual)
+        chance, rest = _chance(design, noise, residual, grams, segments)
+        return cls(
+            design.candidates, design.blind, free, seed, session, ForwardModel.of({}), design, residual, noise, grams,
+            segments, chance, rest,
+        )  # fmt: skip
+
+    @cached_property
+    def _walks(self) -> list[Walks]:
+        return [Walks.of(gram) for gram in self.grams]
+
+    @cached_property
+    def _plain(self) -> Judged:
+        """As judged without any memory."""
+        return super().judge(self.coloured_noise)
+
+    def judge(self, noise: Any) -> Judged:
+        limits = self._plain
+        found = super().judge(noise) if noise.memories else limits
+        # what is drawn to find the thresholds has no walk in it: they are those of the noise without
+        selector = replace(found.selector, threshold=limits.selector.threshold, most=MOST_NAMED)
+        return replace(found, selector=selector, scan_threshold=limits.scan_threshold)
+
+    def locate_whole(
+        self, judged: Judged, signal: Array, members: Sequence[Member], p: float, share: float
+    ) -> tuple[Location, ...]:
+        # the covariates are what was recorded, and have no cells
+        return self.locate(judged, signal, judged.selector.space_with(members), p, share)
+
+    def completed(self, diagnosis: Diagnosis) -> Diagnosis:
+        # causes and manoeuvres are told for the library's own effects
+        return with_jitter(diagnosis, self.noise, self.channels)
+
+    @property
+    def certain(self) -> float:
+        return SLOW_LOG_P
+
+    @property
+    def slow_limits(self) -> SlowLimits:
+        return SlowLimits()
+
+    @property
+    def slow_beside_fast(self) -> bool:
+        # a drive is no programme of rates
+        return False
+
+    @property
+    def faint(self) -> float:
+        return 0.0
+
+    @property
+    def most_named(self) -> int:
+        # there is no base to absorb the simple ones
+        return MOST_NAMED
+
+    def believed(self, judged: Judged, members: list[Member]) -> list[Member]:
+        selector = judged.selector
+        members = [m for m in members if not self._wanders_as_far(judged.noise.noise, m, members)]
+
+        def gain(some: Sequence[Member]) -> float:
+            left = outside(selector.space_with(some), selector.residual)
+            return float(selector.residual @ selector.residual - left @ left)
+
+        # of an effect that is a thousand times its noise, what no formula has exactly is still significant
+        kept, total = list(members), gain(members)
+        for member in reversed(members):
+            least = LEAST_NAMED if self.candidates[member.candidate].named else LEAST_PRODUCT
+            others = [m for m in kept if m != member]
+            if others and total - gain(others) < least * total:
+                kept = others
+        return kept
+
+    def _wanders_as_far(self, noise: RotationNoise, member: Member, members: Sequence[Member]) -> bool:
+        """Whether an offset is no larger than the mean of a walk as large as the noise may hold."""
+        if self.candidates[member.candidate].id not in OFFSETS or not noise.memories:
+            return False
+        numbers = [
+            int(k) for m in members if self.candidates[m.candidate].named for k in self.variant(m).columns if k >= 0
+        ]
+        every = np.concatenate([self.design.base, np.array(numbers, dtype=np.intp)])
+        gram, moment = self._inner(every)
+        sizes = np.linalg.lstsq(gram, moment, rcond=1e-12)[0]
+        for number in self.variant(member).columns:
+            c = int(np.flatnonzero(self.design.where[number] >= 0)[0])
+            rows = float(np.sum(noise.weight[c] > 0))
+            white = np.mean(noise.weight[c]) * np.sum(noise.filters[c])
+            mean = sizes[int(np.flatnonzero(every == number)[0])] * white
+            if abs(mean) > FAR * np.sqrt(noise.memories[c].upper * rows / 3):
+                return False
+        return True
+
+    def likelihoods(self, members: Sequence[Member]) -> list[Channel]:
+        block = self.block(members)
+        found: list[Channel] = []
+        for c in range(len(self.channels)):
+            where = np.concatenate([self.design.where[self.design.base, c], block[:, c]])
+            found.append(WalkingChannel(self._walks[c].that_never_forget(), np.unique(where[where >= 0])))
+        return found
+
+    def slow(self) -> list[SlowEffect]:
+        found = []
+        for i, candidate in enumerate(self.candidates):
+            if candidate.id in SLOW:
+                for j, variant in enumerate(candidate.variants):
+                    number = int(variant.columns[0])
+                    if variant.columns.size == 1 and number >= 0:
+                        found.append(SlowEffect(i, j, self.design.where[number]))
+        return found
+
+    def with_memory(self, memories: Sequence[Memory]) -> Any:
+        return with_walk(self.noise, memories)
+
+    def fit(self, members: Sequence[Member], noise: Any, *, bends: bool = True) -> JointFit:
+        """Least squares of base and members in the space of the judged noise."""
+        if not members:
+            return JointFit({}, self.residual, ())
+        numbers = [np.asarray(self._whole(m), dtype=np.intp) for m in members]
+        claimed = np.concatenate(numbers)
+        every = np.concatenate([self.design.base, claimed[claimed >= 0]])
+        gram, moment = self._inner(every)
+        size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        values, vectors = np.linalg.eigh(gram / np.outer(size, size))
+        good = values > 1e-9 * values[-1]
+        inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T / np.outer(size, size)
+        solution = inverse @ moment
+        # blocks of rows that depart together count as one: the sandwich of their scores, never less than the plain one
+        scores = np.zeros((self.chance[0].shape[0], every.size))
+        for c, products in enumerate(self.chance):
+            functions = self.design.where[every, c]
+            scores[:, functions >= 0] += products[:, functions[functions >= 0]]
+        robust = inverse @ (scores.T @ scores) @ inverse
+        std = np.sqrt(np.maximum(np.maximum(np.diag(inverse), np.diag(robust)), 0.0))
+        half = student_quantile(0.975, self.noise.freedom)
+        tables: dict[str, dict[str, FittedParameter]] = {}
+        outside: list[str] = []
+        left = self.residual.copy()
+        at = self.design.base.size
+        for k in range(every.size):
+            left -= solution[k] * self.design.column(int(every[k]))
+        for member, own in zip(members, numbers, strict=True):
+            effect = self.design.effect_of(member.candidate)
+            table: dict[str, FittedParameter] = {}
+            for parameter, number in zip(effect.parameters, own, strict=True):
+                if number < 0:
+                    continue
+                value, error = float(solution[at]), float(std[at])
+                at += 1
+                table[parameter.name] = FittedParameter(
+                    value, error, value - half * error, value + half * error, parameter.unit
+                )
+                if value + 2 * error < parameter.gate[0] or value - 2 * error > parameter.gate[1]:
+                    outside.append(f"{effect.id}.{parameter.name}")
+            tables[effect.id] = table
+        return JointFit(tables, left, tuple(outside))
+
+    def _whole(self, member: Member) -> NDArray[Any]:
+        """All amplitudes of the effect at the member's shape; of one that acts on single channels, those alone."""
+        candidate, variant = self.candidates[member.candidate], self.variant(member)
+        if variant.whole:
+            return variant.columns
+        whole = next(v for v in candidate.variants if v.whole and v.shape == variant.shape)
+        kept = np.isin(whole.columns, variant.columns)
+        return np.where(kept, whole.columns, -1)
+
+    def _inner(self, numbers: NDArray[np.intp]) -> tuple[Array, Array]:
+        """(K, K) and (K,) whitened inner products of columns with one another and with the residual."""
+        gram, moment = np.zeros((numbers.size, numbers.size)), np.zeros(numbers.size)
+        for c, own in enumerate(self.grams):
+            functions = self.design.where[numbers, c]
+            shows = np.flatnonzero(functions >= 0)
+            total = own.total
+            gram[np.ix_(shows, shows)] += total[np.ix_(functions[shows], functions[shows])]
+            moment[shows] += total[functions[shows], -1]
+        return gram, moment
+
+    def advice(self, member: Member, r: Rivalry, fit: JointFit) -> str:
+        return self.design.effect_of(member.candidate).splitter
+
+    def proof(self, members: Sequence[Member], fit: JointFit) -> Fit:
+        held = HeldOutRows(self.design, self.grams)
+        parts = [np.asarray(self.variant(m).columns, dtype=np.intp) for m in members]
+        numbers = np.concatenate([np.empty(0, dtype=np.intp), *parts])
+        before, after = held.energies(numbers[:0], held.folds), held.energies(numbers, held.folds)
+        rows = np.array([held.scored(fold) for fold in held.folds])
+        low, high = gain_interval(before, after)
+        shown = self.shown(members)
+        unit = self.session.units[shown[0]]
+        kept = slice(None) if self.session.left_out is None else ~self.session.left_out
+        plain = self._plain_held_out(numbers, shown)
+        names = ", ".join(self.session.names[c] for c in shown)
+        words = (
+            f"{len(held.folds)} contiguous stretches; figures are of {names}; gain = share of the whitened mean square "
+            f"of all channels removed ({1 - after.sum() / before.sum():.1%} of {int(rows.sum())} readings)"
+        )
+        return Fit(
+            unit=unit,
+            rmse_before=float(np.sqrt(np.mean(self.residual[shown][:, kept] ** 2))),
+            rmse_after=float(np.sqrt(np.mean(fit.residual[shown][:, kept] ** 2))),
+            heldout_rmse_before=plain[0],
+            heldout_rmse_after=plain[1],
+            heldout_gain_low=low,
+            heldout_gain_high=high,
+            noise_floor=float(np.sqrt(np.mean(self.noise.sigma[shown] ** 2))),
+            how_held_out=words,
+        )
+
+    def shown(self, members: Sequence[Member]) -> list[int]:
+        """The channels that the figures are of: the one that the first claim changes most, in units of its noise, and
+        all others of its unit."""
+        first = 0
+        if members:
+            numbers = np.asarray(self.variant(members[0]).columns, dtype=np.intp)
+            columns = [self.design.column(int(k)) / self.noise.sigma[:, None] for k in numbers[numbers >= 0]]
+            first = int(np.argmax(np.sum(np.square(columns), axis=(0, 2))))
+        return [c for c, unit in enumerate(self.session.units) if unit == self.session.units[first]]
+
+    def _plain_held_out(self, numbers: NDArray[np.intp], shown: Sequence[int]) -> tuple[float, float]:
+        """Rms, in the channels' unit, of stretches that the weights were not fitted to: without and with columns."""
+        fold = self.segments.fold
+        kept = np.ones(self.session.n, dtype=bool) if self.session.left_out is None else ~self.session.left_out
+        parts = sorted({key for gram in self.grams for key in gram.parts})
+        found = []
+        for chosen in (numbers[:0], numbers):
+            every = np.concatenate([self.design.base, chosen[chosen >= 0]])
+            columns = np.array([self.design.column(int(k))[shown] for k in every])
+            total, count = 0.0, 0
+            for number in np.unique(fold):
+                rows = (fold == number) & kept
+                left = self.residual[shown][:, rows]
+                if every.size:
+                    solution = self._solution(every, [key for key in parts if key[0] != number])
+                    left = left - np.tensordot(solution, columns[:, :, rows], 1)
+                total, count = total + float(np.sum(left**2)), count + left.size
+            found.append(float(np.sqrt(total / max(count, 1))))
+        return found[0], found[1]
+
+    def _solution(self, every: NDArray[np.intp], keys: Sequence[Any]) -> Array:
+        if not every.size:
+            return np.empty(0)
+        part = replace(
+            self, grams=[replace(g, parts={k: g.parts[k] for k in keys if k in g.parts}) for g in self.grams]
+        )
+        gram, moment = part._inner(every)
+        size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        return np.asarray(np.linalg.lstsq(gram / np.outer(size, size), moment / size, rcond=1e-9)[0] / size)
+
+    def picture(self, fit: JointFit | None) -> Picture:
+        after = self.residual if fit is None else fit.residual
+        return Picture(
+            self.session,
+            self.residual,
+            after,
+            self.channels,
+            self.session.units,
+            covariates_of(self.session),
+            sigma=tuple(float(s) for s in self.noise.sigma),
+        )
+
+    def told_of_noise(self) -> dict[str, Any]:
+        a = self.session.alignment
+        return {
+            **{k: v for k, v in super().told_of_noise().items() if not k.startswith("sigma")},
+            "sigma": dict(zip(self.channels, (float(s) for s in self.noise.sigma), strict=True)),
+            "alignment": {
+                "lag_s": a.lag_s,
+                "shift_s": a.shift_s,
+                "correlation": a.correlation,
+                "same_clock": a.same_clock,
+                "overlap_s": float(np.ptp(self.session.state.t_s)),
+                "left_out": 0.0 if self.session.left_out is None else float(np.mean(self.session.left_out)),
+                "rows_hz": 1.0 / self.session.step_s,
+                "band_hz": self.session.band_hz,
+            },
+        }
+
+
+def _near(one: Around, other: Around) -> bool:
+    """Whether another turn would change nothing that shows."""
+    if len(one.lags_s) != len(other.lags_s):
+        return False
+    pairs = [(one.delay_s, other.delay_s), *zip(one.lags_s, other.lags_s, strict=True)]
+    return all(abs(a - b) <= 0.01 * max(abs(a), abs(b)) for a, b in pairs)
+
+
+def _by_activity(design: SimulationDesign, noise: RotationNoise, residual: Array) -> RotationNoise:
+    """The noise with its size following how much it moves, in whatever way: by bins of activity."""
+    session = design.session
+    activity = session.state.vibration_rms_g
+    order = np.argsort(activity, kind="stable")
+    bins = np.array_split(order, max(1, min(MOST_BINS, session.n // LEAST_IN_BIN)))
+    weight = noise.weight.copy()
+    for c, functions in enumerate(design.functions(slice(0, session.n), residual)):
+
+        def left(c: int = c, functions: Array = functions) -> Array:
+            white = replace(noise, weight=weight).whiten(c, functions, slice(0, session.n))
+            explained = np.linalg.lstsq(white[:-1].T, white[-1], rcond=1e-9)[0]
+            return np.asarray(white[-1] - explained @ white[:-1])
+
+        for _ in range(2):
+            innovations, counts = left(), weight[c] > 0
+            full = [rows[counts[rows]] for rows in bins if counts[rows].sum() > LEAST_IN_BIN // 4]
+            if len(full) < 3:
+                break
+            sizes = [float(np.sqrt(np.mean(innovations[rows] ** 2))) for rows in full]
+            middles = [float(activity[rows].mean()) for rows in full]
+            weight[c] /= np.maximum(np.interp(activity, middles, sizes), 1e-3 * max(sizes))
+        innovations = left()
+        freedom = int(np.sum(weight[c] > 0)) - design.sizes[c]
+        weight[c] *= np.sqrt(freedom / max(float(innovations @ innovations), 1e-300))
+    return replace(noise, weight=weight)

@@ -1,0 +1,209 @@
+"""A recording beside another program's prediction of it: common channels on one grid of times, up to one frequency.
+
+The prediction is the reference. Both sides are low-passed and sampled on a common grid just fine enough for what the
+prediction contains: above that, it has nothing to say. What the recording knows beside the channels (rates, speed,
+temperature) are the covariates that effects are made of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.rows.session import RotationSession
+from highside.diagnosis.simulation.alignment import Alignment, align, filled, in_gap, usual_rate
+from highside.errors import InputError
+from highside.physics.state import ChainState
+
+Array = NDArray[np.float64]
+
+UNITS = {
+    "g": "g",
+    "dps": "deg/s",
+    "mps2": "m/s2",
+    "mps": "m/s",
+    "deg": "deg",
+    "radps": "rad/s",
+    "rad": "rad",
+    "mm": "mm",
+    "arcmin": "arcmin",
+    "c": "C",
+}
+NO_CHANNELS = frozenset({"t_s", "seq", "pose", "direction", "temp_c", "noise_g", "vibration_rms_g"})
+RATES = ("gx_dps", "gy_dps", "gz_dps")
+SPEED = "speed_mps"
+CONTENT = 0.999
+"""Share of the power of a prediction that lies below the frequency up to which it is compared."""
+SEGMENT_S = 10.0
+COHERENT = 0.3
+"""Mean coherence over an octave from which the two are taken to show the same."""
+PER_BAND = 2.5
+"""Rows per period of that frequency."""
+LEAST_ROWS = 600
+MOST_ROWS = 60_000
+GAP_STEPS = 3.0
+"""A gap of more than so many usual steps is left out."""
+
+
+@dataclass(frozen=True)
+class SimulationSession(RotationSession):
+    """n rows on a common grid: `readings` (C, n) and `predicted` (C, n) of the channels `names`, in their units.
+
+    `rates` {axis: (n,) rad/s}, `speed` (n,) m/s and the temperature in `state` are covariates; None or absent where
+    not recorded.
+    """
+
+    names: tuple[str, ...] = ()
+    predicted: Array = field(default_factory=lambda: np.empty((0, 0)))
+    rates: Mapping[str, Array] = field(default_factory=dict)
+    speed: Array | None = None
+    alignment: Alignment = field(default_factory=lambda: Alignment(0.0, 0.0, 1.0, True))
+    band_hz: float = 0.0
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return self.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each channel, from its name."""
+        return tuple(unit_of(name) for name in self.names)
+
+    @cached_property
+    def rate_group(self) -> NDArray[np.intp]:
+        return np.full(self.n, -1, dtype=np.intp)
+
+    @property
+    def warm(self) -> bool:
+        """Whether the temperature was recorded and changes."""
+        return bool(np.ptp(self.state.temp_c) > 0.2)
+
+
+def unit_of(name: str) -> str:
+    """Unit of a column, from the end of its name; "1" where that says nothing."""
+    return UNITS.get(name.rpartition("_")[2], "1")
+
+
+def simulation_session(columns: Mapping[str, Array], predicted: Mapping[str, Array]) -> SimulationSession:
+    """Put a recording and a prediction (columns (N,), each with its own `t_s`) together.
+
+    Raises InputError that says what the files lack.
+    """
+    names = tuple(n for n in columns if n in predicted and n not in NO_CHANNELS)
+    empty = [n for n in names if np.isnan(columns[n]).all() or np.isnan(predicted[n]).all()]
+    names = tuple(n for n in names if n not in empty)
+    if not names:
+        has = ", ".join(n for n in predicted if n not in NO_CHANNELS) or "none"
+        raise InputError("has no channel that the recording has too", remedy=f"its channels are: {has}")
+    t_s, t_sim = np.asarray(columns["t_s"]), np.asarray(predicted["t_s"])
+    for times, what in ((t_s, "recording"), (t_sim, "prediction")):
+        if times.size < LEAST_ROWS // 4 or np.any(np.diff(times) < 0):
+            raise InputError(f"the times of the {what} are too few, or do not rise", field="t_s")
+    side = {n: _turned(n, columns[n]) for n in names}
+    side_sim = {n: _turned(n, predicted[n]) for n in names}
+    found = align(t_s, side, t_sim, side_sim)
+    t_sim = t_sim + found.shift_s
+    start, stop = max(t_s[0], t_sim[0]), min(t_s[-1], t_sim[-1])
+    raw_hz = min(usual_rate(t_s), usual_rate(t_sim))
+    band = _band(t_s, side, t_sim, side_sim, (start, stop))
+    least, most = LEAST_ROWS / max(stop - start, 1e-9), min(raw_hz, MOST_ROWS / max(stop - start, 1e-9))
+    grid_hz = float(min(max(PER_BAND * band, least), most))
+    if (stop - start) * grid_hz < LEAST_ROWS / 2:
+        raise InputError(
+            f"only {stop - start:.3g} s of recording and prediction lie over one another",
+            remedy=f"give at least {LEAST_ROWS / 2 / raw_hz:.3g} s",
+        )
+    grid = np.arange(start, stop, 1 / grid_hz)
+
+    def sampled(times: Array, values: Array) -> Array:
+        return _sampled(grid, times, values, 0.4 * grid_hz, raw_hz)
+
+    measured = np.stack([sampled(t_s, side[n]) for n in names])
+    model = np.stack([sampled(t_sim, side_sim[n]) for n in names])
+    for c, name in enumerate(names):
+        if unit_of(name) == "deg":
+            # whole turns apart is not apart
+            measured[c] -= 360.0 * np.round(np.median(measured[c] - model[c]) / 360.0)
+    longest = GAP_STEPS / raw_hz
+    lost = in_gap(grid, t_s, [side[n] for n in names], longest)
+    lost |= in_gap(grid, t_sim, [side_sim[n] for n in names], longest)
+    # a low-pass smears what was bridged over its own length
+    reach = max(1, round(1.0 / (0.4 * grid_hz) * grid_hz))
+    lost = np.convolve(lost, np.ones(2 * reach + 1), mode="same") > 0.5
+    # a covariate that is a channel itself is taken as predicted: the recorded one would explain itself
+    covariates = {
+        name: model[names.index(name)] if name in names else sampled(t_s, columns[name])
+        for name in (*RATES, SPEED)
+        if name in names or (name in columns and not np.isnan(columns[name]).all())
+    }
+    rates = {name[1]: np.radians(covariates[name]) for name in RATES if name in covariates}
+    temp = sampled(t_s, columns["temp_c"]) if "temp_c" in columns and not np.isnan(columns["temp_c"]).all() else 25.0
+    nothing = np.zeros(grid.size)
+    state = ChainState.build(
+        nothing, nothing, t_s=grid, temp_c=temp, row_seconds=1 / grid_hz, vibration_rms_g=_activity(model, rates)
+    )  # fmt: skip
+    return SimulationSession(
+        measured, state, lost if lost.any() else None, names, model, rates,
+        covariates.get(SPEED), found, 0.4 * grid_hz,
+    )  # fmt: skip
+
+
+def _turned(name: str, values: Array) -> Array:
+    """Angles that go on beyond a full turn."""
+    if unit_of(name) != "deg":
+        return np.asarray(values, dtype=float)
+    result = np.array(values, dtype=float)
+    good = ~np.isnan(result)
+    result[good] = np.unwrap(result[good], period=360.0)
+    return result
+
+
+def _band(
+    t_s: Array, side: Mapping[str, Array], t_sim_s: Array, side_sim: Mapping[str, Array], span: tuple[float, float]
+) -> float:
+    """Frequency up to which recording and prediction have something in common, on any channel.
+
+    Above, each has noise of its own and the prediction nothing to say. It is where the power of the prediction ends, or
+    where the two cease to be coherent, if that comes first.
+    """
+    from scipy.signal import coherence
+
+    raw_hz = min(usual_rate(t_s), usual_rate(t_sim_s))
+    times = np.arange(*span, 1 / raw_hz)
+    length = min(times.size // 8, round(SEGMENT_S * raw_hz))
+    band = 0.0
+    for name, values in side_sim.items():
+        series = filled(times, t_sim_s, values)
+        power = np.abs(np.fft.rfft((series - series.mean()) * np.hanning(series.size))) ** 2
+        if power.sum() <= 1e-20 * max(float(series @ series), 1e-300) or np.nanstd(side[name]) == 0:
+            continue
+        content = int(np.searchsorted(np.cumsum(power), CONTENT * power.sum())) * raw_hz / series.size
+        frequency, shared = coherence(filled(times, t_s, side[name]), series, fs=raw_hz, nperseg=length)
+        octave = np.array([shared[(frequency > f / 2) & (frequency <= f)].mean() if f > 0 else 1.0 for f in frequency])
+        common = float(frequency[np.flatnonzero(octave >= COHERENT)[-1]])
+        band = max(band, min(content, common))
+    return band
+
+
+def _activity(model: Array, rates: Mapping[str, Array]) -> Array:
+    """(n,) how much it moves, of mean square 1: what goes wrong in motion scatters with it, as with vibration."""
+    moving = np.stack(list(rates.values())) if rates else np.gradient(model, axis=1)
+    size = moving.std(axis=1, keepdims=True)
+    square = np.sum((moving / np.where(size > 0, size, 1.0)) ** 2 if not rates else moving**2, axis=0)
+    return np.asarray(np.sqrt(square / max(float(square.mean()), 1e-30)))
+
+
+def _sampled(grid: Array, t_s: Array, values: Array, band_hz: float, raw_hz: float) -> Array:
+    """Values on the grid, low-passed without delay where the grid is coarser than the rows."""
+    from scipy.signal import butter, sosfiltfilt
+
+    own_hz = max(usual_rate(t_s), raw_hz)
+    if band_hz >= 0.39 * own_hz:
+        return filled(grid, t_s, values)
+    times = np.arange(t_s[0], t_s[-1], 1 / own_hz)
+    smooth = sosfiltfilt(butter(4, band_hz, fs=own_hz, output="sos"), filled(times, t_s, values))
+    return np.asarray(np.interp(grid, times, smooth))

@@ -1,0 +1,390 @@
+"""The diagnosis of a published error table: from means and peak-to-peaks after a correction to a verdict.
+
+The whole chain is simulated (`summary_chain`), sets of effects are fitted to all cells at once (`summary_fit`), the
+best set is searched and each of its members is exchanged for others (`summary_search`). A member is given its name
+where no set without it and its class comes near, and where it moves a mean otherwise than by a constant: a
+peak-to-peak of a sum has lost order and phase of what is in it. The rest is told as a remainder. Misfits are in units
+of sigma: what chance and the scatter that stays unexplained do to a cell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.probability import chi2_beyond
+from highside.diagnosis.core.result import (
+    Claim,
+    Diagnosis,
+    Fit,
+    FittedParameter,
+    Location,
+    Remainder,
+    Rival,
+    Verdict,
+)
+from highside.diagnosis.table.advice import next_ring
+from highside.diagnosis.table.chain import CELLS, Linear, Procedure, tell
+from highside.diagnosis.table.explained import Explained, Scene, explain, prepare
+from highside.diagnosis.table.fit import Fitted, Table, covariance_of_values, deviance_at, fit_set
+from highside.diagnosis.table.instrument import detectable, instrument
+from highside.diagnosis.table.search import (
+    Standing,
+    alike,
+    left_out_row,
+    other_amplitudes,
+    standing,
+)
+from highside.physics.effects import all_effects
+from highside.physics.forward import ForwardModel
+
+Array = NDArray[np.float64]
+
+NAMED_SHARE = 0.85
+"""Share of the unexplained scatter's variance that names must remove to be given."""
+BELIEVED = 6.0
+"""A member is named where every set without its class scores worse by this."""
+OFF = 2.0
+"""Cells that stay off by more sigma are told."""
+SHOWS = 4.0
+"""Chi-square by which a member must move the means to have a name."""
+SCATTER_SEEN = 12.0
+"""Gain of deviance at which the scatter beyond chance is there."""
+
+
+@dataclass(frozen=True)
+class SummaryPicture:
+    """What a report draws, all (R, 4) in the order of `CELLS`: deg told and predicted, and misfits in sigma."""
+
+    inc_deg: Array
+    told: Array
+    base: Array
+    fitted: Array
+    sigma: Array
+
+    @property
+    def before(self) -> Array:
+        """Misfit of the base in sigma."""
+        return np.asarray((self.told - self.base) / self.sigma)
+
+    @property
+    def after(self) -> Array:
+        """Misfit with the claims in sigma."""
+        return np.asarray((self.told - self.fitted) / self.sigma)
+
+
+@dataclass(frozen=True)
+class Summarised:
+    """The answer, what a report draws, and the instruments that were fitted, with the noise of a reading in g.
+
+    `before` is the model refitted alone, `named` has what was given a name beside that, `whole` everything that helps.
+    """
+
+    diagnosis: Diagnosis
+    picture: SummaryPicture
+    before: ForwardModel
+    named: ForwardModel
+    whole: ForwardModel
+    noise_g: float
+    explained: Explained
+    """all sets that were tried: what else explains the table (`summary_posterior` draws instruments from them)"""
+
+
+def diagnose_summary(
+    inc_deg: Array,
+    told: Array,
+    procedure: Procedure,
+    model: ForwardModel,
+    free: Sequence[str],
+    *,
+    noise_g: float | None = None,
+    seed: int = 1,
+    version: str = "",
+    progress: Callable[[float, str], None] | None = None,
+) -> Summarised:
+    """Diagnose R rows `told` (R, 4) in deg (NaN where lost) at inclinations (R,) against a model.
+
+    `free` are the effects that may be refitted anyway; `noise_g` the standard deviation of one reading, fitted where it
+    is None. Raises InputError where the table says too little.
+    """
+    tell_progress = progress or (lambda share, words: None)
+    scene = prepare(inc_deg, told, procedure, model, tuple(free), noise_g, seed)
+    explained = explain(scene, lambda share, words: tell_progress(0.6 * share, words))
+    scene, best, table = explained.scene, explained.best, explained.scene.table
+    standings: dict[int, Standing] = {}
+    for k in range(len(best.options)):
+        if _shows_in_means(table, best, k):
+            tell_progress(0.6 + 0.35 * k / len(best.options), f"rivals of {best.options[k].effect}")
+            standings[k] = standing(table, scene.options, scene.base, best, explained.tried, k)
+    tell_progress(0.95, "rings left out")
+    return _conclude(explained, standings, version)
+
+
+def _conclude(explained: Explained, standings: dict[int, Standing], version: str) -> Summarised:
+    scene, best, tried, lost = explained.scene, explained.best, explained.tried, explained.lost
+    table, base = scene.table, scene.base
+    places = [_location(table, best, k) for k in range(len(best.options))]
+    believed = [k for k, s in standings.items() if s.without >= BELIEVED and s.shapes == 1]
+    share = 1.0 - (best.tau_rad / base.tau_rad) ** 2 if _scatter_gain(table, best) > SCATTER_SEEN else 1.0
+    mask = table.mask
+    beyond = _scatter_gain(table, best)
+    gated = _implausible(best)
+    verdict = _verdict(best, believed, beyond > SCATTER_SEEN, share, bool(lost), gated)
+    told = verdict in ("named", "named_plus")
+    parameters = _parameters(scene, best)
+    location = tuple(places[k] for k in (believed if told else range(len(best.options))))
+    if not best.options and verdict == "unknown":
+        location = (_base_location(table, base, best),)
+    claims = tuple(_claim(scene, best, k, standings[k], parameters[k]) for k in believed) if told else ()
+    sigma = best.sigma(table)
+    picture = SummaryPicture(np.degrees(table.sessions.inc_rad), table.told, base.cells, best.cells, sigma)
+    diagnosis = Diagnosis(
+        verdict=verdict,
+        location=location,
+        claims=claims,
+        fit=_proof(table, base, best, picture, mask),
+        remainder=_remainder(scene, best, tried, standings, believed if told else [], lost, beyond, picture),
+        not_testable=tuple(scene.lacking),
+        minimum_detectable=detectable(scene.table, scene.options, best),
+        noise={
+            "model": "chance drawn from the simulated chain, and a scatter beyond it",
+            "reading_noise_g": best.noise_g,
+            "reading_noise_is": "fitted" if table.noise_g is None else "given",
+            "scatter_beyond_chance_rad": {"before": base.tau_rad, "after": best.tau_rad},
+            "scatter_evidence": beyond,
+            "score": {"before": base.score, "after": best.score},
+            "nuisances": {
+                name: float(v * u) for name, v, u in zip(scene.base_names, best.values, scene.base_units, strict=False)
+            },
+            "unexplained_rows_deg": {f"{np.degrees(table.sessions.inc_rad[r]):g}": p for r, p in lost.items()},
+        },
+        seed=scene.seed,
+        version=version,
+    )
+    knows = scene.model, scene.base_names, scene.base_units
+    return Summarised(
+        diagnosis,
+        picture,
+        before=instrument(*knows, base, []),
+        named=instrument(*knows, best, believed if told else []),
+        whole=instrument(*knows, best, range(len(best.options))),
+        noise_g=best.noise_g,
+        explained=explained,
+    )
+
+
+def _scatter_gain(table: Table, fitted: Fitted) -> float:
+    """How much more likely the cells are with a scatter beyond chance than without (deviance)."""
+    mask = table.mask
+    left = (table.told - fitted.cells).reshape(-1)[mask]
+    chance = fitted.chance[np.ix_(mask, mask)]
+    return deviance_at(1e-7, chance, table.spread[mask], left) - deviance_at(
+        fitted.tau_rad, chance, table.spread[mask], left
+    )
+
+
+def _verdict(best: Fitted, believed: list[int], beyond: bool, share: float, lost: bool, gated: list[str]) -> Verdict:
+    if not best.options:
+        return "unknown" if beyond else "nothing_left_out"
+    if gated:
+        return "implausible_fit"
+    if not believed or share < NAMED_SHARE:
+        return "partial"
+    return "named_plus" if lost or len(believed) < len(best.options) else "named"
+
+
+def _implausible(best: Fitted) -> list[str]:
+    outside = []
+    for k, option in enumerate(best.options):
+        effect = all_effects()[option.effect]
+        values = best.values[best.own(k)] * option.typical
+        gates = {p.name: p.gate for p in effect.parameters}
+        outside += [
+            f"{option.effect}.{name}"
+            for name, value in zip(option.amplitudes, values, strict=True)
+            if not gates[name][0] <= value <= gates[name][1]
+        ]
+    return outside
+
+
+def _parameters(scene: Scene, best: Fitted) -> list[dict[str, FittedParameter]]:
+    std = np.sqrt(np.diag(covariance_of_values(scene.table, best)))
+    result = []
+    for k, option in enumerate(best.options):
+        effect = all_effects()[option.effect]
+        own = best.own(k)
+        fitted: dict[str, FittedParameter] = {}
+        for name, unit, value, error in zip(option.amplitudes, option.typical, best.values[own], std[own], strict=True):
+            kind = next(p.unit for p in effect.parameters if p.name == name)
+            v, e = float(value * unit), float(error * unit)
+            fitted[name] = FittedParameter(v, e, v - 1.96 * e, v + 1.96 * e, kind)
+        for name, shape in option.shape:
+            kind = next(p.unit for p in effect.parameters if p.name == name)
+            fitted[name] = FittedParameter(shape, 0.0, shape, shape, kind)
+        result.append(fitted)
+    return result
+
+
+def _gain_p(table: Table, best: Fitted, index: int) -> float:
+    others = tuple(o for k, o in enumerate(best.options) if k != index)
+    rest = fit_set(table, others, best)
+    option = best.options[index]
+    p = chi2_beyond(max(rest.deviance - best.deviance, 0.0), len(option.amplitudes))
+    return min(1.0, p * option.tries)
+
+
+def _moves(table: Table, best: Fitted, index: int) -> Array:
+    """(R, 4) sigma by which one member moves the cells that count."""
+    without = best.values.copy()
+    without[best.own(index)] = 0.0
+    linear = Linear(table.sessions, table.start, np.concatenate([table.base, *(o.field for o in best.options)]))
+    said = tell(linear, without, best.noise_g, table.draws, slopes=False).cells.mean(axis=0)
+    return np.where(table.mask.reshape(-1, 4), (best.cells - said) / best.sigma(table), 0.0)
+
+
+def _shows_in_means(table: Table, best: Fitted, index: int) -> bool:
+    """Whether a member moves a mean.
+
+    A constant of toolface does not count: errors of the correction's own poses make one.
+    """
+    moved = _moves(table, best, index)
+    rows = table.mask.reshape(-1, 4).any(axis=1)
+    inc, tf = moved[rows, 0], moved[rows, 2]
+    weight = 1.0 / best.sigma(table)[rows, 2]
+    constant = float(np.sum(tf * weight) / np.sum(weight**2))
+    energy = float(np.sum(inc**2) + np.sum((tf - constant * weight) ** 2))
+    return energy > SHOWS and energy > 0.1 * float(np.sum(moved**2))
+
+
+def _location(table: Table, best: Fitted, index: int) -> Location:
+    """Rows and columns that one member moves, in sigma."""
+    moved = _moves(table, best, index)
+    return _where(table, moved, 1.0, _gain_p(table, best, index))
+
+
+def _base_location(table: Table, base: Fitted, best: Fitted) -> Location:
+    z = np.nan_to_num((table.told - base.cells) / np.sqrt(np.diag(best.chance)).reshape(-1, 4))
+    return _where(table, z, 1.0, chi2_beyond(_scatter_gain(table, base), 1))
+
+
+def _where(table: Table, moved: Array, share: float, p: float) -> Location:
+    moved = np.where(table.mask.reshape(-1, 4), moved, 0.0)
+    by_column = np.sum(moved**2, axis=0)
+    columns = [c for c in range(4) if by_column[c] > 0.1 * by_column.max()]
+    by_row = np.sum(moved[:, columns] ** 2, axis=1)
+    order = np.argsort(table.sessions.inc_rad)
+    inc = np.degrees(table.sessions.inc_rad[order])
+    loud = by_row[order] > 0.25 * by_row.max()
+    intervals: list[tuple[float, float]] = []
+    for k in range(inc.size):
+        if loud[k]:
+            if k and loud[k - 1]:
+                intervals[-1] = (intervals[-1][0], float(inc[k]))
+            else:
+                intervals.append((float(inc[k]), float(inc[k])))
+    return Location(tuple(CELLS[c] for c in columns), "inc_ref_deg", tuple(intervals), None, share, p)
+
+
+def _claim(scene: Scene, best: Fitted, index: int, own: Standing, parameters: dict[str, FittedParameter]) -> Claim:
+    effect = all_effects()[own.option.effect]
+    instead = {name: fitted for name, fitted in own.instead.items() if name in own.same}
+    advice = next_ring(scene.model, scene.table, scene.base_names, scene.base_units, best, instead, scene.seed)
+    return Claim(
+        effect=effect.id,
+        story=effect.story,
+        formula=effect.formula,
+        stage=effect.stage.value,
+        parameters=parameters,
+        p_familywise=min(1.0, len(scene.options) * _gain_p(scene.table, best, index)),
+        equivalence_class=own.same,
+        rivals_ruled_out=tuple(
+            Rival(name, float(cost)) for name, cost in sorted(own.ruled_out.items(), key=lambda item: item[1])
+        ),
+        next_manoeuvre=advice or effect.splitter,
+    )
+
+
+def _proof(table: Table, base: Fitted, best: Fitted, picture: SummaryPicture, mask: NDArray[np.bool_]) -> Fit:
+    """Each inclination predicted from the others, in units of the cells' final sigma."""
+    cells = mask.reshape(-1, 4)
+    rows = np.flatnonzero(cells.any(axis=1))
+
+    def held_out(fitted: Fitted) -> Array:
+        return np.array([
+            np.mean((left_out_row(table, fitted, int(r))[0] / picture.sigma[r])[cells[r]] ** 2) for r in rows
+        ])  # fmt: skip
+
+    before, after = held_out(base), held_out(best) if best.options else held_out(base)
+    relative = (before - after) / before.mean()
+    half = 1.96 * float(relative.std(ddof=1) / np.sqrt(relative.size))
+    return Fit(
+        unit="sigma",
+        rmse_before=float(np.sqrt(np.mean(picture.before[cells] ** 2))),
+        rmse_after=float(np.sqrt(np.mean(picture.after[cells] ** 2))),
+        heldout_rmse_before=float(np.sqrt(before.mean())),
+        heldout_rmse_after=float(np.sqrt(after.mean())),
+        heldout_gain_low=float(relative.mean()) - half,
+        heldout_gain_high=min(1.0, float(relative.mean()) + half),
+        noise_floor=1.0,
+        how_held_out=f"each of {rows.size} inclinations in turn; gain = share of the held-out mean square removed",
+    )
+
+
+def _remainder(
+    scene: Scene,
+    best: Fitted,
+    tried: Sequence[Fitted],
+    standings: dict[int, Standing],
+    believed: list[int],
+    lost: dict[int, float],
+    beyond: float,
+    picture: SummaryPicture,
+) -> Remainder:
+    table = scene.table
+    hints = []
+    resembles: list[str] = []
+    for k, option in enumerate(best.options):
+        if k in believed:
+            continue
+        same = standings[k].same if k in standings else alike(best, tried, k)
+        resembles += [name for name in same if name not in resembles]
+        others = f" (so do {', '.join(same[1:])})" if len(same) > 1 else ""
+        why = (
+            "other sets without it come near"
+            if k in standings
+            else "it shows in peak-to-peaks only, which have lost order and phase: errors by toolface would tell"
+        )
+        hints.append(f"something like {option.effect} helps as well{others}, but has no sure name: {why}")
+    for k in believed:
+        turned = other_amplitudes(best, tried, k)
+        if turned:
+            parts = "; ".join(", ".join(names) for names in turned)
+            hints.append(f"{best.options[k].effect} does as well with other amplitudes: {parts}")
+    cells = np.where(table.mask.reshape(-1, 4), picture.after, 0.0)
+    for row, column in sorted(zip(*np.nonzero(np.abs(cells) > OFF), strict=True), key=lambda at: -abs(cells[at])):
+        hints.append(
+            f"the row at {picture.inc_deg[row]:g} deg stays off: its {CELLS[column]} is "
+            f"{cells[row, column]:+.1f} sigma beside what is explained"
+        )
+    for row in lost:
+        z = picture.after[row]
+        worst = int(np.nanargmax(np.abs(z)))
+        hints.append(
+            f"the row at {picture.inc_deg[row]:g} deg is not explained (p = {lost[row]:.1e} from the others; "
+            f"{CELLS[worst]} is {z[worst]:+.1f} sigma): measure it again"
+        )
+    if beyond > SCATTER_SEEN:
+        hints.append(
+            f"rows scatter by {np.degrees(best.tau_rad):.4f} deg of direction beyond chance "
+            f"({np.degrees(scene.base.tau_rad):.4f} before): they were not measured under one and the same state"
+        )
+    location: tuple[Location, ...] = ()
+    if lost:
+        z = np.where(np.isin(np.arange(len(picture.inc_deg)), list(lost))[:, None], picture.after, 0.0)
+        everything = replace(table, use=np.ones_like(table.use))
+        location = (_where(everything, np.nan_to_num(z), 1.0 - 0.0, min(lost.values())),)
+    p = chi2_beyond(max(beyond, 0.0), 1)
+    return Remainder(location, tuple(hints), p, tuple(resembles))

@@ -1,0 +1,142 @@
+"""What a published table says of its instrument: the sets of effects that were tried, and the one taken for best.
+
+The whole procedure behind the table is set up (which columns may be refitted, which effects of the library leave a
+trace in it), sets are searched, rows that no set explains are left out and the search is done once more without them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.candidates import pose_candidates
+from highside.diagnosis.core.result import NotTestable
+from highside.diagnosis.table.chain import Linear, Procedure, Sessions
+from highside.diagnosis.table.fit import Fitted, Option, Table, fit_set, options_of, rechanced
+from highside.diagnosis.table.search import polished, search, unexplained_rows
+from highside.errors import InputError
+from highside.physics.effects import all_effects
+from highside.physics.forward import ForwardModel
+
+Array = NDArray[np.float64]
+Progress = Callable[[float, str], None]
+
+STEP_RAD = float(np.radians(0.009))
+"""Half a step of a usual turntable (0.018 deg): where a model does not say how its bench stops."""
+MIN_CELLS = 12
+_UNTOLD = {
+    "bias_drift": "a table does not say when a row was measured",
+    "bias_step": "a table does not say when a row was measured",
+    "warmup": "a table does not say when a row was measured",
+    "thermal_lag": "a table does not say when a row was measured",
+    "backlash": "a table does not say from which side a pose was approached",
+    "stiction": "a table does not say from which side a pose was approached",
+}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What there is to explain and what may explain it: the model that is known, its parameters that may be refitted
+    (`base_names`, in units of `base_units`), the table, the effects, and those that leave no trace in it."""
+
+    model: ForwardModel
+    base_names: list[str]
+    base_units: Array
+    table: Table
+    options: list[Option]
+    base: Fitted
+    lacking: list[NotTestable]
+    seed: int
+
+
+@dataclass(frozen=True)
+class Explained:
+    """The best set, all that were tried (best score first), and rows left out with their probability."""
+
+    scene: Scene
+    best: Fitted
+    tried: list[Fitted]
+    lost: dict[int, float]
+
+
+def explain(scene: Scene, progress: Progress) -> Explained:
+    """Search for the set of effects that the table asks for; rows that it does not explain are left out."""
+    found = search(scene.table, scene.options, scene.base, report=lambda s, w: progress(0.7 * s, w))
+    best = polished(scene.table, found.best)
+    lost: dict[int, float] = {}
+    table = scene.table
+    while best.options and len(lost) < len(table.told) // 5:
+        odd = unexplained_rows(table, best)
+        if not odd:
+            break
+        worst = min(odd, key=odd.__getitem__)
+        lost[worst] = odd[worst]
+        table = table.without_row(worst)
+        best = fit_set(table, best.options, best)
+    if lost:
+        progress(0.7, "once more without the rows that do not fit")
+        scene = replace(scene, table=table, base=fit_set(table, (), scene.base))
+        seeds = [fit_set(table, f.options, f) for f in found.tried[:3]]
+        found = search(table, scene.options, scene.base, width=3, depth=3, seeds=[best, *seeds])
+        best = polished(table, found.best)
+    return Explained(scene, best, found.tried, lost)
+
+
+def prepare(
+    inc_deg: Array,
+    told: Array,
+    procedure: Procedure,
+    model: ForwardModel,
+    free: tuple[str, ...],
+    noise_g: float | None,
+    seed: int,
+) -> Scene:
+    """The scene of R rows `told` (R, 4) in deg at inclinations (R,). Raises InputError where that says too little."""
+    if "pose_error" not in model.ids:
+        model = model.with_effects(
+            {"pose_error": {"inc_ring": STEP_RAD, "tf_station": STEP_RAD, "inc_pose": 0.0, "tf_pose": 0.0}}
+        )
+    sessions = Sessions.of(np.radians(inc_deg), procedure)
+    names = model.free_names(free)
+    columns = np.asarray(model.jacobian(sessions.state, names), dtype=float) if names else None
+    units = np.array([_typical(name) for name in names])
+    kept: list[int] = []
+    if columns is not None:
+        columns = columns * units[:, None, None]
+        probe = Linear.about(sessions, model, columns)
+        seen = np.mean(probe.columns**2, axis=(1, 2, 3)) > 1e-6 * np.mean(columns**2, axis=(1, 2))
+        kept = [int(k) for k in np.flatnonzero(seen)]
+    base_columns = columns[kept] if columns is not None else np.empty((0, 3, sessions.state.n))
+    table = Table.of(sessions, told, model, base_columns, noise_g, seed)
+    if table.mask.sum() < MIN_CELLS:
+        raise InputError(f"{int(table.mask.sum())} cells are too few for a diagnosis", remedy=f"give {MIN_CELLS}")
+    options, lacking = _options(sessions, model, free)
+    base = rechanced(table, fit_set(table, ()))
+    return Scene(model, [names[k] for k in kept], units[kept], table, options, base, lacking, seed)
+
+
+def _options(sessions: Sessions, model: ForwardModel, free: tuple[str, ...]) -> tuple[list[Option], list[NotTestable]]:
+    """Effects that leave a trace behind the correction, and those that do not with the reason."""
+    clean = np.asarray(model.predict(sessions.state), dtype=float)
+    candidates, blind = pose_candidates(model, sessions.state, free)
+    lacking = [NotTestable(b.effect.id, b.why, b.effect.splitter) for b in blind if b.effect.id not in _UNTOLD]
+    options: list[Option] = []
+    for candidate in candidates:
+        assert candidate.effect is not None
+        if candidate.id in _UNTOLD:
+            continue
+        own = options_of(sessions, clean, candidate)
+        options += own
+        if not own:
+            why = f"the correction ({sessions.procedure.corrected_by}) takes it up: it leaves no trace in these columns"
+            lacking.append(NotTestable(candidate.id, why, candidate.effect.splitter))
+    lacking += [NotTestable(e, why, all_effects()[e].splitter) for e, why in _UNTOLD.items() if e in all_effects()]
+    return options, lacking
+
+
+def _typical(name: str) -> float:
+    effect_id, _, parameter = name.partition(".")
+    return next(p.typical for p in all_effects()[effect_id].parameters if p.name == parameter)

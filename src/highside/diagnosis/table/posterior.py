@@ -1,0 +1,488 @@
+"""Instruments that a published table allows: draws from all explanations that were found, by their probability.
+
+A few dozen cells are explained by several sets of effects, each with sizes and signs that they leave open, and effects
+too small to show may be there as well. An *explanation* is a set of effects; its probability is the evidence of the
+table for it, the integral of likelihood times prior over its sizes, times how likely such a set is beforehand
+(`THERE`). Sizes have heavy-tailed priors about the library's typical ones (`SIZE`), the scatter beyond
+chance that of a bench step.
+
+The search asks that an effect pays for itself before it is named; here sets with one effect more count by their
+evidence. So the likeliest sets are grown once more, from each of their modes (a peak-to-peak hardly knows signs). The
+integral is done by importance sampling: the modes of a set propose sizes from Student distributions of their own
+covariance, and each proposal is weighted by what the table says of it. Draws are taken by weight and then moved about
+by a few Metropolis steps, so that they need no weights and do not repeat one another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.table.chain import Linear, errors_in_common, tell
+from highside.diagnosis.table.explained import STEP_RAD, Explained, Progress
+from highside.diagnosis.table.fit import (
+    NOISE_G,
+    NOISE_LOG_STD,
+    Fitted,
+    Option,
+    Table,
+    chance_of,
+    fit_set,
+)
+from highside.diagnosis.table.instrument import instrument
+from highside.physics.forward import ForwardModel
+
+Array = NDArray[np.float64]
+
+THERE = 0.25
+"""Probability beforehand that an effect of the library is there: of a dozen that a table can show, three or so."""
+WHOLE = 0.5
+"""Probability beforehand that an effect that is there acts with all of its amplitudes; else in any variant alike."""
+SIZE = 1.5
+"""Sizes have a Cauchy prior of this many typical ones: usual sizes count, large ones are not excluded."""
+PROPOSALS = 1200
+MOVES = 8
+"""Metropolis steps of each draw; with the proposals some 3600 evaluations of the table, some 3 s."""
+MOVE = 0.4
+"""Length of a step in standard deviations."""
+MOST_SETS = 60
+SEARCHED_SETS = 8
+"""Of the most probable sets other signs are looked for."""
+GROWN_SETS = (4, 3, 3)
+"""So many of the most probable sets have other effects added, then of those that are there then, and once more."""
+HELPFUL = 14
+"""Effects that are added to a set: those whose first step promises most."""
+WIDER = 1.5
+"""The noise is proposed from so many times its spread about a mode: it is known less well than the mode says."""
+NOISES = (0.4, 0.55, 0.75, 1.0, 1.35, 1.8)
+"""Noises at which a mode is fitted again, as multiples of its own."""
+BETWEEN = 0.2
+"""Spread of the logarithm of the noise about each of these."""
+SIGNS_KEPT = 3
+"""Modes of a set that are fitted so."""
+FREEDOM = 6
+"""Degrees of freedom of the proposals: heavier tails than what is asked for."""
+APART = 2.0
+"""Modes nearer to one another than this (sigma in the nearest direction) are one."""
+WORTH = 12.0
+"""A mode worse by this in deviance is left out."""
+_TAUS = np.geomspace(1e-6, 3e-3, 40)
+_QUIET_G = 1e-7
+"""A reading's noise beside which chance is the bench's alone."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A set of effects that explains the table, and its probability among all that were tried."""
+
+    effects: tuple[str, ...]
+    probability: float
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One instrument that the table allows: the model, the noise of a reading in g, and `own_g` (3, K), what chance did
+    to the K poses of the correction behind the table."""
+
+    model: ForwardModel
+    noise_g: float
+    own_g: Array
+    effects: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Explanations by probability, draws, and `effective`: how many independent ones they are worth."""
+
+    explanations: tuple[Explanation, ...]
+    draws: tuple[Drawn, ...]
+    effective: float
+
+
+@dataclass(frozen=True)
+class _Mode:
+    """A mode of a set, and the proposals about it.
+
+    What noise there is decides how well all else is known, so the noise is proposed first (logarithm, `spread`), and
+    the values then about `centre` moved along with it (`gain`), with the covariance of the mode (`lower`, its Cholesky
+    factor) grown or shrunk by the noise.
+    """
+
+    fitted: Fitted
+    centre: Array
+    """(P + 1,) values and logarithm of the noise"""
+    spread: float
+    gain: Array
+    lower: Array
+    log_mass: float
+    """Laplace's approximation of the evidence, prior of the set included"""
+
+    def at(self, z: Array) -> Array:
+        """(n, P + 1) proposals from standard numbers of that shape, the noise's last."""
+        step = WIDER * self.spread * z[:, -1:]
+        values = self.centre[:-1] + step * self.gain + np.exp(np.clip(step, -1, 1)) * (z[:, :-1] @ self.lower.T)
+        return np.concatenate([values, self.centre[-1] + step], axis=1)
+
+    def density(self, at: Array) -> Array:
+        """(n,) logarithm of the proposal's density but for a constant of the dimension, at (n, P + 1)."""
+        step = at[:, -1:] - self.centre[-1]
+        scale = np.clip(step, -1, 1)
+        rest = (at[:, :-1] - self.centre[:-1] - step * self.gain) * np.exp(-scale)
+        z = np.linalg.solve(self.lower, rest.T)
+        square = np.sum(z**2, axis=0) + (step[:, 0] / (WIDER * self.spread)) ** 2
+        size = self.centre.size
+        tail = -(FREEDOM + size) / 2 * np.log1p(square / FREEDOM)
+        tail -= np.log(WIDER * self.spread) + np.sum(np.log(np.diag(self.lower)))
+        return np.asarray(tail - (size - 1) * scale[:, 0])
+
+    def step(self, z: Array) -> Array:
+        """(P + 1,) a step of the mode's covariance from standard numbers."""
+        by_noise = self.spread * z[-1]
+        return np.append(by_noise * self.gain + self.lower @ z[:-1], by_noise)
+
+    def away(self, other: Array) -> float:
+        """How many sigma a point is off in the nearest direction."""
+        rest = other[:-1] - self.centre[:-1] - (other[-1] - self.centre[-1]) * self.gain
+        return float(np.sqrt(np.sum(np.linalg.solve(self.lower, rest) ** 2)))
+
+
+@dataclass(frozen=True)
+class _Chance:
+    """Covariance (n, n) in deg^2 of what chance does to the cells that count: of the bench, and of a noise of 1 g."""
+
+    bench: Array
+    reading: Array
+
+    @classmethod
+    def of(cls, table: Table, fitted: Fitted) -> _Chance:
+        linear = Linear(
+            table.sessions, table.start, np.concatenate([table.base, *(option.field for option in fitted.options)])
+        )
+        where = np.ix_(table.mask, table.mask)
+        bench = chance_of(table, linear, fitted.values, _QUIET_G)[where]
+        whole = chance_of(table, linear, fitted.values, fitted.noise_g)[where]
+        extra, directions = np.linalg.eigh(whole - bench)
+        return cls(bench, (directions * np.maximum(extra, 0.0)) @ directions.T / fitted.noise_g**2)
+
+
+@dataclass(frozen=True)
+class _Evidence:
+    """What the table says of values of one set."""
+
+    table: Table
+    chance: _Chance
+    linear: Linear
+    log_prior_of_set: float
+
+    @classmethod
+    def of(cls, explained: Explained, fitted: Fitted, chance: _Chance) -> _Evidence:
+        table = explained.scene.table
+        fields = [table.base, *(option.field for option in fitted.options)]
+        linear = Linear(table.sessions, table.start, np.concatenate(fields))
+        return cls(table, chance, linear, log_prior_of_set(explained.scene.options, fitted))
+
+    def left(self, at: Array) -> Array:
+        """(n,) what the cells that count are off by, at values and logarithm of the noise."""
+        said = tell(self.linear, at[:-1], self.noise_g(at), self.table.draws, slopes=False).cells.mean(axis=0)
+        return np.asarray((self.table.told - said).reshape(-1)[self.table.mask])
+
+    def noise_g(self, at: Array) -> float:
+        return self.table.noise_g or float(np.exp(at[-1]))
+
+    def likelihood(self, left: Array, noise_g: float, tau: float) -> float:
+        """Logarithm, with a scatter beyond chance."""
+        cov = self.chance.bench + noise_g**2 * self.chance.reading
+        cov = cov + np.diag((tau * self.table.spread[self.table.mask]) ** 2)
+        lower = np.linalg.cholesky(cov)
+        z = np.linalg.solve(lower, left)
+        return float(-0.5 * z @ z - np.sum(np.log(np.diag(lower))))
+
+    def prior(self, at: Array) -> float:
+        """Logarithm of the normalised prior of values and noise, and of the set."""
+        known = self.table.known
+        base, extra = at[: known.size], at[known.size : -1]
+        value = -0.5 * np.sum((base / known) ** 2)
+        value -= np.sum(np.log1p((extra / SIZE) ** 2) + np.log(np.pi * SIZE))
+        value -= 0.5 * ((at[-1] - np.log(NOISE_G)) / NOISE_LOG_STD) ** 2
+        return float(value + self.log_prior_of_set)
+
+    def posterior(self, at: Array, tau: float) -> float:
+        """Logarithm of the evidence at values, noise and scatter."""
+        likely = self.likelihood(self.left(at), self.noise_g(at), tau)
+        return likely + self.prior(at) + float(_tau_prior(np.array(tau)))
+
+
+def _tau_prior(tau: Array) -> Array:
+    """Logarithm of the density by log tau: of the size of a bench step, or none."""
+    return np.asarray(np.log(tau / STEP_RAD) - np.log1p((tau / STEP_RAD) ** 2))
+
+
+def log_prior_of_set(options: Sequence[Option], fitted: Fitted) -> float:
+    """Each effect is there with probability `THERE`; one of its shapes, all of its amplitudes or some."""
+    odds = float(np.log(THERE / (1 - THERE)))
+    return sum(odds + _log_share(options, own) for own in fitted.options)
+
+
+def _log_share(options: Sequence[Option], own: Option) -> float:
+    """Logarithm of the probability of this variant, where its effect is there."""
+    same = [option for option in options if option.effect == own.effect]
+    shapes = {option.shape for option in same}
+    variants = [option for option in same if option.shape == own.shape]
+    largest = max(len(option.amplitudes) for option in variants)
+    share = 1.0
+    if len(variants) > 1:
+        share = WHOLE if len(own.amplitudes) == largest else (1 - WHOLE) / (len(variants) - 1)
+    return float(np.log(share / len(shapes)))
+
+
+def covariance_with_priors(table: Table, fitted: Fitted) -> Array:
+    """(P + 1, P + 1) of the values and the logarithm of the noise, with their priors."""
+    mask = table.mask
+    cov = fitted.covariance(table)[np.ix_(mask, mask)]
+    slope = fitted.jacobian[:, mask]
+    precision = table.precision(len(slope))
+    precision[table.known.size : -1] = 2.0 / (SIZE**2 + fitted.values[table.known.size :] ** 2)
+    precision[-1] = NOISE_LOG_STD**-2 if table.noise_g is None else 1e12
+    return np.asarray(np.linalg.inv(slope @ np.linalg.solve(cov, slope.T) + np.diag(precision)))
+
+
+def _mode(explained: Explained, fitted: Fitted) -> _Mode:
+    table = explained.scene.table
+    cov = covariance_with_priors(table, fitted)
+    spread = float(np.sqrt(cov[-1, -1]))
+    gain = cov[:-1, -1] / cov[-1, -1]
+    lower = np.linalg.cholesky(cov[:-1, :-1] - np.outer(gain, gain) * cov[-1, -1])
+    centre = np.append(fitted.values, np.log(fitted.noise_g))
+    known = table.known
+    base, extra = centre[: known.size], centre[known.size : -1]
+    mass = -0.5 * fitted.deviance - 0.5 * np.sum((base / known) ** 2)
+    mass -= np.sum(np.log1p((extra / SIZE) ** 2) + np.log(np.pi * SIZE))
+    mass -= 0.5 * ((centre[-1] - np.log(NOISE_G)) / NOISE_LOG_STD) ** 2
+    mass += np.sum(np.log(np.diag(lower))) + np.log(spread) + 0.5 * centre.size * np.log(2 * np.pi)
+    return _Mode(fitted, centre, spread, gain, lower, float(mass) + log_prior_of_set(explained.scene.options, fitted))
+
+
+def instruments(explained: Explained, count: int, seed: int, progress: Progress | None = None) -> Posterior:
+    """`count` instruments that the table allows. The same seed gives the same instruments."""
+    report = progress or (lambda share, words: None)
+    table = explained.scene.table
+    sets = _likely_sets(explained, report)
+    report(0.5, "sizes that the table allows")
+    common = _Chance.of(table, sets[0][0].fitted)
+    top = max(m.log_mass for group in sets for m in group)
+    # the square root: what looks unlikely is looked at all the same
+    wish = np.array([sum(np.exp(0.5 * (m.log_mass - top)) for m in group) for group in sets])
+    rng = np.random.default_rng([seed, 20])
+    found: list[_Particle] = []
+    for k, group in enumerate(sets):
+        own = common if k == 0 or k >= SEARCHED_SETS else _Chance.of(table, group[0].fitted)
+        evidence = _Evidence.of(explained, group[0].fitted, own)
+        if k < SEARCHED_SETS and table.noise_g is None:
+            group = [mode for each in group[:SIGNS_KEPT] for mode in _by_noise(evidence, each)]
+        found += _proposals(evidence, group, max(12, int(PROPOSALS * wish[k] / wish.sum())), rng)
+        report(0.5 + 0.25 * (k + 1) / len(sets), "sizes that the table allows")
+    logs = np.array([particle.log_weight for particle in found])
+    weight = np.exp(logs - logs.max())
+    # no single proposal may stand for more than it can know
+    weight = np.minimum(weight / weight.sum(), 1.0 / np.sqrt(weight.size))
+    weight /= weight.sum()
+    places = np.searchsorted(np.cumsum(weight), (np.arange(count) + rng.uniform()) / count)
+    places = rng.permutation(np.minimum(places, weight.size - 1))
+    own_poses = errors_in_common(table.sessions, explained.scene.model, table.noise_g or NOISE_G)
+    draws = []
+    for n, place in enumerate(places):
+        particle = found[place]
+        values = _moved(particle, rng)
+        draws.append(_drawn(explained, particle.mode.fitted, values, own_poses[:, :, table.sessions.turns :]))
+        if n % 20 == 0:
+            report(0.75 + 0.25 * n / count, "sizes that the table allows")
+    probability: dict[tuple[str, ...], float] = {}
+    for particle, part in zip(found, weight.tolist(), strict=True):
+        names = tuple(sorted(o.effect for o in particle.mode.fitted.options))
+        probability[names] = probability.get(names, 0.0) + part
+    explanations = tuple(Explanation(n, p) for n, p in sorted(probability.items(), key=lambda item: -item[1]))
+    return Posterior(explanations, tuple(draws), float(1.0 / np.sum(weight**2)))
+
+
+def _likely_sets(explained: Explained, report: Progress) -> list[list[_Mode]]:
+    """The modes of the likeliest sets, likeliest set first."""
+    table = explained.scene.table
+    every = {frozenset(f.options): [_mode(explained, f)] for f in (*explained.tried, explained.best)}
+    searched: set[frozenset[Option]] = set()
+    grown: set[frozenset[Option]] = set()
+
+    def ranked() -> list[frozenset[Option]]:
+        return sorted(every, key=lambda key: -max(m.log_mass for m in every[key]))
+
+    def with_signs(most: int) -> None:
+        for key in ranked()[:most]:
+            if key not in searched:
+                every[key] = _signs(explained, every[key][0])
+                searched.add(key)
+
+    for turn, number in enumerate(GROWN_SETS):
+        report(0.5 * turn / len(GROWN_SETS), "other explanations")
+        with_signs(SEARCHED_SETS)
+        for key in [key for key in ranked() if key not in grown][:number]:
+            grown.add(key)
+            parent = max(every[key], key=lambda m: m.log_mass).fitted
+            for option in _helpful(explained, parent):
+                larger = key | {option}
+                mode = _mode(explained, fit_set(table, (*parent.options, option), parent, rounds=0))
+                if larger not in every or mode.log_mass > every[larger][0].log_mass:
+                    every[larger] = [mode]
+                    searched.discard(larger)
+    with_signs(SEARCHED_SETS)
+    order = ranked()[:MOST_SETS]
+    share = np.exp([max(m.log_mass for m in every[key]) for key in order])
+    share = np.cumsum(share / share.sum())
+    return [sorted(every[key], key=lambda m: -m.log_mass)
+            for key, s in zip(order, share, strict=True) if s < 0.995 or key == order[0]]  # fmt: skip
+
+
+def _helpful(explained: Explained, parent: Fitted) -> list[Option]:
+    """The options whose addition promises most evidence, by one linear step from a fitted set."""
+    table = explained.scene.table
+    options = [o for o in explained.scene.options if o.effect not in parent.effects]
+    linear = Linear(
+        table.sessions, table.start,
+        np.concatenate([table.base, *(o.field for o in parent.options), *(o.field for o in options)]),
+    )  # fmt: skip
+    sizes = [len(o.amplitudes) for o in options]
+    values = np.append(parent.values, np.zeros(sum(sizes)))
+    said = tell(linear, values, parent.noise_g, table.draws)
+    mask = table.mask
+    slope = said.slope.reshape(values.size + 1, -1)[:, mask]
+    left = (table.told - said.cells.mean(axis=0)).reshape(-1)[mask]
+    inverse = np.linalg.inv(parent.covariance(table)[np.ix_(mask, mask)])
+    known = np.append(slope[: parent.values.size], slope[-1:] * parent.noise_g, axis=0)
+    inner = np.linalg.inv(known @ inverse @ known.T + np.diag(table.precision(len(known))))
+    # what the set does not take up itself
+    rest = inverse - inverse @ known.T @ inner @ known @ inverse
+    promise = []
+    start = parent.values.size
+    for option, size in zip(options, sizes, strict=True):
+        own = slope[start : start + size]
+        start += size
+        curve = own @ rest @ own.T + np.eye(size) / SIZE**2
+        pull = own @ rest @ left
+        gain = 0.5 * float(pull @ np.linalg.solve(curve, pull)) - 0.5 * float(np.linalg.slogdet(curve * SIZE**2)[1])
+        promise.append(gain + _log_share(explained.scene.options, option))
+    order = np.argsort(promise)[::-1][:HELPFUL]
+    return [options[k] for k in order]
+
+
+def _signs(explained: Explained, first: _Mode) -> list[_Mode]:
+    """The modes of a set: fitted again with each amplitude, and with each effect, turned around."""
+    table = explained.scene.table
+    modes = [first]
+    for k in range(len(first.fitted.options)):
+        own = first.fitted.own(k)
+        turned = [np.arange(own.start, own.stop)]
+        turned += [np.array([j]) for j in range(own.start, own.stop)] if own.stop - own.start > 1 else []
+        for which in turned:
+            values = first.fitted.values.copy()
+            values[which] *= -1.0
+            fitted = fit_set(table, first.fitted.options, replace(first.fitted, values=values), rounds=0)
+            mode = _mode(explained, fitted)
+            near = any(other.away(mode.centre) < APART for other in modes)
+            if not near and mode.log_mass > first.log_mass - WORTH / 2:
+                modes.append(mode)
+    return modes
+
+
+def _by_noise(evidence: _Evidence, mode: _Mode) -> list[_Mode]:
+    """A mode fitted again at several noises: the less of it, the better all else is known, and the other way."""
+    table = evidence.table
+    start = mode.centre.copy()
+    tau = max(mode.fitted.tau_rad, float(_TAUS[0]))
+    found = []
+    for factor in NOISES:
+        at = start.copy()
+        at[-1] += np.log(factor)
+        cov = evidence.chance.bench + evidence.noise_g(at) ** 2 * evidence.chance.reading
+        inverse = np.linalg.inv(cov + np.diag((tau * table.spread[table.mask]) ** 2))
+        for _ in range(3):
+            precision = table.precision(at.size)[:-1].copy()
+            precision[table.known.size :] = 2.0 / (SIZE**2 + at[table.known.size : -1] ** 2)
+            said = tell(evidence.linear, at[:-1], evidence.noise_g(at), table.draws)
+            slope = said.slope.reshape(at.size, -1)[:-1, table.mask]
+            left = (table.told - said.cells.mean(axis=0)).reshape(-1)[table.mask]
+            inner = np.linalg.inv(slope @ inverse @ slope.T + np.diag(precision))
+            # peak-to-peaks bend: no long steps
+            at[:-1] += np.clip(inner @ (slope @ inverse @ left - precision * at[:-1]), -1.0, 1.0)
+        lower = np.linalg.cholesky(inner)
+        mass = evidence.posterior(at, tau) + float(np.sum(np.log(np.diag(lower))))
+        found.append(_Mode(mode.fitted, at, BETWEEN, np.zeros(at.size - 1), lower, mass))
+    return sorted(found, key=lambda m: -m.log_mass)
+
+
+@dataclass(frozen=True)
+class _Particle:
+    """Values of a set, with the scatter beyond chance, and the logarithm of their weight (part of the evidence)."""
+
+    evidence: _Evidence
+    mode: _Mode
+    at: Array
+    tau: float
+    log_posterior: float
+    log_weight: float
+
+
+def _proposals(evidence: _Evidence, group: list[_Mode], number: int, rng: np.random.Generator) -> list[_Particle]:
+    """Values proposed by the modes of one set."""
+    size = group[0].centre.size
+    mass = np.exp([m.log_mass - group[0].log_mass for m in group])
+    mass /= mass.sum()
+    which = rng.choice(len(group), number, p=mass)
+    z = rng.standard_normal((number, size)) / np.sqrt(rng.chisquare(FREEDOM, (number, 1)) / FREEDOM)
+    at = np.stack([group[m].at(z[k : k + 1])[0] for k, m in enumerate(which)])
+    proposed = np.logaddexp.reduce([np.log(m) + mode.density(at) for m, mode in zip(mass, group, strict=True)], axis=0)
+    # the scatter beyond chance: proposed from what the first mode says of it
+    centre = group[0].centre
+    left, noise_g = evidence.left(centre), evidence.noise_g(centre)
+    of_tau = np.array([evidence.likelihood(left, noise_g, float(t)) for t in _TAUS]) + _tau_prior(_TAUS)
+    of_tau = np.exp(0.5 * (of_tau - of_tau.max()))
+    of_tau /= of_tau.sum()
+    chosen = rng.choice(_TAUS.size, number, p=of_tau)
+    found = []
+    for k in range(number):
+        tau = float(_TAUS[chosen[k]])
+        log = evidence.posterior(at[k], tau)
+        weight = log - np.log(of_tau[chosen[k]]) - proposed[k] - np.log(number) + _constant(size)
+        found.append(_Particle(evidence, group[which[k]], at[k], tau, log, float(weight)))
+    return found
+
+
+def _moved(particle: _Particle, rng: np.random.Generator) -> Array:
+    """Values after some Metropolis steps."""
+    at, tau, log = particle.at, particle.tau, particle.log_posterior
+    for _ in range(MOVES):
+        to = at + MOVE * particle.mode.step(rng.standard_normal(at.size))
+        to_tau = float(np.clip(tau * np.exp(0.3 * rng.standard_normal()), _TAUS[0], _TAUS[-1]))
+        new = particle.evidence.posterior(to, to_tau)
+        if np.log(rng.uniform()) < new - log:
+            at, tau, log = to, to_tau, new
+    return at
+
+
+def _constant(size: int) -> float:
+    """What the density of a Student distribution of this dimension leaves out (negative logarithm)."""
+    from scipy.special import gammaln
+
+    log = gammaln((FREEDOM + size) / 2) - gammaln(FREEDOM / 2) - 0.5 * size * np.log(FREEDOM * np.pi)
+    return -float(log)
+
+
+def _drawn(explained: Explained, fitted: Fitted, at: Array, own: Array) -> Drawn:
+    scene = explained.scene
+    table, base = scene.table, len(scene.base_names)
+    values = replace(fitted, values=at[:-1])
+    model = instrument(scene.model, scene.base_names, scene.base_units, values, range(len(fitted.options)))
+    moved = np.tensordot(at[base : base + len(own)], own, 1) if len(own) else np.zeros((3, 0))
+    return Drawn(
+        model, table.noise_g or float(np.exp(at[-1])), moved, tuple(o.effect for o in fitted.options)
+    )  # fmt: skip

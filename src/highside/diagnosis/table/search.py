@@ -1,0 +1,270 @@
+"""Which set of effects explains a published table: a beam search over sets, what each member can be exchanged for, and
+rows that no set explains.
+
+A few dozen numbers, half of them peak-to-peaks that have lost order and phase, are explained by many sets nearly as
+well. One path of best next steps goes astray among them, so the best few sets of each size are kept. A member of the
+best set is believed where no set without it comes near; what takes its place in a set that does come near is of its
+class.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.probability import chi2_beyond
+from highside.diagnosis.table.fit import Fitted, Option, Table, fit_set, rechanced
+
+Array = NDArray[np.float64]
+
+WIDTH = 4
+MAX_EFFECTS = 4
+FINISHED = 10
+"""Of the sets that one more effect makes, those that are fitted to the end."""
+STEP = 9.0
+"""What one more effect must improve the score by: a difference of BIC that is strong among some forty candidates."""
+SAME = 10.0
+"""Sets whose scores differ by less are not told apart: 6 as a difference of BIC, the rest for what the draws leave."""
+CLEAR = 20.0
+"""Sets that score worse by more are not looked at again."""
+OVER = 3.0
+"""Sigma by which a predicted peak-to-peak may exceed the one that is told."""
+UNEXPLAINED_P = 1e-3
+"""A row less likely than this, predicted from the others, is not explained (over all rows)."""
+
+Report = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Search:
+    """All sets that were tried, best first, and the best."""
+
+    best: Fitted
+    tried: list[Fitted]
+
+
+def search(
+    table: Table,
+    options: Sequence[Option],
+    base: Fitted,
+    *,
+    width: int = WIDTH,
+    depth: int = MAX_EFFECTS,
+    seeds: Sequence[Fitted] = (),
+    report: Report | None = None,
+) -> Search:
+    """Beam search from the base fit (and from other fitted sets). The smallest set within `STEP` a member of the best
+    score is the answer."""
+    beam: list[Fitted] = [base, *seeds]
+    every: dict[frozenset[Option], Fitted] = {frozenset(f.options): f for f in beam}
+    for size in range(1, depth + 1):
+        grown: dict[frozenset[Option], Fitted] = {}
+        for count, parent in enumerate(beam):
+            fresh: list[frozenset[Option]] = []
+            for option in options:
+                key = frozenset((*parent.options, option))
+                if option.effect in parent.effects or key in grown or key in every:
+                    continue
+                grown[key] = fit_set(table, (*parent.options, option), parent, rounds=0)
+                fresh.append(key)
+            # a few steps tell which are worth more
+            for key in sorted(fresh, key=lambda k: grown[k].score)[:FINISHED]:
+                grown[key] = fit_set(table, grown[key].options, grown[key], rounds=1)
+            if report:
+                report((size - 1 + (count + 1) / len(beam)) / depth, f"sets of {size}")
+        if not grown:
+            break
+        every |= grown
+        before = min(f.score for f in beam)
+        beam = sorted(grown.values(), key=lambda f: f.score)[:width]
+        if beam[0].score > before - 0.5 * STEP:
+            break
+    tried = sorted(every.values(), key=lambda f: f.score)
+    return Search(_smallest(tried), tried)
+
+
+def _smallest(tried: Sequence[Fitted]) -> Fitted:
+    """The best set such that each member it has more than another is worth `STEP`."""
+    return min(tried, key=lambda f: f.score + STEP * len(f.options))
+
+
+@dataclass(frozen=True)
+class Standing:
+    """One member of the best set: how much better sets with it are than sets without it, and what may replace it."""
+
+    option: Option
+    without: float
+    """score lost by the best set that holds neither it nor anything of its class"""
+    same: tuple[str, ...]
+    instead: dict[str, Fitted]
+    """the best set without this effect, by the effect that takes its place"""
+    ruled_out: dict[str, float]
+    """score lost by exchanging it for another effect, where that is clear"""
+    shapes: int
+    """how many of its shapes (harmonic orders) do as well: with several, it stands for something that is not known"""
+
+
+def standing(
+    table: Table, options: Sequence[Option], base: Fitted, best: Fitted, tried: Sequence[Fitted], index: int
+) -> Standing:
+    """Search without one member's effect, beside the other members, and compare."""
+    option = best.options[index]
+    others = tuple(o for k, o in enumerate(best.options) if k != index)
+    rest = fit_set(table, others, best) if others else base
+    allowed = [o for o in options if o.effect != option.effect]
+    found = search(table, allowed, rest, width=2, depth=2)
+    rivals = [f for f in (*found.tried, *tried) if option.effect not in f.effects]
+    # an effect that is there with some of its amplitudes may take this one's place with more of them
+    grown = {
+        other.effect: fit_set(table, (*(o for o in others if o is not other), fuller), rest)
+        for other in others
+        for fuller in options
+        if fuller.effect == other.effect
+        and fuller.shape == other.shape
+        and len(fuller.amplitudes) > len(other.amplitudes)
+    }
+
+    def cost(fitted: Fitted) -> float:
+        # each effect more than the best set has must pay for itself
+        return fitted.score - best.score + STEP / 2 * max(0, len(fitted.options) - len(best.options))
+
+    kept = {o.effect for o in others}
+    instead: dict[str, Fitted] = {}
+    for effect in dict.fromkeys(e for f in sorted(rivals, key=cost) for e in f.effects - kept):
+        fitted = min((f for f in rivals if effect in f.effects), key=cost)
+        if SAME <= cost(fitted) < CLEAR:
+            fitted = polished(table, fitted)
+        place = next(k for k, o in enumerate(fitted.options) if o.effect == effect)
+        if cost(fitted) >= SAME or _needed(table, fitted, place):
+            instead[effect] = fitted
+    instead |= {effect: fitted for effect, fitted in grown.items() if cost(fitted) < SAME}
+    for effect, fitted in _by_means(table, allowed, best, index).items():
+        if effect not in kept and cost(instead.get(effect, fitted)) >= SAME:
+            instead[effect] = replace(fitted, score=best.score)
+    same = tuple(effect for effect, fitted in instead.items() if cost(fitted) < SAME)
+    clear = {effect: cost(fitted) for effect, fitted in instead.items() if effect not in same}
+    without = min((cost(f) for f in (*rivals, *instead.values()) if not f.effects & set(same)), default=np.inf)
+    rest_of = frozenset(others)
+    shapes = {option.shape} | {
+        o.shape
+        for f in tried
+        if f.score - best.score < SAME and rest_of <= set(f.options)
+        for o in f.options
+        if o.effect == option.effect
+    }
+    return Standing(option, float(without), (option.effect, *same), instead, clear, len(shapes))
+
+
+def _by_means(table: Table, options: Sequence[Option], best: Fitted, index: int) -> dict[str, Fitted]:
+    """Effects that explain the means as well as one member does, and ask for no larger peak-to-peaks than there are.
+
+    What is missing of a peak-to-peak may be any ripple, so it speaks for no effect; only too much speaks against one.
+    """
+    told = table.told.copy()
+    told[:, [1, 3]] = np.nan
+    means = replace(table, told=told)
+    others = tuple(o for k, o in enumerate(best.options) if k != index)
+    level = fit_set(means, best.options, best).score
+    sigma = best.sigma(table)
+    found: dict[str, Fitted] = {}
+    for option in options:
+        fitted = fit_set(means, (*others, option), best)
+        over = ((fitted.cells - table.told) / sigma)[table.use][:, [1, 3]]
+        near = fitted.score - level < SAME and np.nanmax(over) < OVER
+        if near and (option.effect not in found or fitted.score < found[option.effect].score):
+            found[option.effect] = fitted
+    return found
+
+
+def alike(best: Fitted, tried: Sequence[Fitted], index: int) -> tuple[str, ...]:
+    """A member's effect and those that took its place in other sets that were tried and score as well."""
+    others = {o for k, o in enumerate(best.options) if k != index}
+    own = best.options[index].effect
+    found = [own]
+    for fitted in tried:
+        if fitted.score - best.score > SAME:
+            break
+        extra = set(fitted.options) - others
+        if len(fitted.options) == len(best.options) and len(extra) == 1:
+            found.append(extra.pop().effect)
+    return tuple(dict.fromkeys(found))
+
+
+def other_amplitudes(best: Fitted, tried: Sequence[Fitted], index: int) -> list[tuple[str, ...]]:
+    """Amplitudes of a member's own effect (other axes, say) that do as well in its place, the other effects kept."""
+    own = best.options[index]
+    kept = best.effects - {own.effect}
+    found = [
+        option.amplitudes
+        for fitted in tried
+        if fitted.score - best.score < SAME and fitted.effects >= kept
+        for option in fitted.options
+        if option.effect == own.effect and option.amplitudes != own.amplitudes
+    ]
+    return list(dict.fromkeys(found))[:4]
+
+
+def _needed(table: Table, fitted: Fitted, place: int) -> bool:
+    """Whether a set is worse without one of its members."""
+    rest = tuple(o for k, o in enumerate(fitted.options) if k != place)
+    return fit_set(table, rest, fitted).score - fitted.score > STEP
+
+
+def polished(table: Table, fitted: Fitted) -> Fitted:
+    """The same set from other signs of its amplitudes: peak-to-peaks hardly know them, and no fit crosses zero."""
+    best = rechanced(table, fitted)
+    for k in range(len(fitted.options)):
+        own = fitted.own(k)
+        for signs in _patterns(own.stop - own.start):
+            values = best.values.copy()
+            values[own] *= signs
+            other = fit_set(table, best.options, replace(best, values=values))
+            if other.score < best.score - 0.1:
+                best = other
+    return best
+
+
+def _patterns(count: int) -> list[Array]:
+    """Signs to try beside those that are there."""
+    if count == 1:
+        return [np.array([-1.0])]
+    return [-np.ones(count), *(np.where(np.arange(count) == k, -1.0, 1.0) for k in range(count))]
+
+
+def left_out_row(table: Table, fitted: Fitted, row: int) -> tuple[Array, Array, Array]:
+    """Prediction of one row from the others: residual (4,), its covariance (4, 4) in deg, and which cells count."""
+    part = fit_set(table.without_row(row), fitted.options, fitted, rounds=1)
+    cov = part.covariance(table)
+    mask = np.isfinite(table.told[row])
+    if table.sessions.degenerate()[row]:
+        mask[:2] = False
+    cells = np.arange(4 * row, 4 * row + 4)
+    rest = np.flatnonzero(table.without_row(row).mask)
+    # chance that the rows share (the correction's poses) is predicted too
+    left = (table.told - part.cells).reshape(-1)
+    gain = np.linalg.solve(cov[np.ix_(rest, rest)], cov[np.ix_(rest, cells)]).T
+    # and what the others do not determine of the parameters adds to the uncertainty
+    open_slope = part.jacobian[:, cells].T - gain @ part.jacobian[:, rest].T
+    inner = part.jacobian[:, rest] @ np.linalg.solve(cov[np.ix_(rest, rest)], part.jacobian[:, rest].T)
+    inner += np.diag(table.precision(inner.shape[0]))
+    spread = cov[np.ix_(cells, cells)] - gain @ cov[np.ix_(rest, cells)]
+    spread = spread + open_slope @ np.linalg.solve(inner, open_slope.T)
+    return np.nan_to_num(left[cells] - gain @ left[rest]), np.asarray(spread), mask
+
+
+def unexplained_rows(table: Table, fitted: Fitted) -> dict[int, float]:
+    """Rows that the others do not predict, with the probability of their departure."""
+    found: dict[int, float] = {}
+    rows = np.flatnonzero(table.use)
+    for row in rows:
+        left, cov, mask = left_out_row(table, fitted, int(row))
+        if not mask.any():
+            continue
+        value = float(left[mask] @ np.linalg.solve(cov[np.ix_(mask, mask)], left[mask]))
+        p = chi2_beyond(value, int(mask.sum()))
+        if p * rows.size < UNEXPLAINED_P:
+            found[int(row)] = p
+    return found
