@@ -348,7 +348,7 @@ async def test_the_simulated_tool_on_a_bus_is_decoded_completely_and_detected(vc
     async with supervised(memory, SocketCanSettings(vcan)) as supervisor:
         await until(lambda: supervisor.stats.opens == 1, "open")
         device.start()
-        finding = await asyncio.to_thread(probe_can, vcan, codec_from_name("dbc").build, 0.7)  # type: ignore[arg-type]
+        finding = await asyncio.to_thread(probe_can, vcan, [codec_from_name("dbc")], 0.7)
         await asyncio.sleep(0.5)
         device.stop_sending()
         await until(lambda: len(memory.frames) == 5 * device.sent, "all")

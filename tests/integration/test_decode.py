@@ -279,7 +279,7 @@ def test_wrong_input_ends_with_one_line_and_status_2(tmp_path: Path, project_roo
     for text, says in {
         "[codec": "is not valid TOML",
         "[link]\n": "has no [codec] table",
-        '[codec]\nname = "morse"\n': "codec.name: no codec 'morse'; allowed: tool, vn100",
+        '[codec]\nname = "morse"\n': "codec.name: no codec 'morse'; allowed: dbc, delimited",
         '[codec]\naxes = "xxz"\n': "no axis map",
         '[codec]\naxes = "-xyz"\n': "mirror",
         "[codec]\nbaud = 1\n": "codec.baud: is not a known field",

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from highside.cli.say import echo, echo_json
+from highside.cli.say import echo, echo_json, say_left_out
 
 if TYPE_CHECKING:
     from highside.codec.frame import ByteCodec, CanCodec, Counts, Frame
@@ -39,17 +39,19 @@ class _Decoded:
 
 def decode(
     file: Annotated[Path, typer.Argument(help="Raw bytes, highside's segments or candump -L text; plain or .gz.")],
-    codec: Annotated[str, typer.Option("--codec", help="tool, vn100, delimited or dbc.")],
+    codec: Annotated[str, typer.Option("--codec", help="tool, vn100, delimited, dbc or an installed one.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="The Recording to write; .gz zips it.")],
     config: Annotated[Path | None, typer.Option("--config", help="TOML file with a [codec] table.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the counts as one JSON object.")] = False,
 ) -> None:
     """Turn a recording of the wire into a Recording (CSV); the counts go to stderr."""
+    from highside.codec.registry import faults
     from highside.config.codecs import codec_from_file, codec_from_name
     from highside.errors import Refused
     from highside.recording.table import from_frames, write_recording
 
     settings = codec_from_name(codec) if config is None else codec_from_file(config, codec)
+    say_left_out("codec", faults())
     decoder = settings.build()
     decoded = _decode_can(file, decoder) if settings.carries == "can" else _decode_bytes(file, decoder)
     frames, times, source = _timed(decoded)
@@ -165,8 +167,9 @@ def _timed(decoded: _Decoded) -> tuple[list[Frame], list[float], str]:
 
 def _for_people(path: Path, decoded: _Decoded, counts: Counts, rows: int, source: str) -> str:
     balance = "they add up" if counts.balanced() else "THEY DO NOT ADD UP"
+    parts = f" and {counts.frames_part} packets that are parts of them" if counts.frames_part else ""
     lines = [
-        f"{path} ({decoded.kind}): {counts.frames_good} good frames, {counts.frames_bad} bad,"
+        f"{path} ({decoded.kind}): {counts.frames_good} good frames{parts}, {counts.frames_bad} bad,"
         f" {counts.frames_ignored} for others; {rows} rows with the time of {source}",
         f"  {counts.bytes_in} bytes = {counts.bytes_framed} in frames + {counts.bytes_bad} bad + {counts.bytes_text}"
         f" text + {counts.bytes_ignored} for others + {counts.bytes_junk} junk ({balance})",

@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from highside.cli.say import echo, echo_json
+from highside.cli.say import echo, echo_json, say_left_out
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from highside.codec.frame import CanCodec
+    from highside.codec.registry import CodecTable
     from highside.link.detect import Finding
 
 
@@ -27,6 +25,7 @@ def detect(
     """Find the ports, codecs and baud rates that give valid frames. Exit status 1 when there are none."""
     from concurrent.futures import ThreadPoolExecutor
 
+    from highside.codec.registry import faults
     from highside.errors import Refused
     from highside.link.detect import BAUDS, can_interfaces, probe_can, probe_serial, serial_ports
 
@@ -34,11 +33,12 @@ def detect(
     interfaces = known_can if ports is None else [port for port in ports if port in known_can]
     lines = serial_ports() if ports is None else [port for port in ports if port not in known_can]
     rates = tuple(bauds) if bauds else BAUDS
-    codec = _tool_can_codec() if interfaces else None
+    codecs = _can_codecs() if interfaces else []
+    say_left_out("codec", faults())
     with ThreadPoolExecutor(max_workers=16) as pool:
         # all at once: most ports are silent, and waiting for one after the other would take minutes
         work = [pool.submit(probe_serial, line, rates, seconds) for line in lines]
-        work += [pool.submit(probe_can, interface, codec, seconds) for interface in interfaces]
+        work += [pool.submit(probe_can, interface, codecs, seconds) for interface in interfaces]
         findings = [done.result() for done in work]
     findings.sort(key=lambda finding: (finding.codec is None, -finding.share, finding.port))
     if as_json:
@@ -54,17 +54,20 @@ def detect(
         echo(_configuration(best))
 
 
-def _tool_can_codec() -> Callable[[], CanCodec] | None:
-    """The tool's own messages; reading their DBC file needs an extra that may not be installed."""
-    from highside.config.codecs import DbcCodecConfig, codec_from_name
+def _can_codecs() -> list[CodecTable]:
+    """The CAN codecs that need no set-up; what one of them needs (an extra that reads DBC files) may be missing."""
+    from highside.codec.registry import detectable
     from highside.errors import InputError
 
-    try:
-        settings = codec_from_name("dbc")
-        settings.build()
-    except (InputError, ImportError):
-        return None
-    return settings.build if isinstance(settings, DbcCodecConfig) else None
+    found = []
+    for name, table in detectable("can").items():
+        try:
+            settings = table.model_validate({"name": name})
+            settings.build()
+        except (InputError, ImportError):
+            continue
+        found.append(settings)
+    return found
 
 
 def _table(findings: list[Finding]) -> None:

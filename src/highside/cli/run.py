@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from highside.cli.say import echo, echo_json
+from highside.cli.say import echo, echo_json, say_left_out
 
 if TYPE_CHECKING:
     from highside.config.settings import Settings
@@ -23,12 +23,14 @@ SetOption = Annotated[
 
 def run(config: ConfigOption, overrides: SetOption = None) -> None:
     """Run the service: frames in, corrected inclination and toolface out over MQTT, day and night."""
+    from highside.codec.registry import faults
     from highside.config.settings import load
     from highside.errors import InputError
     from highside.service.app import Service
     from highside.service.logs import start_logging
 
     settings = load(config, overrides)
+    say_left_out("codec", faults())
     start_logging(settings.service.log_level)
 
     async def serve() -> None:
@@ -56,10 +58,12 @@ def check(
 
     A bench session's file (it has a table [plan]) is judged as such, its page's token, certificate and key too.
     """
+    from highside.codec.registry import faults
     from highside.config.settings import load, read_toml
     from highside.service.broker_client import check_secrets
     from highside.service.in_force import compensation_of
 
+    say_left_out("codec", faults())
     if "plan" in read_toml(config):
         _check_bench(config, overrides, as_json)
         return
@@ -141,8 +145,19 @@ def _calibration_of(settings: Settings, config: Path) -> str:
         raise InputError(what, where=str(config), field=field, remedy=remedy) from None
 
 
-def schema() -> None:
+def schema(
+    config: Annotated[
+        bool, typer.Option("--config", help="The JSON Schema of the configuration file, every codec's table in it.")
+    ] = False,
+) -> None:
     """Print the JSON Schemas of all MQTT messages as one JSON object."""
+    if config:
+        from highside.codec.registry import faults
+        from highside.config.settings import Settings
+
+        say_left_out("codec", faults())
+        echo_json(json.dumps(Settings.model_json_schema(), indent=2))
+        return
     from highside.service.messages import schemas
 
     echo_json(json.dumps(schemas(), indent=2))

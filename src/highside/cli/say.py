@@ -3,9 +3,15 @@ control sequence or reverses its reading order."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
 import typer
 
 from highside.printable import printable
+
+if TYPE_CHECKING:
+    from highside.plugins import Plugin
 
 
 def echo(text: str = "", *, err: bool = False, nl: bool = True) -> None:
@@ -16,6 +22,12 @@ def echo(text: str = "", *, err: bool = False, nl: bool = True) -> None:
 def echo_json(document: str) -> None:
     """Print a JSON document: the same values, with characters that a terminal would obey as JSON's own escapes."""
     typer.echo("".join(c if c.isprintable() or c in "\n\t" else _escaped(c) for c in document))
+
+
+def say_left_out(kind: str, faults: Mapping[str, Plugin]) -> None:
+    """A line on stderr for each `kind` ("codec") that another package adds and that cannot be used."""
+    for plugin in faults.values():
+        echo(f"note: the {kind} {plugin} is left out: {plugin.fault}", err=True)
 
 
 def _escaped(character: str) -> str:

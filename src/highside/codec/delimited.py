@@ -21,9 +21,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import reduce
 from operator import xor
+from typing import Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from highside.codec.axes import AxisMap
 from highside.codec.frame import FRAME_COLUMNS, NAN, Counts, Frame
+from highside.codec.registry import CodecTable, only_measured
 
 _NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?\s*")
 
@@ -257,3 +261,90 @@ def _required(cells: list[str], column: Column) -> float:
 
 def _value(cells: list[str], column: Column | None) -> float | None:
     return None if column is None else _required(cells, column)
+
+
+class ColumnConfig(BaseModel):
+    """A quantity in a line of text: the number in a column, times `scale`, plus `offset`."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    column: int = Field(ge=0, le=255, description="Number of the column, from 0.")
+    scale: float = Field(default=1.0, allow_inf_nan=False, description="Unit of the Recording per count.")
+    offset: float = Field(default=0.0, allow_inf_nan=False, description="Added after scaling.")
+
+
+class TimeConfig(BaseModel):
+    """A part of the device's time; all parts are added up."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    column: int = Field(ge=0, le=255, description="Number of the column, from 0.")
+    scale: float = Field(default=1.0, allow_inf_nan=False, description="Seconds per count.")
+    divide_by_column: int | None = Field(default=None, ge=0, le=255, description="Column to divide by, if any.")
+
+
+class SelectConfig(BaseModel):
+    """Which lines are ours."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    column: int = Field(ge=0, le=255, description="Number of the column, from 0.")
+    equals: str = Field(description="The text in that column.")
+
+
+class DelimitedCodecConfig(CodecTable):
+    """Lines of delimited text."""
+
+    name: Literal["delimited"]
+    delimiter: str = Field(default=",", min_length=1, max_length=4, description="What stands between two columns.")
+    prefix: str = Field(default="", max_length=64, description="A reading begins with this; removed before cutting.")
+    columns: int | None = Field(default=None, ge=2, le=256, description="Exact number of columns of a reading.")
+    select: SelectConfig | None = Field(default=None, description="Take only lines with this text in this column.")
+    time: tuple[TimeConfig, ...] = Field(default=(), description="Columns that add up to the device's time in s.")
+    time_wrap_s: float | None = Field(default=None, gt=0, description="The device's time starts anew after this.")
+    seq_column: int | None = Field(default=None, ge=0, le=255, description="Column of the device's frame counter.")
+    seq_modulus: int | None = Field(default=None, ge=2, description="Period of that counter.")
+    checksum: Literal["nmea"] | None = Field(default=None, description="`*HH` at the end of a line.")
+    max_line_bytes: int = Field(default=512, ge=16, le=65536, description="A longer line is junk.")
+    fields: dict[str, ColumnConfig] = Field(min_length=1, description="Quantity -> column, scale, offset.")
+
+    @field_validator("fields")
+    @classmethod
+    def _fields(cls, fields: dict[str, ColumnConfig]) -> dict[str, ColumnConfig]:
+        only_measured(fields)
+        return fields
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if (self.seq_column is None) != (self.seq_modulus is None):
+            raise ValueError("give seq_column and seq_modulus together")
+        used = {f"fields.{name}": column.column for name, column in self.fields.items()}
+        used |= {f"time[{i}]": max(t.column, t.divide_by_column or 0) for i, t in enumerate(self.time)}
+        if self.seq_column is not None:
+            used["seq_column"] = self.seq_column
+        if self.select is not None:
+            used["select"] = self.select.column
+        for name, index in used.items():
+            if self.columns is not None and index >= self.columns:
+                raise ValueError(f"{name}: column {index} is beyond the {self.columns} columns (counted from 0)")
+        return self
+
+    def build(self) -> DelimitedCodec:
+        layout = Layout(
+            fields={n: Column(c.column, c.scale, c.offset) for n, c in self.fields.items()},
+            delimiter=self.delimiter,
+            prefix=self.prefix,
+            columns=self.columns,
+            select=None if self.select is None else (self.select.column, self.select.equals),
+            time=tuple(TimeTerm(t.column, t.scale, t.divide_by_column) for t in self.time),
+            time_wrap_s=self.time_wrap_s,
+            seq_index=self.seq_column,
+            seq_modulus=self.seq_modulus,
+            checksum=self.checksum,
+            max_line_bytes=self.max_line_bytes,
+            axes=self.axis_map(),
+        )
+        return DelimitedCodec(layout)
+
+
+CODEC = DelimitedCodecConfig

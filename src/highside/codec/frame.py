@@ -49,6 +49,18 @@ FRAME_COLUMNS: dict[str, str] = {
 }
 """Column of a Recording (with its unit) -> field of `Frame`, in the order in which `Frame` holds them."""
 
+ADDED_COLUMNS = (
+    "inc_ref_deg",
+    "tf_ref_deg",
+    "azi_ref_deg",
+    "pose",
+    "direction",
+    "vibration_rms_g",
+    "noise_g",
+    "seq",
+)
+"""Columns of a Recording that no sensor gives: the bench's, and what is found out later."""
+
 NAN = float("nan")
 
 
@@ -69,7 +81,8 @@ class CanFrame(NamedTuple):
 class Counts:
     """Where every byte and every frame went; for CAN the unit of the `bytes_*` is the payload byte.
 
-    At any time `bytes_in == bytes_framed + bytes_bad + bytes_text + bytes_ignored + bytes_junk + bytes_pending` and
+    A frame is good when a reading is whole with it, so there are as many good frames as readings. At any time
+    `bytes_in == bytes_framed + bytes_bad + bytes_text + bytes_ignored + bytes_junk + bytes_pending` and
     `frames == frames_good + frames_bad`. (Duplicates are told by the monitor, which knows the order of frames.)
     """
 
@@ -88,6 +101,8 @@ class Counts:
     frames_good: int = 0
     frames_held: int = 0
     """of the good ones: not handed out yet, because what belongs to it (its time) may still come"""
+    frames_part: int = 0
+    """good packets that were not the last of their reading, where a sensor splits one over several"""
     frames_bad: int = 0
     """candidates refused by CRC, length, version or range"""
     frames_ignored: int = 0

@@ -10,12 +10,27 @@ makes no difference.
 
 from __future__ import annotations
 
+from enum import Enum
+
 from highside.codec.frame import Counts, Frame
 
 MORE = 0
 """`_length`: the header is not complete"""
 REFUSED = -1
 """`_length`: no frame of ours begins like this"""
+
+
+class Packet(Enum):
+    """What a complete candidate was: the answer of `_accept`, by which its frame and its bytes are counted."""
+
+    READING = "reading"
+    """good, and with it one reading is whole (handed out, or held until its time is known: `Counts.frames_held`)"""
+    PART = "part"
+    """good, but a reading takes more packets than this one: nothing was handed out"""
+    IGNORED = "ignored"
+    """good, but nothing of it is used (a status, a quaternion beside the accelerations)"""
+    DAMAGED = "damaged"
+    """it failed its check, or no reading of ours looks like this; good frames are looked for inside it"""
 
 
 class SyncStream:
@@ -39,8 +54,8 @@ class SyncStream:
         """Length in bytes of the candidate at `start`, or MORE, or REFUSED."""
         raise AssertionError("a subclass says how long its frames are")
 
-    def _accept(self, buffer: bytes, start: int, stop: int, t_mono: float, out: list[Frame]) -> bool:
-        """Check the complete candidate; if good, add what it says to `out`."""
+    def _accept(self, buffer: bytes, start: int, stop: int, t_mono: float, out: list[Frame]) -> Packet:
+        """Check the complete candidate and say what it is; a reading that is whole with it goes to `out`."""
         raise AssertionError("a subclass decodes its frames")
 
     def _pass_by(self, chunk: bytes, out: list[Frame]) -> None:
@@ -86,9 +101,18 @@ class SyncStream:
                 break
             length = self._length(buffer, start, end - start)
             if length > 0 and end - start >= length:
-                if self._accept(buffer, start, start + length, t_mono, out):
-                    counts.frames_good += 1
+                packet = self._accept(buffer, start, start + length, t_mono, out)
+                if packet is Packet.READING or packet is Packet.PART:
+                    if packet is Packet.READING:
+                        counts.frames_good += 1
+                    else:
+                        counts.frames_part += 1
                     counts.bytes_framed += length
+                    pos = start + length
+                    continue
+                if packet is Packet.IGNORED:
+                    counts.frames_ignored += 1
+                    counts.bytes_ignored += length
                     pos = start + length
                     continue
             elif length != REFUSED:

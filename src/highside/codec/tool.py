@@ -26,11 +26,13 @@ import math
 from binascii import crc_hqx
 from collections.abc import Sequence
 from struct import Struct
+from typing import ClassVar, Literal
 
 from highside.codec.axes import AxisMap
 from highside.codec.clock import DeviceClock
 from highside.codec.frame import Frame
-from highside.codec.stream import MORE, REFUSED, SyncStream
+from highside.codec.registry import CodecTable
+from highside.codec.stream import MORE, REFUSED, Packet, SyncStream
 
 SYNC = b"\xc8\xf3"
 VERSION = 1
@@ -126,10 +128,10 @@ class ToolCodec(SyncStream):
         layout = _LAYOUTS.get(buffer[start + 2 : start + 4])
         return layout[0] if layout else REFUSED
 
-    def _accept(self, buffer: bytes, start: int, stop: int, t_mono: float, out: list[Frame]) -> bool:
+    def _accept(self, buffer: bytes, start: int, stop: int, t_mono: float, out: list[Frame]) -> Packet:
         # the CRC of a message with its own CRC behind it is zero
         if crc_hqx(buffer[start + 2 : stop], _CRC_START):
-            return False
+            return Packet.DAMAGED
         _, body, flags = _LAYOUTS[buffer[start + 2 : start + 4]]
         values = body.unpack_from(buffer, start + 4)
         ax, ay, az = values[2] * G_PER_COUNT, values[3] * G_PER_COUNT, values[4] * G_PER_COUNT
@@ -155,4 +157,22 @@ class ToolCodec(SyncStream):
             gx, gy, gz = self._axes.apply(gx, gy, gz)
         t_s = self.clock.seconds(values[1], t_mono)
         out.append(Frame(values[0], t_s, t_mono, ax, ay, az, gx, gy, gz, temp_c, rotor_deg, rotor_rate_dps))
+        return Packet.READING
+
+
+class ToolCodecConfig(CodecTable):
+    """The tool's own binary serial frame."""
+
+    detectable: ClassVar[bool] = True
+
+    name: Literal["tool"]
+
+    @property
+    def speaks_as_the_tool(self) -> bool:
         return True
+
+    def build(self) -> ToolCodec:
+        return ToolCodec(self.axis_map())
+
+
+CODEC = ToolCodecConfig

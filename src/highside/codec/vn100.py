@@ -20,11 +20,15 @@ import math
 import re
 from binascii import crc_hqx
 from struct import Struct
+from typing import ClassVar, Literal
+
+from pydantic import Field
 
 from highside.codec.axes import AxisMap
 from highside.codec.clock import DeviceClock
 from highside.codec.frame import Frame
-from highside.codec.stream import SyncStream
+from highside.codec.registry import CodecTable
+from highside.codec.stream import Packet, SyncStream
 
 HEADER = bytes.fromhex("fa143e003a00")
 _VALUES = Struct("<29f")
@@ -67,9 +71,9 @@ class Vn100Codec(SyncStream):
     def _length(self, buffer: bytes, start: int, available: int) -> int:
         return FRAME_BYTES
 
-    def _accept(self, buffer: bytes, start: int, stop: int, t_mono: float, out: list[Frame]) -> bool:
+    def _accept(self, buffer: bytes, start: int, stop: int, t_mono: float, out: list[Frame]) -> Packet:
         if crc_hqx(buffer[start + 1 : stop], 0):
-            return False
+            return Packet.DAMAGED
         values = _VALUES.unpack_from(buffer, start + len(HEADER))
         ax, ay, az = (value / STANDARD_GRAVITY for value in values[3:6])
         gx, gy, gz = (value * _DEG for value in values[6:9])
@@ -83,7 +87,7 @@ class Vn100Codec(SyncStream):
             self.counts.frames_held = 1
         else:
             out.append(frame)
-        return True
+        return Packet.READING
 
     def _release(self, out: list[Frame], t_s: float | None = None) -> None:
         """The held frame goes out, with its time if that is known."""
@@ -120,3 +124,21 @@ class Vn100Codec(SyncStream):
         # whatever comes next
         if self._held is not None:
             self._behind = b"?"
+
+
+class Vn100CodecConfig(CodecTable):
+    """VectorNav VN-100 binary frames, possibly between text."""
+
+    detectable: ClassVar[bool] = True
+
+    name: Literal["vn100"]
+    time_line: bool = Field(
+        default=True,
+        description="A text line `M,<milliseconds>` behind each frame is its time; false for a bare sensor.",
+    )
+
+    def build(self) -> Vn100Codec:
+        return Vn100Codec(self.axis_map(), time_line=self.time_line)
+
+
+CODEC = Vn100CodecConfig

@@ -12,8 +12,10 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, model_validator
 
+from highside.codec.registry import codecs, path_fields
+from highside.codec.tool import ToolCodecConfig
 from highside.config import places
-from highside.config.codecs import CodecConfig, ToolCodecConfig
+from highside.config.codecs import CodecConfig
 from highside.config.links import LinkConfig
 from highside.config.mistakes import input_error
 from highside.config.mqtt import MqttSettings
@@ -253,7 +255,6 @@ class BenchFile(Table):
 PATHS = (
     ("plan", "file"),
     ("plan", "record_file"),
-    ("codec", "dbc"),
     ("link", "path"),
     ("bench", "turntable"),
     ("store", "directory"),
@@ -268,6 +269,7 @@ PATHS = (
     ("mqtt", "tls", "ca"),
     ("mqtt", "tls", "cert"),
     ("mqtt", "tls", "key"),
+    *(("codec", name) for name in path_fields(*codecs().values())),
 )
 
 

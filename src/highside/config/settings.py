@@ -16,7 +16,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
 from highside.calibration.rebalance import RebalanceSettings
-from highside.config.codecs import CodecConfig, speaks_as_the_tool
+from highside.codec.registry import codecs, path_fields
+from highside.config.codecs import CodecConfig
 from highside.config.drift import DriftSettings
 from highside.config.links import LinkConfig
 from highside.config.mistakes import ENVIRONMENT_PREFIX, input_error, nearest
@@ -218,7 +219,7 @@ class Settings(BaseSettings):
                 f"link.kind {self.link.kind!r} carries {carries}, but codec.name {self.codec.name!r} decodes"
                 f" {self.codec.carries}"
             )
-        if self.link.kind == "simulated" and not speaks_as_the_tool(self.codec):
+        if self.link.kind == "simulated" and not self.codec.speaks_as_the_tool:
             raise ValueError(
                 "link.kind 'simulated' speaks as the tool itself: codec.name 'tool', or 'dbc' without fields"
             )
@@ -314,13 +315,13 @@ PATH_FIELDS = {
     ("calibration", "store"),
     ("calibration", "trusted_keys"),
     ("rotation", "compensation"),
-    ("codec", "dbc"),
     ("link", "path"),
     ("service", "state_dir"),
     ("mqtt", "password_file"),
     ("mqtt", "tls", "ca"),
     ("mqtt", "tls", "cert"),
     ("mqtt", "tls", "key"),
+    *(("codec", name) for name in path_fields(*codecs().values())),
 }
 """Fields that name files; relative ones are taken from the configuration's own directory."""
 

@@ -11,18 +11,19 @@ import re
 import select
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import reduce
 from operator import xor
 from pathlib import Path
+from typing import Any
 
-from highside.codec.frame import ByteCodec, CanCodec, CanFrame
-from highside.codec.tool import ToolCodec
-from highside.codec.vn100 import Vn100Codec
+from highside.codec.frame import CanFrame
+from highside.codec.registry import CodecTable, detectable
 from highside.link.base import LinkError
 from highside.link.serial import SerialSettings, open_port
 from highside.link.socketcan import SocketCanSettings, interface_problem, open_socket, parse
+from highside.printable import one_line
 
 BAUDS = (115200, 921600, 460800, 230400, 57600, 38400, 19200, 9600)
 ENOUGH_BYTES = 8192
@@ -35,7 +36,6 @@ ARPHRD_CAN = "280"
 SILENT_BAUDS = 2
 """a line that gave no byte at so many rates is silent at all: a wrong rate gives wrong bytes, not none"""
 
-BYTE_CODECS: Mapping[str, Callable[[], ByteCodec]] = {"tool": ToolCodec, "vn100": Vn100Codec}
 _NMEA = re.compile(rb"[$!]([\x20-\x29\x2b-\x7e]{4,120})\*([0-9A-Fa-f]{2})")
 _CELL = re.compile(rb"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*")
 
@@ -76,10 +76,15 @@ class Finding:
 def score_bytes(data: bytes) -> list[Score]:
     """All codecs that need no set-up, the best first."""
     scores = []
-    for name, make in BYTE_CODECS.items():
-        codec = make()
-        codec.receive(data)
-        codec.flush()
+    for name, table in detectable("bytes").items():
+        codec: Any = table.model_validate({"name": name}).build()
+        try:
+            codec.receive(data)
+            codec.flush()
+        except Exception as error:
+            # another package's decoder: what it fails on is not its language, and the others are still to be heard
+            scores.append(Score(name, 0, 0.0, f"failed: {type(error).__name__}: {one_line(str(error))}"))
+            continue
         counts = codec.counts
         # a frame cut off at the end is no fault of the codec
         share = counts.bytes_framed / max(len(data), 1)
@@ -180,8 +185,8 @@ def _listen(line: object, listen_s: float) -> bytes:
     return bytes(data)
 
 
-def probe_can(interface: str, make_codec: Callable[[], CanCodec] | None, listen_s: float = 1.0) -> Finding:
-    """Listen on a CAN interface, and try the tool's own messages; blocking."""
+def probe_can(interface: str, tables: Sequence[CodecTable], listen_s: float = 1.0) -> Finding:
+    """Listen on a CAN interface, and try these codecs on what is heard; blocking."""
     try:
         problem = interface_problem(interface)
         if problem is not None:
@@ -204,12 +209,16 @@ def probe_can(interface: str, make_codec: Callable[[], CanCodec] | None, listen_
     size = sum(len(frame.data) for frame in frames)
     ids = Counter(frame.can_id for frame in frames)
     seen = ", ".join(f"0x{can_id:03x}" for can_id, _ in ids.most_common(5))
-    if make_codec is not None:
-        codec = make_codec()
+    fits = []
+    for table in tables:
+        codec: Any = table.build()
         readings = len(codec.receive_can(frames))
         if readings >= MIN_FRAMES:
             share = round(codec.counts.bytes_framed / size, 4)
-            return Finding(interface, "socketcan", None, "dbc", readings, size, share, "the tool's own messages")
+            note = "the tool's own messages" if table.speaks_as_the_tool else ""
+            fits.append(Finding(interface, "socketcan", None, table.name, readings, size, share, note))
+    if fits:
+        return max(fits, key=lambda found: found.share)
     note = (
         f"{len(frames)} frames of {len(ids)} identifiers ({seen}): needs the maker's DBC file"
         if frames

@@ -17,25 +17,14 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.codec.frame import FRAME_COLUMNS, Frame
+from highside.codec.frame import ADDED_COLUMNS, FRAME_COLUMNS, Frame
 from highside.errors import InputError
 from highside.reading import csv_header, csv_rows, decode_text, read_bytes
 from highside.recording.files import write_whole
 
 Column = NDArray[np.float64]
 
-RECORDING_COLUMNS = (
-    "t_s",
-    *FRAME_COLUMNS,
-    "inc_ref_deg",
-    "tf_ref_deg",
-    "azi_ref_deg",
-    "pose",
-    "direction",
-    "vibration_rms_g",
-    "noise_g",
-    "seq",
-)
+RECORDING_COLUMNS = ("t_s", *FRAME_COLUMNS, *ADDED_COLUMNS)
 POSE_COLUMNS = ("inc_ref_deg", "tf_ref_deg", "ax", "ay", "az", "n", "std_ax", "std_ay", "std_az", "temp_c")
 SUMMARY_COLUMNS = ("inc_ref_deg", "d_inc_mean_deg", "d_inc_pp_deg", "d_tf_mean_deg", "d_tf_pp_deg")
 _WHOLE = frozenset({"seq", "pose", "direction", "n"})
