@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from highside.recording.table import Table
     from highside.rotation import Compensation
 
     Floats = NDArray[np.float64]
@@ -87,18 +86,6 @@ def turntable(
     echo(f"  a row about the curves: T {left['toolface_arcmin']:.3f}', I {left['inclination_arcmin']:.3f}'")
     if found.coverage.warning:
         echo(found.coverage.warning, err=True)
-
-
-def correct_poses(table: Table, path: Path) -> tuple[Table, str]:
-    """The pose table with the bench's errors added to its readings, and the id of the compensation."""
-    from highside.rotation.turntable import correct_settings
-
-    compensation = read_compensation(path)
-    inc_ref, tf_ref = table.require("inc_ref_deg", "tf_ref_deg")
-    true_inc, true_tf = correct_settings(compensation, inc_ref, tf_ref, table.columns.get("rotor_deg"))
-    columns = {"inc_ref_deg": true_inc, "tf_ref_deg": true_tf}
-    corrected = type(table)({**table.columns, **columns}, table.texts, table.order, table.source)
-    return corrected, compensation.id
 
 
 def read_compensation(path: Path) -> Compensation:

@@ -120,10 +120,11 @@ def _require_attainable(found: Verification) -> None:
 
 def read_poses(path: Path, *, reference: str = "pose") -> PoseSet:
     """The poses of a table, or those that a bench session accepted. Raises InputError."""
+    from highside.api.calibration import read_solver_table
     from highside.bench.journal_file import SUFFIX
     from highside.bench.session.journal import read_journal
+    from highside.calibration.pose_table import solver_columns
     from highside.calibration.poses import PoseSet
-    from highside.cli.calibrate import _pose_columns, _read_pose_table
     from highside.reading import read_bytes
 
     if path.suffix == SUFFIX:
@@ -131,7 +132,8 @@ def read_poses(path: Path, *, reference: str = "pose") -> PoseSet:
         if not columns["ax"]:
             raise InputError("no pose was accepted in this session", where=str(path))
     else:
-        columns = _pose_columns(_read_pose_table(path)[0])
+        table = read_solver_table(path).table
+        columns = solver_columns(table.columns, table.texts)
     return PoseSet.from_columns(columns, where=str(path), reference=reference)  # type: ignore[arg-type]
 
 

@@ -12,7 +12,7 @@ import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ from highside.codec.frame import ADDED_COLUMNS, FRAME_COLUMNS, Frame
 from highside.errors import InputError
 from highside.reading import csv_header, csv_rows, decode_text, read_bytes
 from highside.recording.files import write_whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Column = NDArray[np.float64]
 
@@ -68,6 +71,50 @@ class Table:
         """Number of rows."""
         return next((column.size for column in self.columns.values()), 0)
 
+    def __getitem__(self, name: str) -> Column:
+        """The column of that name, (N,). Raises InputError where it is absent or holds no number."""
+        return self.require(name)[0]
+
+    def to_pandas(self) -> Any:
+        """A `pandas.DataFrame` of all columns. Raises InputError where pandas is not installed."""
+        from highside.recording.frames import as_pandas
+
+        return as_pandas(self)
+
+    def to_polars(self) -> Any:
+        """A `polars.DataFrame` of all columns, missing values null. Raises InputError where polars is not installed."""
+        from highside.recording.frames import as_polars
+
+        return as_polars(self)
+
+    def to_arrow(self) -> Any:
+        """A `pyarrow.Table` of all columns, missing values null. Raises InputError where pyarrow is not installed."""
+        from highside.recording.frames import as_arrow
+
+        return as_arrow(self)
+
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
+        """The Arrow PyCapsule interface: `polars.DataFrame(table)`, `pyarrow.table(table)` and others take it so."""
+        from highside.recording.frames import arrow_stream
+
+        return arrow_stream(self, requested_schema)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the first and the last rows."""
+        from highside.recording.shown import html_of
+
+        return html_of(self)
+
+    def plot(self, *names: str) -> Figure:
+        """Columns over time (over the row where there is no `t_s`), those of one unit in one picture.
+
+        `names`: which columns; all numbers where none is named. Raises InputError for a column that is absent, and
+        where matplotlib (extra `plot`) is not installed.
+        """
+        from highside.recording.shown import plot_of
+
+        return plot_of(self, names)
+
     def has(self, *names: str) -> bool:
         """Whether all these columns are there as numbers."""
         return all(name in self.columns for name in names)
@@ -78,7 +125,7 @@ class Table:
         for name in absent:
             if name in self.texts:
                 line, cell = _first_text(self.texts[name])
-                raise _no_number(cell, f"{self.source or 'table'}: line {line}", name)
+                raise _no_number(cell, self.place(line - 2), name)
         if absent:
             raise InputError(
                 f"lacks the column{'s' if len(absent) > 1 else ''} {', '.join(absent)}",
@@ -97,14 +144,22 @@ class Table:
         if gaps.size:
             row, column = gaps[0]
             raise InputError(
-                "is missing", where=f"{self.source or 'table'}: line {row + 2}", field=names[column],
-                remedy="fill it in or leave the row out",
-            )  # fmt: skip
+                "is missing", where=self.place(int(row)), field=names[column], remedy="fill it in or leave the row out"
+            )
         return block
 
-    def with_columns(self, columns: Mapping[str, Column]) -> Self:
-        """A copy with columns added (or replaced) behind the others."""
-        return type(self)({**self.columns, **columns}, self.texts, self.order, self.source)
+    def place(self, row: int) -> str:
+        """Where a row (from 0) stands, for an error: the line of the file, or the row of a table that is of no file."""
+        return f"table: row {row}" if self.source is None else f"{self.source}: line {row + 2}"
+
+    def with_columns(self, columns: Mapping[str, Column], texts: Mapping[str, Sequence[str]] | None = None) -> Self:
+        """A copy with columns (N,) added (or replaced) behind the others, and columns of text last."""
+        if not texts:
+            return type(self)({**self.columns, **columns}, self.texts, self.order, self.source)
+        numbers = {name: values for name, values in {**self.columns, **columns}.items() if name not in texts}
+        order = (*(name for name in (*self.order, *columns) if name not in texts), *texts)
+        words = self.texts | {name: tuple(values) for name, values in texts.items()}
+        return type(self)(numbers, words, tuple(dict.fromkeys(order)), self.source)
 
     def select(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> Self:
         """A copy with some rows: a mask (N,) or row numbers."""
@@ -196,6 +251,18 @@ class PoseTable(Table):
         """Standard deviation of one reading in g, (3, N), or None if the table does not give it."""
         names = ("std_ax", "std_ay", "std_az")
         return np.vstack([self.columns[name] for name in names]) if self.has(*names) else None
+
+
+class Readings(Table):
+    """Readings to be corrected: rows of a Recording or of a pose table; which columns are needed, the request says."""
+
+    known: ClassVar[tuple[str, ...]] = (*RECORDING_COLUMNS, *POSE_COLUMNS)
+
+
+class SolverTable(Table):
+    """A pose table to be solved: which columns are needed depends on what is known of the poses."""
+
+    known: ClassVar[tuple[str, ...]] = POSE_COLUMNS
 
 
 class SummaryTable(Table):
@@ -304,10 +371,15 @@ def _first_text(cells: tuple[str, ...]) -> tuple[int, str]:
     return 2, ""
 
 
+def expected_in(name: str) -> str:
+    """What a column of that name holds, in words: `seconds`, `multiples of g`, or just `numbers`."""
+    return next((unit for suffix, unit in _UNITS.items() if name.endswith(suffix)), "numbers")
+
+
 def _no_number(cell: str, at: str, name: str) -> InputError:
     """For a cell of a column that must hold numbers."""
     shown = cell if len(cell) <= _CELL_SHOWN else cell[:_CELL_SHOWN] + "..."
-    unit = next((unit for suffix, unit in _UNITS.items() if name.endswith(suffix)), "numbers")
+    unit = expected_in(name)
     if _number(cell) is None:
         return InputError(f"is a text ({shown!r}), {unit} are expected", where=at, field=name)
     return InputError(f"{shown!r} is not a finite number", where=at, field=name, remedy=f"{unit} are expected")
