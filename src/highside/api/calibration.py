@@ -293,7 +293,9 @@ class Calibration:
                 raise InputError("negative standard deviation", where=table.source, field="noise_g")
             return noise
         own = self.record.result.reading_noise_g
-        return own / np.sqrt(table.complete("n")[0]) if of_means and table.has("n") else own
+        if of_means and table.has("n"):
+            return np.asarray(own / np.sqrt(table.complete("n")[0]))
+        return own
 
     def _repr_html_(self) -> str:
         """What a notebook shows: tool, method, zones and accuracy."""

@@ -80,7 +80,8 @@ class Taken(Generic[TableT]):
             known = self.table.columns
             own = {name: known.get(name, values) for name, values in self._given.items()}
             return own | dict(columns) | {name: np.asarray(values) for name, values in texts.items()}
-        added = [_series(self._given, name, values) for name, values in (*columns.items(), *texts.items())]
+        added = [_series(self._given, name, values) for name, values in columns.items()]
+        added += [_series(self._given, name, values) for name, values in texts.items()]
         return self._given.with_columns(*added).to_native()
 
     def new(self, table: Table) -> Any:
