@@ -27,6 +27,7 @@ STYLE = """
 PURPOSE = {
     "cli": "the highside command: one file a group of commands",
     "web": "the bench page",
+    "api": "what `import highside` gives",
     "papers": "the three papers' tables beside ours",
     "report": "HTML reports, certificates, plots",
     "bench": "the bench session, pure, and what drives it",
@@ -38,7 +39,7 @@ PURPOSE = {
     "diagnosis": "which physics a recording asks for that the model lacks",
     "calibration": "methods, records, correction",
     "rotation": "errors by the rotor angle",
-    "drift": "azimuth and gyro bias",
+    "gyro": "azimuth and gyro bias",
     "physics": "forward model, one library of effects",
     "attitude": "I, T, azimuth and their covariance",
     "reading": "everything from outside, read with bounds",

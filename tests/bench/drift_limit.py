@@ -43,8 +43,8 @@ from highside.attitude.quaternion import (
     to_angles,
     to_rotation_vector,
 )
-from highside.drift.frames import to_body
-from highside.drift.kinematic import kinematic
+from highside.gyro.frames import to_body
+from highside.gyro.kinematic import kinematic
 from highside.papers.drift_bound import azimuth_bound
 from highside.papers.drift_scenarios import (
     DEG_PER_HOUR,

@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.attitude.quaternion import conjugate, from_angles, multiply, to_tool
-from highside.drift.filter import Settings, carried
-from highside.drift.kinematic import kinematic
+from highside.gyro.filter import Settings, carried
+from highside.gyro.kinematic import kinematic
 from highside.papers import drift_rivals as rivals
 
 Array = NDArray[np.float64]

@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 
 from highside.attitude.angles import wrap_signed
 from highside.attitude.quaternion import to_angles
-from highside.drift.blocks import Batch
-from highside.drift.compiled import kernels
-from highside.drift.filter import Settings
-from highside.drift.frames import to_body
-from highside.drift.gates import Gate, Motion, quiet_rows
-from highside.drift.kinematic import kinematic
-from highside.drift.literal import AzimuthPolicy, literal
-from highside.drift.recursive import recursive
+from highside.gyro.blocks import Batch
+from highside.gyro.compiled import kernels
+from highside.gyro.filter import Settings
+from highside.gyro.frames import to_body
+from highside.gyro.gates import Gate, Motion, quiet_rows
+from highside.gyro.kinematic import kinematic
+from highside.gyro.literal import AzimuthPolicy, literal
+from highside.gyro.recursive import recursive
 from highside.papers.drift_bound import azimuth_bound
 from highside.papers.drift_rivals import Rival, installed
 from highside.papers.drift_scenarios import (

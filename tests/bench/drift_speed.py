@@ -18,10 +18,10 @@ from unittest import mock
 import numpy as np
 
 from highside.config.drift import DriftSettings
-from highside.drift.compiled import kernels
-from highside.drift.filter import KinematicFilter, Settings
-from highside.drift.frames import to_body
-from highside.drift.kinematic import kinematic
+from highside.gyro.compiled import kernels
+from highside.gyro.filter import KinematicFilter, Settings
+from highside.gyro.frames import to_body
+from highside.gyro.kinematic import kinematic
 from highside.papers import drift_rivals
 from highside.papers.drift_scenarios import LATITUDE_RAD, drilling, record, rotating_table
 from highside.service.drift_stage import DriftStage
@@ -56,7 +56,7 @@ def main() -> None:
     for _ in range(runs):
         for name, run in methods.items():
             if name.endswith("numpy"):
-                with mock.patch("highside.drift.kinematic.kernels", return_value=None):
+                with mock.patch("highside.gyro.kinematic.kernels", return_value=None):
                     spent[name].append(seconds(run))
             else:
                 spent[name].append(seconds(run))

@@ -11,8 +11,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from highside.drift.frames import to_body
-from highside.drift.kinematic import kinematic
+from highside.gyro.frames import to_body
+from highside.gyro.kinematic import kinematic
 from highside.papers.drift_bound import azimuth_bound
 from highside.papers.drift_scenarios import Experiment, drilling, record, rotating_rod, rotating_table, turntable
 

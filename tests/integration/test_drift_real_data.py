@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from highside.attitude.quaternion import conjugate, from_angles, multiply, to_tool
-from highside.drift.filter import Settings, carried
-from highside.drift.kinematic import kinematic
-from highside.drift.result import AzimuthBasis
+from highside.gyro.filter import Settings, carried
+from highside.gyro.kinematic import kinematic
+from highside.gyro.result import AzimuthBasis
 
 G = 9.80665
 MEMS = Settings(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from highside.attitude.quaternion import conjugate, from_rotation_vector, multiply, to_rotation_vector
-from highside.drift.blocks import MAX_GAP_S, Batch, Block, Gatherer
+from highside.gyro.blocks import MAX_GAP_S, Batch, Block, Gatherer
 
 Samples = tuple[np.ndarray, np.ndarray, np.ndarray]
 

@@ -10,10 +10,10 @@ import pytest
 from highside.attitude.angles import wrap_signed
 from highside.attitude.quaternion import conjugate as conj
 from highside.attitude.quaternion import from_angles, multiply, to_angles, to_rotation_vector, to_tool, up_direction
-from highside.drift.compiled import kernels
-from highside.drift.filter import KinematicFilter, Settings, carried
-from highside.drift.frames import to_body
-from highside.drift.kinematic import kinematic
+from highside.gyro.compiled import kernels
+from highside.gyro.filter import KinematicFilter, Settings, carried
+from highside.gyro.frames import to_body
+from highside.gyro.kinematic import kinematic
 
 G = 9.80665
 RATE_HZ = 100.0
@@ -83,7 +83,7 @@ def test_compiled_interpreted_and_online_are_the_same() -> None:
     for smooth in (False, True):
         quick = kinematic(t, rate, accel, HAND, smooth=smooth)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("highside.drift.kinematic.kernels", lambda rows: None)
+            patch.setattr("highside.gyro.kinematic.kernels", lambda rows: None)
             plain = kinematic(t, rate, accel, HAND, smooth=smooth)
         assert np.array_equal(quick.bias_radps, plain.bias_radps)
         assert np.abs(np.asarray(wrap_signed(quick.inc_rad - plain.inc_rad))).max() < 1e-12

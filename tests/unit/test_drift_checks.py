@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from highside.drift.checks import check_units, saturated_rows
-from highside.drift.frames import DEG_PER_SQRT_HOUR
 from highside.errors import InputError
+from highside.gyro.checks import check_units, saturated_rows
+from highside.gyro.frames import DEG_PER_SQRT_HOUR
 from highside.papers.drift_scenarios import (
     Experiment,
     curved_hole,

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from highside.attitude.angles import wrap_signed
-from highside.drift import core
-from highside.drift.compiled import LOADED_LEAST_ROWS, kernels
-from highside.drift.filter import KinematicFilter, Settings
-from highside.drift.frames import attitude, to_body
-from highside.drift.gates import Motion
-from highside.drift.kinematic import kinematic
-from highside.drift.result import AzimuthBasis, DriftResult
+from highside.gyro import core
+from highside.gyro.compiled import LOADED_LEAST_ROWS, kernels
+from highside.gyro.filter import KinematicFilter, Settings
+from highside.gyro.frames import attitude, to_body
+from highside.gyro.gates import Motion
+from highside.gyro.kinematic import kinematic
+from highside.gyro.result import AzimuthBasis, DriftResult
 from highside.papers.drift_bound import azimuth_bound
 from highside.papers.drift_scenarios import (
     LATITUDE_RAD,
@@ -239,7 +239,7 @@ def test_compiled_and_interpreted_are_the_same_bits() -> None:
     for smooth in (False, True):
         quick = kinematic(t, data.rate[:, keep], data.accel[:, keep], SETTINGS, smooth=smooth)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("highside.drift.kinematic.kernels", lambda rows: None)
+            patch.setattr("highside.gyro.kinematic.kernels", lambda rows: None)
             plain = kinematic(t, data.rate[:, keep], data.accel[:, keep], SETTINGS, smooth=smooth)
         assert np.array_equal(quick.bias_radps, plain.bias_radps)
         assert np.array_equal(quick.azi_std_rad, plain.azi_std_rad)

@@ -7,9 +7,9 @@ import pytest
 
 from highside.attitude.angles import wrap_signed
 from highside.attitude.quaternion import from_rotation_vector, multiply, up_direction
-from highside.drift.frames import DEG_PER_HOUR, EARTH_RATE_RADPS, to_body
-from highside.drift.literal import AzimuthPolicy, Literal, Quaternion, aligned, gravity_quaternion, literal
-from highside.drift.result import AzimuthBasis, DriftResult
+from highside.gyro.frames import DEG_PER_HOUR, EARTH_RATE_RADPS, to_body
+from highside.gyro.literal import AzimuthPolicy, Literal, Quaternion, aligned, gravity_quaternion, literal
+from highside.gyro.result import AzimuthBasis, DriftResult
 from highside.papers.drift_scenarios import (
     DriftData,
     Triad,

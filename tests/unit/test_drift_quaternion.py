@@ -7,8 +7,8 @@ import pytest
 
 from highside.attitude import attitude_block
 from highside.attitude import quaternion as quat
-from highside.drift import frames
-from highside.drift.frames import DEG_PER_HOUR
+from highside.gyro import frames
+from highside.gyro.frames import DEG_PER_HOUR
 from highside.physics.effects.earth_rotation import EFFECT as EARTH_ROTATION
 from highside.physics.gravity import EARTH_RATE_RADPS
 from highside.physics.state import ChainState

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from highside.attitude.quaternion import from_angles, up_direction
-from highside.drift.filter import Settings
-from highside.drift.frames import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, to_body
-from highside.drift.recursive import RecursiveFilter, Scalar, recursive, steady_gains
-from highside.drift.result import AzimuthBasis
+from highside.gyro.filter import Settings
+from highside.gyro.frames import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, to_body
+from highside.gyro.recursive import RecursiveFilter, Scalar, recursive, steady_gains
+from highside.gyro.result import AzimuthBasis
 from highside.papers.drift_scenarios import LATITUDE_RAD, Triad, record, turntable
 
 ARW, RRW = 0.1 * DEG_PER_SQRT_HOUR, 0.1 * DEG_PER_HOUR / 60

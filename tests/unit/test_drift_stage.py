@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from highside.config.drift import DriftSettings
-from highside.drift.filter import Settings as FilterSettings
-from highside.drift.kinematic import kinematic
-from highside.drift.recursive import recursive
 from highside.errors import Refused
+from highside.gyro.filter import Settings as FilterSettings
+from highside.gyro.kinematic import kinematic
+from highside.gyro.recursive import recursive
 from highside.papers.drift_scenarios import DriftData, Triad, curved_hole, drilling, record, turntable
 from highside.service import saved_drift
 from highside.service.damage import DamageLog

@@ -122,7 +122,7 @@ def test_commands_are_told_what_they_lack() -> None:
         recording.require("ax_g", "az_g", "gx_dps")
     with pytest.raises(InputError, match="ay_g: holds no number"):
         recording.require("ay_g")
-    with pytest.raises(InputError, match="line 3: ax_g: is missing"):
+    with pytest.raises(InputError, match="row 1: ax_g: is missing"):
         recording.complete("t_s", "ax_g")
     whole = recording.with_columns(dict.fromkeys(("ax_g", "ay_g", "az_g", "gx_dps", "gy_dps", "gz_dps"), np.ones(3)))
     assert whole.accel().shape == whole.gyro().shape == (3, 3)

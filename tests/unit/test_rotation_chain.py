@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from highside.attitude.quaternion import direction_cosines, to_body
-from highside.drift.frames import quaternion
 from highside.errors import InputError
+from highside.gyro.frames import quaternion
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import attitude_of, gravity_direction
 from highside.physics.rotation_chain import (

@@ -14,8 +14,8 @@ from test_pipeline import make
 from highside.codec.frame import Frame
 from highside.codec.tool import ToolCodec
 from highside.config.drift import DriftSettings
-from highside.drift.kinematic import kinematic
 from highside.errors import Refused
+from highside.gyro.kinematic import kinematic
 from highside.link.device import DeviceSettings, SimulatedDevice, encode
 from highside.link.wire import PtyWire
 from highside.papers.rotation_scenarios import A, draw

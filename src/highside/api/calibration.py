@@ -288,14 +288,14 @@ class Calibration:
         if noise_g is not None:
             return noise_g
         if table.has("noise_g"):
-            noise = table.complete("noise_g")[0]
+            noise: Floats = table.complete("noise_g")[0]
             if np.any(noise < 0.0):
                 raise InputError("negative standard deviation", where=table.source, field="noise_g")
             return noise
         own = self.record.result.reading_noise_g
         if of_means and table.has("n"):
             return np.asarray(own / np.sqrt(table.complete("n")[0]))
-        return own
+        return float(own)
 
     def _repr_html_(self) -> str:
         """What a notebook shows: tool, method, zones and accuracy."""

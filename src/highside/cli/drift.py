@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from highside.drift.filter import Settings
-    from highside.drift.result import DriftResult
+    from highside.gyro.filter import Settings
+    from highside.gyro.result import DriftResult
 
     Column = NDArray[np.float64]
 
@@ -98,9 +98,9 @@ def drift(
     """Follow the attitude by gyros and gravity. What the azimuth rests on is printed in words."""
     import numpy as np
 
-    from highside.drift.checks import check_units, saturated_rows
-    from highside.drift.filter import carried
     from highside.errors import InputError
+    from highside.gyro.checks import check_units, saturated_rows
+    from highside.gyro.filter import carried
     from highside.recording.table import Recording, read_recording, write_recording
 
     if azimuth_policy is not None and method not in (Method.LITERAL, Method.LITERAL_BLOCK):
@@ -183,8 +183,8 @@ def _settings(
 ) -> Settings:
     import math
 
-    from highside.drift.filter import Settings
-    from highside.drift.frames import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
+    from highside.gyro.filter import Settings
+    from highside.gyro.frames import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 
     return Settings(
         latitude_rad=None if latitude_deg is None else math.radians(latitude_deg),
@@ -203,10 +203,10 @@ def _run(
     import math
     from dataclasses import replace
 
-    from highside.drift.gates import quiet_rows
-    from highside.drift.kinematic import kinematic
-    from highside.drift.literal import AzimuthPolicy, literal
-    from highside.drift.recursive import recursive
+    from highside.gyro.gates import quiet_rows
+    from highside.gyro.kinematic import kinematic
+    from highside.gyro.literal import AzimuthPolicy, literal
+    from highside.gyro.recursive import recursive
 
     if method is Method.KINEMATIC:
         own = replace(settings, straight_hole_std_rad=math.radians(0.1) if straight else None)

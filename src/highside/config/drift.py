@@ -7,9 +7,9 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from highside.drift.filter import Settings as FilterSettings
-from highside.drift.frames import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
-from highside.drift.literal import AzimuthPolicy
+from highside.gyro.filter import Settings as FilterSettings
+from highside.gyro.frames import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
+from highside.gyro.literal import AzimuthPolicy
 
 
 class DriftSettings(BaseModel):

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.attitude.quaternion import conjugate, from_angles, multiply
-from highside.drift.filter import Settings
-from highside.drift.kinematic import kinematic
-from highside.drift.result import DriftResult
+from highside.gyro.filter import Settings
+from highside.gyro.kinematic import kinematic
+from highside.gyro.result import DriftResult
 from highside.papers.drift_bound import azimuth_bound
 from highside.papers.drift_scenarios import Experiment, Triad, record, rotating_table, turntable
 

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from highside.attitude.angles import wrap_signed
 from highside.attitude.quaternion import to_angles, to_body
-from highside.drift.filter import Settings
-from highside.drift.gates import quiet_rows
-from highside.drift.kinematic import kinematic
-from highside.drift.literal import AzimuthPolicy, literal
-from highside.drift.recursive import recursive
-from highside.drift.result import DriftResult
+from highside.gyro.filter import Settings
+from highside.gyro.gates import quiet_rows
+from highside.gyro.kinematic import kinematic
+from highside.gyro.literal import AzimuthPolicy, literal
+from highside.gyro.recursive import recursive
+from highside.gyro.result import DriftResult
 from highside.papers.drift_bound import azimuth_bound
 from highside.papers.drift_rivals import Rival, installed, missing
 from highside.papers.drift_scenarios import (

@@ -1,7 +1,7 @@
 """The drift stage of the pipeline: azimuth from gyros and corrected gravity, its uncertainty and what it rests on.
 
 Synchronous, on device time, without clock or file: `drift_keeper` stores what it knows and brings commands. Readings
-come as means over some ten milliseconds (the pipeline's own micro-batches) and go through `drift.filter`, the form that
+come as means over some ten milliseconds (the pipeline's own micro-batches) and go through `gyro.filter`, the form that
 `highside drift` runs over recordings.
 
 An azimuth is never guessed. Until it is configured or told by the command `align` there is none ("unaligned"). While no
@@ -24,15 +24,15 @@ import numpy as np
 from highside.attitude.quaternion import to_angles
 from highside.calibration.correction import Vector
 from highside.config.drift import DriftSettings
-from highside.drift import core
-from highside.drift.blocks import MAX_GAP_S, Block
-from highside.drift.checks import UnitWatch
-from highside.drift.filter import KinematicFilter, azimuth_basis
-from highside.drift.frames import DEG_PER_HOUR, std_to_tool, to_tool
-from highside.drift.gates import Motion
-from highside.drift.literal import AzimuthPolicy, Literal
-from highside.drift.recursive import RecursiveFilter
-from highside.drift.result import AzimuthBasis
+from highside.gyro import core
+from highside.gyro.blocks import MAX_GAP_S, Block
+from highside.gyro.checks import UnitWatch
+from highside.gyro.filter import KinematicFilter, azimuth_basis
+from highside.gyro.frames import DEG_PER_HOUR, std_to_tool, to_tool
+from highside.gyro.gates import Motion
+from highside.gyro.literal import AzimuthPolicy, Literal
+from highside.gyro.recursive import RecursiveFilter
+from highside.gyro.result import AzimuthBasis
 from highside.service.messages import DriftMessage, LiteralAzimuth, RecursiveAzimuth
 from highside.service.saved_drift import Alignment, SavedDrift
 

@@ -12,8 +12,8 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from highside.drift.gates import StillStatistics
 from highside.errors import InputError, Refused
+from highside.gyro.gates import StillStatistics
 from highside.reading import parse_json, read_bytes
 from highside.recording.files import write_whole
 from highside.service import clock

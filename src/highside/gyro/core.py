@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from highside.drift.algebra import (
+from highside.gyro.algebra import (
     GAP_S,
     MOVED_S,
     NO_GRAVITY,

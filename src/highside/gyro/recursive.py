@@ -26,12 +26,12 @@ from highside.attitude.quaternion import (
     to_angles,
     up_direction,
 )
-from highside.drift.blocks import Batch, Block, Gatherer
-from highside.drift.filter import Settings, predicted
-from highside.drift.frames import EARTH_RATE_RADPS, attitude, earth_rate, to_body, to_tool
-from highside.drift.kinematic import declared_blocks
-from highside.drift.literal import aligned
-from highside.drift.result import AzimuthBasis, DriftResult
+from highside.gyro.blocks import Batch, Block, Gatherer
+from highside.gyro.filter import Settings, predicted
+from highside.gyro.frames import EARTH_RATE_RADPS, attitude, earth_rate, to_body, to_tool
+from highside.gyro.kinematic import declared_blocks
+from highside.gyro.literal import aligned
+from highside.gyro.result import AzimuthBasis, DriftResult
 
 FloatArray = NDArray[np.float64]
 _STEEP_COS = 0.05

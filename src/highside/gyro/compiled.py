@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.drift import algebra, core
-from highside.drift.blocks import EMPTY, MAX_GAP_S, SUMS, advance
-from highside.drift.core import times, turning
+from highside.gyro import algebra, core
+from highside.gyro.blocks import EMPTY, MAX_GAP_S, SUMS, advance
+from highside.gyro.core import times, turning
 
 FloatArray = NDArray[np.float64]
 

@@ -39,11 +39,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.attitude.quaternion import from_angles, from_rotation_vector, multiply, up_direction
-from highside.drift import core
-from highside.drift.blocks import Block, Gatherer
-from highside.drift.frames import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RADPS, earth_rate
-from highside.drift.gates import Gate, Motion
-from highside.drift.result import AzimuthBasis
+from highside.gyro import core
+from highside.gyro.blocks import Block, Gatherer
+from highside.gyro.frames import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RADPS, earth_rate
+from highside.gyro.gates import Gate, Motion
+from highside.gyro.result import AzimuthBasis
 
 FloatArray = NDArray[np.float64]
 

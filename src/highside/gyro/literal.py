@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.attitude.quaternion import from_angles
-from highside.drift.blocks import MAX_GAP_S
-from highside.drift.frames import attitude, to_body, to_tool
-from highside.drift.result import AzimuthBasis, DriftResult
+from highside.gyro.blocks import MAX_GAP_S
+from highside.gyro.frames import attitude, to_body, to_tool
+from highside.gyro.result import AzimuthBasis, DriftResult
 
 FloatArray = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]

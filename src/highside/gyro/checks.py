@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.attitude.quaternion import direction_cosines, from_rotation_vector, to_rotation_vector
-from highside.drift.blocks import MAX_GAP_S, Batch, Block
-from highside.drift.frames import to_body
 from highside.errors import InputError
+from highside.gyro.blocks import MAX_GAP_S, Batch, Block
+from highside.gyro.frames import to_body
 
 FloatArray = NDArray[np.float64]
 

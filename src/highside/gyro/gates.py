@@ -24,8 +24,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.drift.blocks import Batch, Block
-from highside.drift.frames import to_body
+from highside.gyro.blocks import Batch, Block
+from highside.gyro.frames import to_body
 
 FloatArray = NDArray[np.float64]
 

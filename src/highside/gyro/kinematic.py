@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.attitude.quaternion import from_rotation_vector, multiply
-from highside.drift import core
-from highside.drift.blocks import SUMS, Batch, Block, finished
-from highside.drift.compiled import Kernels, kernels
-from highside.drift.filter import Settings, aligned, azimuth_basis, azimuth_std, constants_of, predicted, refused
-from highside.drift.frames import attitude, std_to_tool, to_body, to_tool
-from highside.drift.gates import Gate, Motion
-from highside.drift.result import DriftResult
-from highside.drift.smoother import smoothed
+from highside.gyro import core
+from highside.gyro.blocks import SUMS, Batch, Block, finished
+from highside.gyro.compiled import Kernels, kernels
+from highside.gyro.filter import Settings, aligned, azimuth_basis, azimuth_std, constants_of, predicted, refused
+from highside.gyro.frames import attitude, std_to_tool, to_body, to_tool
+from highside.gyro.gates import Gate, Motion
+from highside.gyro.result import DriftResult
+from highside.gyro.smoother import smoothed
 
 FloatArray = NDArray[np.float64]
 

@@ -23,8 +23,8 @@ from highside.attitude.quaternion import (
     to_rotation_vector,
     up_direction,
 )
-from highside.drift import core
-from highside.drift.algebra import STANDARD_GRAVITY
+from highside.gyro import core
+from highside.gyro.algebra import STANDARD_GRAVITY
 
 FloatArray = NDArray[np.float64]
 
