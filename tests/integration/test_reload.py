@@ -29,6 +29,7 @@ from highside.config.settings import Settings, validate
 from highside.recording.calibration_store import CalibrationStore
 from highside.service.demo import factory_record
 from highside.service.in_force import calibration_for
+from highside.service.known_time import Present
 
 pytestmark = pytest.mark.slow
 
@@ -245,7 +246,12 @@ def test_a_calibration_that_is_refused_at_a_reload_leaves_the_one_in_force(tmp_p
 
 
 def remade(
-    record: CalibrationRecord, *, tool_id: str | None = None, serial: str | None = None, expires_s: float | None = None
+    record: CalibrationRecord,
+    *,
+    tool_id: str | None = None,
+    serial: str | None = None,
+    created_s: float | None = None,
+    expires_s: float | None = None,
 ) -> CalibrationRecord:
     """The same poses in another record."""
     poses, request = record.content["pose_table"], SolveRequest("conventional")
@@ -258,9 +264,13 @@ def remade(
         raw_sha256="0" * 64,
         raw_name="again",
         environment=Environment(bench="simulated", temp_c=25.0),
-        now_s=record.created_s,
+        now_s=record.created_s if created_s is None else created_s,
         expires_s=expires_s,
     )
+
+
+def known() -> Present:
+    return Present(time.time(), known=True, surely_s=time.time())
 
 
 def settings(**calibration: object) -> Settings:
@@ -275,38 +285,38 @@ def test_what_a_store_took_back_or_is_not_this_tools_is_not_kept(tmp_path):
     store.activate(first, now_s=time.time())
     store.activate(second, now_s=time.time())
     asked = settings(tool=first.tool_id, store=str(tmp_path / "store"))
-    running = calibration_for(asked)
+    running = calibration_for(asked, known())
     assert (running.correction.cal_id, running.flags) == (second.id, ())
     # torn: kept
     path = tmp_path / "store" / "records" / f"{second.id}.json"
     whole = path.read_text()
     path.write_text(whole[:-400])
-    kept = calibration_for(asked, running)
+    kept = calibration_for(asked, known(), running)
     assert (kept.correction.cal_id, kept.flags) == (second.id, ("calibration_refused", "calibration_kept"))
     # and again, from what is kept
-    assert calibration_for(asked, kept).kept
+    assert calibration_for(asked, known(), kept).kept
     # at a start there is nothing to keep
-    assert calibration_for(asked).flags == ("calibration_refused",)
+    assert calibration_for(asked, known()).flags == ("calibration_refused",)
     # the tool of another serial number: not the one that was calibrated
     other = settings(tool=first.tool_id, serial="18", store=str(tmp_path / "store"))
-    assert calibration_for(other, running).flags == ("calibration_refused",)
+    assert calibration_for(other, known(), running).flags == ("calibration_refused",)
     # taken back, and what is in force instead cannot be read
     path.write_text(whole)
     store.rollback(first.tool_id, now_s=time.time())
     (tmp_path / "store" / "records" / f"{first.id}.json").write_text("{")
-    gone = calibration_for(asked, running)
+    gone = calibration_for(asked, known(), running)
     assert (gone.correction.cal_id, gone.flags) == ("none", ("calibration_refused",))
     # the store is away: it has taken nothing back
     (tmp_path / "store").rename(tmp_path / "away")
-    assert calibration_for(asked, running).kept
+    assert calibration_for(asked, known(), running).kept
     # asked for none: none, and nothing is refused
-    plain = calibration_for(settings(tool=first.tool_id), running)
+    plain = calibration_for(settings(tool=first.tool_id), known(), running)
     assert (plain.correction.cal_id, plain.flags) == ("none", ())
 
 
 def test_a_store_in_which_nothing_was_ever_put_in_force_is_no_refusal(tmp_path):
     (tmp_path / "store").mkdir()
-    found = calibration_for(settings(store=str(tmp_path / "store")))
+    found = calibration_for(settings(store=str(tmp_path / "store")), known())
     assert found.flags == ("no_calibration",)
     assert found.reason is RecordReason.NONE_ACTIVE
     assert found.as_dict()["reason"] == "none_active"

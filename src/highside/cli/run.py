@@ -123,10 +123,12 @@ def _calibration_of(settings: Settings, config: Path) -> str:
     """
     from highside.calibration.record import RecordError, RecordReason
     from highside.errors import InputError
-    from highside.service.in_force import correction_of
+    from highside.service.in_force import configured_calibration
+    from highside.service.known_time import known_now
 
     try:
-        return correction_of(settings).cal_id
+        # that its age cannot be told is said by a warning of the log
+        return configured_calibration(settings, known_now(settings)).correction.cal_id
     except RecordError as error:
         if error.reason is not RecordReason.NONE_ACTIVE:
             raise

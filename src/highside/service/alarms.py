@@ -30,6 +30,8 @@ ALARMS: dict[str, str] = {
     "no_calibration": "No calibration was ever put in force in the configured store; readings pass uncorrected.",
     "calibration_refused": "The configured calibration was refused, `calibration.refused` says why.",
     "calibration_kept": "The calibration of before stays in force in memory: mend the configured one before a restart.",
+    "calibration_age_unknown": "The calibration in force expires one day, and whether that has come cannot be told: the"
+    " clock is not synchronised, or was set. It is used; mend the host's time (NTP, PTP, GPS).",
     "rotation_refused": "The rotor-angle compensation was refused, `rotation.refused` says why.",
     "rotation_kept": "The compensation of before stays in force in memory: mend the configured one before a restart.",
     "reload_refused": "The last reload was refused, `reload.refused` says why; the configuration before is in force.",

@@ -31,13 +31,14 @@ from highside.config.places import left_behind
 from highside.config.settings import Settings
 from highside.errors import InputError
 from highside.link.base import Batch, LinkReason, LinkState, LinkSupervisor
-from highside.service import messages
+from highside.service import clock, messages
 from highside.service.alarms import UNANSWERED_STANDS_S, Dropping, Growing
 from highside.service.broker_client import check_secrets
 from highside.service.clock import LoopLag, StepWatch, clock_synced
 from highside.service.damage import DamageLog
 from highside.service.drift_keeper import DriftKeeper, DriftParts
 from highside.service.in_force import Calibration, Rotation, calibration_for, rotation_for, said
+from highside.service.known_time import KnownTime, Present
 from highside.service.notify import Notifier
 from highside.service.outbox import Outbox
 from highside.service.parts import Parts, Tap, make_supervisor
@@ -80,6 +81,7 @@ class Service:
         self._started_mono = time.monotonic()
         self._clock_synced = clock_synced()
         self._steps = StepWatch()
+        self._known_time = KnownTime(self.state_dir)
         self._stopping = asyncio.Event()
         self._changed = asyncio.Event()
         """other tasks are to be watched"""
@@ -142,7 +144,8 @@ class Service:
 
     def _make_parts(self, settings: Settings) -> Parts:
         """All parts for the start."""
-        calibration, rotation, drift = calibration_for(settings), rotation_for(settings), self.drift.build(settings)
+        calibration = calibration_for(settings, self.present())
+        rotation, drift = rotation_for(settings), self.drift.build(settings)
         tap = self.make_tap()
         return Parts(
             settings=settings,
@@ -201,6 +204,20 @@ class Service:
         self.parts = parts
         self.recorder.apply(parts.settings.recorder)
         self._changed.set()
+
+    def present(self) -> Present:
+        """The time that is known, by which a calibration is judged."""
+        now = clock.now(synced=self._clock_synced)
+        self._known_time.look(now)
+        return self._known_time.present(now)
+
+    def _judge_age(self) -> None:
+        """The calibration in force may have expired meanwhile."""
+        calibration = self.parts.calibration.aged(self.present())
+        if calibration is not self.parts.calibration:
+            self.parts = replace(self.parts, calibration=calibration)
+            self.pipeline.extra_flags = self.parts.flags
+            self.publish_health()
 
     def _topic(self, name: str) -> str:
         return self.settings.mqtt.topic(self.settings.tool.id, name)
@@ -561,16 +578,13 @@ class Service:
         if self.parts.tool_lock is not None:
             self.parts.tool_lock.release()
         if self._lock is not None:
+            await asyncio.to_thread(self._known_time.keep)
             await asyncio.to_thread(self._starts.end, how)
             self._lock.close()
             self._lock = None
 
     async def _tell_health(self) -> None:
-        last_clock_check = 0.0
         while True:
-            now = time.monotonic()
-            if now - last_clock_check >= CLOCK_CHECK_S:
-                self._clock_synced, last_clock_check = clock_synced(), now
             self.publish_health()
             link = self.supervisor.stats
             self.notifier.status(
@@ -581,10 +595,15 @@ class Service:
             await asyncio.sleep(self.settings.service.health_interval_s)
 
     async def _watch_clock(self) -> None:
+        last_check = 0.0
         while True:
-            stepped = self._steps.look()
+            stepped, now = self._steps.look(), time.monotonic()
+            if stepped is not None or now - last_check >= CLOCK_CHECK_S:
+                self._clock_synced, last_check = clock_synced(), now
+                self._judge_age()
+                if self._known_time.to_be_kept:
+                    await asyncio.to_thread(self._known_time.keep)
             if stepped is not None:
-                self._clock_synced = clock_synced()
                 log.warning("the wall clock was set %s by %.1f s", "forward" if stepped > 0.0 else "back", abs(stepped))
                 self.publish_health()
             await asyncio.sleep(STEP_CHECK_S)

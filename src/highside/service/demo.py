@@ -236,7 +236,6 @@ def factory_record() -> CalibrationRecord:
     columns |= {f"std_a{axis}": np.full(24, noise_g) for axis in "xyz"}
     poses = {name: values.tolist() for name, values in columns.items()}
     request = SolveRequest("conventional")
-    now = time.time()
     return build_record(
         tool_id=TOOL_ID,
         serial=None,
@@ -246,8 +245,7 @@ def factory_record() -> CalibrationRecord:
         raw_sha256=hashlib.sha256(json.dumps(poses).encode()).hexdigest(),
         raw_name="simulated bench",
         environment=Environment(bench="simulated", temp_c=25.0),
-        now_s=now,
-        expires_s=now + 86_400.0,
+        now_s=time.time(),
     )
 
 

@@ -27,12 +27,12 @@ from highside.config.rig import WitsSerial
 from highside.config.settings import Settings
 from highside.errors import HighsideError, InputError
 from highside.reading import MALFORMED, parse_json
-from highside.recording.calibration_store import CalibrationStore, read_record
 from highside.service.broker_client import check_secrets
 from highside.service.clock import clock_synced
 from highside.service.doctor_broker import examine_broker
 from highside.service.findings import Finding, Level
-from highside.service.in_force import correction_of
+from highside.service.in_force import configured_calibration
+from highside.service.known_time import known_now
 from highside.service.outbox_file import inspect
 from highside.service.places import state_dir
 
@@ -200,12 +200,8 @@ def _calibration(settings: Settings) -> Iterator[Finding]:
                       "give calibration.record or calibration.store")  # fmt: skip
         return
     try:
-        correction = correction_of(settings)
-        record = (
-            read_record(calibration.record)
-            if calibration.record is not None
-            else CalibrationStore(calibration.store or Path()).active(settings.tool.id)
-        )
+        present = known_now(settings)
+        record = configured_calibration(settings, present).record
     except RecordError as error:
         if error.reason is RecordReason.NONE_ACTIVE:
             yield Finding("calibration", Level.WARN, f"{error.text}: readings pass uncorrected",
@@ -217,10 +213,16 @@ def _calibration(settings: Settings) -> Iterator[Finding]:
         table = "calibration.record" if calibration.record is not None else "calibration.store"
         yield Finding("calibration", Level.FAIL, f"{table}: {error}", f"mend {table}, or calibrate into it")
         return
-    found = f"{correction.cal_id[:12]} of {datetime.fromtimestamp(record.created_s, UTC):%Y-%m-%d}"
+    if record is None:
+        return
+    found = f"{record.id[:12]} of {datetime.fromtimestamp(record.created_s, UTC):%Y-%m-%d}"
     expires = record.expires_s
-    if expires is not None and expires - time.time() < EXPIRES_SOON_S:
-        days = (expires - time.time()) / 86_400.0
+    if expires is not None and not present.known:
+        until = f"{datetime.fromtimestamp(expires, UTC):%Y-%m-%d}"
+        yield Finding("calibration", Level.WARN, f"{found}: whether it has expired ({until}) cannot be told",
+                      "synchronise the clock: until then it is used, flagged `calibration_age_unknown`")  # fmt: skip
+    elif expires is not None and expires - present.wall_s < EXPIRES_SOON_S:
+        days = (expires - present.wall_s) / 86_400.0
         yield Finding("calibration", Level.WARN, f"{found} expires in {days:.0f} days", "plan a calibration")
     else:
         yield Finding("calibration", Level.OK, f"{found}, valid for tool {settings.tool.id}")

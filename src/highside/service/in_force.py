@@ -4,13 +4,15 @@ A file that cannot be used never ends the service and never takes away what is g
 so readings pass as they are; at a reload the one in force stays in memory, and flags and alarms say both. It is given
 up only where it is not this tool's any more (another serial number, a key that is not trusted) or where the store says
 that it was taken back.
+
+Whether a calibration has expired is judged by the time that is known (`known_time`), never by a wall clock alone: where
+that cannot tell, the calibration is used and flagged. One that expires while it is in force is kept, and flagged.
 """
 
 from __future__ import annotations
 
 import contextlib
 import logging
-import time
 from dataclasses import dataclass, replace
 
 from highside.calibration.correction import Correction, IdentityCorrection
@@ -23,6 +25,7 @@ from highside.recording.calibration_store import CalibrationStore, read_record
 from highside.recording.keys import read_trusted_keys
 from highside.rotation.compensation import Compensation
 from highside.rotation.live import LiveCompensation
+from highside.service.known_time import Present
 from highside.service.rig.surveys import Gravity, expected_gravity
 
 log = logging.getLogger("highside")
@@ -40,15 +43,18 @@ class Calibration:
     reason: RecordReason | None = None
     kept: bool = False
     """although refused: the one that was in force before stays"""
+    age_unknown: bool = False
+    """it expires one day, and no clock can tell whether that has come"""
 
     @property
     def flags(self) -> tuple[str, ...]:
         """Of every output, and alarms."""
+        age = ("calibration_age_unknown",) if self.age_unknown else ()
         if self.refused is None:
-            return ()
+            return age
         if self.reason is RecordReason.NONE_ACTIVE and not self.kept:
             return ("no_calibration",)
-        return ("calibration_refused", "calibration_kept") if self.kept else ("calibration_refused",)
+        return ("calibration_refused", "calibration_kept", *age) if self.kept else ("calibration_refused",)
 
     def gravity(self, settings: Settings) -> Gravity:
         """What Gtotal should be at the site with this calibration."""
@@ -59,6 +65,21 @@ class Calibration:
         """Member `calibration` of the health message."""
         reason = None if self.reason is None else self.reason.value
         return {"cal_id": self.correction.cal_id, "refused": self.refused, "reason": reason, "kept": self.kept}
+
+    def aged(self, present: Present) -> Calibration:
+        """The same at another time: it may have expired, and stays in force; its age may have become known."""
+        if self.record is None:
+            return self
+        age_unknown = self.record.expires_s is not None and not present.known
+        now = self if age_unknown == self.age_unknown else replace(self, age_unknown=age_unknown)
+        if self.refused is not None:
+            return now
+        try:
+            verify(self.record, tool_id=None, now_s=present.surely_s)
+        except RecordError as error:
+            log.error("%s; it stays in force", error)
+            return replace(now, refused=str(error), reason=error.reason, kept=True)
+        return now
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,10 +98,10 @@ class Rotation:
         return ("rotation_refused", "rotation_kept") if self.kept else ("rotation_refused",)
 
 
-def calibration_for(settings: Settings, running: Calibration | None = None) -> Calibration:
+def calibration_for(settings: Settings, present: Present, running: Calibration | None = None) -> Calibration:
     """The calibration that a configuration puts in force; `running` is the one in force now. Never raises."""
     try:
-        return _calibration(settings)
+        return _calibration(settings, present, running)
     except Exception as error:
         # whatever is wrong with a file, the tool is not stopped for it
         refused, reason = said(error), error.reason if isinstance(error, RecordError) else None
@@ -105,13 +126,13 @@ def rotation_for(settings: Settings, running: Rotation | None = None) -> Rotatio
     return Rotation(refused=refused)
 
 
-def correction_of(settings: Settings) -> Correction:
-    """The correction that a configuration asks for.
+def configured_calibration(settings: Settings, present: Present) -> Calibration:
+    """The calibration that a configuration asks for.
 
     Raises Refused (exit status 1) if the record is damaged, expired or of another tool, InputError if it cannot be
     read.
     """
-    return _calibration(settings).correction
+    return _calibration(settings, present)
 
 
 def compensation_of(settings: Settings) -> LiveCompensation | None:
@@ -132,13 +153,19 @@ def said(error: BaseException) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
 
 
-def _calibration(settings: Settings) -> Calibration:
+def _calibration(settings: Settings, present: Present, running: Calibration | None = None) -> Calibration:
     record = _record_of(settings)
     if record is None:
         return Calibration(_uncalibrated(settings))
     tool, trusted = settings.tool, _trusted_keys(settings)
-    verify(record, tool_id=tool.id, serial=tool.serial, now_s=time.time(), trusted=trusted)
-    return Calibration(correction_from_record(record), record)
+    # one that may have expired is better than none, but does not replace another
+    replaces = running is not None and running.record is not None and running.record.id != record.id
+    now_s = present.wall_s if replaces else present.surely_s
+    verify(record, tool_id=tool.id, serial=tool.serial, now_s=now_s, trusted=trusted)
+    age_unknown = record.expires_s is not None and not present.known
+    if age_unknown:
+        log.warning("whether calibration %s has expired cannot be told: the clock is not synchronised", record.id[:12])
+    return Calibration(correction_from_record(record), record, age_unknown=age_unknown)
 
 
 def _record_of(settings: Settings) -> CalibrationRecord | None:

@@ -99,6 +99,7 @@ class Reload:
     def __init__(self, service: Service, load: Callable[[], Settings]) -> None:
         self._service, self._load = service, load
         self._old = service.parts
+        self._present = service.present()
         self.doing = "reading the configuration"
         """for whoever has to say where it failed"""
 
@@ -131,7 +132,7 @@ class Reload:
         if new.mqtt != old.mqtt:
             check_secrets(new.mqtt)
         self.doing = "reading calibration and compensation"
-        calibration = calibration_for(new, self._old.calibration)
+        calibration = calibration_for(new, self._present, self._old.calibration)
         return Read(new, codec, calibration, rotation_for(new, self._old.rotation))
 
     def _build(self, read: Read, opened: Opened) -> Parts:
