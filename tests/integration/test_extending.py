@@ -1,0 +1,212 @@
+"""The recipes of docs/extending.md, followed to the letter: the page's own blocks of code, installed and used."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from broker import Mosquitto
+from daemon import HIGHSIDE, Pty, Subscriber, running, wait_for
+
+pytestmark = pytest.mark.slow
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "extending.md"
+_BLOCK = re.compile(r"^```(\w+)\n(?:# )?([\w./-]+\.\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def blocks(title: str) -> dict[str, str]:
+    """The blocks of one recipe by the file that their first line names."""
+    found = re.search(rf"^## {title}\n(.*?)(?=^## |\Z)", PAGE.read_text(), re.MULTILINE | re.DOTALL)
+    assert found, f"the page has no recipe {title!r}"
+    return {name: text for _, name, text in _BLOCK.findall(found[1])}
+
+
+def install(source: Path, into: Path) -> None:
+    """The package in `source` built and installed, without any index, in a folder that a path may name."""
+    subprocess.run(
+        [Path(sys.executable).with_name("uv"), "pip", "install", "-q", "--python", sys.executable, "--offline",
+         "--no-deps", "--no-build-isolation", "--target", into, source],
+        check=True, timeout=120,
+    )  # fmt: skip
+
+
+def highside(*arguments: object, path: Path) -> subprocess.CompletedProcess[str]:
+    """A command, with the folder `path` of packages installed beside highside."""
+    return subprocess.run(
+        [HIGHSIDE, *map(str, arguments)], capture_output=True, text=True, timeout=120, env=environment(path)
+    )
+
+
+def environment(path: Path) -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(path)}
+
+
+@pytest.fixture(scope="module")
+def rig_sensors(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The package of the codec's recipe, installed."""
+    source, into = tmp_path_factory.mktemp("rig-sensors"), tmp_path_factory.mktemp("installed")
+    for name, text in blocks("A codec").items():
+        (source / name).write_text(text)
+    install(source, into)
+    return into
+
+
+@pytest.fixture(scope="module")
+def broker(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Mosquitto]:
+    with Mosquitto(tmp_path_factory.mktemp("broker")) as mosquitto:
+        yield mosquitto
+
+
+def packet(kind: int, *values: int) -> bytes:
+    """A WitMotion packet as the sensor's maker describes it, not by the recipe's code."""
+    body = bytes((0x55, kind)) + struct.pack("<4h", *values)
+    return body + bytes((sum(body) & 0xFF,))
+
+
+def stream(readings: int) -> bytes:
+    """A sensor that lies at I = 90, its y axis up: acceleration, rates, angles, again and again."""
+    out = b""
+    for k in range(readings):
+        out += packet(0x51, k % 7 - 3, 2048 + k % 5, 12, 2510) + packet(0x52, 3, -4, k % 11, 0)
+        out += packet(0x53, 1, 2, 3, 4)
+    return out
+
+
+def configuration(folder: Path, port: str, broker_port: int, *, codec: str = "witmotion") -> Path:
+    path = folder / "highside.toml"
+    path.write_text(
+        f'[tool]\nid = "t1"\n[link]\nkind = "serial"\nport = "{port}"\n[codec]\nname = "{codec}"\n'
+        f'[mqtt]\nport = {broker_port}\n[service]\nstate_dir = "{folder / "state"}"\nhealth_interval_s = 0.2\n'
+    )
+    return path
+
+
+def test_codec_of_the_recipe_reads_a_real_line_and_the_books_balance(
+    tmp_path: Path, rig_sensors: Path, broker: Mosquitto
+) -> None:
+    subscriber, line = Subscriber(broker.port), Pty()
+    path = configuration(tmp_path, line.path, broker.port)
+    # noise before, a packet damaged, an acceleration whose rates were lost, and a piece at the end
+    damaged = bytearray(packet(0x51, 0, 2048, 0, 2500))
+    damaged[4] ^= 0x10
+    wire = b"\x00\x13U" + stream(300) + bytes(damaged) + packet(0x51, 0, 2048, 0, 2500) + stream(300) + b"\x55\x51\x01"
+    try:
+        with running(path, env=environment(rig_sensors)) as daemon:
+            wait_for(
+                lambda: (health := subscriber.latest("health")) and health["link"]["opens"], 30, "the link", daemon
+            )
+            for start in range(0, len(wire), 97):
+                line.write_all(wire[start : start + 97])
+                time.sleep(0.002)
+
+            def counted() -> dict[str, dict[str, int]] | None:
+                health = subscriber.latest("health")
+                return health if health and health["codec"]["bytes_in"] == len(wire) else None
+
+            health = wait_for(counted, 30, "all bytes", daemon)
+            assert daemon.terminate() == 0, daemon.log
+    finally:
+        line.close()
+        subscriber.close()
+    codec = health["codec"]
+    assert (codec["frames_good"], codec["frames_part"], codec["frames_ignored"]) == (600, 601, 600)
+    assert codec["frames_bad"] >= 1
+    assert codec["bytes_framed"] == 1201 * 11
+    assert health["monitor"]["received"] == 600
+    assert health["balance"] == {"bytes": True, "frames": True, "messages": True}
+    assert not [alarm for alarm in health["alarms"] if alarm.startswith("balance")]
+    attitude = subscriber.payloads("attitude")[-1]
+    assert attitude["inc_deg"] == pytest.approx(90.0, abs=0.5)
+    # what the daemon kept of the wire, decoded offline
+    (kept,) = sorted((tmp_path / "state").rglob("*.hsw*"))[:1]
+    out = tmp_path / "readings.csv"
+    done = highside("decode", kept, "--codec", "witmotion", "-o", out, "--json", path=rig_sensors)
+    assert done.returncode == 0, done.stderr
+    counts = json.loads(done.stdout)
+    assert (counts["frames_good"], counts["rows"], counts["balanced"]) == (600, 600, True)
+    assert len(out.read_text().splitlines()) == 601
+
+
+def test_every_command_finds_the_codec_of_the_recipe(tmp_path: Path, rig_sensors: Path) -> None:
+    config = configuration(tmp_path, "/dev/ttyUSB0", 1883)
+    done = highside("check", config, path=rig_sensors)
+    assert done.returncode == 0, done.stderr
+    assert "codec witmotion" in done.stdout
+    config.write_text(config.read_text().replace('name = "witmotion"', 'name = "witmotion"\naxis = "xyz"'))
+    done = highside("check", config, path=rig_sensors)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "codec.axis: is not a known field; did you mean 'axes'?" in done.stderr
+    schema = json.loads(highside("schema", "--config", path=rig_sensors).stdout)
+    assert "witmotion" in schema["properties"]["codec"]["discriminator"]["mapping"]
+    # without the package installed the name means nothing
+    done = highside("decode", config, "--codec", "witmotion", "-o", tmp_path / "x.csv", path=tmp_path)
+    assert (done.returncode, done.stderr) == (
+        2, "highside: --codec: no codec 'witmotion'; allowed: dbc, delimited, tool, vn100\n"
+    )  # fmt: skip
+
+
+def test_detect_finds_the_codec_of_the_recipe(rig_sensors: Path) -> None:
+    line, stop = Pty(), threading.Event()
+    os.set_blocking(line.master, False)
+
+    def talk() -> None:
+        data = stream(20)
+        while not stop.wait(0.02):
+            try:
+                os.write(line.master, data)
+            except BlockingIOError:
+                continue
+            except OSError:
+                # the port is closed between two rates
+                continue
+
+    thread = threading.Thread(target=talk)
+    thread.start()
+    try:
+        done = highside("detect", "--port", line.path, "--baud", 115200, "--seconds", 0.6, "--json", path=rig_sensors)
+    finally:
+        stop.set()
+        thread.join()
+        line.close()
+    assert done.returncode == 0, done.stderr
+    (found,) = json.loads(done.stdout)
+    assert (found["codec"], found["baud"]) == ("witmotion", 115200)
+    assert found["share"] > 0.5
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("raise RuntimeError('no licence\\nfor this host')\n", "RuntimeError: no licence for this host"),
+        ("import there_is_no_such_module\n", "ModuleNotFoundError: No module named 'there_is_no_such_module'"),
+        ("CODEC = 7\n", "it is no subclass of highside.codec.registry.CodecTable"),
+        ("import sys\nsys.exit(3)\n", "SystemExit: 3"),
+        ("from highside.codec.vn100 import CODEC\n", "its field `name` must be Literal['broken']"),
+    ],
+)
+def test_broken_package_is_one_line_and_stops_only_those_who_use_it(tmp_path: Path, text: str, says: str) -> None:
+    into = tmp_path / "installed"
+    info = into / "broken_sensors-0.1.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken-sensors\nVersion: 0.1\n")
+    (info / "entry_points.txt").write_text("[highside.codecs]\nbroken = broken_sensors:CODEC\n")
+    (into / "broken_sensors.py").write_text(text)
+    config = configuration(tmp_path, "/dev/ttyUSB0", 1883, codec="tool")
+    done = highside("check", config, path=into)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == f"note: the codec 'broken' of the installed package broken-sensors 0.1 is left out: {says}\n"
+    config = configuration(tmp_path, "/dev/ttyUSB0", 1883, codec="broken")
+    for arguments in (("run", "--config", config), ("decode", config, "--codec", "broken", "-o", tmp_path / "x.csv")):
+        done = highside(*arguments, path=into)
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+        assert "codec" in done.stderr
+        assert f"the codec 'broken' of the installed package broken-sensors 0.1 cannot be used: {says}" in done.stderr
