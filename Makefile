@@ -42,17 +42,18 @@ $(VENV)/.test: requirements-test.lock pyproject.toml
 	touch $@ $(VENV)/.run
 
 ## bench: speeds side by side, as ratios
+BENCHMARKS = bulk_attitude bulk_schedule codec_speed diagnosis_speed drift_speed live_cost rotation_speed
 bench: $(VENV)/.test
-	for file in tests/bench/*.py; do case $$file in */test_*|*/conftest.py) ;; *) $(BIN)/python $$file || exit 1 ;; esac; done
+	for name in $(BENCHMARKS); do $(BIN)/python -m tests.bench.$$name || exit 1; done
 
 ## evidence: the long Monte-Carlo runs and a minute of each soak, figures printed
 evidence: $(VENV)/.test
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/calibration_montecarlo.py --sensors 1000 --first-seed 300000
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/schedule_coverage.py --sensors 600 --first-seed 400000
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/session_coverage.py 100
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/bench/balance_coverage.py 54
-	$(BIN)/python tests/bench/drift_scenarios.py --only "S1r elevation 0" --seeds 1 --no-rivals --efficiency 60 --consistency 100 --false-stops-h 10
-	$(BIN)/python tests/bench/drift_limit.py
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.calibration_montecarlo --sensors 1000 --first-seed 300000
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.schedule_coverage --sensors 600 --first-seed 400000
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.session_coverage 100
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.balance_coverage 54
+	$(BIN)/python -m studies.drift_scenarios --only "S1r elevation 0" --seeds 1 --no-rivals --efficiency 60 --consistency 100 --false-stops-h 10
+	$(BIN)/python -m studies.drift_limit
 	$(BIN)/python -m pytest -q -s tests/integration/test_soak.py tests/integration/test_mqtt_faults.py tests/integration/test_mqtt_sigkill.py
 
 ## faults: the fault scenarios at their own numbers (about an hour), measured into docs/faults.md; FAULTS="--scenario 4"
@@ -63,7 +64,7 @@ faults: packages $(VENV)/.test
 
 ## blind: the sealed decks (hours), seeded by the commit that last changed the engine; BLIND="--seed mine --small" for a look
 BLIND ?=
-SCORE = OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/blind/score.py $(BLIND)
+SCORE = OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.sealed.score $(BLIND)
 blind: $(VENV)/.test
 	$(SCORE)
 	$(SCORE) --real

@@ -1,6 +1,6 @@
 """Bulk inclination and toolface beside a C loop.
 
-    python tests/bench/bulk_attitude.py [--samples N] [--pairs K] [--json]
+    python -m tests.bench.bulk_attitude [--samples N] [--pairs K] [--json]
 
 The yardstick is a single-threaded loop compiled with `gcc -O3 -march=native -ffast-math` and `restrict`, doing the same
 operations (offset, matrix, I, T). Both run in turn on the same arrays, so that a busy machine disturbs both; the ratio

@@ -1,6 +1,6 @@
 """Bulk inclination and toolface through a schedule of balance zones, beside the C loop of `bulk_attitude`.
 
-    python tests/bench/bulk_schedule.py [--samples N] [--pairs K]
+    python -m tests.bench.bulk_schedule [--samples N] [--pairs K]
 
 The log is a well: inclination from 0.3 to 60 deg, the tool turning. The C loop applies one matrix and no schedule. Ours
 is compiled where numba is installed; `--numpy` measures the way without it.
@@ -16,7 +16,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-from bulk_attitude import compile_loop, seconds
 
 from highside.attitude import compiled
 from highside.calibration.balance import balance
@@ -25,6 +24,7 @@ from highside.calibration.correction import LinearCorrection
 from highside.calibration.poses import PoseSet
 from highside.calibration.schedule import ScheduledCorrection
 from highside.physics.gravity import gravity_direction
+from tests.bench.bulk_attitude import compile_loop, seconds
 
 RINGS_DEG = (0.612, 1.206, 3.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0)
 

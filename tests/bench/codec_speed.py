@@ -1,6 +1,6 @@
 """Decoding speed of every codec, in CPU time, beside the most that a line or a bus can carry.
 
-    python tests/bench/codec_speed.py [--json]
+    python -m tests.bench.codec_speed [--json]
 
 Ceilings: 921,600 baud carry 3,840 frames/s of 24 bytes; classic CAN at 1 Mbit/s 9,009 frames/s.
 """

@@ -1,6 +1,6 @@
 """How long a diagnosis takes: the curve over poses and over rows of a rotation.
 
-    python tests/bench/diagnosis_speed.py [--rows 12000 45000 90000 180000 360000] [--strong 360000]
+    python -m tests.bench.diagnosis_speed [--rows 12000 45000 90000 180000 360000] [--strong 360000]
 
 Each is run in a process that has imported everything and diagnosed once; wall time and processor time are told, since
 another job on the machine makes the first longer. Noise is coloured, a lever arm of 20 um is left out of the model; of
@@ -13,15 +13,15 @@ import argparse
 import time
 from collections.abc import Callable
 
-import diagnosis_deck as deck
 import numpy as np
-import rotation_cases as cases
 
 from highside.diagnosis.engine import diagnose_rotation
 from highside.diagnosis.poses.session import PoseSession
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.forward import ForwardModel
 from highside.physics.plan import PosePlan, Session, rings
+from studies import diagnosis_deck as deck
+from studies import rotation_cases as cases
 
 
 def poses(inclinations: int) -> PoseSession:

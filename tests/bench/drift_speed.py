@@ -1,6 +1,6 @@
 """Speed of the drift filter: bulk beside vqf's compiled loop on the same data, one sample online, the live stage.
 
-    python tests/bench/drift_speed.py [--runs 7]
+    python -m tests.bench.drift_speed [--runs 7]
 
 The same 10,800 s at 100 Hz go alternately through vqf and through ours, compiled and not; figures are medians. Making
 the compiled code (once for an installation) and loading it (once a process) are told apart.

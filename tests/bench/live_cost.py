@@ -1,6 +1,6 @@
 """What the live service costs beside a script that only reads, averages and publishes: CPU, latency, wear of the disk.
 
-    python tests/bench/live_cost.py [--seconds 30] [--json]
+    python -m tests.bench.live_cost [--seconds 30] [--json]
 
 Each gets a pty on which the same 100 frames a second are written, and both a real mosquitto; they run at the same time,
 so that a busy machine hurts both. CPU is the run time of all threads by the scheduler's account; latency is from the
@@ -24,11 +24,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "integration"))
-from broker import MOSQUITTO, Mosquitto
-from daemon import HIGHSIDE, Pty, Subscriber
-
 from highside.codec.tool import encode
+from tests.integration.broker import MOSQUITTO, Mosquitto
+from tests.integration.daemon import HIGHSIDE, Pty, Subscriber
 
 FRAMES_PER_S = 100.0
 START_S = 60.0

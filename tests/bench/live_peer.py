@@ -1,6 +1,6 @@
 """What a maker would write in an afternoon: the script that the service's cost is measured against.
 
-    python tests/bench/live_peer.py PTY BROKER_PORT MESSAGES_PER_S
+    python -m tests.bench.live_peer PTY BROKER_PORT MESSAGES_PER_S
 
 Reads the tool's frames (24 bytes and a temperature) from a serial port, checks the CRC, averages, publishes inclination
 and toolface as JSON at QoS 1. It imports nothing of this project; it keeps nothing on disk and knows no calibration,

@@ -1,6 +1,6 @@
 """Fit and evaluation times of all rotor-angle methods, side by side as ratios, and the online update.
 
-    python tests/bench/rotation_speed.py [--repeats N] [--json]
+    python -m tests.bench.rotation_speed [--repeats N] [--json]
 
 All methods run in turn on the same 6,000 rows, so that a busy machine disturbs all alike; ratios are those of the least
 times. The yardstick of the fits is method 1, that of the evaluations method 2. Absolute times are of this machine.

@@ -1,6 +1,6 @@
 """The calibration methods judged against the truth, 200 simulated instruments on each kind of bench.
 
-The table of all rivals is written by `tests/bench/calibration_montecarlo.py`; this gate runs the same code. Seeds are
+The table of all rivals is written by `studies/calibration_montecarlo.py`; this gate runs the same code. Seeds are
 fixed, so that a failure is a change of the code. Over fresh seeds a correct estimator would fail in fewer than 1 run of
 100: the ratio to the Cramer-Rao total scatters by 2 % on the affine benches (bar: 10 %) and by 4 % in the non-linear
 study (bar: 15 %), where half of the error is that of the calibration.
@@ -8,30 +8,15 @@ study (bar: 15 %), where half of the error is that of the calibration.
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
-from types import ModuleType
-
 import numpy as np
 import pytest
 
 from highside.calibration.result import CalibrationResult
-
-
-@pytest.fixture(scope="module")
-def bench(project_root: Path) -> ModuleType:
-    path = project_root / "tests" / "bench" / "calibration_montecarlo.py"
-    spec = importlib.util.spec_from_file_location("calibration_montecarlo", path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
+from studies import calibration_montecarlo as bench
 
 
 @pytest.mark.parametrize("kind", ["independent", "common"])
-def test_the_joint_estimator_reaches_the_cramer_rao_limit_on_both_kinds_of_bench(bench: ModuleType, kind: str) -> None:
+def test_the_joint_estimator_reaches_the_cramer_rao_limit_on_both_kinds_of_bench(kind: str) -> None:
     study = bench.run(bench.KINDS[kind], 200, rivals=False)
     assert np.all(study.ratio_inc <= 1.1), study.ratio_inc
     assert np.all(study.ratio_tf <= 1.1), study.ratio_tf
@@ -44,7 +29,7 @@ def test_the_joint_estimator_reaches_the_cramer_rao_limit_on_both_kinds_of_bench
 
 
 @pytest.mark.parametrize("kind", ["nonlinear", "nonlinear-common"])
-def test_the_full_model_finds_nonlinear_terms_and_pays_little_for_them(bench: ModuleType, kind: str) -> None:
+def test_the_full_model_finds_nonlinear_terms_and_pays_little_for_them(kind: str) -> None:
     study = bench.run(bench.KINDS[kind], 200, rivals=False)
     assert np.all(study.ratio_inc <= 1.15), study.ratio_inc
     assert np.all(study.ratio_tf <= 1.15), study.ratio_tf
@@ -53,7 +38,7 @@ def test_the_full_model_finds_nonlinear_terms_and_pays_little_for_them(bench: Mo
     assert 0.925 <= study.coverage_tf.mean() <= 0.97
 
 
-def test_it_beats_every_other_method_on_the_same_instruments(bench: ModuleType) -> None:
+def test_it_beats_every_other_method_on_the_same_instruments() -> None:
     methods = bench.run(bench.KINDS["independent"], 30).methods
     joint, limit = methods.pop("joint with tilt"), methods.pop("limit: perfect calibration")
     assert len(methods) >= 5
@@ -65,7 +50,7 @@ def test_it_beats_every_other_method_on_the_same_instruments(bench: ModuleType) 
     assert methods["plain 12-parameter least squares, the same poses"][0] > 3 * joint[0]
 
 
-def test_without_the_tilt_pose_weights_make_toolface_worse_than_plain_least_squares(bench: ModuleType) -> None:
+def test_without_the_tilt_pose_weights_make_toolface_worse_than_plain_least_squares() -> None:
     """Why the tilt is part of the model: the figure that the specification warns of."""
     from highside.calibration.joint import joint
     from highside.calibration.result import BenchAccuracy
@@ -80,7 +65,7 @@ def test_without_the_tilt_pose_weights_make_toolface_worse_than_plain_least_squa
     assert np.rad2deg(without.rms_tf[middle]) > plain > 3 * np.rad2deg(with_tilt.rms_tf[middle])
 
 
-def test_closures_of_good_sessions_follow_their_theory(bench: ModuleType) -> None:
+def test_closures_of_good_sessions_follow_their_theory() -> None:
     p = np.concatenate([bench.run(bench.KINDS[kind], 40, rivals=False).closure_p for kind in ("independent", "common")])
     assert p.size == 2 * 40 * 11
     # uniform: the share below 0.05 is binomial, 880 closures, five standard deviations; uniform errors have light tails

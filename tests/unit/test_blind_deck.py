@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "blind"))
-import deck
-import world
+from studies.sealed import deck, world
 
 PLAIN = world.Sensor(np.zeros(3), np.eye(3), np.zeros(3), np.eye(3))
 

@@ -10,14 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "blind"))
-import baselines
-import deck
-import real_noise
-import real_recordings
-import table
-import world
-from judging import judged
+from studies.sealed import baselines, deck, real_noise, real_recordings, table, world
+from studies.sealed.judging import judged
 
 NO_FIT = {"heldout_rmse_before": None}
 
@@ -145,14 +139,34 @@ def test_a_bench_with_real_noise_has_the_noise_of_the_rest(shared_data: Path) ->
     assert np.abs(steps - np.round(steps)).max() < 1e-6
 
 
+def test_the_seed_is_the_last_commit_that_changed_what_answers(project_root: Path) -> None:
+    """The places that the seed is taken from are those where the engine is now."""
+    for place in deck.ENGINE:
+        assert list((project_root / place).rglob("*.py")), f"no engine in {place}"
+    last = subprocess.run(
+        ["git", "log", "-1", "--format=%H", "--name-only", "--", *deck.ENGINE],
+        cwd=project_root, capture_output=True, text=True, check=True,
+    ).stdout.split()  # fmt: skip
+    assert len(last[0]) == 40
+    assert any(name.startswith(deck.ENGINE) for name in last[1:])
+    changed = ["git", "status", "--porcelain", "--", *deck.ENGINE]
+    if subprocess.run(changed, cwd=project_root, capture_output=True, check=True).stdout:
+        with pytest.raises(SystemExit, match="not frozen"):
+            deck.frozen_seed()
+    else:
+        assert deck.frozen_seed() == last[0]
+    # whoever reads the page of evidence is told the same places
+    assert all(f"`{place}`" in (project_root / "docs/evidence.md").read_text() for place in deck.ENGINE)
+
+
 def test_the_frozen_package_answers_and_not_the_tree(tmp_path: Path, project_root: Path) -> None:
     head = subprocess.run(["git", "rev-parse", "HEAD"], cwd=project_root, capture_output=True, text=True, check=True)
     words = (
-        f"import sys; sys.path.insert(0, {str(project_root / 'tests' / 'blind')!r}); from pathlib import Path;"
-        f"import score; score.use_frozen({head.stdout.strip()!r}, Path({str(tmp_path)!r}));"
+        "from pathlib import Path; from studies.sealed import score;"
+        f"score.use_frozen({head.stdout.strip()!r}, Path({str(tmp_path)!r}));"
         "import highside.cli.main as m; print(m.__file__)"
     )
-    told = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
+    told = subprocess.run([sys.executable, "-c", words], cwd=project_root, capture_output=True, text=True, check=True)
     assert Path(told.stdout.strip()) == tmp_path / "src/highside/cli/main.py"
 
 

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from highside.diagnosis.core.causes import followed_covariate
 from highside.physics.effects import get
 from highside.physics.forward import ForwardModel
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "bench"))
-
-import diagnosis_deck as deck
+from studies import diagnosis_deck as deck
 
 STATE = deck.design()
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,10 +14,7 @@ from highside.errors import InputError
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "bench"))
-
-import diagnosis_deck as deck
+from studies import diagnosis_deck as deck
 
 STATE = deck.design()
 

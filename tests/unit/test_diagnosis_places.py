@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,10 +20,7 @@ from highside.physics.effects import get
 from highside.physics.forward import ForwardModel
 from highside.physics.plan import RotationPlan, Session, Site
 from highside.physics.scenario import random_sensor
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "bench"))
-
-import diagnosis_deck as deck
+from studies import diagnosis_deck as deck
 
 STATE = deck.design()
 FREE = ("bias", "scale", "misalignment")

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,10 +9,7 @@ from highside.diagnosis.poses.noise import STRETCH
 from highside.diagnosis.poses.scene import PoseScene
 from highside.diagnosis.poses.session import PoseSession, pose_session
 from highside.physics.forward import ForwardModel
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "bench"))
-
-import diagnosis_deck as deck
+from studies import diagnosis_deck as deck
 
 STATE = deck.design()
 UNREST = 0.4 + 1.6 * np.sin(np.linspace(0, 2 * np.pi, STATE.n)) ** 2

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,6 +23,7 @@ from highside.rotation import (
     sine,
 )
 from highside.rotation.bases import fourier_rows, fourier_sum
+from studies import rotation_gap
 
 SEEDS = range(6)
 CHANNELS = range(3)
@@ -253,14 +251,7 @@ def test_a_quarter_of_the_turn_missing_is_bridged_with_a_warning(start_deg: floa
 @pytest.mark.parametrize("rows", [60, 600])
 def test_a_gap_anywhere_under_strong_wobble_is_bridged_as_well_as_can_be(rows: int) -> None:
     # of many seeds 95 % (60 rows) and more are within 0.01' (rms over the gap); this is a part of that benchmark
-    path = Path(__file__).parent.parent / "bench" / "rotation_gap.py"
-    spec = importlib.util.spec_from_file_location("rotation_gap", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["rotation_gap"] = module
-    spec.loader.exec_module(module)
-    found = module.score(B, rows, range(700, 706), np.arange(6) * (np.pi / 3))
+    found = rotation_gap.score(B, rows, range(700, 706), np.arange(6) * (np.pi / 3))
     ours, told = found["auto"], found["told"]
     for name in ("rms", "worst"):
         share = [float(np.mean(np.array(getattr(one, name)) <= 0.01)) for one in (ours, told)]

@@ -27,7 +27,7 @@ LEVEL = 0.95
 DRAWS = 300
 WIDENED = 1.4
 """By how much the ends of an interval are moved away from its middle: what the search overlooks is not in the draws.
-Set on 14 simulated instruments of `tests/bench/balance_coverage.py` (85.9 % of their cells in the intervals as drawn,
+Set on 14 simulated instruments of `studies/balance_coverage.py` (85.9 % of their cells in the intervals as drawn,
 94.6 % so widened), and tried on others."""
 ROUNDING_DEG = 0.5e-7
 """half of the last digit of the published tables"""

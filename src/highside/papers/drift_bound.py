@@ -11,7 +11,7 @@ many runs; single runs, and a handful of them, may. Written apart from the filte
 
 d attitude error (body frame, inertial rate in R), b gyro biases, s scale error along the tool axis, a accelerometer
 biases. Of a reading its direction counts: that its length is 1 g to the last digit holds in a simulation only, and
-would lower the bound by up to 6 % on a tilted table. `tests/bench/drift_limit.py` finds the same bound another way.
+would lower the bound by up to 6 % on a tilted table. `studies/drift_limit.py` finds the same bound another way.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ SIMULATED = {
 }
 """The same question asked of simulated instruments that are known: share of their cells within the intervals, within
 those of the draws before they are widened, and of the instruments that the widening was not set on. Of
-`tests/bench/balance_coverage.py`."""
+`studies/balance_coverage.py`."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """How little the azimuth can drift: the least that the readings allow, found twice, and our filter beside it.
 
-    python tests/bench/drift_limit.py [--seeds 60] [--only NAME ...]
+    python -m studies.drift_limit [--seeds 60] [--only NAME ...]
 
 Three figures in deg/h for each case (error at the end by the hours passed):
 
@@ -27,7 +27,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from drift_scenarios import SETTINGS
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
@@ -56,6 +55,8 @@ from highside.papers.drift_scenarios import (
     true_rates,
 )
 from highside.physics.gravity import EARTH_RATE_RADPS
+
+from .drift_scenarios import SETTINGS
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from judging import judged
+
+from .judging import judged
 
 Row = dict[str, Any]
 What = str | Callable[[Row], bool]

@@ -1,6 +1,6 @@
 """The evidence on gyro drift: every scenario over seeds, ours beside vqf, ahrs and imufusion on the same readings.
 
-    python tests/bench/drift_scenarios.py [--seeds 6] [--only NAME ...] [--consistency 100] [--false-stops-h 10]
+    python -m studies.drift_scenarios [--seeds 6] [--only NAME ...] [--consistency 100] [--false-stops-h 10]
 
 Prints Markdown: drift in deg/h (mean over the last ten seconds by the hours passed, rms over seeds). Rivals (extra
 `rivals`) are measured if installed; they know neither the Earth's rotation nor a starting azimuth, so their azimuth is

@@ -1,6 +1,6 @@
 """A quarter of the turn unseen, anywhere in it: what `auto` is off in the gap, beside the least that can be had.
 
-    python tests/bench/rotation_gap.py [--seeds N] [--first-seed S] [--positions P]
+    python -m studies.rotation_gap [--seeds N] [--first-seed S] [--positions P]
 
 The yardstick is an estimator that is told what `auto` has to find: that there are eight harmonics, how large each is on
 average, and the noise of a row. Were the harmonics drawn from normal distributions, its posterior mean would lie within

@@ -25,13 +25,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import deck
 import numpy as np
-import real_recordings
-import world
-from deck import Case, Draw
-from real_recordings import HAND, REST, STATIC, Real
-from world import Programme, Sensor, Values
+
+from . import deck, real_recordings, world
+from .deck import Case, Draw
+from .real_recordings import HAND, REST, STATIC, Real
+from .world import Programme, Sensor, Values
 
 PLAIN = Sensor(np.zeros(3), np.eye(3), np.zeros(3), np.eye(3))
 FREE = ("bias", "scale", "misalignment")

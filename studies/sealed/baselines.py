@@ -15,7 +15,6 @@ from __future__ import annotations
 import tomllib
 import warnings
 
-import deck
 import numpy as np
 
 from highside.config.model import Model
@@ -26,6 +25,8 @@ from highside.diagnosis.poses.scene import PoseScene
 from highside.diagnosis.poses.session import pose_session
 from highside.diagnosis.rotation.scene import RotationScene
 from highside.diagnosis.rows.session import rotation_session
+
+from . import deck
 
 PENALTIES = 40
 THRESHOLDS = np.geomspace(0.03, 1.0, 14)

@@ -1,6 +1,6 @@
 """How often what one published table predicts of the others holds: simulated instruments, tables 1 to 6 of each.
 
-    python tests/bench/balance_coverage.py [INSTRUMENTS [FIRST_SEED [FILE]]]      (6 and 500000; half a minute each,
+    python -m studies.balance_coverage [INSTRUMENTS [FIRST_SEED [FILE]]]      (6 and 500000; half a minute each,
                                                                             `make evidence` takes 54)
 
 Each instrument of the kind of the balance paper's is drawn at random and known (`drawn_instrument`); the paper's whole

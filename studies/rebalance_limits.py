@@ -1,6 +1,6 @@
 """What the in-run re-balance leaves of toolface after three turns, for single frames and for means: all limits beside.
 
-    python tests/bench/rebalance_limits.py [--sessions N]
+    python -m studies.rebalance_limits [--sessions N]
 
 300 ug of turn-on bias on x and on y, I = 1.2 deg, 20 rpm, 100 frames/s of 50 ug/sqrt(Hz): 353.6 ug a frame. Three turns
 are 900 frames, so that no estimator can know the centre of the circle better than `sqrt(2 / 900)` of a frame's noise,

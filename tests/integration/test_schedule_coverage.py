@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
-from types import ModuleType
-
 import numpy as np
 import pytest
+
+from studies import schedule_coverage as study
 
 SENSORS = 100
 
 
-def load_study() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("schedule_coverage", Path(__file__).with_name("schedule_coverage.py"))
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
+BLENDS = [place in (0.9, 1.0, 1.6, 2.0, 2.5, 4.0, 7.0, 10.0, 25.0, 37.0) for place in study.PLACES_DEG]
 
-
-STUDY = load_study()
-BLENDS = [place in (0.9, 1.0, 1.6, 2.0, 2.5, 4.0, 7.0, 10.0, 25.0, 37.0) for place in STUDY.PLACES_DEG]
-
-VERTICAL = np.array(STUDY.PLACES_DEG) <= 1.0
+VERTICAL = np.array(study.PLACES_DEG) <= 1.0
 
 
 @pytest.mark.parametrize("name", ["balance+conventional", "balance+conventional, level bench", "balance+joint"])
@@ -36,7 +22,7 @@ def test_stated_intervals_of_blends_hold_the_truth_in_95_percent(name: str) -> N
     The bounds lie four standard deviations and more away: other draws fail by chance in fewer than one of 1,000 runs.
     The bound `sum w Cov(x)` would give 97.8 % on a level bench.
     """
-    found = STUDY.coverage(STUDY.KINDS[name], SENSORS)
+    found = study.coverage(study.KINDS[name], SENSORS)
     share = found.share
     assert found.zones == 10.0
     inside = np.mean(share[:, BLENDS], axis=1)

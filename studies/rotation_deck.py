@@ -1,4 +1,4 @@
-"""The rotation half of the development deck: `python tests/bench/diagnosis_deck.py --design rotation`.
+"""The rotation half of the development deck: `python -m studies.diagnosis_deck --design rotation`.
 
 Cases come from `rotation_cases`; each line of a table is one truth, with the answers that were not exactly it. As the
 deck of poses, it shares the forward model with the engine and proves nothing blind.
@@ -13,11 +13,12 @@ from multiprocessing import Pool
 from typing import NamedTuple
 
 import numpy as np
-import rotation_cases as cases
 
 from highside.diagnosis.engine import diagnose_rotation
 from highside.physics import effects as library
 from highside.physics.forward import ForwardModel
+
+from . import rotation_cases as cases
 
 REFUSED = ("partial", "unknown", "wander", "implausible_fit")
 

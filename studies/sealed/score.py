@@ -1,6 +1,6 @@
 """Run `highside diagnose` over the sealed decks and write the table.
 
-    python tests/blind/score.py [--seed HASH] [--real] [--without colour|refit|refusal] [--rivals] [--small]
+    python -m studies.sealed.score [--seed HASH] [--real] [--without colour|refit|refusal] [--rivals] [--small]
                                 [--every N] [--jobs 2] [--only PREFIX] [--out FOLDER]
 
 Without --seed the deck is that of the commit that froze the engine, and what answers is the package as it was at that
@@ -36,13 +36,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parent))
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import deck
-import real_noise
-import table
-from judging import judged
+from . import deck, real_noise, table
+from .judging import judged
 
 Row = dict[str, Any]
 PARTS = ("colour", "refit", "refusal")
@@ -100,7 +97,7 @@ def run_case(name: str, without: str | None = None) -> Row:
 
 def run_rivals(name: str) -> Row:
     """What sparse regressions answer to a case."""
-    import baselines
+    from . import baselines
 
     case = _MADE[name]()
     assert case is not None

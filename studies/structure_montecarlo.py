@@ -1,6 +1,6 @@
 """Sensors with 1 mg of structure that no term describes: joint with refinement, joint alone, plain least squares.
 
-    python tests/bench/structure_montecarlo.py [--sensors N] [--first-seed N] [--only STRUCTURE]
+    python -m studies.structure_montecarlo [--sensors N] [--first-seed N] [--only STRUCTURE]
 
 Two structures (three sines of each sensor's own load; three waves over direction) on two plans (four and twelve
 toolfaces at the eleven published inclinations). Judged at the truth: at the inclinations of the poses, and between and

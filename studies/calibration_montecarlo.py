@@ -4,7 +4,7 @@ Every instrument is calibrated on its bench by every method, and then read at kn
 error of inclination and toolface is compared with the Cramer-Rao total: reading noise and the best that the calibration
 poses allow, pose errors of the bench included. Run it by itself (a few minutes at 200 instruments):
 
-    python tests/bench/calibration_montecarlo.py --sensors 200 [--only KIND] [--first-seed N] [--json FILE]
+    python -m studies.calibration_montecarlo --sensors 200 [--only KIND] [--first-seed N] [--json FILE]
 
 The result is Markdown on standard output. imucal (extra `rivals`) is measured beside ours if it is installed.
 """

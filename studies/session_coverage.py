@@ -1,6 +1,6 @@
 """How often a session's record is within twice its stated uncertainty of the simulated truth, for each plan.
 
-    python tests/bench/session_coverage.py [SEEDS [WORD]]      (10 where not given; `make evidence` takes 100;
+    python -m studies.session_coverage [SEEDS [WORD]]      (10 where not given; `make evidence` takes 100;
                                                                 WORD: only the plans whose names hold it)
 
 Sensors at random (scale within 0.5 %, misalignment 0.2 deg, offset 2 mg), benches at random (tilt 0.02 deg, settings
@@ -12,17 +12,13 @@ plan goes over temperature both are taken at each of its temperatures, and the w
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "session"))
-
-from rehearsal import Rehearsal, random_sensor
 
 from highside.bench.session import outcome, plans
 from highside.bench.session.plans import Criterion, Kind, Limits, Plan
 from highside.bench.session.snapshot import State
+from tests.session.rehearsal import Rehearsal, random_sensor
 
 EIGHTHS = tuple(45.0 * k for k in range(8))
 LIMITS = Limits(std_error_g=4e-5, min_hold_s=1.0, max_hold_s=3.0, soak_s=15.0)

@@ -20,8 +20,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import world
-from world import Programme, Sensor, Values
+
+from . import world
+from .world import Programme, Sensor, Values
 
 ROOT = Path(__file__).resolve().parents[2]
 ENGINE = ("src/highside/diagnosis", "src/highside/physics")

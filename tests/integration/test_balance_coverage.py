@@ -2,25 +2,12 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from pathlib import Path
-from types import ModuleType
-
 import pytest
+
+from studies import balance_coverage as study
 
 SEEDS = (500_002, 500_013, 500_023)
 LEAST = 0.85
-
-
-def load_study() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("balance_coverage", Path(__file__).with_name("balance_coverage.py"))
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.mark.slow
@@ -28,7 +15,6 @@ def load_study() -> ModuleType:
 def test_cells_of_known_instruments_are_within_their_intervals() -> None:
     """Three instruments of the study. Cells of one instrument miss together: three drawn from those of the study fall
     below this bound by chance in 13 % of cases; with intervals half as wide, in 94 %."""
-    study = load_study()
     covered = of = narrow = 0
     for seed in SEEDS:
         predictions, _, _ = study.one(seed)

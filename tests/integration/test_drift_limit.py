@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from dataclasses import replace
-from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -15,22 +11,8 @@ from highside.gyro.frames import to_body
 from highside.gyro.kinematic import kinematic
 from highside.papers.drift_bound import azimuth_bound
 from highside.papers.drift_scenarios import Experiment, drilling, record, rotating_rod, rotating_table, turntable
+from studies import drift_limit as study
 
-
-def load_study() -> ModuleType:
-    here = Path(__file__).parent
-    sys.path.insert(0, str(here))  # it stands on its neighbour
-    spec = importlib.util.spec_from_file_location("drift_limit", here / "drift_limit.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    sys.path.remove(str(here))
-    return module
-
-
-STUDY = load_study()
 CASES: dict[str, tuple[Experiment, bool]] = {
     "turning, level": (rotating_table(0.0, 900.0, 20.0), False),
     "turning, 30 deg": (rotating_table(30.0, 900.0, 20.0), False),
@@ -45,17 +27,17 @@ CASES: dict[str, tuple[Experiment, bool]] = {
 def test_both_ways_find_the_same_bound(name: str) -> None:
     e, declared = CASES[name]
     rest = e.rest if declared else None
-    recursion = azimuth_bound(e, azimuth_std_rad=STUDY.AZIMUTH_STD_RAD, rest=rest)[-1]
-    bound = STUDY.Problem(e, rest).bound_rad
+    recursion = azimuth_bound(e, azimuth_std_rad=study.AZIMUTH_STD_RAD, rest=rest)[-1]
+    bound = study.Problem(e, rest).bound_rad
     assert bound == pytest.approx(recursion, rel=0.005)
     # the length of the readings (1 g, here alone) shows something of the accelerometers' biases
-    assert 0.9 * bound < STUDY.Problem(e, rest, length=True).bound_rad < 1.0001 * bound
+    assert 0.9 * bound < study.Problem(e, rest, length=True).bound_rad < 1.0001 * bound
 
 
 def test_the_optimum_errs_by_the_bound_and_the_filter_by_little_more() -> None:
     e, _ = CASES["turning, 30 deg"]
-    problem = STUDY.Problem(e, None)
-    settings = replace(STUDY.SETTINGS, detect_stops=False, azimuth_std_rad=1e-5)
+    problem = study.Problem(e, None)
+    settings = replace(study.SETTINGS, detect_stops=False, azimuth_std_rad=1e-5)
     best, own = [], []
     for seed in range(50):
         data = record(e, seed)

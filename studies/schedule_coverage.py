@@ -1,6 +1,6 @@
 """Coverage of the stated 95 % intervals of I and T through schedules: at, between and beyond their zones.
 
-    python tests/bench/schedule_coverage.py [--sensors N] [--only KIND]
+    python -m studies.schedule_coverage [--sensors N] [--only KIND]
 
 Every sensor is calibrated on a bench of its own and read at known attitudes, one reading a row of the table. What a
 method takes for zero and knows the size of, the bench's tilt and the sensor's offset, is normal with just that standard

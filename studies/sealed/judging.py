@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import deck
 import numpy as np
+
+from . import deck
 
 Row = dict[str, Any]
 

@@ -1,6 +1,6 @@
 """Real recordings: inclination and heading against an optical reference, and gyro bias against temperature at rest.
 
-    python tests/bench/drift_real.py [DATA]
+    python -m studies.drift_real [DATA]
 
 DATA holds `broad/*.npz` (trials of the BROAD benchmark: Laidig, Caruso, Cereatti, Seel 2021) and `serial_vn100`.
 Errors are those of the benchmark: e = q (x) conj(q_opt), inclination 2 acos sqrt(w^2 + z^2), heading 2 atan2(z, w),
@@ -198,7 +198,7 @@ def vn100(folder: Path) -> Iterator[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    beside = Path(os.environ.get("HIGHSIDE_DATA") or Path(__file__).resolve().parents[3] / "shared" / "data")
+    beside = Path(os.environ.get("HIGHSIDE_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
     parser.add_argument("data", type=Path, nargs="?", default=beside)
     arguments = parser.parse_args()
     if not (arguments.data / "broad").is_dir():

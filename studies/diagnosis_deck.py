@@ -1,7 +1,7 @@
 """Development deck of `highside diagnose`: seeded simulated cases and a table of how they end.
 
-    python tests/bench/diagnosis_deck.py [--runs 4] [--strengths 30 100 400] [--seed 0] [--only singles|nulls|open]
-    python tests/bench/diagnosis_deck.py --design rotation [--only singles|nulls|open|pairs] [--gyros] [--rows NAME...]
+    python -m studies.diagnosis_deck [--runs 4] [--strengths 30 100 400] [--seed 0] [--only singles|nulls|open]
+    python -m studies.diagnosis_deck --design rotation [--only singles|nulls|open|pairs] [--gyros] [--rows NAME...]
 
 Design of the poses (of the rotation: `rotation_cases`): 7 inclinations x 12 toolfaces + 42 returns from the other
 side, one pose a minute, a temperature loop 25 -> 55 -> 25 C with a bump, 40 ug of noise a pose; the sensor's bias,
@@ -17,7 +17,6 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-import rotation_deck
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.result import Diagnosis
@@ -28,6 +27,8 @@ from highside.physics.forward import ForwardModel
 from highside.physics.gravity import gravity_direction
 from highside.physics.scenario import random_sensor
 from highside.physics.state import ChainState
+
+from . import rotation_deck
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,17 @@
+"""Research programs: what the figures of `docs/evidence.md` come from, and the decks that the engine is judged by.
+
+No part of the product and no test: each is run from the top of the checkout, `python -m studies.NAME`, and prints its
+tables. They run for minutes to hours. Tests take their simulated sensors and cases from here, and run some of them
+short. Speeds are measured elsewhere (`tests/bench`, `make bench`).
+
+| program | asks |
+|---|---|
+| `calibration_montecarlo` | how near each calibration method comes to the least error that is possible |
+| `schedule_coverage`, `session_coverage` | whether stated uncertainties of corrections and of bench sessions hold |
+| `structure_montecarlo`, `rebalance_limits` | what structure between zones costs, what an in-run correction can know |
+| `balance_coverage` | whether what one published table predicts of the others holds |
+| `drift_scenarios`, `drift_limit`, `drift_real` | azimuth: methods, the least drift possible, real recordings |
+| `rotation_gap` | compensation over a part of the turn that was never seen |
+| `diagnosis_deck` (`rotation_deck`, `rotation_cases`) | the development deck of `highside diagnose` |
+| `sealed.score` | the sealed decks of `highside diagnose` |
+"""
