@@ -22,7 +22,7 @@ from highside.diagnosis.core.method import WHOLE, Method
 from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.result import Diagnosis
 from highside.diagnosis.core.rivals import SAME_CLASS_EVIDENCE
-from highside.diagnosis.core.scene import Judged, Picture, Scene
+from highside.diagnosis.core.scene import Judged, N, Picture, Scene
 from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.core.suspicion import Suspicion, slow_standing, suspect, suspected, unsuspecting
 from highside.diagnosis.magnitude.scene import MagnitudeScene
@@ -82,8 +82,7 @@ def diagnose_rotation(
     if session.n > MANY_ROWS and may_bend(session, model, free, seed):
         rows = session.thinned(SOME_ROWS, seed)
         some, judged, _ = _straight(RotationScene.of(rows, model, tuple(free), seed, method))
-        assert isinstance(some, RotationScene)
-        sketch = Sketch(some, [m for m in judged.members if some.candidates[m.candidate].named])
+        sketch = Sketch.of(rows, some, judged.members)
     scene = RotationScene.of(session, model, tuple(free), seed, method, sketch)
     return conclude(*_straight(scene, sketch.names if sketch else ()), version)
 
@@ -102,12 +101,12 @@ def diagnose_simulation(
     return diagnose(SimulationScene.beside(session, tuple(free), seed), version)
 
 
-def diagnose(scene: Scene, version: str = "") -> tuple[Diagnosis, Picture]:
+def diagnose(scene: Scene[N], version: str = "") -> tuple[Diagnosis, Picture]:
     """Choose, compare, prove and tell."""
     return conclude(*_straight(scene), version)
 
 
-def _straight(scene: Scene, taken_out: Sequence[str] = ()) -> tuple[Scene, Judged, Suspicion]:
+def _straight(scene: Scene[N], taken_out: Sequence[str] = ()) -> tuple[Scene[N], Judged[N], Suspicion[N]]:
     """What is chosen, and the scene in which it was; of effects `taken_out` its bend is already.
 
     Everything is chosen by what effects do to first order. Where those that are chosen do more than that, what they do
@@ -145,7 +144,7 @@ def _which(members: Sequence[Member]) -> set[int]:
     return {m.candidate for m in members}
 
 
-def _judged(scene: Scene) -> tuple[Judged, Suspicion]:
+def _judged(scene: Scene[N]) -> tuple[Judged[N], Suspicion[N]]:
     """What is chosen, and what was found of memory in the noise."""
     judged = scene.judge(scene.noise)
     channels = scene.likelihoods([])
@@ -175,7 +174,7 @@ def _judged(scene: Scene) -> tuple[Judged, Suspicion]:
     return _choose(scene, judged, channels, barred, fixed, slow), suspicion
 
 
-def _refined(scene: Scene, judged: Judged, suspicion: Suspicion) -> tuple[Scene, Judged, Suspicion]:
+def _refined(scene: Scene[N], judged: Judged[N], suspicion: Suspicion[N]) -> tuple[Scene[N], Judged[N], Suspicion[N]]:
     """The same, or what is chosen where a slow effect that comes near has the time constant that fits best.
 
     Time constants are tried at a few values. Of a strong effect what lies between them is louder than the noise, and
@@ -199,7 +198,7 @@ def _refined(scene: Scene, judged: Judged, suspicion: Suspicion) -> tuple[Scene,
 
 
 def _as_a_slow_one(
-    scene: Scene, selector: Selector, members: Sequence[Member], member: Member, slow: frozenset[int]
+    scene: Scene[N], selector: Selector, members: Sequence[Member], member: Member, slow: frozenset[int]
 ) -> bool:
     """Whether a member is a case of slow effects of which none would be believed in its place."""
     if not scene.slow_beside_fast:
@@ -221,13 +220,13 @@ def _as_a_slow_one(
 
 
 def _choose(
-    scene: Scene,
-    judged: Judged,
+    scene: Scene[N],
+    judged: Judged[N],
     channels: Sequence[Channel],
     banned: frozenset[int],
     fixed: tuple[Member, ...] = (),
     slow: frozenset[int] = frozenset(),
-) -> Judged:
+) -> Judged[N]:
     """Select among the candidates that are not banned; a named one that a walk explains as well is not believed.
 
     A walk may run like an effect of attitude where the session goes through the rings in order. And what is here a case

@@ -15,7 +15,7 @@ from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.regression import log10_p, outside, span
 from highside.diagnosis.core.result import Claim, Diagnosis, Fit, Location, Remainder, Rival, Verdict
 from highside.diagnosis.core.rivals import Rivalry, beside_memory, rivalry, what_shows
-from highside.diagnosis.core.scene import Judged, Picture, Scene
+from highside.diagnosis.core.scene import Judged, N, Picture, Scene
 from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.core.suspicion import Suspicion, slow_standing
 from highside.diagnosis.core.untestable import what_splits
@@ -43,7 +43,7 @@ class _Scanned:
     """what the loudest cell would explain"""
 
 
-def _scan(scene: Scene, judged: Judged, members: Sequence[Member]) -> _Scanned:
+def _scan(scene: Scene[N], judged: Judged[N], members: Sequence[Member]) -> _Scanned:
     space = judged.selector.space_with(members)
     residual = outside(space, judged.selector.residual)
     gains, dof = judged.scan.race.run(space, residual[None])
@@ -56,13 +56,13 @@ def _scan(scene: Scene, judged: Judged, members: Sequence[Member]) -> _Scanned:
     return _Scanned(log_p, loudest, excess, (group @ residual) @ group)
 
 
-def is_loud(scene: Scene, judged: Judged, members: Sequence[Member]) -> bool:
+def is_loud(scene: Scene[N], judged: Judged[N], members: Sequence[Member]) -> bool:
     """Whether the scan finds more than chance beside members."""
     after = _scan(scene, judged, members)
     return bool(after.log_p[after.loudest] > judged.scan_threshold)
 
 
-def conclude(scene: Scene, judged: Judged, suspicion: Suspicion, version: str) -> tuple[Diagnosis, Picture]:
+def conclude(scene: Scene[N], judged: Judged[N], suspicion: Suspicion[N], version: str) -> tuple[Diagnosis, Picture]:
     chosen = judged.members
     believed = scene.believed(judged, _widened(scene, judged))
     if believed != chosen:
@@ -121,7 +121,7 @@ def conclude(scene: Scene, judged: Judged, suspicion: Suspicion, version: str) -
     return scene.completed(diagnosis), scene.picture(fit if named else None)
 
 
-def _rivalry(scene: Scene, judged: Judged, claim: Member, fit: JointFit) -> Rivalry:
+def _rivalry(scene: Scene[N], judged: Judged[N], claim: Member, fit: JointFit) -> Rivalry:
     """How the candidates compare with a claim; slow ones with a slow one as noise that remembers lets them.
 
     What was taken out of the readings is what the claims do beyond first order. A rival has a right to all readings.
@@ -138,7 +138,7 @@ def _rivalry(scene: Scene, judged: Judged, claim: Member, fit: JointFit) -> Riva
     return beside_memory(found, scores, claim, {m.candidate for m in others})
 
 
-def _widened(scene: Scene, judged: Judged) -> list[Member]:
+def _widened(scene: Scene[N], judged: Judged[N]) -> list[Member]:
     """The members; where the scan is loud beside them, with one told whole or exchanged, if that makes it quiet.
 
     The rest of an effect that was let act in part may be too small to be worth its parameters, and still be there; and
@@ -175,7 +175,7 @@ def _gain(selector: Selector, members: Sequence[Member]) -> float:
 
 
 def _verdict(
-    scene: Scene,
+    scene: Scene[N],
     members: Sequence[Member],
     rivalries: Sequence[Rivalry],
     fit: JointFit,
@@ -211,7 +211,7 @@ def _worse(proof: Fit) -> bool:
     return before is not None and after is not None and after >= before
 
 
-def _changes(scene: Scene, judged: Judged, members: Sequence[Member], after: _Scanned, share: float) -> bool:
+def _changes(scene: Scene[N], judged: Judged[N], members: Sequence[Member], after: _Scanned, share: float) -> bool:
     """Whether the loudest remainder is a product of covariates on a channel that a claim acts on: its size changes."""
     channel, basis = judged.scan.cells[after.loudest]
     if " x " not in judged.scan.bases[basis].covariate:
@@ -219,7 +219,7 @@ def _changes(scene: Scene, judged: Judged, members: Sequence[Member], after: _Sc
     return any(scene.channels[channel] in place.channels for place in _located(scene, judged, members, share))
 
 
-def _located(scene: Scene, judged: Judged, members: Sequence[Member], share: float) -> tuple[Location, ...]:
+def _located(scene: Scene[N], judged: Judged[N], members: Sequence[Member], share: float) -> tuple[Location, ...]:
     """Where each of the named members sits."""
     selector = judged.selector
     found: tuple[Location, ...] = ()
@@ -235,7 +235,7 @@ def _located(scene: Scene, judged: Judged, members: Sequence[Member], share: flo
 
 
 def _located_whole(
-    scene: Scene, judged: Judged, members: Sequence[Member], after: _Scanned, loud: bool
+    scene: Scene[N], judged: Judged[N], members: Sequence[Member], after: _Scanned, loud: bool
 ) -> tuple[Location, ...]:
     """Where all of the mismatch sits, where it has no name: members that are not believed have no places of their own.
 
@@ -253,7 +253,7 @@ def _located_whole(
 
 
 def _hints(
-    scene: Scene, judged: Judged, after: _Scanned, loud: bool, members: Sequence[Member], wanders: bool
+    scene: Scene[N], judged: Judged[N], after: _Scanned, loud: bool, members: Sequence[Member], wanders: bool
 ) -> tuple[str, ...]:
     hints = [f"follows {scene.variant(m).label}" for m in members if not scene.candidates[m.candidate].named]
     if loud:
@@ -264,7 +264,7 @@ def _hints(
     return tuple(hints)
 
 
-def _claim(scene: Scene, judged: Judged, member: Member, r: Rivalry, fit: JointFit) -> Claim:
+def _claim(scene: Scene[N], judged: Judged[N], member: Member, r: Rivalry, fit: JointFit) -> Claim:
     candidate = scene.candidates[member.candidate]
     effect = candidate.effect
     assert effect is not None
@@ -293,7 +293,7 @@ def _claim(scene: Scene, judged: Judged, member: Member, r: Rivalry, fit: JointF
     )
 
 
-def _advice(scene: Scene, member: Member, r: Rivalry, fit: JointFit) -> str:
+def _advice(scene: Scene[N], member: Member, r: Rivalry, fit: JointFit) -> str:
     """What to do next, in words: what splits the class, or what the library knows to split it."""
     effect = scene.candidates[member.candidate].effect
     assert effect is not None

@@ -10,7 +10,7 @@ import numpy as np
 from highside.diagnosis.core.fit import JointFit
 from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.rivals import SAME_CLASS_BIC, SAME_CLASS_EVIDENCE, Refitted, Rivalry, rivalry
-from highside.diagnosis.core.scene import Judged, Scene
+from highside.diagnosis.core.scene import Judged, N, Scene
 
 ALIKE = 2.0
 """A smaller difference of BIC is not worth a mention (Kass and Raftery, J. Amer. Statist. Assoc. 90, 1995)."""
@@ -18,7 +18,7 @@ REFITTED = 3
 """Rivals of a strong effect that are fitted in full."""
 
 
-def refitted(scene: Scene, judged: Judged, claim: Member, fit: JointFit, found: Rivalry) -> list[Refitted]:
+def refitted(scene: Scene[N], judged: Judged[N], claim: Member, fit: JointFit, found: Rivalry) -> list[Refitted]:
     """The nearest rivals of a claim, each fitted beside the other claims; `fit` is that of the claims themselves."""
     others = [m for m in judged.members if m != claim]
     candidates, pool = scene.candidates, judged.selector.pool
@@ -40,7 +40,7 @@ def refitted(scene: Scene, judged: Judged, claim: Member, fit: JointFit, found: 
     return result
 
 
-def exchanged(scene: Scene, judged: Judged, fit: JointFit) -> Judged:
+def exchanged(scene: Scene[N], judged: Judged[N], fit: JointFit) -> Judged[N]:
     """What was chosen, or that with one member exchanged for a rival that explains the readings better when both are
     fitted in full; with its fit, and with the refits of the rivals of what stays."""
     slow = scene.slow_ids
@@ -60,7 +60,7 @@ def exchanged(scene: Scene, judged: Judged, fit: JointFit) -> Judged:
     return replace(judged, members=best[1], fit=scene.fit(best[1], judged.noise))
 
 
-def kept(scene: Scene, judged: Judged, taken_out: Sequence[str]) -> Judged:
+def kept(scene: Scene[N], judged: Judged[N], taken_out: Sequence[str]) -> Judged[N]:
     """What was chosen, with effects of which the bend was taken out in the place of what is the same to first order.
 
     Where two differ only beyond that, which of them it is has been decided before, by fits in full.

@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,23 @@ SLOW = (
     "temperature_bias_curvature",
 )
 """Effects that are functions of time or temperature alone: a walk may look like any of them."""
+
+
+class Noise(Protocol):
+    """The noise of a recording of any kind, as the procedure sees it."""
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom by which its size is known."""
+        ...
+
+    def white(self, columns: Array) -> Array:
+        """(..., C, n) readings -> (..., C n) in units of the noise."""
+        ...
+
+
+N = TypeVar("N", bound=Noise)
+"""the noise of one kind of recording"""
 
 
 class HasState(Protocol):
@@ -82,14 +99,14 @@ def parts_of(base: ForwardModel, fit: JointFit | None, seen: Seen) -> dict[str, 
 
 
 @dataclass(frozen=True)
-class Judged:
+class Judged(Generic[N]):
     """What one noise model leads to: the race and the scan with their thresholds, and what was chosen."""
 
     selector: Selector
     scan: Scan
     scan_threshold: float
     members: list[Member]
-    noise: Any
+    noise: N
     fit: JointFit | None = None
     """base and named members refitted together, where that has been done"""
     refits: Mapping[Member, Sequence[Refitted]] = field(default_factory=dict)
@@ -97,7 +114,7 @@ class Judged:
 
 
 @dataclass(frozen=True)
-class Scene(ABC):
+class Scene(ABC, Generic[N]):
     """All that is prepared before anything is chosen."""
 
     candidates: list[Candidate]
@@ -162,7 +179,7 @@ class Scene(ABC):
         """More effects than this are a fit and no finding: their names are given only if all but one are manifest."""
         return MAX_CLAIMS
 
-    def believed(self, judged: Judged, members: list[Member]) -> list[Member]:
+    def believed(self, judged: Judged[N], members: list[Member]) -> list[Member]:
         """The members that are large enough to be more than what is left of others."""
         return members
 
@@ -177,11 +194,11 @@ class Scene(ABC):
 
     @property
     @abstractmethod
-    def noise(self) -> Any:
+    def noise(self) -> N:
         """The noise without any memory."""
 
     @abstractmethod
-    def judge(self, noise: Any) -> Judged:
+    def judge(self, noise: N) -> Judged[N]:
         """Prepare the race and the scan under a noise model; nothing is chosen yet."""
 
     @abstractmethod
@@ -197,27 +214,27 @@ class Scene(ABC):
         """The slow candidates, as the likelihoods know them."""
 
     @abstractmethod
-    def with_memory(self, memories: Sequence[Memory]) -> Any:
+    def with_memory(self, memories: Sequence[Memory]) -> N:
         """The noise with the memory of each channel."""
 
     @abstractmethod
-    def fit(self, members: Sequence[Member], noise: Any, *, bends: bool = True) -> JointFit:
+    def fit(self, members: Sequence[Member], noise: N, *, bends: bool = True) -> JointFit:
         """Base and named members refitted together; without `bends` as far as the misfit shows."""
 
     def glance(self, members: Sequence[Member]) -> float | None:
         """Chi-square that base and members leave in some of the readings, where a fit to all takes long."""
         return None
 
-    def straightened(self, bend: Array | float, *, learn: bool = True) -> Scene | None:
+    def straightened(self, bend: Array | float, *, learn: bool = True) -> Self | None:
         """The scene with another `bend` (C, n), its noise learned anew or kept; None where nothing is taken out."""
         return None
 
     @abstractmethod
-    def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
+    def locate(self, judged: Judged[N], signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
         """Where a whitened signal outside of a space sits."""
 
     def locate_whole(
-        self, judged: Judged, signal: Array, members: Sequence[Member], p: float, share: float
+        self, judged: Judged[N], signal: Array, members: Sequence[Member], p: float, share: float
     ) -> tuple[Location, ...]:
         """Where sits all that base and members leave, of which `signal` is what chance does not explain."""
         return self.locate(judged, signal, judged.selector.space_with(members), p, share)

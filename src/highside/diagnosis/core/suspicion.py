@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,17 +19,17 @@ from highside.diagnosis.core.memory import (
     slow_scores,
 )
 from highside.diagnosis.core.pool import Member
-from highside.diagnosis.core.scene import Judged, Scene
+from highside.diagnosis.core.scene import Judged, N, Scene
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Suspicion:
+class Suspicion(Generic[N]):
     """What is known of memory in the noise: whitening to judge by, whether offsets wander, slow effects that beat the
     walk, and the ids of those that come near."""
 
-    noise: Any
+    noise: N
     memories: list[Memory]
     wanders: bool
     claimed: list[SlowScore]
@@ -40,7 +40,9 @@ class Suspicion:
     """of each slow effect with a time constant that comes near a walk the best, the best first"""
 
 
-def suspected(scene: Scene, judged: Judged, first: Judged, slow: frozenset[int], unnamed: frozenset[int]) -> Suspicion:
+def suspected(
+    scene: Scene[N], judged: Judged[N], first: Judged[N], slow: frozenset[int], unnamed: frozenset[int]
+) -> Suspicion[N]:
     """The suspicion beside what was claimed of the fast effects alone.
 
     Where time and the programme run alike, a slow effect is first taken for a fast one that resembles it. So the slow
@@ -56,7 +58,7 @@ def suspected(scene: Scene, judged: Judged, first: Judged, slow: frozenset[int],
     return suspect(scene, first.members)
 
 
-def suspect(scene: Scene, members: Sequence[Member]) -> Suspicion:
+def suspect(scene: Scene[N], members: Sequence[Member]) -> Suspicion[N]:
     """Look for memory beside the base and what was claimed so far: coloured noise, a walk, or something slow."""
     candidates = scene.candidates
     channels = scene.likelihoods(members)
@@ -92,12 +94,12 @@ def suspect(scene: Scene, members: Sequence[Member]) -> Suspicion:
     return Suspicion(noise, memories, False, [], near, admitted)
 
 
-def unsuspecting(scene: Scene) -> Suspicion:
+def unsuspecting(scene: Scene[N]) -> Suspicion[N]:
     """What follows if noise is taken to remember nothing."""
     return Suspicion(scene.noise, [], False, [], (), scene.slow_ids)
 
 
-def slow_standing(scene: Scene, beside: Sequence[Member], own: int) -> list[SlowScore]:
+def slow_standing(scene: Scene[N], beside: Sequence[Member], own: int) -> list[SlowScore]:
     """How the slow effects fare: candidate `own` where what it does beyond first order is taken out, the others on the
     readings as they are."""
     channels, slow = scene.likelihoods(beside), scene.slow()

@@ -55,7 +55,7 @@ PER_NAME = 6
 
 
 @dataclass(frozen=True)
-class MagnitudeScene(Scene):
+class MagnitudeScene(Scene[MagnitudeNoise]):
     """n still readings of unknown attitude."""
 
     session: MagnitudeSession
@@ -161,7 +161,7 @@ class MagnitudeScene(Scene):
         room = self.session.n - int(span(self.base[:, 0]).shape[0])
         return max(1, min(MAX_CLAIMS, room // PER_NAME))
 
-    def judge(self, noise: MagnitudeNoise) -> Judged:
+    def judge(self, noise: MagnitudeNoise) -> Judged[MagnitudeNoise]:
         rng = np.random.default_rng(self.seed)
         base = span(noise.white(self.base))
         residual = outside(base, noise.white(self.residual))
@@ -302,7 +302,9 @@ class MagnitudeScene(Scene):
         told = {name: from_the_start(table, name, delay_s) for name, table in tables.items()}
         return replace(found, parameters=told)
 
-    def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
+    def locate(
+        self, judged: Judged[MagnitudeNoise], signal: Array, space: Array, p: float, share: float
+    ) -> tuple[Location, ...]:
         sought = followed(judged.scan, signal, [slice(0, signal.size)], space)
         if sought is None:
             return ()

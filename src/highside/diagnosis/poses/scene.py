@@ -35,7 +35,7 @@ RICH_SHARE = 0.5
 
 
 @dataclass(frozen=True)
-class PoseScene(Scene):
+class PoseScene(Scene[PoseNoise]):
     """n poses with known attitudes."""
 
     session: PoseSession
@@ -80,7 +80,7 @@ class PoseScene(Scene):
     def noise(self) -> PoseNoise:
         return self.white_noise
 
-    def judge(self, noise: PoseNoise) -> Judged:
+    def judge(self, noise: PoseNoise) -> Judged[PoseNoise]:
         rng = np.random.default_rng(self.seed)
         fitted = self.base if self.method.refit else self.base[:0]
         base = span(noise.white(fitted))
@@ -143,11 +143,13 @@ class PoseScene(Scene):
         free = self.free if self.method.refit else ()
         return joint_fit(self.model, seen, free, self.candidates, members, noise, self.noise.freedom, bends=bends)
 
-    def locate(self, judged: Judged, signal: Array, space: Array, p: float, share: float) -> tuple[Location, ...]:
+    def locate(
+        self, judged: Judged[PoseNoise], signal: Array, space: Array, p: float, share: float
+    ) -> tuple[Location, ...]:
         return locate(judged.scan, signal, space, p, share)
 
     def locate_whole(
-        self, judged: Judged, signal: Array, members: Sequence[Member], p: float, share: float
+        self, judged: Judged[PoseNoise], signal: Array, members: Sequence[Member], p: float, share: float
     ) -> tuple[Location, ...]:
         space = judged.selector.space_with(members)
         residual = outside(space, judged.selector.residual)

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.core.candidates import Candidate
 from highside.diagnosis.core.fit import BENDS, JointFit, Observed, base_fit, bend_of, joint_fit
 from highside.diagnosis.core.pool import Member
+from highside.diagnosis.core.scene import Scene
 from highside.diagnosis.rows.noise import WINDOWS, RotationNoise
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.forward import ForwardModel
-
-if TYPE_CHECKING:
-    from highside.diagnosis.rotation.scene import RotationScene
 
 Array = NDArray[np.float64]
 
@@ -29,15 +27,25 @@ NEIGHBOURS = 400
 
 @dataclass(frozen=True)
 class Sketch:
-    """What some rows of a long recording say: their scene, and the members that they name."""
+    """What some rows of a long recording say: their noise, and the members that they name."""
 
-    scene: RotationScene
+    session: RotationSession
+    noise: RotationNoise
+    candidates: Sequence[Candidate]
     members: Sequence[Member]
+    bent: bool
+    """whether anything beyond first order was taken out"""
+
+    @classmethod
+    def of(cls, session: RotationSession, scene: Scene[RotationNoise], members: Sequence[Member]) -> Sketch:
+        """What was chosen in the scene of these rows."""
+        named = [m for m in members if scene.candidates[m.candidate].named]
+        return cls(session, scene.noise, scene.candidates, named, scene.bent)
 
     @property
     def names(self) -> list[str]:
         """Ids of the effects."""
-        return [self.scene.candidates[m.candidate].id for m in self.members]
+        return [self.candidates[m.candidate].id for m in self.members]
 
 
 @dataclass(frozen=True)
@@ -80,6 +88,6 @@ def sketched_bend(
     A bend is small beside its effect, so sizes need be known no better than that.
     """
     near = joint_fit(
-        model, some.seen, free, sketch.scene.candidates, sketch.members, some.noise, some.noise.freedom
+        model, some.seen, free, sketch.candidates, sketch.members, some.noise, some.noise.freedom
     )  # fmt: skip
-    return 0.0 if near.bend is None else bend_of(model, near, seen, free, sketch.scene.candidates, sketch.members)
+    return 0.0 if near.bend is None else bend_of(model, near, seen, free, sketch.candidates, sketch.members)

@@ -12,21 +12,20 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.core.fit import JointFit
 from highside.diagnosis.core.held_out import gain_interval
-from highside.diagnosis.core.memory import SLOW_LOG_P, Channel, Memory, SlowEffect, SlowLimits
+from highside.diagnosis.core.memory import SLOW_LOG_P, Channel, SlowEffect
 from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.probability import student_quantile
 from highside.diagnosis.core.regression import outside
 from highside.diagnosis.core.result import Diagnosis, Fit, FittedParameter, Location
 from highside.diagnosis.core.rivals import Rivalry
 from highside.diagnosis.core.scene import SLOW, Judged, Picture
-from highside.diagnosis.rotation.scene import RotationScene, _chance
-from highside.diagnosis.rows.gram import HeldOutRows, WalkingChannel, Walks, accumulate
+from highside.diagnosis.rows.gram import HeldOutRows, WalkingChannel, accumulate
 from highside.diagnosis.rows.jitter import with_jitter
-from highside.diagnosis.rows.noise import RotationNoise, estimate, with_walk
+from highside.diagnosis.rows.noise import RotationNoise, estimate
+from highside.diagnosis.rows.scene import JudgedRows, RowsScene, chance_of
 from highside.diagnosis.simulation.design import SimulationDesign, covariates_of
 from highside.diagnosis.simulation.effects import Around
 from highside.diagnosis.simulation.session import SimulationSession
-from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
 
@@ -41,7 +40,7 @@ LEAST_NAMED, LEAST_PRODUCT = 0.003, 0.02
 
 
 @dataclass(frozen=True)
-class SimulationScene(RotationScene):
+class SimulationScene(RowsScene):
     """n rows of some channels beside their prediction."""
 
     session: SimulationSession
@@ -64,7 +63,7 @@ class SimulationScene(RotationScene):
     def _delays(self) -> Around:
         """What a first choice says of effects that are not linear."""
         members = [m for m in self._plain.selector.select() if self.candidates[m.candidate].named]
-        found = self.fit(members, None).parameters
+        found = self.fit(members, self.noise).parameters
         delay = found.get("time_offset", {}).get("t0")
         lags = found.get("bandwidth_lag", {})
         names = next((c.amplitudes for c in self.candidates if c.id == "bandwidth_lag"), ())
@@ -84,22 +83,18 @@ class SimulationScene(RotationScene):
             residual = residual - np.tensordot(weights, columns, 1)
         noise = _by_activity(design, estimate(design, residual, seed), residual)
         grams, segments = accumulate(design, noise, residual)
-        chance, rest = _chance(design, noise, residual, grams, segments)
+        chance, rest = chance_of(design, noise, residual, grams, segments)
         return cls(
-            design.candidates, design.blind, free, seed, session, ForwardModel.of({}), design, residual, noise, grams,
+            design.candidates, design.blind, free, seed, session, design, residual, noise, grams,
             segments, chance, rest,
         )  # fmt: skip
 
     @cached_property
-    def _walks(self) -> list[Walks]:
-        return [Walks.of(gram) for gram in self.grams]
-
-    @cached_property
-    def _plain(self) -> Judged:
+    def _plain(self) -> JudgedRows:
         """As judged without any memory."""
         return super().judge(self.coloured_noise)
 
-    def judge(self, noise: Any) -> Judged:
+    def judge(self, noise: RotationNoise) -> JudgedRows:
         limits = self._plain
         found = super().judge(noise) if noise.memories else limits
         # what is drawn to find the thresholds has no walk in it: they are those of the noise without
@@ -107,7 +102,7 @@ class SimulationScene(RotationScene):
         return replace(found, selector=selector, scan_threshold=limits.scan_threshold)
 
     def locate_whole(
-        self, judged: Judged, signal: Array, members: Sequence[Member], p: float, share: float
+        self, judged: Judged[RotationNoise], signal: Array, members: Sequence[Member], p: float, share: float
     ) -> tuple[Location, ...]:
         # the covariates are what was recorded, and have no cells
         return self.locate(judged, signal, judged.selector.space_with(members), p, share)
@@ -117,30 +112,27 @@ class SimulationScene(RotationScene):
         return with_jitter(diagnosis, self.noise, self.channels)
 
     @property
+    def named_share(self) -> float:
+        # rows are many: what is left beside the whole story is small
+        return 0.93
+
+    @property
+    def shadow_margin(self) -> float:
+        # their number counts against them already
+        return 4.0
+
+    @property
     def certain(self) -> float:
         return SLOW_LOG_P
-
-    @property
-    def slow_limits(self) -> SlowLimits:
-        return SlowLimits()
-
-    @property
-    def slow_beside_fast(self) -> bool:
-        # a drive is no programme of rates
-        return False
-
-    @property
-    def faint(self) -> float:
-        return 0.0
 
     @property
     def most_named(self) -> int:
         # there is no base to absorb the simple ones
         return MOST_NAMED
 
-    def believed(self, judged: Judged, members: list[Member]) -> list[Member]:
+    def believed(self, judged: Judged[RotationNoise], members: list[Member]) -> list[Member]:
         selector = judged.selector
-        members = [m for m in members if not self._wanders_as_far(judged.noise.noise, m, members)]
+        members = [m for m in members if not self._wanders_as_far(judged.noise, m, members)]
 
         def gain(some: Sequence[Member]) -> float:
             left = outside(selector.space_with(some), selector.residual)
@@ -179,7 +171,7 @@ class SimulationScene(RotationScene):
         found: list[Channel] = []
         for c in range(len(self.channels)):
             where = np.concatenate([self.design.where[self.design.base, c], block[:, c]])
-            found.append(WalkingChannel(self._walks[c].that_never_forget(), np.unique(where[where >= 0])))
+            found.append(WalkingChannel(self.walks[c].that_never_forget(), np.unique(where[where >= 0])))
         return found
 
     def slow(self) -> list[SlowEffect]:
@@ -192,10 +184,7 @@ class SimulationScene(RotationScene):
                         found.append(SlowEffect(i, j, self.design.where[number]))
         return found
 
-    def with_memory(self, memories: Sequence[Memory]) -> Any:
-        return with_walk(self.noise, memories)
-
-    def fit(self, members: Sequence[Member], noise: Any, *, bends: bool = True) -> JointFit:
+    def fit(self, members: Sequence[Member], noise: RotationNoise, *, bends: bool = True) -> JointFit:
         """Least squares of base and members in the space of the judged noise."""
         if not members:
             return JointFit({}, self.residual, ())
@@ -344,7 +333,7 @@ class SimulationScene(RotationScene):
     def told_of_noise(self) -> dict[str, Any]:
         a = self.session.alignment
         return {
-            **{k: v for k, v in super().told_of_noise().items() if not k.startswith("sigma")},
+            **super().told_of_noise(),
             "sigma": dict(zip(self.channels, (float(s) for s in self.noise.sigma), strict=True)),
             "alignment": {
                 "lag_s": a.lag_s,
