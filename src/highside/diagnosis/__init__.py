@@ -1,7 +1,16 @@
 """Diagnosis: where a recording departs from the simulation, what physics was left out, and how sure that is.
 
-The way of a recording: `intake` (is the data what it claims to be?), `session` (rows to poses), `candidates` (what each
-effect of the library, and what unnamed interactions, would add), `noise` (how large a departure chance makes),
-`selection` (which candidates the data ask for), `location`, `rivals` (what cannot be told apart, what was not
-testable), `engine` (all of it, to a verdict), `result` (the answer).
+The way in is `engine`: `diagnose_poses`, `diagnose_rotation`, `diagnose_magnitudes`, `diagnose_simulation`. Each
+prepares a `Scene` of its kind and hands it to the one procedure; the answer is a `core.result.Diagnosis`. The rooms:
+
+    core         candidates, tests, choice, rivals, memory, fits, verdict: the same for all kinds
+    rows         what is looked at row by row: columns in chunks, inner products, coloured noise
+    poses        a stepped session, attitudes known          rotation     a continuous rotation, attitudes known
+    magnitude    attitudes unknown, |g| known                simulation   another program's output as the reference
+    intake       before all: is the recording what it claims to be?
+    table        published error tables, which hold statistics and no readings: an engine of their own
+    laws         laws found from readings that no effect explains
+
+`core` knows none of the others, `rows` only `core`; the kinds know nothing of one another. Theory and derivations:
+docs/theory/diagnosis.md.
 """

@@ -26,6 +26,8 @@ from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
 
+RICH_SHARE = 0.5
+"""Of all readings, how many directions at most the rich model may take."""
 STEPS = 4
 UNSEEN = 1e-8
 """Share of the best seen direction from which a direction in the space of the parameters is seen at all."""

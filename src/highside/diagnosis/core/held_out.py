@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.pool import Member, Pool
+from highside.diagnosis.core.result import Fit
 
 Array = NDArray[np.float64]
 
@@ -93,3 +94,33 @@ def pose_folds(n: int, count: int = 10, *, interleaved: bool = False) -> list[ND
     poses = np.arange(n)
     parts = [poses[k::count] for k in range(count)] if interleaved else np.array_split(poses, count)
     return [np.concatenate([part, part + n, part + 2 * n]) for part in parts]
+
+
+def block_proof(
+    base: Array,
+    residual: Array,
+    claimed: Array,
+    folds: Sequence[NDArray[np.intp]],
+    after: Array,
+    floor: float,
+    how: str,
+) -> Fit:
+    """Misfit before and after, in sample and on left-out blocks; all in g, base and claims (P, N), residual (N,)."""
+    plain = HeldOut(base, residual, folds)
+    before, held = plain.errors(claimed[:0]), plain.errors(claimed)
+
+    def rms(parts: list[Array]) -> float:
+        return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+
+    low, high = gain_interval(*(np.array([float(e @ e) for e in errors]) for errors in (before, held)))
+    return Fit(
+        unit="g",
+        rmse_before=float(np.sqrt(np.mean(residual**2))),
+        rmse_after=float(np.sqrt(np.mean(after**2))),
+        heldout_rmse_before=rms(before),
+        heldout_rmse_after=rms(held),
+        heldout_gain_low=low,
+        heldout_gain_high=high,
+        noise_floor=floor,
+        how_held_out=f"{how}; gain = share of the held-out mean square removed",
+    )

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.candidates import Candidate
+from highside.diagnosis.core.fit import RICH_SHARE
 from highside.diagnosis.core.location import Basis
 from highside.diagnosis.core.memory import Innovating
 from highside.diagnosis.core.pool import ALARM_RATE
 from highside.diagnosis.core.regression import VISIBLE, log10_p, outside, span
 from highside.diagnosis.magnitude.session import MagnitudeSession
-from highside.diagnosis.poses.scene import RICH_SHARE
 from highside.physics.effect import Stage
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.core.candidates import pose_candidates, shadows
 from highside.diagnosis.core.fit import JointFit, base_fit, joint_fit
-from highside.diagnosis.core.held_out import HeldOut, PoseGains, block_gain
+from highside.diagnosis.core.held_out import HeldOut, PoseGains, block_gain, block_proof
 from highside.diagnosis.core.location import Basis, followed, intervals, scan_of
 from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.core.memory import Channel, Innovating, Likelihoods, Memory, SlowEffect, SlowLimits
@@ -35,7 +35,6 @@ from highside.diagnosis.magnitude.fit import fitted_columns, from_the_start, lea
 from highside.diagnosis.magnitude.noise import MagnitudeNoise, plainly_asked, rich_columns, scatter
 from highside.diagnosis.magnitude.observed import Magnitudes
 from highside.diagnosis.magnitude.session import MagnitudeSession
-from highside.diagnosis.poses.scene import block_proof
 from highside.physics.effects import get
 from highside.physics.forward import ForwardModel
 

@@ -1,1 +1,6 @@
-"""Stepped sessions with a known reference: one mean a stop."""
+"""Stepped sessions with known attitudes. The way in is `scene.PoseScene.of` on a `session.PoseSession`.
+
+Rows become one mean a stop (`session`). Few numbers and many candidates: columns are kept whole. The noise (`noise`)
+is of two kinds, the sensors' and the bench's: an error of a set angle moves three channels together along the
+tangents of the sphere, so a covariance for each pose is fitted by likelihood, from what no candidate explains.
+"""

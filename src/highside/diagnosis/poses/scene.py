@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.core.candidates import CHANNELS, Candidate, pose_candidates, shadows
 from highside.diagnosis.core.causes import located_by_cause
-from highside.diagnosis.core.fit import JointFit, Observed, base_fit, joint_fit
-from highside.diagnosis.core.held_out import HeldOut, PoseGains, gain_interval, pose_folds
+from highside.diagnosis.core.fit import RICH_SHARE, JointFit, Observed, base_fit, joint_fit
+from highside.diagnosis.core.held_out import HeldOut, PoseGains, block_proof, pose_folds
 from highside.diagnosis.core.location import locate, locate_whole, on_channel, pose_bases, pose_cells, scan_of
 from highside.diagnosis.core.memory import Channel, Likelihoods, Memory, SlowEffect, SlowLimits
 from highside.diagnosis.core.method import WHOLE, Method
@@ -29,9 +29,6 @@ from highside.diagnosis.poses.session import PoseSession
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
-
-RICH_SHARE = 0.5
-"""Of all readings, how many directions at most the rich model may take."""
 
 
 @dataclass(frozen=True)
@@ -220,36 +217,6 @@ def _learned(session: PoseSession, residual: Array, rich: Array, tangents: Array
         residual, rich, tangents if method.colour else np.zeros_like(tangents),
         scatter=session.scatter, uneven=method.colour,
     )  # fmt: skip
-
-
-def block_proof(
-    base: Array,
-    residual: Array,
-    claimed: Array,
-    folds: Sequence[NDArray[np.intp]],
-    after: Array,
-    floor: float,
-    how: str,
-) -> Fit:
-    """Misfit before and after, in sample and on left-out blocks; all in g, base and claims (P, N), residual (N,)."""
-    plain = HeldOut(base, residual, folds)
-    before, held = plain.errors(claimed[:0]), plain.errors(claimed)
-
-    def rms(parts: list[Array]) -> float:
-        return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
-
-    low, high = gain_interval(*(np.array([float(e @ e) for e in errors]) for errors in (before, held)))
-    return Fit(
-        unit="g",
-        rmse_before=float(np.sqrt(np.mean(residual**2))),
-        rmse_after=float(np.sqrt(np.mean(after**2))),
-        heldout_rmse_before=rms(before),
-        heldout_rmse_after=rms(held),
-        heldout_gain_low=low,
-        heldout_gain_high=high,
-        noise_floor=floor,
-        how_held_out=f"{how}; gain = share of the held-out mean square removed",
-    )
 
 
 def _rich(base: Array, candidates: Sequence[Candidate], session: PoseSession, force: Array) -> Array:

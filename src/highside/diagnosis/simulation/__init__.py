@@ -1,1 +1,7 @@
-"""Recordings beside another program's prediction of them."""
+"""A recording beside another program's prediction. The way in is `scene.SimulationScene.beside`.
+
+Time bases are brought together by cross-correlation (`alignment`), both sides put on one grid up to the frequency
+that they share (`session`), unit, sign and axes checked (`intake`). No forward model is at hand, only its output s:
+effects are columns made of s and of the covariates recorded (`effects`, `design`), a delay is -t0 ds/dt, a lever arm
+w x (w x r) + a x r. All of them are linear, so claims are fitted in the inner products of `rows`.
+"""
