@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import struct
 import subprocess
 import sys
@@ -17,6 +18,8 @@ import pytest
 from broker import Mosquitto
 from daemon import HIGHSIDE, Pty, Subscriber, running, wait_for
 
+from highside.codec.tool import encode
+
 pytestmark = pytest.mark.slow
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "extending.md"
@@ -28,6 +31,21 @@ def blocks(title: str) -> dict[str, str]:
     found = re.search(rf"^## {title}\n(.*?)(?=^## |\Z)", PAGE.read_text(), re.MULTILINE | re.DOTALL)
     assert found, f"the page has no recipe {title!r}"
     return {name: text for _, name, text in _BLOCK.findall(found[1])}
+
+
+def patched(recipe: dict[str, str], into: Path) -> Path:
+    """A copy of the sources with a recipe's diffs in it, each hunk at the one place that it names; its path."""
+    shutil.copytree(PAGE.parents[1] / "src" / "highside", into / "highside", ignore=shutil.ignore_patterns("*.pyc"))
+    for name, diff in recipe.items():
+        path = into / Path(name).relative_to("src")
+        text = path.read_text()
+        for hunk in diff.split("@@\n"):
+            lines = hunk.splitlines(keepends=True)
+            before, after = ("".join(line[1:] for line in lines if line[0] in kept) for kept in (" -", " +"))
+            assert text.count(before) == 1, f"{name} has not one place with:\n{before}"
+            text = text.replace(before, after)
+        path.write_text(text)
+    return into
 
 
 def install(source: Path, into: Path) -> None:
@@ -210,3 +228,28 @@ def test_broken_package_is_one_line_and_stops_only_those_who_use_it(tmp_path: Pa
         assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
         assert "codec" in done.stderr
         assert f"the codec 'broken' of the installed package broken-sensors 0.1 cannot be used: {says}" in done.stderr
+
+
+def test_channel_of_the_recipe_stands_in_the_messages(tmp_path: Path, broker: Mosquitto) -> None:
+    recipe = blocks("A published channel")
+    assert len(recipe) == 2
+    path = patched(recipe, tmp_path / "src")
+    subscriber, line = Subscriber(broker.port), Pty()
+    try:
+        with running(configuration(tmp_path, line.path, broker.port, codec="tool"), env=environment(path)) as daemon:
+            wait_for(
+                lambda: (health := subscriber.latest("health")) and health["link"]["opens"], 40, "the link", daemon
+            )
+            for k in range(200):
+                line.write_all(encode(k, k / 100.0, (0.3, 0.4, 0.8660254)))
+            attitude = wait_for(lambda: subscriber.latest("attitude"), 20, "an attitude", daemon)
+            assert daemon.terminate() == 0, daemon.log
+    finally:
+        line.close()
+        subscriber.close()
+    assert attitude["g_cross"] == pytest.approx(0.5, abs=1e-7)
+    members = list(attitude)
+    assert members.index("g_cross") == members.index("cal_id") + 1
+    assert members[-1] == "historical"
+    schemas = json.loads(highside("schema", path=path).stdout)
+    assert "sin I" in schemas["attitude"]["properties"]["g_cross"]["description"]

@@ -1,7 +1,8 @@
 """What is published: a model of every MQTT payload, and the quick way to write the frequent ones.
 
-The models are the contract (`highside schema` prints their JSON Schemas); the hot path writes the same JSON with an
-f-string, several times quicker, and a test holds the two equal. JSON knows no NaN: what is not known is `null`.
+The models are the contract (`highside schema` prints their JSON Schemas); what writes the frequent ones is made from
+their fields (`payload.py`). JSON knows no NaN: what is not known is `null`. A field that says nothing else is written
+from the attribute of its name of the pipeline's `Attitude`.
 
 `historical` is always the last member of a stored payload, so that a message that could not be sent in time is marked
 by exchanging its last bytes.
@@ -9,13 +10,14 @@ by exchanging its last bytes.
 
 from __future__ import annotations
 
-import json
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
 
 from highside.reading import parse_json
 from highside.service.alarms import ALARMS
+from highside.service.payload import Written, writer
 from highside.service.saved_drift import Alignment
 
 if TYPE_CHECKING:
@@ -30,6 +32,7 @@ LONGEST_ID = 64
 _FRESH_END = b'"historical":false}'
 _HISTORICAL_END = b'"historical":true}'
 
+ANGLE, TIME = Written(angle=True), Written(finite=True)
 Count = Annotated[int, Field(ge=0)]
 AzimuthSource = Literal[
     "constraint", "zero_rate", "rotation", "nothing", "unaligned", "vertical", "no_gyros", "gyro_units"
@@ -42,37 +45,51 @@ class _Payload(BaseModel):
 
 class _Reading(_Payload):
     seq: Count = Field(description="Counts the messages of this topic; goes on after a restart; a gap is a loss.")
-    t: float = Field(description="UTC, seconds since 1970, by the clock of the host.")
-    t_mono: float = Field(description="Seconds of the host's monotonic clock; not comparable across restarts.")
+    t: Annotated[float, TIME] = Field(description="UTC, seconds since 1970, by the clock of the host.")
+    t_mono: Annotated[float, TIME] = Field(
+        description="Seconds of the host's monotonic clock; not comparable across restarts."
+    )
     clock_synced: bool = Field(description="Whether the host's clock was synchronised when `t` was taken.")
-    t_device_s: float = Field(description="The tool's own time of the last reading used, seconds.")
-    window_s: float = Field(ge=0, description="Time averaged; the attitude is that of the middle of it.")
+    t_device_s: Annotated[float, TIME] = Field(description="The tool's own time of the last reading used, seconds.")
+    window_s: Annotated[float, TIME] = Field(
+        ge=0, description="Time averaged; the attitude is that of the middle of it."
+    )
     inc_deg: float | None = Field(
         ge=0, le=180, description="Inclination of the hole from vertical; null where no correction holds."
     )
     inc_std_deg: float | None = Field(ge=0, description="Standard deviation of `inc_deg`.")
-    tf_deg: float | None = Field(ge=0, le=360, description="Gravity toolface; null where it is not defined.")
+    tf_deg: Annotated[float | None, ANGLE] = Field(
+        ge=0, le=360, description="Gravity toolface; null where it is not defined."
+    )
     tf_std_deg: float | None = Field(ge=0, description="Standard deviation of `tf_deg`; null: unknown.")
-    toolface_deg: float | None = Field(ge=0, le=360, description="Toolface of the bend: `tf_deg` plus the offset.")
-    toolface_offset_deg: float = Field(ge=0, le=360, description="From the sensor's scribe line to the bend.")
-    azi_deg: float | None = Field(
+    toolface_deg: Annotated[float | None, ANGLE] = Field(
+        ge=0, le=360, description="Toolface of the bend: `tf_deg` plus the offset."
+    )
+    toolface_offset_deg: Annotated[float, ANGLE] = Field(
+        ge=0, le=360, description="From the sensor's scribe line to the bend."
+    )
+    azi_deg: Annotated[float | None, Written(of="azimuth", angle=True)] = Field(
         default=None,
         ge=0,
         le=360,
         description="Azimuth of the hole, clockwise from true north, at the last reading, freed of what `comp_id` says"
         " of the heading; absent without gyros, null where it is not known.",
     )
-    azi_std_deg: float | None = Field(default=None, ge=0, description="Its standard deviation; null: none is stated.")
-    azi_basis: list[AzimuthSource] | None = Field(
+    azi_std_deg: Annotated[float | None, Written(of="azimuth")] = Field(
+        default=None, ge=0, description="Its standard deviation; null: none is stated."
+    )
+    azi_basis: Annotated[list[AzimuthSource] | None, Written(of="azimuth", as_="basis")] = Field(
         default=None,
         description="What the azimuth rests on: zero_rate (gyros measured while the tool stood), rotation (the turning"
         " tool showed their biases), constraint (asserted not to change), nothing (gyros integrated as they are); or"
         " why there is none: unaligned (no azimuth was told, or it was lost), vertical, no_gyros (they fell silent),"
         " gyro_units (they are not in deg/s).",
     )
-    g_total: float | None = Field(description="Magnitude of the corrected acceleration in local g; 1 at rest.")
+    g_total: Annotated[float | None, Written(8)] = Field(
+        description="Magnitude of the corrected acceleration in local g; 1 at rest."
+    )
     cal_id: str = Field(description="The calibration that made these values.")
-    comp_id: str | None = Field(
+    comp_id: Annotated[str | None, Written(or_absent=True)] = Field(
         default=None,
         description="The rotor-angle compensation in force, of inclination, toolface and azimuth as far as it has their"
         " channels; absent where none is. Its variance is part of theirs. Flags: `rotor_unknown`, `rotation_outside`"
@@ -92,15 +109,23 @@ class AttitudeMessage(_Reading):
 class SurveyMessage(_Reading):
     """`<prefix>/<tool>/survey`: the average over a time in which the tool stood still, with its quality."""
 
-    duration_s: float = Field(ge=0, description="Seconds of stillness averaged.")
+    duration_s: Annotated[float, Written(3, of="survey")] = Field(ge=0, description="Seconds of stillness averaged.")
     n: Count = Field(description="Readings averaged.")
-    g_std: float = Field(ge=0, description="Standard deviation of one reading, g, root mean square over the axes.")
-    temp_c: float | None
-    accepted: bool = Field(description="Whether the survey may be used.")
-    reasons: list[str] = Field(description="Why it may not; empty if it may.")
-    g_error_mg: float | None = Field(description="Gtotal minus the site's gravity, mg of standard gravity.")
-    g_error_std_mg: float | None = Field(ge=0, description="Its standard deviation: survey, calibration, gravities.")
-    shock_g: float = Field(ge=0, description="Greatest peak of shaking during the survey.")
+    g_std: Annotated[float, Written(9, of="survey")] = Field(
+        ge=0, description="Standard deviation of one reading, g, root mean square over the axes."
+    )
+    temp_c: Annotated[float | None, Written(3)]
+    accepted: Annotated[bool, Written(of="verdict")] = Field(description="Whether the survey may be used.")
+    reasons: Annotated[list[str], Written(of="verdict")] = Field(description="Why it may not; empty if it may.")
+    g_error_mg: Annotated[float | None, Written(4, of="verdict")] = Field(
+        description="Gtotal minus the site's gravity, mg of standard gravity."
+    )
+    g_error_std_mg: Annotated[float | None, Written(4, of="verdict", as_="g_std_mg")] = Field(
+        ge=0, description="Its standard deviation: survey, calibration, gravities."
+    )
+    shock_g: Annotated[float, Written(4, of="verdict")] = Field(
+        ge=0, description="Greatest peak of shaking during the survey."
+    )
     historical: bool = Field(description="Sent late, after an outage.")
 
 
@@ -320,39 +345,20 @@ def schemas() -> dict[str, Any]:
     return found
 
 
-def attitude_payload(
-    seq: int,
-    t: float,
-    t_mono: float,
-    clock_synced: bool,
-    attitude: Attitude,
-) -> bytes:
-    """An `AttitudeMessage` as JSON. `t` UTC epoch seconds, `t_mono` monotonic seconds."""
-    return b"{" + _reading(seq, t, t_mono, clock_synced, attitude) + _FRESH_END
+_COMMON = ("seq", "t", "t_mono", "clock_synced")
 
+attitude_payload: Callable[[int, float, float, bool, Attitude], bytes] = writer(
+    AttitudeMessage, (*_COMMON, "attitude"), "attitude", {"azimuth": "attitude.azimuth"}
+)
+"""An `AttitudeMessage` as JSON, of `seq`, `t` (UTC epoch seconds), `t_mono` (monotonic seconds), `clock_synced`."""
 
-def survey_payload(
-    seq: int,
-    t: float,
-    t_mono: float,
-    clock_synced: bool,
-    survey: Survey,
-) -> bytes:
-    """A `SurveyMessage` as JSON. `t` UTC epoch seconds, `t_mono` monotonic seconds."""
-    attitude = survey.attitude
-    quality = (
-        f'"duration_s":{_number(survey.duration_s, 3)},"n":{attitude.n},"g_std":{_number(survey.g_std, 9)},'
-        f'"temp_c":{_number(attitude.temp_c, 3)},'
-    )
-    verdict = survey.verdict
-    reasons = ",".join(map(_string, verdict.reasons))
-    quality += (
-        f'"accepted":{"true" if verdict.accepted else "false"},"reasons":[{reasons}],'
-        f'"g_error_mg":{_number(verdict.g_error_mg, 4)},"g_error_std_mg":{_number(verdict.g_std_mg, 4)},'
-        f'"shock_g":{_number(verdict.shock_g, 4)},'
-    )
-    reading = _reading(seq, t, t_mono, clock_synced, attitude)
-    return b"{" + reading + quality.encode() + _FRESH_END
+survey_payload: Callable[[int, float, float, bool, Survey], bytes] = writer(
+    SurveyMessage,
+    (*_COMMON, "survey"),
+    "attitude",
+    {"attitude": "survey.attitude", "azimuth": "attitude.azimuth", "verdict": "survey.verdict"},
+)
+"""A `SurveyMessage` as JSON, of the same and a survey."""
 
 
 def survey_dict(seq: int, t: float, survey: Survey) -> dict[str, Any]:
@@ -379,56 +385,3 @@ def mark_historical(payload: bytes) -> bytes:
     if payload.endswith(_FRESH_END):
         return payload[: -len(_FRESH_END)] + _HISTORICAL_END
     return payload
-
-
-def _reading(
-    seq: int,
-    t: float,
-    t_mono: float,
-    clock_synced: bool,
-    attitude: Attitude,
-) -> bytes:
-    azimuth, found = "", attitude.azimuth
-    if found is not None:
-        basis = ",".join(map(_string, found.basis))
-        azimuth = (
-            f'"azi_deg":{_angle(found.azi_deg)},"azi_std_deg":{_number(found.azi_std_deg, 6)},"azi_basis":[{basis}],'
-        )
-    compensation = "" if attitude.comp_id is None else f'"comp_id":{_string(attitude.comp_id)},'
-    flags = ",".join(map(_string, attitude.flags))
-    return (
-        f'"seq":{seq},"t":{t:.6f},"t_mono":{t_mono:.6f},"clock_synced":{"true" if clock_synced else "false"},'
-        f'"t_device_s":{attitude.t_device_s:.6f},"window_s":{attitude.window_s:.6f},'
-        f'"inc_deg":{_number(attitude.inc_deg, 6)},"inc_std_deg":{_number(attitude.inc_std_deg, 6)},'
-        f'"tf_deg":{_angle(attitude.tf_deg)},"tf_std_deg":{_number(attitude.tf_std_deg, 6)},'
-        f'"toolface_deg":{_angle(attitude.toolface_deg)},'
-        f'"toolface_offset_deg":{_angle(attitude.toolface_offset_deg)},{azimuth}'
-        f'"g_total":{_number(attitude.g_total, 8)},"cal_id":{_string(attitude.cal_id)},{compensation}'
-        f'"zone":{_string(attitude.zone)},"flags":[{flags}],'
-    ).encode()
-
-
-def _number(value: float | None, digits: int) -> str:
-    # a value that is not finite differs from itself when subtracted
-    if value is None or value - value != 0.0:
-        return "null"
-    return f"{value:.{digits}f}"
-
-
-def _angle(value: float | None) -> str:
-    """An angle in [0, 360): rounding must not make 360 of 359.9999999."""
-    text = _number(value, 6)
-    return "0.000000" if text in ("360.000000", "-0.000000") else text
-
-
-_KNOWN_STRINGS: dict[str, str] = {}
-
-
-def _string(text: str) -> str:
-    """`text` as a JSON string. Flags, zones and calibration ids are few: each is quoted once."""
-    quoted = _KNOWN_STRINGS.get(text)
-    if quoted is None:
-        if len(_KNOWN_STRINGS) >= 1000:
-            _KNOWN_STRINGS.clear()
-        quoted = _KNOWN_STRINGS[text] = json.dumps(text)
-    return quoted
