@@ -1,1 +1,57 @@
-"""api"""
+"""What `import highside` gives: from files, DataFrames and dicts of arrays to the numerics, and back in the same kind.
+
+    recording     `read`, `Recording`
+    calibration   `find_poses`, `calibrate`, `Calibration` (and `Calibration.correct`)
+    simulation    `simulate`, `predict`
+    drift         `drift`: attitude and azimuth by gyros and gravity
+    rotation      `fit_rotation`, `compensate`, `compare_rotation`: errors that repeat with the rotor angle
+    turntable     `fit_turntable`, `fit_self`: a bench's own encoder and axis
+
+The commands are thin callers of these: what a command does beside is to read options, print and set the exit status. An
+answer of rows comes back in the kind that came in (see `recording.frames`); results show themselves in a notebook and
+have `.plot()` (extra `plot`). Errors are `InputError` (what came in is not in order: file, field, what to do) and
+`Refused` (it was understood, and the answer is no), both `HighsideError`.
+"""
+
+from __future__ import annotations
+
+from highside.api.calibration import Calibration, CorrectedReadings, calibrate, find_poses
+from highside.api.drift import Drift, drift
+from highside.api.recording import read
+from highside.api.rotation import CompensatedRecording, FitOfRotation, compare_rotation, compensate, fit_rotation
+from highside.api.simulation import Simulation, predict, simulate
+from highside.api.turntable import SelfFit, TurntableFit, fit_self, fit_turntable
+from highside.config.model import Model
+from highside.errors import HighsideError, InputError, Refused
+from highside.recording.table import PoseTable, Recording, Table
+from highside.rotation import Compensation
+
+__all__ = [
+    "Calibration",
+    "CompensatedRecording",
+    "Compensation",
+    "CorrectedReadings",
+    "Drift",
+    "FitOfRotation",
+    "HighsideError",
+    "InputError",
+    "Model",
+    "PoseTable",
+    "Recording",
+    "Refused",
+    "SelfFit",
+    "Simulation",
+    "Table",
+    "TurntableFit",
+    "calibrate",
+    "compare_rotation",
+    "compensate",
+    "drift",
+    "find_poses",
+    "fit_rotation",
+    "fit_self",
+    "fit_turntable",
+    "predict",
+    "read",
+    "simulate",
+]

@@ -6,7 +6,7 @@ import hashlib
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self, overload
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self, TypedDict, Unpack, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,6 +184,17 @@ class CorrectedReadings(NamedTuple):
     """by row: the columns added, which zone made it; how many rows lie outside of what was calibrated"""
 
 
+class CorrectOptions(TypedDict, total=False):
+    """What may be said to `Calibration.correct` beside the readings."""
+
+    frame: Literal["gravity", "bench"]
+    noise_g: float | None
+    zones: bool
+    tool: str | None
+    serial: str | None
+    allow_expired: bool
+
+
 @dataclass(frozen=True, slots=True)
 class Calibration:
     """A calibration of a tool's accelerometers: a record that keeps its poses, its covariance and its own hash."""
@@ -239,12 +250,12 @@ class Calibration:
         return largest_difference(self.record, recompute(self.record))
 
     @overload
-    def correct(self, readings: File, **options: Any) -> Readings: ...
+    def correct(self, readings: File, **options: Unpack[CorrectOptions]) -> Readings: ...
     @overload
-    def correct(self, readings: Columns, **options: Any) -> dict[str, Floats]: ...
+    def correct(self, readings: Columns, **options: Unpack[CorrectOptions]) -> dict[str, Floats]: ...
     @overload
-    def correct(self, readings: FrameT, **options: Any) -> FrameT: ...
-    def correct(self, readings: Any, **options: Any) -> Any:
+    def correct(self, readings: FrameT, **options: Unpack[CorrectOptions]) -> FrameT: ...
+    def correct(self, readings: Any, **options: Unpack[CorrectOptions]) -> Any:
         """Readings (N rows, of a file, DataFrame, dict of arrays or Recording) with inclination and toolface.
 
         They need `ax_g, ay_g, az_g` (or `ax, ay, az` of a pose table) in g, optional `temp_c` and `noise_g`. The answer

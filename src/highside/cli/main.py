@@ -24,6 +24,7 @@ from highside.cli import (
     effects,
     export,
     keys,
+    predict,
     replay,
     reproduce,
     rotation,
@@ -76,6 +77,7 @@ app.command()(detect.detect)
 app.command()(drift.drift)
 app.command()(diagnose.diagnose)
 app.command()(doctor.doctor)
+app.command()(predict.predict)
 app.command()(replay.replay)
 app.add_typer(calibrate.app)
 app.add_typer(reproduce.app)

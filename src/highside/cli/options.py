@@ -9,11 +9,13 @@ from highside.errors import InputError
 
 
 @contextmanager
-def as_options(*names: str) -> Iterator[None]:
-    """Within it an InputError about one of these arguments names the option of that name."""
+def as_options(*names: str, **options: str) -> Iterator[None]:
+    """Within it an InputError about one of these arguments names the option of that name, or the one that is given."""
     try:
         yield
     except InputError as error:
+        if error.field in options:
+            raise InputError(error.what, where=error.where, field=options[error.field], remedy=error.remedy) from None
         if error.where is None and error.field in names:
             option = "--" + error.field.replace("_", "-")
             raise InputError(error.what, field=option, remedy=error.remedy) from None

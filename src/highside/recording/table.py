@@ -148,6 +148,10 @@ class Table:
             )
         return block
 
+    def rows_without(self, *names: str) -> int:
+        """Number of rows in which a value of these columns is missing."""
+        return int(np.isnan(np.vstack([self.columns[name] for name in names])).any(axis=0).sum()) if names else 0
+
     def place(self, row: int) -> str:
         """Where a row (from 0) stands, for an error: the line of the file, or the row of a table that is of no file."""
         return f"table: row {row}" if self.source is None else f"{self.source}: line {row + 2}"

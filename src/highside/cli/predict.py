@@ -1,0 +1,30 @@
+"""`highside predict`: what a model says each row of a recording reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from highside.cli.say import echo
+
+
+def predict(
+    model: Annotated[Path, typer.Argument(help="Model file (TOML).")],
+    recording: Annotated[
+        Path, typer.Argument(metavar="REC", help="Recording or pose table (CSV) with inc_ref_deg, tf_ref_deg.")
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The same columns, the readings as predicted.")],
+) -> None:
+    """Write what the model says each row reads, noise left out: the recording with its readings replaced."""
+    from highside.api.simulation import PREDICTED
+    from highside.api.simulation import predict as run
+
+    made = run(model, recording)
+    made.write(output)
+    names = [name for name in PREDICTED if made.has(name)]
+    without = made.rows_without(*names)
+    echo(f"{output}: {made.n} rows, {', '.join(names)} as predicted")
+    if without:
+        echo(f"{without} rows lack time, reference or a covariate and have no prediction", err=True)
