@@ -16,7 +16,7 @@ have `.plot()` (extra `plot`). Errors are `InputError` (what came in is not in o
 from __future__ import annotations
 
 from highside.api.calibration import Calibration, CorrectedReadings, calibrate, find_poses
-from highside.api.drift import Drift, drift
+from highside.api.gyro import Drift, drift
 from highside.api.recording import read
 from highside.api.rotation import CompensatedRecording, FitOfRotation, compare_rotation, compensate, fit_rotation
 from highside.api.simulation import Simulation, predict, simulate

@@ -87,7 +87,7 @@ def drift(
     ] = 20.0,
 ) -> None:
     """Follow the attitude by gyros and gravity. What the azimuth rests on is printed in words."""
-    from highside.api.drift import drift as follow
+    from highside.api.gyro import drift as follow
 
     names = ("azimuth_policy", "straight_hole", "smooth", "carried", "rest")
     with as_options(*names):
