@@ -4,7 +4,7 @@
 # From the kernel command line: GUEST_RUN, the host directory of this run (holds settings.sh and command.sh, takes the
 # output), and GUEST_MODULES, the kernel's module tree.
 export PATH=/usr/sbin:/usr/bin:/sbin:/bin
-. "$GUEST_RUN/settings.sh" # WORK_DIR, TIMEOUT_S, SYSTEMD, WRITABLE
+. "$GUEST_RUN/settings.sh" # WORK_DIR, TIMEOUT_S, SYSTEMD, NEWER_SYSTEMD, WRITABLE
 
 mount -t proc proc /proc
 mount -t sysfs sysfs /sys
@@ -47,6 +47,8 @@ ip link add vcan0 type vcan && ip link set vcan0 up || echo "guest: no vcan0"
 hostname guest
 
 if [ -n "$SYSTEMD" ]; then
+  # another systemd than the host's, unpacked by newer_systemd.sh
+  [ -z "$NEWER_SYSTEMD" ] || tar -C "$NEWER_SYSTEMD" -cf - . | tar -C "$NEW" --keep-directory-symlink -xf -
   . "$GUEST_RUN/systemd.sh"
   cd "$NEW"
   exec switch_root "$NEW" /lib/systemd/systemd --unit=guest.target

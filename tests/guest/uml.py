@@ -104,6 +104,7 @@ def run_in_guest(
             (run / script).chmod(0o755)
         (run / "settings.sh").write_text(
             f"WORK_DIR={shlex.quote(str(cwd))}\nTIMEOUT_S={timeout_s:g}\nSYSTEMD={'yes' if systemd else ''}\n"
+            f"NEWER_SYSTEMD={shlex.quote(os.environ.get('HIGHSIDE_GUEST_SYSTEMD', ''))}\n"
             f"WRITABLE={shlex.quote(' '.join(str(place.resolve()) for place in writable))}\n"
         )
         environment = {key: value for key, value in os.environ.items() if key not in NOT_CARRIED} | dict(env or {})

@@ -241,13 +241,43 @@ def test_a_port_that_cannot_be_opened_at_the_start_ends_the_service_or_is_waited
 KILLS = int(os.environ.get("HIGHSIDE_KILLS", "30"))
 
 
-def reports_of_an_open_link(subscriber: Subscriber) -> int:
-    return sum(1 for p in subscriber.payloads("health") if p["link"]["opens"] >= 1)
+class OpenLink:
+    """Whether a run of the daemon after the last `next_run()` has told that its link is open.
+
+    Each message is looked at once: counting all of them again at each look took the machine from the daemons."""
+
+    def __init__(self, subscriber: Subscriber) -> None:
+        self._subscriber = subscriber
+        self._seen = 0
+        self.health: dict | None = None
+
+    def next_run(self) -> None:
+        self._look()
+        self.health = None
+
+    def _look(self) -> None:
+        messages = self._subscriber.drain()
+        for topic, payload, retained, _ in messages[self._seen :]:
+            if topic.endswith("/health") and not retained and (health := json.loads(payload))["link"]["opens"]:
+                self.health = health
+        self._seen = len(messages)
+
+    def __call__(self) -> dict | None:
+        self._look()
+        return self.health
+
+
+def not_let_run_s(pid: int) -> float:
+    """Seconds for which the threads of a process were ready to run and the machine ran others."""
+    return sum(int(task.read_text().split()[1]) for task in Path(f"/proc/{pid}/task").glob("*/schedstat")) / 1e9
 
 
 @pytest.mark.timeout(3600 if KILLS > 30 else 400)
 def test_killed_at_random_points_it_loses_at_most_one_commit_interval(tmp_path, broker):
-    """Outbox sound, recording readable to its last complete record, no more lost than the commit interval."""
+    """Outbox sound, recording readable to its last complete record, no more lost than the commit interval.
+
+    What a daemon was not let run for, on a busy machine, it cannot have read: that time is measured and allowed for.
+    """
     subscriber, line = Subscriber(broker.port, client_id="keeper", clean=False), Pty()
     path = config(tmp_path / "t", line.path, broker.port, extra="[pipeline]\noutput_rate_hz = 50\n")
     state = tmp_path / "t" / "state"
@@ -257,17 +287,14 @@ def test_killed_at_random_points_it_loses_at_most_one_commit_interval(tmp_path, 
     size = len(stream) // ((10 + KILLS) * int(rate))
     at = 0
     last_sent_t = 0.0
-    worst_lost_s = 0.0
+    worst_held_s = 0.0
+    link = OpenLink(subscriber)
     try:
         for _ in range(KILLS):
-            opens = reports_of_an_open_link(subscriber)
+            link.next_run()
             with running(path) as daemon:
-                wait_for(
-                    lambda opens=opens: reports_of_an_open_link(subscriber) > opens,
-                    20,
-                    "the link to open",
-                    daemon,
-                )
+                wait_for(link, 90, "the link to open", daemon)
+                held_s = not_let_run_s(daemon.process.pid)
                 end = time.monotonic() + rng.uniform(0.05, 0.8)
                 begin = time.monotonic()
                 base = at
@@ -278,6 +305,7 @@ def test_killed_at_random_points_it_loses_at_most_one_commit_interval(tmp_path, 
                         at = due
                     time.sleep(0.002)
                 last_sent_t = at / size / rate
+                worst_held_s = max(worst_held_s, not_let_run_s(daemon.process.pid) - held_s)
                 daemon.kill()
             if (state / "outbox.sqlite").exists():
                 with contextlib.closing(sqlite3.connect(state / "outbox.sqlite")) as db:
@@ -286,16 +314,11 @@ def test_killed_at_random_points_it_loses_at_most_one_commit_interval(tmp_path, 
                 for _ in read_segments(segment):
                     pass
         # one clean run delivers what the killed ones left behind
-        opens = reports_of_an_open_link(subscriber)
+        link.next_run()
         with running(path) as daemon:
             wait_for(
-                lambda: (
-                    reports_of_an_open_link(subscriber) > opens
-                    and (h := subscriber.latest("health"))
-                    and h["outbox"]["queued"] == 0
-                    and h["broker"]["connected"]
-                ),
-                20,
+                lambda: (h := link()) and h["outbox"]["queued"] == 0 and h["broker"]["connected"],
+                90,
                 "the rest, told by this run and not by one that was killed",
                 daemon,
             )
@@ -310,8 +333,11 @@ def test_killed_at_random_points_it_loses_at_most_one_commit_interval(tmp_path, 
         # between two runs the window that was open and what was not committed yet are lost: 50 ms, the tick of the
         # writer, and the grid point that a new process only opens (20 ms); the machine may be busy
         worst_lost_s = max([*gaps, last_sent_t - times[-1]])
-        print(f"{KILLS} kills, {len(payloads)} attitudes, longest gap {worst_lost_s * 1e3:.0f} ms of device time")
-        assert worst_lost_s <= 0.5
+        print(
+            f"{KILLS} kills, {len(payloads)} attitudes, longest gap {worst_lost_s * 1e3:.0f} ms of device time;"
+            f" a daemon was not let run for up to {worst_held_s * 1e3:.0f} ms"
+        )
+        assert worst_lost_s <= 0.5 + worst_held_s
     finally:
         subscriber.close()
         line.close()

@@ -4,15 +4,24 @@ from __future__ import annotations
 
 import gzip
 import os
+import socket
+import subprocess
 import time
 import tracemalloc
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from pydantic import BaseModel
 
+from highside.bench.journal_file import JournalFile
+from highside.calibration.signature import new_key
 from highside.codec.can_dbc import compile_dbc
+from highside.config.bench import load_bench
+from highside.config.mqtt import MqttSettings, TlsSettings
+from highside.config.settings import load
+from highside.config.web import WebTable
 from highside.errors import InputError, Refused
 from highside.reading import (
     check_dbc,
@@ -27,11 +36,14 @@ from highside.reading import (
     read_bytes,
     text_member,
 )
+from highside.recording.calibration_store import read_record
 from highside.recording.files import set_aside
+from highside.recording.keys import read_key, read_trusted_keys, sign_file
 from highside.recording.table import Recording, Table, read_recording
 from highside.recording.wire import read_segments
 from highside.rotation.compensation import Compensation
 from highside.service import saved_drift
+from highside.service.broker_client import check_secrets
 from highside.service.rig.surveys import SurveyLog, trend_of
 from highside.service.rig.toolface import ToolfaceLog
 
@@ -101,19 +113,94 @@ def test_no_sizes(text: str) -> None:
 
 
 def test_a_source_without_an_end_ends_at_the_limit() -> None:
-    with pytest.raises(InputError, match="has more than 1 MiB"):
-        read_bytes(Path("/dev/zero"), max_bytes=1 << 20)
+    child = subprocess.Popen(["cat", "/dev/zero"], stdout=subprocess.PIPE)
+    assert child.stdout is not None
+    try:
+        with pytest.raises(InputError, match="has more than 1 MiB"):
+            read_bytes(Path(f"/dev/fd/{child.stdout.fileno()}"), max_bytes=1 << 20)
+    finally:
+        child.stdout.close()
+        child.kill()
+        child.wait()
 
 
-def test_a_pipe_is_read_whole(tmp_path: Path) -> None:
-    fifo = tmp_path / "pipe"
-    os.mkfifo(fifo)
+def test_a_pipe_of_the_shell_is_read_whole() -> None:
+    """As in `highside decode <(zcat session.gz)`: slowly written, too."""
+    read, write = os.pipe()
     child = os.fork()
     if child == 0:
-        fifo.write_bytes(gzip.compress(b"t_s\n1\n"))
+        packed = gzip.compress(b"t_s\n1\n")
+        os.write(write, packed[:9])
+        time.sleep(0.3)
+        os.write(write, packed[9:])
         os._exit(0)
-    assert read_bytes(fifo) == b"t_s\n1\n"
+    os.close(write)
+    assert read_bytes(Path(f"/dev/fd/{read}")) == b"t_s\n1\n"
     os.waitpid(child, 0)
+    os.close(read)
+
+
+def special(folder: Path, kind: str) -> Path:
+    """What is no file, where a file is expected."""
+    place = folder / kind
+    if kind == "pipe":
+        os.mkfifo(place)
+    elif kind == "link to a pipe":
+        os.mkfifo(folder / "behind")
+        place.symlink_to(folder / "behind")
+    elif kind == "folder":
+        place.mkdir()
+    elif kind == "socket":
+        with socket.socket(socket.AF_UNIX) as listener:
+            listener.bind(str(place))
+    else:
+        return Path("/dev/zero")
+    return place
+
+
+SAYS = {
+    "pipe": "is a named pipe, not a file",
+    "link to a pipe": "is a named pipe, not a file",
+    "folder": "is a directory, not a file",
+    "socket": "is a socket, not a file",
+    "device": "is a device, not a file",
+}
+FILE_READERS: dict[str, Callable[[Path], object]] = {
+    "bytes": read_bytes,
+    "stream": open_binary,
+    "as it is": files.open_file,
+    "named": lambda path: files.read_named(path, "field"),
+    "configuration": load,
+    "bench configuration": load_bench,
+    "key": read_key,
+    "trusted keys": read_trusted_keys,
+    "record": read_record,
+    "recording": read_recording,
+    "segments": lambda path: list(read_segments(path)),
+    "password": lambda path: MqttSettings(username="tool", password_file=path).read_password(),
+    "authorities": lambda path: check_secrets(MqttSettings(tls=TlsSettings(ca=path))),
+    "journal": JournalFile.reopen,
+    "signed file": lambda path: sign_file(path, new_key("a"), now_s=0.0),
+    "token": lambda path: WebTable(token_file=path).read_token(),
+}
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize("kind", SAYS)
+@pytest.mark.parametrize("reader", FILE_READERS)
+def test_what_is_no_file_is_refused_in_one_line_without_waiting(tmp_path: Path, kind: str, reader: str) -> None:
+    place = special(tmp_path, kind)
+    if reader == "token" and kind != "device":
+        place.chmod(0o600)
+    begin = time.monotonic()
+    with pytest.raises(InputError) as caught:
+        FILE_READERS[reader](place)
+    assert time.monotonic() - begin < 5.0
+    said = str(caught.value)
+    assert str(place) in said
+    assert "\n" not in said
+    if reader not in ("signed file", "token", "journal"):  # these look at the place in their own way first
+        assert SAYS[kind] in said, said
 
 
 @pytest.mark.parametrize("name", ["absent", "folder", "a\0b", "x" * 300, "a\ud800b"])

@@ -9,6 +9,7 @@ from typing import Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, SecretStr, model_validator
 
 from highside.errors import InputError
+from highside.reading import SECRET_MAX, read_named
 
 CREDENTIAL_NAME = "mqtt_password"
 """Name of the systemd credential that is used when no `password_file` is given."""
@@ -113,13 +114,9 @@ class MqttSettings(BaseModel):
         elif credentials is not None and len(path.parts) == 1 and (Path(credentials) / path).is_file():
             path = Path(credentials) / path
         try:
-            text = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
+            text = read_named(path, "mqtt.password_file", max_bytes=SECRET_MAX).decode()
+        except UnicodeDecodeError:
             raise InputError(
-                f"cannot be read ({reason})",
-                where=str(path),
-                field="mqtt.password_file",
-                remedy="name a file that this user may read",
-            ) from error
+                "is not UTF-8 text", where=str(path), field="mqtt.password_file", remedy="name the right file"
+            ) from None
         return SecretStr(text.strip("\r\n"))

@@ -13,6 +13,7 @@ from pydantic import Field, SecretStr
 
 from highside.config.settings import Table
 from highside.errors import InputError
+from highside.reading import CERTIFICATES_MAX, SECRET_MAX, read_named
 
 TOKEN_MIN = 16
 
@@ -124,10 +125,9 @@ class WebTable(Table):
             return SecretStr(secrets.token_urlsafe(18))
         _only_for(self.token_file, 0o077, "web.token_file", "600")
         try:
-            text = self.token_file.read_text(encoding="utf-8").strip()
-        except (OSError, UnicodeDecodeError) as error:
-            reason = error.strerror if isinstance(error, OSError) else "is not UTF-8 text"
-            raise InputError(f"cannot be read ({reason})", where=str(self.token_file), field="web.token_file") from None
+            text = read_named(self.token_file, "web.token_file", max_bytes=SECRET_MAX).decode().strip()
+        except UnicodeDecodeError:
+            raise InputError("is not UTF-8 text", where=str(self.token_file), field="web.token_file") from None
         if len(text) < TOKEN_MIN:
             raise InputError(
                 f"has {len(text)} characters", where=str(self.token_file), field="web.token_file",
@@ -137,10 +137,7 @@ class WebTable(Table):
 
 
 def _bytes(path: Path, field: str) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", where=str(path), field=field) from None
+    return read_named(path, field, max_bytes=CERTIFICATES_MAX)
 
 
 def _only_for(path: Path, forbidden: int, field: str, mode: str) -> None:

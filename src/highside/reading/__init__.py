@@ -16,13 +16,23 @@ package alone; a test holds the rest of the sources to that.
 
 from highside.reading.dbc import check_dbc
 from highside.reading.documents import MALFORMED, instant, parse_json, parse_json_lines, parse_toml
-from highside.reading.files import allow_bytes, open_binary, open_file, read_bytes
+from highside.reading.files import (
+    CERTIFICATES_MAX,
+    SECRET_MAX,
+    allow_bytes,
+    open_binary,
+    open_file,
+    read_bytes,
+    read_named,
+)
 from highside.reading.messages import parse_message, text_member
 from highside.reading.table import csv_header, csv_rows
 from highside.reading.texts import decode_text
 
 __all__ = [
+    "CERTIFICATES_MAX",
     "MALFORMED",
+    "SECRET_MAX",
     "allow_bytes",
     "check_dbc",
     "csv_header",
@@ -36,5 +46,6 @@ __all__ = [
     "parse_message",
     "parse_toml",
     "read_bytes",
+    "read_named",
     "text_member",
 ]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gzip
 import io
+import os
+import stat
 import zlib
 from contextlib import closing
 from pathlib import Path
@@ -19,6 +21,10 @@ MAX_RATIO = 200
 100 times; zeros pack 1,030 times, which is what a file made to fill the memory consists of."""
 RATIO_FROM_BYTES = 16 << 20
 """What may come out before the ratio is looked at: this much does no harm."""
+SECRET_MAX = 64 << 10
+"""Bytes of a file with a password or a token; what is longer is another file."""
+CERTIFICATES_MAX = 4 << 20
+"""Bytes of a PEM file: the bundle of all authorities that a system trusts has about 200 KiB."""
 _PIECE = 1 << 20
 _UNITS = {"K": 1 << 10, "M": 1 << 20, "G": 1 << 30}
 _LONGEST_SIZE = 15
@@ -82,13 +88,24 @@ def size(text: str) -> int:
 
 
 def open_file(path: Path) -> BinaryIO:
-    """Open as it is, for reading; nothing is unzipped and nothing limited. Raises InputError that names the file."""
+    """Open as it is, for reading; nothing is unzipped and nothing limited. Raises InputError that names the file.
+
+    A named pipe, a device and a socket are refused, without waiting for anybody: one that was put where a file is
+    expected would hold up the whole service. The shell's own pipes (`/dev/stdin`, `<(command)`) are read.
+    """
     try:
-        return path.open("rb")
+        # looked at first: opening a device may already do something
+        _refuse_special(path, path.stat().st_mode)
+        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+        try:
+            _refuse_special(path, os.fstat(descriptor).st_mode)
+            os.set_blocking(descriptor, True)
+            return os.fdopen(descriptor, "rb")
+        except BaseException:
+            os.close(descriptor)
+            raise
     except FileNotFoundError:
         raise InputError("no such file", where=str(path)) from None
-    except IsADirectoryError:
-        raise InputError("is a directory, not a file", where=str(path)) from None
     except PermissionError:
         raise InputError("cannot be read by this user", where=str(path), remedy="check its permissions") from None
     except OSError as error:
@@ -96,6 +113,18 @@ def open_file(path: Path) -> BinaryIO:
     except ValueError as error:
         # a NUL or a lone surrogate in the name
         raise InputError(f"is no name of a file ({error})", where=str(path)) from None
+
+
+def _refuse_special(path: Path, mode: int) -> None:
+    if stat.S_ISREG(mode):
+        return
+    if stat.S_ISDIR(mode):
+        raise InputError("is a directory, not a file", where=str(path))
+    # a pipe of the shell's is nowhere in the file system, a named one is
+    if stat.S_ISFIFO(mode) and not os.path.lexists(os.path.realpath(path)):
+        return
+    kind = "a named pipe" if stat.S_ISFIFO(mode) else "a socket" if stat.S_ISSOCK(mode) else "a device"
+    raise InputError(f"is {kind}, not a file", where=str(path), remedy="give a file")
 
 
 def open_binary(path: Path) -> BinaryIO:
@@ -126,6 +155,15 @@ def read_bytes(path: Path, *, max_bytes: int | None = None) -> bytes:
             raise InputError(f"is a damaged gzip file: {error}", where=str(path)) from None
         except OSError as error:
             raise unreadable(path, error) from None
+
+
+def read_named(path: Path, field: str, *, max_bytes: int | None = None) -> bytes:
+    """The whole content of a small file that a field of the configuration names. Raises InputError that names both."""
+    try:
+        return read_bytes(path, max_bytes=max_bytes)
+    except InputError as error:
+        remedy = error.remedy or "name a file that this user may read"
+        raise InputError(error.what, where=error.where, field=field, remedy=remedy) from None
 
 
 def _whole(file: IO[bytes], path: Path, limit: int) -> bytes:

@@ -28,6 +28,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 
 from highside.config.mqtt import MqttSettings, TlsSettings
 from highside.errors import InputError
+from highside.reading import CERTIFICATES_MAX, read_named
 
 log = logging.getLogger(__name__)
 
@@ -146,15 +147,7 @@ def check_secrets(mqtt: MqttSettings) -> None:
         return
     for name, path in (("ca", tls.ca), ("cert", tls.cert), ("key", tls.key)):
         if path is not None:
-            try:
-                path.read_bytes()
-            except OSError as error:
-                raise InputError(
-                    f"cannot be read ({error.strerror})",
-                    where=str(path),
-                    field=f"mqtt.tls.{name}",
-                    remedy="name a file that this user may read",
-                ) from None
+            read_named(path, f"mqtt.tls.{name}", max_bytes=CERTIFICATES_MAX)
     try:
         _tls_context(tls)
     except OSError as error:
