@@ -6,15 +6,17 @@ ever better from the poses taken (`Provisional`: an affine fit drawn to the nomi
 tolerance of a pose follows that knowledge, so that a rough sensor can begin and a pose set five degrees off is not
 taken in the end. The provisional fit is used for recognition alone; what is measured stays raw.
 
-A reading cannot tell inclination -I from I with the toolface turned by 180 deg, nor one step of temperature from
-another: among poses that the reading cannot tell apart the one asked for counts.
+A reading cannot tell inclination -I from I with the toolface turned by 180 deg, nor toolfaces at the vertical, nor one
+step of temperature from another: among poses that the reading cannot tell apart the one asked for counts. Where they
+are different settings of the bench (`Chart.alike`) its tilt is in them with different signs: such a pose is never
+guessed, and never measured before the tool has left the other (`watch`).
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,6 +112,8 @@ class Chart:
     directions: Array
     tolerances_deg: Array
     doubts_deg: Array
+    alike: Mapping[str, frozenset[str]]
+    """for each pose the other settings of the bench that read the same"""
 
     @classmethod
     def of(cls, poses: Sequence[Candidate], model: Provisional, limits: Limits) -> Chart:
@@ -118,7 +122,26 @@ class Chart:
             np.array([pose.direction() for pose in poses]).reshape(-1, 3).T,
             np.array([tolerance_deg(model, pose, limits) for pose in poses]),
             np.array([AMBIGUITY_SIGMAS * math.degrees(model.std_rad(pose.direction())) for pose in poses]),
+            _alike(poses, limits.align_deg),
         )
+
+    def candidate(self, name: str) -> Candidate | None:
+        return next((pose for pose in self.poses if pose.id == name), None)
+
+
+def _alike(poses: Sequence[Candidate], within_deg: float) -> dict[str, frozenset[str]]:
+    """For each pose the others whose readings differ by less than `within_deg`, but whose settings do not."""
+    if not poses:
+        return {}
+    directions = np.array([pose.direction() for pose in poses])
+    inc, tf = (np.array([pose.inc_deg for pose in poses]), np.array([pose.tf_deg for pose in poses]))
+    same_reading = np.linalg.norm(directions[:, None] - directions[None], axis=2) < math.radians(within_deg)
+    turned = np.abs(np.mod(tf[:, None] - tf[None] + 180.0, 360.0) - 180.0)
+    same_setting = (np.abs(inc[:, None] - inc[None]) < within_deg) & (turned < within_deg)
+    return {
+        pose.id: frozenset(poses[k].id for k in np.flatnonzero(row))
+        for pose, row in zip(poses, same_reading & ~same_setting, strict=True)
+    }
 
 
 def recognise(a: Array, model: Provisional, chart: Chart, target: Candidate | None, limits: Limits) -> Recognised:

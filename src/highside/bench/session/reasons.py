@@ -101,6 +101,11 @@ class Fault(_Said):
         "Another pose than the one asked for was recognised. That is allowed; if the table does stand at the pose "
         "that was asked for, the axes are swapped: abort and check the axis mapping.",
     )
+    READS_ALIKE = (
+        "reads_alike",
+        "The tool reads the same at more than one setting of this plan (the table turned to either side); which one "
+        "it stands at cannot be seen. Such a pose is measured when it is asked for: set the one shown.",
+    )
     WAITING_LONG = "waiting_long", "Nothing has happened for a long time. The session waits; pause it if you leave."
     TEMPERATURE = "temperature", "The temperature is not yet steady at this step. The session waits."
     NO_TEMPERATURE = (

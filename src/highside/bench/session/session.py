@@ -76,7 +76,7 @@ class BenchSession:
         self.state = State(ended.how) if ended is not None else State.PAUSED
         if ended is not None:
             self.actions.end_again(ended)
-        self.watch.learn_again()
+        self.watch.go_on()
 
     @property
     def seq(self) -> int:
@@ -364,6 +364,11 @@ class BenchSession:
     def must_leave(self) -> str | None:
         """A pose that has to be set anew before it is measured again."""
         return self.watch.must_leave
+
+    @property
+    def alike(self) -> str | None:
+        """A pose at which the tool stands and which reads like the target: it has to be left first."""
+        return self.watch.alike
 
     @property
     def back_to(self) -> State | None:

@@ -175,6 +175,11 @@ class Stillness:
         self._recent: deque[Window] = deque(maxlen=LOOK_BACK)
 
     @property
+    def moving(self) -> bool:
+        """Whether the tool is seen to move or shake; not so while too few windows are there to say."""
+        return not self.still and self.floor.value is not None and len(self._recent) == LOOK_BACK
+
+    @property
     def recent(self) -> tuple[Window, ...]:
         """The windows by which stillness is judged, oldest first."""
         return tuple(self._recent)

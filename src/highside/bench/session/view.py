@@ -249,6 +249,8 @@ def _guide(session: BenchSession, target: Candidate, deviation: Deviation | None
     what = f"Set{_name(target)}"
     if session.must_leave == target.id:
         return f"{what} again: turn away from it first, then set it with care."
+    if session.alike is not None:
+        return f"{what}: it reads like pose {session.alike}, where the tool stands; turn the table away first."
     if deviation is None:
         return f"{what}."
     return f"{what}: {instruction(deviation, reversed_side=target.inc_deg < 0)}."

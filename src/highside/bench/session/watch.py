@@ -3,15 +3,30 @@
 At a bench the planned pose nearest to the reading is recognised; without one, any attitude that is new. The hold under
 way lives here. A pose that was refused as it stood has to be left before it is measured again: the same setting would
 only give the same reading.
+
+Some plans have two settings of the bench that read the same (a ring and its reverse; toolfaces at the vertical). Which
+of them the table stands at is known only by what was asked for: the tool stands at the pose that was the target when it
+came there, until it leaves. Taken from the wrong side such a pose would be wrong by twice the tilt of the bench.
 """
 
 from __future__ import annotations
+
+import math
+from dataclasses import replace
 
 import numpy as np
 
 from highside.bench.session.entries import Readings
 from highside.bench.session.faults import Faults
-from highside.bench.session.guidance import Candidate, Chart, Provisional, Recognised, axes_that_fit, recognise
+from highside.bench.session.guidance import (
+    VERTICAL_SIN,
+    Candidate,
+    Chart,
+    Provisional,
+    Recognised,
+    axes_that_fit,
+    recognise,
+)
 from highside.bench.session.hold import Hold
 from highside.bench.session.ledger import Ledger, PoseLine
 from highside.bench.session.machine import Event
@@ -43,6 +58,8 @@ class Watch:
         self.must_leave: str | None = None
         self.blame: tuple[Rejection, str] | None = None
         self.repeated: str | None = None
+        self.stands_at: str | None = None
+        """of several poses that read the same: the one that the tool came to, until it has left"""
         self.model = self._nothing_known()
         self._faults = faults
         self._elsewhere = 0
@@ -81,6 +98,20 @@ class Watch:
         tf = [float(line.tf_deg or 0.0) for line, _ in lines]
         self.model = Provisional.fit(inc, tf, a, self.plan.limits)
 
+    def go_on(self) -> None:
+        """A journal was read back: the tool may still stand where it was measured last."""
+        self.learn_again()
+        last = self.ledger.last_taken
+        self.stands_at = last if last is not None and self.chart().alike.get(last) else None
+
+    @property
+    def alike(self) -> str | None:
+        """The pose at which the tool stands where the target reads the same: it has to be left first."""
+        target = self.target
+        if self.stands_at is None or target is None or self.stands_at not in self.chart().alike.get(target.id, ()):
+            return None
+        return self.stands_at
+
     def _nothing_known(self) -> Provisional:
         return Provisional.fit((), (), np.zeros((3, 0)), self.plan.limits)
 
@@ -117,7 +148,8 @@ class Watch:
     def _at_bench(self, window: Window) -> list[Event]:
         stillness = self.tracker.stillness
         still = stillness.still
-        self.recognised = recognise(window.mean, self.model, self.chart(), self.target, self.plan.limits)
+        found = recognise(window.mean, self.model, self.chart(), self.target, self.plan.limits)
+        self.recognised = replace(found, pose=self._told_apart(found.pose))
         pose, hold = self.recognised.pose, self.hold
         if hold is not None:
             if pose is None or pose.id != hold.pose:
@@ -138,6 +170,26 @@ class Watch:
             self._rests_elsewhere(window, pose)
         return [Event.AWAY]
 
+    def _told_apart(self, pose: Candidate | None) -> Candidate | None:
+        """`pose` where no other reads the same; else the one of them that the tool is known to stand at, if any."""
+        chart, target = self.chart(), self.target
+        if self.stands_at is not None and (
+            pose is None
+            or pose.id not in chart.alike.get(self.stands_at, frozenset()) | {self.stands_at}
+            or (abs(math.sin(math.radians(pose.inc_deg))) < VERTICAL_SIN and self.tracker.stillness.moving)
+        ):
+            self.stands_at = None
+        unclear = False
+        if pose is not None and chart.alike[pose.id]:
+            if self.stands_at is not None:
+                pose = chart.candidate(self.stands_at)
+            elif target is not None and pose.id == target.id:
+                self.stands_at = pose.id
+            else:
+                pose, unclear = None, self.tracker.stillness.still
+        self._faults.set(Fault.READS_ALIKE, unclear)
+        return pose
+
     def _rests_elsewhere(self, window: Window, pose: Candidate | None) -> None:
         """The tool rests, but at no open pose: a pose measured already, or axes confused from the beginning."""
         if pose is not None:
@@ -145,7 +197,7 @@ class Watch:
                 self.repeated = pose.id
             return
         target = self.target
-        if target is not None and self.ledger.last_taken is None:
+        if target is not None and self.ledger.last_taken is None and Fault.READS_ALIKE not in self._faults:
             fits = axes_that_fit(window.mean, self.model, target, self.plan.limits)
             self._faults.set(Fault.AXES_SUSPECT, bool(fits), f"axes {fits[0]} would fit" if fits else "")
 
