@@ -61,7 +61,7 @@ def taken_where_set(done: Followed) -> bool:
 
 @pytest.mark.parametrize("seed", range(1, 11))
 def test_a_good_verification_asks_for_no_pose_again(seed: int) -> None:
-    """A pose of most of these sessions was asked for again: pose 8 (45/140) had been taken at -45/320, right after pose 2."""
+    """Most of these sessions asked again: pose 8 (45/140) had been taken at -45/320, right after pose 2."""
     done = Followed(DEFAULT, seed=seed, sensor=random_sensor(seed), rate_hz=25.0).run()
     assert done.state is State.ACCEPTED
     assert not done.asked_again, done.asked_again
