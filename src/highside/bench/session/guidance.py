@@ -139,7 +139,7 @@ def _alike(poses: Sequence[Candidate], within_deg: float) -> dict[str, frozenset
     turned = np.abs(np.mod(tf[:, None] - tf[None] + 180.0, 360.0) - 180.0)
     same_setting = (np.abs(inc[:, None] - inc[None]) < within_deg) & (turned < within_deg)
     return {
-        pose.id: frozenset(poses[k].id for k in np.flatnonzero(row))
+        pose.id: frozenset(poses[k].id for k in np.flatnonzero(row).tolist())
         for pose, row in zip(poses, same_reading & ~same_setting, strict=True)
     }
 
