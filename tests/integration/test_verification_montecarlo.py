@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
+import os
 from collections import Counter
 from collections.abc import Callable
 
@@ -30,18 +31,24 @@ from highside.physics.gravity import bench_gravity, gravity_direction
 
 pytestmark = pytest.mark.slow
 
-SESSIONS = 300
+SESSIONS = int(os.environ.get("HIGHSIDE_VERIFICATIONS", "40"))
+"""a case; the figures of docs/evidence.md are of 300"""
 GATE_P = 1e-4
 LIMITS = {"limit_inc_deg": 0.1, "limit_tf_deg": 1.0}
 """what README and config/bench.toml suggest"""
 POSE_DEG, TILT_DEG, NOISE_G = 0.0052, 0.05, 15e-6
 PLAN = _plan(VerificationPlan(kind="verification", **LIMITS), Limits())
 RINGS = [0.612, 1.206, 1.998, 3.006, 5.004, 14.994, 30.006, 45.0, 59.994, 75.006, 90.0]
+TOOLFACES = (45.0, 135.0, 225.0, 315.0)
 POSE_SETS = {
     "plan": np.array([(pose.inc_deg, pose.tf_deg) for pose in PLAN.poses]).T,
-    "rings": np.array([(inc, tf) for inc in RINGS for tf in (45.0, 135.0, 225.0, 315.0)]).T,
+    "both sides": np.array([(inc, tf) for inc in [-5.004, -45.0, *RINGS] for tf in TOOLFACES]).T,
+    "one side": np.array([(inc, tf) for inc in RINGS[4:] for tf in TOOLFACES]).T,
 }
-SOURCES = {"plan": Source.REVERSED, "rings": Source.RINGS}
+DECIDED = ("plan", "both sides")
+"""pose sets with reversed poses"""
+WELL_LEVELLED_DEG = 0.02
+"""stated of a bench for which one side is enough"""
 SENSOR = np.array([[0.9991, 0.0038, -0.0007], [-0.0019, 0.9989, 0.0001], [0.0009, 0.0003, 0.9982]])
 OFFSET_G = np.array([1.2e-3, -0.8e-3, 1.5e-3])
 
@@ -52,10 +59,16 @@ def as_it_was(g: np.ndarray) -> np.ndarray:
     return g
 
 
-def on_a_bench(inc: np.ndarray, tf: np.ndarray, rng: np.random.Generator, changed: Changed = as_it_was) -> np.ndarray:
+def on_a_bench(
+    inc: np.ndarray,
+    tf: np.ndarray,
+    rng: np.random.Generator,
+    changed: Changed = as_it_was,
+    tilt_deg: float = TILT_DEG,
+) -> np.ndarray:
     """Raw means (3, N) at settings in degrees of a bench of its own; `changed`: what the tool makes of gravity now,
     beyond its calibration."""
-    tilt = np.deg2rad(TILT_DEG * rng.standard_normal(2))
+    tilt = np.deg2rad(tilt_deg * rng.standard_normal(2))
     set_inc, set_tf = (np.deg2rad(angle + POSE_DEG * rng.standard_normal(angle.size)) for angle in (inc, tf))
     g = changed(bench_gravity(set_inc, set_tf, *tilt))
     return SENSOR @ g + OFFSET_G[:, None] + NOISE_G * rng.standard_normal(g.shape)
@@ -83,16 +96,16 @@ def calibrations() -> tuple[CalibrationRecord, ...]:
     return tuple(out)
 
 
-def session(which: str, seed: int, changed: Changed = as_it_was, **more: float) -> Verification:
+def session(which: str, seed: int, changed: Changed = as_it_was, tilt_deg: float = TILT_DEG) -> Verification:
     rng = np.random.default_rng([seed, 2])
     inc, tf = POSE_SETS[which]
     poses = PoseSet.build(
-        on_a_bench(inc, tf, rng, changed), inc_ref_rad=np.deg2rad(inc), tf_ref_rad=np.deg2rad(tf),
+        on_a_bench(inc, tf, rng, changed, tilt_deg), inc_ref_rad=np.deg2rad(inc), tf_ref_rad=np.deg2rad(tf),
         n=np.full(inc.size, 100.0), std=10 * NOISE_G,
     )  # fmt: skip
     record = calibrations()[seed % len(calibrations())]
-    bench = BenchAccuracy(math.radians(TILT_DEG), math.radians(POSE_DEG))
-    return verify_poses(record, poses, bench=bench, **(LIMITS | more))
+    bench = BenchAccuracy(math.radians(tilt_deg), math.radians(POSE_DEG))
+    return verify_poses(record, poses, bench=bench, **LIMITS)
 
 
 def error_of_limit(which: str, record: CalibrationRecord, changed: Changed) -> float:
@@ -133,10 +146,6 @@ def _leaning(size: float, direction: np.ndarray) -> Changed:
 KINDS = {"offset": _offset, "scales and axes": _axes, "cubic": _cubic, "I everywhere": _leaning}
 
 
-CASES = [(which, kind) for which in POSE_SETS for kind in KINDS if (which, kind) != ("rings", "I everywhere")]
-"""From one side alone the last kind is a leaning bench; no change of a triad makes it."""
-
-
 def out_by(factor: float, which: str, kind: str, seed: int) -> Changed:
     """A change of the tool after which its largest error is `factor` times its limit."""
     rng = np.random.default_rng([seed, 3])
@@ -156,20 +165,31 @@ def told(name: str, count: int, total: int) -> str:
     return f"{name}: {count} of {total} ({100 * low:.2f} to {100 * high:.2f} %)"
 
 
-@pytest.mark.parametrize("which", POSE_SETS)
-def test_good_tools_pass(which: str, record_property: Callable[[str, object], None]) -> None:
+def passing(which: str, sessions: int, kind: str | None = None, factor: float = 1.0, tilt_deg: float = TILT_DEG) -> int:
+    """How many of so many tools pass, changed by `kind` to `factor` of a limit."""
+    found = [
+        session(which, seed, as_it_was if kind is None else out_by(factor, which, kind, seed), tilt_deg).verdict
+        for seed in range(sessions)
+    ]
+    passed = sum(verdict is Verdict.PASS for verdict in found)
+    what = "good tools" if kind is None else f"tools out by {factor:g} of a limit, {kind}"
+    print(told(f"{what}, {which}, level to {tilt_deg:g} deg: pass", passed, sessions), dict(Counter(found)))
+    return passed
+
+
+def at_most(share: float, sessions: int) -> int:
+    return int(binom.ppf(1.0 - GATE_P, sessions, share))
+
+
+@pytest.mark.parametrize("which", DECIDED)
+def test_good_tools_pass(which: str) -> None:
+    assert SESSIONS - passing(which, SESSIONS) <= at_most(0.02, SESSIONS)
     found = [session(which, seed) for seed in range(SESSIONS)]
-    passed = sum(one.verdict is Verdict.PASS for one in found)
-    record_property("passed", told(which, passed, SESSIONS))
-    print(told(f"good tools that pass, {which}", passed, SESSIONS))
-    assert SESSIONS - passed <= binom.ppf(1.0 - GATE_P, SESSIONS, 0.02)
     assert not any(one.verdict is Verdict.FAIL for one in found)
-    # the patterns of the whole set are taken for the bench only where they fit, at 1 %
-    sources = Counter(one.level.source for one in found)
-    assert SESSIONS - sources[SOURCES[which]] <= binom.ppf(1.0 - GATE_P, SESSIONS, 0.01)
+    assert all(one.level.source is Source.REVERSED for one in found)
 
 
-@pytest.mark.parametrize("which", POSE_SETS)
+@pytest.mark.parametrize("which", DECIDED)
 def test_the_level_that_the_poses_tell_is_the_benchs(which: str) -> None:
     """Normalised errors of the tilts, over benches that lean by chance: their mean square is one."""
     squares = []
@@ -177,24 +197,37 @@ def test_the_level_that_the_poses_tell_is_the_benchs(which: str) -> None:
         rng = np.random.default_rng([seed, 2])
         true = np.deg2rad(TILT_DEG * rng.standard_normal(2))
         level = session(which, seed).level
-        if level.source is SOURCES[which]:
-            squares += [
-                ((level.x_rad - true[0]) / level.x_std_rad) ** 2,
-                ((level.y_rad - true[1]) / level.y_std_rad) ** 2,
-            ]
+        squares += [
+            ((level.x_rad - true[0]) / level.x_std_rad) ** 2,
+            ((level.y_rad - true[1]) / level.y_std_rad) ** 2,
+        ]
     # Birge's ratio only widens: below one is allowed, but not far
     assert 0.5 < np.mean(squares) < 1.2, np.mean(squares)
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.5])
-@pytest.mark.parametrize(
-    ("which", "kind"),
-    [(which, kind) for which in POSE_SETS for kind in KINDS if (which, kind) != ("rings", "I everywhere")],
-)
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("which", POSE_SETS)
 def test_tools_that_are_out_do_not_pass(which: str, kind: str, factor: float) -> None:
     """At the limit itself one of 44 may pass by mistake (k = 2); beyond it none worth a count."""
-    passed = sum(
-        session(which, seed, out_by(factor, which, kind, seed)).verdict is Verdict.PASS for seed in range(SESSIONS)
-    )
-    print(told(f"tools out by {factor:g} of the limit that pass, {which}, {kind}", passed, SESSIONS))
-    assert passed <= binom.ppf(1.0 - GATE_P, SESSIONS, 0.025)
+    assert passing(which, SESSIONS, kind, factor) <= at_most(0.025, SESSIONS)
+
+
+def test_from_one_side_nothing_is_decided_by_a_bench_that_may_lean_as_much_as_the_limit() -> None:
+    """Neither "pass" nor "fail" for good tools, and the way out is said. By the pattern of 24 poses a constant error of
+    I within three sigma of the stated tilt was taken for the bench's: every second tool passed that was out by 1.5."""
+    found = [session("one side", seed) for seed in range(SESSIONS)]
+    assert {one.verdict for one in found} == {Verdict.UNDECIDED}
+    for one in found:
+        assert "Set poses also with the table turned the other way" in one.text, one.text
+
+
+@pytest.mark.parametrize("kind", [None, *KINDS])
+def test_a_bench_that_is_said_to_be_well_levelled_is_enough_from_one_side(kind: str | None) -> None:
+    if kind is None:
+        # at 5 deg of inclination U of T is 0.47 of the limit of 1 by the level alone: 14 of 300 are undecided by that
+        passed = passing("one side", SESSIONS, tilt_deg=WELL_LEVELLED_DEG)
+        assert SESSIONS - passed <= at_most(0.07, SESSIONS)
+        return
+    for factor in (1.0, 1.5):
+        assert passing("one side", SESSIONS, kind, factor, WELL_LEVELLED_DEG) <= at_most(0.025, SESSIONS)

@@ -248,8 +248,22 @@ def test_a_tool_that_is_wrong_alike_everywhere_does_not_pass_as_a_leaning_bench(
     assert "more than was said of this bench" in found.text and "turned the other way" in found.text
     # with poses from both sides it is the tool
     assert wrong_alike_everywhere(size_deg, reversed_too=True).verdict is Verdict.FAIL
-    # a bench of which it was said that it may lean so much
-    assert wrong_alike_everywhere(size_deg, reversed_too=False, stated_deg=1.0).verdict is Verdict.PASS
+    # a bench of which it was said that it may lean so much: all of that counts in U
+    vague = wrong_alike_everywhere(size_deg, reversed_too=False, stated_deg=1.0)
+    assert vague.verdict is Verdict.UNDECIDED and vague.poses[0].inc_budget.level == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("size_deg", [0.0, 0.05, 0.1, 0.14, -0.14])
+def test_what_the_stated_tilt_can_hide_is_in_u(size_deg: float) -> None:
+    """Within three sigma of the stated tilt (0.05 deg) an error of I alike at all poses was taken off as the bench's,
+    and passed against a limit of 0.1."""
+    found = wrong_alike_everywhere(size_deg, reversed_too=False)
+    assert found.verdict is Verdict.UNDECIDED
+    assert found.text.startswith("Undecided from one side") and "turned the other way" in found.text
+    both = wrong_alike_everywhere(size_deg, reversed_too=True)
+    assert both.verdict is {0.0: Verdict.PASS, 0.05: Verdict.PASS, 0.1: Verdict.UNDECIDED}.get(size_deg, Verdict.FAIL)
+    level = wrong_alike_everywhere(size_deg, reversed_too=False, stated_deg=0.01)
+    assert (level.verdict is Verdict.PASS) is (size_deg == 0.0)
 
 
 def test_a_known_tilt_is_taken_off_on_both_sides_of_the_vertical() -> None:

@@ -23,7 +23,7 @@ import numpy as np
 
 from highside.attitude.angles import difference
 from highside.attitude.block import attitude_block, attitude_std_block
-from highside.calibration.bench_level import VERTICAL_RAD, BenchLevel, Mask, best_level, leaning
+from highside.calibration.bench_level import VERTICAL_RAD, BenchLevel, Mask, Source, best_level, leaning
 from highside.calibration.budget import Budget, K, Width, budgets, compared
 from highside.calibration.comparison import attitudes_set
 from highside.calibration.correction import LinearCorrection
@@ -171,11 +171,21 @@ class Verification:
                     " wrong alike everywhere looks the same. Set poses also with the table turned the other way"
                     " (inclination -I, toolface + 180), or state how level the bench is (tilt_sigma_deg)."
                 )
+            case _ if self.one_sided:
+                return (
+                    "Undecided from one side: a bench that leans as much as was stated hides a tool that is wrong alike"
+                    f" everywhere. {self.widest.text}"
+                )
             case _:
                 return (
                     f"Undecided: {tally[Verdict.UNDECIDED]} of {count} poses are too near a limit for the uncertainty"
                     f" of this comparison. {self.widest.text}"
                 )
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether it is the level of the bench, as stated, that leaves most undecided: reversed poses would tell."""
+        return self.widest.budget.largest == "level" and self.level.source is Source.STATED
 
     @property
     def widest(self) -> Width:
@@ -333,7 +343,7 @@ def verify_poses(
         level,
         None if zero is None else math.degrees(zero),
         level.contradicts(said),
-        level.unproven(said),
+        level.unproven,
     )
 
 

@@ -109,11 +109,12 @@ def verify(
 
 
 def _require_attainable(found: Verification) -> None:
-    """Raises InputError for a limit that no error at all could pass; a tool that fails it fails nevertheless."""
+    """Raises InputError for a limit that no error at all could pass; a tool that fails it fails nevertheless, and where
+    poses from the other side would help the verdict says so."""
     from highside.calibration.verification import Verdict
 
     width = found.widest
-    if found.verdict is Verdict.UNDECIDED and width.hopeless:
+    if found.verdict is Verdict.UNDECIDED and width.hopeless and not found.one_sided:
         field = "--limit-inc-deg" if width.name == "I" else "--limit-tf-deg"
         raise InputError(f"no tool could pass: {width.text}", field=field)
 
