@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.table.chain import Procedure
-from highside.diagnosis.table.explained import STEP_RAD, explain, prepare
+from highside.diagnosis.table.explained import explain, prepare
+from highside.diagnosis.table.policy import EXPLAINING
 from highside.diagnosis.table.posterior import instruments
 from highside.papers.balance_prediction import DRAWS, Predictions, predict, run_ensemble
 from highside.papers.balance_session import COLUMNS, INCLINATIONS_DEG, METHODS, Plan, cells_of, run_session
@@ -51,7 +52,12 @@ def drawn_instrument(seed: int) -> tuple[ForwardModel, float]:
         "misalignment": {
             name: float(rng.normal(0.0, 2e-3)) for name in ("m_xy", "m_xz", "m_yx", "m_yz", "m_zx", "m_zy")
         },
-        "pose_error": {"inc_ring": STEP_RAD, "tf_station": STEP_RAD, "inc_pose": 0.0, "tf_pose": 0.0},
+        "pose_error": {
+            "inc_ring": EXPLAINING.step_rad,
+            "tf_station": EXPLAINING.step_rad,
+            "inc_pose": 0.0,
+            "tf_pose": 0.0,
+        },
     }
     for name in sorted(chosen):
         own = all_effects()[name].parameters

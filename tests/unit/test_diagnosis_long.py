@@ -11,7 +11,8 @@ from highside.diagnosis.core.fit import Observed, base_fit, bend_of, joint_fit
 from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.rivals import Refitted, Rivalry
 from highside.diagnosis.engine import diagnose_rotation
-from highside.diagnosis.rotation.sketch import MANY_ROWS, may_bend
+from highside.diagnosis.rotation.policy import SKETCH
+from highside.diagnosis.rotation.sketch import may_bend
 from highside.diagnosis.rows.design import Design
 from highside.diagnosis.rows.noise import plain
 from highside.diagnosis.rows.session import RotationSession
@@ -118,7 +119,7 @@ def test_a_column_shows_on_a_channel_that_it_reaches_in_rare_ramps_alone() -> No
 
 def test_only_a_strong_effect_is_looked_for_in_some_rows_first() -> None:
     state = turning(160.0)
-    assert state.n > MANY_ROWS
+    assert state.n > SKETCH.many_rows
     assert may_bend(recording(STRONG, state), ForwardModel.of({}), FREE, 1)
     assert not may_bend(recording({"lever_arm": {"r_x": 2e-5, "r_y": 1e-5}}, state), ForwardModel.of({}), FREE, 1)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from highside.diagnosis.poses.noise import STRETCH
+from highside.diagnosis.poses.policy import POSE_NOISE
 from highside.diagnosis.poses.scene import PoseScene
 from highside.diagnosis.poses.session import PoseSession, pose_session
 from highside.physics.forward import ForwardModel
@@ -64,7 +64,7 @@ def test_noise_of_one_row_a_pose_is_weighed_by_its_own_stretches() -> None:
 @pytest.mark.parametrize("rows", [1, 4])
 def test_even_noise_is_hardly_ever_taken_for_uneven(rows: int) -> None:
     uneven = [np.ptp(size_of(restless(seed, rows, np.ones(STATE.n)))) > 0 for seed in range(20)]
-    assert STATE.n >= 4 * STRETCH
+    assert STATE.n >= 4 * POSE_NOISE.stretch
     assert sum(uneven) <= 2
 
 

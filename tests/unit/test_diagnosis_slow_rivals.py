@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.core.candidates import time_constants
 from highside.diagnosis.core.memory import Likelihoods, SlowEffect, SlowScore, slow_scores
+from highside.diagnosis.core.policy import RIVALS
 from highside.diagnosis.core.pool import Member
-from highside.diagnosis.core.rivals import SAME_CLASS_BIC, Rivalry, beside_memory
+from highside.diagnosis.core.rivals import Rivalry, beside_memory
 from highside.diagnosis.engine import diagnose_poses
 from highside.diagnosis.poses.session import PoseSession
 from highside.physics.effects import get
@@ -55,7 +56,7 @@ def rivalry_of(seed: int, walk: float) -> tuple[Rivalry, float]:
 
 def test_what_a_walk_makes_look_decisive_leaves_the_true_one_in_the_class() -> None:
     found = [rivalry_of(seed, 0.2) for seed in range(60)]
-    misled = [r for r, decided in found if decided > SAME_CLASS_BIC]
+    misled = [r for r, decided in found if decided > RIVALS.same_class_bic]
     assert len(misled) > 10
     assert sum(0 not in r.same for r in misled) <= 0.1 * len(misled)
 
@@ -63,7 +64,7 @@ def test_what_a_walk_makes_look_decisive_leaves_the_true_one_in_the_class() -> N
 def test_white_noise_still_decides_between_them() -> None:
     found = [rivalry_of(seed, 0.0)[0] for seed in range(20)]
     # the true one is better by more than a class is wide: no claim of the other would stand alone
-    assert np.median([r.delta_bic[0] for r in found]) < -SAME_CLASS_BIC
+    assert np.median([r.delta_bic[0] for r in found]) < -RIVALS.same_class_bic
 
 
 @pytest.mark.parametrize(("behind", "in_class"), [(0.0, True), (4.0, True), (5.9, True), (6.1, False), (20.0, False)])

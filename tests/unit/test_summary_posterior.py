@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from highside.diagnosis.table.chain import Procedure
-from highside.diagnosis.table.explained import STEP_RAD, Explained, explain, prepare
+from highside.diagnosis.table.explained import Explained, explain, prepare
+from highside.diagnosis.table.policy import EXPLAINING
 from highside.diagnosis.table.posterior import Posterior, instruments
 from highside.papers.balance_session import INCLINATIONS_DEG, Plan, cells_of, run_session
 from highside.physics.forward import ForwardModel
@@ -17,7 +18,12 @@ MODEL = ForwardModel.of(
         "bias": {"b_x": 3e-4, "b_y": -2e-4, "b_z": 5e-4},
         "scale": {"s_x": 2e-3, "s_y": -1e-3, "s_z": 1e-3},
         "base_tilt": {"tilt_x": 4e-4, "tilt_y": -3e-4},
-        "pose_error": {"inc_ring": STEP_RAD, "tf_station": STEP_RAD, "inc_pose": 0.0, "tf_pose": 0.0},
+        "pose_error": {
+            "inc_ring": EXPLAINING.step_rad,
+            "tf_station": EXPLAINING.step_rad,
+            "inc_pose": 0.0,
+            "tf_pose": 0.0,
+        },
     }
 )
 

@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 from highside.diagnosis.core.candidates import RING
 from highside.diagnosis.core.conclusion import conclude, is_loud
 from highside.diagnosis.core.exchange import exchanged, kept
-from highside.diagnosis.core.fit import BENDS
 from highside.diagnosis.core.memory import Channel, beats_the_walk, slow_scores
 from highside.diagnosis.core.method import WHOLE, Method
+from highside.diagnosis.core.policy import FITS, PROCEDURE, RIVALS
 from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.result import Diagnosis
-from highside.diagnosis.core.rivals import SAME_CLASS_EVIDENCE
 from highside.diagnosis.core.scene import Judged, N, Picture, Scene
 from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.core.suspicion import Suspicion, slow_standing, suspect, suspected, unsuspecting
@@ -29,8 +28,9 @@ from highside.diagnosis.magnitude.scene import MagnitudeScene
 from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.diagnosis.poses.scene import PoseScene
 from highside.diagnosis.poses.session import PoseSession
+from highside.diagnosis.rotation.policy import SKETCH
 from highside.diagnosis.rotation.scene import RotationScene
-from highside.diagnosis.rotation.sketch import MANY_ROWS, SOME_ROWS, Sketch, may_bend
+from highside.diagnosis.rotation.sketch import Sketch, may_bend
 from highside.diagnosis.rows.session import RotationSession
 from highside.diagnosis.simulation.scene import SimulationScene
 from highside.diagnosis.simulation.session import SimulationSession
@@ -40,15 +40,6 @@ __all__ = ["Picture", "diagnose", "diagnose_magnitudes", "diagnose_poses", "diag
 
 
 Array = NDArray[np.float64]
-
-REFINED = 2
-"""Slow effects of which the best time constant is looked for beside a walk."""
-BENT = 2
-"""Times that what is beyond first order is taken out: the second is exact where the first was nearly."""
-DOUBTS = 4
-"""Times that what is chosen in place of what a walk explains as well is asked the same."""
-RING_CERTAIN = 3.0
-"""So much more in -log10 p is asked of one ring than of an effect: nothing but its place speaks for it."""
 
 
 def diagnose_poses(
@@ -79,8 +70,8 @@ def diagnose_rotation(
     before all rows are passed through.
     """
     sketch = None
-    if session.n > MANY_ROWS and may_bend(session, model, free, seed):
-        rows = session.thinned(SOME_ROWS, seed)
+    if session.n > SKETCH.many_rows and may_bend(session, model, free, seed):
+        rows = session.thinned(SKETCH.some_rows, seed)
         some, judged, _ = _straight(RotationScene.of(rows, model, tuple(free), seed, method))
         sketch = Sketch.of(rows, some, judged.members)
     scene = RotationScene.of(session, model, tuple(free), seed, method, sketch)
@@ -118,17 +109,17 @@ def _straight(scene: Scene[N], taken_out: Sequence[str] = ()) -> tuple[Scene[N],
     if suspicion.wanders and not suspicion.claimed:
         scene, judged, suspicion = _refined(scene, judged, suspicion)
     compared: set[int] = set()
-    for _ in range(BENT):
+    for _ in range(PROCEDURE.bent):
         named = [m for m in judged.members if scene.candidates[m.candidate].named]
         fit = scene.fit(named, judged.noise) if named else None
         judged = replace(judged, fit=fit)
-        bends = fit is not None and fit.beyond >= BENDS and scene.straightens
+        bends = fit is not None and fit.beyond >= FITS.bends and scene.straightens
         if fit is not None and bends and len(named) == len(judged.members) and _which(named) != compared:
             judged = exchanged(scene, judged, fit)
             compared = _which(judged.members)
         bend = 0.0 if judged.fit is None or judged.fit.bend is None else judged.fit.bend
         other = np.asarray(bend - scene.bend)
-        if not other.any() or np.sum(scene.noise.white(other) ** 2) < BENDS:
+        if not other.any() or np.sum(scene.noise.white(other) ** 2) < FITS.bends:
             break
         straight = scene.straightened(bend)
         if straight is None:
@@ -180,7 +171,7 @@ def _refined(scene: Scene[N], judged: Judged[N], suspicion: Suspicion[N]) -> tup
     Time constants are tried at a few values. Of a strong effect what lies between them is louder than the noise, and
     wanders as slowly as a walk does.
     """
-    for near in suspicion.nearest[:REFINED]:
+    for near in suspicion.nearest[: PROCEDURE.refined]:
         member = Member(near.effect.candidate, near.effect.variant)
         bend = scene.fit([member], scene.noise).bend
         straight = None if bend is None else scene.straightened(bend)
@@ -192,7 +183,7 @@ def _refined(scene: Scene[N], judged: Judged[N], suspicion: Suspicion[N]) -> tup
         rival = max(one.score for one in scores if one.effect.candidate != member.candidate)
         believed = {one.effect.candidate for one in known.claimed}
         found = member.candidate in believed or scene.candidates[member.candidate].id in known.admitted
-        if found and own > rival + SAME_CLASS_EVIDENCE:
+        if found and own > rival + RIVALS.same_class_evidence:
             return straight, *_judged(straight)
     return scene, judged, suspicion
 
@@ -201,7 +192,7 @@ def _as_a_slow_one(
     scene: Scene[N], selector: Selector, members: Sequence[Member], member: Member, slow: frozenset[int]
 ) -> bool:
     """Whether a member is a case of slow effects of which none would be believed in its place."""
-    if not scene.slow_beside_fast:
+    if not scene.policy.slow_beside_fast:
         # of poses and hands nothing that is fast elsewhere runs like time
         return False
     others = [m for m in members if m != member]
@@ -212,7 +203,7 @@ def _as_a_slow_one(
         return False
     scores, _, evidence = slow_scores(scene.likelihoods(others), tested)
     return not any(
-        scene.slow_limits.passes(
+        scene.policy.slow.passes(
             scene.candidates[one.effect.candidate].id, one.log_p, one.remaining, evidence, one.score
         )
         for one in scores
@@ -246,10 +237,10 @@ def _choose(
         dof = len(selector.space_with(members)) - len(selector.space_with(others))
         rings = [m for m in some if not scene.candidates[m.candidate].named]
         tries = float(np.prod([selector.pool.tries[m.candidate] for m in rings]))
-        certain = scene.certain + (RING_CERTAIN if rings else 0.0)
+        certain = scene.policy.certain + (PROCEDURE.ring_certain if rings else 0.0)
         return beats_the_walk(channels, scene.block(others), scene.block(some), dof, tries, certain)
 
-    for _ in range(DOUBTS):
+    for _ in range(PROCEDURE.doubts):
         tested = [
             m for m in members
             if (scene.candidates[m.candidate].named or scene.candidates[m.candidate].id.startswith(RING))

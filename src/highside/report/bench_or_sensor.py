@@ -16,7 +16,8 @@ from highside import __version__
 from highside.calibration.record import PoseColumns, Solution
 from highside.diagnosis.core.result import Diagnosis
 from highside.diagnosis.engine import Picture, diagnose_poses
-from highside.diagnosis.poses.session import MIN_POSES, PoseSession
+from highside.diagnosis.poses.policy import POSE_SESSIONS
+from highside.diagnosis.poses.session import PoseSession
 from highside.errors import HighsideError
 from highside.physics.effect import Stage
 from highside.physics.effects import all_effects
@@ -107,8 +108,12 @@ def _diagnose(columns: PoseColumns, gravity_mps2: float | None) -> tuple[Diagnos
     if "inc_ref_deg" not in columns:
         return None, None, "the poses have no reference attitude"
     count = len(columns["ax"])
-    if count < MIN_POSES:
-        return None, None, f"{count} poses are too few to tell bench and sensor apart (at least {MIN_POSES})"
+    if count < POSE_SESSIONS.min_poses:
+        return (
+            None,
+            None,
+            f"{count} poses are too few to tell bench and sensor apart (at least {POSE_SESSIONS.min_poses})",
+        )
     table = {
         name: np.asarray(columns[name], dtype=float)
         for name in ("inc_ref_deg", "tf_ref_deg", "temp_c", "direction")

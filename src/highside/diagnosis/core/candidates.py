@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.core.policy import CANDIDATES
 from highside.diagnosis.core.untestable import one_sided
 from highside.physics.effect import Effect, Parameter, Stage
 from highside.physics.effects import all_effects
@@ -27,11 +28,6 @@ from highside.physics.state import ChainState
 Array = NDArray[np.float64]
 
 CHANNELS = ("ax", "ay", "az")
-MAX_STEP_TIMES = 60
-SHORTEST = 0.03
-"""of a recording: a shorter time constant is over before anything else happens"""
-LEAST_A_RING = 6
-"""poses of a ring, on average, for single rings to be looked at: one that is off looks like noise that remembers"""
 ONE_SIDE = "every attitude is reached from one side, so it is a constant; or the side is not recorded"
 RING = "shadow:ring"
 """Id of what is off on one ring alone: measured in one go, it looks like noise that remembers."""
@@ -217,7 +213,7 @@ def time_constants(shape: Parameter, state: ChainState) -> tuple[float, ...]:
     The shortest is longer than from one reading to the next; the longest bends within the recording hardly at all.
     """
     length = float(np.ptp(state.t_s))
-    shortest = max(shape.gate[0], length * SHORTEST, length / max(state.n - 1, 1))
+    shortest = max(shape.gate[0], length * CANDIDATES.shortest, length / max(state.n - 1, 1))
     values = list(shape.grid)
     while values[0] / 2 >= shortest:
         values.insert(0, values[0] / 2)
@@ -230,8 +226,8 @@ def _step_times(state: ChainState) -> tuple[float, ...]:
     """Instants between poses, away from both ends, for a step that could be anywhere."""
     elapsed = state.t_s - state.t_s[0]
     between = (elapsed[:-1] + elapsed[1:]) / 2
-    inner = between[4:-4]
-    keep = np.unique(np.linspace(0, inner.size - 1, min(MAX_STEP_TIMES, inner.size)).round().astype(int))
+    inner = between[CANDIDATES.from_the_ends : -CANDIDATES.from_the_ends]
+    keep = np.unique(np.linspace(0, inner.size - 1, min(CANDIDATES.step_times, inner.size)).round().astype(int))
     return tuple(float(value) for value in inner[keep])
 
 
@@ -288,7 +284,7 @@ def shadows(state: ChainState, force: Array) -> list[Candidate]:
     if np.ptp(state.direction) > 0:
         add("direction of approach", np.asarray(state.direction), linear)
     numbers, first = np.unique(state.ring, return_index=True)
-    if numbers.size > 4 and LEAST_A_RING * numbers.size <= state.n:
+    if numbers.size > CANDIDATES.rings and CANDIDATES.least_a_ring * numbers.size <= state.n:
         rings = {f"ring at {np.degrees(state.inc_rad[i]):g} deg": np.asarray(state.ring == k, dtype=float)
                  for k, i in zip(numbers, first, strict=True)}  # fmt: skip
         add("one", np.ones(state.n), rings)

@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.core.location import HARMONICS, intervals
+from highside.diagnosis.core.location import intervals
+from highside.diagnosis.core.policy import CAUSES, PLACES
 from highside.diagnosis.core.result import Claim, Diagnosis, Location
 from highside.diagnosis.core.support import cells_of
 from highside.physics.effect import Effect, Stage
@@ -23,17 +24,10 @@ from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
 
-FINE = 400
-"""cells of a covariate, where every setting is not one: what an effect adds has no noise"""
-CELLS_TO_AGREE = 200
-FOLLOWS = 0.02
-"""Share of its variance that may be left within equal values of the covariate it follows."""
 DRIVEN = {"rotor_rate_radps": "rotor_rate_dps", "temp_c": "temp_c", "vibration_rms_g": "vibration_rms_g", "t_s": "t_s"}
 """covariates that an effect says it needs, by their names in a recording"""
 AT_THEIR_STAGE = (Stage.POSE, Stage.THERMAL, Stage.SENSOR)
 """Stages at which what an effect adds is asked for; of others by what it adds to the readings of a plain tool."""
-MOST_ROWS = 20_000
-"""Of a longer recording every so many rows."""
 
 
 def located_by_cause(diagnosis: Diagnosis, model: ForwardModel, state: ChainState) -> Diagnosis:
@@ -43,8 +37,8 @@ def located_by_cause(diagnosis: Diagnosis, model: ForwardModel, state: ChainStat
     """
     if not diagnosis.claims or len(diagnosis.location) != len(diagnosis.claims):
         return diagnosis
-    if state.n > MOST_ROWS:
-        state = state.rows(slice(None, None, -(-state.n // MOST_ROWS)))
+    if state.n > CAUSES.most_rows:
+        state = state.rows(slice(None, None, -(-state.n // CAUSES.most_rows)))
     places = [
         _by_cause(claim, place, model, state)
         for claim, place in zip(diagnosis.claims, diagnosis.location, strict=True)
@@ -64,11 +58,13 @@ def _by_cause(claim: Claim, place: Location, model: ForwardModel, state: ChainSt
     if covariate is None:
         # its size is driven by one covariate, what it does with that turns with the load
         along = covariates(state)[driven[0]]
-        load = "gravity_direction" if np.ptp(state.inc_rad) > 0.002 else "tf_ref_deg"
+        load = "gravity_direction" if np.ptp(state.inc_rad) > CAUSES.inclined_rad else "tf_ref_deg"
         words = driven[0] if driven[0] == "t_s" else f"{driven[0]} x {load}"
         return replace(place, covariate=words, intervals=intervals(driven[0], along, energy), harmonic=None)
     along = covariates(state)[covariate]
-    return replace(place, covariate=covariate, intervals=intervals(covariate, along, energy, FINE), harmonic=harmonic)
+    return replace(
+        place, covariate=covariate, intervals=intervals(covariate, along, energy, CAUSES.fine), harmonic=harmonic
+    )
 
 
 def covariates(state: ChainState) -> Mapping[str, Array]:
@@ -97,22 +93,22 @@ def followed_covariate(effect: Effect, p: Array, model: ForwardModel, state: Cha
     delta = _increment(effect, p, model, state)
     left = delta - delta.mean(axis=1, keepdims=True)
     total = float(np.sum(left**2))
-    if total <= 1e-24:
+    if total <= CAUSES.nothing:
         return None
     for name, values in covariates(state).items():
         settings, group = np.unique(np.round(values, 3), return_inverse=True)
         if settings.size < 2:
             continue
-        if settings.size > FINE:
+        if settings.size > CAUSES.fine:
             # as good as continuous: hardly any variance may be left within a narrow cell
-            group = cells_of(name, values, count=CELLS_TO_AGREE).of
-        if settings.size <= state.n / 2 or settings.size > FINE:
+            group = cells_of(name, values, count=CAUSES.cells_to_agree).of
+        if settings.size <= state.n / 2 or settings.size > CAUSES.fine:
             count = np.maximum(np.bincount(group), 1)
             within = sum(float(np.sum((row - (np.bincount(group, row) / count)[group]) ** 2)) for row in left)
         else:
             # hardly a value twice: neighbours along the covariate must agree
             within = float(np.sum(np.diff(left[:, np.argsort(values)], axis=1) ** 2)) / 2
-        if within < FOLLOWS * total:
+        if within < CAUSES.follows * total:
             return name
     return None
 
@@ -141,5 +137,5 @@ def _harmonic(effect: Effect, p: Array, model: ForwardModel, state: ChainState) 
     if effect.stage is Stage.GRAVITY:
         return 1
     delta = _increment(effect, p, model, state)
-    power = [float(np.sum(np.abs(delta @ np.exp(1j * k * state.tf_rad)) ** 2)) for k in range(1, HARMONICS + 1)]
+    power = [float(np.sum(np.abs(delta @ np.exp(1j * k * state.tf_rad)) ** 2)) for k in range(1, PLACES.harmonics + 1)]
     return int(np.argmax(power)) + 1

@@ -6,15 +6,15 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
+from highside.diagnosis.core.policy import CHUNKS
+
 S = TypeVar("S")
 T = TypeVar("T")
-
-CHUNK = 4096
 
 
 def chunks_of(n: int) -> list[slice]:
     """Runs of rows that together are all n."""
-    return [slice(start, min(start + CHUNK, n)) for start in range(0, n, CHUNK)]
+    return [slice(start, min(start + CHUNKS.rows, n)) for start in range(0, n, CHUNKS.rows)]
 
 
 def in_order(work: Callable[[S], T], items: Sequence[S]) -> Iterator[T]:

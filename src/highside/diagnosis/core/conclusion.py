@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from highside.diagnosis.core.candidates import RING
 from highside.diagnosis.core.exchange import beside_refits, refitted
 from highside.diagnosis.core.fit import JointFit
+from highside.diagnosis.core.policy import CONCLUSION
 from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.regression import log10_p, outside, span
 from highside.diagnosis.core.result import Claim, Diagnosis, Fit, Location, Remainder, Rival, Verdict
@@ -22,13 +23,6 @@ from highside.diagnosis.core.untestable import what_splits
 
 Array = NDArray[np.float64]
 
-CHANGING = 0.97
-"""Share of the misfit that a claim explains from which it may still vary a little along a covariate."""
-MANIFEST = 1000.0
-"""Chi-square of an effect beside all others from which, if nothing is left, it is no part of a mere fit: several names
-for something that has none leave some percent of it, which would then be heard."""
-RING_MARGIN = 2.0
-"""As `Scene.shadow_margin`, for a single ring: its place was searched, and a name that is told beats a walk besides."""
 SLOW_COVARIATES = frozenset({"t_s", "temp_c"})
 
 
@@ -52,7 +46,7 @@ def _scan(scene: Scene[N], judged: Judged[N], members: Sequence[Member]) -> _Sca
     over = np.maximum(gains[:, 0] - dof, 0.0)
     # the cells of one basis stand together, channel by channel
     excess = over.reshape(-1, len(scene.channels)).max(axis=0)
-    group = span(outside(space, judged.scan.white[loudest]), tolerance=5e-3)
+    group = span(outside(space, judged.scan.white[loudest]), tolerance=CONCLUSION.own)
     return _Scanned(log_p, loudest, excess, (group @ residual) @ group)
 
 
@@ -81,11 +75,11 @@ def conclude(scene: Scene[N], judged: Judged[N], suspicion: Suspicion[N], versio
         # nothing but time or temperature is followed, and no slow effect beat the walk
         passing = np.flatnonzero(after.log_p > judged.scan_threshold)
         wanders |= all(judged.scan.bases[judged.scan.cells[i][1]].covariate in SLOW_COVARIATES for i in passing)
-    clear = float(after.log_p[after.loudest]) > judged.scan_threshold + scene.faint
+    clear = float(after.log_p[after.loudest]) > judged.scan_threshold + scene.policy.faint
     alone = [explained - _gain(selector, [o for o in members if o != m]) for m in members]
-    manifest = not loud and sum(gain < MANIFEST for gain in alone) <= 1
+    manifest = not loud and sum(gain < CONCLUSION.manifest for gain in alone) <= 1
     verdict = _verdict(scene, members, rivalries, fit, wanders, loud, share if clear else 1.0, manifest)
-    if verdict == "named_plus" and share < CHANGING and _changes(scene, judged, members, after, share):
+    if verdict == "named_plus" and share < CONCLUSION.changing and _changes(scene, judged, members, after, share):
         verdict = "partial"
     proof = scene.proof(members, fit)
     if verdict in ("named", "named_plus") and scene.method.refusal and _worse(proof):
@@ -194,13 +188,14 @@ def _verdict(
     if fit.outside_gate:
         return "implausible_fit"
     margin = np.array([
-        -np.inf if c.named else RING_MARGIN if c.id.startswith(RING) else scene.shadow_margin for c in candidates
+        -np.inf if c.named else CONCLUSION.ring_margin if c.id.startswith(RING) else scene.policy.shadow_margin
+        for c in candidates
     ])  # fmt: skip
     for r in rivalries:
         if np.any(r.delta_bic < margin):
             # an interaction without a name explains it as well
             return "partial"
-    if share < scene.named_share or (len(members) > scene.most_named and not manifest):
+    if share < scene.policy.named_share or (len(members) > scene.policy.most_named and not manifest):
         return "partial"
     return "named_plus" if loud else "named"
 
@@ -225,7 +220,7 @@ def _located(scene: Scene[N], judged: Judged[N], members: Sequence[Member], shar
     found: tuple[Location, ...] = ()
     for m in members:
         others = selector.space_with([o for o in members if o != m])
-        own = span(outside(others, selector.pool.columns(m)), tolerance=5e-3)
+        own = span(outside(others, selector.pool.columns(m)), tolerance=CONCLUSION.own)
         signal = (own @ selector.residual) @ own
         total = max(_gain(selector, members), 1e-12)
         p = float(10.0 ** -selector.standing([o for o in members if o != m]).log_p[m.candidate])
@@ -245,7 +240,7 @@ def _located_whole(
         return ()
     selector = judged.selector
     own = [selector.pool.stack(members)] + ([judged.scan.white[after.loudest]] if loud else [])
-    explained = span(outside(selector.base, np.concatenate(own)), tolerance=5e-3)
+    explained = span(outside(selector.base, np.concatenate(own)), tolerance=CONCLUSION.own)
     signal = (explained @ selector.residual) @ explained
     log_p = [float(selector.standing([o for o in members if o != m]).log_p[m.candidate]) for m in members]
     p = float(10.0 ** -max([*log_p, float(after.log_p[after.loudest])]))

@@ -8,14 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from highside.diagnosis.core.fit import JointFit
+from highside.diagnosis.core.policy import EXCHANGE, RIVALS
 from highside.diagnosis.core.pool import Member
-from highside.diagnosis.core.rivals import SAME_CLASS_BIC, SAME_CLASS_EVIDENCE, Refitted, Rivalry, rivalry
+from highside.diagnosis.core.rivals import Refitted, Rivalry, rivalry
 from highside.diagnosis.core.scene import Judged, N, Scene
-
-ALIKE = 2.0
-"""A smaller difference of BIC is not worth a mention (Kass and Raftery, J. Amer. Statist. Assoc. 90, 1995)."""
-REFITTED = 3
-"""Rivals of a strong effect that are fitted in full."""
 
 
 def refitted(scene: Scene[N], judged: Judged[N], claim: Member, fit: JointFit, found: Rivalry) -> list[Refitted]:
@@ -25,13 +21,15 @@ def refitted(scene: Scene[N], judged: Judged[N], claim: Member, fit: JointFit, f
     if any(not candidates[m.candidate].named for m in judged.members):
         return []
     taken = {m.candidate for m in judged.members}
-    nearest = [int(k) for k in np.argsort(found.delta_bic) if candidates[k].named and k not in taken][:REFITTED]
+    nearest = [int(k) for k in np.argsort(found.delta_bic) if candidates[k].named and k not in taken][
+        : EXCHANGE.refitted
+    ]
     own = scene.glance([*others, claim])
     result = []
     for rival in (found.best[k] for k in nearest):
         more = (len(pool.columns(rival)) - len(pool.columns(claim))) * float(np.log(judged.selector.size))
         some = scene.glance([*others, rival])
-        if own is not None and some is not None and some - own > SAME_CLASS_EVIDENCE:
+        if own is not None and some is not None and some - own > RIVALS.same_class_evidence:
             # what some of the readings rule out all of them rule out
             result.append(Refitted(rival, some - own + more))
             continue
@@ -72,7 +70,7 @@ def kept(scene: Scene[N], judged: Judged[N], taken_out: Sequence[str]) -> Judged
         for m, own in zip(judged.members, names, strict=True):
             found = rivalry(judged.selector, judged.members, m)
             k = next((k for k in found.same if scene.candidates[k].id == name), None)
-            if own not in taken_out and k is not None and found.delta_bic[k] < ALIKE:
+            if own not in taken_out and k is not None and found.delta_bic[k] < EXCHANGE.alike:
                 judged = replace(judged, members=[found.best[k] if o == m else o for o in judged.members])
                 break
     return judged
@@ -84,8 +82,8 @@ def beside_refits(found: Rivalry, refits: Sequence[Refitted]) -> Rivalry:
     for one in refits:
         k = one.rival.candidate
         delta[k] = one.delta_bic
-        if delta[k] < SAME_CLASS_BIC and k not in same:
+        if delta[k] < RIVALS.same_class_bic and k not in same:
             same.append(k)
-        elif delta[k] > SAME_CLASS_EVIDENCE and k in same:
+        elif delta[k] > RIVALS.same_class_evidence and k in same:
             same.remove(k)
     return replace(found, delta_bic=delta, same=tuple(same))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.core.candidates import Candidate, Variant, columns_of
 from highside.diagnosis.core.chunks import chunks_of, in_order
+from highside.diagnosis.core.policy import FITS, INTERVALS
 from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.probability import student_quantile
 from highside.diagnosis.core.result import FittedParameter
@@ -25,14 +26,6 @@ from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
-
-RICH_SHARE = 0.5
-"""Of all readings, how many directions at most the rich model may take."""
-STEPS = 4
-UNSEEN = 1e-8
-"""Share of the best seen direction from which a direction in the space of the parameters is seen at all."""
-MANY = 3000
-"""Readings from which normal equations are formed."""
 
 
 class Whitening(Protocol):
@@ -146,7 +139,9 @@ class Observed:
         return np.asarray(sum(in_order(of, chunks_of(self.state.n))))
 
 
-def base_fit(model: ForwardModel, seen: Seen, free: Sequence[str], steps: int = STEPS) -> tuple[ForwardModel, Array]:
+def base_fit(
+    model: ForwardModel, seen: Seen, free: Sequence[str], steps: int = FITS.steps
+) -> tuple[ForwardModel, Array]:
     """The model with its free effects fitted to n readings, and the residual (C, n)."""
     if not free:
         return model, seen.residual(model)
@@ -162,23 +157,17 @@ def base_fit(model: ForwardModel, seen: Seen, free: Sequence[str], steps: int = 
     return model, seen.residual(model)
 
 
-SETTLED = 1e-6
-"""Chi-square of a step that is the last."""
-BENDS = 6.0
-"""Chi-square of what effects do beyond first order, from which it is no matter of rounding."""
-UNMOVED = 1e-12
-"""Length of a column beside the longest, below which it is rounding."""
-
-
 def _solve(columns: Array, residual: Array) -> Array:
     """Least squares; of a long recording the normal equations, of few readings the columns themselves."""
     norm = np.linalg.norm(columns, axis=1)
     # what a design does not move at all (a load that is zero but for rounding) is not fitted
-    norm = np.where(norm > UNMOVED * norm.max(initial=0.0), norm, np.inf)
+    norm = np.where(norm > FITS.unmoved * norm.max(initial=0.0), norm, np.inf)
     scaled = columns / norm[:, None]
-    if columns.shape[1] > MANY:
-        return np.asarray(np.linalg.pinv(scaled @ scaled.T, rcond=1e-10, hermitian=True) @ (scaled @ residual) / norm)
-    return np.asarray(np.linalg.lstsq(scaled.T, residual, rcond=1e-10)[0] / norm)
+    if columns.shape[1] > FITS.many:
+        return np.asarray(
+            np.linalg.pinv(scaled @ scaled.T, rcond=FITS.rank, hermitian=True) @ (scaled @ residual) / norm
+        )
+    return np.asarray(np.linalg.lstsq(scaled.T, residual, rcond=FITS.rank)[0] / norm)
 
 
 def _apart(seen: Seen, at: ForwardModel) -> bool:
@@ -194,9 +183,9 @@ def _step(
         assert isinstance(seen, Observed) and isinstance(noise, RowNoise)
         inner = seen.inner(at, columns, noise)
         norm = np.sqrt(np.diag(inner)[:-1])
-        norm = np.where(norm > UNMOVED * norm.max(initial=0.0), norm, np.inf)
+        norm = np.where(norm > FITS.unmoved * norm.max(initial=0.0), norm, np.inf)
         scaled = inner[:-1, :-1] / np.outer(norm, norm)
-        step = np.linalg.pinv(scaled, rcond=1e-10, hermitian=True) @ (inner[:-1, -1] / norm) / norm
+        step = np.linalg.pinv(scaled, rcond=FITS.rank, hermitian=True) @ (inner[:-1, -1] / norm) / norm
         return np.asarray(step), inner[:-1, :-1]
     white = noise.white(columns(seen))
     return seen.step(white, noise.white(seen.residual(at)), names), np.asarray(white @ white.T)
@@ -288,7 +277,7 @@ def joint_fit(
     members: Sequence[Member],
     noise: Whitening,
     freedom: float,
-    steps: int = 2 * STEPS,
+    steps: int = 2 * FITS.steps,
     near: ForwardModel | None = None,
     bends: bool = True,
 ) -> JointFit:
@@ -323,22 +312,22 @@ def joint_fit(
         for k, name in enumerate(which, start=len(every)):
             # a time constant moves by no more than a third at a time
             old = now.get_free([name])[0]
-            values[k] = float(np.clip(values[k], old / 1.33, old * 1.33))
+            values[k] = float(np.clip(values[k], old / FITS.stride, old * FITS.stride))
         now = now.set_free(values, moved) if moved else now
         scale = np.sqrt(np.diag(inner))
         # what a design does not move is seen no better for being scaled up
-        scale = np.where(scale > UNMOVED * scale.max(initial=0.0), scale, np.inf)
+        scale = np.where(scale > FITS.unmoved * scale.max(initial=0.0), scale, np.inf)
         gram = inner / np.outer(scale, scale)
         scale = np.where(np.isfinite(scale), scale, 1.0)
         powers, vectors = np.linalg.eigh(gram)
-        seen_well = powers > UNSEEN * powers[-1]
+        seen_well = powers > FITS.unseen * powers[-1]
         inverse = (vectors[:, seen_well] / powers[seen_well]) @ vectors[:, seen_well].T / np.outer(scale, scale)
-        unseen = np.sum(vectors[:, ~seen_well] ** 2, axis=1) > 1e-6
-        if which == shape_names and float(step @ inner @ step) < SETTLED:
+        unseen = np.sum(vectors[:, ~seen_well] ** 2, axis=1) > FITS.partly_unseen
+        if which == shape_names and float(step @ inner @ step) < FITS.settled:
             break
     every = [*every, *shape_names]
     std = np.sqrt(np.maximum(np.diag(inverse), 0.0))
-    half = student_quantile(0.975, freedom)
+    half = student_quantile(INTERVALS.upper, freedom)
     fitted: dict[str, dict[str, FittedParameter]] = {}
     implausible = []
     for candidate, variant in chosen:
@@ -371,6 +360,6 @@ def joint_fit(
         bend = _beyond(before - left, now.get_free(sizes) - first.get_free(sizes), straight)
         rest = noise.white(bend)
         beyond = float(np.sum((rest - _solve(white, rest) @ white) ** 2))
-        if beyond < BENDS or linear - chi_square <= -BENDS:
+        if beyond < FITS.bends or linear - chi_square <= -FITS.bends:
             bend = None
     return JointFit(fitted, left, tuple(implausible), bend, chi_square, now, beyond)

@@ -9,13 +9,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.core.policy import HELD_OUT, INTERVALS
 from highside.diagnosis.core.pool import Member, Pool
 from highside.diagnosis.core.result import Fit
 
 Array = NDArray[np.float64]
-
-TRANSIENT = 0.1
-"""Share of a member's energy outside of a block, below which the other blocks say nothing of it."""
 
 
 class Gains(Protocol):
@@ -35,7 +33,7 @@ class HeldOut:
     def hides(self, columns: Array) -> bool:
         """Whether leaving out one of the blocks leaves next to nothing of columns (K, N)."""
         energy = np.sum(columns**2, axis=0)
-        return bool(max(energy[fold].sum() for fold in self._folds) > (1 - TRANSIENT) * energy.sum())
+        return bool(max(energy[fold].sum() for fold in self._folds) > (1 - HELD_OUT.transient) * energy.sum())
 
     def errors(self, columns: Array) -> list[Array]:
         """Prediction errors of each fold with these columns (K, N) fitted beside the base."""
@@ -85,10 +83,10 @@ def gain_interval(before: Array, after: Array) -> tuple[float, float]:
     left = float(after.sum() / before.sum())
     # of a ratio of sums, to first order
     error = float((after - left * before).std(ddof=1) * np.sqrt(before.size) / before.sum())
-    return 1.0 - left - 1.96 * error, 1.0 - left + 1.96 * error
+    return 1.0 - left - INTERVALS.normal * error, 1.0 - left + INTERVALS.normal * error
 
 
-def pose_folds(n: int, count: int = 10, *, interleaved: bool = False) -> list[NDArray[np.intp]]:
+def pose_folds(n: int, count: int = HELD_OUT.folds, *, interleaved: bool = False) -> list[NDArray[np.intp]]:
     """Contiguous blocks of poses, or every so many poses, as indices into whitened vectors (3 n,)."""
     count = min(count, n // 3)
     poses = np.arange(n)

@@ -13,17 +13,16 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.core.candidates import CHANNELS, LEAST_A_RING
+from highside.diagnosis.core.candidates import CHANNELS
+from highside.diagnosis.core.policy import CANDIDATES, PLACES, SUPPORT
 from highside.diagnosis.core.regression import Race, outside, span
 from highside.diagnosis.core.result import Location
-from highside.diagnosis.core.support import CELLS, Cells, Window, cells_of, runs, support
+from highside.diagnosis.core.support import Cells, Window, cells_of, runs, support
 from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
 
-HARMONICS = 8
 TOOLFACE = "tf_ref_deg"
-TIME_CELLS = 40
 
 
 class Located(Protocol):
@@ -61,17 +60,25 @@ def pose_bases(state: ChainState, force: Array) -> list[Basis]:
         )
 
     stations = np.unique(state.station).size
-    orders = tuple(k for k in range(1, HARMONICS + 1) if 2 * k <= stations)
+    orders = tuple(k for k in range(1, PLACES.harmonics + 1) if 2 * k <= stations)
     if orders:
         add("tf_ref_deg", tf_deg, [f(k * tf) for k in orders for f in (np.cos, np.sin)], orders)
     rings = np.unique(state.ring).size
     if rings > 1:
-        add("inc_ref_deg", inc_deg, [f(k * inc) for k in range(1, min(4, rings)) for f in (np.cos, np.sin)])
-        if rings > 4 and LEAST_A_RING * rings <= n:
+        add(
+            "inc_ref_deg",
+            inc_deg,
+            [f(k * inc) for k in range(1, min(PLACES.inclination_orders, rings)) for f in (np.cos, np.sin)],
+        )
+        if rings > CANDIDATES.rings and CANDIDATES.least_a_ring * rings <= n:
             # one ring may be off: no smooth function shows that
             add("inc_ref_deg", inc_deg, [state.ring == k for k in np.unique(state.ring)])
         if orders:
-            add("inc_ref_deg x tf_ref_deg", inc_deg, [z * f(k * tf) for k in orders[:4] for f in (np.cos, np.sin)])
+            add(
+                "inc_ref_deg x tf_ref_deg",
+                inc_deg,
+                [z * f(k * tf) for k in orders[: PLACES.product_orders] for f in (np.cos, np.sin)],
+            )
     square = [x * x, y * y, x * y, x * z, y * z]
     cubic = [x**3, y**3, z**3, x * x * y, x * x * z, y * y * z, x * y * z]
     add("gravity_direction", inc_deg, [*square, *cubic])
@@ -80,16 +87,24 @@ def pose_bases(state: ChainState, force: Array) -> list[Basis]:
         add("direction", d, [d])
         add("direction x tf_ref_deg", tf_deg, [d * np.cos(tf), d * np.sin(tf)])
         add("direction x gravity_direction", inc_deg, [d * z, *(d * term for term in square)])
-    if np.ptp(state.temp_c) > 0.5:
+    if np.ptp(state.temp_c) > PLACES.warm_span_c:
         q = (state.temp_c - state.temp_c.mean()) / state.temp_c.std()
         add("temp_c", state.temp_c, [q, q**2, q**3])
         if orders:
-            add("temp_c x tf_ref_deg", state.temp_c, [q * f(k * tf) for k in orders[:4] for f in (np.cos, np.sin)])
+            add(
+                "temp_c x tf_ref_deg",
+                state.temp_c,
+                [q * f(k * tf) for k in orders[: PLACES.product_orders] for f in (np.cos, np.sin)],
+            )
         add("temp_c x gravity_direction", state.temp_c, [q * x, q * y, q * z, *(q * term for term in square)])
     if np.ptp(state.vibration_rms_g) > 0:
         add("vibration_rms_g", state.vibration_rms_g, [state.vibration_rms_g, state.vibration_rms_g**2])
     u = (state.t_s - state.t_s[0]) / max(float(np.ptp(state.t_s)), 1e-9)
-    add("t_s", state.t_s, [np.cos(np.pi * k * u) for k in range(1, max(2, min(7, n // 6)))])
+    add(
+        "t_s",
+        state.t_s,
+        [np.cos(np.pi * k * u) for k in range(1, max(2, min(PLACES.time_orders, n // PLACES.poses_a_wave)))],
+    )
     return bases
 
 
@@ -185,10 +200,10 @@ def pose_cells(state: ChainState) -> list[Cells]:
     """The covariates of a session of poses that a mismatch may have a range of."""
     found = []
     for covariate, along, count in (
-        (TOOLFACE, np.mod(np.degrees(state.tf_rad), 360.0), CELLS),
-        ("inc_ref_deg", np.degrees(state.inc_rad), CELLS),
-        ("temp_c", np.asarray(state.temp_c), CELLS),
-        ("t_s", np.asarray(state.t_s), TIME_CELLS),
+        (TOOLFACE, np.mod(np.degrees(state.tf_rad), 360.0), SUPPORT.cells),
+        ("inc_ref_deg", np.degrees(state.inc_rad), SUPPORT.cells),
+        ("temp_c", np.asarray(state.temp_c), SUPPORT.cells),
+        ("t_s", np.asarray(state.t_s), PLACES.time_cells),
     ):
         if np.ptp(along) > 0:
             found.append(cells_of(covariate, along, circular=covariate == TOOLFACE, count=count))
@@ -211,7 +226,7 @@ def followed(
     total = float(by_channel.sum())
     if total <= 0:
         return None
-    channels = [c for c in range(len(parts)) if by_channel[c] > 0.1 * by_channel.max()]
+    channels = [c for c in range(len(parts)) if by_channel[c] > PLACES.channel_share * by_channel.max()]
     ranges = list(windows(channels)) if windows is not None else []
     explained, sizes = np.zeros(len(scan.bases)), np.full(len(scan.bases), np.inf)
     for k in range(len(scan.bases)):
@@ -222,7 +237,7 @@ def followed(
     every: list[Located | Window] = [*scan.bases, *ranges]
     explained = np.concatenate([explained, [max(w.gain - w.dof, 0.0) for w in ranges]])
     sizes = np.concatenate([sizes, [float(w.dof) if w.dof else np.inf for w in ranges]])
-    good = np.flatnonzero(explained >= 0.9 * explained.max())
+    good = np.flatnonzero(explained >= PLACES.explained * explained.max())
     return channels, every[int(good[np.argmin(sizes[good])])]
 
 
@@ -235,11 +250,13 @@ def _harmonic(basis: Basis, signal: Array) -> int | None:
     return basis.harmonics[int(np.argmax(by_order))]
 
 
-def intervals(covariate: str, along: Array, energy: Array, count: int = CELLS) -> tuple[tuple[float, float], ...]:
+def intervals(
+    covariate: str, along: Array, energy: Array, count: int = SUPPORT.cells
+) -> tuple[tuple[float, float], ...]:
     """Ranges of a covariate (n,) where the mean energy (n,) is above a quarter of its largest."""
     cells = cells_of(covariate, along, circular=covariate == TOOLFACE, count=count)
     rows = np.bincount(cells.of, minlength=cells.count)
     mean = np.bincount(cells.of, energy, minlength=cells.count) / np.maximum(rows, 1)
     # a cell without rows is like its neighbour
     filled = np.maximum.accumulate(np.where(rows > 0, np.arange(cells.count), 0))
-    return runs(cells, (mean > 0.25 * mean.max())[filled])
+    return runs(cells, (mean > PLACES.ranged * mean.max())[filled])

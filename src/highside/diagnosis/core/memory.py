@@ -12,8 +12,8 @@ answer is "wander", with the slow effects as what it resembles.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -21,20 +21,9 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from highside.diagnosis.core.markov import LevelNoise
+from highside.diagnosis.core.policy import INTERVALS, MEMORY, REGRESSION, SlowLimits
 
 Array = NDArray[np.float64]
-
-FOUND = 12.0
-"""Gain of -2 log likelihood of a channel from which memory is believed."""
-SUSPECT = 8.0
-SLOW_LOG_P = 2.8
-NEAR_LOG_P = 1.0
-"""-log10 p beside a walk from which a slow effect resembles what was seen."""
-REMAINING = 15.0
-"""A slow effect beside which more evidence of memory than this remains is not the whole story."""
-LENGTHS = (1.5, 4.0, np.inf)
-"""Memory in poses; infinite is the walk."""
-SHARES = {1.5: (0.3, 1.0, 3.0, 10.0), 4.0: (0.1, 0.4, 1.5, 6.0), np.inf: (3e-4, 1e-3, 4e-3, 0.015, 0.05, 0.2, 0.8)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +39,7 @@ class Memory:
     @property
     def walks(self) -> bool:
         """Whether this is a walk beyond doubt."""
-        return self.gain > FOUND and np.isinf(self.length)
+        return self.gain > MEMORY.found and np.isinf(self.length)
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +156,7 @@ class Likelihoods:
 
 def settings() -> list[tuple[float, float]]:
     """(length, share) of each noise that is tried, white noise first."""
-    return [(1.0, 0.0)] + [(length, q) for length in LENGTHS for q in SHARES[length]]
+    return [(1.0, 0.0)] + [(length, q) for length in MEMORY.lengths for q in MEMORY.shares[length]]
 
 
 def memory_of(tried: Sequence[tuple[float, float]], minus2l: Array) -> Memory:
@@ -175,7 +164,7 @@ def memory_of(tried: Sequence[tuple[float, float]], minus2l: Array) -> Memory:
     at = int(np.argmin(minus2l))
     length, share = tried[at]
     allowed = [q for (one, q), value in zip(tried, minus2l, strict=True)
-               if one == length and value <= minus2l[at] + 2.7]  # fmt: skip
+               if one == length and value <= minus2l[at] + INTERVALS.chi2_95]  # fmt: skip
     return Memory(float(minus2l[0] - minus2l[at]), share, length, max([*allowed, share]))
 
 
@@ -194,7 +183,7 @@ def beats_the_walk(
     block: NDArray[Any],
     dof: int,
     tries: float = 1.0,
-    certain: float = SLOW_LOG_P,
+    certain: float = MEMORY.slow_log_p,
 ) -> bool:
     """Whether a claim of `dof` directions, block (B, C, ...), is still needed where the noise may have any memory.
 
@@ -218,46 +207,7 @@ def _basis(columns: Array) -> Array:
     if not len(kept):
         return np.empty((0, columns.shape[1]))
     _, values, rows = np.linalg.svd(kept, full_matrices=False)
-    return np.asarray(rows[values > 1e-6 * values[0]])
-
-
-@dataclass(frozen=True, slots=True)
-class SlowLimits:
-    """What a slow effect must show to be believed beside a walk; figures are from simulated walks of every size."""
-
-    log_p: float = SLOW_LOG_P
-    remaining: float = REMAINING
-    quiet_log_p: float = SLOW_LOG_P
-    """asked where hardly any memory remains"""
-    quiet: float = 6.0
-    """evidence of memory that is hardly any"""
-    alike: Mapping[str, float] = field(default_factory=dict)
-    """asked of effects, by id, that a walk imitates more easily than others"""
-    forgiven: float = 0.0
-    """share of the evidence of memory that may remain beside one that beats the walk twice as clearly as asked"""
-    pairs: bool = False
-    """whether two may pass together where neither passes alone"""
-    over_walk: float | None = None
-    """in place of -log10 p, twice the logarithm of the likelihood ratio that is asked of the effect without any walk
-    over a walk without the effect: either story has to tell all that was seen"""
-
-    def passes(self, effect: str, log_p: float, remaining: float, evidence: float, score: float) -> bool:
-        """Whether an effect of -log10 p and score, that leaves so much of the evidence of memory, is believed."""
-        if self.over_walk is not None:
-            return score - remaining > self.over_walk and remaining < self.remaining
-        return (
-            (log_p > self.alike.get(effect, self.quiet_log_p) and remaining < self.quiet)
-            or (log_p > max(self.log_p, self.alike.get(effect, 0.0)) and remaining < self.remaining)
-            or (log_p > 2 * self.log_p and remaining < self.forgiven * evidence)
-        )
-
-
-SEEDS = 4
-"""Slow effects with each of which a second one is tried."""
-PAIR_LOG_P = 0.7
-"""So much more -log10 p is asked of each of two: there are as many more ways for a walk to look like them."""
-PAIR_SCORE = 12.0
-"""Two slow effects stand in place of one that is enough by itself where they gain so much more of -2 log likelihood."""
+    return np.asarray(rows[values > REGRESSION.independent * values[0]])
 
 
 def slow_scores(
@@ -321,13 +271,13 @@ def slow_effects(
             if s.effect.candidate not in taken and limits.passes(name, s.log_p, s.remaining, evidence, s.score)
         ]  # fmt: skip
         if turn == 0:
-            near = [s for s in scores if s.log_p > NEAR_LOG_P]
+            near = [s for s in scores if s.log_p > MEMORY.near_log_p]
         admitted += passing
         # of two that fit alike the one that stands first in the library
         best = max(passing, key=lambda s: round(s.score, 1)) if passing else None
-        if turn == 0 and limits.pairs and evidence > SUSPECT:
+        if turn == 0 and limits.pairs and evidence > MEMORY.suspect:
             pair = _pair(scores, gain, ids, limits, tries, len(channels), lambda one: scored([one]))
-            if pair and (best is None or sum(s.score for s in pair) > best.score + PAIR_SCORE):
+            if pair and (best is None or sum(s.score for s in pair) > best.score + MEMORY.pair_score):
                 claimed += pair
                 admitted += pair
                 break
@@ -349,10 +299,10 @@ def _pair(
     """Two that only together leave no walk, each of which is needed beside the other; none if there are no such."""
     seeds: dict[int, int] = {}
     for k in np.argsort([-s.score for s in scores]).tolist():
-        if scores[k].log_p > NEAR_LOG_P:
+        if scores[k].log_p > MEMORY.near_log_p:
             seeds.setdefault(scores[k].effect.candidate, k)
     best: tuple[float, list[SlowScore]] = (0.0, [])
-    for k in list(seeds.values())[:SEEDS]:
+    for k in list(seeds.values())[: MEMORY.seeds]:
         after, more, evidence = beside(scores[k])
         # what the first gains where the second is there already
         beside_it = gain[k] + more - gain
@@ -361,7 +311,13 @@ def _pair(
             if second.effect.candidate == scores[k].effect.candidate:
                 continue
             needed = all(
-                limits.passes(name, log_p - PAIR_LOG_P, second.remaining, evidence, score - 2 * np.log(10**PAIR_LOG_P))
+                limits.passes(
+                    name,
+                    log_p - MEMORY.pair_log_p,
+                    second.remaining,
+                    evidence,
+                    score - 2 * np.log(10**MEMORY.pair_log_p),
+                )
                 for name, log_p, score in (
                     (ids[j], second.log_p, second.score),
                     (ids[k], float(back[j]), float(beside_it[j] - 2 * np.log(tries[k]))),

@@ -9,18 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.candidates import Candidate
-from highside.diagnosis.core.regression import VISIBLE, Race, log10_p, outside
+from highside.diagnosis.core.policy import POOL, REGRESSION
+from highside.diagnosis.core.regression import Race, log10_p, outside
 
 Array = NDArray[np.float64]
-
-ALARM_RATE = 0.01
-FLIPS = 300
-BLOCK_POSES = 6
-HALF = 2 * np.log(2)
-"""Gain of an amplitude of known sign: half of what one of either sign might have been has been ruled out."""
-REMEMBERS = 6.6
-"""Gain of chi-square that one direction has by chance in 1 % of cases: a slack that remembers must be better by as much
-than one that does not, which it becomes where the tool hardly ever turns back."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +101,7 @@ def standing(pool: Pool, space: Array, residual: Array, freedom: float, size: in
         else:
             # of two slacks that lag alike the one that need not remember is the simpler
             effect = pool.candidates[pool.members[i].candidate].effect
-            gain[i] = max(0.0, gain[i] + (HALF if effect is not None and effect.complex_safe else -REMEMBERS))
+            gain[i] = max(0.0, gain[i] + (POOL.half if effect is not None and effect.complex_safe else -POOL.remembers))
     for i, amplitude in pool.known:
         # taken as large as it must be, not as large as would suit
         bare = amplitude * outside(space, pool.blocks[i])[0]
@@ -145,14 +137,14 @@ def threshold(race: Race, owner: NDArray[np.intp], chance: Array, space: Array, 
             same = own & (dof == k)
             tries = float(own.sum())
             worst = np.maximum(worst, log10_p(gains[same].max(axis=0), np.array(k), float(each[same].min()), tries))
-    return max(float(np.quantile(worst, 1 - ALARM_RATE)), float(-np.log10(ALARM_RATE / families.size)))
+    return max(float(np.quantile(worst, 1 - POOL.alarm_rate)), float(-np.log10(POOL.alarm_rate / families.size)))
 
 
 def pose_flips(rich: Array, rng: np.random.Generator, channels: int = 3) -> Array:
     """(FLIPS, C n) rich residuals (C n,) with the signs of blocks of poses flipped."""
     n = rich.size // channels
-    block = np.arange(n) // BLOCK_POSES
-    signs = rng.choice([-1.0, 1.0], size=(FLIPS, int(block[-1]) + 1))[:, block]
+    block = np.arange(n) // POOL.block_poses
+    signs = rng.choice([-1.0, 1.0], size=(POOL.flips, int(block[-1]) + 1))[:, block]
     return np.asarray(rich * np.tile(signs, (1, channels)))
 
 
@@ -168,6 +160,6 @@ def span_with(base: Array, columns: Array) -> Array:
     norm = np.linalg.norm(columns, axis=1, keepdims=True)
     bare = outside(base, columns / np.where(norm > 0, norm, 1.0))
     values, vectors = np.linalg.eigh(bare @ bare.T)
-    good = values > VISIBLE**2
+    good = values > REGRESSION.visible**2
     added = (vectors[:, good] / np.sqrt(values[good])).T @ bare
     return np.vstack([base, outside(base, added)])

@@ -12,13 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.core.policy import REGRESSION
+
 Array = NDArray[np.float64]
 
-VISIBLE = 0.005
-"""A direction of which less than this share stands out of the base fit is not seen: second-order terms reach it."""
 
-
-def span(columns: Array, tolerance: float = 1e-6) -> Array:
+def span(columns: Array, tolerance: float = REGRESSION.independent) -> Array:
     """Orthonormal basis (r, N) of columns (P, N); what depends on others to within `tolerance` is dropped."""
     norm = np.linalg.norm(columns, axis=1)
     kept = columns[norm > 0] / norm[norm > 0][:, None]
@@ -70,7 +69,7 @@ class Race:
             bare = outside(space, stacked)
             gram = bare @ bare.transpose(0, 2, 1)
             values, vectors = np.linalg.eigh(gram)
-            good = values > VISIBLE**2
+            good = values > REGRESSION.visible**2
             inverse = np.where(good, 1.0 / np.sqrt(np.where(good, values, 1.0)), 0.0)
             seen = inverse[:, :, None] * (vectors.transpose(0, 2, 1) @ (bare @ left.T))
             gains[members] = np.sum(seen**2, axis=1)

@@ -16,23 +16,16 @@ from numpy.typing import NDArray
 from scipy.special import fdtri
 
 from highside.diagnosis.core.candidates import Blind, Candidate, columns_of
-from highside.diagnosis.core.memory import NEAR_LOG_P, SlowScore
+from highside.diagnosis.core.memory import SlowScore
+from highside.diagnosis.core.policy import MEMORY, REGRESSION, RIVALS
 from highside.diagnosis.core.pool import Member, Pool, span_with
-from highside.diagnosis.core.regression import VISIBLE, outside
+from highside.diagnosis.core.regression import outside
 from highside.diagnosis.core.result import Detectable, NotTestable
 from highside.diagnosis.core.selection import Selector
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
-
-SAME_CLASS_BIC = 6.0
-SAME_CLASS_EVIDENCE = 12.0
-RIVAL_LOG_P = 1.5
-BEYOND_REASON = 100.0
-"""An effect that would have to be so many times as large as is plausible is as good as absorbed."""
-POWER_80 = 0.8416
-"""Standard normal quantile of 80 %."""
 
 
 @dataclass(frozen=True)
@@ -59,14 +52,14 @@ def rivalry(selector: Selector, members: Sequence[Member], claim: Member) -> Riv
     delta = now.bic[claim.candidate] - now.bic
     space = selector.space_with(others)
     own = outside(space, selector.pool.columns(claim))
-    amplitude = np.linalg.lstsq(own.T, selector.residual, rcond=VISIBLE)[0]
+    amplitude = np.linalg.lstsq(own.T, selector.residual, rcond=REGRESSION.visible)[0]
     signal = amplitude @ own
     taken = {m.candidate for m in others}
     same = [claim.candidate]
     for k in np.argsort(delta):
         if k == claim.candidate or k in taken or not selector.pool.candidates[k].named:
             continue
-        if now.log_p[k] < RIVAL_LOG_P:
+        if now.log_p[k] < RIVALS.rival_log_p:
             # it explains nothing of this
             continue
         # the rival's best may be a part of it; the whole may contain the claim
@@ -74,7 +67,7 @@ def rivalry(selector: Selector, members: Sequence[Member], claim: Member) -> Riv
             float(np.sum(outside(span_with(space, selector.pool.columns(m)), signal) ** 2))
             for m in {now.best[k], selector.pool.whole(now.best[k])}
         )
-        if delta[k] < SAME_CLASS_BIC or beyond < SAME_CLASS_EVIDENCE:
+        if delta[k] < RIVALS.same_class_bic or beyond < RIVALS.same_class_evidence:
             same.append(int(k))
     return Rivalry(delta, now.best, tuple(same))
 
@@ -97,16 +90,16 @@ def beside_memory(found: Rivalry, scores: Sequence[SlowScore], claim: Member, ta
         apart = best[claim.candidate].score - one.score
         if apart < delta[k]:
             delta[k], members[k] = apart, Member(k, one.effect.variant)
-        if apart < SAME_CLASS_BIC and one.log_p > NEAR_LOG_P and k not in same:
+        if apart < RIVALS.same_class_bic and one.log_p > MEMORY.near_log_p and k not in same:
             same.append(k)
     return Rivalry(delta, members, tuple(same))
 
 
 def evidence_80(dof: int, freedom: float, threshold: float) -> float:
     """Strength (noncentrality) at which an F test with `dof` directions passes the threshold in 80 % of cases."""
-    limit = dof * float(fdtri(dof, freedom, 1 - 10 ** -min(threshold, 12.0)))
+    limit = dof * float(fdtri(dof, freedom, 1 - 10 ** -min(threshold, RIVALS.most_log_p)))
     # chi-square with noncentrality l: mean dof + l, variance 2 dof + 4 l; solve mean - 0.84 std = limit
-    excess, z2 = limit - dof, POWER_80**2
+    excess, z2 = limit - dof, RIVALS.power_80**2
     return float(excess + 2 * z2 + np.sqrt((excess + 2 * z2) ** 2 - excess**2 + 2 * dof * z2))
 
 
@@ -142,7 +135,7 @@ def what_shows(
 def _why(sizes: Array, gates: Array, units: Sequence[str], absorbing: Sequence[str]) -> str:
     """Why amplitudes (k,) do not show: absorbed whatever their size, or too small wherever they are plausible."""
     k = int(np.argmin(sizes / gates))
-    if sizes[k] < BEYOND_REASON * gates[k]:
+    if sizes[k] < RIVALS.beyond_reason * gates[k]:
         return f"it would show from {sizes[k]:.2g} {units[k]} on, and is not plausible beyond {gates[k]:.2g} {units[k]}"
     if absorbing:
         return f"whatever its size, it is absorbed by {', '.join(absorbing)}"
@@ -154,7 +147,7 @@ def _smallest(columns: Array, base: Array, freedom: float, threshold: float) -> 
     left = np.linalg.norm(outside(base, columns), axis=1)
     full = np.linalg.norm(columns, axis=1)
     needed = np.sqrt(evidence_80(columns.shape[0], freedom, threshold))
-    shows = left > VISIBLE * full
+    shows = left > REGRESSION.visible * full
     return np.where(shows, needed / np.where(shows, left, 1.0), np.inf)
 
 
@@ -175,14 +168,19 @@ def next_poses(
     rivals: Sequence[tuple[Candidate, dict[str, float]]],
     base: Array,
     white_per_g: Array,
-    count: int = 6,
+    count: int = RIVALS.next_poses,
 ) -> PoseAdvice:
     """Poses, chosen one by one, that raise most the smallest evidence of the claim against any rival.
 
     `claim` is the candidate, its shape and the fitted amplitudes; `base` (P, 3, n) and `white_per_g` (3,) (1 / noise of
     a channel) describe what has been measured. Time, temperature and vibration stay as they were at the end.
     """
-    grid = [(i, t, d) for i in range(0, 181, 15) for t in np.arange(0, 360, 22.5) for d in (1, -1)]
+    grid = [
+        (i, t, d)
+        for i in range(0, 180 + 1, RIVALS.inclinations_deg)
+        for t in np.arange(0, 360, RIVALS.toolfaces_deg)
+        for d in (1, -1)
+    ]
     inc, tf, direction = (np.array(column, dtype=float) for column in zip(*grid, strict=True))
     if not np.ptp(state.direction):
         direction = np.full(direction.size, float(state.direction[0]))

@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from highside.diagnosis.core.candidates import Blind, Candidate, Variant
 from highside.diagnosis.core.fit import JointFit, Seen
 from highside.diagnosis.core.location import Scan
-from highside.diagnosis.core.memory import SLOW_LOG_P, Channel, Memory, SlowEffect, SlowLimits
+from highside.diagnosis.core.memory import Channel, Memory, SlowEffect
 from highside.diagnosis.core.method import WHOLE, Method
+from highside.diagnosis.core.policy import ScenePolicy
 from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.result import Diagnosis, Fit, Location
 from highside.diagnosis.core.rivals import Refitted, Rivalry
-from highside.diagnosis.core.selection import MAX_CLAIMS, Selector
+from highside.diagnosis.core.selection import Selector
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
 
@@ -145,39 +146,9 @@ class Scene(ABC, Generic[N]):
         return frozenset(SLOW)
 
     @property
-    def slow_limits(self) -> SlowLimits:
-        """What a slow effect must show to be believed beside a walk."""
-        return SlowLimits()
-
-    @property
-    def certain(self) -> float:
-        """-log10 p from which an effect beats a noise with memory."""
-        return SLOW_LOG_P
-
-    @property
-    def slow_beside_fast(self) -> bool:
-        """Whether effects of time run like those of the programme, so that they must be chosen together."""
-        return False
-
-    @property
-    def named_share(self) -> float:
-        """Share of the excess misfit that names must explain to be given."""
-        return 0.85
-
-    @property
-    def faint(self) -> float:
-        """A remainder that is louder than chance by no more than this in -log10 p withdraws no names."""
-        return 0.0
-
-    @property
-    def shadow_margin(self) -> float:
-        """A name is not given where something without a name comes nearer to it than this in BIC."""
-        return 6.0
-
-    @property
-    def most_named(self) -> int:
-        """More effects than this are a fit and no finding: their names are given only if all but one are manifest."""
-        return MAX_CLAIMS
+    def policy(self) -> ScenePolicy:
+        """What names must show here to be given."""
+        return ScenePolicy()
 
     def believed(self, judged: Judged[N], members: list[Member]) -> list[Member]:
         """The members that are large enough to be more than what is left of others."""

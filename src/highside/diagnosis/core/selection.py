@@ -15,22 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.held_out import Gains
+from highside.diagnosis.core.policy import SELECTION
 from highside.diagnosis.core.pool import Member, Pool, Standing, ranked, span_with, standing
 from highside.diagnosis.core.regression import outside
 
 Array = NDArray[np.float64]
-
-MAX_CLAIMS = 4
-ROUNDING = 1e-6
-"""Gains that differ by less are equal: of these that which stands first in the library is chosen."""
-MERGE_BIC = 6.0
-STARTS = 4
-"""Candidates from each of which choosing begins."""
-PROMISING = 0.3
-"""Share of the first choice's gain of BIC from which choosing is begun from another candidate as well."""
-HELD = 0.01
-"""Share of an effect's energy outside of another, below which it is a case of that other."""
-SHORTLIST = 4
 
 
 @dataclass(frozen=True)
@@ -50,11 +39,11 @@ class Selector:
     """claims that were made before and stay"""
     banned: frozenset[int] = frozenset()
     """candidates that may not be chosen"""
-    most: int = MAX_CLAIMS
+    most: int = SELECTION.most
     """claims at which choosing ends"""
     starts: int = 1
     """candidates from each of which choosing begins; the cheapest in BIC and names is kept"""
-    told: int = MAX_CLAIMS
+    told: int = SELECTION.most
     """names that are told at most: another beginning that leads to more, where the first does not, is no better"""
     opposed: bool = False
     """whether two are sought that cancel one another, where none is asked for by itself"""
@@ -81,7 +70,7 @@ class Selector:
             # one that stands between two true ones is found before them, and no single exchange leads on from it
             others = [m for m in self._from_others(found) if len(m) <= max(self.told, len(found))]
             grown = [found, *others]
-            found = min(grown, key=lambda members: self._cost(members) + MERGE_BIC * len(members))
+            found = min(grown, key=lambda members: self._cost(members) + SELECTION.merge_bic * len(members))
         return self._merged(found)
 
     def _grown(self, members: list[Member]) -> list[Member]:
@@ -106,7 +95,7 @@ class Selector:
         now = self.standing(self.fixed)
         taken = {m.candidate for m in self.fixed} | self.banned
         passing = [k for k in ranked(now.bic) if now.log_p[k] > self.threshold and k not in taken]
-        passing = [k for k in passing if now.bic[k] > PROMISING * now.bic[passing[0]]]
+        passing = [k for k in passing if now.bic[k] > SELECTION.promising * now.bic[passing[0]]]
         grown = []
         for k in passing[: self.starts]:
             begun = [*self.fixed, now.best[k]]
@@ -129,7 +118,7 @@ class Selector:
                 variants = [m for m in self.pool.members if m.candidate == kept.candidate]
                 score, best = min((self._cost([*others, m]), i) for i, m in enumerate(variants))
                 asked = variants[best] == kept and self._asked([*others, kept], dropped)
-                if score < self._cost(members) + MERGE_BIC and not asked:
+                if score < self._cost(members) + SELECTION.merge_bic and not asked:
                     return self._merged([*others, variants[best]])
                 whole = self.pool.whole(kept)
                 if whole != kept and self.holds([*others, whole], dropped):
@@ -144,7 +133,7 @@ class Selector:
         """Whether next to nothing of what the dropped could explain lies outside of members."""
         columns = self.pool.columns(dropped)
         bare, left = (outside(self.space_with(some), columns) for some in ([], members))
-        return bool(np.sum(left**2) < HELD * np.sum(bare**2))
+        return bool(np.sum(left**2) < SELECTION.held * np.sum(bare**2))
 
     def _cost(self, members: Sequence[Member]) -> float:
         """BIC of members: what they leave, their directions, and how many shapes were tried for each."""
@@ -158,9 +147,9 @@ class Selector:
         taken = {m.candidate for m in members} | self.banned
         passing = [k for k in ranked(now.bic) if now.log_p[k] > self.threshold and k not in taken]
         best: tuple[float, Member] | None = None
-        for k in passing[:SHORTLIST]:
+        for k in passing[: SELECTION.shortlist]:
             gain, error = self.held_out.gain(members, [*members, now.best[k]])
-            if gain > error and (best is None or gain > best[0] + ROUNDING):
+            if gain > error and (best is None or gain > best[0] + SELECTION.rounding):
                 best = (gain, now.best[k])
         return best[1] if best else None
 
@@ -170,7 +159,7 @@ class Selector:
         taken = {m.candidate for m in members} | self.banned
         passing = [k for k in ranked(now.bic) if now.log_p[k] > self.threshold and k not in taken]
         best: tuple[float, list[Member]] | None = None
-        for k in passing[:SHORTLIST]:
+        for k in passing[: SELECTION.shortlist]:
             first = now.best[k]
             beside = self.standing([*members, first])
             score = np.where(np.isin(np.arange(beside.bic.size), [*taken, k]), -np.inf, beside.bic)
@@ -179,7 +168,7 @@ class Selector:
                 continue
             two = [first, beside.best[other]]
             gain, error = self.held_out.gain(members, [*members, *two])
-            if gain > error and (best is None or gain > best[0] + ROUNDING):
+            if gain > error and (best is None or gain > best[0] + SELECTION.rounding):
                 best = (gain, two)
         return best[1] if best else None
 
@@ -204,7 +193,7 @@ class Selector:
             back = self.standing([*members, beside.best[other]])
             two = [back.best[k], beside.best[other]]
             cost = self._cost([*members, *two])
-            if back.log_p[k] > limit and (best is None or cost < best[0] - ROUNDING):
+            if back.log_p[k] > limit and (best is None or cost < best[0] - SELECTION.rounding):
                 best = (cost, two)
         if best is None:
             return None
@@ -213,7 +202,7 @@ class Selector:
 
     def _settle(self, members: list[Member]) -> list[Member]:
         """Swap a member for a better candidate, or drop it where it is not needed any more, until stable."""
-        for _ in range(8):
+        for _ in range(SELECTION.swaps):
             changed = False
             for member in members:
                 if member in self.fixed:
@@ -224,7 +213,7 @@ class Selector:
                 score = np.where(np.isin(np.arange(now.bic.size), list(taken)), -np.inf, now.bic)
                 k = ranked(score)[0]
                 own = now.log_p[member.candidate]
-                if now.log_p[k] > self.threshold and score[k] > now.bic[member.candidate] + 1e-6:
+                if now.log_p[k] > self.threshold and score[k] > now.bic[member.candidate] + SELECTION.rounding:
                     members, changed = [*others, now.best[k]], True
                 elif own <= self.threshold and len(members) > 1:
                     members, changed = others, True

@@ -15,17 +15,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.core.regression import VISIBLE
+from highside.diagnosis.core.policy import REGRESSION, SUPPORT
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 Interval = tuple[float, float]
-
-SETTINGS = 48
-"""A covariate with at most so many values is stepped: each is a cell."""
-CELLS = 24
-MOST = 3
-"""windows of one mismatch"""
 
 
 @dataclass(frozen=True)
@@ -48,11 +42,11 @@ class Cells:
         return np.asarray(of == np.arange(self.count)[:, None], dtype=float)
 
 
-def cells_of(covariate: str, along: Array, *, circular: bool = False, count: int = CELLS) -> Cells:
+def cells_of(covariate: str, along: Array, *, circular: bool = False, count: int = SUPPORT.cells) -> Cells:
     """Cut a covariate (n,): at its settings where it is stepped, else evenly. A circular one turns at 360."""
     along = np.asarray(along, dtype=float)
     values = np.unique(np.round(along, 3))
-    if values.size <= max(SETTINGS, count):
+    if values.size <= max(SUPPORT.settings, count):
         of = np.searchsorted(values, np.round(along, 3))
         if circular and values.size > 1:
             before, after = values - np.roll(values, 1), np.roll(values, -1) - values
@@ -91,7 +85,7 @@ def support(cells: Cells, gram: Array, moment: Array, size: Array) -> Window:
     price = 2 * np.log(max(count, 2))
     taken = np.zeros(count, dtype=bool)
     gain, dof = 0.0, 0
-    for turn in range(MOST):
+    for turn in range(SUPPORT.windows):
         best: tuple[float, float, int, Ints] | None = None
         for start in range(count):
             order = (np.arange(count) + start) % count if cells.circular else np.arange(start, count)
@@ -118,10 +112,10 @@ def support(cells: Cells, gram: Array, moment: Array, size: Array) -> Window:
 def _growing(gram: Array, moment: Array, size: Array) -> tuple[Array, Array]:
     """Gain of chi-square and directions used by the first 1, 2, ... columns."""
     scale = np.sqrt(np.maximum(size, 1e-30))
-    scaled = gram / scale[:, None] / scale[None, :] + 1e-7 * np.eye(size.size)
+    scaled = gram / scale[:, None] / scale[None, :] + SUPPORT.ridge * np.eye(size.size)
     lower = np.linalg.cholesky(scaled)
     turned = np.linalg.solve(lower, moment / scale)
-    seen = (np.diag(lower) > VISIBLE) & (size > 0)
+    seen = (np.diag(lower) > REGRESSION.visible) & (size > 0)
     return np.cumsum(np.where(seen, turned**2, 0.0)), np.cumsum(seen)
 
 

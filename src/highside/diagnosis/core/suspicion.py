@@ -9,15 +9,8 @@ from typing import Generic
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.core.memory import (
-    SUSPECT,
-    Memory,
-    SlowScore,
-    SlowStage,
-    plain_level,
-    slow_effects,
-    slow_scores,
-)
+from highside.diagnosis.core.memory import Memory, SlowScore, SlowStage, plain_level, slow_effects, slow_scores
+from highside.diagnosis.core.policy import MEMORY
 from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.scene import Judged, N, Scene
 
@@ -48,7 +41,7 @@ def suspected(
     Where time and the programme run alike, a slow effect is first taken for a fast one that resembles it. So the slow
     are also tested beside what is chosen where both may be, if they all hold there.
     """
-    if scene.slow_beside_fast:
+    if scene.policy.slow_beside_fast:
         both = replace(judged.selector, banned=unnamed).select()
         chosen = {m.candidate for m in both} & slow
         if chosen:
@@ -64,7 +57,7 @@ def suspect(scene: Scene[N], members: Sequence[Member]) -> Suspicion[N]:
     channels = scene.likelihoods(members)
     slow = scene.slow()
     names = [candidates[s.candidate].id for s in slow]
-    found = slow_effects(channels, slow, names, scene.slow_limits) if slow else SlowStage([], [], [])
+    found = slow_effects(channels, slow, names, scene.policy.slow) if slow else SlowStage([], [], [])
 
     def upheld(scores: Sequence[SlowScore]) -> list[SlowScore]:
         return [s for s in scores if scene.holds_up(Member(s.effect.candidate, s.effect.variant))]
@@ -81,7 +74,7 @@ def suspect(scene: Scene[N], members: Sequence[Member]) -> Suspicion[N]:
     admitted = frozenset(candidates[s.effect.candidate].id for s in found.admitted)
     if "temperature_bias" in admitted:
         admitted |= {"temperature_bias_curvature"}
-    if max(m.gain for m in memories) <= SUSPECT:
+    if max(m.gain for m in memories) <= MEMORY.suspect:
         return Suspicion(scene.noise, memories, False, [], near, admitted)
     noise = scene.with_memory(memories)
     if any(m.walks for m in memories):

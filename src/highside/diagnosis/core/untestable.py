@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from highside.diagnosis.core.policy import UNTESTABLE
 from highside.diagnosis.core.result import Diagnosis, NotTestable
 from highside.physics.effect import Effect, Stage
 from highside.physics.effects import all_effects
 from highside.physics.state import ChainState
-
-ONE_INCLINATION_RAD = 2e-4
 
 
 def one_sided(effect: Effect, state: ChainState) -> bool:
@@ -50,7 +49,7 @@ def _needing(entry: NotTestable, state: ChainState) -> NotTestable:
         lacks.append("record the vibration at rest and while the tool is shaken")
     if not lacks and effect.stage in (Stage.POSE, Stage.GRAVITY, Stage.MOUNTING, Stage.SENSOR):
         first = float(np.degrees(state.inc_rad[0]))
-        if np.ptp(state.inc_rad) < ONE_INCLINATION_RAD:
+        if np.ptp(state.inc_rad) < UNTESTABLE.one_inclination_rad:
             lacks.append(f"measure at other inclinations than {first:g} deg as well")
     if effect.stage is Stage.GYRO:
         lacks.append("record the gyros too, while the tool rotates")

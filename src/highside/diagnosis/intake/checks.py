@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.result import Finding
-from highside.diagnosis.intake.clock import STRAY, SURE, chance, clock_findings, duplicates
+from highside.diagnosis.intake.clock import chance, clock_findings, duplicates
 from highside.diagnosis.intake.impulses import find_impulses
+from highside.diagnosis.intake.policy import CHECKS, CLOCK
 from highside.physics.gravity import STANDARD_GRAVITY_MPS2, gravity_direction
 
 Array = NDArray[np.float64]
@@ -24,8 +25,6 @@ Array = NDArray[np.float64]
 CHANNELS = ("ax", "ay", "az")
 COLUMNS = ("ax_g", "ay_g", "az_g")
 UNITS = {"m/s2": STANDARD_GRAVITY_MPS2, "mg": 1e3, "ug": 1e6}
-CLIPPED_SHARE = 0.2
-"""Where more of a channel is clipped, the rest says too little."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +73,7 @@ def check(
             expected[channel] = sign * reference[tool]
         clipped = {c: found for c in range(3) if (found := _clipping(accel[c], expected[c]))}
         # a channel that is mostly flat follows no axis map
-        mostly = any(share >= CLIPPED_SHARE for share, _, _ in clipped.values())
+        mostly = any(share >= CHECKS.clipped_share for share, _, _ in clipped.values())
         frames = [] if mostly else _axes(accel, reference, axes)
         if frames:
             return _spoiled([*time, *frames])
@@ -84,7 +83,7 @@ def check(
     for c, (share, limit, p) in clipped.items():
         words = f"{share:.1%} of the readings share the value {limit:g} g: use a larger range"
         flat = Finding("clipping", (CHANNELS[c],), p, words)
-        (spoiling if share >= CLIPPED_SHARE else told).append(flat)
+        (spoiling if share >= CHECKS.clipped_share else told).append(flat)
     spoiling += [f for c in range(3) if c not in clipped and (f := _stuck_bit(accel[c], c))]
     rows = np.flatnonzero(held)
     impulses: NDArray[np.intp] = rows[:0]
@@ -108,7 +107,7 @@ def _short(name: str) -> str:
 
 def _all_equal(count: int) -> float:
     """Probability that so many readings agree where two do with even odds."""
-    return float(2.0 ** -min(count - 1, 1000))
+    return float(2.0 ** -min(count - 1, CHECKS.most_binary))
 
 
 def _reference(columns: Mapping[str, Array]) -> Array:
@@ -120,16 +119,16 @@ def _reference(columns: Mapping[str, Array]) -> Array:
 def _unit(accel: Array) -> Finding | None:
     """The size of gravity tells the unit."""
     size = float(np.median(np.linalg.norm(accel, axis=0)))
-    if 0.7 < size < 1.4:
+    if CHECKS.gravity[0] < size < CHECKS.gravity[1]:
         return None
-    guess = next((name for name, one in UNITS.items() if 0.8 < size / one < 1.25), None)
+    guess = next((name for name, one in UNITS.items() if CHECKS.unit[0] < size / one < CHECKS.unit[1]), None)
     words = (
         f"|a| is {size:.6g}: looks like {guess}, divide by {UNITS[guess]:g}"
         if guess
         else (f"|a| is {size:.6g} where gravity is 1: scale the readings to g")
     )
-    away = int(np.sum(np.abs(np.linalg.norm(accel, axis=0) - 1) > 0.3))
-    return Finding("wrong_unit", CHANNELS, chance(away, accel.shape[1], STRAY), words)
+    away = int(np.sum(np.abs(np.linalg.norm(accel, axis=0) - 1) > CHECKS.away_g))
+    return Finding("wrong_unit", CHANNELS, chance(away, accel.shape[1], CLOCK.stray), words)
 
 
 def _axes(accel: Array, reference: Array, axes: Sequence[tuple[int, float]]) -> list[Finding]:
@@ -144,14 +143,14 @@ def _axes(accel: Array, reference: Array, axes: Sequence[tuple[int, float]]) -> 
     misfit, order, signs = best
     n = accel.shape[1]
     level = np.sqrt(now.mean())
-    if level < 0.2:
+    if level < CHECKS.follows_g:
         return []
     better = np.sum((np.array(signs)[:, None] * tool[list(order)] - reference) ** 2, axis=0)
     wins = int(np.sum(better < now))
     p = chance(wins, n, 0.5)
-    if misfit / n > 0.2**2 or np.sqrt(misfit / n) > level / 3:
+    if misfit / n > CHECKS.follows_g**2 or np.sqrt(misfit / n) > level / 3:
         words = "the readings do not follow the bench's angles under any axis map: are these the right columns?"
-        return [Finding("not_gravity", CHANNELS, chance(int(np.sum(now > 0.04)), n, STRAY), words)]
+        return [Finding("not_gravity", CHANNELS, chance(int(np.sum(now > CHECKS.off_g2)), n, CLOCK.stray), words)]
     found = []
     letters = "xyz"
     mapped = "".join(("-" if s < 0 else "") + letters[o] for o, s in zip(order, signs, strict=True))
@@ -179,10 +178,10 @@ def _clipping(values: Array, expected: Array) -> tuple[float, float, float] | No
         # equal loads give equal readings on a coarse converter: count loads that differ by more than its step, and
         # compare the number of equal readings with how often neighbours agree elsewhere
         step = float(np.median(np.diff(np.unique(values[~at]))))
-        apart = np.unique(np.round(loads / max(10 * step, 2e-3))).size
+        apart = np.unique(np.round(loads / max(CHECKS.load_steps * step, CHECKS.load_g))).size
         agree = max(float(np.mean(np.diff(values[~at]) == 0)), 1.0 / values.size)
         p = min((1.0 / others) ** (apart - 1), agree ** (count - apart))
-        if apart >= 2 and p < SURE and np.ptp(loads) > max(20 * step, 5e-3):
+        if apart >= 2 and p < CLOCK.sure and np.ptp(loads) > max(CHECKS.span_steps * step, CHECKS.span_g):
             share = count / values.size + (best[0] if best else 0.0)
             best = (share, abs(extreme), min(p, best[2] if best else 1.0))
     return best
@@ -191,14 +190,14 @@ def _clipping(values: Array, expected: Array) -> tuple[float, float, float] | No
 def _codes(values: Array) -> tuple[NDArray[np.int64], float] | None:
     """Whole numbers behind the readings and the step of the converter, if there is one."""
     distinct = np.unique(values)
-    if distinct.size < 16:
+    if distinct.size < CHECKS.least_codes:
         return None
     gaps = np.diff(distinct)
     # sums of rounding errors are no steps
     step = float(gaps[gaps > 1e-9].min())
     step = float(np.ptp(distinct) / np.round(np.ptp(distinct) / step))
     codes = values / step
-    if np.max(np.abs(codes - np.round(codes))) > 0.02:
+    if np.max(np.abs(codes - np.round(codes))) > CHECKS.off_code:
         return None
     return np.round(codes).astype(np.int64), step
 
@@ -216,8 +215,8 @@ def _stuck_bit(values: Array, channel: int) -> Finding | None:
         if np.ptp(held) == 0:
             # every stretch of 2^(bit+1) codes that was visited had both states to choose from
             visits = np.unique(distinct >> (bit + 1)).size
-            p = float(2.0 ** -min(visits - 1, 1000))
-            if p < SURE:
+            p = float(2.0 ** -min(visits - 1, CHECKS.most_binary))
+            if p < CLOCK.sure:
                 words = f"binary digit {bit} is always {int(held[0])}: the converter or its wire is broken"
                 return Finding("stuck_bit", (CHANNELS[channel],), p, words)
     return None
@@ -231,7 +230,7 @@ def _quantisation(values: Array, channel: int) -> Finding | None:
     codes, step = found
     # unchanged from row to row in most rows: the noise is well below the step
     still = float(np.mean(np.diff(codes) == 0))
-    if still < 0.8:
+    if still < CHECKS.still:
         return None
     words = f"the converter's step of {step:.3g} g is coarser than the noise: errors of up to half of it stay in a mean"
     return Finding("quantisation", (CHANNELS[channel],), _all_equal(int(np.sum(np.diff(codes) == 0))), words)

@@ -1,9 +1,9 @@
 """Intake checks of the frames' order and times: reversed, reordered, lost and repeated frames, a clock that steps or
 drifts.
 
-A healthy link may lose, repeat or disorder a frame in ten thousand (`STRAY`); the p-values are exact binomial tails
-beyond that. The clock is judged by its own regularity: times that jitter by more than `JITTER` of their spacing (times
-of arrival) cannot show a small step.
+A healthy link may lose, repeat or disorder a frame in ten thousand (`CLOCK.stray`); the p-values are exact binomial
+tails beyond that. The clock is judged by its own regularity: times that jitter by more than `CLOCK.jitter` of their
+spacing (times of arrival) cannot show a small step.
 """
 
 from __future__ import annotations
@@ -13,19 +13,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.core.policy import INTERVALS
 from highside.diagnosis.core.probability import straight_line, student_beyond
 from highside.diagnosis.core.result import Finding
+from highside.diagnosis.intake.policy import CLOCK
 
 Array = NDArray[np.float64]
-
-STRAY = 1e-4
-"""Share of frames that a healthy link may lose, repeat or disorder."""
-SURE = 1e-6
-LOST_SHARE = 0.01
-"""Where more frames are lost, the recording is not what it claims to be."""
-JITTER = 0.02
-DRIFT = 1e-3
-"""Change of the clock's rate over a recording that spoils it."""
 
 
 def chance(count: int, of: int, rate: float) -> float:
@@ -57,7 +50,7 @@ def clock_findings(columns: Mapping[str, Array], held: NDArray[np.bool_]) -> lis
     stepped = _steps_back(t_s, usual)
     if back > len(stepped):
         words = f"{back} rows are out of order: sort by time or counter"
-        found.append((Finding("reordered_frames", ("t_s",), chance(back, n, STRAY), words), True))
+        found.append((Finding("reordered_frames", ("t_s",), chance(back, n, CLOCK.stray), words), True))
     if usual <= 0:
         return found
     found += _lost(steps, inside, usual, seq)
@@ -78,14 +71,14 @@ def _lost(steps: Array, inside: NDArray[np.bool_], usual: float, seq: Array | No
         # a stop that lost its first or last rows has no gap, but fewer rows than the others
         sizes = np.diff(np.concatenate([[0], np.flatnonzero(~inside) + 1, [n + 1]]))
         usual_size = np.bincount(sizes).argmax()
-        if sizes.size > 3 and usual_size > 2 and np.mean(sizes == usual_size) > 0.6:
+        if sizes.size > 3 and usual_size > 2 and np.mean(sizes == usual_size) > CLOCK.alike:
             short = int(np.sum(np.maximum(usual_size - sizes, 0)))
             lost, gaps = max((lost, gaps), (short, int(np.sum(sizes < usual_size))))
-    p = chance(lost, n + lost, STRAY)
-    if lost == 0 or p >= SURE:
+    p = chance(lost, n + lost, CLOCK.stray)
+    if lost == 0 or p >= CLOCK.sure:
         return []
     share = lost / (n + lost)
-    spoils = share > LOST_SHARE
+    spoils = share > CLOCK.lost_share
     words = f"{lost} frames are lost in {gaps} gaps ({share:.1%}): " + (
         "check the link and record again" if spoils else "few enough to go on with"
     )
@@ -95,15 +88,15 @@ def _lost(steps: Array, inside: NDArray[np.bool_], usual: float, seq: Array | No
 def _steps_back(t_s: Array, usual: float) -> list[int]:
     """Rows at which time falls back and goes on from there: the clock was set back; disordered rows recover at once."""
     found = []
-    for k in np.flatnonzero(np.diff(t_s) < 0)[:50]:
-        ahead = t_s[k + 1 : k + 1 + 50]
+    for k in np.flatnonzero(np.diff(t_s) < 0)[: CLOCK.look]:
+        ahead = t_s[k + 1 : k + 1 + CLOCK.look]
         # a row that came late is followed by a jump forward to where time had been
-        if ahead.size > 10 and np.all(np.diff(ahead) > 0) and np.all(np.diff(ahead) < 1.5 * usual):
-            before = t_s[max(0, k - 10) : k + 1]
+        if ahead.size > CLOCK.around and np.all(np.diff(ahead) > 0) and np.all(np.diff(ahead) < CLOCK.even * usual):
+            before = t_s[max(0, k - CLOCK.around) : k + 1]
             if (
                 np.all(np.diff(before) > 0)
-                and t_s[k] - t_s[k + 1] > 0.5 * usual
-                and np.all(np.diff(before) < 1.5 * usual)
+                and t_s[k] - t_s[k + 1] > CLOCK.back * usual
+                and np.all(np.diff(before) < CLOCK.even * usual)
             ):
                 found.append(int(k) + 1)
     return found
@@ -115,7 +108,9 @@ def _clock(
     found: list[tuple[Finding, bool]] = []
     if back:
         words = f"the clock is set back at t = {t_s[back[0] - 1]:g} s: add the step to the times behind it"
-        found.append((Finding("clock_step", ("t_s",), chance(len(back), steps.size, STRAY / 10), words), True))
+        found.append(
+            (Finding("clock_step", ("t_s",), chance(len(back), steps.size, CLOCK.stray / CLOCK.rarer), words), True)
+        )
     single = inside & (steps > 0)
     if seq is not None:
         single &= np.diff(seq) == 1
@@ -123,18 +118,18 @@ def _clock(
         # whole spacings more are a gap, not a step of the clock
         single &= np.round(steps / usual) <= 1
     each = steps[single]
-    if each.size < 50:
+    if each.size < CLOCK.look:
         return found
-    scatter = 1.4826 * float(np.median(np.abs(each - np.median(each))))
-    jitter = max(scatter, 1e-6 * usual, 1e-9)
-    if scatter > JITTER * usual:
+    scatter = INTERVALS.from_mad * float(np.median(np.abs(each - np.median(each))))
+    jitter = max(scatter, CLOCK.exact * usual, 1e-9)
+    if scatter > CLOCK.jitter * usual:
         return found
     # heavy-tailed jitter is healthy: a step must be a rare one among the spacings themselves
     wide = np.abs(each - np.median(each))
-    jumps = np.flatnonzero((wide > 0.25 * usual) & (wide > 20 * jitter))
-    if 0 < jumps.size <= 5:
+    jumps = np.flatnonzero((wide > CLOCK.step * usual) & (wide > CLOCK.step_jitters * jitter))
+    if 0 < jumps.size <= CLOCK.steps:
         p = float(min(1.0, each.size * student_beyond(wide[jumps].max() / jitter, 4)))
-        if p < SURE:
+        if p < CLOCK.sure:
             row = np.flatnonzero(single)[jumps[0]]
             size = float(each[jumps[0]] - np.median(each))
             words = f"the clock steps by {size:+.4g} s at t = {t_s[row]:g} s without a frame lost: correct the times"
@@ -145,14 +140,14 @@ def _clock(
 
 def _drift(each: Array, rows: NDArray[np.intp], usual: float, jitter: float) -> list[tuple[Finding, bool]]:
     """Spacings that grow or shrink steadily: a straight line through them, by medians of twenty parts."""
-    parts = [p for p in np.array_split(np.arange(each.size), 20) if p.size]
+    parts = [p for p in np.array_split(np.arange(each.size), CLOCK.parts) if p.size]
     at = np.array([rows[p].mean() for p in parts])
     level = np.array([np.median(each[p]) for p in parts])
     slope, p = straight_line(at, level)
     change = float(slope * np.ptp(rows)) / usual
-    if p < SURE and abs(change) > 1e-4 and abs(change) * usual > jitter / 10:
+    if p < CLOCK.sure and abs(change) > CLOCK.least_drift and abs(change) * usual > jitter / CLOCK.drift_jitters:
         words = f"the clock's rate changes by {change:+.2%} over the recording: use a clock that counts frames evenly"
-        return [(Finding("clock_drift", ("t_s",), p, words), abs(change) > DRIFT)]
+        return [(Finding("clock_drift", ("t_s",), p, words), abs(change) > CLOCK.drift)]
     return []
 
 
@@ -163,12 +158,12 @@ def duplicates(columns: Mapping[str, Array], held: NDArray[np.bool_], accel: Arr
         return []
     if "seq" in columns and not np.isnan(columns["seq"]).any():
         twice = int(np.sum(np.diff(columns["seq"]) == 0))
-        p = chance(twice, n, STRAY)
+        p = chance(twice, n, CLOCK.stray)
     else:
         same = np.all(np.diff(accel, axis=1) == 0, axis=0)
         apart = np.all(accel[:, 2:] == accel[:, :-2], axis=0)
-        twice, p = int(same.sum()), chance(int(same.sum()), n - 1, max(float(apart.mean()) * 1.5, STRAY))
-    if twice and p < SURE:
+        twice, p = int(same.sum()), chance(int(same.sum()), n - 1, max(float(apart.mean()) * CLOCK.twice, CLOCK.stray))
+    if twice and p < CLOCK.sure:
         words = f"{twice} frames are there twice: remove the copies"
         return [Finding("duplicated_frames", ("ax", "ay", "az"), p, words)]
     return []

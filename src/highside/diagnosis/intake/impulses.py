@@ -10,19 +10,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.core.policy import INTERVALS
 from highside.diagnosis.core.probability import student_beyond, student_quantile
 from highside.diagnosis.core.result import Finding
-from highside.diagnosis.intake.clock import SURE, chance
+from highside.diagnosis.intake.clock import chance
+from highside.diagnosis.intake.policy import CLOCK, IMPULSES
 
 Array = NDArray[np.float64]
-
-TAILS = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0, 100.0)
-"""Degrees of freedom of Student's t that healthy noise may have."""
-WINDOW = 25
-SHARE = 0.01
-"""Where more readings are impulses, they are no impulses but the recording."""
-EXPECTED = 1e-3
-"""Impulses are readings of which a healthy recording has fewer than this."""
 
 
 def find_impulses(
@@ -36,7 +30,7 @@ def find_impulses(
     n = accel.shape[1]
     rows: set[int] = set()
     found: list[Finding] = []
-    if n < 100:
+    if n < IMPULSES.least_rows:
         return np.empty(0, dtype=np.intp), found
     values = accel
     if reference is not None:
@@ -47,17 +41,22 @@ def find_impulses(
         if z is None:
             continue
         size = np.abs(z)
-        ratio = float(np.quantile(size, 0.98) / max(np.quantile(size, 0.5), 1e-12))
+        ratio = float(np.quantile(size, IMPULSES.tail) / max(np.quantile(size, 0.5), 1e-12))
         freedom = max(
-            (v for v in TAILS if student_quantile(0.99, v) / student_quantile(0.75, v) >= 0.95 * ratio),
-            default=TAILS[0],
+            (
+                v
+                for v in IMPULSES.tails
+                if student_quantile(0.5 + IMPULSES.tail / 2, v) / student_quantile(IMPULSES.middle, v)
+                >= IMPULSES.slack * ratio
+            ),
+            default=IMPULSES.tails[0],
         )
         single = 2 * student_beyond(size, freedom)
-        far = np.flatnonzero(single * n < EXPECTED)
-        if not far.size or far.size > SHARE * n:
+        far = np.flatnonzero(single * n < IMPULSES.expected)
+        if not far.size or far.size > IMPULSES.share * n:
             continue
-        p = float(min(n * single.min(), chance(int(far.size), n, EXPECTED / n)))
-        if p < SURE:
+        p = float(min(n * single.min(), chance(int(far.size), n, IMPULSES.expected / n)))
+        if p < CLOCK.sure:
             rows |= {int(k) for k in far}
             words = (
                 f"{far.size} readings are up to {size.max():.0f} times the scatter off their neighbours: they are left "
@@ -73,16 +72,18 @@ def _in_scatters(values: Array, group: NDArray[np.intp]) -> Array | None:
     left = np.zeros(values.size)
     borders = np.flatnonzero(np.diff(group)) + 1
     for part in np.split(np.arange(values.size), borders):
-        if part.size < 5:
+        if part.size < IMPULSES.least_stop:
             continue
         own = values[part]
-        left[part] = own - (np.median(own) if part.size <= WINDOW else _running_median(own, 7))
-    scatter = 1.4826 * _running_median(np.abs(left), 4 * WINDOW + 1)
+        left[part] = own - (
+            np.median(own) if part.size <= IMPULSES.window else _running_median(own, IMPULSES.neighbours)
+        )
+    scatter = INTERVALS.from_mad * _running_median(np.abs(left), IMPULSES.windows * IMPULSES.window + 1)
     usual = float(np.median(scatter[scatter > 0])) if np.any(scatter > 0) else 0.0
     if usual == 0.0:
         return None
     # a quiet stretch of a coarse converter has no scatter of its own
-    return np.asarray(left / np.maximum(scatter, 0.3 * usual))
+    return np.asarray(left / np.maximum(scatter, IMPULSES.quietest * usual))
 
 
 def _running_median(values: Array, width: int) -> Array:

@@ -12,6 +12,7 @@ from highside.diagnosis.core.candidates import Blind, Candidate, Variant
 from highside.diagnosis.core.location import Basis
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.magnitude.observed import Magnitudes
+from highside.diagnosis.magnitude.policy import MAGNITUDE_BASES
 from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.physics.forward import ForwardModel
 
@@ -103,9 +104,9 @@ def bases_of(session: MagnitudeSession, n: int) -> list[Basis]:
         square = [x * x - y * y, 2 * z * z - x * x - y * y, x * y, x * z, y * z]
         add("gravity_direction", inc_deg, square)
         add("gravity_direction (third order)", inc_deg, [x**3, y**3, z**3, x * y * z])
-        if n >= 40:
+        if n >= MAGNITUDE_BASES.many:
             add("gravity_direction (fourth order)", inc_deg, [x**4, y**4, z**4, x * x * y * y, x * x * z * z])
-    if np.ptp(session.temp_c) > 0.5:
+    if np.ptp(session.temp_c) > MAGNITUDE_BASES.warm_span_c:
         q = (session.temp_c - session.temp_c.mean()) / session.temp_c.std()
         add("temp_c", session.temp_c, [q, q**2, q**3])
         if not session.rest:
@@ -113,5 +114,12 @@ def bases_of(session: MagnitudeSession, n: int) -> list[Basis]:
     if np.ptp(session.vibration_rms_g) > 0:
         add("vibration_rms_g", session.vibration_rms_g, [session.vibration_rms_g, session.vibration_rms_g**2])
     u = (session.t_s - session.t_s[0]) / max(float(np.ptp(session.t_s)), 1e-9)
-    add("t_s", session.t_s, [np.cos(np.pi * k * u) for k in range(1, 4 if n < 40 else 7)])
+    add(
+        "t_s",
+        session.t_s,
+        [
+            np.cos(np.pi * k * u)
+            for k in range(1, MAGNITUDE_BASES.few_waves if n < MAGNITUDE_BASES.many else MAGNITUDE_BASES.waves)
+        ],
+    )
     return found

@@ -12,12 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.core.memory import SHARES, Likelihoods, intervals
+from highside.diagnosis.core.memory import Likelihoods, intervals
+from highside.diagnosis.magnitude.policy import DIRECTED_WALK
 
 Array = NDArray[np.float64]
-
-WALKS = (0.0, *SHARES[np.inf], 3.0, 12.0)
-"""Variance of a step from reading to reading in units of the white variance."""
 
 
 @dataclass(frozen=True)
@@ -48,5 +46,5 @@ class DirectedLikelihoods(Likelihoods):
     """As `Likelihoods`, of magnitudes with gravity along `direction` (3, n), under walks alone."""
 
     def __init__(self, residual: Array, variance: Array, nuisance: Array, t_s: Array, direction: Array) -> None:
-        self.settings = [(np.inf if share else 1.0, share) for share in WALKS]
-        self._prepare(residual, DirectedNoise.of(variance, direction, t_s, np.array(WALKS)), nuisance)
+        self.settings = [(np.inf if share else 1.0, share) for share in DIRECTED_WALK.walks]
+        self._prepare(residual, DirectedNoise.of(variance, direction, t_s, np.array(DIRECTED_WALK.walks)), nuisance)

@@ -15,18 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.candidates import Candidate
+from highside.diagnosis.core.policy import INTERVALS, REGRESSION
 from highside.diagnosis.core.probability import student_quantile
-from highside.diagnosis.core.regression import VISIBLE
 from highside.diagnosis.core.result import FittedParameter
 from highside.diagnosis.magnitude.observed import Magnitudes
+from highside.diagnosis.magnitude.policy import MAGNITUDE_FITS
 from highside.physics.effect import Parameter
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
 Table = dict[str, FittedParameter]
-
-APART = 1.02
-"""Ratio of two values of a shape between which its slope is taken."""
 
 
 def fitted_columns(seen: Magnitudes, model: ForwardModel, candidate: Candidate, table: Table) -> tuple[Array, Array]:
@@ -41,7 +39,7 @@ def fitted_columns(seen: Magnitudes, model: ForwardModel, candidate: Candidate, 
         if parameter.shape and table[parameter.name].std > 0:
             ends = [
                 seen.columns(model, effect, {**shape, parameter.name: shape[parameter.name] * factor})
-                for factor in (1 / APART, APART)
+                for factor in (1 / MAGNITUDE_FITS.apart, MAGNITUDE_FITS.apart)
             ]
             slopes.append(np.tensordot(amplitude, ends[1] - ends[0], 1))
     return columns, np.array(slopes).reshape(len(slopes), *columns.shape[1:])
@@ -58,11 +56,11 @@ def least(table: Table, candidate: Candidate, columns: Array, shown: Array, free
     sizes = np.array([p.typical for p in own])
     rows = shown.T @ (sizes[:, None] * columns)
     values, vectors = np.linalg.eigh(rows @ rows.T)
-    good = values > VISIBLE**2 * values[-1]
+    good = values > REGRESSION.visible**2 * values[-1]
     seen = shown @ vectors[:, good]
     told = seen @ (seen.T @ (np.array([table[p.name].value for p in own]) / sizes))
     std = sizes * np.sqrt(np.sum(seen**2 / values[good], axis=1))
-    half = student_quantile(0.975, freedom) * std
+    half = student_quantile(INTERVALS.upper, freedom) * std
     low, high = _open(own, sizes, seen, told)
     return {
         **table,

@@ -9,19 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.candidates import Candidate
-from highside.diagnosis.core.fit import RICH_SHARE
 from highside.diagnosis.core.location import Basis
 from highside.diagnosis.core.memory import Innovating
-from highside.diagnosis.core.pool import ALARM_RATE
-from highside.diagnosis.core.regression import VISIBLE, log10_p, outside, span
+from highside.diagnosis.core.policy import FITS, POOL, REGRESSION
+from highside.diagnosis.core.regression import log10_p, outside, span
+from highside.diagnosis.magnitude.policy import MAGNITUDE_NOISE
 from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.physics.effect import Stage
 
 Array = NDArray[np.float64]
-
-MOST_ASKED = 2
-LEAST_FREEDOM = 6
-"""So many readings are kept to measure the scatter by: with fewer no F test shows anything."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +39,7 @@ class MagnitudeNoise:
 
 def rich_columns(base: Array, candidates: Sequence[Candidate], bases: Sequence[Basis]) -> Array:
     """Columns (P, 1, n) of what could be systematic, the likeliest first, as many directions as the session affords."""
-    room = int(RICH_SHARE * base.shape[2])
+    room = int(FITS.rich_share * base.shape[2])
     stages = [Stage.SENSOR, Stage.THERMAL]
     named = sorted(
         (c for c in candidates if c.effect is not None and len([v for v in c.variants if v.whole]) == 1),
@@ -56,7 +52,7 @@ def rich_columns(base: Array, candidates: Sequence[Candidate], bases: Sequence[B
     taken = span(base[:, 0]).shape[0]
     for part in parts:
         wider = np.concatenate([kept, part])
-        rank = span(wider[:, 0], tolerance=1e-4).shape[0]
+        rank = span(wider[:, 0], tolerance=MAGNITUDE_NOISE.independent).shape[0]
         if rank <= room:
             kept, taken = wider, rank
         if taken == room:
@@ -73,28 +69,34 @@ def plainly_asked(rich: Array, base: Array, residual: Array, candidates: Sequenc
     space = span(base[:, 0])
     n = residual.size
     asked = base
-    for _ in range(MOST_ASKED):
+    for _ in range(MAGNITUDE_NOISE.most_asked):
         left = outside(space, residual[0])
         total, freedom = float(left @ left), n - space.shape[0]
         best: tuple[float, Array] | None = None
         for candidate in candidates:
             for variant in candidate.variants:
-                own = span(outside(space, variant.columns[:, 0] / _size(variant.columns[:, 0])), tolerance=VISIBLE)
+                own = span(
+                    outside(space, variant.columns[:, 0] / _size(variant.columns[:, 0])), tolerance=REGRESSION.visible
+                )
                 k = own.shape[0]
-                if not 0 < k <= freedom - LEAST_FREEDOM:
+                if not 0 < k <= freedom - MAGNITUDE_NOISE.least_freedom:
                     continue
                 gain = float(np.sum((own @ left) ** 2))
                 per_noise = gain * (freedom - k) / max(total - gain, 1e-12 * total)
                 p = float(log10_p(np.array(per_noise), np.array(k), freedom - k, len(candidate.variants)))
                 if best is None or p > best[0]:
                     best = (p, own)
-        if best is None or best[0] < -np.log10(ALARM_RATE / len(candidates)):
+        if best is None or best[0] < -np.log10(POOL.alarm_rate / len(candidates)):
             break
         asked = np.concatenate([asked, best[1][:, None]])
         space = span(np.concatenate([space, best[1]]))
     whole = np.concatenate([rich, asked])
     # what is asked for goes before what merely could be there
-    return whole if n - span(whole[:, 0], tolerance=1e-4).shape[0] >= LEAST_FREEDOM else asked
+    return (
+        whole
+        if n - span(whole[:, 0], tolerance=MAGNITUDE_NOISE.independent).shape[0] >= MAGNITUDE_NOISE.least_freedom
+        else asked
+    )
 
 
 def _size(columns: Array) -> Array:
@@ -106,7 +108,7 @@ def scatter(session: MagnitudeSession, residual: Array, rich: Array) -> Magnitud
     """Scatter of the readings beyond the rich columns. Poses of a hand scatter alike whatever their length; blocks of a
     rest by the number of rows they hold."""
     relative = np.sqrt(np.median(session.count) / session.count) if session.rest else np.ones(session.n)
-    space = span(rich[:, 0] / relative, tolerance=1e-4)
+    space = span(rich[:, 0] / relative, tolerance=MAGNITUDE_NOISE.independent)
     left = outside(space, residual[0] / relative)
     freedom = session.n - space.shape[0]
     size = max(float(np.sqrt(left @ left / freedom)), 1e-9)

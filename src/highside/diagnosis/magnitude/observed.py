@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.candidates import columns_of
+from highside.diagnosis.magnitude.policy import OBSERVATION
 from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.physics.effect import Effect
 from highside.physics.effects import get
@@ -23,13 +24,6 @@ from highside.physics.gravity import unit
 from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
-
-TURNS = 6
-STILL = 1e-12
-IDEAL = 1e-6
-"""As `UNSEEN`, of an ideal triad."""
-UNSEEN = 1e-4
-"""A direction of the parameters that shows less than this, against the one that shows most, is not moved."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +53,7 @@ class Magnitudes:
         if self._last is not None and self._last[0] is model:
             return self._last[1]
         session, direction = self.session, self.session.direction
-        for _ in range(TURNS):
+        for _ in range(OBSERVATION.turns):
             state = session.state_at(direction)
             chain = model.chain(state)
             inverse = np.linalg.inv(model.sensitivity(state, chain).transpose(2, 0, 1))
@@ -70,7 +64,7 @@ class Magnitudes:
             turned = unit(direction + session.by_group(across))
             moved = float(np.max(np.abs(turned - direction)))
             direction = turned
-            if moved < STILL:
+            if moved < OBSERVATION.still:
                 break
         normal = np.einsum("nij,in->jn", inverse, unit(force))
         found = Aligned(state, normal, np.sum(normal * (session.mean - chain.reported), axis=0))
@@ -81,7 +75,7 @@ class Magnitudes:
         """(k, 3, n) changes of the reading -> (k, 1, n) changes of its magnitude; what only turns it becomes zero."""
         seen = np.einsum("in,kin->kn", aligned.normal, columns)
         size = np.linalg.norm(columns, axis=(1, 2))
-        seen[np.linalg.norm(seen, axis=1) < 1e-7 * size] = 0.0
+        seen[np.linalg.norm(seen, axis=1) < OBSERVATION.rounding * size] = 0.0
         return np.asarray(seen[:, None, :])
 
     def residual(self, model: ForwardModel) -> Array:
@@ -109,7 +103,7 @@ class Magnitudes:
         """
         sizes = _sizes(names, columns)
         shown = self.directions(names, sizes)
-        solution = np.linalg.lstsq((columns * sizes[:, None]).T @ shown, residual, rcond=UNSEEN)[0]
+        solution = np.linalg.lstsq((columns * sizes[:, None]).T @ shown, residual, rcond=OBSERVATION.unseen)[0]
         return np.asarray(sizes * (shown @ solution))
 
     def shown(self, columns: Array, names: Sequence[str]) -> Array:
@@ -131,7 +125,7 @@ class Magnitudes:
             self._shown[within] = np.einsum("in,kin->kn", normal, found)
         rows = self._shown[within] * sizes[plain][:, None]
         values, vectors = np.linalg.eigh(rows @ rows.T)
-        good = vectors[:, values > IDEAL**2 * values[-1]]
+        good = vectors[:, values > OBSERVATION.ideal**2 * values[-1]]
         others = [k for k in range(len(names)) if k not in plain]
         directions = np.zeros((len(names), good.shape[1] + len(others)))
         directions[plain, : good.shape[1]] = good

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,14 +15,15 @@ from highside.diagnosis.core.fit import JointFit, base_fit, joint_fit
 from highside.diagnosis.core.held_out import HeldOut, PoseGains, block_gain, block_proof
 from highside.diagnosis.core.location import Basis, followed, intervals, scan_of
 from highside.diagnosis.core.markov import LevelNoise
-from highside.diagnosis.core.memory import Channel, Innovating, Likelihoods, Memory, SlowEffect, SlowLimits
+from highside.diagnosis.core.memory import Channel, Innovating, Likelihoods, Memory, SlowEffect
 from highside.diagnosis.core.memory import intervals as in_intervals
-from highside.diagnosis.core.pool import ALARM_RATE, Member, Pool, pose_flips, ranked, span_with, standing, threshold
-from highside.diagnosis.core.regression import VISIBLE, outside, span
+from highside.diagnosis.core.policy import POOL, REGRESSION, SELECTION, ScenePolicy
+from highside.diagnosis.core.pool import Member, Pool, pose_flips, ranked, span_with, standing, threshold
+from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.core.result import Diagnosis, Fit, Location, NotTestable
 from highside.diagnosis.core.rivals import Rivalry
 from highside.diagnosis.core.scene import SLOW, Judged, Picture, Scene
-from highside.diagnosis.core.selection import MAX_CLAIMS, SHORTLIST, Selector
+from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.magnitude.candidates import (
     bases_of,
     beyond_linear,
@@ -34,6 +36,7 @@ from highside.diagnosis.magnitude.directed_walk import DirectedLikelihoods, Dire
 from highside.diagnosis.magnitude.fit import fitted_columns, from_the_start, least
 from highside.diagnosis.magnitude.noise import MagnitudeNoise, plainly_asked, rich_columns, scatter
 from highside.diagnosis.magnitude.observed import Magnitudes
+from highside.diagnosis.magnitude.policy import AT_REST, MAGNITUDE, MAGNITUDE_CHOICE
 from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.physics.effects import get
 from highside.physics.forward import ForwardModel
@@ -43,14 +46,6 @@ Array = NDArray[np.float64]
 Shapes = dict[str, dict[str, float]]
 
 CHANNEL = "g_total"
-ONE_BY_ONE = 60
-"""Up to so many poses each is left out by itself."""
-BLOCKS = 10
-ALIKE = 0.999
-WITHIN_95 = 2.7
-"""Of -2 log likelihood: the one-sided 95 % quantile of chi-square with one degree of freedom."""
-PER_NAME = 6
-"""Readings beyond the base for each effect that is given a name."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +75,7 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
         """
         seen = Magnitudes(session)
         scene = cls._about(seen, model, free, seed, {})
-        while not session.rest and len(scene.about) < MAX_CLAIMS:
+        while not session.rest and len(scene.about) < SELECTION.most:
             about = scene._nearest(model)
             if about is None:
                 break
@@ -94,7 +89,7 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
         session = seen.session
         if session.rest and "bias" in free:
             # offset, scale and matrix show alike; an offset leaves the directions as they are
-            model = base_fit(model, seen, ("bias",), steps=12)[0]
+            model = base_fit(model, seen, ("bias",), steps=MAGNITUDE_CHOICE.steps)[0]
         model, columns, residual = _fitted(seen, model, free, about)
         names = model.free_names(free) if free else []
         values = model.get_free(list(about)) if about else np.empty(0)
@@ -125,11 +120,11 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
         known = [m for m in known if self.variant(m).shape == self.about[ids[m.candidate]]]
         space = span_with(span(noise.white(self.base)), pool.stack(known))
         after = standing(pool, space, noise.white(self.residual), noise.freedom, self.session.n)
-        limit = -np.log10(ALARM_RATE / len(ids))
+        limit = -np.log10(POOL.alarm_rate / len(ids))
         asked = [k for k in ranked(after.bic) if after.log_p[k] > limit]
         asked = [k for k in asked if self.candidates[k].named and ids[k] not in self.about]
         tried = []
-        for k in asked[:SHORTLIST]:
+        for k in asked[: SELECTION.shortlist]:
             about = {**self.about, ids[k]: self.variant(after.best[k]).shape}
             left = _fitted(self.seen, start, self.free, about)[2]
             tried.append((float(np.sum(left**2)), k, about))
@@ -138,6 +133,13 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
         _, nearest, about = min(tried)
         # what comes and goes with time is small
         return about if ids[nearest] not in SLOW else None
+
+    @cached_property
+    def policy(self) -> ScenePolicy:
+        # a few readings are soon explained by anything
+        room = self.session.n - int(span(self.base[:, 0]).shape[0])
+        most = max(1, min(SELECTION.most, room // MAGNITUDE_CHOICE.per_name))
+        return replace(AT_REST if self.session.rest else MAGNITUDE, most_named=most)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -154,12 +156,6 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
         # at rest the load is constant: whatever shows at all follows time or temperature
         return frozenset(c.id for c in self.candidates)
 
-    @property
-    def most_named(self) -> int:
-        # a few readings are soon explained by anything
-        room = self.session.n - int(span(self.base[:, 0]).shape[0])
-        return max(1, min(MAX_CLAIMS, room // PER_NAME))
-
     def judge(self, noise: MagnitudeNoise) -> Judged[MagnitudeNoise]:
         rng = np.random.default_rng(self.seed)
         base = span(noise.white(self.base))
@@ -167,7 +163,7 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
         pool = Pool(self.candidates, [noise.white(v.columns) for c in self.candidates for v in c.variants])
         space = span(noise.white(self.rich))
         left = outside(space, noise.white(self.residual))
-        rich = np.asarray(left / np.sqrt(np.maximum(1.0 - np.sum(space**2, axis=0), 0.05)))
+        rich = np.asarray(left / np.sqrt(np.maximum(1.0 - np.sum(space**2, axis=0), MAGNITUDE_CHOICE.least_left)))
         chance = pose_flips(rich, rng, 1)
         limit = threshold(pool.race, pool.owner, chance, base, noise.freedom)
         held_out = HeldOut(noise.white(self.base), noise.white(self.residual), self._folds())
@@ -180,8 +176,8 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
 
     def _folds(self) -> list[NDArray[np.intp]]:
         n = self.session.n
-        single = not self.session.rest and n <= ONE_BY_ONE
-        return list(np.array_split(np.arange(n), n if single else min(BLOCKS, n // 3)))
+        single = not self.session.rest and n <= MAGNITUDE_CHOICE.one_by_one
+        return list(np.array_split(np.arange(n), n if single else min(MAGNITUDE_CHOICE.blocks, n // 3)))
 
     def likelihoods(self, members: Sequence[Member]) -> list[Channel]:
         explained = np.concatenate([self.base, self.block(members)])[:, 0]
@@ -207,14 +203,9 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
                     _alike(row, other) for other in kept
                 ):
                     kept.append(row)
-                    if np.linalg.norm(outside(base, row)) > VISIBLE * np.linalg.norm(row):
+                    if np.linalg.norm(outside(base, row)) > REGRESSION.visible * np.linalg.norm(row):
                         found.append(SlowEffect(i, j, row[None]))
         return found
-
-    @property
-    def slow_limits(self) -> SlowLimits:
-        # a temperature coefficient that is not quite constant leaves a little that looks like a walk
-        return SlowLimits(forgiven=0.05 if self.session.rest else 0.0)
 
     def holds_up(self, member: Member) -> bool:
         unit = self.noise.std
@@ -252,7 +243,7 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
         fits = channel.without(self.base[:0, 0])
         walks = [
             share for (length, share), fit in zip(channel.settings, fits, strict=True)
-            if np.isinf(length) and fit <= fits.min() + WITHIN_95
+            if np.isinf(length) and fit <= fits.min() + MAGNITUDE_CHOICE.within_95
         ]  # fmt: skip
         return self._remembering(np.inf, max(walks)) if walks else noise
 
@@ -350,7 +341,7 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
         for name in self.free:
             mine = np.array([owner == name for owner in owners])
             own, others = columns[mine][:, 0], columns[~mine][:, 0]
-            if mine.all() or np.linalg.norm(outside(span(others), own)) > VISIBLE * np.linalg.norm(own):
+            if mine.all() or np.linalg.norm(outside(span(others), own)) > REGRESSION.visible * np.linalg.norm(own):
                 continue
             rivals = [other for other in self.free if other != name]
             why = f"it is adjusted, but in the attitudes of this recording {', '.join(rivals)} would do the same"
@@ -371,9 +362,9 @@ def _fitted(
 ) -> tuple[ForwardModel, Array, Array]:
     """The model with the amplitudes of the free effects and of those of `about`, columns (P, 1, n), residual (1, n)."""
     model = model.with_effects({name: shape for name, shape in about.items() if name not in model.ids})
-    model, residual = base_fit(model, seen, (*free, *about), steps=12)
+    model, residual = base_fit(model, seen, (*free, *about), steps=MAGNITUDE_CHOICE.steps)
     return model, seen.jacobian(model, (*free, *about)), residual
 
 
 def _alike(one: Array, other: Array) -> bool:
-    return bool(abs(one @ other) > ALIKE * np.linalg.norm(one) * np.linalg.norm(other))
+    return bool(abs(one @ other) > MAGNITUDE_CHOICE.alike * np.linalg.norm(one) * np.linalg.norm(other))

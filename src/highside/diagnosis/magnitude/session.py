@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from highside.calibration.poses import StillInterval, find_still_intervals, labelled_intervals
 from highside.diagnosis.core.result import Diagnosis, Finding, NotTestable, Remainder
+from highside.diagnosis.magnitude.policy import MAGNITUDE_SESSIONS
 from highside.errors import InputError
 from highside.physics.effects import all_effects
 from highside.physics.gravity import attitude_of, unit
@@ -25,20 +26,6 @@ from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
-
-MIN_ATTITUDES = 12
-"""Nine unknowns of offset and matrix, and a few readings to judge them by."""
-DISTINCT_RAD = float(np.radians(5.0))
-SAME_RAD = float(np.radians(0.5))
-WINDOW_S, WINDOW_ROWS = 0.5, 10
-"""Stillness is judged by windows of this length: of fewer rows the scatter is not known well enough."""
-SMOOTH_S = 5.0
-MIN_REST_S = 45.0
-MIN_BLOCK_S = 1.0
-MAX_BLOCKS = 300
-MIN_BLOCKS = 40
-MIN_SHARE = 0.2
-"""Of all blocks of a rest, how many an attitude needs to be kept."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +86,7 @@ def magnitude_session(columns: Mapping[str, Array], accel_g: Array, *, gravity_m
     """
     t_s = columns["t_s"]
     # the usual step, also where frames come in bursts
-    rate_hz = max(1e-3, (t_s.size - 1) / max(float(t_s[-1] - t_s[0]), 1e-9))
+    rate_hz = max(MAGNITUDE_SESSIONS.least_hz, (t_s.size - 1) / max(float(t_s[-1] - t_s[0]), 1e-9))
     try:
         if "pose" in columns:
             intervals = labelled_intervals(accel_g, np.nan_to_num(columns["pose"], nan=-1.0))
@@ -109,7 +96,7 @@ def magnitude_session(columns: Mapping[str, Array], accel_g: Array, *, gravity_m
         return error.what
     rows = [interval.rows() for interval in intervals]
     attitudes, found = _told(accel_g, rows, rate_hz)
-    if attitudes >= MIN_ATTITUDES:
+    if attitudes >= MAGNITUDE_SESSIONS.min_attitudes:
         return _session(columns, accel_g, rows, np.arange(len(rows)), False, attitudes, found, gravity_mps2)
     if "pose" not in columns:
         # a rest may drift: without the slow change of the magnitude it is seen whole
@@ -119,20 +106,22 @@ def magnitude_session(columns: Mapping[str, Array], accel_g: Array, *, gravity_m
     attitudes, found = _told(accel_g, rows, rate_hz)
     still = sum(r.size for r in rows) / rate_hz
     means = np.stack([accel_g[:, r].mean(axis=1) for r in rows], axis=1)
-    blocks, group = _blocks(intervals, _attitudes(means, SAME_RAD), rate_hz, still)
+    blocks, group = _blocks(intervals, _attitudes(means, MAGNITUDE_SESSIONS.same_rad), rate_hz, still)
     # an attitude that was held only for a moment has a level of its own and shows nothing over time
-    long = np.bincount(group, minlength=len(rows)) >= MIN_SHARE * len(blocks)
+    long = np.bincount(group, minlength=len(rows)) >= MAGNITUDE_SESSIONS.min_share * len(blocks)
     blocks, group = [b for b, g in zip(blocks, group, strict=True) if long[g]], group[long[group]]
-    if still < MIN_REST_S or len(blocks) < MIN_BLOCKS:
+    if still < MAGNITUDE_SESSIONS.min_rest_s or len(blocks) < MAGNITUDE_SESSIONS.min_blocks:
         return (
-            f"{found}: for the sensor's matrix at least {MIN_ATTITUDES} attitudes are needed, for what follows time or "
-            f"temperature at least {MIN_REST_S:.0f} s at rest"
+            f"{found}: for the sensor's matrix at least {MAGNITUDE_SESSIONS.min_attitudes} attitudes are "
+            f"needed, for what follows time or temperature at least {MAGNITUDE_SESSIONS.min_rest_s:.0f} s at rest"
         )
     return _session(columns, accel_g, blocks, group, True, attitudes, found, gravity_mps2)
 
 
 def _still(accel_g: Array, rate_hz: float) -> list[StillInterval]:
-    return find_still_intervals(accel_g, rate_hz, window_s=max(WINDOW_S, WINDOW_ROWS / rate_hz))
+    return find_still_intervals(
+        accel_g, rate_hz, window_s=max(MAGNITUDE_SESSIONS.window_s, MAGNITUDE_SESSIONS.window_rows / rate_hz)
+    )
 
 
 def _slow_magnitude(accel_g: Array, rate_hz: float) -> Array:
@@ -140,12 +129,19 @@ def _slow_magnitude(accel_g: Array, rate_hz: float) -> Array:
     from scipy.ndimage import uniform_filter1d
 
     size = np.linalg.norm(accel_g, axis=0)
-    return np.asarray(uniform_filter1d(size, max(1, round(SMOOTH_S * rate_hz)), mode="nearest"))
+    return np.asarray(uniform_filter1d(size, max(1, round(MAGNITUDE_SESSIONS.smooth_s * rate_hz)), mode="nearest"))
 
 
 def _told(accel_g: Array, rows: list[Ints], rate_hz: float) -> tuple[int, str]:
     """The number of distinct attitudes, and in words what was found."""
-    attitudes = int(_attitudes(np.stack([accel_g[:, r].mean(axis=1) for r in rows], axis=1), DISTINCT_RAD).max()) + 1
+    attitudes = (
+        int(
+            _attitudes(
+                np.stack([accel_g[:, r].mean(axis=1) for r in rows], axis=1), MAGNITUDE_SESSIONS.distinct_rad
+            ).max()
+        )
+        + 1
+    )
     still = sum(r.size for r in rows) / rate_hz
     return attitudes, f"{len(rows)} still intervals in {attitudes} attitudes, {still:.0f} s in all"
 
@@ -164,7 +160,7 @@ def _attitudes(means: Array, apart_rad: float) -> Ints:
 
 def _blocks(intervals: list[StillInterval], number: Ints, rate_hz: float, still_s: float) -> tuple[list[Ints], Ints]:
     """Rows of blocks of like length within the intervals, and the attitude of each."""
-    length = max(2, round(rate_hz * max(MIN_BLOCK_S, still_s / MAX_BLOCKS)))
+    length = max(2, round(rate_hz * max(MAGNITUDE_SESSIONS.min_block_s, still_s / MAGNITUDE_SESSIONS.max_blocks)))
     rows: list[Ints] = []
     group: list[int] = []
     for interval, own in zip(intervals, number, strict=True):
@@ -198,7 +194,7 @@ def _session(
         count=np.array([float(r.size) for r in rows]),
         group=np.unique(group, return_inverse=True)[1].reshape(-1),
         t_s=each("t_s", 0.0),
-        temp_c=each("temp_c", 25.0),
+        temp_c=each("temp_c", MAGNITUDE_SESSIONS.room_c),
         vibration_rms_g=each("vibration_rms_g", 0.0, 2),
         rest=rest,
         attitudes=attitudes,
@@ -212,8 +208,8 @@ def _session(
 def nothing_testable(why: str, intake: tuple[Finding, ...], seed: int, version: str) -> Diagnosis:
     """The answer to a recording that is not still enough: no effect can be tested, and why."""
     needs = (
-        f"hold the tool still in at least {MIN_ATTITUDES} attitudes all over the sphere, a few seconds each, or leave "
-        "it at rest for minutes; or record its attitude"
+        f"hold the tool still in at least {MAGNITUDE_SESSIONS.min_attitudes} attitudes all over the sphere, a few "
+        "seconds each, or leave it at rest for minutes; or record its attitude"
     )
     effects = [e for e in all_effects().values() if not e.random]
     return Diagnosis(

@@ -27,21 +27,9 @@ from scipy.special import chdtrc, chdtri
 from highside.diagnosis.core.markov import VectorNoise
 from highside.diagnosis.core.memory import Memory, intervals
 from highside.diagnosis.core.regression import outside, span
+from highside.diagnosis.poses.policy import POSE_NOISE
 
 Array = NDArray[np.float64]
-
-QUIETEST = 0.02
-"""A channel is taken to be at least so noisy beside the loudest one."""
-TABLE_GAIN = 9.0
-"""Gain of -2 log likelihood from which the bench's own scatter is believed."""
-
-
-STRETCH = 16
-"""Poses of a stretch over which the size of the noise is averaged."""
-UNEVEN = 0.01
-"""Chance at which even noise would be taken for uneven."""
-POWERS = np.linspace(0.0, 1.5, 16)
-"""Powers of the scatter within poses that the scatter from pose to pose is tried to go with."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +71,7 @@ def estimate(
         draft = _draft(sigma, inc, tf, tangents, size)
         left, share = _left(draft, residual, rich)
         # back to g, scaled up for what the projection took
-        swollen = (left / np.sqrt(np.maximum(share, 0.05))).reshape(3, n)
+        swollen = (left / np.sqrt(np.maximum(share, POSE_NOISE.least_left))).reshape(3, n)
         back = np.einsum("ijn,jn->in", np.linalg.inv(draft.whitening.transpose(2, 0, 1)).transpose(1, 2, 0), swollen)
         sigma, inc, tf = _components(back / size, tangents)
         if uneven:
@@ -95,7 +83,7 @@ def estimate(
     # the level to which F tests refer: mean square of the rich residual with its own degrees of freedom
     level = max(float(np.sqrt(np.sum(left**2) / freedom)), 1e-9)
     # a test leans on the one component that its effect runs along, which is known to a share of this only
-    components = 5 if inc or tf else 3
+    components = POSE_NOISE.components if inc or tf else 3
     return PoseNoise(sigma * level, inc * level, tf * level, draft.whitening / level, freedom / components, size)
 
 
@@ -115,11 +103,11 @@ def _size(unit: Array, share: Array, scatter: Array | None) -> Array:
     `share` (3, n) of each was left by the rich columns.
     """
     n = unit.shape[1]
-    if n < 4 * STRETCH:
+    if n < 4 * POSE_NOISE.stretch:
         return np.ones(n)
     energy, known = np.sum(share * unit**2, axis=0), share.sum(axis=0)
     at = np.arange(n)
-    near = np.exp(-0.5 * ((at[:, None] - at) / (STRETCH / 2)) ** 2)
+    near = np.exp(-0.5 * ((at[:, None] - at) / (POSE_NOISE.stretch / 2)) ** 2)
     logs = _by_scatter(energy, known, near, scatter)
     if logs is None:
         logs = _by_stretches(energy, known, near)
@@ -132,13 +120,13 @@ def _by_scatter(energy: Array, known: Array, near: Array, scatter: Array | None)
     if scatter is None or not np.all(np.mean(scatter**2, axis=1) > 0):
         return None
     squares = np.mean(scatter**2 / np.mean(scatter**2, axis=1, keepdims=True), axis=0)
-    within = np.log(np.maximum(near @ squares / near.sum(axis=1), 1e-6))
-    tried = POWERS[:, None] * within
+    within = np.log(np.maximum(near @ squares / near.sum(axis=1), POSE_NOISE.least_square))
+    tried = POSE_NOISE.powers[:, None] * within
     # -2 log likelihood of sums of squares with so many degrees of freedom, their level fitted
     level = np.sum(energy * np.exp(-tried), axis=1) / known.sum()
     minus2l = known.sum() * np.log(level) + tried @ known
     best = int(np.argmin(minus2l))
-    return tried[best] if minus2l[0] - minus2l[best] > chdtri(1, UNEVEN) else None
+    return tried[best] if minus2l[0] - minus2l[best] > chdtri(1, POSE_NOISE.uneven) else None
 
 
 def _by_stretches(energy: Array, known: Array, near: Array) -> Array:
@@ -147,12 +135,12 @@ def _by_stretches(energy: Array, known: Array, near: Array) -> Array:
     What scatter of the averages chance explains is taken off their differences.
     """
     n = energy.size
-    stretches = np.array_split(np.arange(n), n // STRETCH)
+    stretches = np.array_split(np.arange(n), n // POSE_NOISE.stretch)
     squares = np.array([energy[part].sum() for part in stretches])
     dof = np.array([known[part].sum() for part in stretches])
     differ = dof.sum() * np.log(squares.sum() / dof.sum()) - np.sum(dof * np.log(squares / dof))
     differ /= 1 + (np.sum(1 / dof) - 1 / dof.sum()) / (3 * (len(dof) - 1))
-    if chdtrc(len(dof) - 1, differ) > UNEVEN:
+    if chdtrc(len(dof) - 1, differ) > POSE_NOISE.uneven:
         return np.zeros(n)
     logs = np.log((near @ energy) / (near @ known))
     chance = float(np.mean(2 * (near**2 @ known) / (near @ known) ** 2))
@@ -163,7 +151,7 @@ def rich_residual(noise: PoseNoise, residual: Array, rich: Array) -> Array:
     """Whitened residual (3 n,) outside of the rich columns, scaled to unit variance: what sign flips are made of."""
     space = span(noise.white(rich))
     left = outside(space, noise.white(residual))
-    return np.asarray(left / np.sqrt(np.maximum(1.0 - np.sum(space**2, axis=0), 0.05)))
+    return np.asarray(left / np.sqrt(np.maximum(1.0 - np.sum(space**2, axis=0), POSE_NOISE.least_left)))
 
 
 def _whitening(sigma: Array, inc: float, tf: float, tangents: Array) -> Array:
@@ -187,7 +175,7 @@ def _components(residual: Array, tangents: Array) -> tuple[Array, float, float]:
 
     plain = residual.std(axis=1)
     # a channel of which the rich model has left nothing is not without noise
-    plain = np.maximum(plain, max(QUIETEST * float(plain.max()), 1e-12))
+    plain = np.maximum(plain, max(POSE_NOISE.quietest * float(plain.max()), 1e-12))
     rows = residual.T
     angle = float(plain.mean())
 
@@ -208,13 +196,13 @@ def _components(residual: Array, tangents: Array) -> tuple[Array, float, float]:
     without = float(2 * residual.shape[1] * np.log(plain).sum() + residual.size)
     found = minimize(
         deviance,
-        np.array([-0.3, -0.3, -0.3, -0.5, -0.5]),
+        np.array(POSE_NOISE.start),
         jac=True,
         method="L-BFGS-B",
-        bounds=[(-6, 1)] * 3 + [(-6, 4)] * 2,
-        options={"maxiter": 40, "ftol": 1e-7},
+        bounds=[POSE_NOISE.sensor_bounds] * 3 + [POSE_NOISE.angle_bounds] * 2,
+        options={"maxiter": POSE_NOISE.turns, "ftol": POSE_NOISE.settled},
     )
-    if without - found.fun < TABLE_GAIN:
+    if without - found.fun < POSE_NOISE.table_gain:
         return plain, 0.0, 0.0
     scale = np.exp(found.x)
     return plain * scale[:3], float(angle * scale[3]), float(angle * scale[4])

@@ -11,20 +11,22 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.core.candidates import CHANNELS, Candidate, pose_candidates, shadows
 from highside.diagnosis.core.causes import located_by_cause
-from highside.diagnosis.core.fit import RICH_SHARE, JointFit, Observed, base_fit, joint_fit
+from highside.diagnosis.core.fit import JointFit, Observed, base_fit, joint_fit
 from highside.diagnosis.core.held_out import HeldOut, PoseGains, block_proof, pose_folds
 from highside.diagnosis.core.location import locate, locate_whole, on_channel, pose_bases, pose_cells, scan_of
-from highside.diagnosis.core.memory import Channel, Likelihoods, Memory, SlowEffect, SlowLimits
+from highside.diagnosis.core.memory import Channel, Likelihoods, Memory, SlowEffect
 from highside.diagnosis.core.method import WHOLE, Method
+from highside.diagnosis.core.policy import FITS, RIVALS, SELECTION, ScenePolicy
 from highside.diagnosis.core.pool import Member, Pool, pose_flips, threshold
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.core.result import Diagnosis, Fit, Location
 from highside.diagnosis.core.rivals import Rivalry, next_poses
 from highside.diagnosis.core.scene import SLOW, Judged, Picture, Scene, parts_of
-from highside.diagnosis.core.selection import STARTS, Selector
+from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.core.untestable import with_manoeuvres
 from highside.diagnosis.poses import noise as noise_model
 from highside.diagnosis.poses.noise import PoseNoise
+from highside.diagnosis.poses.policy import POSE_ADVICE, POSES
 from highside.diagnosis.poses.session import PoseSession
 from highside.physics.forward import ForwardModel
 
@@ -66,6 +68,10 @@ class PoseScene(Scene[PoseNoise]):
         )
 
     @property
+    def policy(self) -> ScenePolicy:
+        return POSES
+
+    @property
     def straightens(self) -> bool:
         return True
 
@@ -91,7 +97,7 @@ class PoseScene(Scene[PoseNoise]):
         rows = noise.white(fitted), noise.white(self.residual)
         folds, apart = (pose_folds(self.session.n, interleaved=i) for i in (False, True))
         gains = PoseGains(pool, HeldOut(*rows, folds), HeldOut(*rows, apart))
-        selector = Selector(pool, base, residual, noise.freedom, limit, gains, residual.size, starts=STARTS)
+        selector = Selector(pool, base, residual, noise.freedom, limit, gains, residual.size, starts=SELECTION.starts)
         bases = pose_bases(self.session.state, self.force)
         cells = [(channel, b) for b in range(len(bases)) for channel in range(3)]
         groups = all_white(noise, [on_channel(bases[b].functions, c) for c, b in cells])
@@ -116,16 +122,6 @@ class PoseScene(Scene[PoseNoise]):
             for j, v in enumerate(c.variants)
             if v.whole
         ]
-
-    @property
-    def faint(self) -> float:
-        # one scan in a hundred is loud by chance; beside a name that is no reason to doubt it
-        return 1.0
-
-    @property
-    def slow_limits(self) -> SlowLimits:
-        # of simulated walks one in twenty passes at most, whatever their size
-        return SlowLimits(over_walk=12.5, pairs=True)
 
     def with_memory(self, memories: Sequence[Memory]) -> PoseNoise:
         return noise_model.with_memory(self.noise, memories, self.tangents, self.session.state.t_s)
@@ -170,7 +166,7 @@ class PoseScene(Scene[PoseNoise]):
             self.model, self.session.state, self.free,
             (candidate, self.variant(member).shape, amplitude), rivals, self.base, 1.0 / self.noise.sigma,
         )  # fmt: skip
-        if advice.after < max(2 * advice.before, 12.0):
+        if advice.after < max(2 * advice.before, RIVALS.same_class_evidence):
             return candidate.effect.splitter
         words = ", ".join(f"({inc:g}, {tf:g}{', from the other side' if d < 0 else ''})" for inc, tf, d in advice.poses)
         return f"measure these poses (inclination, toolface in deg): {words}; otherwise: {candidate.effect.splitter}"
@@ -224,8 +220,8 @@ def _rich(base: Array, candidates: Sequence[Candidate], session: PoseSession, fo
     whole = [[v.columns for v in c.variants if v.whole] for c in candidates if c.named]
     parts = [base, *(columns[0] for columns in whole if len(columns) == 1)]
     groups = [on_channel(b.functions, channel) for b in pose_bases(session.state, force) for channel in range(3)]
-    shaped = [columns[i] for columns in whole if len(columns) > 1 for i in _spread(len(columns), 5)]
-    room = int(RICH_SHARE * 3 * session.n)
+    shaped = [columns[i] for columns in whole if len(columns) > 1 for i in _spread(len(columns), POSE_ADVICE.shapes)]
+    room = int(FITS.rich_share * 3 * session.n)
     kept: list[Array] = []
     taken = 0
     for part in [*parts, *shaped, *groups]:

@@ -13,13 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.calibration.poses import find_still_intervals
+from highside.diagnosis.poses.policy import POSE_SESSIONS
 from highside.errors import InputError
 from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
-
-MIN_POSES = 16
-"""Twelve base parameters leave too little to judge by with fewer."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +54,10 @@ def pose_session(
         if name not in columns and not (name == "tf_ref_deg" and "rotor_deg" in columns):
             raise InputError("is missing", field=name, remedy="a pose reference needs inc_ref_deg and tf_ref_deg")
     groups = _rows_of_poses(columns, accel_g)
-    if len(groups) < MIN_POSES:
-        raise InputError(f"{len(groups)} poses are too few for a diagnosis", remedy=f"at least {MIN_POSES} are needed")
+    if len(groups) < POSE_SESSIONS.min_poses:
+        raise InputError(
+            f"{len(groups)} poses are too few for a diagnosis", remedy=f"at least {POSE_SESSIONS.min_poses} are needed"
+        )
 
     def each(name: str, how: str) -> Array:
         column = columns[name]
@@ -95,7 +95,7 @@ def _rows_of_poses(columns: Mapping[str, Array], accel_g: Array) -> list[NDArray
         return [rows for rows in np.split(held, borders) if rows.size]
     t_s = columns["t_s"]
     rate_hz = 1.0 / float(np.median(np.diff(t_s)))
-    settings = np.round(columns["inc_ref_deg"], 3) * 1000 + np.round(
+    settings = np.round(columns["inc_ref_deg"], 3) * POSE_SESSIONS.key + np.round(
         columns.get("tf_ref_deg", columns["inc_ref_deg"]), 3
     )
     return [interval.rows() for interval in find_still_intervals(accel_g, rate_hz, labels=settings)]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from highside.diagnosis.core.candidates import Candidate
 from highside.diagnosis.core.fit import Observed
 from highside.diagnosis.core.rivals import beyond
+from highside.diagnosis.rotation.policy import ROTATION_ADVICE
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.forward import ForwardModel
 from highside.physics.plan import RotationPlan, Session, Site
@@ -22,17 +23,10 @@ from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
 
-INCLINATIONS_DEG = (0.0, 30.0, 60.0, 90.0, 120.0)
-RATES_HZ = (0.1, 0.5, 1.0, 2.0, 3.0)
-SECONDS = 20.0
-SAMPLE_HZ = 25.0
-ROWS = 1500
-STRETCHES = 2
-
 
 @dataclass(frozen=True)
 class Stretch:
-    """A manoeuvre of `SECONDS`: a steady rate, or ramps between standstill and the rate."""
+    """A manoeuvre of `ROTATION_ADVICE.seconds`: a steady rate, or ramps between standstill and the rate."""
 
     inclination_deg: float
     rate_hz: float
@@ -63,9 +57,14 @@ def next_rates(
     white_per_unit: Array,
 ) -> RateAdvice:
     """`claim`: the candidate, its shape and fitted amplitudes; `white_per_unit` (C,): 1 / noise of a row."""
-    rows = np.unique(np.linspace(0, session.n - 1, min(ROWS, session.n)).astype(int))
-    tried = [Stretch(i, s * r, False) for i in INCLINATIONS_DEG for r in RATES_HZ for s in (1, -1)]
-    tried += [Stretch(i, r, True) for i in INCLINATIONS_DEG for r in (1.0, 2.0)]
+    rows = np.unique(np.linspace(0, session.n - 1, min(ROTATION_ADVICE.rows, session.n)).astype(int))
+    tried = [
+        Stretch(i, s * r, False)
+        for i in ROTATION_ADVICE.inclinations_deg
+        for r in ROTATION_ADVICE.rates_hz
+        for s in (1, -1)
+    ]
+    tried += [Stretch(i, r, True) for i in ROTATION_ADVICE.inclinations_deg for r in ROTATION_ADVICE.ramps_hz]
     candidate, shape, amplitude = claim
     weight = white_per_unit[:, None]
 
@@ -78,11 +77,11 @@ def next_rates(
         return np.asarray(times * flat @ flat.T)
 
     measured = [gram(session.state.rows(rows), rival, session.n / rows.size) for rival in rivals]
-    per_row = 1 / (session.step_s * SAMPLE_HZ)
+    per_row = 1 / (session.step_s * ROTATION_ADVICE.sample_hz)
     added = [[gram(_turned(stretch, session.state), rival, per_row) for stretch in tried] for rival in rivals]
     before = min(float(beyond(g[None])[0]) for g in measured)
     chosen: list[int] = []
-    for _ in range(STRETCHES):
+    for _ in range(ROTATION_ADVICE.stretches):
         worst = np.min([beyond(g[None] + np.stack(new)) for g, new in zip(measured, added, strict=True)], axis=0)
         chosen.append(int(np.argmax(worst)))
         measured = [g + new[chosen[-1]] for g, new in zip(measured, added, strict=True)]
@@ -95,10 +94,10 @@ def _turned(stretch: Stretch, last: ChainState) -> ChainState:
     rate = 2 * np.pi * stretch.rate_hz
     site = Site(last.gravity_mps2, last.latitude_rad, last.azimuth_rad)
     if stretch.ramps:
-        turns = int(SECONDS / 4)
-        plan = RotationPlan(stretch.inclination_deg, (0.0, rate) * turns, 1.0, 1.0, SAMPLE_HZ)
+        turns = int(ROTATION_ADVICE.seconds / ROTATION_ADVICE.ramp_s)
+        plan = RotationPlan(stretch.inclination_deg, (0.0, rate) * turns, 1.0, 1.0, ROTATION_ADVICE.sample_hz)
     else:
-        plan = RotationPlan(stretch.inclination_deg, (rate,), SECONDS, 0.0, SAMPLE_HZ)
+        plan = RotationPlan(stretch.inclination_deg, (rate,), ROTATION_ADVICE.seconds, 0.0, ROTATION_ADVICE.sample_hz)
     state = Session(plan, site).rows().state
     n = state.n
     return replace(

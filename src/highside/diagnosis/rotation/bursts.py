@@ -15,19 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.result import Diagnosis, Location
+from highside.diagnosis.rotation.policy import BURSTS
 
 Array = NDArray[np.float64]
-
-SHARES = (0.025, 0.05, 0.1, 0.2)
-"""Lengths of the windows, of the rows."""
-SHORTEST = 128
-FIRST_CELL = 3
-"""What is slower than this in a window is drift."""
-NEIGHBOURS = 100
-CHANCE = 1e-4
-"""Probability by which the highest cell of a recording without a burst is as high."""
-GRID = 240
-FINER = 21
 
 
 @dataclass(frozen=True)
@@ -47,18 +37,18 @@ def found_burst(rest: Sequence[tuple[slice, Array]]) -> Burst | None:
     best: tuple[float, int, int, int, float] | None = None
     for k, (_, rows) in enumerate(rest):
         for start, length in _windows(rows.shape[1]):
-            power = np.abs(np.fft.rfft(rows[:, start : start + length], axis=1)[:, FIRST_CELL:-1]) ** 2
+            power = np.abs(np.fft.rfft(rows[:, start : start + length], axis=1)[:, BURSTS.first_cell : -1]) ** 2
             cells += power.size
             ratio = power / _level(power)
             at = np.unravel_index(int(np.argmax(ratio)), ratio.shape)
             if best is None or ratio[at] > best[0]:
-                best = (float(ratio[at]), k, start, length, float(at[1] + FIRST_CELL) / length)
-    if best is None or best[0] < np.log(cells / CHANCE):
+                best = (float(ratio[at]), k, start, length, float(at[1] + BURSTS.first_cell) / length)
+    if best is None or best[0] < np.log(cells / BURSTS.chance):
         return None
     height, k, _, length, frequency = best
     part, rows = rest[k]
     start, stop, frequency, energy = _extent(rows, frequency, 1.0 / length)
-    channels = np.flatnonzero(energy > max(0.1 * energy.max(), np.log(1e3)))
+    channels = np.flatnonzero(energy > max(BURSTS.channel_share * energy.max(), np.log(BURSTS.odds)))
     return Burst(
         part.start + start,
         part.start + stop,
@@ -69,16 +59,16 @@ def found_burst(rest: Sequence[tuple[slice, Array]]) -> Burst | None:
 
 
 def _windows(n: int) -> Iterator[tuple[int, int]]:
-    for share in SHARES:
+    for share in BURSTS.shares:
         length = int(share * n)
-        if length >= SHORTEST:
+        if length >= BURSTS.shortest:
             for start in range(0, n - length + 1, length // 2):
                 yield start, length
 
 
 def _level(power: Array) -> Array:
     """(C, cells) mean power of the neighbourhood of each cell, by its median."""
-    parts = np.array_split(power, max(1, power.shape[1] // NEIGHBOURS), axis=1)
+    parts = np.array_split(power, max(1, power.shape[1] // BURSTS.neighbours), axis=1)
     level = [np.broadcast_to(np.median(p, axis=1, keepdims=True), p.shape) for p in parts]
     return np.asarray(np.maximum(np.concatenate(level, axis=1) / np.log(2), 1e-30))
 
@@ -86,9 +76,9 @@ def _level(power: Array) -> Array:
 def _extent(rows: Array, frequency: float, width: float) -> tuple[int, int, float, Array]:
     """First row, last row and frequency of the wave that fits best, and its energy on each channel."""
     n = rows.shape[1]
-    edges = np.linspace(0, n, GRID + 1).astype(int)
+    edges = np.linspace(0, n, BURSTS.grid + 1).astype(int)
     best: tuple[float, int, int, float, Array] | None = None
-    for f in frequency + np.linspace(-width, width, FINER):
+    for f in frequency + np.linspace(-width, width, BURSTS.finer):
         turned = rows * np.exp(-2j * np.pi * f * np.arange(n))
         sums = np.concatenate([np.zeros((len(rows), 1)), np.cumsum(turned, axis=1)], axis=1)[:, edges]
         span = np.maximum(edges[None, :] - edges[:, None], 1)

@@ -11,27 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len, rfft
 
+from highside.diagnosis.rotation.policy import LINES_POLICY
 from highside.diagnosis.rows.design import Line
 from highside.diagnosis.rows.session import RotationSession
 
 Array = NDArray[np.float64]
 
-MAINS_HZ = (50.0, 60.0)
-CHANCE = 1e-3
-"""Probability by which the highest of all peaks of a spectrum without lines is as high."""
-MAX_ORDER = 60.0
-LARGEST_WHOLE = 12
-"""Whole orders up to this are harmonics of the toolface, which other effects and the scan stand for."""
-PADDED = 2
-"""A spectrum is told at so many times as many frequencies: a line between two of them would lose half its power."""
-SMOOTH = 101
-"""Independent cells of a spectrum by whose median the level around a cell is known."""
-
 
 def found_lines(session: RotationSession, residual: Array) -> list[Line]:
     """The lines worth trying; `residual` (C, n), of which the accelerometers are searched."""
     frequencies = max(session.n // 2, 1)
-    lines = [Line("tone", hz, frequencies) for hz in MAINS_HZ if _visible(session, hz)]
+    lines = [Line("tone", hz, frequencies) for hz in LINES_POLICY.mains_hz if _visible(session, hz)]
     rows = residual[:3] / residual[:3].std(axis=1, keepdims=True)
     hz = _frequency(session, rows)
     if hz is not None:
@@ -53,30 +43,30 @@ def _peak(power: Array, skip: NDArray[np.bool_]) -> tuple[int, int] | None:
     chance gives: each in units of its local level is exponential, so their sum has a gamma distribution."""
     from scipy.special import gammainccinv
 
-    stretches = np.array_split(power, max(1, power.shape[1] // (PADDED * SMOOTH)), axis=1)
+    stretches = np.array_split(power, max(1, power.shape[1] // (LINES_POLICY.padded * LINES_POLICY.smooth)), axis=1)
     level = np.concatenate(
         [np.broadcast_to(np.median(s, axis=1, keepdims=True), s.shape) for s in stretches], axis=1
     ) / np.log(2)
     ratio = power / np.maximum(level, 1e-30)
     total = np.where(skip, 0.0, ratio.sum(axis=0))
     at = int(np.argmax(total))
-    limit = float(gammainccinv(power.shape[0], CHANCE / power.shape[1]))
+    limit = float(gammainccinv(power.shape[0], LINES_POLICY.chance / power.shape[1]))
     return (at, int(np.argmax(ratio[:, at]))) if total[at] > limit else None
 
 
 def _frequency(session: RotationSession, rows: Array) -> float | None:
     n = session.n
-    length = next_fast_len(PADDED * n, real=True)
+    length = next_fast_len(LINES_POLICY.padded * n, real=True)
     spectrum = np.abs(rfft(rows, length, axis=1)) ** 2
     skip = np.zeros(spectrum.shape[1], dtype=bool)
     # what is slower than a few waves is drift
-    skip[: 12 * length // n] = True
+    skip[: LINES_POLICY.slowest * length // n] = True
     peak = _peak(spectrum, skip)
     if peak is None:
         return None
     # the frequency between the cells: the best of a fine grid on the row itself
     at, channel = peak
-    tries = at / length + np.linspace(-0.75, 0.75, 31) / n
+    tries = at / length + np.linspace(-LINES_POLICY.about, LINES_POLICY.about, LINES_POLICY.finer) / n
     best = _best(tries, np.arange(n, dtype=float), rows[channel])
     return best / session.step_s
 
@@ -98,18 +88,21 @@ def _order(session: RotationSession, rows: Array) -> tuple[float, int] | None:
     turns = float(turned.max())
     if turns < 3:
         return None
-    size = int(2 ** np.ceil(np.log2(turns * 2 * MAX_ORDER * 1.2)))
+    size = int(2 ** np.ceil(np.log2(turns * 2 * LINES_POLICY.max_order * LINES_POLICY.spare)))
     cell = np.minimum((turned / turns * size).astype(np.intp), size - 1)
     gathered = np.stack([np.bincount(cell, weights=row, minlength=size) for row in rows])
-    length = PADDED * size
+    length = LINES_POLICY.padded * size
     spectrum = np.abs(rfft(gathered, length, axis=1)) ** 2
     orders = np.arange(spectrum.shape[1]) / turns * (size / length)
-    use = orders < MAX_ORDER
+    use = orders < LINES_POLICY.max_order
     orders = orders[use]
-    near = np.abs(orders - np.round(orders)) < 2.5 / turns
-    peak = _peak(spectrum[:, use], (near & (np.round(orders) <= LARGEST_WHOLE)) | (orders < 0.1))
+    near = np.abs(orders - np.round(orders)) < LINES_POLICY.beside / turns
+    peak = _peak(
+        spectrum[:, use],
+        (near & (np.round(orders) <= LINES_POLICY.largest_whole)) | (orders < LINES_POLICY.least_order),
+    )
     if peak is None:
         return None
     at, channel = peak
-    tries = orders[at] + np.linspace(-0.75, 0.75, 31) / turns
-    return _best(tries, turned, rows[channel]), orders.size // PADDED
+    tries = orders[at] + np.linspace(-LINES_POLICY.about, LINES_POLICY.about, LINES_POLICY.finer) / turns
+    return _best(tries, turned, rows[channel]), orders.size // LINES_POLICY.padded

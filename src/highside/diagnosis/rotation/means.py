@@ -15,15 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.chunks import chunks_of, in_order
+from highside.diagnosis.rotation.policy import MEANS
 from highside.diagnosis.rows.design import Design
-from highside.diagnosis.rows.gram import FOLDS, HeldOutRows, Segments, solved
+from highside.diagnosis.rows.gram import HeldOutRows, Segments, solved
 from highside.diagnosis.rows.noise import RotationNoise
+from highside.diagnosis.rows.policy import GRAMS
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
-
-SECTORS = 12
-"""of a turn, by which the means of a stretch are told: of the toolface, or of the phase of a line"""
 
 
 @dataclass(frozen=True)
@@ -50,12 +49,12 @@ class Sectors:
         """Of columns (K,) and the residual (C, N), in one pass; `ways` of averaging: 0 by the toolface, k by the phase
         of line k - 1."""
         turns = design.turns()
-        within = [np.minimum((turns[way] % 1.0 * SECTORS).astype(np.intp), SECTORS - 1) for way in ways]
-        cells = np.array([np.where(segments.core, segments.fold * SECTORS + sector, -1) for sector in within])
+        within = [np.minimum((turns[way] % 1.0 * MEANS.sectors).astype(np.intp), MEANS.sectors - 1) for way in ways]
+        cells = np.array([np.where(segments.core, segments.fold * MEANS.sectors + sector, -1) for sector in within])
         where = design.where[numbers[numbers >= 0]]
         functions = [np.unique(own[own >= 0]) for own in where.T]
-        sums = [np.zeros((own.size + 1, len(ways), FOLDS * SECTORS)) for own in functions]
-        rows = [np.zeros((len(ways), FOLDS * SECTORS)) for _ in functions]
+        sums = [np.zeros((own.size + 1, len(ways), GRAMS.folds * MEANS.sectors)) for own in functions]
+        rows = [np.zeros((len(ways), GRAMS.folds * MEANS.sectors)) for _ in functions]
 
         def over(part: slice) -> list[tuple[int, list[Array]]]:
             led = slice(max(0, part.start - noise.lead), part.stop)
@@ -99,7 +98,7 @@ def mean_errors(held: HeldOutRows, sectors: Sectors, numbers: Ints) -> MeanError
     for k, left_out in enumerate(total[1:]):
         rest = total[0] - left_out
         values = solved(rest[:-1, :-1], rest[:-1, -1])
-        own = slice(k * SECTORS, (k + 1) * SECTORS)
+        own = slice(k * MEANS.sectors, (k + 1) * MEANS.sectors)
         spread = solved(rest[:-1, :-1], np.eye(every.size))
         for c, functions in enumerate(sectors.functions):
             asked = np.where(every >= 0, held.where[every, c], -1)

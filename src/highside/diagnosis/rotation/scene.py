@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.causes import located_by_cause
-from highside.diagnosis.core.fit import BENDS, JointFit, Observed, base_fit, joint_fit
+from highside.diagnosis.core.fit import JointFit, Observed, base_fit, joint_fit
 from highside.diagnosis.core.held_out import gain_interval
 from highside.diagnosis.core.location import followed
-from highside.diagnosis.core.memory import SlowEffect, SlowLimits
+from highside.diagnosis.core.memory import SlowEffect
 from highside.diagnosis.core.method import WHOLE, Method
+from highside.diagnosis.core.policy import FITS, RIVALS, ScenePolicy
 from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.result import Diagnosis, Fit, Location
 from highside.diagnosis.core.rivals import Rivalry
@@ -24,8 +25,9 @@ from highside.diagnosis.core.untestable import what_splits, with_manoeuvres
 from highside.diagnosis.rotation.advice import next_rates
 from highside.diagnosis.rotation.bursts import found_burst, with_burst
 from highside.diagnosis.rotation.lines import found_lines
-from highside.diagnosis.rotation.means import SECTORS, Sectors, mean_errors
-from highside.diagnosis.rotation.sketch import MANY_ROWS, SOME_ROWS, Sketch, Some, sketched_bend
+from highside.diagnosis.rotation.means import Sectors, mean_errors
+from highside.diagnosis.rotation.policy import MEANS, ROTATION, SKETCH
+from highside.diagnosis.rotation.sketch import Sketch, Some, sketched_bend
 from highside.diagnosis.rotation.support import rotation_cells, windows
 from highside.diagnosis.rows.design import LINES, Design
 from highside.diagnosis.rows.gram import HeldOutRows, accumulate
@@ -61,10 +63,10 @@ class RotationScene(RowsScene):
     ) -> RotationScene:
         """Fit the base, learn the noise, pass over the rows. What a sketch's members do beyond first order is taken out
         from the beginning."""
-        seen = Observed(session.state, session.readings, session.n > MANY_ROWS)
+        seen = Observed(session.state, session.readings, session.n > SKETCH.many_rows)
         some = None
-        if session.n > MANY_ROWS:
-            rows = session.thinned(SOME_ROWS, seed) if sketch is None else sketch.session
+        if session.n > SKETCH.many_rows:
+            rows = session.thinned(SKETCH.some_rows, seed) if sketch is None else sketch.session
             model, left = base_fit(model, Observed(rows.state, rows.readings), free)
             some = Some(rows, plain(left.std(axis=1), rows.n) if sketch is None else sketch.noise)
         model, residual = base_fit(model, seen, free)
@@ -84,38 +86,12 @@ class RotationScene(RowsScene):
         )  # fmt: skip
 
     @property
+    def policy(self) -> ScenePolicy:
+        return ROTATION
+
+    @property
     def straightens(self) -> bool:
         return True
-
-    @property
-    def slow_limits(self) -> SlowLimits:
-        # a straight line is what a walk imitates most easily
-        return SlowLimits(alike={"bias_drift": 3.0})
-
-    @property
-    def slow_beside_fast(self) -> bool:
-        # the rates of a programme usually go one way
-        return True
-
-    @property
-    def named_share(self) -> float:
-        # rows are many: what is left beside the whole story is small
-        return 0.93
-
-    @property
-    def faint(self) -> float:
-        # one scan in a hundred is loud by chance
-        return 1.0
-
-    @property
-    def shadow_margin(self) -> float:
-        # their number counts against them already
-        return 4.0
-
-    @property
-    def most_named(self) -> int:
-        # harmonics of the toolface on one channel are matched by several effects of the bench together
-        return 2
 
     def slow(self) -> list[SlowEffect]:
         found = []
@@ -146,7 +122,7 @@ class RotationScene(RowsScene):
         )
 
     def fit(self, members: Sequence[Member], noise: RotationNoise, *, bends: bool = True) -> JointFit:
-        seen = Observed(self.session.state, self.session.readings, self.session.n > MANY_ROWS)
+        seen = Observed(self.session.state, self.session.readings, self.session.n > SKETCH.many_rows)
         free = self.free if self.method.refit else ()
         given = (self.model, seen, free, self.candidates, members, self.noise, self.noise.freedom)
         if self.some is None:
@@ -154,7 +130,7 @@ class RotationScene(RowsScene):
         near = self._fitted_to_some(members)
         beyond = near.beyond * self.session.n / self.some.session.n
         known = bends and {self.candidates[m.candidate].id for m in members} == self.taken_out
-        fit = joint_fit(*given, steps=1, near=near.model, bends=bends and not known and beyond > BENDS)
+        fit = joint_fit(*given, steps=1, near=near.model, bends=bends and not known and beyond > FITS.bends)
         return replace(fit, bend=np.asarray(self.bend), beyond=beyond) if known else fit
 
     def glance(self, members: Sequence[Member]) -> float | None:
@@ -194,7 +170,7 @@ class RotationScene(RowsScene):
             1.0 / self.noise.sigma,
         )  # fmt: skip
         otherwise = what_splits(candidate.effect, [c.effect for c, _ in rivals if c.effect is not None])
-        if advice.after < max(2 * advice.before, 12.0):
+        if advice.after < max(2 * advice.before, RIVALS.same_class_evidence):
             return otherwise
         words = "; ".join(stretch.words for stretch in advice.stretches)
         return f"turn for 20 s each: {words}; otherwise: {otherwise}"
@@ -219,8 +195,8 @@ class RotationScene(RowsScene):
         size = float(max(means[0].count.sum(), 1.0))
         words = (
             f"{len(held.folds)} contiguous stretches with gaps, each predicted from the others; means over sectors of "
-            f"{360 // SECTORS} deg of the turn, of {means[0].rows:.0f} rows each; whitened; gain = share of the mean "
-            "square removed; the noise floor is what a complete simulation would leave there"
+            f"{360 // MEANS.sectors} deg of the turn, of {means[0].rows:.0f} rows each; whitened; gain = share of the "
+            "mean square removed; the noise floor is what a complete simulation would leave there"
         )
         if by_rate[0] > 0:
             words += f"; leaving out one steady rate at a time: {1 - by_rate[1] / by_rate[0]:.2%}"

@@ -9,20 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.candidates import Candidate
-from highside.diagnosis.core.fit import BENDS, JointFit, Observed, base_fit, bend_of, joint_fit
+from highside.diagnosis.core.fit import JointFit, Observed, base_fit, bend_of, joint_fit
+from highside.diagnosis.core.policy import FITS
 from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.scene import Scene
-from highside.diagnosis.rows.noise import WINDOWS, RotationNoise
+from highside.diagnosis.rotation.policy import SKETCH
+from highside.diagnosis.rows.noise import RotationNoise
+from highside.diagnosis.rows.policy import ROW_NOISE
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
-
-MANY_ROWS = 30_000
-"""Of a longer recording some rows are diagnosed first."""
-SOME_ROWS = 6_000
-NEIGHBOURS = 400
-"""Rows of a stretch by which noise is told from what is slow."""
 
 
 @dataclass(frozen=True)
@@ -68,16 +65,16 @@ def may_bend(session: RotationSession, model: ForwardModel, free: Sequence[str],
 
     What is done beyond first order is of that size. The noise is told from it by second differences.
     """
-    some = session.thinned(SOME_ROWS, seed)
+    some = session.thinned(SKETCH.some_rows, seed)
     model, left = base_fit(model, Observed(some.state, some.readings), free)
     noise = np.zeros(3)
-    starts = np.linspace(0, session.n - NEIGHBOURS, WINDOWS).astype(int)
+    starts = np.linspace(0, session.n - SKETCH.neighbours, ROW_NOISE.windows).astype(int)
     for start in starts:
-        rows = slice(int(start), int(start) + NEIGHBOURS)
+        rows = slice(int(start), int(start) + SKETCH.neighbours)
         near = Observed(session.state.rows(rows), session.readings[:, rows]).residual(model)[:3]
         noise += np.mean(np.diff(near, 2, axis=1) ** 2, axis=1) / 6 / starts.size
     size = np.maximum(np.mean(left[:3] ** 2, axis=1) - noise, 0.0)
-    return bool(np.any(size > np.sqrt(noise * BENDS / session.n)))
+    return bool(np.any(size > np.sqrt(noise * FITS.bends / session.n)))
 
 
 def sketched_bend(

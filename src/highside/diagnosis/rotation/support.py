@@ -11,9 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.core.chunks import CHUNK
-from highside.diagnosis.core.location import TIME_CELLS, TOOLFACE
-from highside.diagnosis.core.support import CELLS, Cells, Window, cells_of, support
+from highside.diagnosis.core.location import TOOLFACE
+from highside.diagnosis.core.policy import CHUNKS, PLACES, SUPPORT
+from highside.diagnosis.core.support import Cells, Window, cells_of, support
+from highside.diagnosis.rotation.policy import ROTATION_SUPPORT
 from highside.diagnosis.rows.design import Design
 from highside.diagnosis.rows.noise import RotationNoise
 from highside.physics.state import ChainState
@@ -21,22 +22,25 @@ from highside.physics.state import ChainState
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
-FINE_CELLS = 36
-
 
 def rotation_cells(state: ChainState, *, slow: bool) -> list[Cells]:
     """The covariates of a rotation that a mismatch may have a range of; `slow` ones too where no offset wanders."""
     found = []
     for covariate, along, count, wanted in (
-        (TOOLFACE, np.mod(np.degrees(state.tf_rad), 360.0), FINE_CELLS, float(np.ptp(state.tf_rad)) > 2 * np.pi),
-        ("inc_ref_deg", np.degrees(state.inc_rad), CELLS, True),
-        ("rotor_rate_dps", np.degrees(state.rotor_rate_radps), CELLS, True),
-        ("temp_c", state.temp_c, CELLS, slow),
-        ("vibration_rms_g", state.vibration_rms_g, CELLS, slow),
-        ("t_s", state.t_s, TIME_CELLS, slow),
+        (
+            TOOLFACE,
+            np.mod(np.degrees(state.tf_rad), 360.0),
+            ROTATION_SUPPORT.fine_cells,
+            float(np.ptp(state.tf_rad)) > 2 * np.pi,
+        ),
+        ("inc_ref_deg", np.degrees(state.inc_rad), SUPPORT.cells, True),
+        ("rotor_rate_dps", np.degrees(state.rotor_rate_radps), SUPPORT.cells, True),
+        ("temp_c", state.temp_c, SUPPORT.cells, slow),
+        ("vibration_rms_g", state.vibration_rms_g, SUPPORT.cells, slow),
+        ("t_s", state.t_s, PLACES.time_cells, slow),
     ):
         values = np.asarray(along, dtype=float)
-        if wanted and np.ptp(values) > 1e-3:
+        if wanted and np.ptp(values) > ROTATION_SUPPORT.varies:
             found.append(cells_of(covariate, values, circular=covariate == TOOLFACE, count=count))
     return found
 
@@ -56,8 +60,8 @@ def windows(
     sizes = [numbers.size + sum(one.count for one in cells) + 1 for numbers in beside]
     grams = [np.zeros((size, size)) for size in sizes]
     for whole in parts:
-        for start in range(whole.start, whole.stop, CHUNK):
-            part = slice(start, min(start + CHUNK, whole.stop))
+        for start in range(whole.start, whole.stop, CHUNKS.rows):
+            part = slice(start, min(start + CHUNKS.rows, whole.stop))
             led = slice(max(0, part.start - noise.lead), part.stop)
             made = design.functions(led, residual)
             indicators = [one.functions(led) for one in cells]

@@ -12,15 +12,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.rows.policy import BASES
 from highside.physics.gravity import gravity_direction
 from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
-
-HARMONICS = 8
-TIME_WAVES = 12
-WARM_SPAN_C = 0.5
-"""A temperature that changes by less says nothing."""
 
 
 @dataclass
@@ -77,16 +73,16 @@ def rotation_groups(state: ChainState) -> list[Group]:
     rate_dps = np.degrees(rate)
     top = max(float(np.abs(rate).max()), 1e-9)
     start, length = float(state.t_s[0]), max(float(np.ptp(state.t_s)), 1e-9)
-    orders = tuple(range(1, HARMONICS + 1))
+    orders = tuple(range(1, BASES.harmonics + 1))
     turns = float(np.ptp(state.tf_rad)) > 2 * np.pi
-    varied = float(np.ptp(rate)) > 0.02 * top
+    varied = float(np.ptp(rate)) > BASES.rate_span * top
 
     def speed(rows: Rows) -> Array:
         return np.asarray(rows.state.rotor_rate_radps / top, dtype=float)
 
     if turns:
-        found.append(Group("tf_ref_deg", tf_deg, lambda rows: rows.harmonics(1, HARMONICS), orders))
-    if np.ptp(np.degrees(state.inc_rad)) > 0.1:
+        found.append(Group("tf_ref_deg", tf_deg, lambda rows: rows.harmonics(1, BASES.harmonics), orders))
+    if np.ptp(np.degrees(state.inc_rad)) > BASES.inclined_deg:
         found.append(Group("inc_ref_deg", np.degrees(state.inc_rad), _of_inclination, slow=True))
         found.append(Group("gravity_direction", np.degrees(state.inc_rad), _monomials))
     if varied:
@@ -102,7 +98,7 @@ def rotation_groups(state: ChainState) -> list[Group]:
             ])
         )  # fmt: skip
     accel = np.asarray(state.rotor_accel_radps2, dtype=float)
-    if np.ptp(accel) > 1e-6 * top:
+    if np.ptp(accel) > BASES.ramps * top:
         most = float(np.abs(accel).max())
 
         def spin_up(rows: Rows) -> list[Array]:
@@ -124,7 +120,7 @@ def rotation_groups(state: ChainState) -> list[Group]:
                 shaken(rows)[1] * part for part in rows.harmonics(1, 2)
             ])
         )  # fmt: skip
-    if np.ptp(state.temp_c) > WARM_SPAN_C:
+    if np.ptp(state.temp_c) > BASES.warm_span_c:
         warm = _warmth(state)
         found.append(Group("temp_c", np.asarray(state.temp_c), lambda rows: _cubic(warm(rows)), slow=True))
         found.append(
@@ -140,7 +136,7 @@ def rotation_groups(state: ChainState) -> list[Group]:
 
     def waves(rows: Rows) -> list[Array]:
         u = (rows.state.t_s - start) / length
-        return [np.asarray(np.cos(np.pi * k * u)) for k in range(1, TIME_WAVES + 1)]
+        return [np.asarray(np.cos(np.pi * k * u)) for k in range(1, BASES.time_waves + 1)]
 
     found.append(Group("t_s", np.asarray(state.t_s), waves, slow=True))
     found.append(
@@ -182,20 +178,20 @@ def rotation_shadows(state: ChainState) -> list[ShadowGroup]:
     if float(np.ptp(state.tf_rad)) > 2 * np.pi:
         found += [
             ShadowGroup(f"toolface harmonic {k}", (f"{k} T",), _harmonic_pair(k), pairs=True)
-            for k in range(2, HARMONICS + 1)
+            for k in range(2, BASES.harmonics + 1)
         ]
     # at one inclination z is a constant and a product with it nothing new; x^2 is half a constant. Harmonics are not
-    terms = _AT_ONE_INCLINATION if np.ptp(np.degrees(state.inc_rad)) < 0.1 else _AT_MANY_INCLINATIONS
+    terms = _AT_ONE_INCLINATION if np.ptp(np.degrees(state.inc_rad)) < BASES.inclined_deg else _AT_MANY_INCLINATIONS
     rate = np.asarray(state.rotor_rate_radps, dtype=float)
     top = max(float(np.abs(rate).max()), 1e-9)
-    if float(np.ptp(rate)) > 0.02 * top:
+    if float(np.ptp(rate)) > BASES.rate_span * top:
 
         def speed(rows: Rows) -> Array:
             return np.asarray(rows.state.rotor_rate_radps / top, dtype=float)
 
         found += [ShadowGroup("rate", labels, times(speed, make)) for labels, make in terms[:2]]
         found.append(ShadowGroup("rate", RATE_POWERS, lambda rows: _rate_powers(speed(rows))))
-    if np.ptp(state.temp_c) > WARM_SPAN_C:
+    if np.ptp(state.temp_c) > BASES.warm_span_c:
         warm = _warmth(state)
         found.append(ShadowGroup("temperature", terms[0][0], times(warm, terms[0][1]), off_axis=True))
         found += [ShadowGroup("temperature", labels, times(warm, make)) for labels, make in terms[1:]]

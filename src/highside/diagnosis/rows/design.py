@@ -15,18 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.core.candidates import (
-    MAX_STEP_TIMES,
-    Blind,
-    Candidate,
-    Variant,
-    parts_of,
-    time_constants,
-    what_lacks,
-)
+from highside.diagnosis.core.candidates import Blind, Candidate, Variant, parts_of, time_constants, what_lacks
 from highside.diagnosis.core.chunks import chunks_of
+from highside.diagnosis.core.policy import CANDIDATES
 from highside.diagnosis.core.untestable import one_sided
 from highside.diagnosis.rows.bases import Group, Recipe, Rows, rotation_groups, rotation_shadows
+from highside.diagnosis.rows.policy import DESIGN
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.effect import Effect, Stage
 from highside.physics.effects import all_effects
@@ -36,14 +30,7 @@ from highside.physics.state import ChainState
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
-PROBE = 400
-EXTREMES = 4
-"""Rows at each end of each covariate that are probed as well: a ramp of the rate may be rare."""
-NOTHING = 1e-12
-STEP_MARGIN = 0.03
-"""Share of a recording at each end in which a step is not looked for."""
 LINES = ("tone", "aliased_vibration")
-_FAR = 1 << 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,13 +60,13 @@ class _Source:
 
 def _telling(state: ChainState) -> Ints:
     """Rows at which every effect shows that shows at all: evenly spread, and where each covariate is extreme."""
-    rows = [np.linspace(0, state.n - 1, PROBE).astype(np.intp)]
+    rows = [np.linspace(0, state.n - 1, DESIGN.probe).astype(np.intp)]
     for along in (
         state.inc_rad, state.temp_c, state.rotor_rate_radps, state.rotor_accel_radps2, state.inc_rate_radps,
         state.vibration_rms_g,
     ):  # fmt: skip
         order = np.argsort(along, kind="stable")
-        rows += [order[:EXTREMES], order[-EXTREMES:]]
+        rows += [order[: DESIGN.extremes], order[-DESIGN.extremes :]]
     return np.unique(np.concatenate(rows))
 
 
@@ -100,7 +87,7 @@ class Design:
         self._shared = 0
         self._own = np.zeros(len(session.channels), dtype=np.intp)
         self._columns: list[Ints] = []
-        """of each column the numbers on the channels; shared functions from `_FAR` on until their place is known"""
+        """of each column the numbers on the channels; shared ones from `DESIGN.far` on until their place is known"""
         self._probe_state = session.state.rows(np.concatenate([[0], _telling(session.state)]))
         self.base = np.array(self._add_base(), dtype=np.intp)
         self.candidates: list[Candidate] = []
@@ -116,7 +103,7 @@ class Design:
                 self.cell_of.append((c, b))
                 self.cells.append(np.array([self._on(c, f) for f in functions]))
         where = np.array(self._columns)
-        self.where = np.where(where >= _FAR, where - _FAR + self._own, where)
+        self.where = np.where(where >= DESIGN.far, where - DESIGN.far + self._own, where)
         self.sizes = [int(own) + self._shared for own in self._own]
 
     def turns(self) -> list[Array]:
@@ -251,7 +238,7 @@ class Design:
 
     def _step_times(self) -> list[float]:
         length = float(np.ptp(self.session.state.t_s))
-        times = np.linspace(STEP_MARGIN * length, (1 - STEP_MARGIN) * length, MAX_STEP_TIMES)
+        times = np.linspace(DESIGN.step_margin * length, (1 - DESIGN.step_margin) * length, CANDIDATES.step_times)
         return [float(t) for t in times]
 
     def _vector(self, effect: Effect, shape: dict[str, float]) -> Array:
@@ -274,7 +261,7 @@ class Design:
             # a play remembers: the whole recording at once
             stored = self._evaluate(self.session.state, [(effect, vector, wanted)])[0]
             probe = stored
-        shows = np.max(np.abs(probe), axis=2) > NOTHING
+        shows = np.max(np.abs(probe), axis=2) > DESIGN.nothing
         of_channels = np.where(shows, self._own + np.cumsum(shows, axis=0) - 1, -1)
         self._own += shows.sum(axis=0)
         self._sources.append(_Source(effect, vector, wanted, of_channels, stored))
@@ -327,7 +314,7 @@ class Design:
     def _on(self, channel: int, function: int) -> int:
         """A new column: a shared function on one channel."""
         own = np.full(self._own.size, -1, dtype=np.intp)
-        own[channel] = _FAR + function
+        own[channel] = DESIGN.far + function
         return self._add(own)
 
     def _add(self, own: Ints) -> int:

@@ -21,8 +21,10 @@ from numpy.typing import NDArray
 from highside.diagnosis.core.chunks import in_order
 from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.core.memory import Memory, memory_of
+from highside.diagnosis.core.policy import REGRESSION
 from highside.diagnosis.rows.design import Design
 from highside.diagnosis.rows.noise import RotationNoise
+from highside.diagnosis.rows.policy import GRAMS
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -32,16 +34,10 @@ Key = tuple[int, int, bool]
 Fold = tuple[list[Key], list[Key]]
 """parts that are left out, and those of them that are scored"""
 
-FOLDS = 10
-BLOCK_S = 0.5
-MAX_BLOCKS = 1000
-FLIP_S = 3.0
-WALK_SHARES = (0.0, 1e-6, 4e-6, 1.6e-5, 6e-5, 2.5e-4, 1e-3, 4e-3, 0.016)
-"""Variance of a walk's step from row to row in units of the white variance of a row."""
-FORGETFUL = ((0.5, (0.03, 0.1, 0.3)), (4.0, (0.01, 0.04, 0.15)))
-"""Levels that forget, what a filter of few terms leaves of a noise's colour: their memory in blocks, and variances in
-units of the white variance of a block's mean."""
-MEMORIES = (*((np.inf, share) for share in WALK_SHARES), *((length, q) for length, own in FORGETFUL for q in own))
+MEMORIES = (
+    *((np.inf, share) for share in GRAMS.walk_shares),
+    *((length, q) for length, own in GRAMS.forgetful for q in own),
+)
 """(length, share) of each memory that is tried; the first is none."""
 
 
@@ -60,14 +56,18 @@ class Segments:
         """The rows at a fold's ends are trained on by nobody else, and not scored: their noise remembers."""
         session = design.session
         n, rows = session.n, np.arange(session.n)
-        fold = rows * FOLDS // n
+        fold = rows * GRAMS.folds // n
         gap = lead + round(1.0 / session.step_s)
-        starts = np.searchsorted(fold, np.arange(FOLDS + 1))
+        starts = np.searchsorted(fold, np.arange(GRAMS.folds + 1))
         edge = np.minimum(rows - starts[fold], starts[fold + 1] - 1 - rows)
-        core = (edge >= gap) | (fold == 0) & (rows < starts[1] - gap) | (fold == FOLDS - 1) & (rows >= starts[-2] + gap)
-        length = max(BLOCK_S, session.n * session.step_s / MAX_BLOCKS)
+        core = (
+            (edge >= gap)
+            | (fold == 0) & (rows < starts[1] - gap)
+            | (fold == GRAMS.folds - 1) & (rows >= starts[-2] + gap)
+        )
+        length = max(GRAMS.block_s, session.n * session.step_s / GRAMS.max_blocks)
         block = (rows * session.step_s / length).astype(np.intp)
-        return cls(fold, session.rate_group, core, block, (rows * session.step_s / FLIP_S).astype(np.intp))
+        return cls(fold, session.rate_group, core, block, (rows * session.step_s / GRAMS.flip_s).astype(np.intp))
 
 
 @dataclass(frozen=True)
@@ -171,8 +171,8 @@ class Walks:
         return cls(within + between @ between.transpose(0, 2, 1), noise.log_determinant, float(counts.sum()))
 
     def that_never_forget(self) -> Walks:
-        """Those of `WALK_SHARES` alone."""
-        count = len(WALK_SHARES)
+        """Those of `GRAMS.walk_shares` alone."""
+        count = len(GRAMS.walk_shares)
         return Walks(self.grams[:count], self.log_determinant[:count], self.rows)
 
     def under(self, memory: Memory) -> Array:
@@ -216,7 +216,7 @@ class WalkingChannel:
                 cross = gram[np.ix_(kept, picked)]
                 inner = inner - cross.T @ solved(gram[np.ix_(kept, kept)], cross)
             norm, moment = np.diag(inner)[:-1], inner[:-1, -1]
-            shows = norm > 1e-6 * np.diag(gram)[picked[:-1]]
+            shows = norm > REGRESSION.independent * np.diag(gram)[picked[:-1]]
             energy[s] = inner[-1, -1]
             energy[s, functions >= 0] -= np.where(shows, moment**2 / np.where(shows, norm, 1.0), 0.0)
         return self._minus2l(columns, energy)
@@ -317,7 +317,7 @@ class HeldOutRows:
         self.keys = keys
         self._rows = {key: sum(g.rows.get(key, 0.0) for g in grams) for key in keys}
         self.folds: list[Fold] = []
-        for fold in range(FOLDS):
+        for fold in range(GRAMS.folds):
             own = [key for key in keys if key[0] == fold]
             self.folds.append((own, [key for key in own if key[2]]))
         rates = [[key for key in keys if key[1] == rate] for rate in sorted({key[1] for key in keys} - {-1})]

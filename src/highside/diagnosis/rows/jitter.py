@@ -12,12 +12,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtrc
 
+from highside.diagnosis.core.policy import INTERVALS
 from highside.diagnosis.core.result import Claim, Diagnosis, FittedParameter, Location
 from highside.diagnosis.rows.noise import RotationNoise
+from highside.diagnosis.rows.policy import JITTER
 from highside.physics.effects import get
 
-CERTAIN = 30.0
-"""Gain of -2 log likelihood, of all channels, from which jitter is named: unmodelled tails never reach it."""
 TOLD = ("nothing_left_out", "named", "named_plus")
 
 
@@ -26,7 +26,7 @@ def with_jitter(diagnosis: Diagnosis, noise: RotationNoise, channels: Sequence[s
     gain, size, error = noise.jitter.T
     found = np.flatnonzero(gain > 0)
     evidence = float(gain.sum())
-    if evidence < CERTAIN:
+    if evidence < JITTER.certain:
         return diagnosis
     effect = get("sampling_jitter")
     if diagnosis.verdict not in TOLD:
@@ -40,7 +40,9 @@ def with_jitter(diagnosis: Diagnosis, noise: RotationNoise, channels: Sequence[s
         story=effect.story,
         formula=effect.formula,
         stage=effect.stage.value,
-        parameters={"sigma": FittedParameter(value, std, value - 1.96 * std, value + 1.96 * std, "s")},
+        parameters={
+            "sigma": FittedParameter(value, std, value - INTERVALS.normal * std, value + INTERVALS.normal * std, "s")
+        },
         p_familywise=p,
         equivalence_class=(effect.id,),
         rivals_ruled_out=(),

@@ -17,28 +17,15 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.core.chunks import in_order
 from highside.diagnosis.core.memory import Memory
+from highside.diagnosis.core.policy import INTERVALS
 from highside.diagnosis.rows.design import Design
+from highside.diagnosis.rows.policy import ROW_NOISE
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.gravity import gravity_jacobians
 from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
 
-MAX_ORDER = 16
-MAX_ROWS = 24_000
-"""Rows that the noise is learned from; of longer recordings, windows spread over all of it."""
-WINDOWS = 8
-DRAWS = 24
-VARIANCE_GAIN = 12.0
-"""Gain of -2 log likelihood from which a dependence of the scatter is believed."""
-SCALE_S = 8.0
-IMPULSE = 6.0
-MAX_IMPULSES = 2e-3
-"""A larger share of outlying rows is the shape of the noise, not impulses."""
-ROUNDING = 1e-9
-"""No reading is told more exactly than this share of its size."""
-DIGITS = 1e-4
-"""What is left of readings is asked for to four digits."""
 JITTER, SHAKEN = 0, 1
 
 
@@ -140,10 +127,10 @@ class _Learning:
 
 def windows(n: int) -> list[slice]:
     """The rows that the noise is learned from."""
-    if n <= MAX_ROWS:
+    if n <= ROW_NOISE.max_rows:
         return [slice(0, n)]
-    length = MAX_ROWS // WINDOWS
-    starts = np.linspace(0, n - length, WINDOWS).astype(int)
+    length = ROW_NOISE.max_rows // ROW_NOISE.windows
+    starts = np.linspace(0, n - length, ROW_NOISE.windows).astype(int)
     return [slice(int(s), int(s) + length) for s in starts]
 
 
@@ -156,16 +143,16 @@ def estimate(design: Design, residual: Array, seed: int, *, coloured: bool = Tru
     parts = windows(session.n)
     made: list[list[Array]] = [[] for _ in session.channels]
     for part in parts:
-        for c, functions in enumerate(design.functions(slice(max(0, part.start - 2 * MAX_ORDER), part.stop))):
+        for c, functions in enumerate(design.functions(slice(max(0, part.start - 2 * ROW_NOISE.max_order), part.stop))):
             made[c].append(functions)
 
     def of(c: int) -> _Found:
         counts = None if session.left_out is None else [np.where(session.left_out[p], 0.0, 1.0) for p in parts]
-        before = [residual[c, max(0, p.start - 2 * MAX_ORDER) : p.stop] for p in parts]
+        before = [residual[c, max(0, p.start - 2 * ROW_NOISE.max_order) : p.stop] for p in parts]
         size = float(np.sqrt(np.mean(session.readings[c] ** 2)))
-        if float(residual[c].std()) < ROUNDING * size:
+        if float(residual[c].std()) < ROW_NOISE.rounding * size:
             # a simulation without noise: nothing is smaller than rounding
-            return _Found(np.ones(1), np.full(session.n, 1 / (ROUNDING * size)), ROUNDING * size)
+            return _Found(np.ones(1), np.full(session.n, 1 / (ROW_NOISE.rounding * size)), ROW_NOISE.rounding * size)
         learning = _Learning(parts, made[c], before, counts)
         polynomial = _colour(learning, np.random.default_rng([seed, c])) if coloured else np.ones(1)
         left, rank, _ = learning.outside(polynomial)
@@ -174,7 +161,7 @@ def estimate(design: Design, residual: Array, seed: int, *, coloured: bool = Tru
         level = float(
             np.sqrt(sum(float(np.sum((r * w) ** 2)) for r, w in zip(left, shape[1], strict=True)) / (rows - rank))
         )
-        level = max(level, 1e-15)
+        level = max(level, ROW_NOISE.least)
         weight = shape[0] / level
         weight[wild] = 0.0
         if session.left_out is not None:
@@ -214,7 +201,7 @@ def rounding(readings: Array, residual: Array, seed: int) -> Array:
     A simulation without noise has none, and then what effects do beyond first order would be all that is seen.
     """
     of_readings, of_residual = (np.sqrt(np.mean(x**2, axis=1, keepdims=True)) for x in (readings, residual))
-    size = np.maximum(ROUNDING * of_readings, DIGITS * of_residual)
+    size = np.maximum(ROW_NOISE.rounding * of_readings, ROW_NOISE.digits * of_residual)
     return np.asarray(size * np.random.default_rng(seed).standard_normal(readings.shape))
 
 
@@ -234,7 +221,7 @@ def _colour(learning: _Learning, rng: np.random.Generator) -> Array:
     """The filter that whitens a channel: a first guess, then what is left of colour after it, bias taken off."""
     polynomial = np.ones(1)
     for turn in range(3):
-        drawn = [rng.standard_normal((DRAWS, p.stop - p.start)) for p in learning.parts]
+        drawn = [rng.standard_normal((ROW_NOISE.draws, p.stop - p.start)) for p in learning.parts]
         left, rank, projected = learning.outside(polynomial, drawn)
         rows = sum(r.size for r in left)
         level = sum(float(r @ r) for r in left) / (rows - rank)
@@ -247,16 +234,16 @@ def _colour(learning: _Learning, rng: np.random.Generator) -> Array:
         polynomial = np.convolve(polynomial, step)
         if turn:
             # the refinement multiplies on; its far terms are nothing
-            polynomial = polynomial[: 2 * MAX_ORDER + 1]
+            polynomial = polynomial[: 2 * ROW_NOISE.max_order + 1]
     return polynomial
 
 
 def _autocovariance(series: list[Array]) -> Array:
     """(d, lags) mean product at each lag of series (d, n), pooled over windows."""
-    total = np.zeros((series[0].shape[0], MAX_ORDER + 1))
+    total = np.zeros((series[0].shape[0], ROW_NOISE.max_order + 1))
     rows = sum(s.shape[1] for s in series)
     for s in series:
-        for k in range(MAX_ORDER + 1):
+        for k in range(ROW_NOISE.max_order + 1):
             total[:, k] += np.einsum("dn,dn->d", s[:, k:], s[:, : s.shape[1] - k])
     return np.asarray(total / rows, dtype=float)
 
@@ -266,7 +253,7 @@ def _levinson(autocovariance: Array, rows: int) -> Array:
     error = float(autocovariance[0])
     polynomial = np.ones(1)
     best, chosen = rows * np.log(error), polynomial
-    for order in range(1, MAX_ORDER + 1):
+    for order in range(1, ROW_NOISE.max_order + 1):
         reflection = -float(polynomial @ autocovariance[order:0:-1][:order]) / error
         if not abs(reflection) < 1:
             break
@@ -298,10 +285,10 @@ def _scatter(
     lead = polynomial.size - 1
     keep = np.ones(rows.size, dtype=bool)
     keep[:lead] = False
-    scale = float(np.median(np.abs(rows[keep])) / 0.6745)
-    wild = keep & (np.abs(rows) > IMPULSE * scale)
+    scale = float(np.median(np.abs(rows[keep])) / INTERVALS.mad)
+    wild = keep & (np.abs(rows) > ROW_NOISE.impulse * scale)
     modelled = {k: v[take] for k, v in whole.items() if np.ptp(v) > 0}
-    square = np.minimum(rows**2, (IMPULSE * scale) ** 2) / scale**2
+    square = np.minimum(rows**2, (ROW_NOISE.impulse * scale) ** 2) / scale**2
     chosen: dict[int, float] = {}
     level, cost = float(square[keep].mean()), 0.0
     cost = _deviance(square[keep], np.full(int(keep.sum()), level))
@@ -318,18 +305,18 @@ def _scatter(
                 tries[k] = (cost - _deviance(square[keep], fitted), names, weights)
         k = max(tries, key=lambda name: tries[name][0])
         gain, names, weights = tries[k]
-        if gain * 2 / max(kurtosis - 1, 2.0) < VARIANCE_GAIN:
+        if gain * 2 / max(kurtosis - 1, 2.0) < ROW_NOISE.variance_gain:
             break
         evidence[k] = gain * 2 / max(kurtosis - 1, 2.0)
         level, chosen = float(weights[0]), dict(zip(names, weights[1:].tolist(), strict=True))
         cost -= gain
     size = level + sum((w * whole[k] for k, w in chosen.items()), np.zeros(session.n))
     size /= float(np.mean(size[take]))
-    if wild.mean() > MAX_IMPULSES:
+    if wild.mean() > ROW_NOISE.max_impulses:
         wild[:] = False
     size *= _slowly(session, take, square / size[take], keep & ~wild)
     root = 1 / np.sqrt(size)
-    strays = take[wild & (np.abs(rows) * root[take] > IMPULSE * scale)]
+    strays = take[wild & (np.abs(rows) * root[take] > ROW_NOISE.impulse * scale)]
     spread = _spread(strays, lead, session.n)
     jitter = (0.0, 0.0, 0.0)
     if chosen.get(JITTER, 0.0) > 0:
@@ -367,20 +354,20 @@ def _variance_fit(square: Array, regressors: list[Array]) -> Array:
     columns = columns / unit[:, None]
     fitted = np.full(square.size, float(square.mean()))
     weights = np.zeros(len(columns))
-    for _ in range(6):
+    for _ in range(ROW_NOISE.variance_turns):
         scaled = columns / fitted
         weights = nnls(scaled @ scaled.T, scaled @ (square / fitted))[0]
-        fitted = np.maximum(weights @ columns, 1e-3 * float(square.mean()))
-    return np.asarray(np.maximum(weights / unit, [1e-6, *[0.0] * len(regressors)]))
+        fitted = np.maximum(weights @ columns, ROW_NOISE.least_variance * float(square.mean()))
+    return np.asarray(np.maximum(weights / unit, [ROW_NOISE.least_level, *[0.0] * len(regressors)]))
 
 
 def _slowly(session: RotationSession, take: NDArray[np.intp], square: Array, keep: NDArray[np.bool_]) -> Array:
     """(N,) slow change of the variance, shrunk to 1 as far as chance explains it."""
     if take.size < session.n:
         return np.ones(session.n)
-    width = max(1, round(SCALE_S / session.step_s))
+    width = max(1, round(ROW_NOISE.scale_s / session.step_s))
     count = max(1, session.n // width)
-    if count < 4:
+    if count < ROW_NOISE.least_stretches:
         return np.ones(session.n)
     edges = np.linspace(0, session.n, count + 1).astype(int)
     used = np.add.reduceat(keep.astype(float), edges[:-1])
@@ -389,7 +376,7 @@ def _slowly(session: RotationSession, take: NDArray[np.intp], square: Array, kee
     kurtosis = float(np.mean(square[keep] ** 2) / np.mean(square[keep]) ** 2)
     expected = (kurtosis - 1) / width
     share = max(0.0, 1 - expected / max(float(means.var()), 1e-12))
-    if share < 0.5:
+    if share < ROW_NOISE.slow_share:
         return np.ones(session.n)
     middle = (edges[1:] + edges[:-1]) / 2
-    return np.asarray(np.interp(np.arange(session.n), middle, np.maximum(1 + share * (means - 1), 0.05)))
+    return np.asarray(np.interp(np.arange(session.n), middle, np.maximum(1 + share * (means - 1), ROW_NOISE.quietest)))

@@ -13,30 +13,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.core.chunks import CHUNK, in_order
+from highside.diagnosis.core.chunks import in_order
 from highside.diagnosis.core.held_out import block_gain
 from highside.diagnosis.core.location import Located, Scan, followed, intervals, scan_of
 from highside.diagnosis.core.memory import Channel, Memory
-from highside.diagnosis.core.pool import FLIPS, Member, Pool, threshold
+from highside.diagnosis.core.policy import CHUNKS, POOL, SELECTION
+from highside.diagnosis.core.pool import Member, Pool, threshold
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.core.result import Location
 from highside.diagnosis.core.scene import Judged, Scene
-from highside.diagnosis.core.selection import STARTS, Selector
+from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.core.support import Window
 from highside.diagnosis.rows.bases import Group
 from highside.diagnosis.rows.design import Design
 from highside.diagnosis.rows.gram import Gram, HeldOutRows, Segments, Space, WalkingChannel, Walks
 from highside.diagnosis.rows.noise import RotationNoise, with_walk
 from highside.diagnosis.rows.noise import windows as learned_from
+from highside.diagnosis.rows.policy import ROW_PLACES
 from highside.diagnosis.rows.session import RotationSession
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
-
-SLOW_BAND_HZ = 0.23
-"""Below this, a group of slow functions is judged by as many degrees of freedom as the band has."""
-PLACES = 20_000
-"""Rows by which intervals of a covariate are found."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +116,7 @@ class RowsScene(Scene[RotationNoise]):
         gains = RowGains(pool, HeldOutRows(self.design, self.grams))
         size = sum(int(np.sum(w > 0)) for w in noise.weight)
         cells = self.design.cell_of
-        slow_freedom = 2 * SLOW_BAND_HZ * self.session.n * self.session.step_s
+        slow_freedom = 2 * ROW_PLACES.slow_band_hz * self.session.n * self.session.step_s
         freedom = [slow_freedom if self.design.groups[b].slow else noise.freedom for _, b in cells]
         scan = scan_of(
             self.design.groups, [space.columns(numbers) for numbers in self.design.cells], cells, np.array(freedom)
@@ -130,15 +127,14 @@ class RowsScene(Scene[RotationNoise]):
         else:
             judged = self.judge(with_walk(noise, []))
             limit, scan_limit = judged.selector.threshold, judged.scan_threshold
-        selector = Selector(
-            pool, base, residual, noise.freedom, limit, gains, size, starts=STARTS, told=self.most_named
-        )  # fmt: skip
+        starts, told = SELECTION.starts, self.policy.most_named
+        selector = Selector(pool, base, residual, noise.freedom, limit, gains, size, starts=starts, told=told)
         return JudgedRows(selector, scan, scan_limit, [], noise, space=space)
 
     def _limits(self, space: Space, base: Array, pool: Pool, scan: Scan, freedom: float) -> tuple[float, float]:
         """What race and scan exceed by chance, from flipped blocks."""
         rng = np.random.default_rng(self.seed)
-        signs = rng.choice([-1.0, 1.0], size=(FLIPS, self.chance[0].shape[0]))
+        signs = rng.choice([-1.0, 1.0], size=(POOL.flips, self.chance[0].shape[0]))
         chance = space.moments([signs @ blocks for blocks in self.chance])
         if not self.method.colour:
             # nothing is remembered: chance is what the F test says
@@ -176,10 +172,10 @@ class RowsScene(Scene[RotationNoise]):
     @property
     def parts(self) -> list[slice]:
         """The rows that places are found by."""
-        n, length = self.session.n, PLACES // 4
-        if n <= PLACES:
+        n, length = self.session.n, ROW_PLACES.rows // ROW_PLACES.stretches
+        if n <= ROW_PLACES.rows:
             return [slice(0, n)]
-        return [slice(int(s), int(s) + length) for s in np.linspace(0, n - length, 4).astype(int)]
+        return [slice(int(s), int(s) + length) for s in np.linspace(0, n - length, ROW_PLACES.stretches).astype(int)]
 
     def placed(
         self, sought: tuple[list[int], Located | Window], weights: Sequence[Array], p: float, share: float
@@ -235,9 +231,9 @@ def chance_of(
     explained = [Space.of_channel(gram.total) for gram in grams]
     rest = [(window, np.zeros((len(grams), window.stop - window.start))) for window in learned_from(session.n)]
     parts = [
-        (slice(start, min(start + CHUNK, window.stop)), left[:, start - window.start :])
+        (slice(start, min(start + CHUNKS.rows, window.stop)), left[:, start - window.start :])
         for window, left in rest
-        for start in range(window.start, window.stop, CHUNK)
+        for start in range(window.start, window.stop, CHUNKS.rows)
     ]
     used = np.unique(np.concatenate([segments.flip[part] for part, _ in parts]))
     result = [np.zeros((used.size, m)) for m in design.sizes]
@@ -252,5 +248,5 @@ def chance_of(
             result[c][blocks] += np.add.reduceat(white[:-1] * left, starts, axis=1).T
     rows = sum(part.stop - part.start for part, _ in parts)
     # to the size it has in all rows, and with what the projection took given back
-    swell = [session.n / rows / max(1 - m / session.n, 0.1) for m in design.sizes]
+    swell = [session.n / rows / max(1 - m / session.n, ROW_PLACES.least_left) for m in design.sizes]
     return [r * np.sqrt(s) for r, s in zip(result, swell, strict=True)], rest

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.rows.policy import ROW_SESSIONS
 from highside.errors import InputError
 from highside.physics.state import ChainState
 
@@ -20,9 +21,6 @@ Array = NDArray[np.float64]
 
 ACCEL = ("ax", "ay", "az")
 GYROS = ("gx", "gy", "gz")
-MIN_ROWS = 1000
-"""Fewer rows are too short a stretch for a noise with memory to be known."""
-RATE_GROUPS = 12
 
 
 @dataclass(frozen=True)
@@ -70,19 +68,19 @@ class RotationSession:
 
     @cached_property
     def rate_group(self) -> NDArray[np.intp]:
-        """(n,) number of the steady rate a row belongs to; -1 on ramps. At most `RATE_GROUPS`, of like rates."""
+        """(n,) number of the steady rate a row belongs to; -1 on ramps. At most so many, of like rates."""
         rate = self.state.rotor_rate_radps
-        steady = np.abs(self.state.rotor_accel_radps2) < 0.02 * max(float(np.ptp(rate)), 1e-9)
+        steady = np.abs(self.state.rotor_accel_radps2) < ROW_SESSIONS.steady * max(float(np.ptp(rate)), 1e-9)
         group = np.full(self.n, -1, dtype=np.intp)
         if np.ptp(rate) == 0 or not steady.any():
             return group
-        levels = np.round(rate / (0.02 * max(float(np.abs(rate).max()), 1e-9)))
+        levels = np.round(rate / (ROW_SESSIONS.level * max(float(np.abs(rate).max()), 1e-9)))
         found, number, count = np.unique(levels[steady], return_inverse=True, return_counts=True)
-        large = np.flatnonzero(count > 0.01 * self.n)
+        large = np.flatnonzero(count > ROW_SESSIONS.least_share * self.n)
         if large.size < 2:
             return group
         order = np.full(found.size, -1, dtype=np.intp)
-        order[large] = np.arange(large.size) * min(RATE_GROUPS, large.size) // large.size
+        order[large] = np.arange(large.size) * min(ROW_SESSIONS.rate_groups, large.size) // large.size
         group[steady] = order[number.reshape(-1)]
         return group
 
@@ -106,9 +104,10 @@ def rotation_session(
             raise InputError(
                 "is missing", field=name, remedy="a rotation needs inc_ref_deg and tf_ref_deg or rotor_deg"
             )
-    if accel_g.shape[1] < MIN_ROWS:
+    if accel_g.shape[1] < ROW_SESSIONS.min_rows:
         raise InputError(
-            f"{accel_g.shape[1]} rows are too few to diagnose a rotation", remedy=f"at least {MIN_ROWS} are needed"
+            f"{accel_g.shape[1]} rows are too few to diagnose a rotation",
+            remedy=f"at least {ROW_SESSIONS.min_rows} are needed",
         )
     state = ChainState.from_columns(
         {name: values for name, values in columns.items() if name != "pose"},

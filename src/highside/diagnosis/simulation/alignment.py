@@ -13,18 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.simulation.policy import ALIGNMENT
 from highside.errors import InputError
 
 Array = NDArray[np.float64]
-
-COARSE_HZ = 50.0
-SAME_CLOCK = 0.5
-"""Share of the shorter span that must overlap for two clocks to be taken as one."""
-OWN_LAG_S = 0.5
-"""A lag up to this on one clock is left to be diagnosed."""
-LEAST_OVERLAP = 0.3
-ALIKE = 0.3
-"""Correlation from which a lag is believed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +34,8 @@ def align(t_s: Array, measured: Mapping[str, Array], t_sim_s: Array, predicted: 
     """Find the lag between channels of the same names. Raises InputError where nothing fits anywhere."""
     span, span_sim = float(np.ptp(t_s)), float(np.ptp(t_sim_s))
     overlap = min(t_s[-1], t_sim_s[-1]) - max(t_s[0], t_sim_s[0])
-    same = bool(overlap >= SAME_CLOCK * min(span, span_sim))
-    rate = min(COARSE_HZ, usual_rate(t_s), usual_rate(t_sim_s))
+    same = bool(overlap >= ALIGNMENT.same_clock * min(span, span_sim))
+    rate = min(ALIGNMENT.coarse_hz, usual_rate(t_s), usual_rate(t_sim_s))
     names = list(measured)
     grid, grid_sim = (np.arange(t[0], t[-1], 1 / rate) for t in (t_s, t_sim_s))
     x = np.stack([_standard(filled(grid, t_s, measured[n])) for n in names])
@@ -54,9 +46,9 @@ def align(t_s: Array, measured: Mapping[str, Array], t_sim_s: Array, predicted: 
     fine = best + _vertex(correlation, best)
     lag = float(np.interp(fine, np.arange(lags.size), lags)) / rate + start
     value = float(correlation[best])
-    if same and (abs(lag) <= OWN_LAG_S or value < ALIKE):
-        return Alignment(lag if value >= ALIKE else 0.0, 0.0, value, True)
-    if value < ALIKE:
+    if same and (abs(lag) <= ALIGNMENT.own_lag_s or value < ALIGNMENT.alike):
+        return Alignment(lag if value >= ALIGNMENT.alike else 0.0, 0.0, value, True)
+    if value < ALIGNMENT.alike:
         raise InputError(
             f"resembles the recording nowhere (best correlation {value:.2f})",
             remedy="give both files on one clock, or check names, units and signs of the columns",
@@ -104,10 +96,10 @@ def _correlations(x: Array, y: Array) -> tuple[Array, Array]:
     energy_sim = np.concatenate([[0.0], np.cumsum(np.sum(y**2, axis=0))])
     seen = energy[last] - energy[first]
     seen_sim = energy_sim[last - lags] - energy_sim[first - lags]
-    enough = last - first >= LEAST_OVERLAP * min(n, m)
+    enough = last - first >= ALIGNMENT.least_overlap * min(n, m)
     size = np.sqrt(np.maximum(seen * seen_sim, 1e-12))
     return np.asarray(lags, dtype=float), np.where(
-        enough, cross / np.maximum(size, 1e-6 * max(float(size.max()), 1e-12)), -1.0
+        enough, cross / np.maximum(size, ALIGNMENT.nothing * max(float(size.max()), 1e-12)), -1.0
     )
 
 

@@ -14,16 +14,13 @@ from highside.diagnosis.core.candidates import Blind, Candidate, Variant
 from highside.diagnosis.rows.bases import Group
 from highside.diagnosis.rows.design import Design
 from highside.diagnosis.simulation.effects import Around, described, effects_of
+from highside.diagnosis.simulation.policy import SIMULATION_COLUMNS
 from highside.diagnosis.simulation.session import SimulationSession
 from highside.physics.effect import Effect
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
-NOTHING = 1e-12
-FAINT = 3.0
-"""An amplitude that at its largest plausible size adds less than this, in standard deviations, is left out."""
-TIME_WAVES = 8
 BLIND = {
     "lever_arm": "rates (gx_dps, gy_dps, gz_dps) are not recorded, or no channel is an acceleration of a named axis",
     "temperature_bias": "the temperature (temp_c) is not recorded, or does not change",
@@ -54,7 +51,10 @@ class SimulationDesign(Design):
             shapes = []
             for shape, columns in tried.shapes:
                 size = limits * np.linalg.norm(columns / scatter[:, None], axis=(1, 2))
-                kept = [column if s > FAINT else np.zeros_like(column) for column, s in zip(columns, size, strict=True)]
+                kept = [
+                    column if s > SIMULATION_COLUMNS.faint else np.zeros_like(column)
+                    for column, s in zip(columns, size, strict=True)
+                ]
                 shapes.append((shape, [self._put(column) for column in kept]))
             if tried.effect.id in self.free:
                 base += [number for number in shapes[0][1] if number >= 0]
@@ -103,7 +103,7 @@ class SimulationDesign(Design):
 
     def _put(self, column: Array) -> int:
         """Number of a column (C, n); -1 for one that is nothing."""
-        shows = np.max(np.abs(column), axis=1) > NOTHING
+        shows = np.max(np.abs(column), axis=1) > SIMULATION_COLUMNS.nothing
         if not shows.any():
             return -1
         own = np.full(len(self._rows), -1, dtype=np.intp)
@@ -159,7 +159,9 @@ def _covariates(session: SimulationSession) -> list[tuple[str, Array, list[Array
         x = (t - t.mean()) / t.std()
         found.append(("temp_c", t, [x, x * x, x**3], True))
     u = np.linspace(0.0, 1.0, session.n)
-    found.append(("t_s", session.state.t_s, [np.cos(np.pi * k * u) for k in range(1, TIME_WAVES + 1)], True))
+    found.append(
+        ("t_s", session.state.t_s, [np.cos(np.pi * k * u) for k in range(1, SIMULATION_COLUMNS.time_waves + 1)], True)
+    )
     return found
 
 

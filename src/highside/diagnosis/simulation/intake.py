@@ -14,23 +14,20 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.core.result import Finding
 from highside.diagnosis.simulation.effects import kind_of
+from highside.diagnosis.simulation.policy import SIMULATION_INTAKE
 from highside.diagnosis.simulation.session import SimulationSession
+from highside.physics.gravity import STANDARD_GRAVITY_MPS2
 
 Array = NDArray[np.float64]
 
 FACTORS = {
-    "m/s2 against g": 9.80665,
-    "g against m/s2": 1 / 9.80665,
+    "m/s2 against g": STANDARD_GRAVITY_MPS2,
+    "g against m/s2": 1 / STANDARD_GRAVITY_MPS2,
     "deg against rad": math.degrees(1),
     "rad against deg": math.radians(1),
-    "thousandths against units": 1e3,
-    "units against thousandths": 1e-3,
+    "thousandths against units": SIMULATION_INTAKE.prefix,
+    "units against thousandths": 1 / SIMULATION_INTAKE.prefix,
 }
-NEAR = 0.15
-"""How near to a factor a slope must be, relative."""
-FOLLOWS = 0.8
-"""Correlation from which a channel is taken to follow another."""
-STRANGE = 0.4
 
 
 def check_prediction(session: SimulationSession) -> tuple[Finding, ...]:
@@ -45,13 +42,13 @@ def check_prediction(session: SimulationSession) -> tuple[Finding, ...]:
         return found
     for name, m, p in zip(session.names, measured, predicted, strict=True):
         r = _correlation(m, p)
-        if abs(r) < FOLLOWS:
+        if abs(r) < SIMULATION_INTAKE.follows:
             continue
         slope = r * float(m.std() / p.std())
         if slope < 0:
             words = f"the recording follows the prediction with the sign turned (slope {slope:.3g})"
             return (Finding("inverted_axis", (name,), _chance(r, session), f"{words}: check signs"),)
-        unit = next((u for u, f in FACTORS.items() if abs(slope / f - 1) < NEAR), None)
+        unit = next((u for u, f in FACTORS.items() if abs(slope / f - 1) < SIMULATION_INTAKE.near), None)
         if unit:
             words = f"the recording is {slope:.4g} times the prediction: looks like {unit}"
             return (Finding("wrong_unit", (name,), _chance(r, session), words),)
@@ -64,7 +61,7 @@ def _axes(session: SimulationSession, measured: Array, predicted: Array) -> tupl
     for c, d in _pairs(kinds):
         crossed = _correlation(measured[c], predicted[d]), _correlation(measured[d], predicted[c])
         own = _correlation(measured[c], predicted[c]), _correlation(measured[d], predicted[d])
-        if min(np.abs(crossed)) > FOLLOWS and max(np.abs(own)) < STRANGE:
+        if min(np.abs(crossed)) > SIMULATION_INTAKE.follows and max(np.abs(own)) < SIMULATION_INTAKE.strange:
             words = "each follows the prediction of the other: check the order of the columns"
             p = _chance(float(min(np.abs(crossed))), session)
             return (Finding("swapped_axis", (session.names[c], session.names[d]), p, words),)

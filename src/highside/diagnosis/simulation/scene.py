@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.core.fit import JointFit
 from highside.diagnosis.core.held_out import gain_interval
-from highside.diagnosis.core.memory import SLOW_LOG_P, Channel, SlowEffect
+from highside.diagnosis.core.memory import Channel, SlowEffect
+from highside.diagnosis.core.policy import INTERVALS, ScenePolicy
 from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.probability import student_quantile
 from highside.diagnosis.core.regression import outside
@@ -25,18 +26,12 @@ from highside.diagnosis.rows.noise import RotationNoise, estimate
 from highside.diagnosis.rows.scene import JudgedRows, RowsScene, chance_of
 from highside.diagnosis.simulation.design import SimulationDesign, covariates_of
 from highside.diagnosis.simulation.effects import Around
+from highside.diagnosis.simulation.policy import SIMULATION, SIMULATION_CHOICE
 from highside.diagnosis.simulation.session import SimulationSession
 
 Array = NDArray[np.float64]
 
-TURNS = 4
-MOST_BINS, LEAST_IN_BIN = 24, 100
-MOST_NAMED = 6
 OFFSETS = frozenset({"bias", "gyro_bias", "offset"})
-FAR = 3.0
-"""Standard deviations of a walk's mean beyond which an offset is none."""
-LEAST_NAMED, LEAST_PRODUCT = 0.003, 0.02
-"""Of all that is explained, what an effect, or an unnamed product, must explain to be more than a remainder."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +46,7 @@ class SimulationScene(RowsScene):
         """Make the columns, take the base off, learn the noise; again about the delays that are found."""
         scene = cls._about(session, free, seed, Around())
         around = scene._delays()
-        for _ in range(TURNS):
+        for _ in range(SIMULATION_CHOICE.turns):
             if around == Around():
                 break
             scene = cls._about(session, free, seed, around)
@@ -98,7 +93,7 @@ class SimulationScene(RowsScene):
         limits = self._plain
         found = super().judge(noise) if noise.memories else limits
         # what is drawn to find the thresholds has no walk in it: they are those of the noise without
-        selector = replace(found.selector, threshold=limits.selector.threshold, most=MOST_NAMED)
+        selector = replace(found.selector, threshold=limits.selector.threshold, most=SIMULATION_CHOICE.most_named)
         return replace(found, selector=selector, scan_threshold=limits.scan_threshold)
 
     def locate_whole(
@@ -112,23 +107,8 @@ class SimulationScene(RowsScene):
         return with_jitter(diagnosis, self.noise, self.channels)
 
     @property
-    def named_share(self) -> float:
-        # rows are many: what is left beside the whole story is small
-        return 0.93
-
-    @property
-    def shadow_margin(self) -> float:
-        # their number counts against them already
-        return 4.0
-
-    @property
-    def certain(self) -> float:
-        return SLOW_LOG_P
-
-    @property
-    def most_named(self) -> int:
-        # there is no base to absorb the simple ones
-        return MOST_NAMED
+    def policy(self) -> ScenePolicy:
+        return SIMULATION
 
     def believed(self, judged: Judged[RotationNoise], members: list[Member]) -> list[Member]:
         selector = judged.selector
@@ -141,7 +121,11 @@ class SimulationScene(RowsScene):
         # of an effect that is a thousand times its noise, what no formula has exactly is still significant
         kept, total = list(members), gain(members)
         for member in reversed(members):
-            least = LEAST_NAMED if self.candidates[member.candidate].named else LEAST_PRODUCT
+            least = (
+                SIMULATION_CHOICE.least_named
+                if self.candidates[member.candidate].named
+                else SIMULATION_CHOICE.least_product
+            )
             others = [m for m in kept if m != member]
             if others and total - gain(others) < least * total:
                 kept = others
@@ -162,7 +146,7 @@ class SimulationScene(RowsScene):
             rows = float(np.sum(noise.weight[c] > 0))
             white = np.mean(noise.weight[c]) * np.sum(noise.filters[c])
             mean = sizes[int(np.flatnonzero(every == number)[0])] * white
-            if abs(mean) > FAR * np.sqrt(noise.memories[c].upper * rows / 3):
+            if abs(mean) > SIMULATION_CHOICE.far * np.sqrt(noise.memories[c].upper * rows / 3):
                 return False
         return True
 
@@ -204,7 +188,7 @@ class SimulationScene(RowsScene):
             scores[:, functions >= 0] += products[:, functions[functions >= 0]]
         robust = inverse @ (scores.T @ scores) @ inverse
         std = np.sqrt(np.maximum(np.maximum(np.diag(inverse), np.diag(robust)), 0.0))
-        half = student_quantile(0.975, self.noise.freedom)
+        half = student_quantile(INTERVALS.upper, self.noise.freedom)
         tables: dict[str, dict[str, FittedParameter]] = {}
         outside: list[str] = []
         left = self.residual.copy()
@@ -353,7 +337,7 @@ def _near(one: Around, other: Around) -> bool:
     if len(one.lags_s) != len(other.lags_s):
         return False
     pairs = [(one.delay_s, other.delay_s), *zip(one.lags_s, other.lags_s, strict=True)]
-    return all(abs(a - b) <= 0.01 * max(abs(a), abs(b)) for a, b in pairs)
+    return all(abs(a - b) <= SIMULATION_CHOICE.settled * max(abs(a), abs(b)) for a, b in pairs)
 
 
 def _by_activity(design: SimulationDesign, noise: RotationNoise, residual: Array) -> RotationNoise:
@@ -361,7 +345,7 @@ def _by_activity(design: SimulationDesign, noise: RotationNoise, residual: Array
     session = design.session
     activity = session.state.vibration_rms_g
     order = np.argsort(activity, kind="stable")
-    bins = np.array_split(order, max(1, min(MOST_BINS, session.n // LEAST_IN_BIN)))
+    bins = np.array_split(order, max(1, min(SIMULATION_CHOICE.most_bins, session.n // SIMULATION_CHOICE.least_in_bin)))
     weight = noise.weight.copy()
     for c, functions in enumerate(design.functions(slice(0, session.n), residual)):
 
@@ -372,12 +356,16 @@ def _by_activity(design: SimulationDesign, noise: RotationNoise, residual: Array
 
         for _ in range(2):
             innovations, counts = left(), weight[c] > 0
-            full = [rows[counts[rows]] for rows in bins if counts[rows].sum() > LEAST_IN_BIN // 4]
+            full = [
+                rows[counts[rows]]
+                for rows in bins
+                if counts[rows].sum() > SIMULATION_CHOICE.least_in_bin // SIMULATION_CHOICE.full
+            ]
             if len(full) < 3:
                 break
             sizes = [float(np.sqrt(np.mean(innovations[rows] ** 2))) for rows in full]
             middles = [float(activity[rows].mean()) for rows in full]
-            weight[c] /= np.maximum(np.interp(activity, middles, sizes), 1e-3 * max(sizes))
+            weight[c] /= np.maximum(np.interp(activity, middles, sizes), SIMULATION_CHOICE.quietest * max(sizes))
         innovations = left()
         freedom = int(np.sum(weight[c] > 0)) - design.sizes[c]
         weight[c] *= np.sqrt(freedom / max(float(innovations @ innovations), 1e-300))

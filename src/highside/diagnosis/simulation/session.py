@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.rows.session import RotationSession
 from highside.diagnosis.simulation.alignment import Alignment, align, filled, in_gap, usual_rate
+from highside.diagnosis.simulation.policy import SIMULATION_SESSIONS
 from highside.errors import InputError
 from highside.physics.state import ChainState
 
@@ -36,17 +37,6 @@ UNITS = {
 NO_CHANNELS = frozenset({"t_s", "seq", "pose", "direction", "temp_c", "noise_g", "vibration_rms_g"})
 RATES = ("gx_dps", "gy_dps", "gz_dps")
 SPEED = "speed_mps"
-CONTENT = 0.999
-"""Share of the power of a prediction that lies below the frequency up to which it is compared."""
-SEGMENT_S = 10.0
-COHERENT = 0.3
-"""Mean coherence over an octave from which the two are taken to show the same."""
-PER_BAND = 2.5
-"""Rows per period of that frequency."""
-LEAST_ROWS = 600
-MOST_ROWS = 60_000
-GAP_STEPS = 3.0
-"""A gap of more than so many usual steps is left out."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +70,7 @@ class SimulationSession(RotationSession):
     @property
     def warm(self) -> bool:
         """Whether the temperature was recorded and changes."""
-        return bool(np.ptp(self.state.temp_c) > 0.2)
+        return bool(np.ptp(self.state.temp_c) > SIMULATION_SESSIONS.warm_span_c)
 
 
 def unit_of(name: str) -> str:
@@ -101,7 +91,7 @@ def simulation_session(columns: Mapping[str, Array], predicted: Mapping[str, Arr
         raise InputError("has no channel that the recording has too", remedy=f"its channels are: {has}")
     t_s, t_sim = np.asarray(columns["t_s"]), np.asarray(predicted["t_s"])
     for times, what in ((t_s, "recording"), (t_sim, "prediction")):
-        if times.size < LEAST_ROWS // 4 or np.any(np.diff(times) < 0):
+        if times.size < SIMULATION_SESSIONS.least_rows // 4 or np.any(np.diff(times) < 0):
             raise InputError(f"the times of the {what} are too few, or do not rise", field="t_s")
     side = {n: _turned(n, columns[n]) for n in names}
     side_sim = {n: _turned(n, predicted[n]) for n in names}
@@ -110,17 +100,20 @@ def simulation_session(columns: Mapping[str, Array], predicted: Mapping[str, Arr
     start, stop = max(t_s[0], t_sim[0]), min(t_s[-1], t_sim[-1])
     raw_hz = min(usual_rate(t_s), usual_rate(t_sim))
     band = _band(t_s, side, t_sim, side_sim, (start, stop))
-    least, most = LEAST_ROWS / max(stop - start, 1e-9), min(raw_hz, MOST_ROWS / max(stop - start, 1e-9))
-    grid_hz = float(min(max(PER_BAND * band, least), most))
-    if (stop - start) * grid_hz < LEAST_ROWS / 2:
+    least, most = (
+        SIMULATION_SESSIONS.least_rows / max(stop - start, 1e-9),
+        min(raw_hz, SIMULATION_SESSIONS.most_rows / max(stop - start, 1e-9)),
+    )
+    grid_hz = float(min(max(SIMULATION_SESSIONS.per_band * band, least), most))
+    if (stop - start) * grid_hz < SIMULATION_SESSIONS.least_rows / 2:
         raise InputError(
             f"only {stop - start:.3g} s of recording and prediction lie over one another",
-            remedy=f"give at least {LEAST_ROWS / 2 / raw_hz:.3g} s",
+            remedy=f"give at least {SIMULATION_SESSIONS.least_rows / 2 / raw_hz:.3g} s",
         )
     grid = np.arange(start, stop, 1 / grid_hz)
 
     def sampled(times: Array, values: Array) -> Array:
-        return _sampled(grid, times, values, 0.4 * grid_hz, raw_hz)
+        return _sampled(grid, times, values, SIMULATION_SESSIONS.band * grid_hz, raw_hz)
 
     measured = np.stack([sampled(t_s, side[n]) for n in names])
     model = np.stack([sampled(t_sim, side_sim[n]) for n in names])
@@ -128,11 +121,11 @@ def simulation_session(columns: Mapping[str, Array], predicted: Mapping[str, Arr
         if unit_of(name) == "deg":
             # whole turns apart is not apart
             measured[c] -= 360.0 * np.round(np.median(measured[c] - model[c]) / 360.0)
-    longest = GAP_STEPS / raw_hz
+    longest = SIMULATION_SESSIONS.gap_steps / raw_hz
     lost = in_gap(grid, t_s, [side[n] for n in names], longest)
     lost |= in_gap(grid, t_sim, [side_sim[n] for n in names], longest)
     # a low-pass smears what was bridged over its own length
-    reach = max(1, round(1.0 / (0.4 * grid_hz) * grid_hz))
+    reach = max(1, round(1.0 / (SIMULATION_SESSIONS.band * grid_hz) * grid_hz))
     lost = np.convolve(lost, np.ones(2 * reach + 1), mode="same") > 0.5
     # a covariate that is a channel itself is taken as predicted: the recorded one would explain itself
     covariates = {
@@ -141,14 +134,18 @@ def simulation_session(columns: Mapping[str, Array], predicted: Mapping[str, Arr
         if name in names or (name in columns and not np.isnan(columns[name]).all())
     }
     rates = {name[1]: np.radians(covariates[name]) for name in RATES if name in covariates}
-    temp = sampled(t_s, columns["temp_c"]) if "temp_c" in columns and not np.isnan(columns["temp_c"]).all() else 25.0
+    temp = (
+        sampled(t_s, columns["temp_c"])
+        if "temp_c" in columns and not np.isnan(columns["temp_c"]).all()
+        else SIMULATION_SESSIONS.room_c
+    )
     nothing = np.zeros(grid.size)
     state = ChainState.build(
         nothing, nothing, t_s=grid, temp_c=temp, row_seconds=1 / grid_hz, vibration_rms_g=_activity(model, rates)
     )  # fmt: skip
     return SimulationSession(
         measured, state, lost if lost.any() else None, names, model, rates,
-        covariates.get(SPEED), found, 0.4 * grid_hz,
+        covariates.get(SPEED), found, SIMULATION_SESSIONS.band * grid_hz,
     )  # fmt: skip
 
 
@@ -174,17 +171,22 @@ def _band(
 
     raw_hz = min(usual_rate(t_s), usual_rate(t_sim_s))
     times = np.arange(*span, 1 / raw_hz)
-    length = min(times.size // 8, round(SEGMENT_S * raw_hz))
+    length = min(times.size // SIMULATION_SESSIONS.segments, round(SIMULATION_SESSIONS.segment_s * raw_hz))
     band = 0.0
     for name, values in side_sim.items():
         series = filled(times, t_sim_s, values)
         power = np.abs(np.fft.rfft((series - series.mean()) * np.hanning(series.size))) ** 2
-        if power.sum() <= 1e-20 * max(float(series @ series), 1e-300) or np.nanstd(side[name]) == 0:
+        if (
+            power.sum() <= SIMULATION_SESSIONS.constant * max(float(series @ series), 1e-300)
+            or np.nanstd(side[name]) == 0
+        ):
             continue
-        content = int(np.searchsorted(np.cumsum(power), CONTENT * power.sum())) * raw_hz / series.size
+        content = (
+            int(np.searchsorted(np.cumsum(power), SIMULATION_SESSIONS.content * power.sum())) * raw_hz / series.size
+        )
         frequency, shared = coherence(filled(times, t_s, side[name]), series, fs=raw_hz, nperseg=length)
         octave = np.array([shared[(frequency > f / 2) & (frequency <= f)].mean() if f > 0 else 1.0 for f in frequency])
-        common = float(frequency[np.flatnonzero(octave >= COHERENT)[-1]])
+        common = float(frequency[np.flatnonzero(octave >= SIMULATION_SESSIONS.coherent)[-1]])
         band = max(band, min(content, common))
     return band
 
@@ -202,7 +204,7 @@ def _sampled(grid: Array, t_s: Array, values: Array, band_hz: float, raw_hz: flo
     from scipy.signal import butter, sosfiltfilt
 
     own_hz = max(usual_rate(t_s), raw_hz)
-    if band_hz >= 0.39 * own_hz:
+    if band_hz >= SIMULATION_SESSIONS.no_filter * own_hz:
         return filled(grid, t_s, values)
     times = np.arange(t_s[0], t_s[-1], 1 / own_hz)
     smooth = sosfiltfilt(butter(4, band_hz, fs=own_hz, output="sos"), filled(times, t_s, values))

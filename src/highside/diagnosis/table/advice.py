@@ -13,16 +13,12 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.core.candidates import columns_of
 from highside.diagnosis.table.chain import CELLS, Draws, Linear, Sessions, draw, errors_in_common, tell
-from highside.diagnosis.table.fit import NOISE_G, PEAK, Fitted, Table
+from highside.diagnosis.table.fit import PEAK, Fitted, Table
+from highside.diagnosis.table.policy import RING_ADVICE, TABLE_FITS
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
-
-RINGS_DEG = (0.3, 0.6, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 75.0, 90.0, 105.0, 120.0, 135.0, 150.0, 160.0,
-             165.0, 170.0, 175.0, 178.0, 179.0)  # fmt: skip
-WORTH = 6.0
-"""A ring that parts two explanations by less chi-square is no advice."""
 
 
 def next_ring(
@@ -37,17 +33,17 @@ def next_ring(
     """Words; empty where there is no rival. `instead` are fitted sets by the effect that replaces the claim."""
     if not instead:
         return "none needed: no other effect explains the table as well"
-    sessions = Sessions.of(np.radians(np.array(RINGS_DEG)), table.sessions.procedure)
-    draws = draw(sessions, model, 24, seed + 2, best.noise_g, own=table.base.shape[0] == len(base_names))
+    sessions = Sessions.of(np.radians(np.array(RING_ADVICE.rings_deg)), table.sessions.procedure)
+    draws = draw(sessions, model, RING_ADVICE.draws, seed + 2, best.noise_g, own=table.base.shape[0] == len(base_names))
     sin = np.sin(sessions.inc_rad)
     one = np.ones_like(sin)
     spread = np.degrees(np.stack([one, PEAK * one, one / sin, PEAK / sin], axis=1))
     ours, our_cov = _predicted(sessions, model, table, base_names, base_units, best, draws)
-    parted = np.full((len(instead), len(RINGS_DEG)), np.inf)
-    column = np.zeros((len(instead), len(RINGS_DEG)), dtype=int)
+    parted = np.full((len(instead), len(RING_ADVICE.rings_deg)), np.inf)
+    column = np.zeros((len(instead), len(RING_ADVICE.rings_deg)), dtype=int)
     for k, rival in enumerate(instead.values()):
         theirs, their_cov = _predicted(sessions, model, table, base_names, base_units, rival, draws)
-        for r in range(len(RINGS_DEG)):
+        for r in range(len(RING_ADVICE.rings_deg)):
             chance = np.cov(ours[:, r].T) + np.diag((best.tau_rad * spread[r]) ** 2)
             cov = chance + our_cov[r] + their_cov[r]
             difference = ours[:, r].mean(axis=0) - theirs[:, r].mean(axis=0)
@@ -57,13 +53,14 @@ def next_ring(
     worst = parted.min(axis=0)
     ring = int(np.argmax(worst))
     k = int(np.argmin(parted[:, ring]))
-    if worst[ring] < WORTH:
+    if worst[ring] < RING_ADVICE.worth:
         return (
-            f"no single ring of means and peak-to-peaks parts it from {list(instead)[k]} (best: {RINGS_DEG[ring]:g} "
-            f"deg, expected chi-square {worst[ring]:.1f}): record the errors by toolface"
+            f"no single ring of means and peak-to-peaks parts it from {list(instead)[k]} (best: "
+            f"{RING_ADVICE.rings_deg[ring]:g} deg, expected chi-square {worst[ring]:.1f}): "
+            "record the errors by toolface"
         )
     return (
-        f"a ring at {RINGS_DEG[ring]:g} deg inclination: there {CELLS[column[k, ring]]} parts it from "
+        f"a ring at {RING_ADVICE.rings_deg[ring]:g} deg inclination: there {CELLS[column[k, ring]]} parts it from "
         f"{', '.join(instead)} (expected chi-square {worst[ring]:.0f})"
     )
 
@@ -82,7 +79,7 @@ def _predicted(
     columns = []
     if base_names:
         columns.append(np.asarray(model.jacobian(state, list(base_names)), dtype=float) * base_units[:, None, None])
-    columns.append(errors_in_common(sessions, model, table.noise_g or NOISE_G))
+    columns.append(errors_in_common(sessions, model, table.noise_g or TABLE_FITS.noise_g))
     for option in fitted.options:
         effect = all_effects()[option.effect]
         every = columns_of(model, state, effect, dict(option.shape))

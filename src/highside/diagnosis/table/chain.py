@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from highside.calibration.balance import balance_matrix
 from highside.calibration.conventional import position_plan
+from highside.diagnosis.table.policy import CHAIN
 from highside.physics.effect import Stage
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import gravity_direction
@@ -30,9 +31,6 @@ Array = NDArray[np.float64]
 Correction = Literal["conventional3", "balance-average", "none"]
 CORRECTIONS: tuple[Correction, ...] = get_args(Correction)
 CELLS = ("d_inc_mean_deg", "d_inc_pp_deg", "d_tf_mean_deg", "d_tf_pp_deg")
-HORIZONTAL_RAD = np.radians(0.6)
-"""Nearer to 90 deg than this the balance matrix is degenerate: its inclination is exact by construction."""
-_CHUNK = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +38,8 @@ class Procedure:
     """What was done for each row: the correction, stations a revolution (0 and 360 deg both counted), readings each."""
 
     corrected_by: Correction
-    stations: int = 73
-    readings: int = 4
+    stations: int = CHAIN.stations
+    readings: int = CHAIN.readings
 
 
 @dataclass(frozen=True)
@@ -105,7 +103,7 @@ class Sessions:
         """(R,) rows where the correction has no meaning."""
         if self.procedure.corrected_by != "balance-average":
             return np.zeros(self.inc_rad.size, dtype=bool)
-        return np.asarray(np.abs(self.inc_rad - np.pi / 2) < HORIZONTAL_RAD)
+        return np.asarray(np.abs(self.inc_rad - np.pi / 2) < CHAIN.horizontal_rad)
 
 
 @dataclass(frozen=True)
@@ -164,7 +162,7 @@ def errors_in_common(sessions: Sessions, model: ForwardModel, noise_g: float) ->
     three = sessions.state.rows(np.arange(sessions.turns, sessions.state.n))
     rng = np.random.default_rng(0)
     nowhere = np.zeros((3, three.n))
-    stops = np.stack([model.draw(three, rng).get(Stage.POSE, nowhere).reshape(-1) for _ in range(400)])
+    stops = np.stack([model.draw(three, rng).get(Stage.POSE, nowhere).reshape(-1) for _ in range(CHAIN.stops)])
     tangents = np.asarray(model.pose_sensitivity(three), dtype=float)
     turned = np.zeros((3 * three.n, 3 * three.n))
     for k in range(three.n):
@@ -200,7 +198,7 @@ def through(sessions: Sessions, clean: Array, columns: Array) -> Array:
     if not len(columns):
         return np.empty((0, 3, sessions.inc_rad.size, sessions.procedure.stations))
     size = np.max(np.abs(columns), axis=(1, 2), keepdims=True)
-    step = 1e-6 / np.where(size > 0, size, 1.0)
+    step = CHAIN.step / np.where(size > 0, size, 1.0)
     up, down = sessions.corrected(clean + step * columns), sessions.corrected(clean - step * columns)
     return np.asarray((up - down) / (2 * step[..., None]))
 
@@ -233,9 +231,9 @@ def tell(linear: Linear, values: Array, noise_g: float, draws: Draws, *, slopes:
             along = np.moveaxis(mean, 1, 0).reshape(rows, -1, 1)
             slope[:-1, :, which] = (flat @ along)[:, :, 0].T * count / stations
     row = np.arange(rows)
-    for first in range(0, count, _CHUNK):
-        noise = draws.readings[first : first + _CHUNK]
-        still = (field + draws.bench[first : first + _CHUNK]).astype(np.float32)
+    for first in range(0, count, CHAIN.chunk):
+        noise = draws.readings[first : first + CHAIN.chunk]
+        still = (field + draws.bench[first : first + CHAIN.chunk]).astype(np.float32)
         g = np.asarray(np.float32(noise_g) * noise, dtype=np.float32)
         g += still[..., None]
         g = g.reshape(len(noise), 3, rows, size)
@@ -244,11 +242,11 @@ def tell(linear: Linear, values: Array, noise_g: float, draws: Draws, *, slopes:
         flat_noise = noise.reshape(len(noise), 3, rows, size)
         for k, (which, angle) in enumerate(((0, inc), (2, tf))):
             top, low = angle.argmax(axis=-1), angle.argmin(axis=-1)
-            cells[first : first + _CHUNK, :, which] = angle.mean(axis=-1, dtype=np.float64)
-            cells[first : first + _CHUNK, :, which + 1] = angle[drawn, row, top] - angle[drawn, row, low]
+            cells[first : first + CHAIN.chunk, :, which] = angle.mean(axis=-1, dtype=np.float64)
+            cells[first : first + CHAIN.chunk, :, which + 1] = angle[drawn, row, top] - angle[drawn, row, low]
             if not slopes:
                 continue
-            by_station = draws.of_station[first : first + _CHUNK]
+            by_station = draws.of_station[first : first + CHAIN.chunk]
             slope[-1, :, which] += np.einsum("irs,mirs->r", means[k].astype(np.float32), by_station) / stations
             for sign, at in ((1.0, top), (-1.0, low)):
                 extreme = np.asarray(np.moveaxis(g[drawn, :, row, at], -1, 1), dtype=np.float64)
@@ -275,20 +273,16 @@ def _angles(g: NDArray[np.float32], inc_rad: Array) -> tuple[NDArray[np.float32]
     return _small_angle(up, across), _small_angle(tangential, radial)
 
 
-_SERIES_TO = 0.2
-"""Tangent up to which five terms of the series of the arc tangent are exact to single precision."""
-
-
 def _small_angle(y: NDArray[np.float32], x: NDArray[np.float32]) -> NDArray[np.float32]:
     """The angle of (x, y) in rad; by the series, several times faster, where all are small."""
     if not np.min(x) > 0:
         return np.asarray(np.arctan2(y, x))
     t = y / x
     square = t * t
-    if not np.max(square) < _SERIES_TO**2:
+    if not np.max(square) < CHAIN.series_to**2:
         return np.asarray(np.arctan2(y, x))
-    terms = square * np.float32(1 / 9)
-    for term in (-1 / 7, 1 / 5, -1 / 3):
+    terms = square * np.float32(CHAIN.series[0])
+    for term in CHAIN.series[1:]:
         terms += np.float32(term)
         terms *= square
     terms *= t

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.diagnosis.core.policy import INTERVALS, PLACES
 from highside.diagnosis.core.probability import chi2_beyond
 from highside.diagnosis.core.result import (
     Claim,
@@ -31,6 +32,7 @@ from highside.diagnosis.table.chain import CELLS, Linear, Procedure, tell
 from highside.diagnosis.table.explained import Explained, Scene, explain, prepare
 from highside.diagnosis.table.fit import Fitted, Table, covariance_of_values, deviance_at, fit_set
 from highside.diagnosis.table.instrument import detectable, instrument
+from highside.diagnosis.table.policy import TABLE_VERDICT
 from highside.diagnosis.table.search import (
     Standing,
     alike,
@@ -42,17 +44,6 @@ from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
-
-NAMED_SHARE = 0.85
-"""Share of the unexplained scatter's variance that names must remove to be given."""
-BELIEVED = 6.0
-"""A member is named where every set without its class scores worse by this."""
-OFF = 2.0
-"""Cells that stay off by more sigma are told."""
-SHOWS = 4.0
-"""Chi-square by which a member must move the means to have a name."""
-SCATTER_SEEN = 12.0
-"""Gain of deviance at which the scatter beyond chance is there."""
 
 
 @dataclass(frozen=True)
@@ -112,14 +103,17 @@ def diagnose_summary(
     """
     tell_progress = progress or (lambda share, words: None)
     scene = prepare(inc_deg, told, procedure, model, tuple(free), noise_g, seed)
-    explained = explain(scene, lambda share, words: tell_progress(0.6 * share, words))
+    explained = explain(scene, lambda share, words: tell_progress(TABLE_VERDICT.progress[0] * share, words))
     scene, best, table = explained.scene, explained.best, explained.scene.table
     standings: dict[int, Standing] = {}
     for k in range(len(best.options)):
         if _shows_in_means(table, best, k):
-            tell_progress(0.6 + 0.35 * k / len(best.options), f"rivals of {best.options[k].effect}")
+            tell_progress(
+                TABLE_VERDICT.progress[0] + TABLE_VERDICT.progress[1] * k / len(best.options),
+                f"rivals of {best.options[k].effect}",
+            )
             standings[k] = standing(table, scene.options, scene.base, best, explained.tried, k)
-    tell_progress(0.95, "rings left out")
+    tell_progress(sum(TABLE_VERDICT.progress), "rings left out")
     return _conclude(explained, standings, version)
 
 
@@ -127,12 +121,12 @@ def _conclude(explained: Explained, standings: dict[int, Standing], version: str
     scene, best, tried, lost = explained.scene, explained.best, explained.tried, explained.lost
     table, base = scene.table, scene.base
     places = [_location(table, best, k) for k in range(len(best.options))]
-    believed = [k for k, s in standings.items() if s.without >= BELIEVED and s.shapes == 1]
-    share = 1.0 - (best.tau_rad / base.tau_rad) ** 2 if _scatter_gain(table, best) > SCATTER_SEEN else 1.0
+    believed = [k for k, s in standings.items() if s.without >= TABLE_VERDICT.believed and s.shapes == 1]
+    share = 1.0 - (best.tau_rad / base.tau_rad) ** 2 if _scatter_gain(table, best) > TABLE_VERDICT.scatter_seen else 1.0
     mask = table.mask
     beyond = _scatter_gain(table, best)
     gated = _implausible(best)
-    verdict = _verdict(best, believed, beyond > SCATTER_SEEN, share, bool(lost), gated)
+    verdict = _verdict(best, believed, beyond > TABLE_VERDICT.scatter_seen, share, bool(lost), gated)
     told = verdict in ("named", "named_plus")
     parameters = _parameters(scene, best)
     location = tuple(places[k] for k in (believed if told else range(len(best.options))))
@@ -181,7 +175,7 @@ def _scatter_gain(table: Table, fitted: Fitted) -> float:
     mask = table.mask
     left = (table.told - fitted.cells).reshape(-1)[mask]
     chance = fitted.chance[np.ix_(mask, mask)]
-    return deviance_at(1e-7, chance, table.spread[mask], left) - deviance_at(
+    return deviance_at(TABLE_VERDICT.no_scatter_rad, chance, table.spread[mask], left) - deviance_at(
         fitted.tau_rad, chance, table.spread[mask], left
     )
 
@@ -191,7 +185,7 @@ def _verdict(best: Fitted, believed: list[int], beyond: bool, share: float, lost
         return "unknown" if beyond else "nothing_left_out"
     if gated:
         return "implausible_fit"
-    if not believed or share < NAMED_SHARE:
+    if not believed or share < TABLE_VERDICT.named_share:
         return "partial"
     return "named_plus" if lost or len(believed) < len(best.options) else "named"
 
@@ -220,7 +214,7 @@ def _parameters(scene: Scene, best: Fitted) -> list[dict[str, FittedParameter]]:
         for name, unit, value, error in zip(option.amplitudes, option.typical, best.values[own], std[own], strict=True):
             kind = next(p.unit for p in effect.parameters if p.name == name)
             v, e = float(value * unit), float(error * unit)
-            fitted[name] = FittedParameter(v, e, v - 1.96 * e, v + 1.96 * e, kind)
+            fitted[name] = FittedParameter(v, e, v - INTERVALS.normal * e, v + INTERVALS.normal * e, kind)
         for name, shape in option.shape:
             kind = next(p.unit for p in effect.parameters if p.name == name)
             fitted[name] = FittedParameter(shape, 0.0, shape, shape, kind)
@@ -256,7 +250,7 @@ def _shows_in_means(table: Table, best: Fitted, index: int) -> bool:
     weight = 1.0 / best.sigma(table)[rows, 2]
     constant = float(np.sum(tf * weight) / np.sum(weight**2))
     energy = float(np.sum(inc**2) + np.sum((tf - constant * weight) ** 2))
-    return energy > SHOWS and energy > 0.1 * float(np.sum(moved**2))
+    return energy > TABLE_VERDICT.shows and energy > TABLE_VERDICT.of_means * float(np.sum(moved**2))
 
 
 def _location(table: Table, best: Fitted, index: int) -> Location:
@@ -273,11 +267,11 @@ def _base_location(table: Table, base: Fitted, best: Fitted) -> Location:
 def _where(table: Table, moved: Array, share: float, p: float) -> Location:
     moved = np.where(table.mask.reshape(-1, 4), moved, 0.0)
     by_column = np.sum(moved**2, axis=0)
-    columns = [c for c in range(4) if by_column[c] > 0.1 * by_column.max()]
+    columns = [c for c in range(4) if by_column[c] > PLACES.channel_share * by_column.max()]
     by_row = np.sum(moved[:, columns] ** 2, axis=1)
     order = np.argsort(table.sessions.inc_rad)
     inc = np.degrees(table.sessions.inc_rad[order])
-    loud = by_row[order] > 0.25 * by_row.max()
+    loud = by_row[order] > PLACES.ranged * by_row.max()
     intervals: list[tuple[float, float]] = []
     for k in range(inc.size):
         if loud[k]:
@@ -319,7 +313,7 @@ def _proof(table: Table, base: Fitted, best: Fitted, picture: SummaryPicture, ma
 
     before, after = held_out(base), held_out(best) if best.options else held_out(base)
     relative = (before - after) / before.mean()
-    half = 1.96 * float(relative.std(ddof=1) / np.sqrt(relative.size))
+    half = INTERVALS.normal * float(relative.std(ddof=1) / np.sqrt(relative.size))
     return Fit(
         unit="sigma",
         rmse_before=float(np.sqrt(np.mean(picture.before[cells] ** 2))),
@@ -364,7 +358,9 @@ def _remainder(
             parts = "; ".join(", ".join(names) for names in turned)
             hints.append(f"{best.options[k].effect} does as well with other amplitudes: {parts}")
     cells = np.where(table.mask.reshape(-1, 4), picture.after, 0.0)
-    for row, column in sorted(zip(*np.nonzero(np.abs(cells) > OFF), strict=True), key=lambda at: -abs(cells[at])):
+    for row, column in sorted(
+        zip(*np.nonzero(np.abs(cells) > TABLE_VERDICT.off), strict=True), key=lambda at: -abs(cells[at])
+    ):
         hints.append(
             f"the row at {picture.inc_deg[row]:g} deg stays off: its {CELLS[column]} is "
             f"{cells[row, column]:+.1f} sigma beside what is explained"
@@ -376,7 +372,7 @@ def _remainder(
             f"the row at {picture.inc_deg[row]:g} deg is not explained (p = {lost[row]:.1e} from the others; "
             f"{CELLS[worst]} is {z[worst]:+.1f} sigma): measure it again"
         )
-    if beyond > SCATTER_SEEN:
+    if beyond > TABLE_VERDICT.scatter_seen:
         hints.append(
             f"rows scatter by {np.degrees(best.tau_rad):.4f} deg of direction beyond chance "
             f"({np.degrees(scene.base.tau_rad):.4f} before): they were not measured under one and the same state"

@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.candidates import pose_candidates
+from highside.diagnosis.core.policy import REGRESSION
 from highside.diagnosis.core.result import NotTestable
 from highside.diagnosis.table.chain import Linear, Procedure, Sessions
 from highside.diagnosis.table.fit import Fitted, Option, Table, fit_set, options_of, rechanced
+from highside.diagnosis.table.policy import EXPLAINING
 from highside.diagnosis.table.search import polished, search, unexplained_rows
 from highside.errors import InputError
 from highside.physics.effects import all_effects
@@ -24,9 +26,6 @@ from highside.physics.forward import ForwardModel
 Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
 
-STEP_RAD = float(np.radians(0.009))
-"""Half a step of a usual turntable (0.018 deg): where a model does not say how its bench stops."""
-MIN_CELLS = 12
 _UNTOLD = {
     "bias_drift": "a table does not say when a row was measured",
     "bias_step": "a table does not say when a row was measured",
@@ -64,11 +63,11 @@ class Explained:
 
 def explain(scene: Scene, progress: Progress) -> Explained:
     """Search for the set of effects that the table asks for; rows that it does not explain are left out."""
-    found = search(scene.table, scene.options, scene.base, report=lambda s, w: progress(0.7 * s, w))
+    found = search(scene.table, scene.options, scene.base, report=lambda s, w: progress(EXPLAINING.progress * s, w))
     best = polished(scene.table, found.best)
     lost: dict[int, float] = {}
     table = scene.table
-    while best.options and len(lost) < len(table.told) // 5:
+    while best.options and len(lost) < len(table.told) // EXPLAINING.lost:
         odd = unexplained_rows(table, best)
         if not odd:
             break
@@ -77,7 +76,7 @@ def explain(scene: Scene, progress: Progress) -> Explained:
         table = table.without_row(worst)
         best = fit_set(table, best.options, best)
     if lost:
-        progress(0.7, "once more without the rows that do not fit")
+        progress(EXPLAINING.progress, "once more without the rows that do not fit")
         scene = replace(scene, table=table, base=fit_set(table, (), scene.base))
         seeds = [fit_set(table, f.options, f) for f in found.tried[:3]]
         found = search(table, scene.options, scene.base, width=3, depth=3, seeds=[best, *seeds])
@@ -97,7 +96,14 @@ def prepare(
     """The scene of R rows `told` (R, 4) in deg at inclinations (R,). Raises InputError where that says too little."""
     if "pose_error" not in model.ids:
         model = model.with_effects(
-            {"pose_error": {"inc_ring": STEP_RAD, "tf_station": STEP_RAD, "inc_pose": 0.0, "tf_pose": 0.0}}
+            {
+                "pose_error": {
+                    "inc_ring": EXPLAINING.step_rad,
+                    "tf_station": EXPLAINING.step_rad,
+                    "inc_pose": 0.0,
+                    "tf_pose": 0.0,
+                }
+            }
         )
     sessions = Sessions.of(np.radians(inc_deg), procedure)
     names = model.free_names(free)
@@ -107,12 +113,14 @@ def prepare(
     if columns is not None:
         columns = columns * units[:, None, None]
         probe = Linear.about(sessions, model, columns)
-        seen = np.mean(probe.columns**2, axis=(1, 2, 3)) > 1e-6 * np.mean(columns**2, axis=(1, 2))
+        seen = np.mean(probe.columns**2, axis=(1, 2, 3)) > REGRESSION.independent * np.mean(columns**2, axis=(1, 2))
         kept = [int(k) for k in np.flatnonzero(seen)]
     base_columns = columns[kept] if columns is not None else np.empty((0, 3, sessions.state.n))
     table = Table.of(sessions, told, model, base_columns, noise_g, seed)
-    if table.mask.sum() < MIN_CELLS:
-        raise InputError(f"{int(table.mask.sum())} cells are too few for a diagnosis", remedy=f"give {MIN_CELLS}")
+    if table.mask.sum() < EXPLAINING.min_cells:
+        raise InputError(
+            f"{int(table.mask.sum())} cells are too few for a diagnosis", remedy=f"give {EXPLAINING.min_cells}"
+        )
     options, lacking = _options(sessions, model, free)
     base = rechanced(table, fit_set(table, ()))
     return Scene(model, [names[k] for k in kept], units[kept], table, options, base, lacking, seed)

@@ -16,21 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.candidates import Candidate, Variant
+from highside.diagnosis.core.policy import REGRESSION
 from highside.diagnosis.table.chain import Draws, Linear, Sessions, draw, errors_in_common, tell, through
+from highside.diagnosis.table.policy import TABLE_FITS
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
 
-NOISE_G = 50e-6
-"""One reading's noise where the model gives none; then known within a factor of about two and fitted."""
-NOISE_LOG_STD = 0.7
-WIDE = 30.0
-"""Standard deviation beforehand of what may be refitted, in typical sizes: hardly any knowledge."""
-HEAVY = 3.0
-"""Sizes beyond this many typical ones cost."""
-FIT_DRAWS, CHANCE_DRAWS = 16, 400
-MAX_AMPLITUDES = 4
-"""More at once fit anything that forty numbers can say."""
 PEAK = float(np.sqrt(2.0))
 """Two extremes scatter more than a mean."""
 
@@ -62,9 +54,9 @@ def options_of(sessions: Sessions, clean: Array, candidate: Candidate) -> list[O
         unit = candidate.unit()[which]
         moved = through(sessions, clean, variant.columns) * unit[:, None, None, None]
         before = np.mean((variant.columns * unit[:, None, None]) ** 2, axis=(1, 2))
-        seen = np.mean(moved**2, axis=(1, 2, 3)) > 1e-6 * before
+        seen = np.mean(moved**2, axis=(1, 2, 3)) > REGRESSION.independent * before
         kept = [k for k, sees in zip(which, seen, strict=True) if sees]
-        if kept and len(kept) <= MAX_AMPLITUDES:
+        if kept and len(kept) <= TABLE_FITS.max_amplitudes:
             names = tuple(candidate.amplitudes[k] for k in kept)
             found.append(
                 Option(candidate.id, tuple(variant.shape.items()), names, unit[seen], moved[seen], shapes)
@@ -103,14 +95,14 @@ class Table:
     ) -> Table:
         """At a model whose random effects say how the bench stops; `base` (P, 3, N) columns of its free parameters."""
         clean = np.asarray(model.predict(sessions.state), dtype=float)
-        size = noise_g or NOISE_G
+        size = noise_g or TABLE_FITS.noise_g
         errors = errors_in_common(sessions, model, size)
         own = not len(errors)
         return cls(
             sessions, told, sessions.corrected(clean), through(sessions, clean, np.concatenate([base, errors])),
-            np.concatenate([np.full(len(base), WIDE), np.ones(len(errors))]), noise_g,
-            draw(sessions, model, FIT_DRAWS, seed, size, own=own),
-            draw(sessions, model, CHANCE_DRAWS, seed + 1, size, own=own), np.ones(len(told), dtype=bool),
+            np.concatenate([np.full(len(base), TABLE_FITS.wide), np.ones(len(errors))]), noise_g,
+            draw(sessions, model, TABLE_FITS.fit_draws, seed, size, own=own),
+            draw(sessions, model, TABLE_FITS.chance_draws, seed + 1, size, own=own), np.ones(len(told), dtype=bool),
         )  # fmt: skip
 
     @property
@@ -122,7 +114,7 @@ class Table:
 
     def precision(self, size: int) -> Array:
         """(size,) what is known beforehand of values (and of the logarithm of the noise behind them)."""
-        known = np.full(size, WIDE)
+        known = np.full(size, TABLE_FITS.wide)
         known[: self.known.size] = self.known
         return np.asarray(known**-2.0)
 
@@ -188,10 +180,10 @@ def covariance_of_values(table: Table, fitted: Fitted) -> Array:
 
 def chance_of(table: Table, linear: Linear, values: Array, noise_g: float) -> Array:
     """Covariance (4 R, 4 R) in deg^2 of what chance does to the cells; that of the prediction's own mean included."""
-    cells = tell(linear, values, noise_g, table.many, slopes=False).cells.reshape(CHANCE_DRAWS, -1)
-    cov = np.cov(cells.T) * (1.0 + 1.0 / FIT_DRAWS)
+    cells = tell(linear, values, noise_g, table.many, slopes=False).cells.reshape(TABLE_FITS.chance_draws, -1)
+    cov = np.cov(cells.T) * (1.0 + 1.0 / TABLE_FITS.fit_draws)
     # few draws know correlations only so far
-    return np.asarray(cov + np.diag(0.01 * np.diag(cov)))
+    return np.asarray(cov + np.diag(TABLE_FITS.ridge * np.diag(cov)))
 
 
 def fit_set(
@@ -208,14 +200,19 @@ def fit_set(
     linear = Linear(table.sessions, table.start, np.concatenate(fields))
     first = _start_values(table, options, start)
     fresh = np.isnan(first)
-    tau = start.tau_rad if start else 3e-4
-    noise = np.log(start.noise_g if start else table.noise_g or NOISE_G)
+    tau = start.tau_rad if start else TABLE_FITS.start_tau_rad
+    noise = np.log(start.noise_g if start else table.noise_g or TABLE_FITS.noise_g)
     if chance is None:
         chance = start.chance if start else chance_of(table, linear, np.nan_to_num(first), float(np.exp(noise)))
     starts = [np.append(np.where(fresh, guess, first), noise) for guess in _guesses(fresh)]
     if len(starts) > 1:
         # a peak-to-peak hardly knows signs, and a fit does not cross zero: a few steps from several sides first
-        starts = [min((_descend(table, linear, s, chance, tau, steps=4) for s in starts), key=lambda f: f[0])[1]]
+        starts = [
+            min(
+                (_descend(table, linear, s, chance, tau, steps=TABLE_FITS.first_steps) for s in starts),
+                key=lambda f: f[0],
+            )[1]
+        ]
     theta = starts[0]
     for _ in range(rounds):
         tau, _ = _most_likely_tau(table, linear, theta, chance)
@@ -229,7 +226,7 @@ def _guesses(fresh: NDArray[np.bool_]) -> list[Array]:
     if not fresh.any():
         return [np.zeros(fresh.size)]
     if fresh.sum() == 1:
-        return [0.7 * alternate, -0.7 * alternate]
+        return [TABLE_FITS.guess * alternate, -TABLE_FITS.guess * alternate]
     return [alternate, np.ones(fresh.size)]
 
 
@@ -247,7 +244,7 @@ def _start_values(table: Table, options: Sequence[Option], start: Fitted | None)
 
 
 def _descend(
-    table: Table, linear: Linear, theta: Array, chance: Array, tau: float, steps: int = 12
+    table: Table, linear: Linear, theta: Array, chance: Array, tau: float, steps: int = TABLE_FITS.steps
 ) -> tuple[float, Array]:
     mask, base = table.mask, len(table.base)
     lower = np.linalg.cholesky((chance + np.diag((tau * table.spread) ** 2))[np.ix_(mask, mask)])
@@ -266,35 +263,35 @@ def _descend(
         pull[:base] -= at[:base] / table.known**2
         for k in range(base, sizes):
             # heavy-tailed: 2 log(1 + (x / s)^2), with the curvature of its majorant
-            weight = 2.0 / (HEAVY**2 + at[k] ** 2)
-            cost += 2.0 * float(np.log1p((at[k] / HEAVY) ** 2))
+            weight = 2.0 / (TABLE_FITS.heavy**2 + at[k] ** 2)
+            cost += 2.0 * float(np.log1p((at[k] / TABLE_FITS.heavy) ** 2))
             gram[k, k] += weight
             pull[k] -= weight * at[k]
         if table.noise_g is None:
-            off = (at[-1] - np.log(NOISE_G)) / NOISE_LOG_STD
+            off = (at[-1] - np.log(TABLE_FITS.noise_g)) / TABLE_FITS.noise_log_std
             cost += float(off**2)
-            gram[-1, -1] += NOISE_LOG_STD**-2
-            pull[-1] -= off / NOISE_LOG_STD
+            gram[-1, -1] += TABLE_FITS.noise_log_std**-2
+            pull[-1] -= off / TABLE_FITS.noise_log_std
         else:
             gram[-1, :] = gram[:, -1] = pull[-1] = 0.0
             gram[-1, -1] = 1.0
         return cost, gram, pull
 
     cost, gram, pull = residual(theta)
-    damping = 1e-3
+    damping = TABLE_FITS.damping
     for _ in range(steps):
         moved = theta + np.linalg.solve(gram + damping * np.diag(np.diag(gram) + 1e-9), pull)
-        moved[-1] = np.clip(moved[-1], np.log(1e-6), np.log(5e-3))
+        moved[-1] = np.clip(moved[-1], np.log(TABLE_FITS.noise_range_g[0]), np.log(TABLE_FITS.noise_range_g[1]))
         new = residual(moved)
         if new[0] < cost:
-            done = cost - new[0] < 0.1
+            done = cost - new[0] < TABLE_FITS.settled
             theta, (cost, gram, pull) = moved, new
-            damping = max(damping / 8, 1e-6)
+            damping = max(damping / TABLE_FITS.damping_factor, TABLE_FITS.least_damping)
             if done:
                 break
         else:
-            damping *= 8
-            if damping > 1e5:
+            damping *= TABLE_FITS.damping_factor
+            if damping > TABLE_FITS.most_damping:
                 break
     return cost, theta
 
@@ -315,7 +312,7 @@ def _most_likely_tau(table: Table, linear: Linear, theta: Array, chance: Array) 
     spread = table.spread[mask]
     found = minimize_scalar(
         lambda log_tau: deviance_at(float(np.exp(log_tau)), part, spread, left),
-        bounds=(np.log(1e-6), np.log(1e-2)),
+        bounds=(np.log(TABLE_FITS.tau_range_rad[0]), np.log(TABLE_FITS.tau_range_rad[1])),
         method="bounded",
     )
     return float(np.exp(found.x)), float(found.fun)
@@ -328,7 +325,7 @@ def _finished(table: Table, linear: Linear, options: tuple[Option, ...], theta: 
     slope[-1] *= np.exp(theta[-1])
     extra = theta[len(table.base) : -1]
     price = extra.size * np.log(table.mask.sum()) + sum(2 * np.log(option.tries) for option in options)
-    score = deviance + price + 2.0 * float(np.sum(np.log1p((extra / HEAVY) ** 2)))
+    score = deviance + price + 2.0 * float(np.sum(np.log1p((extra / TABLE_FITS.heavy) ** 2)))
     score += float(np.sum((theta[: len(table.base)] / table.known) ** 2))
     return Fitted(
         options, theta[:-1], float(np.exp(theta[-1])), tau, deviance, float(score), said.cells.mean(axis=0), chance,

@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 from highside.diagnosis.core.result import Detectable
 from highside.diagnosis.table.chain import Linear, Procedure, Sessions, draw, tell
 from highside.diagnosis.table.fit import Fitted, Option, Table
+from highside.diagnosis.table.policy import INSTRUMENT
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
-
-EVIDENCE_80 = 20.0
-"""Chi-square that an effect of few amplitudes needs to be seen with 80 % probability."""
 
 
 def detectable(table: Table, options: Sequence[Option], best: Fitted) -> dict[str, Detectable]:
@@ -31,12 +29,12 @@ def detectable(table: Table, options: Sequence[Option], best: Fitted) -> dict[st
             continue
         fields = [table.base, *(o.field for o in best.options), option.field]
         linear = Linear(table.sessions, table.start, np.concatenate(fields))
-        values = np.concatenate([best.values, np.full(len(option.amplitudes), 0.3)])
+        values = np.concatenate([best.values, np.full(len(option.amplitudes), INSTRUMENT.probe)])
         slope = tell(linear, values, best.noise_g, table.draws).slope.reshape(values.size + 1, -1)[:, mask]
         inner = slope @ np.linalg.solve(cov, slope.T) + np.diag(table.precision(len(slope)))
         inverse = np.linalg.inv(inner)
         own = slice(best.values.size, values.size)
-        sizes = np.sqrt(EVIDENCE_80 * np.diag(inverse)[own]) * option.typical
+        sizes = np.sqrt(INSTRUMENT.evidence_80 * np.diag(inverse)[own]) * option.typical
         parameter = next(p for p in effect.parameters if p.name == option.amplitudes[0])
         size = float(np.median(sizes))
         known = result.get(option.effect)
@@ -75,7 +73,7 @@ def predict_table(
     *,
     noise_log_std: float = 0.0,
     seed: int = 1,
-    count: int = 200,
+    count: int = INSTRUMENT.draws,
 ) -> Predicted:
     """What a table of this instrument would say; NaN where the correction has no meaning.
 

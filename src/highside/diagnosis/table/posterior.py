@@ -3,8 +3,8 @@
 A few dozen cells are explained by several sets of effects, each with sizes and signs that they leave open, and effects
 too small to show may be there as well. An *explanation* is a set of effects; its probability is the evidence of the
 table for it, the integral of likelihood times prior over its sizes, times how likely such a set is beforehand
-(`THERE`). Sizes have heavy-tailed priors about the library's typical ones (`SIZE`), the scatter beyond
-chance that of a bench step.
+(`POSTERIOR.there`). Sizes have heavy-tailed priors about the library's typical ones (`POSTERIOR.size`), the scatter
+beyond chance that of a bench step.
 
 The search asks that an effect pays for itself before it is named; here sets with one effect more count by their
 evidence. So the likeliest sets are grown once more, from each of their modes (a peak-to-peak hardly knows signs). The
@@ -22,56 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.table.chain import Linear, errors_in_common, tell
-from highside.diagnosis.table.explained import STEP_RAD, Explained, Progress
-from highside.diagnosis.table.fit import (
-    NOISE_G,
-    NOISE_LOG_STD,
-    Fitted,
-    Option,
-    Table,
-    chance_of,
-    fit_set,
-)
+from highside.diagnosis.table.explained import Explained, Progress
+from highside.diagnosis.table.fit import Fitted, Option, Table, chance_of, fit_set
 from highside.diagnosis.table.instrument import instrument
+from highside.diagnosis.table.policy import EXPLAINING, POSTERIOR, TABLE_FITS
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
-
-THERE = 0.25
-"""Probability beforehand that an effect of the library is there: of a dozen that a table can show, three or so."""
-WHOLE = 0.5
-"""Probability beforehand that an effect that is there acts with all of its amplitudes; else in any variant alike."""
-SIZE = 1.5
-"""Sizes have a Cauchy prior of this many typical ones: usual sizes count, large ones are not excluded."""
-PROPOSALS = 1200
-MOVES = 8
-"""Metropolis steps of each draw; with the proposals some 3600 evaluations of the table, some 3 s."""
-MOVE = 0.4
-"""Length of a step in standard deviations."""
-MOST_SETS = 60
-SEARCHED_SETS = 8
-"""Of the most probable sets other signs are looked for."""
-GROWN_SETS = (4, 3, 3)
-"""So many of the most probable sets have other effects added, then of those that are there then, and once more."""
-HELPFUL = 14
-"""Effects that are added to a set: those whose first step promises most."""
-WIDER = 1.5
-"""The noise is proposed from so many times its spread about a mode: it is known less well than the mode says."""
-NOISES = (0.4, 0.55, 0.75, 1.0, 1.35, 1.8)
-"""Noises at which a mode is fitted again, as multiples of its own."""
-BETWEEN = 0.2
-"""Spread of the logarithm of the noise about each of these."""
-SIGNS_KEPT = 3
-"""Modes of a set that are fitted so."""
-FREEDOM = 6
-"""Degrees of freedom of the proposals: heavier tails than what is asked for."""
-APART = 2.0
-"""Modes nearer to one another than this (sigma in the nearest direction) are one."""
-WORTH = 12.0
-"""A mode worse by this in deviance is left out."""
-_TAUS = np.geomspace(1e-6, 3e-3, 40)
-_QUIET_G = 1e-7
-"""A reading's noise beside which chance is the bench's alone."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +79,7 @@ class _Mode:
 
     def at(self, z: Array) -> Array:
         """(n, P + 1) proposals from standard numbers of that shape, the noise's last."""
-        step = WIDER * self.spread * z[:, -1:]
+        step = POSTERIOR.wider * self.spread * z[:, -1:]
         values = self.centre[:-1] + step * self.gain + np.exp(np.clip(step, -1, 1)) * (z[:, :-1] @ self.lower.T)
         return np.concatenate([values, self.centre[-1] + step], axis=1)
 
@@ -132,10 +89,10 @@ class _Mode:
         scale = np.clip(step, -1, 1)
         rest = (at[:, :-1] - self.centre[:-1] - step * self.gain) * np.exp(-scale)
         z = np.linalg.solve(self.lower, rest.T)
-        square = np.sum(z**2, axis=0) + (step[:, 0] / (WIDER * self.spread)) ** 2
+        square = np.sum(z**2, axis=0) + (step[:, 0] / (POSTERIOR.wider * self.spread)) ** 2
         size = self.centre.size
-        tail = -(FREEDOM + size) / 2 * np.log1p(square / FREEDOM)
-        tail -= np.log(WIDER * self.spread) + np.sum(np.log(np.diag(self.lower)))
+        tail = -(POSTERIOR.freedom + size) / 2 * np.log1p(square / POSTERIOR.freedom)
+        tail -= np.log(POSTERIOR.wider * self.spread) + np.sum(np.log(np.diag(self.lower)))
         return np.asarray(tail - (size - 1) * scale[:, 0])
 
     def step(self, z: Array) -> Array:
@@ -162,7 +119,7 @@ class _Chance:
             table.sessions, table.start, np.concatenate([table.base, *(option.field for option in fitted.options)])
         )
         where = np.ix_(table.mask, table.mask)
-        bench = chance_of(table, linear, fitted.values, _QUIET_G)[where]
+        bench = chance_of(table, linear, fitted.values, POSTERIOR.quiet_g)[where]
         whole = chance_of(table, linear, fitted.values, fitted.noise_g)[where]
         extra, directions = np.linalg.eigh(whole - bench)
         return cls(bench, (directions * np.maximum(extra, 0.0)) @ directions.T / fitted.noise_g**2)
@@ -205,8 +162,8 @@ class _Evidence:
         known = self.table.known
         base, extra = at[: known.size], at[known.size : -1]
         value = -0.5 * np.sum((base / known) ** 2)
-        value -= np.sum(np.log1p((extra / SIZE) ** 2) + np.log(np.pi * SIZE))
-        value -= 0.5 * ((at[-1] - np.log(NOISE_G)) / NOISE_LOG_STD) ** 2
+        value -= np.sum(np.log1p((extra / POSTERIOR.size) ** 2) + np.log(np.pi * POSTERIOR.size))
+        value -= 0.5 * ((at[-1] - np.log(TABLE_FITS.noise_g)) / TABLE_FITS.noise_log_std) ** 2
         return float(value + self.log_prior_of_set)
 
     def posterior(self, at: Array, tau: float) -> float:
@@ -217,12 +174,12 @@ class _Evidence:
 
 def _tau_prior(tau: Array) -> Array:
     """Logarithm of the density by log tau: of the size of a bench step, or none."""
-    return np.asarray(np.log(tau / STEP_RAD) - np.log1p((tau / STEP_RAD) ** 2))
+    return np.asarray(np.log(tau / EXPLAINING.step_rad) - np.log1p((tau / EXPLAINING.step_rad) ** 2))
 
 
 def log_prior_of_set(options: Sequence[Option], fitted: Fitted) -> float:
-    """Each effect is there with probability `THERE`; one of its shapes, all of its amplitudes or some."""
-    odds = float(np.log(THERE / (1 - THERE)))
+    """Each effect is there with probability `POSTERIOR.there`; one of its shapes, all of its amplitudes or some."""
+    odds = float(np.log(POSTERIOR.there / (1 - POSTERIOR.there)))
     return sum(odds + _log_share(options, own) for own in fitted.options)
 
 
@@ -234,7 +191,7 @@ def _log_share(options: Sequence[Option], own: Option) -> float:
     largest = max(len(option.amplitudes) for option in variants)
     share = 1.0
     if len(variants) > 1:
-        share = WHOLE if len(own.amplitudes) == largest else (1 - WHOLE) / (len(variants) - 1)
+        share = POSTERIOR.whole if len(own.amplitudes) == largest else (1 - POSTERIOR.whole) / (len(variants) - 1)
     return float(np.log(share / len(shapes)))
 
 
@@ -244,8 +201,8 @@ def covariance_with_priors(table: Table, fitted: Fitted) -> Array:
     cov = fitted.covariance(table)[np.ix_(mask, mask)]
     slope = fitted.jacobian[:, mask]
     precision = table.precision(len(slope))
-    precision[table.known.size : -1] = 2.0 / (SIZE**2 + fitted.values[table.known.size :] ** 2)
-    precision[-1] = NOISE_LOG_STD**-2 if table.noise_g is None else 1e12
+    precision[table.known.size : -1] = 2.0 / (POSTERIOR.size**2 + fitted.values[table.known.size :] ** 2)
+    precision[-1] = TABLE_FITS.noise_log_std**-2 if table.noise_g is None else POSTERIOR.known
     return np.asarray(np.linalg.inv(slope @ np.linalg.solve(cov, slope.T) + np.diag(precision)))
 
 
@@ -259,8 +216,8 @@ def _mode(explained: Explained, fitted: Fitted) -> _Mode:
     known = table.known
     base, extra = centre[: known.size], centre[known.size : -1]
     mass = -0.5 * fitted.deviance - 0.5 * np.sum((base / known) ** 2)
-    mass -= np.sum(np.log1p((extra / SIZE) ** 2) + np.log(np.pi * SIZE))
-    mass -= 0.5 * ((centre[-1] - np.log(NOISE_G)) / NOISE_LOG_STD) ** 2
+    mass -= np.sum(np.log1p((extra / POSTERIOR.size) ** 2) + np.log(np.pi * POSTERIOR.size))
+    mass -= 0.5 * ((centre[-1] - np.log(TABLE_FITS.noise_g)) / TABLE_FITS.noise_log_std) ** 2
     mass += np.sum(np.log(np.diag(lower))) + np.log(spread) + 0.5 * centre.size * np.log(2 * np.pi)
     return _Mode(fitted, centre, spread, gain, lower, float(mass) + log_prior_of_set(explained.scene.options, fitted))
 
@@ -275,15 +232,17 @@ def instruments(explained: Explained, count: int, seed: int, progress: Progress 
     top = max(m.log_mass for group in sets for m in group)
     # the square root: what looks unlikely is looked at all the same
     wish = np.array([sum(np.exp(0.5 * (m.log_mass - top)) for m in group) for group in sets])
-    rng = np.random.default_rng([seed, 20])
+    rng = np.random.default_rng([seed, POSTERIOR.stream])
     found: list[_Particle] = []
     for k, group in enumerate(sets):
-        own = common if k == 0 or k >= SEARCHED_SETS else _Chance.of(table, group[0].fitted)
+        own = common if k == 0 or k >= POSTERIOR.searched_sets else _Chance.of(table, group[0].fitted)
         evidence = _Evidence.of(explained, group[0].fitted, own)
-        if k < SEARCHED_SETS and table.noise_g is None:
-            group = [mode for each in group[:SIGNS_KEPT] for mode in _by_noise(evidence, each)]
-        found += _proposals(evidence, group, max(12, int(PROPOSALS * wish[k] / wish.sum())), rng)
-        report(0.5 + 0.25 * (k + 1) / len(sets), "sizes that the table allows")
+        if k < POSTERIOR.searched_sets and table.noise_g is None:
+            group = [mode for each in group[: POSTERIOR.signs_kept] for mode in _by_noise(evidence, each)]
+        found += _proposals(
+            evidence, group, max(POSTERIOR.least_proposals, int(POSTERIOR.proposals * wish[k] / wish.sum())), rng
+        )
+        report(POSTERIOR.progress[0] + POSTERIOR.progress[1] * (k + 1) / len(sets), "sizes that the table allows")
     logs = np.array([particle.log_weight for particle in found])
     weight = np.exp(logs - logs.max())
     # no single proposal may stand for more than it can know
@@ -291,14 +250,14 @@ def instruments(explained: Explained, count: int, seed: int, progress: Progress 
     weight /= weight.sum()
     places = np.searchsorted(np.cumsum(weight), (np.arange(count) + rng.uniform()) / count)
     places = rng.permutation(np.minimum(places, weight.size - 1))
-    own_poses = errors_in_common(table.sessions, explained.scene.model, table.noise_g or NOISE_G)
+    own_poses = errors_in_common(table.sessions, explained.scene.model, table.noise_g or TABLE_FITS.noise_g)
     draws = []
     for n, place in enumerate(places):
         particle = found[place]
         values = _moved(particle, rng)
         draws.append(_drawn(explained, particle.mode.fitted, values, own_poses[:, :, table.sessions.turns :]))
-        if n % 20 == 0:
-            report(0.75 + 0.25 * n / count, "sizes that the table allows")
+        if n % POSTERIOR.report_every == 0:
+            report(sum(POSTERIOR.progress) + POSTERIOR.progress[1] * n / count, "sizes that the table allows")
     probability: dict[tuple[str, ...], float] = {}
     for particle, part in zip(found, weight.tolist(), strict=True):
         names = tuple(sorted(o.effect for o in particle.mode.fitted.options))
@@ -323,9 +282,9 @@ def _likely_sets(explained: Explained, report: Progress) -> list[list[_Mode]]:
                 every[key] = _signs(explained, every[key][0])
                 searched.add(key)
 
-    for turn, number in enumerate(GROWN_SETS):
-        report(0.5 * turn / len(GROWN_SETS), "other explanations")
-        with_signs(SEARCHED_SETS)
+    for turn, number in enumerate(POSTERIOR.grown_sets):
+        report(0.5 * turn / len(POSTERIOR.grown_sets), "other explanations")
+        with_signs(POSTERIOR.searched_sets)
         for key in [key for key in ranked() if key not in grown][:number]:
             grown.add(key)
             parent = max(every[key], key=lambda m: m.log_mass).fitted
@@ -335,12 +294,12 @@ def _likely_sets(explained: Explained, report: Progress) -> list[list[_Mode]]:
                 if larger not in every or mode.log_mass > every[larger][0].log_mass:
                     every[larger] = [mode]
                     searched.discard(larger)
-    with_signs(SEARCHED_SETS)
-    order = ranked()[:MOST_SETS]
+    with_signs(POSTERIOR.searched_sets)
+    order = ranked()[: POSTERIOR.most_sets]
     share = np.exp([max(m.log_mass for m in every[key]) for key in order])
     share = np.cumsum(share / share.sum())
     return [sorted(every[key], key=lambda m: -m.log_mass)
-            for key, s in zip(order, share, strict=True) if s < 0.995 or key == order[0]]  # fmt: skip
+            for key, s in zip(order, share, strict=True) if s < POSTERIOR.kept or key == order[0]]  # fmt: skip
 
 
 def _helpful(explained: Explained, parent: Fitted) -> list[Option]:
@@ -367,11 +326,13 @@ def _helpful(explained: Explained, parent: Fitted) -> list[Option]:
     for option, size in zip(options, sizes, strict=True):
         own = slope[start : start + size]
         start += size
-        curve = own @ rest @ own.T + np.eye(size) / SIZE**2
+        curve = own @ rest @ own.T + np.eye(size) / POSTERIOR.size**2
         pull = own @ rest @ left
-        gain = 0.5 * float(pull @ np.linalg.solve(curve, pull)) - 0.5 * float(np.linalg.slogdet(curve * SIZE**2)[1])
+        gain = 0.5 * float(pull @ np.linalg.solve(curve, pull)) - 0.5 * float(
+            np.linalg.slogdet(curve * POSTERIOR.size**2)[1]
+        )
         promise.append(gain + _log_share(explained.scene.options, option))
-    order = np.argsort(promise)[::-1][:HELPFUL]
+    order = np.argsort(promise)[::-1][: POSTERIOR.helpful]
     return [options[k] for k in order]
 
 
@@ -388,8 +349,8 @@ def _signs(explained: Explained, first: _Mode) -> list[_Mode]:
             values[which] *= -1.0
             fitted = fit_set(table, first.fitted.options, replace(first.fitted, values=values), rounds=0)
             mode = _mode(explained, fitted)
-            near = any(other.away(mode.centre) < APART for other in modes)
-            if not near and mode.log_mass > first.log_mass - WORTH / 2:
+            near = any(other.away(mode.centre) < POSTERIOR.apart for other in modes)
+            if not near and mode.log_mass > first.log_mass - POSTERIOR.worth / 2:
                 modes.append(mode)
     return modes
 
@@ -398,16 +359,16 @@ def _by_noise(evidence: _Evidence, mode: _Mode) -> list[_Mode]:
     """A mode fitted again at several noises: the less of it, the better all else is known, and the other way."""
     table = evidence.table
     start = mode.centre.copy()
-    tau = max(mode.fitted.tau_rad, float(_TAUS[0]))
+    tau = max(mode.fitted.tau_rad, float(POSTERIOR.taus[0]))
     found = []
-    for factor in NOISES:
+    for factor in POSTERIOR.noises:
         at = start.copy()
         at[-1] += np.log(factor)
         cov = evidence.chance.bench + evidence.noise_g(at) ** 2 * evidence.chance.reading
         inverse = np.linalg.inv(cov + np.diag((tau * table.spread[table.mask]) ** 2))
         for _ in range(3):
             precision = table.precision(at.size)[:-1].copy()
-            precision[table.known.size :] = 2.0 / (SIZE**2 + at[table.known.size : -1] ** 2)
+            precision[table.known.size :] = 2.0 / (POSTERIOR.size**2 + at[table.known.size : -1] ** 2)
             said = tell(evidence.linear, at[:-1], evidence.noise_g(at), table.draws)
             slope = said.slope.reshape(at.size, -1)[:-1, table.mask]
             left = (table.told - said.cells.mean(axis=0)).reshape(-1)[table.mask]
@@ -416,7 +377,7 @@ def _by_noise(evidence: _Evidence, mode: _Mode) -> list[_Mode]:
             at[:-1] += np.clip(inner @ (slope @ inverse @ left - precision * at[:-1]), -1.0, 1.0)
         lower = np.linalg.cholesky(inner)
         mass = evidence.posterior(at, tau) + float(np.sum(np.log(np.diag(lower))))
-        found.append(_Mode(mode.fitted, at, BETWEEN, np.zeros(at.size - 1), lower, mass))
+        found.append(_Mode(mode.fitted, at, POSTERIOR.between, np.zeros(at.size - 1), lower, mass))
     return sorted(found, key=lambda m: -m.log_mass)
 
 
@@ -438,19 +399,21 @@ def _proposals(evidence: _Evidence, group: list[_Mode], number: int, rng: np.ran
     mass = np.exp([m.log_mass - group[0].log_mass for m in group])
     mass /= mass.sum()
     which = rng.choice(len(group), number, p=mass)
-    z = rng.standard_normal((number, size)) / np.sqrt(rng.chisquare(FREEDOM, (number, 1)) / FREEDOM)
+    z = rng.standard_normal((number, size)) / np.sqrt(rng.chisquare(POSTERIOR.freedom, (number, 1)) / POSTERIOR.freedom)
     at = np.stack([group[m].at(z[k : k + 1])[0] for k, m in enumerate(which)])
     proposed = np.logaddexp.reduce([np.log(m) + mode.density(at) for m, mode in zip(mass, group, strict=True)], axis=0)
     # the scatter beyond chance: proposed from what the first mode says of it
     centre = group[0].centre
     left, noise_g = evidence.left(centre), evidence.noise_g(centre)
-    of_tau = np.array([evidence.likelihood(left, noise_g, float(t)) for t in _TAUS]) + _tau_prior(_TAUS)
+    of_tau = np.array([evidence.likelihood(left, noise_g, float(t)) for t in POSTERIOR.taus]) + _tau_prior(
+        POSTERIOR.taus
+    )
     of_tau = np.exp(0.5 * (of_tau - of_tau.max()))
     of_tau /= of_tau.sum()
-    chosen = rng.choice(_TAUS.size, number, p=of_tau)
+    chosen = rng.choice(POSTERIOR.taus.size, number, p=of_tau)
     found = []
     for k in range(number):
-        tau = float(_TAUS[chosen[k]])
+        tau = float(POSTERIOR.taus[chosen[k]])
         log = evidence.posterior(at[k], tau)
         weight = log - np.log(of_tau[chosen[k]]) - proposed[k] - np.log(number) + _constant(size)
         found.append(_Particle(evidence, group[which[k]], at[k], tau, log, float(weight)))
@@ -460,9 +423,11 @@ def _proposals(evidence: _Evidence, group: list[_Mode], number: int, rng: np.ran
 def _moved(particle: _Particle, rng: np.random.Generator) -> Array:
     """Values after some Metropolis steps."""
     at, tau, log = particle.at, particle.tau, particle.log_posterior
-    for _ in range(MOVES):
-        to = at + MOVE * particle.mode.step(rng.standard_normal(at.size))
-        to_tau = float(np.clip(tau * np.exp(0.3 * rng.standard_normal()), _TAUS[0], _TAUS[-1]))
+    for _ in range(POSTERIOR.moves):
+        to = at + POSTERIOR.move * particle.mode.step(rng.standard_normal(at.size))
+        to_tau = float(
+            np.clip(tau * np.exp(POSTERIOR.tau_move * rng.standard_normal()), POSTERIOR.taus[0], POSTERIOR.taus[-1])
+        )
         new = particle.evidence.posterior(to, to_tau)
         if np.log(rng.uniform()) < new - log:
             at, tau, log = to, to_tau, new
@@ -473,7 +438,11 @@ def _constant(size: int) -> float:
     """What the density of a Student distribution of this dimension leaves out (negative logarithm)."""
     from scipy.special import gammaln
 
-    log = gammaln((FREEDOM + size) / 2) - gammaln(FREEDOM / 2) - 0.5 * size * np.log(FREEDOM * np.pi)
+    log = (
+        gammaln((POSTERIOR.freedom + size) / 2)
+        - gammaln(POSTERIOR.freedom / 2)
+        - 0.5 * size * np.log(POSTERIOR.freedom * np.pi)
+    )
     return -float(log)
 
 

@@ -17,23 +17,10 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.core.probability import chi2_beyond
 from highside.diagnosis.table.fit import Fitted, Option, Table, fit_set, rechanced
+from highside.diagnosis.table.policy import SEARCH
 
 Array = NDArray[np.float64]
 
-WIDTH = 4
-MAX_EFFECTS = 4
-FINISHED = 10
-"""Of the sets that one more effect makes, those that are fitted to the end."""
-STEP = 9.0
-"""What one more effect must improve the score by: a difference of BIC that is strong among some forty candidates."""
-SAME = 10.0
-"""Sets whose scores differ by less are not told apart: 6 as a difference of BIC, the rest for what the draws leave."""
-CLEAR = 20.0
-"""Sets that score worse by more are not looked at again."""
-OVER = 3.0
-"""Sigma by which a predicted peak-to-peak may exceed the one that is told."""
-UNEXPLAINED_P = 1e-3
-"""A row less likely than this, predicted from the others, is not explained (over all rows)."""
 
 Report = Callable[[float, str], None]
 
@@ -51,13 +38,13 @@ def search(
     options: Sequence[Option],
     base: Fitted,
     *,
-    width: int = WIDTH,
-    depth: int = MAX_EFFECTS,
+    width: int = SEARCH.width,
+    depth: int = SEARCH.max_effects,
     seeds: Sequence[Fitted] = (),
     report: Report | None = None,
 ) -> Search:
-    """Beam search from the base fit (and from other fitted sets). The smallest set within `STEP` a member of the best
-    score is the answer."""
+    """Beam search from the base fit (and from other fitted sets). The smallest set within `SEARCH.step` a member of the
+    best score is the answer."""
     beam: list[Fitted] = [base, *seeds]
     every: dict[frozenset[Option], Fitted] = {frozenset(f.options): f for f in beam}
     for size in range(1, depth + 1):
@@ -71,7 +58,7 @@ def search(
                 grown[key] = fit_set(table, (*parent.options, option), parent, rounds=0)
                 fresh.append(key)
             # a few steps tell which are worth more
-            for key in sorted(fresh, key=lambda k: grown[k].score)[:FINISHED]:
+            for key in sorted(fresh, key=lambda k: grown[k].score)[: SEARCH.finished]:
                 grown[key] = fit_set(table, grown[key].options, grown[key], rounds=1)
             if report:
                 report((size - 1 + (count + 1) / len(beam)) / depth, f"sets of {size}")
@@ -80,15 +67,15 @@ def search(
         every |= grown
         before = min(f.score for f in beam)
         beam = sorted(grown.values(), key=lambda f: f.score)[:width]
-        if beam[0].score > before - 0.5 * STEP:
+        if beam[0].score > before - 0.5 * SEARCH.step:
             break
     tried = sorted(every.values(), key=lambda f: f.score)
     return Search(_smallest(tried), tried)
 
 
 def _smallest(tried: Sequence[Fitted]) -> Fitted:
-    """The best set such that each member it has more than another is worth `STEP`."""
-    return min(tried, key=lambda f: f.score + STEP * len(f.options))
+    """The best set such that each member it has more than another is worth `SEARCH.step`."""
+    return min(tried, key=lambda f: f.score + SEARCH.step * len(f.options))
 
 
 @dataclass(frozen=True)
@@ -129,29 +116,29 @@ def standing(
 
     def cost(fitted: Fitted) -> float:
         # each effect more than the best set has must pay for itself
-        return fitted.score - best.score + STEP / 2 * max(0, len(fitted.options) - len(best.options))
+        return fitted.score - best.score + SEARCH.step / 2 * max(0, len(fitted.options) - len(best.options))
 
     kept = {o.effect for o in others}
     instead: dict[str, Fitted] = {}
     for effect in dict.fromkeys(e for f in sorted(rivals, key=cost) for e in f.effects - kept):
         fitted = min((f for f in rivals if effect in f.effects), key=cost)
-        if SAME <= cost(fitted) < CLEAR:
+        if SEARCH.same <= cost(fitted) < SEARCH.clear:
             fitted = polished(table, fitted)
         place = next(k for k, o in enumerate(fitted.options) if o.effect == effect)
-        if cost(fitted) >= SAME or _needed(table, fitted, place):
+        if cost(fitted) >= SEARCH.same or _needed(table, fitted, place):
             instead[effect] = fitted
-    instead |= {effect: fitted for effect, fitted in grown.items() if cost(fitted) < SAME}
+    instead |= {effect: fitted for effect, fitted in grown.items() if cost(fitted) < SEARCH.same}
     for effect, fitted in _by_means(table, allowed, best, index).items():
-        if effect not in kept and cost(instead.get(effect, fitted)) >= SAME:
+        if effect not in kept and cost(instead.get(effect, fitted)) >= SEARCH.same:
             instead[effect] = replace(fitted, score=best.score)
-    same = tuple(effect for effect, fitted in instead.items() if cost(fitted) < SAME)
+    same = tuple(effect for effect, fitted in instead.items() if cost(fitted) < SEARCH.same)
     clear = {effect: cost(fitted) for effect, fitted in instead.items() if effect not in same}
     without = min((cost(f) for f in (*rivals, *instead.values()) if not f.effects & set(same)), default=np.inf)
     rest_of = frozenset(others)
     shapes = {option.shape} | {
         o.shape
         for f in tried
-        if f.score - best.score < SAME and rest_of <= set(f.options)
+        if f.score - best.score < SEARCH.same and rest_of <= set(f.options)
         for o in f.options
         if o.effect == option.effect
     }
@@ -173,7 +160,7 @@ def _by_means(table: Table, options: Sequence[Option], best: Fitted, index: int)
     for option in options:
         fitted = fit_set(means, (*others, option), best)
         over = ((fitted.cells - table.told) / sigma)[table.use][:, [1, 3]]
-        near = fitted.score - level < SAME and np.nanmax(over) < OVER
+        near = fitted.score - level < SEARCH.same and np.nanmax(over) < SEARCH.over
         if near and (option.effect not in found or fitted.score < found[option.effect].score):
             found[option.effect] = fitted
     return found
@@ -185,7 +172,7 @@ def alike(best: Fitted, tried: Sequence[Fitted], index: int) -> tuple[str, ...]:
     own = best.options[index].effect
     found = [own]
     for fitted in tried:
-        if fitted.score - best.score > SAME:
+        if fitted.score - best.score > SEARCH.same:
             break
         extra = set(fitted.options) - others
         if len(fitted.options) == len(best.options) and len(extra) == 1:
@@ -200,7 +187,7 @@ def other_amplitudes(best: Fitted, tried: Sequence[Fitted], index: int) -> list[
     found = [
         option.amplitudes
         for fitted in tried
-        if fitted.score - best.score < SAME and fitted.effects >= kept
+        if fitted.score - best.score < SEARCH.same and fitted.effects >= kept
         for option in fitted.options
         if option.effect == own.effect and option.amplitudes != own.amplitudes
     ]
@@ -210,7 +197,7 @@ def other_amplitudes(best: Fitted, tried: Sequence[Fitted], index: int) -> list[
 def _needed(table: Table, fitted: Fitted, place: int) -> bool:
     """Whether a set is worse without one of its members."""
     rest = tuple(o for k, o in enumerate(fitted.options) if k != place)
-    return fit_set(table, rest, fitted).score - fitted.score > STEP
+    return fit_set(table, rest, fitted).score - fitted.score > SEARCH.step
 
 
 def polished(table: Table, fitted: Fitted) -> Fitted:
@@ -222,7 +209,7 @@ def polished(table: Table, fitted: Fitted) -> Fitted:
             values = best.values.copy()
             values[own] *= signs
             other = fit_set(table, best.options, replace(best, values=values))
-            if other.score < best.score - 0.1:
+            if other.score < best.score - SEARCH.better:
                 best = other
     return best
 
@@ -265,6 +252,6 @@ def unexplained_rows(table: Table, fitted: Fitted) -> dict[int, float]:
             continue
         value = float(left[mask] @ np.linalg.solve(cov[np.ix_(mask, mask)], left[mask]))
         p = chi2_beyond(value, int(mask.sum()))
-        if p * rows.size < UNEXPLAINED_P:
+        if p * rows.size < SEARCH.unexplained_p:
             found[int(row)] = p
     return found

@@ -1,0 +1,452 @@
+"""The numbers that decide, of what all kinds of recordings share.
+
+Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which
+a value was put there by judgement: no run that varied it is on record. They are no settings for users: whoever moves
+one puts the engine to the sealed cases again (studies/sealed/score.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class RegressionPolicy:
+    """Whether directions and probabilities are there at all."""
+
+    visible: float = 0.005
+    """Share of a direction's length that must stand out of the base fit: second-order terms reach less. Chosen in
+    21ed34d; no run is recorded."""
+    independent: float = 1e-6
+    """Share of the largest singular value from which a direction is independent of the others. Chosen in 21ed34d; no
+    run is recorded."""
+
+
+REGRESSION = RegressionPolicy()
+
+
+@dataclass(frozen=True)
+class CandidatesPolicy:
+    """What is tried of an effect's shapes."""
+
+    step_times: int = 60
+    """Instants, at most, at which a step is tried. Chosen in 21ed34d; no run is recorded."""
+    shortest: float = 0.03
+    """Share of a recording: a shorter time constant is over before anything else happens. Chosen in 207dc25; no run is
+    recorded."""
+    least_a_ring: int = 6
+    """Poses of a ring, on average, for single rings to be looked at: one that is off looks like noise that remembers.
+    Chosen in 541f29c; no run is recorded."""
+    from_the_ends: int = 4
+    """Poses at each end beside which no step is tried. Chosen in 21ed34d; no run is recorded."""
+    rings: int = 4
+    """A single ring is looked at where there are more rings than this. Chosen in 541f29c; no run is recorded."""
+
+
+CANDIDATES = CandidatesPolicy()
+
+
+@dataclass(frozen=True)
+class CausesPolicy:
+    """What a claim follows."""
+
+    fine: int = 400
+    """Cells of a covariate, where every setting is not one: what an effect adds has no noise. Chosen in 541f29c; no run
+    is recorded."""
+    cells_to_agree: int = 200
+    """Cells in which equal values of a covariate are compared. Chosen in af2f195; no run is recorded."""
+    follows: float = 0.02
+    """Share of its variance that may be left within equal values of the covariate it follows. Chosen in dffbac0; no run
+    is recorded."""
+    most_rows: int = 20_000
+    """Rows; of a longer recording every so many are asked. Chosen in af2f195; no run is recorded."""
+    inclined_rad: float = 0.002
+    """rad; inclinations that differ by less are one. Chosen in af2f195; no run is recorded."""
+    nothing: float = 1e-24
+    """Sum of squares, g^2, of an effect that adds nothing. Chosen in dffbac0; no run is recorded."""
+
+
+CAUSES = CausesPolicy()
+
+
+@dataclass(frozen=True)
+class ChunksPolicy:
+    """How long recordings are passed through."""
+
+    rows: int = 4096
+    """Rows worked on at a time: they stay near the processor. Chosen in 4048651; no run is recorded."""
+
+
+CHUNKS = ChunksPolicy()
+
+
+@dataclass(frozen=True)
+class ConclusionPolicy:
+    """What is told of what was chosen."""
+
+    changing: float = 0.97
+    """Share of the misfit that a claim explains from which it may still vary a little along a covariate. Chosen in
+    207dc25; no run is recorded."""
+    manifest: float = 1000.0
+    """Chi-square of an effect beside all others from which, if nothing is left, it is no part of a mere fit: several
+    names for something that has none leave some percent of it, which would then be heard. Chosen in ea46e09; no run is
+    recorded."""
+    ring_margin: float = 2.0
+    """BIC; as `ScenePolicy.shadow_margin`, for a single ring: its place was searched, and a name that is told beats a
+    walk besides. Chosen in fa5f78d; no run is recorded."""
+    own: float = 5e-3
+    """Share of the largest singular value from which a member's direction is its own beside the others. Chosen in
+    21ed34d; no run is recorded."""
+
+
+CONCLUSION = ConclusionPolicy()
+
+
+@dataclass(frozen=True)
+class ExchangePolicy:
+    """Rivals of strong effects, fitted in full."""
+
+    alike: float = 2.0
+    """BIC; a smaller difference is not worth a mention. Source: Kass and Raftery, J. Amer. Statist. Assoc. 90, 1995."""
+    refitted: int = 3
+    """Rivals of a strong effect that are fitted in full. Chosen in 51913bb; no run is recorded."""
+
+
+EXCHANGE = ExchangePolicy()
+
+
+@dataclass(frozen=True)
+class FitsPolicy:
+    """Fits of the full model."""
+
+    rich_share: float = 0.5
+    """Of all readings, how many directions at most the rich model may take. Chosen in 21ed34d; no run is recorded."""
+    steps: int = 4
+    """Gauss-Newton steps of a joint fit, at most. Chosen in 21ed34d; no run is recorded."""
+    unseen: float = 1e-8
+    """Share of the best seen direction from which a direction in the space of the parameters is seen at all. Chosen in
+    6be9111; no run is recorded."""
+    many: int = 3000
+    """Readings from which normal equations are formed. Chosen in 304904b; no run is recorded."""
+    settled: float = 1e-6
+    """Chi-square of a step that is the last. Chosen in 452637c; no run is recorded."""
+    bends: float = 6.0
+    """Chi-square of what effects do beyond first order, from which it is no matter of rounding. Chosen in ea46e09; no
+    run is recorded."""
+    unmoved: float = 1e-12
+    """Length of a column beside the longest, below which it is rounding. Chosen in 88fce7b; no run is recorded."""
+    rank: float = 1e-10
+    """Share of the largest singular value below which one is rounding. Chosen in 304904b; no run is recorded."""
+    stride: float = 1.33
+    """Factor by which a time constant moves in one step, at most. Chosen in 21ed34d; no run is recorded."""
+    partly_unseen: float = 1e-6
+    """Share of a parameter's direction that lies in what is not seen, from which it is told by its plausible range.
+    Chosen in 6be9111; no run is recorded."""
+
+
+FITS = FitsPolicy()
+
+
+@dataclass(frozen=True)
+class IntervalsPolicy:
+    """Intervals that hold 95 %."""
+
+    upper: float = 0.975
+    """Probability below the upper end of a two-sided interval. Source: a definition."""
+    normal: float = 1.96
+    """Standard deviations of that end under the normal law. Source: quantile of the standard normal law at 0.975."""
+    from_mad: float = 1.4826
+    """Standard deviations of a normal law in one median absolute deviation. Source: 1 / quantile of the standard normal
+    law at 0.75."""
+    mad: float = 0.6745
+    """Median absolute deviation of a standard normal law. Source: quantile of the standard normal law at 0.75."""
+    chi2_95: float = 2.7
+    """-2 log likelihood: the one-sided 95 % quantile of chi-square with one degree of freedom. Source: Chi-square
+    table, 2.706."""
+
+
+INTERVALS = IntervalsPolicy()
+
+
+@dataclass(frozen=True)
+class HeldOutPolicy:
+    """Prediction of what was left out."""
+
+    transient: float = 0.1
+    """Share of a member's energy outside of a block, below which the other blocks say nothing of it. Chosen in f202a8b;
+    no run is recorded."""
+    folds: int = 10
+    """Blocks of poses, each predicted from the others. Chosen in f202a8b; no run is recorded."""
+
+
+HELD_OUT = HeldOutPolicy()
+
+
+@dataclass(frozen=True)
+class PlacesPolicy:
+    """Where a mismatch sits."""
+
+    harmonics: int = 8
+    """Highest order of the toolface that is scanned. Chosen in 21ed34d; no run is recorded."""
+    time_cells: int = 40
+    """Cells of time in which a range is sought. Chosen in 541f29c; no run is recorded."""
+    inclination_orders: int = 4
+    """Orders of the inclination that are scanned end below this. Chosen in 21ed34d; no run is recorded."""
+    product_orders: int = 4
+    """Orders of the toolface that are scanned in products. Chosen in 63c0b1b; no run is recorded."""
+    warm_span_c: float = 0.5
+    """degC; a temperature that changes by less says nothing. Chosen in 21ed34d; no run is recorded."""
+    time_orders: int = 7
+    """Waves of time that are scanned end below this. Chosen in 21ed34d; no run is recorded."""
+    poses_a_wave: int = 6
+    """Poses for each wave of time that is scanned. Chosen in 21ed34d; no run is recorded."""
+    channel_share: float = 0.1
+    """Share of the loudest channel's energy from which a channel is told. Chosen in 304904b; no run is recorded."""
+    explained: float = 0.9
+    """Share of what the best covariate explains that a simpler one must explain. Chosen in 21ed34d; no run is
+    recorded."""
+    ranged: float = 0.25
+    """Share of the largest mean energy above which a range is told. Chosen in 541f29c; no run is recorded."""
+
+
+PLACES = PlacesPolicy()
+
+
+@dataclass(frozen=True)
+class MemoryPolicy:
+    """Noise that remembers, and what is slow beside it."""
+
+    found: float = 12.0
+    """-2 log likelihood of a channel, gain from which memory is believed. Chosen in 1d73a30 after looking at the
+    prototype's scored runs; no run that varied it is recorded."""
+    suspect: float = 8.0
+    """-2 log likelihood of a channel, gain from which judging takes memory into account. Chosen in 1d73a30; no run is
+    recorded."""
+    slow_log_p: float = 2.8
+    """-log10 p that a slow effect must reach beside a walk. Source: parametric bootstrap of walks, 7 rates with 400
+    draws each on two channel patterns: the least favourable rate passes in 4.2 % [2.7, 6.7]; 2.5 would pass 7.5 %."""
+    near_log_p: float = 1.0
+    """-log10 p beside a walk from which a slow effect resembles what was seen. Chosen in bdd5f4b; no run is
+    recorded."""
+    remaining: float = 15.0
+    """-2 log likelihood; a slow effect beside which more evidence of memory than this remains is not the whole story.
+    Source: the bootstrap of `slow_log_p`. 6 was tried on strong effects: 17 of 30 steps and 23 of 30 warm-ups were
+    left."""
+    lengths: tuple[float, ...] = (1.5, 4.0, np.inf)
+    """Poses; memories that are tried, infinite is the walk. Chosen in 1d73a30; no run is recorded."""
+    shares: Mapping[float, tuple[float, ...]] = field(
+        default_factory=lambda: {
+            1.5: (0.3, 1.0, 3.0, 10.0),
+            4.0: (0.1, 0.4, 1.5, 6.0),
+            np.inf: (3e-4, 1e-3, 4e-3, 0.015, 0.05, 0.2, 0.8),
+        }
+    )
+    """By memory length, variances in units of the white variance of a pose (of a step, for the walk). Chosen in
+    1d73a30; no run is recorded."""
+    seeds: int = 4
+    """Slow effects with each of which a second one is tried. Chosen in f202a8b; no run is recorded."""
+    pair_log_p: float = 0.7
+    """-log10 p; so much more is asked of each of two: there are as many more ways for a walk to look like them. Chosen
+    in aa948f6; no run is recorded."""
+    pair_score: float = 12.0
+    """-2 log likelihood; two slow effects stand in place of one that is enough by itself where they gain so much more.
+    Chosen in f202a8b; no run is recorded."""
+
+
+MEMORY = MemoryPolicy()
+
+
+@dataclass(frozen=True)
+class PoolPolicy:
+    """What chance makes of a whole family of candidates."""
+
+    alarm_rate: float = 0.01
+    """Share of sessions without a mismatch in which the family may raise an alarm. Source: the goal that
+    docs/evidence.md states; studies/sealed/score.py measures what is reached."""
+    flips: int = 300
+    """Sets of block signs that are drawn. Chosen in 21ed34d; no run is recorded."""
+    block_poses: int = 6
+    """Poses whose signs are flipped together: noise may remember over fewer. Chosen in 21ed34d; no run is recorded."""
+    half: float = 2 * np.log(2)
+    """Chi-square: gain of an amplitude of known sign, half of what one of either sign might have been has been ruled
+    out. Source: 2 log 2, Bayes' rule."""
+    remembers: float = 6.6
+    """Chi-square that one direction gains by chance in 1 % of cases: a slack that remembers must be better by as much
+    than one that does not, which it becomes where the tool hardly ever turns back. Source: Chi-square table, one degree
+    of freedom."""
+
+
+POOL = PoolPolicy()
+
+
+@dataclass(frozen=True)
+class RivalsPolicy:
+    """What cannot be told from a claim."""
+
+    same_class_bic: float = 6.0
+    """BIC; a rival that comes nearer to a claim is of its class. Source: agrees with the mark of strong evidence in
+    Kass and Raftery, J. Amer. Statist. Assoc. 90, 1995."""
+    same_class_evidence: float = 12.0
+    """Chi-square that a claim must keep outside of a rival: what one amplitude needs to show with 80 % probability.
+    Source: `evidence_80` at p = 0.01 gives 11.5."""
+    rival_log_p: float = 1.5
+    """-log10 p from which something is a rival at all. Chosen in 1d73a30; no run is recorded."""
+    beyond_reason: float = 100.0
+    """Plausible sizes; an effect that would have to be larger is as good as absorbed. Chosen in b509136; no run is
+    recorded."""
+    power_80: float = 0.8416
+    """Standard normal quantile of 80 %. Source: a definition."""
+    most_log_p: float = 12.0
+    """-log10 p beyond which the F law's quantile is not asked in double precision. Chosen in 21ed34d; no run is
+    recorded."""
+    next_poses: int = 6
+    """Poses that are advised. Chosen in 21ed34d; no run is recorded."""
+    inclinations_deg: int = 15
+    """deg; step of the inclinations among which poses are advised. Chosen in 21ed34d; no run is recorded."""
+    toolfaces_deg: float = 22.5
+    """deg; step of the toolfaces among which poses are advised. Chosen in 21ed34d; no run is recorded."""
+
+
+RIVALS = RivalsPolicy()
+
+
+@dataclass(frozen=True)
+class SelectionPolicy:
+    """How many and which candidates are chosen."""
+
+    most: int = 4
+    """Claims, at most. Chosen in 21ed34d; no run is recorded."""
+    rounding: float = 1e-6
+    """Chi-square; gains that differ by less are equal: of these that which stands first in the library is chosen.
+    Chosen in 643aba2; no run is recorded."""
+    merge_bic: float = 6.0
+    """BIC; one name instead of two where it costs less than this. Chosen in ff945ac; no run is recorded."""
+    starts: int = 4
+    """Candidates from each of which choosing begins. Chosen in f202a8b; no run is recorded."""
+    promising: float = 0.3
+    """Share of the first choice's gain of BIC from which choosing is begun from another candidate as well. Chosen in
+    9a67319; no run is recorded."""
+    held: float = 0.01
+    """Share of an effect's energy outside of another, below which it is a case of that other. Chosen in 36be2bd; no run
+    is recorded."""
+    shortlist: int = 4
+    """Candidates whose held-out gain is compared in one step. Chosen in 21ed34d; no run is recorded."""
+    swaps: int = 8
+    """Rounds of swaps and drops, at most. Chosen in 21ed34d; no run is recorded."""
+
+
+SELECTION = SelectionPolicy()
+
+
+@dataclass(frozen=True)
+class SupportPolicy:
+    """The shortest range that explains a mismatch."""
+
+    settings: int = 48
+    """A covariate with at most so many values is stepped: each is a cell. Chosen in 541f29c; no run is recorded."""
+    cells: int = 24
+    """Cells of a covariate that is not stepped. Chosen in 541f29c; no run is recorded."""
+    windows: int = 3
+    """Windows of one mismatch. Chosen in 541f29c; no run is recorded."""
+    ridge: float = 1e-7
+    """Share of a cell's energy added to it, so that cells alike can be solved for. Chosen in 541f29c; no run is
+    recorded."""
+
+
+SUPPORT = SupportPolicy()
+
+
+@dataclass(frozen=True)
+class UntestablePolicy:
+    """When a manoeuvre is lacking."""
+
+    one_inclination_rad: float = 2e-4
+    """rad; inclinations that differ by less are one. Chosen in b509136; no run is recorded."""
+
+
+UNTESTABLE = UntestablePolicy()
+
+
+@dataclass(frozen=True)
+class ProcedurePolicy:
+    """How often the procedure goes round."""
+
+    refined: int = 2
+    """Slow effects of which the best time constant is looked for beside a walk. Chosen in 6a24687; no run is
+    recorded."""
+    bent: int = 2
+    """Times that what is beyond first order is taken out: the second is exact where the first was nearly. Chosen in
+    ea46e09; no run is recorded."""
+    doubts: int = 4
+    """Times that what is chosen in place of what a walk explains as well is asked the same. Chosen in 90ef79c; no run
+    is recorded."""
+    ring_certain: float = 3.0
+    """-log10 p; so much more is asked of one ring than of an effect: nothing but its place speaks for it. Chosen in
+    a5e043f; no run is recorded."""
+
+
+PROCEDURE = ProcedurePolicy()
+
+
+@dataclass(frozen=True, slots=True)
+class SlowLimits:
+    """What a slow effect must show to be believed beside a walk; each kind of recording has its own."""
+
+    log_p: float = MEMORY.slow_log_p
+    """-log10 p beside a walk. Source: that of `MemoryPolicy.slow_log_p`."""
+    remaining: float = MEMORY.remaining
+    """-2 log likelihood; evidence of memory that may remain beside it. Source: that of `MemoryPolicy.remaining`."""
+    quiet_log_p: float = MEMORY.slow_log_p
+    """-log10 p that is asked where hardly any memory remains. Source: that of `MemoryPolicy.slow_log_p`."""
+    quiet: float = 6.0
+    """-2 log likelihood; evidence of memory that is hardly any. Chosen in f202a8b; no run is recorded."""
+    alike: Mapping[str, float] = field(default_factory=dict)
+    """-log10 p asked of effects, by id, that a walk imitates more easily than others. Chosen in f202a8b; no run is
+    recorded."""
+    forgiven: float = 0.0
+    """Share of the evidence of memory that may remain beside one that beats the walk twice as clearly as asked. Chosen
+    in 6be9111; no run is recorded."""
+    pairs: bool = False
+    """Whether two may pass together where neither passes alone. Chosen in f202a8b; no run is recorded."""
+    over_walk: float | None = None
+    """-2 log likelihood; in place of -log10 p, twice the logarithm of the likelihood ratio that is asked of the effect
+    without any walk over a walk without the effect: either story has to tell all that was seen. Chosen in a008d73; no
+    run is recorded."""
+
+    def passes(self, effect: str, log_p: float, remaining: float, evidence: float, score: float) -> bool:
+        """Whether an effect of -log10 p and score, that leaves so much of the evidence of memory, is believed."""
+        if self.over_walk is not None:
+            return score - remaining > self.over_walk and remaining < self.remaining
+        return (
+            (log_p > self.alike.get(effect, self.quiet_log_p) and remaining < self.quiet)
+            or (log_p > max(self.log_p, self.alike.get(effect, 0.0)) and remaining < self.remaining)
+            or (log_p > 2 * self.log_p and remaining < self.forgiven * evidence)
+        )
+
+
+@dataclass(frozen=True)
+class ScenePolicy:
+    """What names must show to be given; each kind of recording has its own (`scene.Scene.policy`)."""
+
+    named_share: float = 0.85
+    """Share of the excess misfit that names must explain to be given. Chosen in 21ed34d with the prototype, whose
+    scored runs used it; no run that varied it is recorded."""
+    faint: float = 0.0
+    """-log10 p; a remainder that is louder than chance by no more than this withdraws no names. Chosen in 36be2bd; no
+    run is recorded."""
+    shadow_margin: float = 6.0
+    """BIC; a name is not given where something without a name comes nearer to it than this. Chosen in 21ed34d with the
+    prototype, whose scored runs used it; no run that varied it is recorded."""
+    most_named: int = SELECTION.most
+    """More effects than this are a fit and no finding: their names are given only if all but one are manifest. Chosen
+    in 21ed34d; no run is recorded."""
+    certain: float = MEMORY.slow_log_p
+    """-log10 p from which an effect beats a noise with memory. Source: that of `MemoryPolicy.slow_log_p`."""
+    slow: SlowLimits = field(default_factory=SlowLimits)
+    """What a slow effect must show beside a walk. Source: that of `SlowLimits`."""
+    slow_beside_fast: bool = False
+    """Whether effects of time run like those of the programme, so that they must be chosen together. Chosen in 207dc25;
+    no run is recorded."""

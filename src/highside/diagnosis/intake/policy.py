@@ -1,0 +1,134 @@
+"""The numbers that decide whether a recording is what it claims to be.
+
+Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which
+a value was put there by judgement: no run that varied it is on record. They are no settings for users: whoever moves
+one puts the engine to the sealed cases again (studies/sealed/score.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ChecksPolicy:
+    """Faults of channels."""
+
+    clipped_share: float = 0.2
+    """Where more of a channel is clipped, the rest says too little. Chosen in 21ed34d; no run is recorded."""
+    most_binary: int = 1000
+    """Even odds multiplied, at most: 2^-1000 is still a double. Chosen in 21ed34d; no run is recorded."""
+    gravity: tuple[float, float] = (0.7, 1.4)
+    """g; between these the median length of a reading is that of gravity. Chosen in 21ed34d; no run is recorded."""
+    unit: tuple[float, float] = (0.8, 1.25)
+    """Between these factors a length is gravity in another unit. Chosen in 21ed34d; no run is recorded."""
+    away_g: float = 0.3
+    """g; a reading whose length is off by more counts against the unit. Chosen in 21ed34d; no run is recorded."""
+    follows_g: float = 0.2
+    """g; rms up to which readings follow the bench's angles. Chosen in 21ed34d; no run is recorded."""
+    off_g2: float = 0.04
+    """G^2; a reading off by more counts against the angles. Chosen in 21ed34d; no run is recorded."""
+    load_steps: int = 10
+    """Converter steps by which loads must differ to be different. Chosen in 21ed34d; no run is recorded."""
+    load_g: float = 2e-3
+    """g by which loads must differ to be different. Chosen in 21ed34d; no run is recorded."""
+    span_steps: int = 20
+    """Converter steps that loads behind one reading must span for it to be a limit. Chosen in 63c0b1b; no run is
+    recorded."""
+    span_g: float = 5e-3
+    """g that loads behind one reading must span for it to be a limit. Chosen in 63c0b1b; no run is recorded."""
+    least_codes: int = 16
+    """Different readings from which a converter's step can be seen. Chosen in 21ed34d; no run is recorded."""
+    off_code: float = 0.02
+    """Steps by which readings may be off whole numbers. Chosen in 21ed34d; no run is recorded."""
+    still: float = 0.8
+    """Share of rows unchanged from the row before, from which the step hides the noise. Chosen in 21ed34d; no run is
+    recorded."""
+
+
+CHECKS = ChecksPolicy()
+
+
+@dataclass(frozen=True)
+class ClockPolicy:
+    """Order and times of frames."""
+
+    stray: float = 1e-4
+    """Share of frames that a healthy link may lose, repeat or disorder. Chosen in 21ed34d; no run is recorded."""
+    sure: float = 1e-6
+    """Probability of chance below which a fault is told. Chosen in 21ed34d; no run is recorded."""
+    lost_share: float = 0.01
+    """Where more frames are lost, the recording is not what it claims to be. Chosen in b616c3f; no run is recorded."""
+    jitter: float = 0.02
+    """Share of the usual spacing; spacings that scatter more say nothing of a clock. Chosen in b616c3f; no run is
+    recorded."""
+    drift: float = 1e-3
+    """Change of the clock's rate over a recording that spoils it. Chosen in b616c3f; no run is recorded."""
+    alike: float = 0.6
+    """Share of stops of one size from which a shorter one has lost rows. Chosen in cac8bad; no run is recorded."""
+    look: int = 50
+    """Rows that are looked at behind a step back, and steps back that are looked at. Chosen in b616c3f; no run is
+    recorded."""
+    around: int = 10
+    """Rows around a step back that must run evenly. Chosen in b616c3f; no run is recorded."""
+    even: float = 1.5
+    """Usual spacings; neighbours nearer than this follow one another. Chosen in b616c3f; no run is recorded."""
+    back: float = 0.5
+    """Usual spacings by which time must fall for the clock to have been set back. Chosen in b616c3f; no run is
+    recorded."""
+    rarer: int = 10
+    """A clock set back is so many times as rare as a stray frame. Chosen in b616c3f; no run is recorded."""
+    exact: float = 1e-6
+    """Share of the usual spacing; no clock is taken to scatter less. Chosen in b616c3f; no run is recorded."""
+    step: float = 0.25
+    """Usual spacings from which a spacing is a step of the clock. Chosen in b616c3f; no run is recorded."""
+    step_jitters: int = 20
+    """Scatters of the spacings from which one is a step of the clock. Chosen in b616c3f; no run is recorded."""
+    steps: int = 5
+    """Steps of a clock, at most: more are its jitter. Chosen in b616c3f; no run is recorded."""
+    parts: int = 20
+    """Parts of a recording by whose medians the clock's drift is seen. Chosen in b616c3f; no run is recorded."""
+    least_drift: float = 1e-4
+    """Change of the clock's rate that is told. Chosen in b616c3f; no run is recorded."""
+    drift_jitters: int = 10
+    """A drift is told from one in so many of the spacings' scatter. Chosen in b616c3f; no run is recorded."""
+    twice: float = 1.5
+    """Times as often as next but one neighbours agree, neighbours may. Chosen in 21ed34d; no run is recorded."""
+
+
+CLOCK = ClockPolicy()
+
+
+@dataclass(frozen=True)
+class ImpulsesPolicy:
+    """Single readings far off."""
+
+    tails: tuple[float, ...] = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0, 100.0)
+    """Degrees of freedom of Student's t that healthy noise may have. Chosen in b616c3f; no run is recorded."""
+    window: int = 25
+    """Rows around a reading by which its scatter is known; of a stop no longer than this the median is taken whole.
+    Chosen in b616c3f; no run is recorded."""
+    share: float = 0.01
+    """Where more readings are impulses, they are no impulses but the recording. Chosen in b616c3f; no run is
+    recorded."""
+    expected: float = 1e-3
+    """Impulses are readings of which a healthy recording has fewer than this. Chosen in b616c3f; no run is recorded."""
+    least_rows: int = 100
+    """Rows from which impulses can be seen. Chosen in b616c3f; no run is recorded."""
+    tail: float = 0.98
+    """Quantile of the sizes by which their tails are judged. Chosen in b616c3f; no run is recorded."""
+    middle: float = 0.75
+    """Two-sided, the median: the quantile beside which the tail is judged. Source: a definition."""
+    slack: float = 0.95
+    """Share of the tails seen that a law must reach. Chosen in b2a7dec; no run is recorded."""
+    least_stop: int = 5
+    """Rows of a stop from which a reading can be compared with the others. Chosen in b616c3f; no run is recorded."""
+    neighbours: int = 7
+    """Rows whose median a reading is compared with in a long stop. Chosen in b616c3f; no run is recorded."""
+    windows: int = 4
+    """Windows over which the scatter is taken. Chosen in b616c3f; no run is recorded."""
+    quietest: float = 0.3
+    """Share of the usual scatter; no stretch is taken to be quieter. Chosen in b616c3f; no run is recorded."""
+
+
+IMPULSES = ImpulsesPolicy()

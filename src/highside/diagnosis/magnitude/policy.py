@@ -1,0 +1,165 @@
+"""The numbers that decide where only |g| is known.
+
+Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which
+a value was put there by judgement: no run that varied it is on record. They are no settings for users: whoever moves
+one puts the engine to the sealed cases again (studies/sealed/score.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from highside.diagnosis.core.policy import MEMORY, ScenePolicy, SlowLimits
+
+
+@dataclass(frozen=True)
+class MagnitudeBasesPolicy:
+    """Covariates of magnitudes."""
+
+    many: int = 40
+    """Readings from which fourth orders of the direction and more waves of time are scanned. Chosen in 6be9111; no run
+    is recorded."""
+    warm_span_c: float = 0.5
+    """degC; a temperature that changes by less says nothing. Chosen in 6be9111; no run is recorded."""
+    few_waves: int = 4
+    """Waves of time end below this where readings are few. Chosen in 6be9111; no run is recorded."""
+    waves: int = 7
+    """Waves of time end below this else. Chosen in 6be9111; no run is recorded."""
+
+
+MAGNITUDE_BASES = MagnitudeBasesPolicy()
+
+
+@dataclass(frozen=True)
+class DirectedWalkPolicy:
+    """A walk seen through the magnitude."""
+
+    walks: tuple[float, ...] = (0.0, *MEMORY.shares[np.inf], 3.0, 12.0)
+    """Variance of a step from reading to reading in units of the white variance. Chosen in c645a00; no run is
+    recorded."""
+
+
+DIRECTED_WALK = DirectedWalkPolicy()
+
+
+@dataclass(frozen=True)
+class MagnitudeFitsPolicy:
+    """Fits of magnitudes."""
+
+    apart: float = 1.02
+    """Ratio of two values of a shape between which its slope is taken. Chosen in 6e558e1; no run is recorded."""
+
+
+MAGNITUDE_FITS = MagnitudeFitsPolicy()
+
+
+@dataclass(frozen=True)
+class MagnitudeNoisePolicy:
+    """The noise of magnitudes."""
+
+    most_asked: int = 2
+    """Effects that are plainly asked for, at most, before the noise is measured. Chosen in 27cfa6d; no run is
+    recorded."""
+    least_freedom: int = 6
+    """So many readings are kept to measure the scatter by: with fewer no F test shows anything. Chosen in 0c9561a; no
+    run is recorded."""
+    independent: float = 1e-4
+    """Share of the largest singular value from which a direction of the rich model is independent. Chosen in 6be9111;
+    no run is recorded."""
+
+
+MAGNITUDE_NOISE = MagnitudeNoisePolicy()
+
+
+@dataclass(frozen=True)
+class ObservationPolicy:
+    """Magnitudes as an observable."""
+
+    turns: int = 6
+    """Turns of the search for the direction behind a reading. Chosen in 6be9111; no run is recorded."""
+    still: float = 1e-12
+    """Change of the direction at which the search ends. Chosen in 6be9111; no run is recorded."""
+    ideal: float = 1e-6
+    """As `unseen`, of an ideal triad. Chosen in 6e558e1; no run is recorded."""
+    unseen: float = 1e-4
+    """A direction of the parameters that shows less than this share, against the one that shows most, is not moved.
+    Chosen in 2c0290f; no run is recorded."""
+    rounding: float = 1e-7
+    """Share of a column's size below which what shows of it is rounding. Chosen in 6be9111; no run is recorded."""
+
+
+OBSERVATION = ObservationPolicy()
+
+
+@dataclass(frozen=True)
+class MagnitudeChoicePolicy:
+    """Choices by magnitudes."""
+
+    one_by_one: int = 60
+    """Up to so many poses each is left out by itself. Chosen in 6be9111; no run is recorded."""
+    blocks: int = 10
+    """Blocks of a longer session, each predicted from the others. Chosen in 6be9111; no run is recorded."""
+    alike: float = 0.999
+    """Cosine from which two columns are one. Chosen in 6be9111; no run is recorded."""
+    within_95: float = 2.7
+    """-2 log likelihood within which a walk is allowed at 95 %. Source: one-sided 95 % quantile of chi-square with one
+    degree of freedom."""
+    per_name: int = 6
+    """Readings beyond the base for each effect that is given a name. Chosen in 27cfa6d; no run is recorded."""
+    steps: int = 12
+    """Steps of a base fit by magnitudes: further from linear than that of poses. Chosen in 6e558e1; no run is
+    recorded."""
+    least_left: float = 0.05
+    """Share of a reading that the rich model leaves, at least, when its loss is given back. Chosen in 6be9111; no run
+    is recorded."""
+
+
+MAGNITUDE_CHOICE = MagnitudeChoicePolicy()
+
+
+@dataclass(frozen=True)
+class MagnitudeSessionsPolicy:
+    """Still readings of a session."""
+
+    min_attitudes: int = 12
+    """Nine unknowns of offset and matrix, and a few readings to judge them by. Chosen in 6be9111; no run is
+    recorded."""
+    distinct_rad: float = float(np.radians(5.0))
+    """rad (5 deg); attitudes nearer to one another are one. Chosen in 6be9111; no run is recorded."""
+    same_rad: float = float(np.radians(0.5))
+    """rad (0.5 deg); readings of one attitude are this near. Chosen in 6be9111; no run is recorded."""
+    smooth_s: float = 5.0
+    """s; readings are averaged over this before stillness is judged. Chosen in 2c0290f; no run is recorded."""
+    min_rest_s: float = 45.0
+    """s; a shorter rest is no session. Chosen in 6be9111; no run is recorded."""
+    min_block_s: float = 1.0
+    """s; least length of a rest's block. Chosen in 6be9111; no run is recorded."""
+    max_blocks: int = 300
+    """Blocks of a rest, at most. Chosen in 6be9111; no run is recorded."""
+    min_blocks: int = 40
+    """Blocks of a rest, at least. Chosen in 6be9111; no run is recorded."""
+    min_share: float = 0.2
+    """Of all blocks of a rest, how many an attitude needs to be kept. Chosen in 6be9111; no run is recorded."""
+    window_s: float = 0.5
+    """s; stillness is judged by windows of this length. Chosen in 2c0290f; no run is recorded."""
+    window_rows: int = 10
+    """Rows of such a window, at least: of fewer the scatter is not known well enough. Chosen in 2c0290f; no run is
+    recorded."""
+    least_hz: float = 1e-3
+    """Hz; no recording is taken to be slower. Chosen in 6be9111; no run is recorded."""
+    room_c: float = 25.0
+    """degC; taken where none was recorded. Chosen in 6be9111; no run is recorded."""
+
+
+MAGNITUDE_SESSIONS = MagnitudeSessionsPolicy()
+
+
+MAGNITUDE = ScenePolicy()
+"""Magnitudes of changing attitudes are judged as the rest is; how many names are given depends on the readings
+(`MagnitudeChoicePolicy.per_name`). Chosen in 6be9111; no run is recorded."""
+
+AT_REST = ScenePolicy(slow=SlowLimits(forgiven=0.05))
+"""At rest all that shows is slow: a temperature coefficient that is not quite constant leaves a little that looks like
+a walk. Chosen in f202a8b; no run is recorded."""

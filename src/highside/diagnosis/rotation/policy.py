@@ -1,0 +1,157 @@
+"""The numbers that decide for rotations.
+
+Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which
+a value was put there by judgement: no run that varied it is on record. They are no settings for users: whoever moves
+one puts the engine to the sealed cases again (studies/sealed/score.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from highside.diagnosis.core.policy import ScenePolicy, SlowLimits
+
+
+@dataclass(frozen=True)
+class RotationAdvicePolicy:
+    """Which rates are advised."""
+
+    inclinations_deg: tuple[float, ...] = (0.0, 30.0, 60.0, 90.0, 120.0)
+    """deg; inclinations among which stretches are advised. Chosen in 6d48f80; no run is recorded."""
+    rates_hz: tuple[float, ...] = (0.1, 0.5, 1.0, 2.0, 3.0)
+    """Hz; rates among which stretches are advised. Chosen in 6d48f80; no run is recorded."""
+    seconds: float = 20.0
+    """s; length of an advised stretch. Chosen in 6d48f80; no run is recorded."""
+    sample_hz: float = 25.0
+    """Hz; rows of an advised stretch, for weighing it. Chosen in 6d48f80; no run is recorded."""
+    rows: int = 1500
+    """Rows of the recording by which what is known is weighed. Chosen in 6d48f80; no run is recorded."""
+    stretches: int = 2
+    """Stretches that are advised. Chosen in 6d48f80; no run is recorded."""
+    ramps_hz: tuple[float, float] = (1.0, 2.0)
+    """Hz; rates to which ramps are advised. Chosen in 6d48f80; no run is recorded."""
+    ramp_s: int = 4
+    """s; a ramp to the rate and back, with a second at each end. Chosen in 6d48f80; no run is recorded."""
+
+
+ROTATION_ADVICE = RotationAdvicePolicy()
+
+
+@dataclass(frozen=True)
+class BurstsPolicy:
+    """Vibration that comes and goes."""
+
+    shares: tuple[float, ...] = (0.025, 0.05, 0.1, 0.2)
+    """Lengths of the windows, of the rows. Chosen in 7383815; no run is recorded."""
+    shortest: int = 128
+    """Rows of a window, at least. Chosen in 7383815; no run is recorded."""
+    first_cell: int = 3
+    """What is slower than this in a window is drift: cycles. Chosen in 7383815; no run is recorded."""
+    neighbours: int = 100
+    """Cells by whose median the level around a cell is known. Chosen in 7383815; no run is recorded."""
+    chance: float = 1e-4
+    """Probability by which the highest cell of a recording without a burst is as high. Chosen in 7383815; no run is
+    recorded."""
+    grid: int = 240
+    """Instants between which a burst's ends are sought. Chosen in 7383815; no run is recorded."""
+    finer: int = 21
+    """Frequencies that are tried about the highest cell's. Chosen in 7383815; no run is recorded."""
+    channel_share: float = 0.1
+    """Share of the loudest channel's energy from which a channel is told. Chosen in 7383815; no run is recorded."""
+    odds: float = 1e3
+    """Odds against chance from which a channel is told. Chosen in 7383815; no run is recorded."""
+
+
+BURSTS = BurstsPolicy()
+
+
+@dataclass(frozen=True)
+class LinesPolicy:
+    """Lines in a rotation."""
+
+    mains_hz: tuple[float, float] = (50.0, 60.0)
+    """Hz; a hum of the mains is tried at these. Chosen in 9535933; no run is recorded."""
+    chance: float = 1e-3
+    """Probability by which the highest of all peaks of a spectrum without lines is as high. Chosen in 96c27f5; no run
+    is recorded."""
+    max_order: float = 60.0
+    """Highest order of the rotation that is looked for. Chosen in 9535933; no run is recorded."""
+    largest_whole: int = 12
+    """Whole orders up to this are harmonics of the toolface, which other effects and the scan stand for. Chosen in
+    9535933; no run is recorded."""
+    padded: int = 2
+    """A spectrum is told at so many times as many frequencies: a line between two of them would lose half its power.
+    Chosen in 207dc25; no run is recorded."""
+    smooth: int = 101
+    """Independent cells of a spectrum by whose median the level around a cell is known. Chosen in 9535933; no run is
+    recorded."""
+    slowest: int = 12
+    """Cycles in the recording: what is slower is drift. Chosen in 207dc25; no run is recorded."""
+    about: float = 0.75
+    """Cells about a peak in which it is sought more finely. Chosen in 207dc25; no run is recorded."""
+    finer: int = 31
+    """Frequencies that are tried there. Chosen in 207dc25; no run is recorded."""
+    spare: float = 1.2
+    """Cells of a turn beyond what the highest order needs. Chosen in 9535933; no run is recorded."""
+    beside: float = 2.5
+    """Cells beside a whole order that belong to it. Chosen in 9535933; no run is recorded."""
+    least_order: float = 0.1
+    """Orders of the rotation below which nothing is looked for. Chosen in 96c27f5; no run is recorded."""
+
+
+LINES_POLICY = LinesPolicy()
+
+
+@dataclass(frozen=True)
+class MeansPolicy:
+    """Proof of a rotation in means."""
+
+    sectors: int = 12
+    """of a turn, by which the means of a stretch are told: of the toolface, or of the phase of a line. Chosen in
+    207dc25; no run is recorded."""
+
+
+MEANS = MeansPolicy()
+
+
+@dataclass(frozen=True)
+class SketchPolicy:
+    """What is asked of a long recording first."""
+
+    many_rows: int = 30_000
+    """Rows; of a longer recording some rows are diagnosed first. Chosen in 9535933; no run is recorded."""
+    some_rows: int = 6_000
+    """So many rows. Chosen in 90ef79c; no run is recorded."""
+    neighbours: int = 400
+    """Rows of a stretch by which noise is told from what is slow. Chosen in 75540fe; no run is recorded."""
+
+
+SKETCH = SketchPolicy()
+
+
+@dataclass(frozen=True)
+class RotationSupportPolicy:
+    """Ranges of a rotation's covariates."""
+
+    fine_cells: int = 36
+    """Cells of the toolface in which a range is sought. Chosen in af2f195; no run is recorded."""
+    varies: float = 1e-3
+    """In the covariate's unit: one that varies less has no ranges. Chosen in af2f195; no run is recorded."""
+
+
+ROTATION_SUPPORT = RotationSupportPolicy()
+
+
+ROTATION = ScenePolicy(
+    named_share=0.93,
+    faint=1.0,
+    shadow_margin=4.0,
+    most_named=2,
+    slow=SlowLimits(alike={"bias_drift": 3.0}),
+    slow_beside_fast=True,
+)
+"""Rows are many: what is left beside the whole story is small, so names must explain more. One scan in a hundred is
+loud by chance, which beside a name is no reason to doubt it. Unnamed interactions are more than for poses, and their
+number counts against them already. Harmonics of the toolface on one channel are matched by several effects of the bench
+together: no more than two names. A straight line is what a walk imitates most easily, and the rates of a programme
+usually go one way, as time does. Chosen in 9f89d7b, bbc5ff9, f202a8b and 207dc25; no run is recorded."""

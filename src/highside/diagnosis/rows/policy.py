@@ -1,0 +1,174 @@
+"""The numbers that decide where recordings are looked at row by row.
+
+Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which
+a value was put there by judgement: no run that varied it is on record. They are no settings for users: whoever moves
+one puts the engine to the sealed cases again (studies/sealed/score.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class BasesPolicy:
+    """Functions of covariates for rows."""
+
+    harmonics: int = 8
+    """Highest order of the toolface that is scanned. Chosen in 21ed34d; no run is recorded."""
+    time_waves: int = 12
+    """Waves of time that are scanned. Chosen in 4048651; no run is recorded."""
+    warm_span_c: float = 0.5
+    """degC; a temperature that changes by less says nothing. Chosen in 4048651; no run is recorded."""
+    rate_span: float = 0.02
+    """Share of the largest rate; rates that differ by less are one. Chosen in 4048651; no run is recorded."""
+    inclined_deg: float = 0.1
+    """deg; inclinations that differ by less are one. Chosen in 4048651; no run is recorded."""
+    ramps: float = 1e-6
+    """1/s; change of the rate, in largest rates, from which there are ramps. Chosen in 4048651; no run is recorded."""
+
+
+BASES = BasesPolicy()
+
+
+@dataclass(frozen=True)
+class DesignPolicy:
+    """How columns of rows are found out."""
+
+    probe: int = 400
+    """Rows, spread evenly, on which it is found out what a column is made of. Chosen in 4048651; no run is recorded."""
+    extremes: int = 4
+    """Rows at each end of each covariate that are probed as well: a ramp of the rate may be rare. Chosen in 452637c; no
+    run is recorded."""
+    step_margin: float = 0.03
+    """Share of a recording at each end in which a step is not looked for. Chosen in 4048651; no run is recorded."""
+    nothing: float = 1e-12
+    """g or rad/s; a function that is smaller everywhere is none. Chosen in 4048651; no run is recorded."""
+    far: int = 1 << 40
+    """Numbers from which a function is a shared one, until its place is known: more than any design has. Chosen in
+    4048651; no run is recorded."""
+
+
+DESIGN = DesignPolicy()
+
+
+@dataclass(frozen=True)
+class GramsPolicy:
+    """Inner products of rows."""
+
+    folds: int = 10
+    """Contiguous stretches, each predicted from the others. Chosen in 304904b; no run is recorded."""
+    block_s: float = 0.5
+    """s; blocks by whose means a walk is seen. Chosen in 304904b; no run is recorded."""
+    max_blocks: int = 1000
+    """Blocks, at most: a long recording has longer ones. Chosen in 9e17400; no run is recorded."""
+    flip_s: float = 3.0
+    """s; rows whose signs are flipped together. Chosen in 304904b; no run is recorded."""
+    walk_shares: tuple[float, ...] = (0.0, 1e-6, 4e-6, 1.6e-5, 6e-5, 2.5e-4, 1e-3, 4e-3, 0.016)
+    """Variance of a walk's step from row to row in units of the white variance of a row. Chosen in 304904b; no run is
+    recorded."""
+    forgetful: tuple[tuple[float, tuple[float, ...]], ...] = ((0.5, (0.03, 0.1, 0.3)), (4.0, (0.01, 0.04, 0.15)))
+    """Levels that forget, what a filter of few terms leaves of a noise's colour: their memory in blocks, and variances
+    in units of the white variance of a block's mean. Chosen in 207dc25; no run is recorded."""
+
+
+GRAMS = GramsPolicy()
+
+
+@dataclass(frozen=True)
+class JitterPolicy:
+    """Sampling jitter."""
+
+    certain: float = 30.0
+    """-2 log likelihood of all channels, gain from which jitter is named: unmodelled tails never reach it. Chosen in
+    6d48f80; no run is recorded."""
+
+
+JITTER = JitterPolicy()
+
+
+@dataclass(frozen=True)
+class RowNoisePolicy:
+    """The noise of rows."""
+
+    max_order: int = 16
+    """Terms of a channel's filter, at most. Chosen in 304904b; no run is recorded."""
+    max_rows: int = 24_000
+    """Rows that the noise is learned from; of longer recordings, windows spread over all of it. Chosen in 304904b; no
+    run is recorded."""
+    windows: int = 8
+    """Such windows. Chosen in 304904b; no run is recorded."""
+    draws: int = 24
+    """Draws of white noise by which it is found out what projecting takes. Chosen in 304904b; no run is recorded."""
+    variance_gain: float = 12.0
+    """-2 log likelihood, gain from which a dependence of the scatter is believed. Chosen in 304904b; no run is
+    recorded."""
+    scale_s: float = 8.0
+    """s; time over which the size of the noise is averaged. Chosen in 304904b; no run is recorded."""
+    impulse: float = 6.0
+    """Standard deviations from which a row is an impulse. Chosen in 304904b; no run is recorded."""
+    max_impulses: float = 2e-3
+    """A larger share of outlying rows is the shape of the noise, not impulses. Chosen in 304904b; no run is
+    recorded."""
+    rounding: float = 1e-9
+    """No reading is told more exactly than this share of its size. Chosen in 96c27f5; no run is recorded."""
+    digits: float = 1e-4
+    """What is left of readings is asked for to four digits: share of its size. Chosen in 3c741e3; no run is
+    recorded."""
+    least: float = 1e-15
+    """g or rad/s; no noise is smaller. Chosen in 304904b; no run is recorded."""
+    variance_turns: int = 6
+    """Turns of the iterated fit of the variance. Chosen in 304904b; no run is recorded."""
+    least_variance: float = 1e-3
+    """Share of the mean variance below which none is fitted. Chosen in 304904b; no run is recorded."""
+    least_level: float = 1e-6
+    """Squared scatters; least constant part of the variance. Chosen in 304904b; no run is recorded."""
+    least_stretches: int = 4
+    """Stretches of `scale_s` from which a slow change can be seen. Chosen in 304904b; no run is recorded."""
+    slow_share: float = 0.5
+    """Share of the stretches' scatter beyond chance from which the size changes slowly. Chosen in 304904b; no run is
+    recorded."""
+    quietest: float = 0.05
+    """Share of the mean variance; no stretch is quieter. Chosen in 304904b; no run is recorded."""
+
+
+ROW_NOISE = RowNoisePolicy()
+
+
+@dataclass(frozen=True)
+class RowPlacesPolicy:
+    """Where rows are looked at."""
+
+    slow_band_hz: float = 0.23
+    """Hz; below this a group of slow functions is judged by as many degrees of freedom as the band has. Chosen in
+    9535933; no run is recorded."""
+    rows: int = 20_000
+    """Rows by which intervals of a covariate are found. Chosen in 9535933; no run is recorded."""
+    stretches: int = 4
+    """Stretches, spread over a long recording, that these rows are. Chosen in af2f195; no run is recorded."""
+    least_left: float = 0.1
+    """Share of the rows that a projection leaves, at least, when its loss is given back. Chosen in 9e17400; no run is
+    recorded."""
+
+
+ROW_PLACES = RowPlacesPolicy()
+
+
+@dataclass(frozen=True)
+class RowSessionsPolicy:
+    """Rows of a recording."""
+
+    min_rows: int = 1000
+    """Fewer rows are too short a stretch for a noise with memory to be known. Chosen in 4048651; no run is recorded."""
+    rate_groups: int = 12
+    """Groups of steady rates, at most. Chosen in 4048651; no run is recorded."""
+    steady: float = 0.02
+    """1/s; change of the rate, in spans of the rate, up to which it is steady. Chosen in 4048651; no run is
+    recorded."""
+    level: float = 0.02
+    """Share of the largest rate within which rates are alike. Chosen in 4048651; no run is recorded."""
+    least_share: float = 0.01
+    """Share of the rows from which a rate is one of the steady ones. Chosen in 4048651; no run is recorded."""
+
+
+ROW_SESSIONS = RowSessionsPolicy()

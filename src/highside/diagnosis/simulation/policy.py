@@ -1,0 +1,144 @@
+"""The numbers that decide beside a prediction.
+
+Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which
+a value was put there by judgement: no run that varied it is on record. They are no settings for users: whoever moves
+one puts the engine to the sealed cases again (studies/sealed/score.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from highside.diagnosis.core.policy import ScenePolicy
+
+
+@dataclass(frozen=True)
+class AlignmentPolicy:
+    """Time bases brought together."""
+
+    coarse_hz: float = 50.0
+    """Hz; a lag is first sought at no more rows. Chosen in 98cb144; no run is recorded."""
+    same_clock: float = 0.5
+    """Share of the shorter span that must overlap for two clocks to be taken as one. Chosen in 98cb144; no run is
+    recorded."""
+    own_lag_s: float = 0.5
+    """s; a lag up to this on one clock is left to be diagnosed. Chosen in 98cb144; no run is recorded."""
+    least_overlap: float = 0.3
+    """Share of the shorter span that must overlap for a lag to be tried. Chosen in 98cb144; no run is recorded."""
+    alike: float = 0.3
+    """Correlation from which a lag is believed. Chosen in 98cb144; no run is recorded."""
+    nothing: float = 1e-6
+    """Share of the largest energy in an overlap below which there is nothing to compare. Chosen in 98cb144; no run is
+    recorded."""
+
+
+ALIGNMENT = AlignmentPolicy()
+
+
+@dataclass(frozen=True)
+class SimulationColumnsPolicy:
+    """Columns beside a prediction."""
+
+    nothing: float = 1e-12
+    """In the channel's unit: a column that is smaller everywhere is none. Chosen in 4048651; no run is recorded."""
+    faint: float = 3.0
+    """Standard deviations; an amplitude that at its largest plausible size adds less is left out. Chosen in f84f7d5; no
+    run is recorded."""
+    time_waves: int = 8
+    """Waves of time that are scanned. Chosen in 98cb144; no run is recorded."""
+
+
+SIMULATION_COLUMNS = SimulationColumnsPolicy()
+
+
+@dataclass(frozen=True)
+class SimulationIntakePolicy:
+    """Is a prediction of the same things?"""
+
+    near: float = 0.15
+    """How near to a factor a slope must be, relative. Chosen in 98cb144; no run is recorded."""
+    follows: float = 0.8
+    """Correlation from which a channel is taken to follow another. Chosen in 98cb144; no run is recorded."""
+    strange: float = 0.4
+    """Correlation below which a channel follows nothing. Chosen in 98cb144; no run is recorded."""
+    prefix: float = 1e3
+    """A step of unit prefixes. Source: a definition."""
+
+
+SIMULATION_INTAKE = SimulationIntakePolicy()
+
+
+@dataclass(frozen=True)
+class SimulationChoicePolicy:
+    """Choices beside a prediction."""
+
+    turns: int = 4
+    """Times that columns are made about the delays that were found. Chosen in f84f7d5; no run is recorded."""
+    most_bins: int = 24
+    """Bins of activity in which the noise is measured, at most. Chosen in d4bce32; no run is recorded."""
+    least_in_bin: int = 100
+    """Rows of a bin, at least. Chosen in d4bce32; no run is recorded."""
+    most_named: int = 6
+    """Claims, at most: there is no base to absorb the simple ones. Chosen in f84f7d5; no run is recorded."""
+    far: float = 3.0
+    """Standard deviations of a walk's mean beyond which an offset is none. Chosen in d4bce32; no run is recorded."""
+    least_named: float = 0.003
+    """Of all that is explained, what an effect must explain to be more than a remainder. Chosen in f84f7d5; no run is
+    recorded."""
+    least_product: float = 0.02
+    """Of all that is explained, what an unnamed product must explain to be more than a remainder. Chosen in f84f7d5; no
+    run is recorded."""
+    settled: float = 0.01
+    """Relative change of a delay that shows no more. Chosen in f84f7d5; no run is recorded."""
+    full: int = 4
+    """One in so many of a bin's rows must count. Chosen in d4bce32; no run is recorded."""
+    quietest: float = 1e-3
+    """Share of the loudest bin's noise; no row is quieter. Chosen in d4bce32; no run is recorded."""
+
+
+SIMULATION_CHOICE = SimulationChoicePolicy()
+
+
+@dataclass(frozen=True)
+class SimulationSessionsPolicy:
+    """Recording and prediction on one grid."""
+
+    content: float = 0.999
+    """Share of the power of a prediction that lies below the frequency up to which it is compared. Chosen in 98cb144;
+    no run is recorded."""
+    segment_s: float = 10.0
+    """s; segments by which coherence is measured. Chosen in 98cb144; no run is recorded."""
+    coherent: float = 0.3
+    """Mean coherence over an octave from which the two are taken to show the same. Chosen in 98cb144; no run is
+    recorded."""
+    per_band: float = 2.5
+    """Rows per period of that frequency. Chosen in 98cb144; no run is recorded."""
+    least_rows: int = 600
+    """Rows of the grid, at least. Chosen in 98cb144; no run is recorded."""
+    most_rows: int = 60_000
+    """Rows of the grid, at most. Chosen in 98cb144; no run is recorded."""
+    gap_steps: float = 3.0
+    """Usual steps; a longer gap is left out. Chosen in 98cb144; no run is recorded."""
+    warm_span_c: float = 0.2
+    """degC; a temperature that changes by less says nothing. Chosen in 98cb144; no run is recorded."""
+    band: float = 0.4
+    """Share of the grid's rate up to which both sides are passed: below one half, as filters are not steep. Chosen in
+    98cb144; no run is recorded."""
+    no_filter: float = 0.39
+    """Share of a side's own rate: where the band reaches it, no low-pass is needed. Chosen in 98cb144; no run is
+    recorded."""
+    room_c: float = 25.0
+    """degC; taken where none was recorded. Chosen in 98cb144; no run is recorded."""
+    segments: int = 8
+    """Segments, at least, by which coherence is measured. Chosen in 98cb144; no run is recorded."""
+    constant: float = 1e-20
+    """Share of a prediction's power below which it is constant. Chosen in d4bce32; no run is recorded."""
+
+
+SIMULATION_SESSIONS = SimulationSessionsPolicy()
+
+
+SIMULATION = ScenePolicy(named_share=0.93, shadow_margin=4.0, most_named=SIMULATION_CHOICE.most_named)
+"""Rows are many: what is left beside the whole story is small, and unnamed products count against themselves by their
+number. There is no base to absorb the simple effects, so more names than usual may be given. Chosen in f84f7d5; no run
+is recorded."""

@@ -1,0 +1,118 @@
+"""Every number that decides in a diagnosis stands in a policy, with its unit, its meaning and what set it."""
+
+import ast
+import dataclasses
+import graphlib
+import importlib
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import highside.diagnosis
+
+ROOT = Path(highside.diagnosis.__file__).parent
+MODULES = sorted(p for p in ROOT.rglob("*.py") if p.name != "policy.py")
+POLICIES = sorted(ROOT.rglob("policy.py"))
+
+STRUCTURE = {0, 1, 2, 3, 4, 0.5}
+"""Numbers that decide nothing: none, one, two (squares, both ends, both signs, second order), the three axes, fourth
+powers and the four figures of a table's row, one half."""
+UNITS = {10, 180, 360}
+"""The base in which probabilities are told, and degrees of a half and of a whole turn."""
+GUARDS = {1e-300, 1e-30, 1e-12, 1e-9}
+"""What keeps a division from zero and a logarithm finite, and the share of the largest below which an eigenvalue is
+rounding of doubles. A recording in which one of these would decide has no readings."""
+ELSEWHERE = {
+    ("core/candidates.py", 9): "the nine elements of a matrix",
+    ("core/fit.py", 12): "the variance of a uniform law is a twelfth of its width squared",
+    ("intake/checks.py", 1e3): "mg in a g",
+    ("intake/checks.py", 1e6): "ug in a g",
+    ("magnitude/noise.py", 9): "behind all stages of the chain",
+    ("rotation/sketch.py", 6): "the variance of a second difference of white noise",
+    ("rows/bases.py", 5): "an order of the toolface that is written out",
+    ("rows/gram.py", 64): "room for the number of a steady rate in a key",
+}
+"""Definitions and formulas, each by its file."""
+LIBRARY = {"simulation/effects.py"}
+"""Effects with the gates and typical sizes of their parameters, declared as in `physics/effects`."""
+
+
+def numbers(tree: ast.AST) -> Iterator[tuple[int, float]]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+            yield node.lineno, node.value
+
+
+def bare(name: str, text: str) -> list[str]:
+    return [
+        f"{name}:{line}: {value!r}"
+        for line, value in numbers(ast.parse(text))
+        if value not in STRUCTURE | UNITS | GUARDS and (name, value) not in ELSEWHERE
+    ]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_no_number_that_decides_stands_outside_of_a_policy(path: Path) -> None:
+    name = path.relative_to(ROOT).as_posix()
+    if name not in LIBRARY:
+        assert bare(name, path.read_text()) == [], "put it in the room's policy.py, with unit, meaning and source"
+
+
+def test_a_number_that_decides_would_be_found() -> None:
+    assert bare("core/fit.py", "if chi2 > 6.5:\n    pass\n") == ["core/fit.py:1: 6.5"]
+    assert bare("core/fit.py", "LIMIT = -(0.07)\n") == ["core/fit.py:1: 0.07"]
+    assert bare("rows/gram.py", "x = (n - 1) / 12") != []
+
+
+def test_every_exception_is_still_needed() -> None:
+    found = {
+        (path.relative_to(ROOT).as_posix(), value)
+        for path in MODULES
+        for _, value in numbers(ast.parse(path.read_text()))
+    }
+    assert set(ELSEWHERE) <= found
+
+
+@pytest.mark.parametrize("path", POLICIES, ids=lambda p: p.parent.name)
+def test_every_field_of_a_policy_says_what_it_means_and_what_set_it(path: Path) -> None:
+    body = ast.parse(path.read_text()).body
+    for cls in (node for node in body if isinstance(node, ast.ClassDef)):
+        assert ast.get_docstring(cls), cls.name
+        pairs = list(zip(cls.body, [*cls.body[1:], None], strict=True))
+        fields = [(a, b) for a, b in pairs if isinstance(a, ast.AnnAssign)]
+        assert fields, cls.name
+        for field, text in fields:
+            assert isinstance(field.target, ast.Name)
+            where = f"{path.parent.name}: {cls.name}.{field.target.id}"
+            assert isinstance(text, ast.Expr), where
+            assert isinstance(text.value, ast.Constant), where
+            words = " ".join(str(text.value.value).split())
+            assert re.search(r"Source: \S|Chosen in [0-9a-f]{7}", words), where
+            meaning = re.split(r"Source: |Chosen in ", words)[0]
+            assert len(meaning.split()) >= 2, where
+
+
+@pytest.mark.parametrize("path", POLICIES, ids=lambda p: p.parent.name)
+def test_policies_are_frozen(path: Path) -> None:
+    module = importlib.import_module(f"highside.diagnosis.{path.parent.name}.policy")
+    values = [value for name, value in vars(module).items() if name.isupper() and dataclasses.is_dataclass(value)]
+    assert values
+    for value in values:
+        first = dataclasses.fields(value)[0].name
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(value, first, None)
+
+
+def test_no_module_of_diagnosis_needs_itself_by_way_of_another_not_even_lazily() -> None:
+    known = {
+        ".".join(("highside.diagnosis", *path.relative_to(ROOT).with_suffix("").parts)).removesuffix(".__init__"): path
+        for path in ROOT.rglob("*.py")
+    }
+    graph: dict[str, set[str]] = {}
+    for name, path in known.items():
+        imports = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.ImportFrom)]
+        wanted = {n.module or "" for n in imports} | {f"{n.module}.{a.name}" for n in imports for a in n.names}
+        graph[name] = wanted & set(known)
+    list(graphlib.TopologicalSorter(graph).static_order())
