@@ -32,7 +32,7 @@ def wrong_pairs(folder: Path) -> dict[str, tuple[WebTls, str]]:
     open_key.key.chmod(0o644)
     return {
         "no certificate": (WebTls(certificate=folder / "none", key=good.key), "web.tls.certificate: no such file"),
-        "no key": (WebTls(certificate=good.certificate, key=folder / "none"), "web.tls.key: cannot be read"),
+        "no key": (WebTls(certificate=good.certificate, key=folder / "none"), "web.tls.key: no such file"),
         "not a certificate": (WebTls(certificate=garbage, key=good.key), "holds no certificate"),
         "not a key": (WebTls(certificate=good.certificate, key=garbage), "holds no private key"),
         "swapped": (WebTls(certificate=good.key, key=good.certificate), "web.tls.key: may be read by others"),
@@ -41,7 +41,7 @@ def wrong_pairs(folder: Path) -> dict[str, tuple[WebTls, str]]:
         "expired": (make_pair(folder / "old", begins=-9, days=-2), "web.tls.certificate: has expired on 20"),
         "not yet": (make_pair(folder / "new", begins=2), "web.tls.certificate: is not valid before 20"),
         "open to all": (open_key, r"web.tls.key: may be read by others (mode 644); chmod 640"),
-        "a directory": (WebTls(certificate=folder, key=good.key), "web.tls.certificate: no such file"),
+        "a directory": (WebTls(certificate=folder, key=good.key), "web.tls.certificate: is a directory"),
     }
 
 
