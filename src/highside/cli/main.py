@@ -22,6 +22,7 @@ from highside.cli import (
     doctor,
     drift,
     effects,
+    examples,
     export,
     keys,
     predict,
@@ -90,6 +91,7 @@ app.add_typer(keys.app)
 app.add_typer(toolface.app)
 app.command()(run.check)
 app.command()(run.schema)
+examples.attach(app)
 
 
 UsageFault: type[Exception] = next(

@@ -1,0 +1,66 @@
+"""One example for each command, shown at the end of its `--help`. A test parses them, and runs those it can."""
+
+from __future__ import annotations
+
+import typer
+
+EXAMPLES: dict[str, str] = {
+    "simulate": "config/model-bench.toml -o session.csv.gz --poses poses.csv",
+    "predict": "config/model-known.toml poses.csv -o predicted.csv",
+    "decode": "session.hsw --codec tool -o session.csv.gz",
+    "export": "session.csv.gz --to mcap",
+    "replay": "session.hsw --to pty --link /tmp/tool",
+    "demo": "--seconds 20",
+    "detect": "--port /dev/ttyUSB0 --seconds 2",
+    "doctor": "--config highside.toml",
+    "run": "--config highside.toml --set mqtt.host=10.0.0.5",
+    "check": "config/bench-simulated.toml",
+    "schema": "",
+    "effects": "",
+    "diagnose": "session.csv.gz --model config/model-known.toml --out report",
+    "drift": "run.csv.gz --method kinematic --latitude-deg 52 -o drift.csv",
+    "calibrate bench": "--config config/bench-simulated.toml --web",
+    "calibrate sessions": "--config config/bench-simulated.toml",
+    "calibrate poses": "session.csv.gz -o poses.csv",
+    "calibrate solve": "poses.csv --method joint --tool tool-7 --store calibrations -o cal.json",
+    "calibrate show": "cal.json",
+    "calibrate apply": "cal.json session.csv.gz -o corrected.csv",
+    "calibrate verify": "cal.json poses.csv --limit-inc-deg 0.1 --limit-tf-deg 1",
+    "calibrate certificate": "cal.json --fields config/certificate.toml -o certificate.html",
+    "calibrate activate": "cal.json --store calibrations",
+    "calibrate history": "--store calibrations",
+    "calibrate rollback": "--store calibrations --tool tool-7",
+    "reproduce balance": "-o balance",
+    "reproduce rotation": "-o rotation",
+    "reproduce drift": "-o drift",
+    "rotation fit": "turns.csv --method auto -o comp.json",
+    "rotation fit-self": "run.csv.gz --of rotor -o comp.json",
+    "rotation turntable": "turns.csv -o turntable.json",
+    "rotation apply": "comp.json turns.csv -o corrected.csv",
+    "rotation compare": "turns.csv --html compare.html",
+    "keys new": 'lab.key --name "Laboratory"',
+    "keys show": "lab.key.pub",
+    "keys sign": "cal.json --key lab.key",
+    "keys verify": "cal.json --trusted lab.key.pub",
+    "toolface set": '12.5 --author "A. Driller" --config highside.toml',
+    "toolface show": "--config highside.toml",
+}
+"""Arguments by command; files are named as the examples of other commands make them, and those of `config/`."""
+
+
+def attach(app: typer.Typer) -> None:
+    """Put the examples below the help of all commands of `app` and its groups."""
+    for group, prefix in [
+        (app, ""),
+        *((_typer(g), f"{g.name or _typer(g).info.name} ") for g in app.registered_groups),
+    ]:
+        for command in group.registered_commands:
+            name = command.name or getattr(command.callback, "__name__", "").replace("_", "-")
+            arguments = EXAMPLES.get(prefix + name)
+            if arguments is not None:
+                command.epilog = f"Example: `highside {prefix}{name} {arguments}".rstrip() + "`"
+
+
+def _typer(group: typer.models.TyperInfo) -> typer.Typer:
+    assert group.typer_instance is not None
+    return group.typer_instance
