@@ -22,7 +22,7 @@ from daemon import Subscriber, running, wait_for  # isort: skip
 
 from highside.service.messages import attitude_payload
 from highside.service.outbox import Outbox
-from highside.service.pipeline import Attitude
+from highside.service.outputs import Attitude
 
 STILL = Attitude(
     0.0, 0.0, 12.5, 0.01, 271.5, 0.2, 271.5, 0.0, 1.0001, 1e-4, "identity", "", ("uncalibrated",), 10, 0.1, 25.0

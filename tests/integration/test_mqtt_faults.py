@@ -26,7 +26,7 @@ from broker import Mosquitto, Proxy, Subscriber, free_port, shipped_config
 from highside.config.mqtt import MqttSettings
 from highside.service.messages import AttitudeMessage, attitude_payload
 from highside.service.outbox import Outbox, OutboxStats
-from highside.service.pipeline import Attitude
+from highside.service.outputs import Attitude
 from highside.service.publisher import Publisher, PublisherStats
 
 TOOL = "rig7"

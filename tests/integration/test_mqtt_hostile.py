@@ -18,7 +18,7 @@ from broker import Mosquitto, Subscriber
 from highside.config.mqtt import MqttSettings
 from highside.service.messages import attitude_payload
 from highside.service.outbox import Outbox
-from highside.service.pipeline import Attitude
+from highside.service.outputs import Attitude
 from highside.service.publisher import Publisher
 
 TOOL = "rig7"

@@ -23,7 +23,7 @@ from highside.config.settings import validate
 from highside.link.base import Chunk
 from highside.recording.files import write_whole
 from highside.service.app import Service
-from highside.service.pipeline import Attitude
+from highside.service.outputs import Attitude
 
 pytestmark = pytest.mark.slow
 

@@ -7,12 +7,10 @@ sets the length.
 
 from __future__ import annotations
 
-import asyncio
-import gc
+import json
 import os
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -117,83 +115,100 @@ def test_a_minute_at_3840_frames_a_second_over_a_pty_loses_nothing(tmp_path: Pat
     assert seqs == list(range(len(seqs)))
 
 
-@pytest.mark.timeout(180 + 2 * SECONDS)
-async def test_a_minute_at_9000_can_frames_a_second_loses_nothing(tmp_path: Path) -> None:
-    import can
+CAN_DAEMON = """
+import asyncio, json, sys, threading, time
+from pathlib import Path
+import can, psutil
+from highside.config.settings import validate
+from highside.link.device import DeviceSettings, SimulatedDevice, encode_can
+from highside.service.app import Service
+from highside.service.collector import keep_what_the_start_made
 
-    from highside.config.settings import validate
-    from highside.link.device import DeviceSettings, encode_can
-    from highside.link.device import SimulatedDevice as Device
-    from highside.service.app import Service
+state, rate, seconds = sys.argv[1], float(sys.argv[2]), float(sys.argv[3])
+settings = validate(
+    {
+        "tool": {"id": "soak"},
+        "link": {"kind": "python-can", "interface": "virtual", "channel": "soak", "wait_at_start": True},
+        "codec": {"name": "dbc"},
+        "mqtt": {"port": 1},
+        "service": {"state_dir": state},
+    },
+    where="the test",
+)
 
-    settings = validate(
-        {
-            "tool": {"id": "soak"},
-            "link": {"kind": "python-can", "interface": "virtual", "channel": "soak", "wait_at_start": True},
-            "codec": {"name": "dbc"},
-            "mqtt": {"port": 1},
-            "service": {"state_dir": str(tmp_path / "state")},
-        },
-        where="the test",
-    )
+class NoWire:
+    address, pending = "", 0
+
+# the frames of a real reading cycle, made beforehand: the sender must not compete for the interpreter
+device = SimulatedDevice(DeviceSettings(rate_hz=1000.0), NoWire(), encode_can)
+readings = [encode_can(frame) for frame in device.frames(4096)]
+cycle = [can.Message(arbitration_id=f.can_id, data=f.data, is_extended_id=f.extended) for cf in readings for f in cf]
+sent = 0
+
+def send():
+    global sent
+    with can.Bus(interface="virtual", channel="soak") as bus:
+        start = time.monotonic()
+        while (elapsed := time.monotonic() - start) < seconds:
+            due = int(elapsed * rate)
+            while sent < due:
+                bus.send(cycle[sent % len(cycle)])
+                sent += 1
+            time.sleep(0.005)
+
+async def main():
     service = Service(settings)
+    keep_what_the_start_made()  # as `highside run`
     serving = asyncio.create_task(service.run())
     while not service.supervisor.stats.opens:
         await asyncio.sleep(0.01)
-
-    # the frames of a real reading cycle, made beforehand: the sender must not compete for the interpreter
-    class NoWire:
-        address = ""
-        pending = 0
-
-    device = Device(DeviceSettings(rate_hz=1000.0), NoWire(), encode_can)  # type: ignore[arg-type]
-    readings = [encode_can(frame) for frame in device.frames(4096)]
-    per_reading = len(readings[0])
-    cycle = [
-        can.Message(arbitration_id=f.can_id, data=f.data, is_extended_id=f.extended) for cf in readings for f in cf
-    ]
-    counts = {"sent": 0}
-
-    def send() -> None:
-        with can.Bus(interface="virtual", channel="soak") as bus:
-            start = time.monotonic()
-            while (elapsed := time.monotonic() - start) < SECONDS:
-                due = int(elapsed * CAN_RATE)
-                while counts["sent"] < due:
-                    bus.send(cycle[counts["sent"] % len(cycle)])
-                    counts["sent"] += 1
-                time.sleep(0.005)
-
-    thread = threading.Thread(target=send)
     process = psutil.Process()
     cpu_start = process.cpu_times()
+    thread = threading.Thread(target=send)
     thread.start()
-    await asyncio.sleep(min(SECONDS / 3, 15))
-    gc.collect()
+    await asyncio.sleep(min(seconds / 3, 15))
     rss_start = process.memory_info().rss
     while thread.is_alive():
         await asyncio.sleep(0.1)
-    gc.collect()
     rss_end, cpu_end = process.memory_info().rss, process.cpu_times()
     for _ in range(200):
-        if service.supervisor.stats.can_frames == counts["sent"]:
+        if service.supervisor.stats.can_frames == sent:
             break
         await asyncio.sleep(0.05)
     health = service.health()
+    can_frames = service.supervisor.stats.can_frames
     service.stop()
     await serving
-    cpu = (cpu_end.user + cpu_end.system - cpu_start.user - cpu_start.system) / SECONDS
+    print(json.dumps({
+        "sent": sent, "per_reading": len(readings[0]), "can_frames": can_frames,
+        "health": json.loads(health.model_dump_json()),
+        "drift_mib": (rss_end - rss_start) / 2**20,
+        "cpu": (cpu_end.user + cpu_end.system - cpu_start.user - cpu_start.system) / seconds,
+    }))
+
+asyncio.run(main())
+"""
+"""The service in a process of its own, as `highside run` has it: the heap of a test runner is ten times as large, and
+the collector's looks at it would be measured. The virtual bus lives in one process, so the sender is a thread of it."""
+
+
+@pytest.mark.timeout(180 + 2 * SECONDS)
+def test_a_minute_at_9000_can_frames_a_second_loses_nothing(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", CAN_DAEMON, str(tmp_path / "state"), str(CAN_RATE), str(SECONDS)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    found = json.loads(done.stdout)
+    health, sent = found["health"], found["sent"]
     print(
-        f"can: {counts['sent']} frames ({per_reading} a reading), rss {(rss_end - rss_start) / 2**20:+.2f} MiB,"
-        f" cpu {cpu:.2f} of one core with the sender, loop lag p99.9 {health.loop['lag_p999_ms']} ms"
-        f" max {health.loop['lag_max_ms']} ms"
+        f"can: {sent} frames ({found['per_reading']} a reading), rss {found['drift_mib']:+.2f} MiB,"
+        f" cpu {found['cpu']:.2f} of one core with the sender, loop lag p99.9 {health['loop']['lag_p999_ms']} ms"
+        f" max {health['loop']['lag_max_ms']} ms"
     )
-    assert health.loop["lag_p999_ms"] < LAG_MS
-    assert counts["sent"] >= 0.9 * CAN_RATE * SECONDS
-    assert service.supervisor.stats.can_frames == counts["sent"]
-    assert abs(health.monitor["received"] - counts["sent"] // per_reading) <= 1
-    assert health.codec["frames_bad"] == 0
-    assert all(health.balance.values())
-    assert health.recorder is not None
-    assert health.recorder["bytes_dropped"] == 0
-    assert (rss_end - rss_start) / 2**20 < 5.0
+    assert health["loop"]["lag_p999_ms"] < LAG_MS
+    assert sent >= 0.9 * CAN_RATE * SECONDS
+    assert found["can_frames"] == sent
+    assert abs(health["monitor"]["received"] - sent // found["per_reading"]) <= 1
+    assert health["codec"]["frames_bad"] == 0
+    assert all(health["balance"].values())
+    assert health["recorder"]["bytes_dropped"] == 0
+    assert found["drift_mib"] < 5.0

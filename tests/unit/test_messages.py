@@ -26,7 +26,7 @@ from highside.service.messages import (
     survey_dict,
     survey_payload,
 )
-from highside.service.pipeline import Attitude, Survey
+from highside.service.outputs import Attitude, Survey
 from highside.service.rig.surveys import SurveyReason, Verdict
 
 ATTITUDE = Attitude(

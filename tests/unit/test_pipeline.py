@@ -11,7 +11,9 @@ import pytest
 from highside.calibration.correction import IdentityCorrection
 from highside.codec.frame import Counts, Frame
 from highside.config.settings import MonitorSettings, PipelineSettings, RebalanceTable, SurveySettings, ToolSettings
-from highside.service.pipeline import Attitude, Pipeline, Row, Survey, window_statistics
+from highside.service.outputs import Attitude, Survey
+from highside.service.pipeline import Pipeline
+from highside.service.window import Row, window_statistics
 
 RATE_HZ = 100.0
 

@@ -41,8 +41,9 @@ from highside.service.in_force import Calibration, Rotation, calibration_for, ro
 from highside.service.known_time import KnownTime, Present
 from highside.service.notify import Notifier
 from highside.service.outbox import Outbox
+from highside.service.outputs import Attitude, Survey
 from highside.service.parts import Parts, Tap, make_supervisor
-from highside.service.pipeline import Attitude, Pipeline, Survey
+from highside.service.pipeline import Pipeline
 from highside.service.places import ToolLock, state_dir, take_state_dir
 from highside.service.progress import Progress
 from highside.service.publisher import Publisher, new_instance

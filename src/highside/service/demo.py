@@ -29,7 +29,7 @@ from highside.physics.gravity import gravity_direction
 from highside.reading import parse_json
 from highside.recording.files import write_whole
 from highside.service.app import Service
-from highside.service.pipeline import Attitude
+from highside.service.outputs import Attitude
 from highside.service.publisher import Publisher
 
 TOOL_ID = "demo"

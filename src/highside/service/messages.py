@@ -21,7 +21,7 @@ from highside.service.payload import Written, writer
 from highside.service.saved_drift import Alignment
 
 if TYPE_CHECKING:
-    from highside.service.pipeline import Attitude, Survey
+    from highside.service.outputs import Attitude, Survey
 
 ONLINE = b"online"
 OFFLINE = b"offline"

@@ -5,8 +5,7 @@ they arrive in and however fast. A batch is decoded in one call; an attitude is 
 the next multiple of the output period arrives, from the readings of the averaging window that ends with that frame
 (a fixed grid, no waiting for a later frame). An attitude refers to the middle of its window.
 
-Uncertainty of a mean: the readings of a window are freed of a straight line in time (a turning tool is not noise),
-the larger of the scatter that is left and the running estimate of the noise is divided by their number.
+What is made of a window is in `window`, of a stop in `stillness` and `surveys`.
 """
 
 from __future__ import annotations
@@ -15,13 +14,9 @@ import copy
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple
-
-import numpy as np
 
 from highside.attitude.scalar import attitude_with_std
-from highside.calibration.correction import Corrected, Correction, Vector
+from highside.calibration.correction import Corrected, Correction
 from highside.calibration.rebalance import Rebalancer
 from highside.codec.frame import ByteCodec, CanCodec, Frame
 from highside.config.rig import ToolfaceSettings, VibrationSettings
@@ -37,8 +32,12 @@ from highside.link.base import Batch, Chunk
 from highside.rotation.live import ROTOR_UNKNOWN, LiveCompensation, RotorError, mean_error
 from highside.service.drift_stage import Azimuth, DriftStage
 from highside.service.monitor import Monitor
+from highside.service.outputs import Attitude, Survey
 from highside.service.rig.shock import ShockMeter
-from highside.service.rig.surveys import Gravity, Verdict, judge
+from highside.service.rig.surveys import Gravity, judge
+from highside.service.stillness import Cut, Stillness
+from highside.service.window import REBALANCE_BLOCK_S, Block, NoiseEstimate, Row, Window, window_statistics
+
 
 HELD_FRAMES = 32
 """Frames that are decoded at once and processed together, when one of them completes an output: ten frames in one go
@@ -46,257 +45,6 @@ cost about as much as two that come alone, each to code that has left the proces
 HELD_S = 0.1
 """How long a frame waits at most while others arrive; a link that falls silent, and whoever reads the counters, asks
 for what is held."""
-SMALL_WINDOW = 32
-"""Readings up to which plain Python is faster than numpy's calls (12 against 45 us at 10 readings)."""
-SETTLED = 20
-"""Second differences from which the running estimate of the noise is a measure of it."""
-MIN_OWN_SCATTER = 8
-"""Readings in a window from which its own scatter is used instead of the running estimate of the noise."""
-REBALANCE_BLOCK_S = 0.0095
-"""Readings within this are averaged before the re-balance sees them: 1.1 deg of a turn at 20 rpm."""
-SHAKING = 16.0
-"""Variance in a window, in units of the sensor's own, from which the tool shakes or turns."""
-QUIET_MEMORY_S = 3600.0
-"""In about this time the sensor's own noise may be found to have grown."""
-NOISE_MEMORY = 0.02
-"""Weight of a new second difference in the running estimate of the noise."""
-
-
-class Row(NamedTuple):
-    """A reading in the window."""
-
-    t: float
-    a: Vector
-    temp_c: float | None
-    rotor: RotorError | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Attitude:
-    """One output of the pipeline; angles in degrees, accelerations in g, times in seconds."""
-
-    t_device_s: float
-    t_mono: float
-    """arrival of the last byte of the last frame used, monotonic clock"""
-    inc_deg: float
-    inc_std_deg: float
-    tf_deg: float
-    tf_std_deg: float
-    toolface_deg: float
-    """of the bend: that of the sensor and the offset, in [0, 360)"""
-    toolface_offset_deg: float
-    g_total: float
-    g_total_std: float
-    """of the reading and of the correction, g"""
-    cal_id: str
-    zone: str
-    flags: tuple[str, ...]
-    n: int
-    window_s: float
-    temp_c: float | None
-    azimuth: Azimuth | None = None
-    """None for a tool without gyros"""
-    comp_id: str | None = None
-    """of the rotor-angle compensation in force; a flag says where it was not applied"""
-
-
-@dataclass(frozen=True, slots=True)
-class Survey:
-    """The average over a time without motion."""
-
-    attitude: Attitude
-    duration_s: float
-    g_std: float
-    """standard deviation of one reading, root mean square over the axes"""
-    verdict: Verdict
-
-
-class Cut(NamedTuple):
-    """A stop that motion ended: what had been collected until then."""
-
-    duration_s: float
-    mean: Vector
-    variance: Vector
-    """of one reading, g^2"""
-    n: int
-    temp_c: float | None
-    rotor: RotorError | None
-
-
-@dataclass(frozen=True, slots=True)
-class Window:
-    """Mean of the readings in a window and the covariance of that mean (diagonal, g^2)."""
-
-    mean: Vector
-    variance: Vector
-    slope_sigmas: float
-    """the steepest axis' change over the window, in units of its own standard deviation"""
-    span: Vector
-    """change over the window along the fitted line, g"""
-    scatter: Vector
-    """variance of one reading about that line, g^2"""
-
-
-class NoiseEstimate:
-    """Running variance of one reading, an axis each, from second differences: blind to offsets and steady turns."""
-
-    def __init__(self, known_g: float | None) -> None:
-        self._known = known_g
-        self._variance = [0.0, 0.0, 0.0]
-        self._n = 0
-        self._before: Vector | None = None
-        self._last: Vector | None = None
-        self._quiet: list[float] | None = None
-        self._quiet_at = 0.0
-
-    def quiet(self, t: float) -> Vector:
-        """The sensor's own share of the variance: the least that was seen, forgotten slowly; ask at rising times."""
-        now = self.variance
-        if self._known is not None or self._n < SETTLED:
-            return now
-        if self._quiet is None:
-            self._quiet, self._quiet_at = list(now), t
-        share = min(max(t - self._quiet_at, 0.0) / QUIET_MEMORY_S, 1.0)
-        self._quiet_at = t
-        for axis in range(3):
-            before = self._quiet[axis]
-            self._quiet[axis] = min(now[axis], before + share * (now[axis] - before))
-        return (self._quiet[0], self._quiet[1], self._quiet[2])
-
-    def add(self, a: Vector) -> None:
-        before, last = self._before, self._last
-        if before is not None and last is not None:
-            self._n += 1
-            weight = max(NOISE_MEMORY, 1.0 / self._n)
-            for axis in range(3):
-                second = a[axis] - 2.0 * last[axis] + before[axis]
-                self._variance[axis] += weight * (second * second / 6.0 - self._variance[axis])
-        self._before, self._last = last, a
-
-    def forget(self) -> None:
-        """The stream was interrupted: the next reading does not follow the last one."""
-        self._before = self._last = None
-
-    @property
-    def variance(self) -> Vector:
-        """Variance of one reading an axis, g^2."""
-        if self._known is not None:
-            known = self._known * self._known
-            return (known, known, known)
-        return (self._variance[0], self._variance[1], self._variance[2])
-
-
-class Stillness:
-    """Collects readings for as long as window means stay where they were, within their own noise."""
-
-    def __init__(self, settings: SurveySettings) -> None:
-        self._settings = settings
-        self._restart()
-
-    def _restart(self) -> None:
-        self._n = 0
-        self._windows = 0
-        self._sum = [0.0, 0.0, 0.0]
-        self._sum2 = [0.0, 0.0, 0.0]
-        self._reference: Vector = (0.0, 0.0, 0.0)
-        self._temp_sum, self._temp_n = 0.0, 0
-        self._rotor: list[RotorError | None] = []
-        """the mean of each window"""
-        self._start_s = self._end_s = 0.0
-        self.reported = False
-
-    def forget(self) -> None:
-        """A gap or a device reset: stillness begins anew."""
-        self._restart()
-
-    def again(self) -> None:
-        """The stop goes on, but what was collected is not to be used: collect anew."""
-        self._restart()
-
-    def cut(self) -> Cut | None:
-        """What is collected, to be kept before motion takes it away; None: nothing."""
-        return Cut(self._end_s - self._start_s, *self.mean(), mean_error(self._rotor)) if self._n else None
-
-    def add(self, window: Window, frames: list[Row], own: Vector) -> float:
-        """Take a window and the frames that are new in it; returns the seconds of stillness so far (0: it moved).
-
-        `own` is the variance of one reading that is the sensor's own, g^2 an axis. A turning tool whose means stand
-        still (a whole turn in a window) betrays itself by more scatter than that.
-        """
-        settings = self._settings
-        floor = settings.floor_g**2
-        for scatter, noise in zip(window.scatter, own, strict=True):
-            if scatter > max(SHAKING * noise, floor) or scatter > settings.max_noise_g**2:
-                self._restart()
-                return 0.0
-        if self._n:
-            n = self._n
-            for axis in range(3):
-                departure = abs(window.mean[axis] - self._reference[axis] - self._sum[axis] / n)
-                sigma = math.sqrt(window.variance[axis] * (1.0 + 1.0 / self._windows))
-                if departure > max(settings.sigma * sigma, settings.floor_g):
-                    self._restart()
-                    return 0.0
-        if window.slope_sigmas > settings.sigma and max(abs(s) for s in window.span) > settings.floor_g:
-            self._restart()
-            return 0.0
-        if not frames:
-            return 0.0
-        if not self._n:
-            self._reference = frames[0].a
-            self._start_s = frames[0].t
-        for frame in frames:
-            for axis in range(3):
-                d = frame.a[axis] - self._reference[axis]
-                self._sum[axis] += d
-                self._sum2[axis] += d * d
-            if frame.temp_c is not None:
-                self._temp_sum += frame.temp_c
-                self._temp_n += 1
-        self._n += len(frames)
-        self._windows += 1
-        if frames[-1].rotor is not None:
-            self._rotor.append(mean_error(frame.rotor for frame in frames))
-        self._end_s = frames[-1].t
-        return self._end_s - self._start_s
-
-    def mean(self) -> tuple[Vector, Vector, int, float | None]:
-        """Mean (g), variance of one reading (g^2), number of readings, mean temperature."""
-        n = self._n
-        mean = [s / n for s in self._sum]
-        variance = [max(s2 / n - m * m, 0.0) * n / max(n - 1, 1) for s2, m in zip(self._sum2, mean, strict=True)]
-        temp = self._temp_sum / self._temp_n if self._temp_n else None
-        where = [m + r for m, r in zip(mean, self._reference, strict=True)]
-        return (where[0], where[1], where[2]), (variance[0], variance[1], variance[2]), n, temp
-
-
-class _Block:
-    """Readings averaged before the re-balance sees them, which needs no more than a hundred a second."""
-
-    def __init__(self) -> None:
-        self._n = 0
-        self._sum = [0.0, 0.0, 0.0]
-        self._t_sum = 0.0
-        self.start = self.t = 0.0
-        self._temp_c: float | None = None
-
-    def add(self, t: float, a: Vector, temp_c: float | None) -> None:
-        if not self._n:
-            self.start = self.t if t - self.t < 2.0 * REBALANCE_BLOCK_S else t
-        self.t = t
-        self._n += 1
-        self._t_sum += t
-        self._sum[0] += a[0]
-        self._sum[1] += a[1]
-        self._sum[2] += a[2]
-        self._temp_c = temp_c
-
-    def take(self) -> tuple[float, Vector, float | None]:
-        """Mean time, mean reading, last temperature; begins a new block."""
-        n, (x, y, z) = self._n, self._sum
-        mean = (self._t_sum / n, (x / n, y / n, z / n), self._temp_c)
-        self._n, self._t_sum, self._sum = 0, 0.0, [0.0, 0.0, 0.0]
-        return mean
 
 
 class Pipeline:
@@ -328,7 +76,7 @@ class Pipeline:
         self._correction = correction
         self._rebalance = rebalance
         self.rebalancer = Rebalancer(rebalance.build())
-        self._block = _Block()
+        self._block = Block()
         self._gyro_rotor: tuple[float | None, float | None] = (None, None)
         """rotor angle and rate (deg, deg/s) at the reading that the azimuth refers to"""
         self.monitor = Monitor(
@@ -408,7 +156,7 @@ class Pipeline:
         new.monitor.apply(range_g=settings.monitor.range_g, stuck_frames=settings.monitor.stuck_frames)
         if settings.rebalance != before.rebalance:
             new._rebalance = settings.rebalance
-            new.rebalancer, new._block = Rebalancer(settings.rebalance.build()), _Block()
+            new.rebalancer, new._block = Rebalancer(settings.rebalance.build()), Block()
         if settings.vibration != before.vibration:
             new.shock = ShockMeter(settings.vibration)
         new._toolface = settings.toolface
@@ -529,7 +277,7 @@ class Pipeline:
         self.rebalancer.reset()
         if self.drift is not None:
             self.drift.device_restarted()
-        self._block = _Block()
+        self._block = Block()
         self._window.clear()
         self._fresh = 0
         self._due = None
@@ -684,76 +432,3 @@ class Pipeline:
             azimuth.basis,
             azimuth.flags + said,
         )
-
-
-def window_statistics(rows: list[Row], noise_variance: Vector) -> Window:
-    """Mean, variance of the mean, and drift over a window.
-
-    The variance (g^2) of the mean is the scatter about a straight line in time, or `noise_variance` (of one reading)
-    if that is larger, divided by n; with fewer than 8 readings it is `noise_variance` divided by n.
-    """
-    n = len(rows)
-    if MIN_OWN_SCATTER <= n <= SMALL_WINDOW:
-        return _small_window(rows, noise_variance)
-    if n >= MIN_OWN_SCATTER:
-        time = np.array([row.t for row in rows])
-        time -= time.mean()
-        a = np.array([row.a for row in rows]).T
-        mean = a.mean(axis=1)
-        centred = a - mean[:, None]
-        tt = float(time @ time)
-        slope = centred @ time / tt if tt > 0.0 else np.zeros(3)
-        rest = np.einsum("ij,ij->i", centred, centred) - slope * slope * tt
-        scatter = np.maximum(rest, 0.0) / (n - 2)
-        # few degrees of freedom may show far too little scatter by chance
-        own = [max(float(s), v) for s, v in zip(scatter, noise_variance, strict=True)]
-        span = slope * (time[-1] - time[0])
-        sigma_slope = np.sqrt(np.maximum(own, 1e-18) / tt) if tt > 0.0 else np.full(3, np.inf)
-        return Window(
-            (float(mean[0]), float(mean[1]), float(mean[2])),
-            (own[0] / n, own[1] / n, own[2] / n),
-            float(np.max(np.abs(slope) / sigma_slope)) if tt > 0.0 else 0.0,
-            (float(span[0]), float(span[1]), float(span[2])),
-            (float(scatter[0]), float(scatter[1]), float(scatter[2])),
-        )
-    mean3 = [sum(row.a[axis] for row in rows) / n for axis in range(3)]
-    span3 = [rows[-1].a[axis] - rows[0].a[axis] for axis in range(3)]
-    sigmas = max(abs(s) / math.sqrt(2.0 * v) if v > 0.0 else 0.0 for s, v in zip(span3, noise_variance, strict=True))
-    return Window(
-        (mean3[0], mean3[1], mean3[2]),
-        (noise_variance[0] / n, noise_variance[1] / n, noise_variance[2] / n),
-        sigmas,
-        (span3[0], span3[1], span3[2]),
-        noise_variance,
-    )
-
-
-def _small_window(rows: list[Row], noise_variance: Vector) -> Window:
-    """The same without numpy, whose calls cost more than the sums of a few readings."""
-    n = len(rows)
-    middle = math.fsum(row.t for row in rows) / n
-    times = [row.t - middle for row in rows]
-    tt = math.fsum([t * t for t in times])
-    means, variances, spans, scatters, sigmas = [], [], [], [], 0.0
-    for axis in range(3):
-        values = [row.a[axis] for row in rows]
-        mean = math.fsum(values) / n
-        centred = [value - mean for value in values]
-        slope = sum([c * t for c, t in zip(centred, times, strict=True)]) / tt if tt > 0.0 else 0.0
-        rest = sum([c * c for c in centred]) - slope * slope * tt
-        scatter = max(rest, 0.0) / (n - 2)
-        # few degrees of freedom may show far too little scatter by chance
-        own = max(scatter, noise_variance[axis])
-        if tt > 0.0:
-            sigmas = max(sigmas, abs(slope) / math.sqrt(max(own, 1e-18) / tt))
-        means.append(mean)
-        variances.append(own / n)
-        spans.append(slope * (times[-1] - times[0]))
-        scatters.append(scatter)
-    return Window(
-        (means[0], means[1], means[2]),
-        (variances[0], variances[1], variances[2]),
-        sigmas,
-        (spans[0], spans[1], spans[2]),
-        (scatters[0], scatters[1], scatters[2]),
-    )

@@ -21,7 +21,8 @@ from highside.config.settings import Settings
 from highside.service.damage import DamageLog
 from highside.service.in_force import said
 from highside.service.messages import HealthMessage, latest_payload, survey_dict
-from highside.service.pipeline import Attitude, Pipeline, Survey
+from highside.service.outputs import Attitude, Survey
+from highside.service.pipeline import Pipeline
 from highside.service.rig.metrics import Figures, MetricsServer
 from highside.service.rig.surveys import GravityTrend, SurveyLog, TrendPoint, trend_of, trusted
 from highside.service.rig.toolface import ToolfaceLog, ToolfaceOffset

@@ -34,7 +34,7 @@ from highside.reading import parse_json
 from highside.recording.files import flush_directory
 
 if TYPE_CHECKING:
-    from highside.service.pipeline import Attitude
+    from highside.service.outputs import Attitude
 
 log = logging.getLogger(__name__)
 

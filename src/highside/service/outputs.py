@@ -1,0 +1,48 @@
+"""What the pipeline gives: attitudes, and surveys of stops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from highside.service.drift_stage import Azimuth
+from highside.service.rig.surveys import Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class Attitude:
+    """One output of the pipeline; angles in degrees, accelerations in g, times in seconds."""
+
+    t_device_s: float
+    t_mono: float
+    """arrival of the last byte of the last frame used, monotonic clock"""
+    inc_deg: float
+    inc_std_deg: float
+    tf_deg: float
+    tf_std_deg: float
+    toolface_deg: float
+    """of the bend: that of the sensor and the offset, in [0, 360)"""
+    toolface_offset_deg: float
+    g_total: float
+    g_total_std: float
+    """of the reading and of the correction, g"""
+    cal_id: str
+    zone: str
+    flags: tuple[str, ...]
+    n: int
+    window_s: float
+    temp_c: float | None
+    azimuth: Azimuth | None = None
+    """None for a tool without gyros"""
+    comp_id: str | None = None
+    """of the rotor-angle compensation in force; a flag says where it was not applied"""
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """The average over a time without motion."""
+
+    attitude: Attitude
+    duration_s: float
+    g_std: float
+    """standard deviation of one reading, root mean square over the axes"""
+    verdict: Verdict
