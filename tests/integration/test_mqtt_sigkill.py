@@ -24,6 +24,8 @@ from pathlib import Path
 import pytest
 from broker import Mosquitto, Subscriber, free_port
 
+from highside.service.outbox_file import log_path, moved_generation
+from highside.service.outbox_log import read_log
 from highside.service.sequence import BLOCK
 
 KILLS = int(os.environ.get("HIGHSIDE_KILLS", "30"))
@@ -74,14 +76,18 @@ class Nursery:
 
 
 def waiting(path: Path) -> dict[int, int]:
-    """seq -> run of the rows that wait; the file is checked on the way."""
+    """seq -> run of the rows that wait, in SQLite and in the log before it; the file is checked on the way."""
     if not path.exists():
         return {}
+    generation, late = read_log(log_path(path))
     with contextlib.closing(sqlite3.connect(path)) as db:
         assert db.execute("PRAGMA integrity_check").fetchone()[0] == "ok"
         if not db.execute("SELECT 1 FROM sqlite_master WHERE name = 'outbox'").fetchone():
             return {}  # killed before its first transaction
-        return {seq: json.loads(payload)["run"] for seq, payload in db.execute("SELECT seq, payload FROM outbox")}
+        rows = dict(db.execute("SELECT seq, payload FROM outbox").fetchall())
+        if generation > moved_generation(db):
+            rows |= {row.seq: row.payload for row in late.values()}
+    return {seq: json.loads(payload)["run"] for seq, payload in rows.items()}
 
 
 @pytest.mark.slow

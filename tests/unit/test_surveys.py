@@ -20,9 +20,9 @@ from highside.codec.tool import ToolCodec
 from highside.config.rig import AcceptSettings, SiteSettings
 from highside.config.settings import MonitorSettings, PipelineSettings, RebalanceTable, SurveySettings, ToolSettings
 from highside.physics.motion import Leg, Motion
-from highside.service.rig import surveys
 from highside.service.outputs import Attitude, Survey
 from highside.service.pipeline import Pipeline
+from highside.service.rig import surveys
 from highside.service.rig.surveys import (
     GravityTrend,
     SurveyLog,

@@ -345,10 +345,7 @@ class Service:
                 commands_failed=broker.commands_failed,
             ),
             recorder=recorder.as_dict() if self.settings.recorder.enabled else None,
-            loop={
-                "lag_p999_ms": round(self._lag.quantile_ms(0.999), 3),
-                "lag_max_ms": round(self._lag.max_s * 1e3, 3),
-            },
+            loop=self._lag.as_dict(),
             pipeline={"attitudes": pipeline.attitudes, "surveys": pipeline.surveys},
             surveys=self.rig.survey_health(),
             vibration=pipeline.shock.as_dict(),

@@ -33,7 +33,7 @@ from highside.service.doctor_broker import examine_broker
 from highside.service.findings import Finding, Level
 from highside.service.in_force import configured_calibration
 from highside.service.known_time import known_now
-from highside.service.outbox_file import inspect
+from highside.service.outbox_inspect import inspect
 from highside.service.places import state_dir
 
 MIB = 1024 * 1024

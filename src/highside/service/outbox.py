@@ -32,73 +32,41 @@ aside under another name, a new one is begun, and what can be read is taken over
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import sqlite3
 import threading
 import time
-from collections import Counter, OrderedDict, deque
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections import deque
 from pathlib import Path
-from typing import Protocol
 
 from highside.errors import InputError
 from highside.service import clock
-from highside.service.outbox_file import BATCH_ROWS, BOOT_ID_LETTERS, MessageFile, OutboxState, Row, age, inspect
-from highside.service.quiet_log import QuietLog
+from highside.service.outbox_file import BATCH_ROWS, MessageFile, age
+from highside.service.outbox_inspect import OutboxState, inspect
+from highside.service.outbox_log import Row
+from highside.service.outbox_memory import (
+    BACKLOG_CHUNK,
+    LIVE_IN_MEMORY,
+    LOST_FILE,
+    TOO_MANY_BYTES,
+    TOO_MANY_ROWS,
+    TOO_OLD,
+    Clocks,
+    OutboxMemory,
+    OutboxStats,
+)
 from highside.service.sequence import BLOCK, SAFETY, SequenceFile
 
 __all__ = ["Outbox", "OutboxState", "OutboxStats", "Row", "inspect"]
 
 log = logging.getLogger(__name__)
-
-LIVE_IN_MEMORY = 5_000
-"""Live rows kept in memory for the sender; the oldest beyond that become historical."""
-BACKLOG_CHUNK = 2_000
 RETRY_S = 0.5
 """Pause after the disk refused a commit."""
 TIDY_S = 1.0
 """How often caps are looked at, and how long an acknowledged row may wait to be deleted from the file."""
 
-NO_ROOM_IN_MEMORY = "memory"
-TOO_MANY_ROWS = "max_rows"
-TOO_MANY_BYTES = "max_bytes"
-TOO_OLD = "max_age"
-LOST_FILE = "corrupt"
 
-
-class Clocks(Protocol):
-    """What tells the time; `clock.now` but for tests."""
-
-    def __call__(self, *, synced: bool | None = None) -> clock.Moment: ...
-
-
-@dataclass(frozen=True, slots=True)
-class OutboxStats:
-    """A consistent picture: `produced == acknowledged + queued + sum(dropped.values())`."""
-
-    produced: int
-    """taken over from earlier runs (`carried`) and put in this one"""
-    carried: int
-    committed: int
-    """written to the file, because the broker did not have them in time"""
-    acknowledged: int
-    queued: int
-    queued_bytes: int
-    dropped: dict[str, int] = field(default_factory=dict)
-    storage_ok: bool = True
-    storage_errors: int = 0
-    storage_error: str = ""
-    corrupt_files: int = 0
-    resumed_at: dict[str, int] = field(default_factory=dict)
-    """by topic, the first number of this run where the last one was killed: the hole before it is none of messages"""
-
-    def balanced(self) -> bool:
-        return self.produced == self.acknowledged + self.queued + sum(self.dropped.values())
-
-
-class Outbox:
+class Outbox(OutboxMemory):
     """See the module. `put`, `next_seq`, `take` and `ack` never block and belong to one thread (the event loop's).
 
     `path` is the file of messages; the numbers are kept beside it. `clocks` is for tests.
@@ -116,56 +84,15 @@ class Outbox:
         max_memory_rows: int = 20_000,
         clocks: Clocks = clock.now,
     ) -> None:
-        self._max_rows, self._max_age_s, self._max_bytes = max_rows, max_age_s, max_bytes
-        self._commit_interval_s = commit_interval_s
-        self._historical_after_s = historical_after_s
-        self._max_memory_rows = max_memory_rows
-        self._clocks = clocks
-        self._quiet = QuietLog(log)
-
-        # the lock guards what follows; it is never held during a write, so nobody waits for the disk
-        self._lock = threading.Lock()
-        self._seq: dict[str, int] = {}
-        """the last number given out, by topic"""
-        self._topics: set[str] = set()
-        """those with messages in this run"""
-        self._reserved: dict[str, int] = {}
-        """numbers below this are reserved on disk, or were used by an earlier run, by topic"""
-        self._reserving = True
-        """whether the disk takes reservations"""
-        self._resumed_at: dict[str, int] = {}
-        self._next_id = 1
-        self._handover: OrderedDict[int, Row] = OrderedDict()
-        """put, and neither committed nor acknowledged"""
-        self._committing: set[int] = set()
-        """rows of the hand-over that may be in the file already: a commit of them is under way, or failed"""
-        self._rows_in_file = 0
-        self._bytes_in_file = 0
-        self._bytes_in_memory = 0
-        self._gone: dict[int, None] = {}
-        """acknowledged or dropped, still to be deleted from the file"""
-        self._delivering = False
-        self._rewind = False
-        self._live: deque[Row] = deque()
-        self._backlog: deque[Row] = deque()
-        self._backlog_cursor = 0
-        self._live_from = 0
-        """rows with an id from here on belong to the live stream"""
-        self._live_sent = -1
-        """the youngest message that was handed out live since `begin_delivery`"""
-        self._in_flight: dict[int, Row] = {}
-        self._produced = self._carried = self._committed = self._acknowledged = 0
-        self._dropped: Counter[str] = Counter()
-        self._storage_ok = True
-        self._storage_errors = 0
-        self._storage_error = ""
-        self._due_mono: float | None = 0.0
-        """when the thread wakes by itself; None: when it is woken"""
-        self._urgent = True
-        """something is to be done at once"""
-        self._on_ready: Callable[[], None] | None = None
-        self._on_put: Callable[[], None] | None = None
-
+        super().__init__(
+            max_rows=max_rows,
+            max_age_s=max_age_s,
+            max_bytes=max_bytes,
+            commit_interval_s=commit_interval_s,
+            historical_after_s=historical_after_s,
+            max_memory_rows=max_memory_rows,
+            clocks=clocks,
+        )
         # only the thread touches these
         self._file = MessageFile(path)
         self._numbers = SequenceFile(path.with_name(path.name + ".numbers"))
@@ -173,14 +100,11 @@ class Outbox:
         self._tidied_mono = 0.0
         self._sequence_read = self._opened_before = False
 
-        self._wake = threading.Event()
         self._stopping = threading.Event()
         self._numbered = threading.Event()
         self._ready = threading.Event()
         self._fatal: InputError | None = None
         self._thread: threading.Thread | None = None
-
-    # -- the producer's side ---------------------------------------------------------------------------------------
 
     def start(self, *, wait: bool = True) -> None:
         """Open the file and start the thread. Raises `InputError` if another process has the file open.
@@ -203,200 +127,6 @@ class Outbox:
             self._thread.join(timeout_s)
             if self._thread.is_alive():
                 log.error("outbox: the last commit did not end within %.1f s", timeout_s)
-
-    def next_seq(self, topic: str) -> int:
-        """The sequence number of the next message on `topic`; begins at 0, goes on after a restart."""
-        seq = self._seq.get(topic, -1) + 1
-        self._seq[topic] = seq
-        self._topics.add(topic)
-        if self._reserved.get(topic, 0) - seq < BLOCK // 2:
-            self._hurry()
-        return seq
-
-    def put(
-        self, topic: str, payload: bytes, *, created_s: float | None = None, qos: int = 1, synced: bool = False
-    ) -> None:
-        """Hand over a message that carries the last `next_seq(topic)`. Never blocks, never raises for want of room.
-
-        `created_s` is for one that was made earlier, by the wall clock as it is now; `synced`: that clock is right.
-        """
-        now, mono = self._clocks(synced=synced), time.monotonic()
-        made_s, age_s = (now.wall_s, 0.0) if created_s is None else (created_s, max(now.wall_s - created_s, 0.0))
-        boot_id = now.boot_id[:BOOT_ID_LETTERS]
-        with self._lock:
-            seq = self._seq.get(topic, -1)
-            row = Row(self._next_id, topic, seq, made_s, qos, payload, boot_id, now.boot_s - age_s, synced, mono)
-            self._next_id += 1
-            self._produced += 1
-            self._handover[row.id] = row
-            self._bytes_in_memory += row.size
-            if len(self._handover) > self._max_memory_rows:
-                self._drop_from_memory()
-            if self._delivering and not self._rewind:
-                self._live.append(row)
-                self._trim_live()
-            sleeping = self._due_mono is None or self._due_mono > mono + self._commit_interval_s
-            on_put = self._on_put
-        if sleeping:
-            self._wake.set()
-        if on_put is not None:
-            on_put()
-
-    def _drop_from_memory(self) -> None:
-        for row in self._handover.values():
-            if row.id not in self._in_flight:
-                self._forget(row)
-                self._dropped[NO_ROOM_IN_MEMORY] += 1
-                with contextlib.suppress(ValueError):
-                    self._live.remove(row)
-                return
-
-    def _trim_live(self) -> None:
-        while len(self._live) > LIVE_IN_MEMORY:
-            self._live_from = self._live.popleft().id + 1
-
-    def _hurry(self) -> None:
-        """Let the thread look at once."""
-        if not self._urgent:
-            self._urgent = True
-            self._wake.set()
-
-    @property
-    def uncommitted(self) -> int:
-        """Messages that the broker does not have and the file neither."""
-        with self._lock:
-            return len(self._handover)
-
-    @property
-    def overdue_s(self) -> float:
-        """For how long the oldest message has waited for a commit that should have been; 0 if none has."""
-        with self._lock:
-            if not self._handover:
-                return 0.0
-            oldest = next(iter(self._handover.values())).put_mono
-        return max(time.monotonic() - oldest - self._commit_interval_s, 0.0)
-
-    @property
-    def stats(self) -> OutboxStats:
-        with self._lock:
-            return OutboxStats(
-                produced=self._produced,
-                carried=self._carried,
-                committed=self._committed,
-                acknowledged=self._acknowledged,
-                queued=len(self._handover) + self._rows_in_file,
-                queued_bytes=self._bytes_in_memory + self._bytes_in_file,
-                dropped=dict(self._dropped),
-                storage_ok=self._storage_ok,
-                storage_errors=self._storage_errors,
-                storage_error=self._storage_error,
-                corrupt_files=self._file.set_aside,
-                resumed_at=dict(self._resumed_at),
-            )
-
-    # -- the sender's side -----------------------------------------------------------------------------------------
-
-    def begin_delivery(self, on_ready: Callable[[], None], on_put: Callable[[], None] | None = None) -> None:
-        """Hand out everything that is not acknowledged, anew.
-
-        Whenever there may be something to `take`, `on_ready` is called in the outbox's thread, or `on_put` in that of
-        the caller of `put`.
-        """
-        with self._lock:
-            self._on_ready, self._on_put = on_ready, on_put
-            self._delivering = True
-            self._forget_delivery()
-            self._rewind = True
-        self._hurry()
-
-    def end_delivery(self) -> None:
-        """The connection is gone: what was taken and not acknowledged will be handed out again."""
-        with self._lock:
-            self._on_ready = self._on_put = None
-            self._delivering = False
-            self._forget_delivery()
-
-    def _forget_delivery(self) -> None:
-        self._in_flight.clear()
-        self._live.clear()
-        self._backlog.clear()
-        self._rewind = False
-        self._live_sent = -1
-
-    def take(self, *, backlog: bool = True) -> tuple[Row, bool] | None:
-        """The next message to send and whether it is historical; None if there is none now.
-
-        `backlog=False` asks for the live stream alone. Each message is handed out once until `begin_delivery`.
-        """
-        with self._lock:
-            if not self._delivering or self._rewind:
-                return None
-            taken = self._take_live()
-            if taken is None and backlog and self._backlog:
-                taken = self._backlog.popleft(), True
-                if len(self._backlog) < BACKLOG_CHUNK // 2:
-                    self._hurry()
-            if taken is not None:
-                row, historical = taken
-                self._in_flight[row.id] = row
-                if not historical:
-                    self._live_sent = max(self._live_sent, row.id)
-            return taken
-
-    def _take_live(self) -> tuple[Row, bool] | None:
-        if not self._live and self._storage_ok:
-            return None
-        now = self._clocks(synced=False)
-        while self._live:
-            row = self._live[0]
-            if self._reserving and row.seq >= self._reserved.get(row.topic, 0):
-                self._hurry()
-                return None
-            self._live.popleft()
-            if self._is_live(row, now):
-                return row, False
-            # it waited too long: the backlog, which reads up to `_live_from`, will find it in the file
-            self._live_from = row.id + 1
-            self._hurry()
-        if not self._storage_ok:
-            for row in self._handover.values():
-                if row.id not in self._in_flight:
-                    return row, row.id < self._live_sent or not self._is_live(row, now)
-        return None
-
-    def _is_live(self, row: Row, now: clock.Moment) -> bool:
-        old = age(row, now)
-        return old is not None and old <= self._historical_after_s
-
-    def ack(self, row_id: int) -> None:
-        """The broker has the message: it is deleted. An id that is not in flight is ignored."""
-        with self._lock:
-            row = self._in_flight.pop(row_id, None)
-            if row is None:
-                return
-            self._acknowledged += 1
-            # no wake-up: the deletion rides on the next commit, or is made within a second; were it lost, a
-            # duplicate would be sent
-            self._forget(row)
-
-    def discard(self, row_id: int, reason: str) -> None:
-        """A message in flight that can never be sent: dropped, counted under `reason`."""
-        with self._lock:
-            row = self._in_flight.pop(row_id, None)
-            if row is None:
-                return
-            self._dropped[reason] += 1
-            self._forget(row)
-
-    def _forget(self, row: Row) -> None:
-        if self._handover.pop(row.id, None) is not None:
-            self._bytes_in_memory -= row.size
-            if row.id in self._committing:
-                self._gone[row.id] = None
-        else:
-            self._rows_in_file -= 1
-            self._bytes_in_file -= row.size
-            self._gone[row.id] = None
 
     # -- the thread ------------------------------------------------------------------------------------------------
 
@@ -447,15 +177,6 @@ class Outbox:
                 due = now + TIDY_S
             self._due_mono = due
             return None if due is None else max(due - now, 0.0)
-
-    def _notify(self) -> None:
-        with self._lock:
-            on_ready = self._on_ready
-            something = bool(self._live or self._backlog or (self._handover and not self._storage_ok))
-        if on_ready is not None and something:
-            # the loop of the receiver may have ended in between
-            with contextlib.suppress(RuntimeError):
-                on_ready()
 
     def _cycle(self, stopping: bool) -> bool:
         """Reserve, store, delete, fill the sender's queues. False if there is more to do at once."""
@@ -658,16 +379,6 @@ class Outbox:
                 self._backlog.clear()
                 self._backlog_cursor = 0
 
-    def _set_live(self, stored: list[Row]) -> None:
-        """The live stream: what is young in the file, and what is not there yet."""
-        spare = self._gone.keys() | self._in_flight.keys()
-        # after a disk that refused the file is looked at again: what is older than what went out live is history
-        rows = [row for row in (*stored, *self._handover.values()) if row.id > self._live_sent]
-        self._live_from = rows[0].id if rows else self._next_id
-        self._live = deque(row for row in rows if row.id not in spare)
-        self._trim_live()
-        self._rewind = False
-
     # -- opening and failing ---------------------------------------------------------------------------------------
 
     def _open(self) -> None:
@@ -676,6 +387,7 @@ class Outbox:
             self._file.open()
         elif self._opened_before:
             return
+        self._corrupt_files = self._file.set_aside
         if self._opened_before:
             if self._file.set_aside > before:
                 self._count_again()
@@ -691,6 +403,16 @@ class Outbox:
             self._renumber(highest)
         self._last_committed_id = highest
         self._opened_before = True
+        if size > self._max_bytes:
+            self._drop_large()
+
+    def _drop_large(self) -> None:
+        """Stored under a larger cap: one message that is beyond it alone would cost all the others."""
+        large = self._file.larger_than(self._max_bytes)
+        with self._lock:
+            for row in large:
+                self._forget(row)
+                self._refuse_large(row)
 
     def _count_again(self) -> None:
         """After damage: what was committed should still be there; what is not is lost, and counted."""
@@ -707,20 +429,6 @@ class Outbox:
             self._rows_in_file = rows
             self._forget_delivery()
         log.error("outbox: %d messages were lost with the damaged file", missing)
-
-    def _renumber(self, highest: int) -> None:
-        """Rows put before the file could be opened come after those in it; none of them was ever in the file."""
-        self._rewind = self._delivering
-        if not self._handover and not self._in_flight:
-            self._next_id = max(self._next_id, highest + 1)
-            return
-        first = max(self._next_id, highest + 1)  # an id that is in flight must not be that of another row
-        self._gone.clear()
-        waiting = [row._replace(id=first + i) for i, row in enumerate(self._handover.values())]
-        self._handover = OrderedDict((row.id, row) for row in waiting)
-        self._next_id = first + len(waiting)
-        self._forget_delivery()
-        self._rewind = self._delivering
 
     def _failed(self, error: Exception) -> None:
         """The disk refuses. Rows wait in memory; the file is opened anew at the next try."""

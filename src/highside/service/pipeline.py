@@ -38,7 +38,6 @@ from highside.service.rig.surveys import Gravity, judge
 from highside.service.stillness import Cut, Stillness
 from highside.service.window import REBALANCE_BLOCK_S, Block, NoiseEstimate, Row, Window, window_statistics
 
-
 HELD_FRAMES = 32
 """Frames that are decoded at once and processed together, when one of them completes an output: ten frames in one go
 cost about as much as two that come alone, each to code that has left the processor's caches."""
