@@ -1,12 +1,13 @@
 """What the live service costs beside a script that only reads, averages and publishes: CPU, latency, wear of the disk.
 
-    python -m tests.bench.live_cost [--seconds 30] [--json]
+    python -m tests.bench.live_cost [--seconds 30] [--recorder] [--away] [--json]
 
 Each gets a pty on which the same 100 frames a second are written, and both a real mosquitto; they run at the same time,
 so that a busy machine hurts both. CPU is the run time of all threads by the scheduler's account; latency is from the
 write of the frame that completes a message (its device time tells which one that was) to its arrival at a subscriber;
 bytes are those that the process caused to be written (`write_bytes` of /proc/PID/io: whole pages of 4 KiB), the
-recordings apart. Ends with status 1 where there is no mosquitto: a benchmark that measures nothing has failed.
+recordings apart. `--away` measures the bytes with no broker there, when every message is kept on the disk. Ends with
+status 1 where there is no mosquitto: a benchmark that measures nothing has failed.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ from pathlib import Path
 from typing import Any
 
 from highside.codec.tool import encode
-from tests.integration.broker import MOSQUITTO, Mosquitto
+from highside.service.outbox_inspect import inspect
+from tests.integration.broker import MOSQUITTO, Mosquitto, free_port
 from tests.integration.daemon import HIGHSIDE, Pty, Subscriber
 
 FRAMES_PER_S = 100.0
@@ -144,6 +146,44 @@ def measure(folder: Path, broker: Mosquitto, rate_hz: float, seconds: float, *, 
     return found
 
 
+def measure_away(folder: Path, rate_hz: float, seconds: float) -> dict[str, float]:
+    """Bytes written a message while no broker is there; as many messages as come in `seconds`."""
+    folder.mkdir(parents=True)
+    line = Pty()
+    config, state = folder / "highside.toml", folder / "state"
+    config.write_text(
+        f'[tool]\nid = "t1"\n[link]\nkind = "serial"\nport = "{line.path}"\n[codec]\nname = "tool"\n'
+        f'[mqtt]\nport = {free_port()}\n[service]\nstate_dir = "{state}"\n'
+        f"[pipeline]\noutput_rate_hz = {rate_hz}\n[recorder]\nenabled = false\n"
+    )
+    with (folder / "highside.log").open("wb") as log:
+        process = subprocess.Popen([str(HIGHSIDE), "run", "--config", str(config)], stdout=log, stderr=log)
+    device = Device([line])
+    outbox = state / "outbox.sqlite"
+    try:
+        time.sleep(2.0)
+        device.start()
+        deadline = time.monotonic() + START_S
+        while not (outbox.exists() and inspect(outbox).queued) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        time.sleep(SETTLE_S)
+        queued, written = inspect(outbox).queued, written_bytes(process.pid)
+        time.sleep(seconds)
+        queued, written = inspect(outbox).queued - queued, written_bytes(process.pid) - written
+    finally:
+        device.ending.set()
+        process.send_signal(signal.SIGTERM)
+        process.wait(20.0)
+        line.close()
+    if queued <= 0:
+        raise SystemExit(f"no message was kept, nothing was measured: {(folder / 'highside.log').read_text()[-500:]}")
+    return {
+        "messages": queued,
+        "bytes_per_message": written / queued,
+        "bytes_per_day": written / queued * rate_hz * 86400,
+    }
+
+
 def _state(pid: int) -> tuple[float, int, int]:
     return cpu_s(pid), written_bytes(pid), switches(pid)
 
@@ -165,8 +205,12 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--rates", type=float, nargs="+", default=[10.0, 100.0])
     parser.add_argument("--recorder", action="store_true", help="with the recordings, which write to the disk as well")
+    parser.add_argument("--away", action="store_true", help="the bytes alone, with no broker to take the messages")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
+    if options.away:
+        away(options.rates, options.seconds, as_json=options.json)
+        return
     if MOSQUITTO is None:
         raise SystemExit("needs mosquitto (apt-get install mosquitto): nothing was measured")
     results: dict[str, Any] = {}
@@ -181,6 +225,20 @@ def main() -> None:
             if not options.json:
                 report(rate_hz, found, ratio, per_day)
     if options.json:
+        print(json.dumps(results, indent=1))
+
+
+def away(rates: list[float], seconds: float, *, as_json: bool) -> None:
+    results = {}
+    with tempfile.TemporaryDirectory(prefix="live_cost.", dir=os.environ.get("TMPDIR")) as folder:
+        for rate_hz in rates:
+            results[f"{rate_hz:g}"] = found = measure_away(Path(folder) / f"{rate_hz:g}", rate_hz, seconds)
+            if not as_json:
+                print(
+                    f"no broker, {rate_hz:g} messages/s: {found['bytes_per_message']:,.0f} bytes written a message"
+                    f" ({found['messages']:.0f} messages), {found['bytes_per_day'] / 1e6:,.1f} MB a day"
+                )
+    if as_json:
         print(json.dumps(results, indent=1))
 
 

@@ -202,6 +202,38 @@ def test_beyond_a_cap_the_oldest_are_dropped_and_counted(
         assert 480 <= dropped <= 520
 
 
+def test_a_message_beyond_the_cap_alone_is_refused_and_costs_no_other(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """It was stored, and everything older went for it; then it stayed alone, above the cap."""
+    path = tmp_path / "outbox.sqlite"
+    with started(path, max_bytes=100_000) as outbox:
+        put(outbox, 100, size=97)
+        put(outbox, 1, size=200_000)
+        put(outbox, 100, size=97)
+        until(lambda: outbox.stats.committed == 200, "commit")
+        assert outbox.stats.dropped == {"too_large": 1}
+        assert outbox.stats.produced == 201
+        assert f"{200_003 + len(TOPIC)} bytes on {TOPIC}" in caplog.text
+        assert "mqtt.outbox.max_bytes (100000)" in caplog.text
+        outbox.begin_delivery(lambda: None)
+        assert [row.seq for row, _ in take_all(outbox, 200)] == [*range(100), *range(101, 201)]
+
+
+def test_a_message_that_an_earlier_and_larger_cap_had_let_in_costs_no_other(tmp_path: Path) -> None:
+    path = tmp_path / "outbox.sqlite"
+    with started(path) as outbox:
+        put(outbox, 100, size=97)
+        put(outbox, 1, size=200_000)
+        put(outbox, 100, size=97)
+    with started(path, max_bytes=100_000) as outbox:
+        until(lambda: outbox.stats.dropped == {"too_large": 1}, "drop")
+        outbox.begin_delivery(lambda: None)
+        assert [row.seq for row, _ in take_all(outbox, 200)] == [*range(100), *range(101, 201)]
+        assert outbox.stats.dropped == {"too_large": 1}
+    assert len(stored(path)) == 200
+
+
 HOUR, DAY = 3600.0, 86_400.0
 
 

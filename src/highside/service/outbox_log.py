@@ -90,7 +90,7 @@ class CommitLog:
         if self._descriptor < 0:
             new = not self._path.exists()
             self._descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
-            self._length = os.fstat(self._descriptor).st_size
+            self._length = os.fstat(self._descriptor).st_size // PAGE * PAGE
             if new:
                 sync_directory(self._path.parent)
         self._at, self.generation = 0, generation
@@ -105,21 +105,30 @@ class CommitLog:
         for record in records:
             room = -at % PAGE
             if len(record) > room > 0:
-                pieces.append(bytes(room))
+                if pieces:
+                    pieces.append(bytes(room))
+                else:
+                    first += room  # not even zeros: they would be a page more
                 at += room
             pieces.append(record)
             at += len(record)
         if at > LOG_BYTES:
             raise LogFull
-        if at > self._length:
-            # zeros of an earlier generation's length are there already
-            length = min(-(-at // AHEAD) * AHEAD, LOG_BYTES)
-            pieces.append(bytes(length - at))
+        self._make_room(at)
         content = b"".join(pieces)
         if os.pwrite(self._descriptor, content, first) != len(content):
             raise OSError(0, "the disk took a part only")
         os.fdatasync(self._descriptor)
-        self._at, self._length = at, max(self._length, first + len(content))
+        self._at = at
+
+    def _make_room(self, end: int) -> None:
+        """Zeros up to `end` and further, page by page: the kernel keeps what was written by one call as one piece, and
+        would count (on some file systems write) the whole of it for each message in it."""
+        while self._length < end:
+            for at in range(self._length, min(self._length + AHEAD, LOG_BYTES), PAGE):
+                if os.pwrite(self._descriptor, bytes(PAGE), at) != PAGE:
+                    raise OSError(0, "the disk took a part only")
+                self._length = at + PAGE
 
     def close(self) -> None:
         """Give the file back; what was appended is on the disk already."""
@@ -135,7 +144,10 @@ def read_log(path: Path) -> tuple[int, dict[int, Row]]:
     Raises OSError.
     """
     try:
-        content = path.read_bytes()
+        with path.open("rb") as file:
+            # in single pages, not as one piece: see `_make_room`
+            os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_RANDOM)
+            content = file.read(LOG_BYTES)
     except FileNotFoundError:
         return 0, {}
     generations: dict[int, dict[int, Row]] = {}
