@@ -22,9 +22,15 @@ from daemon import Subscriber, running, wait_for
 pytestmark = pytest.mark.slow
 
 SECONDS = float(os.environ.get("HIGHSIDE_SOAK_S", "60"))
-LAG_MS = 20.0 if SECONDS > 60 else 500.0
-"""99.9 % of the stalls of the event loop are shorter: 20 ms is what the CAN socket's buffer bridges at 9,000
-frames/s; ten times that in the short form, whose machine may be busy"""
+OWN_MS = 20.0
+"""99.9 % of the stalls of the event loop, as far as the process itself has computed meanwhile, are shorter: 20 ms is
+what the CAN socket's buffer bridges at 9,000 frames/s. To hold on a busy machine too."""
+OWN_WITH_SENDER_MS = 50.0
+"""The same where the sender is a thread of the process: what it sends in one go, and the reader takes in one go, after
+the machine has run somebody else for 100 ms (25 ms at a load of 12 on two processors)."""
+LAG_MS = 20.0 if SECONDS > 60 else 150.0
+"""The same, whoever had the processor. The short form's machine may be busy: ten times what is expected of one that is
+shared with one other job."""
 SERIAL_RATE = 3840
 CAN_RATE = 9000
 
@@ -101,8 +107,9 @@ def test_a_minute_at_3840_frames_a_second_over_a_pty_loses_nothing(tmp_path: Pat
     print(
         f"serial: {sent} frames, rss {rss_start / 2**20:.1f} MiB {drift:+.2f} MiB, cpu {cpu:.2f} of one core,"
         f" {SERIAL_RATE / cpu:.0f} frames/s per core, loop lag p99.9 {health['loop']['lag_p999_ms']} ms"
-        f" max {health['loop']['lag_max_ms']} ms"
+        f" max {health['loop']['lag_max_ms']} ms, p99.9 of its own {health['loop']['own_p999_ms']} ms"
     )
+    assert health["loop"]["own_p999_ms"] < OWN_MS
     assert health["loop"]["lag_p999_ms"] < LAG_MS
     assert health["monitor"]["good"] == sent
     assert health["monitor"]["gap"] == health["monitor"]["duplicate"] == 0
@@ -122,7 +129,7 @@ import can, psutil
 from highside.config.settings import validate
 from highside.link.device import DeviceSettings, SimulatedDevice, encode_can
 from highside.service.app import Service
-from highside.service.collector import keep_what_the_start_made
+from highside.service.interpreter import settle_interpreter
 
 state, rate, seconds = sys.argv[1], float(sys.argv[2]), float(sys.argv[3])
 settings = validate(
@@ -150,7 +157,8 @@ def send():
     with can.Bus(interface="virtual", channel="soak") as bus:
         start = time.monotonic()
         while (elapsed := time.monotonic() - start) < seconds:
-            due = int(elapsed * rate)
+            # what was missed on a busy machine is made up for in steps, not in one that keeps the interpreter
+            due = min(int(elapsed * rate), sent + int(0.02 * rate))
             while sent < due:
                 bus.send(cycle[sent % len(cycle)])
                 sent += 1
@@ -158,7 +166,7 @@ def send():
 
 async def main():
     service = Service(settings)
-    keep_what_the_start_made()  # as `highside run`
+    settle_interpreter()  # as `highside run`
     serving = asyncio.create_task(service.run())
     while not service.supervisor.stats.opens:
         await asyncio.sleep(0.01)
@@ -202,8 +210,9 @@ def test_a_minute_at_9000_can_frames_a_second_loses_nothing(tmp_path: Path) -> N
     print(
         f"can: {sent} frames ({found['per_reading']} a reading), rss {found['drift_mib']:+.2f} MiB,"
         f" cpu {found['cpu']:.2f} of one core with the sender, loop lag p99.9 {health['loop']['lag_p999_ms']} ms"
-        f" max {health['loop']['lag_max_ms']} ms"
+        f" max {health['loop']['lag_max_ms']} ms, p99.9 of its own {health['loop']['own_p999_ms']} ms"
     )
+    assert health["loop"]["own_p999_ms"] < OWN_WITH_SENDER_MS
     assert health["loop"]["lag_p999_ms"] < LAG_MS
     assert sent >= 0.9 * CAN_RATE * SECONDS
     assert found["can_frames"] == sent

@@ -27,7 +27,7 @@ def run(config: ConfigOption, overrides: SetOption = None) -> None:
     from highside.config.settings import load
     from highside.errors import InputError
     from highside.service.app import Service
-    from highside.service.collector import keep_what_the_start_made
+    from highside.service.interpreter import settle_interpreter
     from highside.service.logs import start_logging
 
     settings = load(config, overrides)
@@ -37,7 +37,7 @@ def run(config: ConfigOption, overrides: SetOption = None) -> None:
     async def serve() -> None:
         try:
             service = Service(settings, reload=lambda: load(config, overrides))
-            keep_what_the_start_made()
+            settle_interpreter()
             await service.run()
         finally:
             # all is on disk; a late reload or an impatient second signal must not spoil the exit status

@@ -37,7 +37,11 @@ class OutboxSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     max_rows: int = Field(default=2_000_000, ge=100, description="Messages kept.")
-    max_bytes: int = Field(default=512 * 1024 * 1024, ge=65_536, description="Bytes of payload and topic kept.")
+    max_bytes: int = Field(
+        default=512 * 1024 * 1024,
+        ge=65_536,
+        description="Bytes of payload and topic kept; a message beyond it alone is refused.",
+    )
     max_age_s: float = Field(default=14 * 86_400.0, gt=0, description="Messages older than this are dropped.")
     commit_interval_s: float = Field(
         default=0.05, ge=0.005, le=5, description="Least time between two commits: what a power cut may cost."

@@ -98,7 +98,7 @@ class CommitLog:
     def append(self, rows: Iterable[Row], gone: Iterable[int]) -> None:
         """Returns when it would survive a loss of power. Raises LogFull, with nothing written."""
         first = at = self._at
-        pieces = []
+        pieces: list[bytes] = []
         records = [_record(self.generation, _KIND_ROW, _body(row)) for row in rows]
         if ids := b"".join(map(_GONE.pack, gone)):
             records.append(_record(self.generation, _KIND_GONE, ids))
