@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import threading
 import time
 
@@ -50,6 +51,23 @@ async def test_a_late_loop_makes_the_thread_wait_and_memory_stays_bounded() -> N
         await asyncio.sleep(0.001)
     thread.join()
     assert got == list(range(100))
+
+
+async def test_after_a_stall_others_have_their_turn_between() -> None:
+    """All that had gathered was taken in one go: 64 batches of 256 CAN frames held the loop for 100 ms."""
+    turns: list[str] = []
+    handover: Handover[int] = Handover(asyncio.get_running_loop(), lambda items: turns.append(f"took {len(items)}"), 64)
+    for n in range(64):
+        assert handover.put(n)
+
+    async def other() -> None:
+        while len(turns) < 30:
+            turns.append("other")
+            await asyncio.sleep(0)
+
+    await asyncio.wait_for(other(), 5.0)
+    assert turns.count("took 4") >= 10
+    assert max(len(list(run)) for word, run in itertools.groupby(turns) if word != "other") <= 2
 
 
 async def test_closing_lets_a_waiting_thread_go_and_delivers_nothing_more() -> None:

@@ -15,9 +15,13 @@ from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
 
+A_TURN = 4
+"""Items that the loop takes before others have their turn: of a CAN adapter 1,000 frames, 5 to 10 ms of work. After a
+stall 64 of them may wait."""
+
 
 class Handover(Generic[Item]):
-    """`put` is called by one thread, `take` runs in the loop and gets everything that has gathered."""
+    """`put` is called by one thread, `take` runs in the loop and gets what has gathered, some at a time."""
 
     def __init__(
         self, loop: asyncio.AbstractEventLoop, take: Callable[[list[Item]], None], capacity: int = 1024
@@ -57,10 +61,11 @@ class Handover(Generic[Item]):
 
     def _drain(self) -> None:
         with self._changed:
-            items = list(self._items)
-            self._items.clear()
-            self._woken = False
+            items = [self._items.popleft() for _ in range(min(len(self._items), A_TURN))]
             closed = self._closed
+            self._woken = bool(self._items)
+            if self._woken:
+                self._loop.call_soon(self._drain)
             self._changed.notify_all()
         if items and not closed:
             self._take(items)

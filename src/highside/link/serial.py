@@ -27,12 +27,12 @@ from highside.link.handover import Handover
 
 SerialPort = Any
 """one of pyserial's classes; what they have in common (`in_waiting`, `fileno`) is not in their common base"""
-READ_SIZE = 65536
+READ_SIZE = 16_384
+"""Bytes that are read before others have their turn: 680 frames of 24 bytes, 10 ms of work. After a stall more may
+wait; the loop comes back for it."""
 SHORT_READ = 2048
 """A read that gives less has emptied the line (the kernel's line discipline hands out up to 4 KiB): no second one is
 made only to be told so."""
-READS_PER_WAKE = 16
-"""a pty gives 4 KiB a read; the drain is bounded so that one busy line cannot starve the loop"""
 LOOK_S = 0.05
 """how often an absent device is looked for; one stat() costs some microseconds"""
 WATCH_S = 0.5
@@ -155,9 +155,10 @@ class SerialTransport:
         assert self._deliver is not None
         parts: list[bytes] = []
         error: LinkError | None = None
-        for _ in range(READS_PER_WAKE):
+        room = READ_SIZE
+        while room > 0:
             try:
-                data = os.read(self._fd, READ_SIZE)
+                data = os.read(self._fd, room)
             except (BlockingIOError, InterruptedError):
                 break
             except OSError as fault:
@@ -167,6 +168,7 @@ class SerialTransport:
                 error = self._end_of_file()
                 break
             parts.append(data)
+            room -= len(data)
             if len(data) < SHORT_READ:
                 break  # that was all; if more comes meanwhile, the loop calls again
         if parts:
