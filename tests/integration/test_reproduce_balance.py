@@ -16,7 +16,7 @@ import pytest
 
 from highside.papers import balance_prediction, published_instrument, reproduce_balance
 from highside.papers.balance_prediction import Count
-from highside.papers.balance_session import COLUMNS, METHODS
+from highside.papers.balance_session import COLUMNS, INCLINATIONS_DEG, METHODS
 
 FILES = {
     "table1": "table1_conventional.csv",
@@ -276,3 +276,22 @@ def test_an_interval_holds_its_share_and_a_refused_row_counts_nothing() -> None:
     assert abs(float(middle[0])) < 0.02
     inside = np.mean((values > low) & (values < high))
     assert inside >= 0.949
+
+
+def test_peak_to_peaks_are_widened_by_what_they_need_and_never_negative() -> None:
+    """Means held 95 % at 1.4, p-p T 88 %: each column has its own width."""
+    drawn = np.random.default_rng(2).normal(0.1, 0.1, (400, 6, 11, 4))
+    nothing = np.zeros((400, 6, 11, 73), dtype=np.float32)
+    ensemble = balance_prediction.Ensemble(drawn, nothing, nothing)
+    middle, top = np.quantile(drawn[:, METHODS.index("average"), INCLINATIONS_DEG.index(1.206)], [0.5, 0.975], axis=0)
+    found = [
+        cell
+        for cell in balance_prediction.predict(ensemble, published_instrument.published()).cells
+        if (cell.table, cell.correction, cell.inc_ref_deg) == ("table6", "average", 1.206)
+    ]
+    assert [cell.column for cell in found] == list(COLUMNS)
+    for k, cell in enumerate(found):
+        assert cell.low is not None and cell.high is not None
+        share = (cell.high - middle[k]) / (top[k] - middle[k])
+        assert share == pytest.approx((1.4, 1.6, 1.4, 2.3)[k], rel=1e-4)
+        assert ("_pp_" in cell.column) is (cell.low > -1e-6)

@@ -18,7 +18,7 @@ from highside.calibration.joint import joint
 from highside.calibration.poses import Array
 from highside.calibration.result import Reason
 from highside.papers import published_instrument
-from highside.papers.balance_prediction import Ensemble, interval
+from highside.papers.balance_prediction import WIDENED, Ensemble, interval
 from highside.papers.balance_session import (
     COLUMNS,
     INCLINATIONS_DEG,
@@ -106,8 +106,8 @@ def tables(instrument: PublishedInstrument) -> dict[str, list[dict[str, Any]]]:
     return result
 
 
-def _interval(values: Array, told: float | None) -> dict[str, Any]:
-    low, middle, high = (float(v) for v in interval(values))
+def _interval(values: Array, told: float | None, column: str) -> dict[str, Any]:
+    low, middle, high = (float(v) for v in interval(values, widened=WIDENED[column]))
     covered = None if told is None else low <= told <= high
     return {"published": told, "predicted": middle, "low": low, "high": high, "covered": covered}
 
@@ -122,7 +122,7 @@ def headline_ratios(ensemble: Ensemble) -> list[dict[str, Any]]:
             continue
         said = 100.0 * np.abs(ensemble.of(["average"], inc_deg)) / np.abs(ensemble.of(["conventional"], inc_deg))
         told = {name: 100.0 * abs(after[name]) / abs(before[name]) for name in COLUMNS}
-        row = {name: _interval(said[:, c], told[name]) for c, name in enumerate(COLUMNS)}
+        row = {name: _interval(said[:, c], told[name], name) for c, name in enumerate(COLUMNS)}
         out.append({"inc_ref_deg": inc_deg, **row})
     return out
 
@@ -147,7 +147,7 @@ def specification_shares(ensemble: Ensemble) -> list[dict[str, Any]]:
             if method == "average" and inc_deg == 90.0:
                 continue
             said = 100.0 * ensemble.of([method], inc_deg)[:, 3] / band
-            row[when] = _interval(said, 100.0 * told["d_tf_pp_deg"] / band)
+            row[when] = _interval(said, 100.0 * told["d_tf_pp_deg"] / band, "d_tf_pp_deg")
         out.append(row)
     return out
 
