@@ -14,11 +14,13 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from broker import Mosquitto
 from daemon import HIGHSIDE, Pty, Subscriber, running, wait_for
 
 from highside.codec.tool import encode
+from highside.physics.gravity import gravity_direction
 
 pytestmark = pytest.mark.slow
 
@@ -73,6 +75,16 @@ def rig_sensors(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The package of the codec's recipe, installed."""
     source, into = tmp_path_factory.mktemp("rig-sensors"), tmp_path_factory.mktemp("installed")
     for name, text in blocks("A codec").items():
+        (source / name).write_text(text)
+    install(source, into)
+    return into
+
+
+@pytest.fixture(scope="module")
+def rig_methods(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The package of the method's recipe, installed."""
+    source, into = tmp_path_factory.mktemp("rig-methods"), tmp_path_factory.mktemp("installed")
+    for name, text in blocks("A calibration method").items():
         (source / name).write_text(text)
     install(source, into)
     return into
@@ -253,3 +265,66 @@ def test_channel_of_the_recipe_stands_in_the_messages(tmp_path: Path, broker: Mo
     assert members[-1] == "historical"
     schemas = json.loads(highside("schema", path=path).stdout)
     assert "sin I" in schemas["attitude"]["properties"]["g_cross"]["description"]
+
+
+def pose_table(path: Path, knocked_g: float) -> tuple[Path, np.ndarray]:
+    """A table of 24 poses of a sensor, one of them knocked; and the sensor's matrix."""
+    random = np.random.default_rng(5)
+    sensor, offset_g, noise_g = np.eye(3) + 3e-3 * random.standard_normal((3, 3)), np.array([1e-3, -2e-3, 5e-4]), 1e-5
+    inc, tf = (
+        grid.ravel() for grid in np.meshgrid((5.0, 40.0, 90.0, 120.0, -30.0, -90.0), (45.0, 135.0, 225.0, 315.0))
+    )
+    a = sensor @ gravity_direction(np.deg2rad(inc), np.deg2rad(tf)) + offset_g[:, None]
+    a += noise_g * random.standard_normal(a.shape)
+    a[0, 7] += knocked_g
+    lines = ["inc_ref_deg,tf_ref_deg,ax,ay,az,n,std_ax,std_ay,std_az"]
+    lines += [f"{inc[k]},{tf[k]},{a[0, k]!r},{a[1, k]!r},{a[2, k]!r},100,1e-4,1e-4,1e-4" for k in range(inc.size)]
+    path.write_text("\n".join(lines).replace("np.float64(", "").replace(")", "") + "\n")
+    return path, sensor
+
+
+def test_method_of_the_recipe_solves_and_its_record_reads_back(tmp_path: Path, rig_methods: Path) -> None:
+    poses, sensor = pose_table(tmp_path / "poses.csv", knocked_g=5e-3)
+    errors = {}
+    for method in ("huber", "conventional"):
+        record = tmp_path / f"{method}.json"
+        done = highside("calibrate", "solve", poses, "--method", method, "--tool", "t", "-o", record, path=rig_methods)
+        assert done.returncode == 0, done.stderr
+        # read back where the method's package is not installed
+        done = highside("calibrate", "show", record, "--json", path=tmp_path)
+        assert done.returncode == 0, done.stderr
+        content = json.loads(record.read_text())
+        assert (content["request"]["method"], content["result"]["method"]) == (method, method)
+        parameters = content["result"]["zones"][0]["parameters"]
+        matrix = np.array(parameters["values"][:9]).reshape(3, 3)
+        errors[method] = np.abs(matrix - sensor).max()
+    # what a method is for: the knocked pose spoils the plain least squares, and not this one
+    assert errors["huber"] < 3e-5
+    assert errors["conventional"] > 10.0 * errors["huber"]
+    done = highside("calibrate", "show", tmp_path / "huber.json", "--recompute", path=rig_methods)
+    assert done.returncode == 0, done.stderr
+    applied = tmp_path / "corrected.csv"
+    readings = tmp_path / "readings.csv"
+    readings.write_text("ax_g,ay_g,az_g\n0.35,0.35,0.87\n")
+    done = highside("calibrate", "apply", tmp_path / "huber.json", readings, "-o", applied, path=tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+def test_method_of_the_recipe_is_compared_and_named_like_ours(tmp_path: Path, rig_methods: Path) -> None:
+    poses, _ = pose_table(tmp_path / "poses.csv", knocked_g=0.0)
+    program = (
+        "import csv, sys; from highside.calibration.comparison import compare\n"
+        "from highside.calibration.method import SolveRequest\n"
+        "rows = list(csv.DictReader(open(sys.argv[1])))\n"
+        "columns = {name: [float(row[name]) for row in rows] for name in rows[0]}\n"
+        "found = compare(columns, SolveRequest('joint'))\n"
+        "print([(one.method, one.refused) for one in found.outcomes])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, poses], capture_output=True, text=True, check=True, env=environment(rig_methods)
+    )
+    assert done.stdout == "[('conventional', ''), ('balance', ''), ('joint', ''), ('huber', '')]\n"
+    done = highside("calibrate", "solve", poses, "--method", "hubert", "-o", tmp_path / "x.json", path=rig_methods)
+    assert (done.returncode, done.stderr) == (
+        2, "highside: --method: method 'hubert' is none of conventional, balance, joint, huber\n"
+    )  # fmt: skip

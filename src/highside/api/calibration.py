@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from highside.api.bench import ModelLike, on_true_bench
 from highside.calibration.applied import Applied, apply_record
+from highside.calibration.method import NO_FALLBACK, Solution, SolveRequest
+from highside.calibration.methods import get
 from highside.calibration.pose_table import require_g, solver_columns, still_poses, tool_of_session
 from highside.calibration.record import (
     CalibrationRecord,
     Environment,
-    Solution,
-    SolveRequest,
     build_record,
     largest_difference,
     parse_record,
@@ -94,7 +94,7 @@ def calibrate(
     triples: str = "average",
     reference: Literal["pose", "magnitude"] = "pose",
     pose_sigma_deg: float = 0.0052,
-    fallback: Literal["none", "conventional", "joint"] = "none",
+    fallback: str = NO_FALLBACK,
     tool: str | None = None,
     serial: str | None = None,
     bench: str | None = None,
@@ -126,7 +126,7 @@ def calibrate(
         raise InputError(f"{gravity_mps2:g} m/s2 is not on this earth", field="gravity_mps2", remedy="9.780 to 9.832")
     if expires_days is not None and not expires_days > 0.0:
         raise InputError("must be more than 0", field="expires_days")
-    request = SolveRequest(method, triples, reference, pose_sigma_deg, fallback if method == "balance" else "none")
+    request = SolveRequest(method, triples, reference, pose_sigma_deg, fallback if get(method).by_ring else NO_FALLBACK)
     source = read_solver_table(poses)
     where = source.table.source or "pose table"
     tool_id, serial = tool_of_session(source.table.columns, source.table.texts, tool, serial, where)

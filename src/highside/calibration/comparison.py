@@ -14,13 +14,14 @@ import numpy as np
 
 from highside.attitude.angles import difference, wrap_positive
 from highside.attitude.block import attitude_block
+from highside.calibration.method import NO_FALLBACK, Solution, SolveRequest
+from highside.calibration.methods import all_methods
 from highside.calibration.poses import Array, PoseSet
-from highside.calibration.record import PoseColumns, Solution, SolveRequest, pose_set, solve_poses
+from highside.calibration.record import PoseColumns, pose_set, solve_poses
 from highside.calibration.result import CalibrationResult, Zone
 from highside.errors import HighsideError
 from highside.physics.gravity import gravity_direction
 
-METHODS = ("conventional", "balance", "joint")
 TOOLFACES_RAD = np.deg2rad(np.arange(0.0, 360.0, 15.0))
 INCLINATIONS_DEG = (0.6, 1.2, 3.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0, 75.0, 90.0, 105.0, 120.0, 135.0, 150.0, 175.0)
 """Where uncertainty is stated."""
@@ -91,9 +92,9 @@ def compare(
     poses = pose_set(columns, request)
     inc_ref, tf_ref = attitudes_set(*poses.reference())
     outcomes = []
-    for method in METHODS:
+    for method in all_methods():
         own = method == request.method
-        asked = request if own else replace(request, method=method, fallback="none")
+        asked = request if own else replace(request, method=method, fallback=NO_FALLBACK)
         try:
             solution = solved if own and solved is not None else solve_poses(columns, asked)
         except HighsideError as error:

@@ -23,6 +23,8 @@ from typing import Any
 
 from highside import __version__
 from highside.calibration.correction import OUTSIDE_ZONE, Correction, LinearCorrection, TemperatureTrust
+from highside.calibration.method import Solution, SolveRequest
+from highside.calibration.methods import all_methods, get
 from highside.calibration.poses import PoseSet
 from highside.calibration.result import SHARED_NAMES, BenchAccuracy, CalibrationResult
 from highside.calibration.schedule import ScheduledCorrection
@@ -81,27 +83,6 @@ class RecordError(Refused):
         self.reason = reason
         self.text = " ".join(text.split())
         super().__init__(" ".join(f"calibration refused ({reason.value}): {text}".split()))
-
-
-@dataclass(frozen=True, slots=True)
-class SolveRequest:
-    """What was asked of the solver: all that decides its answer beside the poses."""
-
-    method: str
-    triples: str = "average"
-    reference: str = "pose"
-    pose_sigma_deg: float = 0.0052
-    fallback: str = "none"
-    """for balance: the method of the global correction between and beyond the zones, or "none" """
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "method": self.method,
-            "triples": self.triples,
-            "reference": self.reference,
-            "pose_sigma_deg": self.pose_sigma_deg,
-            "fallback": self.fallback,
-        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -404,15 +385,6 @@ def temperature_trust(record: CalibrationRecord) -> TemperatureTrust | None:
     return TemperatureTrust(low, high)
 
 
-@dataclass(frozen=True, slots=True)
-class Solution:
-    """What `solve` found: the calibration, and beside the zones of a balance calibration a fallback or a guide."""
-
-    result: CalibrationResult
-    fallback: CalibrationResult | None = None
-    guide: CalibrationResult | None = None
-
-
 def pose_set(columns: PoseColumns, request: SolveRequest, *, where: str | None = None) -> PoseSet:
     """The poses of a table as the solver takes them; InputError for a bad table, or a row copied."""
     poses = PoseSet.from_columns(columns, where=where, reference=request.reference)  # type: ignore[arg-type]
@@ -421,53 +393,19 @@ def pose_set(columns: PoseColumns, request: SolveRequest, *, where: str | None =
 
 
 def solve_poses(columns: PoseColumns, request: SolveRequest, *, where: str | None = None) -> Solution:
-    """Solve a pose table as requested. Raises InputError (bad table) or CalibrationRefused (no calibration follows).
-
-    Balance zones get a `fallback` if one is asked for, else, where the rings span enough to give one, a rough global
-    `guide` that only chooses the zone of a reading.
-    """
-    from highside.calibration.balance import balance
-    from highside.calibration.conventional import conventional
-    from highside.calibration.result import CalibrationRefused
-
+    """Solve a pose table as requested. Raises InputError (bad table) or CalibrationRefused (no calibration follows)."""
+    method = get(request.method)
     poses = pose_set(columns, request, where=where)
-    bench = BenchAccuracy(pose_rad=math.radians(request.pose_sigma_deg))
     if request.reference == "magnitude":
-        if request.method != "joint":
+        if method.by_magnitude is None:
+            others = " or ".join(other.name for other in all_methods().values() if other.by_magnitude is not None)
             raise InputError(
                 f"method {request.method} needs the attitude of every pose",
                 field="--reference magnitude",
-                remedy="use --method joint",
+                remedy=f"use --method {others}",
             )
-        from highside.calibration.magnitude import magnitude
-
-        return Solution(magnitude(poses))
-    if request.method == "conventional":
-        return Solution(conventional(poses, bench=bench))
-    if request.method == "joint":
-        return Solution(_joint(poses, bench))
-    if request.method != "balance":
-        raise InputError(f"method {request.method!r} is none of conventional, balance, joint", field="--method")
-    result = balance(poses, triples=request.triples, bench=bench)
-    if request.fallback != "none":
-        global_request = SolveRequest(request.fallback, pose_sigma_deg=request.pose_sigma_deg)
-        return Solution(result, fallback=solve_poses(columns, global_request, where=where).result)
-    if len(result.zones) < 2:
-        return Solution(result)
-    try:
-        return Solution(result, guide=conventional(poses, bench=bench))
-    except CalibrationRefused:
-        return Solution(result)
-
-
-def _joint(poses: PoseSet, bench: BenchAccuracy) -> CalibrationResult:
-    """The joint estimator with temperature where the poses have it, and structure where they show any."""
-    from highside.calibration.joint import joint
-    from highside.calibration.refinement import refine
-    from highside.calibration.temperature import joint_over_temperature
-
-    result = joint(poses, bench=bench) if poses.temp_c is None else joint_over_temperature(poses, bench=bench)
-    return refine(result, poses, bench=bench)
+        return method.by_magnitude(poses)
+    return method.solve(poses, request, BenchAccuracy(pose_rad=math.radians(request.pose_sigma_deg)))
 
 
 def recompute(record: CalibrationRecord) -> Solution:

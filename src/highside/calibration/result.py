@@ -382,7 +382,7 @@ class PoseFit:
 class CalibrationResult:
     """A calibration, whichever method made it.
 
-    `method`: "conventional", "balance", "joint", "least-squares", "magnitude". `options`: how it was run. `frame`:
+    `method`: the name of the method, "least-squares" or "magnitude". `options`: how it was run. `frame`:
     what the corrected vector is referred to, "gravity" (the bench's tilt was estimated) or "bench" (the bench was
     taken as level; its tilt is then in the stated uncertainty if its size was stated). `zones`: see `Zone`.
     `variance`: standard deviations of the error components (`reading_g` of one reading; `pose_inc_rad`, `pose_tf_rad`,

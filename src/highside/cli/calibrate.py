@@ -12,7 +12,7 @@ import typer
 
 from highside.cli import bench, bench_sessions, certificate, verification
 from highside.cli.options import as_options
-from highside.cli.say import echo, echo_json
+from highside.cli.say import echo, echo_json, say_left_out
 from highside.errors import InputError, Refused
 
 if TYPE_CHECKING:
@@ -31,14 +31,6 @@ app.command()(verification.verify)
 app.command()(certificate.certificate)
 
 
-class Method(StrEnum):
-    """How a pose table is solved."""
-
-    CONVENTIONAL = "conventional"
-    BALANCE = "balance"
-    JOINT = "joint"
-
-
 class Triples(StrEnum):
     """Which poses of a ring make the balance matrix."""
 
@@ -55,14 +47,6 @@ class Reference(StrEnum):
 
     POSE = "pose"
     MAGNITUDE = "magnitude"
-
-
-class Fallback(StrEnum):
-    """The global correction between and beyond balance zones."""
-
-    NONE = "none"
-    CONVENTIONAL = "conventional"
-    JOINT = "joint"
 
 
 class FrameOfOutput(StrEnum):
@@ -108,12 +92,12 @@ def poses(
 @app.command()
 def solve(
     poses_file: Annotated[Path, typer.Argument(metavar="POSES", help="Pose table (CSV).")],
-    method: Annotated[Method, typer.Option(help="How to solve.")],
+    method: Annotated[str, typer.Option(help="How to solve: conventional, balance, joint or an installed one.")],
     output: Output,
     triples: Annotated[Triples, typer.Option(help="For balance: which poses of a ring.")] = Triples.AVERAGE,
     reference: Annotated[Reference, typer.Option(help="Attitude of the poses known, or only |g|.")] = Reference.POSE,
     pose_sigma_deg: Annotated[float, typer.Option(help="Standard deviation of a setting of the bench, deg.")] = 0.0052,
-    fallback: Annotated[Fallback, typer.Option(help="For balance: correction beyond the zones.")] = Fallback.NONE,
+    fallback: Annotated[str, typer.Option(help="For balance: method of the correction beyond the zones.")] = "none",
     store: Annotated[Path | None, typer.Option("--store", help="Also keep the record in this store.")] = None,
     tool: ToolOption = None,
     serial: SerialOption = None,
@@ -134,7 +118,9 @@ def solve(
 ) -> None:
     """Solve a pose table and write a calibration record. Exit 1: something was refused (see what is said)."""
     from highside.api.calibration import calibrate
+    from highside.calibration.methods import faults
 
+    say_left_out("calibration method", faults())
     private = None
     if key is not None:
         from highside.cli.keys import signing_key
@@ -144,11 +130,11 @@ def solve(
     with as_options("pose_sigma_deg", "gravity_mps2", "expires_days"):
         made = calibrate(
             poses_file,
-            method.value,
+            method,
             triples=triples.value,
             reference=reference.value,
             pose_sigma_deg=pose_sigma_deg,
-            fallback=fallback.value,
+            fallback=fallback,
             tool=tool,
             serial=serial,
             bench=bench,

@@ -10,8 +10,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
+from highside.calibration.method import NO_FALLBACK
+from highside.calibration.methods import get, solves_rings
+from highside.calibration.methods.joint import METHOD as JOINT
 from highside.codec.registry import codecs, path_fields
 from highside.codec.tool import ToolCodecConfig
 from highside.config import places
@@ -23,6 +26,25 @@ from highside.config.settings import Table, ToolSettings, anchor_paths, parse_ov
 from highside.config.web import WebTable
 from highside.errors import InputError
 
+
+def _a_method(name: str) -> str:
+    try:
+        return get(name, field="").name
+    except InputError as error:
+        raise ValueError(str(error)) from None
+
+
+MethodName = Annotated[str, AfterValidator(_a_method)]
+"""Of a calibration method, ours or of an installed package."""
+
+
+def _a_fallback(name: str) -> str:
+    if name != NO_FALLBACK and solves_rings(_a_method(name)):
+        raise ValueError(f"method {name!r} holds near its own rings only")
+    return name
+
+
+Fallback = Annotated[str, AfterValidator(_a_fallback)]
 Inclination = Annotated[float, Field(ge=-180, le=180)]
 Toolface = Annotated[float, Field(ge=-360, le=360)]
 Celsius = Annotated[float, Field(ge=-100, le=400)]
@@ -34,7 +56,7 @@ class BalancePlan(Table):
     kind: Literal["balance"]
     inclinations_deg: tuple[Inclination, ...] = Field(min_length=1)
     triples: Literal["1-2-3", "2-3-4", "3-4-1", "4-1-2", "average", "least-squares"] = "average"
-    fallback: Literal["none", "conventional", "joint"] = "none"
+    fallback: Fallback = NO_FALLBACK
 
 
 class ConventionalPlan(Table):
@@ -86,7 +108,7 @@ class CustomPlan(Table):
 
     kind: Literal["custom"]
     file: Path
-    method: Literal["joint", "conventional", "balance"] = "joint"
+    method: MethodName = JOINT.name
 
 
 class UnguidedPlan(Table):

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from highside import __version__
-from highside.calibration.record import PoseColumns, Solution
+from highside.calibration.method import Solution
+from highside.calibration.record import PoseColumns
 from highside.diagnosis.core.result import Diagnosis
 from highside.diagnosis.engine import Picture, diagnose_poses
 from highside.diagnosis.poses.policy import POSE_SESSIONS

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from highside.calibration.comparison import INCLINATIONS_DEG, compare, uncertainty_over
-from highside.calibration.record import Solution
+from highside.calibration.method import Solution
+from highside.calibration.methods.joint import METHOD as JOINT
 from highside.report.bench_or_sensor import bench_or_sensor
 from highside.report.certificate_budget import Budget, budget_at
 from highside.report.certificate_conformity import conformity
@@ -46,7 +47,7 @@ def certificate(inputs: Inputs) -> Sheets:
     comparison = compare(record.pose_columns, record.request, solved=solution) if has_reference else None
     findings = None
     if comparison is not None:
-        joint = comparison.of("joint")
+        joint = comparison.of(JOINT.name)
         gravity = record.content["environment"]["gravity_mps2"]
         findings = bench_or_sensor(record.pose_columns, None if joint is None else joint.solution, gravity_mps2=gravity)
     named = inputs.fields.issue.number or f"HS-{record.content['created'][:10]}-{record.id[:8]}"

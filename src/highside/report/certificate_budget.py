@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from highside.calibration.comparison import holds_at, uncertainty_over
-from highside.calibration.record import CalibrationRecord, Solution
+from highside.calibration.method import Solution
+from highside.calibration.record import CalibrationRecord
 from highside.calibration.result import UNIFORM_ANGLE_STD_RAD
 from highside.config.certificate import CertificateFields
 from highside.physics.gravity import gravity_direction

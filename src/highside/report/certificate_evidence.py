@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from highside.calibration.comparison import Comparison, Errors
+from highside.calibration.method import NO_FALLBACK
+from highside.calibration.methods import all_methods, solves_rings
 from highside.calibration.record import CalibrationRecord
 from highside.config.certificate import ReferenceTable
 from highside.report.bench_or_sensor import Findings
@@ -21,15 +23,11 @@ if TYPE_CHECKING:
 
 def method_name(record: CalibrationRecord) -> str:
     request = record.request
-    names = {
-        "conventional": "conventional positions",
-        "balance": f"balance correction ({request.triples})",
-        "joint": "joint estimate of sensor and bench",
-    }
     if request.reference == "magnitude":
         return "magnitude of gravity in many attitudes, no bench"
-    more = f", {request.fallback} beyond its zones" if request.fallback != "none" else ""
-    return names.get(request.method, request.method) + more
+    more = f", {request.fallback} beyond its zones" if request.fallback != NO_FALLBACK else ""
+    known = all_methods().get(request.method)
+    return (request.method if known is None else known.described.format(triples=request.triples)) + more
 
 
 def method(out: Sheets, inputs: Inputs) -> None:
@@ -152,7 +150,7 @@ def limits_of_proof(out: Sheets, inputs: Inputs) -> None:
             "No pose was turned the other way or beyond 90 deg: bench and sensor are told apart by the inclinations"
             " between alone."
         )
-    if result.method == "balance":
+    if solves_rings(result.method):
         said.append(
             "The balance correction takes up every error common to the poses of a ring, those of the bench included:"
             " agreement at a ring's own inclination is not accuracy there."

@@ -15,15 +15,16 @@ from highside.bench.session.outcome import solve
 from highside.bench.session.snapshot import VerdictRow, VerdictState
 from highside.bench.session.verdict import as_state
 from highside.calibration.comparison import Comparison, Errors, compare
-from highside.calibration.record import PoseColumns, Solution, SolveRequest
+from highside.calibration.method import Solution, SolveRequest
+from highside.calibration.methods import all_methods
+from highside.calibration.methods.joint import METHOD as JOINT
+from highside.calibration.record import PoseColumns
 from highside.errors import HighsideError
 from highside.report.bench_or_sensor import Findings, bench_or_sensor
 from highside.report.page import Page, new_figure, plotting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-COLOURS = {"conventional": "#c2691c", "balance": "#3d8b40", "joint": "#2f7fd1", "least-squares": "#8a5fbf"}
 
 
 def session_page(journal: Journal) -> str:
@@ -94,7 +95,7 @@ def add_methods(
     )
     page.figure(_errors(comparison), "What is left at the poses against the bench, pose by pose in the order of time.")
     page.figure(_residuals(solution), "Residuals of the readings with the method chosen; hollow: left out.")
-    joint = comparison.of("joint")
+    joint = comparison.of(JOINT.name)
     findings = bench_or_sensor(columns, None if joint is None else joint.solution, gravity_mps2=gravity_mps2)
     _findings(page, findings)
 
@@ -129,7 +130,7 @@ def _uncertainty(comparison: Comparison) -> Figure:
         if u is None:
             continue
         for axis, values in zip(axes[0], (u.inc_std_deg, u.tf_std_deg), strict=True):
-            axis.semilogy(u.inc_deg, values, ".-", color=COLOURS.get(outcome.method), label=outcome.method)
+            axis.semilogy(u.inc_deg, values, ".-", color=all_methods()[outcome.method].colour, label=outcome.method)
     for axis, name in zip(axes[0], ("I", "T"), strict=True):
         axis.set(xlabel="inclination, deg", ylabel=f"u({name}), deg")
         axis.legend()
@@ -143,7 +144,7 @@ def _errors(comparison: Comparison) -> Figure:
         if outcome.errors is None:
             continue
         for axis, values in zip(axes[0], (outcome.errors.inc_deg, outcome.errors.tf_deg), strict=True):
-            axis.plot(at, values, ".", color=COLOURS.get(outcome.method), label=outcome.method)
+            axis.plot(at, values, ".", color=all_methods()[outcome.method].colour, label=outcome.method)
     for axis, name in zip(axes[0], ("I", "T"), strict=True):
         axis.set(xlabel="pose", ylabel=f"error of {name}, deg")
         axis.set_yscale("symlog", linthresh=0.01)

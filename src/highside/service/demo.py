@@ -21,7 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from highside.calibration.record import CalibrationRecord, Environment, SolveRequest, build_record, solve_poses
+from highside.calibration.method import SolveRequest
+from highside.calibration.methods.conventional import METHOD as CONVENTIONAL
+from highside.calibration.record import CalibrationRecord, Environment, build_record, solve_poses
 from highside.config.settings import Settings, validate
 from highside.link.device import DeviceSettings, SimulatedDevice
 from highside.link.wire import PtyWire
@@ -235,7 +237,7 @@ def factory_record() -> CalibrationRecord:
     columns = {"inc_ref_deg": inc, "tf_ref_deg": tf, "ax": a[0], "ay": a[1], "az": a[2], "n": np.full(24, 100.0)}
     columns |= {f"std_a{axis}": np.full(24, noise_g) for axis in "xyz"}
     poses = {name: values.tolist() for name, values in columns.items()}
-    request = SolveRequest("conventional")
+    request = SolveRequest(CONVENTIONAL.name)
     return build_record(
         tool_id=TOOL_ID,
         serial=None,

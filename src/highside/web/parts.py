@@ -10,6 +10,7 @@ from html import escape
 
 from highside.bench.session.reasons import Fault
 from highside.bench.session.snapshot import PoseRow, PoseState, Snapshot, State, VerdictState, table_reads
+from highside.calibration.methods import solves_rings
 from highside.web.drawings import pictures
 
 STATES = {
@@ -203,7 +204,7 @@ def _calibration(snapshot: Snapshot, drawn: str) -> str:
     )
     key = '<p class="key"><span class="i">I</span> <span class="t">T</span> one standard deviation over inclination</p>'
     over = snapshot.result is not None or snapshot.state.ended
-    if not closures and snapshot.plan.method == "balance" and not over:
+    if not closures and solves_rings(snapshot.plan.method) and not over:
         closures = "<li>after the first ring of four</li>"
     rings = f'<h2>Closure</h2><ul class="closures">{closures}</ul>' if closures else ""
     label = "calibration so far" if not over else "calibration"

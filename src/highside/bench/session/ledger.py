@@ -36,8 +36,9 @@ from highside.bench.session.entries import (
 from highside.bench.session.plans import Plan, Reference
 from highside.bench.session.reasons import Rejection
 from highside.bench.session.snapshot import PoseState
+from highside.calibration.method import SolveRequest
+from highside.calibration.methods.joint import METHOD as JOINT
 from highside.calibration.poses import PoseSet
-from highside.calibration.record import SolveRequest
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,7 +219,7 @@ class Ledger:
     def request(self) -> SolveRequest:
         """What the solver is asked."""
         plan = self.plan
-        method = plan.method if plan.method != "none" else "joint"
+        method = plan.method if plan.method != "none" else JOINT.name
         return SolveRequest(method, plan.triples, plan.reference, plan.limits.pose_sigma_deg, plan.fallback)
 
     def pose_columns(self) -> dict[str, list[float] | list[str]]:

@@ -17,15 +17,10 @@ from highside.bench.session.plans import Kind, Plan
 from highside.bench.session.reasons import Rejection
 from highside.bench.session.snapshot import PoseState, Uncertainty
 from highside.bench.session.verdict import Found, judge
+from highside.calibration.method import Solution, SolveRequest
+from highside.calibration.methods import solves_rings
 from highside.calibration.poses import Array
-from highside.calibration.record import (
-    CalibrationRecord,
-    PoseColumns,
-    Solution,
-    SolveRequest,
-    build_record,
-    solve_poses,
-)
+from highside.calibration.record import CalibrationRecord, PoseColumns, build_record, solve_poses
 from highside.calibration.result import CalibrationResult, Reason
 from highside.errors import HighsideError, InputError
 from highside.physics.gravity import gravity_direction
@@ -206,7 +201,7 @@ USE_INC_DEG = (1.0, 5.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 def uncertainty_of(solution: Solution, plan: Plan) -> Uncertainty:
     """What a solution states of itself: rms over the attitudes of use, and the curve over inclination."""
     around = np.deg2rad(np.arange(0.0, 360.0, 45.0))
-    use = sorted({abs(pose.inc_deg) for pose in plan.poses}) if plan.method == "balance" else USE_INC_DEG
+    use = sorted({abs(pose.inc_deg) for pose in plan.poses}) if solves_rings(plan.method) else USE_INC_DEG
     shown, inc_std, tf_std = [], [], []
     for inc_deg in use:
         one_inc, one_tf = _std(solution, np.full(around.size, np.deg2rad(inc_deg)), around)

@@ -20,6 +20,10 @@ import numpy as np
 
 from highside.calibration.advice import CANDIDATE_INC_RAD, CANDIDATE_TF_RAD, next_best_poses
 from highside.calibration.conventional import position_plan
+from highside.calibration.methods import get
+from highside.calibration.methods.balance import METHOD as BALANCE
+from highside.calibration.methods.conventional import METHOD as CONVENTIONAL
+from highside.calibration.methods.joint import METHOD as JOINT
 from highside.calibration.result import BenchAccuracy
 from highside.errors import InputError
 
@@ -199,7 +203,9 @@ def balance_plan(inclinations_deg: Sequence[float], limits: Limits | None = None
             )
     poses = _grid(inclinations_deg, BALANCE_TOOLFACES_DEG)
     rings = ", ".join(f"{inc:g}" for inc in inclinations_deg)
-    return Plan(Kind.BALANCE, f"balance at {rings} deg", "balance", poses, limits=limits or Limits(), triples=triples)
+    return Plan(
+        Kind.BALANCE, f"balance at {rings} deg", BALANCE.name, poses, limits=limits or Limits(), triples=triples
+    )
 
 
 def conventional_plan(positions: int, limits: Limits | None = None) -> Plan:
@@ -211,7 +217,7 @@ def conventional_plan(positions: int, limits: Limits | None = None) -> Plan:
     attitudes = zip(np.rad2deg(inc).tolist(), np.rad2deg(tf).tolist(), strict=True)
     poses = tuple(PlannedPose(str(k + 1), i, t) for k, (i, t) in enumerate(attitudes))
     return Plan(
-        Kind.CONVENTIONAL, f"conventional, {positions} positions", "conventional", poses, limits=limits or Limits()
+        Kind.CONVENTIONAL, f"conventional, {positions} positions", CONVENTIONAL.name, poses, limits=limits or Limits()
     )
 
 
@@ -260,7 +266,7 @@ def joint_plan(
         PlannedPose(str(k + 1), round(float(np.rad2deg(i)), 9), round(float(np.rad2deg(t)), 9))
         for k, (i, t) in enumerate(ordered)
     )
-    return Plan(Kind.JOINT, f"joint, {count} poses by advice", "joint", poses, limits=limits)
+    return Plan(Kind.JOINT, f"joint, {count} poses by advice", JOINT.name, poses, limits=limits)
 
 
 LEAST_TURNTABLE_SIN = 0.05
@@ -289,7 +295,7 @@ def turntable_plan(
         raise InputError(f"{stations} stations", field="plan.stations", remedy=f"at least {LEAST_TURN}")
     poses = _grid(inclinations_deg, tuple(360.0 * k / stations for k in range(stations)))
     turns = ", ".join(f"{value:g}" for value in inclinations_deg)
-    return Plan(Kind.TURNTABLE, f"turntable, full turns at {turns} deg", "joint", poses, limits=limits or Limits())
+    return Plan(Kind.TURNTABLE, f"turntable, full turns at {turns} deg", JOINT.name, poses, limits=limits or Limits())
 
 
 def soak_plan(
@@ -335,15 +341,18 @@ def _over_temperature(
         for pose in _grid(inclinations_deg, toolfaces_deg)
     )
     steps = " ".join(f"{temp:g}" for temp in temperatures_c)
-    return Plan(kind, f"{name} at {steps} C", "joint", poses, stages, limits or Limits())
+    return Plan(kind, f"{name} at {steps} C", JOINT.name, poses, stages, limits or Limits())
 
 
 def custom_plan(
-    poses: Sequence[tuple[float, float]], method: str = "joint", limits: Limits | None = None, *, title: str = "custom"
+    poses: Sequence[tuple[float, float]],
+    method: str = JOINT.name,
+    limits: Limits | None = None,
+    *,
+    title: str = "custom",
 ) -> Plan:
     """Any poses (inclination, toolface) in degrees, in the order given."""
-    if method not in ("joint", "conventional", "balance"):
-        raise InputError(f"{method!r} is none of joint, conventional, balance", field="plan.method")
+    get(method, field="plan.method")
     planned = tuple(PlannedPose(str(k + 1), float(i), float(t)) for k, (i, t) in enumerate(poses))
     return Plan(Kind.CUSTOM, title, method, planned, limits=limits or Limits())
 
@@ -353,7 +362,7 @@ def unguided_plan(limits: Limits | None = None, *, min_poses: int = 10) -> Plan:
     # sensors of hand sessions are uncalibrated as often as not
     limits = limits or Limits(min_hold_s=1.5, max_hold_s=60.0, prior_offset_g=0.05, prior_matrix=0.05)
     return Plan(
-        Kind.UNGUIDED, "attitudes by hand", "joint", (), limits=limits, reference="magnitude", min_poses=min_poses
+        Kind.UNGUIDED, "attitudes by hand", JOINT.name, (), limits=limits, reference="magnitude", min_poses=min_poses
     )
 
 
@@ -361,7 +370,7 @@ def verification_plan(
     poses: Sequence[tuple[float, float]], limits: Limits | None = None, criterion: Criterion | None = None
 ) -> Plan:
     """A few poses to judge an existing calibration by ("as found"). Without a criterion they are only taken."""
-    made = custom_plan(poses, "joint", limits, title="verification")
+    made = custom_plan(poses, JOINT.name, limits, title="verification")
     return replace(made, kind=Kind.VERIFICATION, method="none", criterion=criterion)
 
 

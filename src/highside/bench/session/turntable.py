@@ -16,7 +16,7 @@ from highside.attitude.block import attitude_block
 from highside.bench.session.ledger import Ledger
 from highside.bench.session.plans import Plan
 from highside.calibration.comparison import tilt_shift
-from highside.calibration.record import Solution
+from highside.calibration.method import Solution
 from highside.rotation.compensation import Compensation
 from highside.rotation.turntable import correct_settings, fit_turntable
 

@@ -1,0 +1,39 @@
+"""The method `balance`: a matrix for each ring of inclination, from poses in its four quadrants."""
+
+from __future__ import annotations
+
+from highside.calibration.balance import balance
+from highside.calibration.conventional import conventional
+from highside.calibration.method import NO_FALLBACK, Method, Solution, SolveRequest
+from highside.calibration.methods import get
+from highside.calibration.poses import PoseSet
+from highside.calibration.result import BenchAccuracy, CalibrationRefused
+from highside.errors import InputError
+
+
+def _solve(poses: PoseSet, request: SolveRequest, bench: BenchAccuracy) -> Solution:
+    """The zones, with the `fallback` that is asked for; else, where the rings span enough to give one, with a rough
+    global `guide` that only chooses the zone of a reading."""
+    result = balance(poses, triples=request.triples, bench=bench)
+    if request.fallback != NO_FALLBACK:
+        beyond = get(request.fallback, field="--fallback")
+        if beyond.by_ring:
+            raise InputError(f"method {beyond.name!r} holds near its own rings only", field="--fallback")
+        alone = SolveRequest(beyond.name, pose_sigma_deg=request.pose_sigma_deg)
+        return Solution(result, fallback=beyond.solve(poses, alone, bench).result)
+    if len(result.zones) < 2:
+        return Solution(result)
+    try:
+        return Solution(result, guide=conventional(poses, bench=bench))
+    except CalibrationRefused:
+        return Solution(result)
+
+
+METHOD = Method(
+    "balance",
+    described="balance correction ({triples})",
+    colour="#3d8b40",
+    solve=_solve,
+    by_ring=True,
+    order=2,
+)
