@@ -34,8 +34,8 @@ FORBIDDEN = {
 }
 FORBIDDEN_METHODS = {"model_validate_json", "validate_json", "model_validate_strings", "parse_raw", "add_dbc_string"}
 """of pydantic's models and adapters, which parse JSON themselves"""
-MAY = {("codec/can_dbc.py", "add_dbc_string")}
-"""behind `check_dbc`"""
+MAY = {("codec/can_dbc.py", "add_dbc_string"), ("service/payload.py", "exec")}
+"""behind `check_dbc`; of a text made of the fields of our own models when the module is imported"""
 
 
 def violations(source: str, name: str = "") -> list[str]:
@@ -48,8 +48,9 @@ def violations(source: str, name: str = "") -> list[str]:
         if isinstance(node, ast.Import | ast.ImportFrom):
             roots = [a.name for a in node.names] if isinstance(node, ast.Import) else [node.module or ""]
             out += [f"{line}: {root}" for root in roots if FORBIDDEN.get(root.split(".")[0]) == {"*"}]
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in FORBIDDEN["builtins"]:
-            out.append(f"{line}: {node.func.id}")
+        called = node.func.id if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) else ""
+        if called in FORBIDDEN["builtins"] and (name, called) not in MAY:
+            out.append(f"{line}: {called}")
         if isinstance(node, ast.Name) and node.id in names and isinstance(node.ctx, ast.Load):
             out.append(f"{line}: {names[node.id]}")
         if isinstance(node, ast.Attribute):

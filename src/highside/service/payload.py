@@ -80,6 +80,7 @@ def writer(
     ending = f'"{LAST}":false'
     body = " + ".join(("'{'", *terms, f"'{ending}}}'"))
     source = "\n".join((f"def write({', '.join(parameters)}):", *lines, f"    return ({body}).encode()"))
+    # nothing of it comes from outside: names of fields and attributes, as the models state them
     made: dict[str, Any] = {"number": number, "angle": angle, "string": string}
     exec(compile(source, f"<{model.__name__}, written>", "exec"), made)
     function: Callable[..., bytes] = made["write"]
