@@ -1,8 +1,8 @@
 """The numbers that decide, of what all kinds of recordings share.
 
 Each stands with its unit, what it means, and the reference or the run that set it. *Chosen* names the commit in which
-a value was put there by judgement: no run that varied it is on record. They are no settings for users: whoever moves
-one puts the engine to the sealed cases again (studies/sealed/score.py).
+a value was put there by judgement: no run that varied it is on record. Whoever moves one puts the engine to the sealed
+cases again (studies/sealed/score.py).
 """
 
 from __future__ import annotations
@@ -134,8 +134,8 @@ class FitsPolicy:
     settled: float = 1e-6
     """Chi-square of a step that is the last. Chosen in 452637c; no run is recorded."""
     bends: float = 6.0
-    """Chi-square of what effects do beyond first order, from which it is no matter of rounding. Chosen in ea46e09; no
-    run is recorded."""
+    """Chi-square of what effects do beyond first order, from which it is no rounding. Chosen in ea46e09; no run is
+    recorded."""
     unmoved: float = 1e-12
     """Length of a column beside the longest, below which it is rounding. Chosen in 88fce7b; no run is recorded."""
     rank: float = 1e-10
@@ -206,8 +206,7 @@ class PlacesPolicy:
     channel_share: float = 0.1
     """Share of the loudest channel's energy from which a channel is told. Chosen in 304904b; no run is recorded."""
     explained: float = 0.9
-    """Share of what the best covariate explains that a simpler one must explain. Chosen in 21ed34d; no run is
-    recorded."""
+    """Share of what the best covariate explains that a simpler one must. Chosen in 21ed34d; no run is recorded."""
     ranged: float = 0.25
     """Share of the largest mean energy above which a range is told. Chosen in 541f29c; no run is recorded."""
 
@@ -223,8 +222,7 @@ class MemoryPolicy:
     """-2 log likelihood of a channel, gain from which memory is believed. Chosen in 1d73a30 after looking at the
     prototype's scored runs; no run that varied it is recorded."""
     suspect: float = 8.0
-    """-2 log likelihood of a channel, gain from which judging takes memory into account. Chosen in 1d73a30; no run is
-    recorded."""
+    """-2 log likelihood of a channel, gain from which judging uses memory. Chosen in 1d73a30; no run is recorded."""
     slow_log_p: float = 2.8
     """-log10 p that a slow effect must reach beside a walk. Source: parametric bootstrap of walks, 7 rates with 400
     draws each on two channel patterns: the least favourable rate passes in 4.2 % [2.7, 6.7]; 2.5 would pass 7.5 %."""
@@ -295,8 +293,7 @@ class RivalsPolicy:
     rival_log_p: float = 1.5
     """-log10 p from which something is a rival at all. Chosen in 1d73a30; no run is recorded."""
     beyond_reason: float = 100.0
-    """Plausible sizes; an effect that would have to be larger is as good as absorbed. Chosen in b509136; no run is
-    recorded."""
+    """Plausible sizes; an effect that must be larger is as good as absorbed. Chosen in b509136; no run is recorded."""
     power_80: float = 0.8416
     """Standard normal quantile of 80 %. Source: a definition."""
     most_log_p: float = 12.0

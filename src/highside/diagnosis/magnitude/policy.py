@@ -103,9 +103,6 @@ class MagnitudeChoicePolicy:
     """Blocks of a longer session, each predicted from the others. Chosen in 6be9111; no run is recorded."""
     alike: float = 0.999
     """Cosine from which two columns are one. Chosen in 6be9111; no run is recorded."""
-    within_95: float = 2.7
-    """-2 log likelihood within which a walk is allowed at 95 %. Source: one-sided 95 % quantile of chi-square with one
-    degree of freedom."""
     per_name: int = 6
     """Readings beyond the base for each effect that is given a name. Chosen in 27cfa6d; no run is recorded."""
     steps: int = 12

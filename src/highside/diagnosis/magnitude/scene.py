@@ -17,7 +17,7 @@ from highside.diagnosis.core.location import Basis, followed, intervals, scan_of
 from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.core.memory import Channel, Innovating, Likelihoods, Memory, SlowEffect
 from highside.diagnosis.core.memory import intervals as in_intervals
-from highside.diagnosis.core.policy import POOL, REGRESSION, SELECTION, ScenePolicy
+from highside.diagnosis.core.policy import INTERVALS, POOL, REGRESSION, SELECTION, ScenePolicy
 from highside.diagnosis.core.pool import Member, Pool, pose_flips, ranked, span_with, standing, threshold
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.core.result import Diagnosis, Fit, Location, NotTestable
@@ -243,7 +243,7 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
         fits = channel.without(self.base[:0, 0])
         walks = [
             share for (length, share), fit in zip(channel.settings, fits, strict=True)
-            if np.isinf(length) and fit <= fits.min() + MAGNITUDE_CHOICE.within_95
+            if np.isinf(length) and fit <= fits.min() + INTERVALS.chi2_95
         ]  # fmt: skip
         return self._remembering(np.inf, max(walks)) if walks else noise
 

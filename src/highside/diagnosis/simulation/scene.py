@@ -20,7 +20,7 @@ from highside.diagnosis.core.regression import outside
 from highside.diagnosis.core.result import Diagnosis, Fit, FittedParameter, Location
 from highside.diagnosis.core.rivals import Rivalry
 from highside.diagnosis.core.scene import SLOW, Judged, Picture
-from highside.diagnosis.rows.gram import HeldOutRows, WalkingChannel, accumulate
+from highside.diagnosis.rows.gram import HeldOutRows, Key, WalkingChannel, accumulate
 from highside.diagnosis.rows.jitter import with_jitter
 from highside.diagnosis.rows.noise import RotationNoise, estimate
 from highside.diagnosis.rows.scene import JudgedRows, RowsScene, chance_of
@@ -211,7 +211,7 @@ class SimulationScene(RowsScene):
             tables[effect.id] = table
         return JointFit(tables, left, tuple(outside))
 
-    def _whole(self, member: Member) -> NDArray[Any]:
+    def _whole(self, member: Member) -> NDArray[np.intp]:
         """All amplitudes of the effect at the member's shape; of one that acts on single channels, those alone."""
         candidate, variant = self.candidates[member.candidate], self.variant(member)
         if variant.whole:
@@ -292,7 +292,7 @@ class SimulationScene(RowsScene):
             found.append(float(np.sqrt(total / max(count, 1))))
         return found[0], found[1]
 
-    def _solution(self, every: NDArray[np.intp], keys: Sequence[Any]) -> Array:
+    def _solution(self, every: NDArray[np.intp], keys: Sequence[Key]) -> Array:
         if not every.size:
             return np.empty(0)
         part = replace(

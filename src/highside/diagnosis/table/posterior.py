@@ -15,7 +15,6 @@ by a few Metropolis steps, so that they need no weights and do not repeat one an
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +24,8 @@ from highside.diagnosis.table.chain import Linear, errors_in_common, tell
 from highside.diagnosis.table.explained import Explained, Progress
 from highside.diagnosis.table.fit import Fitted, Option, Table, chance_of, fit_set
 from highside.diagnosis.table.instrument import instrument
-from highside.diagnosis.table.policy import EXPLAINING, POSTERIOR, TABLE_FITS
+from highside.diagnosis.table.policy import POSTERIOR, TABLE_FITS
+from highside.diagnosis.table.priors import covariance_with_priors, log_prior_of_scatter, log_prior_of_set, log_share
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
@@ -169,41 +169,7 @@ class _Evidence:
     def posterior(self, at: Array, tau: float) -> float:
         """Logarithm of the evidence at values, noise and scatter."""
         likely = self.likelihood(self.left(at), self.noise_g(at), tau)
-        return likely + self.prior(at) + float(_tau_prior(np.array(tau)))
-
-
-def _tau_prior(tau: Array) -> Array:
-    """Logarithm of the density by log tau: of the size of a bench step, or none."""
-    return np.asarray(np.log(tau / EXPLAINING.step_rad) - np.log1p((tau / EXPLAINING.step_rad) ** 2))
-
-
-def log_prior_of_set(options: Sequence[Option], fitted: Fitted) -> float:
-    """Each effect is there with probability `POSTERIOR.there`; one of its shapes, all of its amplitudes or some."""
-    odds = float(np.log(POSTERIOR.there / (1 - POSTERIOR.there)))
-    return sum(odds + _log_share(options, own) for own in fitted.options)
-
-
-def _log_share(options: Sequence[Option], own: Option) -> float:
-    """Logarithm of the probability of this variant, where its effect is there."""
-    same = [option for option in options if option.effect == own.effect]
-    shapes = {option.shape for option in same}
-    variants = [option for option in same if option.shape == own.shape]
-    largest = max(len(option.amplitudes) for option in variants)
-    share = 1.0
-    if len(variants) > 1:
-        share = POSTERIOR.whole if len(own.amplitudes) == largest else (1 - POSTERIOR.whole) / (len(variants) - 1)
-    return float(np.log(share / len(shapes)))
-
-
-def covariance_with_priors(table: Table, fitted: Fitted) -> Array:
-    """(P + 1, P + 1) of the values and the logarithm of the noise, with their priors."""
-    mask = table.mask
-    cov = fitted.covariance(table)[np.ix_(mask, mask)]
-    slope = fitted.jacobian[:, mask]
-    precision = table.precision(len(slope))
-    precision[table.known.size : -1] = 2.0 / (POSTERIOR.size**2 + fitted.values[table.known.size :] ** 2)
-    precision[-1] = TABLE_FITS.noise_log_std**-2 if table.noise_g is None else POSTERIOR.known
-    return np.asarray(np.linalg.inv(slope @ np.linalg.solve(cov, slope.T) + np.diag(precision)))
+        return likely + self.prior(at) + float(log_prior_of_scatter(np.array(tau)))
 
 
 def _mode(explained: Explained, fitted: Fitted) -> _Mode:
@@ -331,7 +297,7 @@ def _helpful(explained: Explained, parent: Fitted) -> list[Option]:
         gain = 0.5 * float(pull @ np.linalg.solve(curve, pull)) - 0.5 * float(
             np.linalg.slogdet(curve * POSTERIOR.size**2)[1]
         )
-        promise.append(gain + _log_share(explained.scene.options, option))
+        promise.append(gain + log_share(explained.scene.options, option))
     order = np.argsort(promise)[::-1][: POSTERIOR.helpful]
     return [options[k] for k in order]
 
@@ -405,7 +371,7 @@ def _proposals(evidence: _Evidence, group: list[_Mode], number: int, rng: np.ran
     # the scatter beyond chance: proposed from what the first mode says of it
     centre = group[0].centre
     left, noise_g = evidence.left(centre), evidence.noise_g(centre)
-    of_tau = np.array([evidence.likelihood(left, noise_g, float(t)) for t in POSTERIOR.taus]) + _tau_prior(
+    of_tau = np.array([evidence.likelihood(left, noise_g, float(t)) for t in POSTERIOR.taus]) + log_prior_of_scatter(
         POSTERIOR.taus
     )
     of_tau = np.exp(0.5 * (of_tau - of_tau.max()))
