@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from highside.gyro.blocks import Batch, Block
-from highside.gyro.core import agrees
+from highside.gyro.error_state import agrees
 from highside.gyro.frames import DEG_PER_HOUR, to_body
 from highside.gyro.gates import DWELL_S, LEARN_S, Gate, Motion, quiet_rows
 from highside.papers.drift_scenarios import Experiment, drilling, record, rotating_table, turntable, vibration_table

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from highside.attitude.angles import wrap_signed
-from highside.gyro import core
+from highside.gyro import error_state
 from highside.gyro.compiled import LOADED_LEAST_ROWS, kernels
 from highside.gyro.filter import KinematicFilter, Settings
 from highside.gyro.frames import attitude, to_body
@@ -296,7 +296,7 @@ def test_an_alignment_changes_the_azimuth_alone() -> None:
     P = np.array(aligned.P)
     assert np.allclose(P, P.T, atol=0.0)
     assert np.linalg.eigvalsh(P).min() > -1e-15
-    row = np.array(core.azimuth_row(tuple(aligned.q.tolist())))
+    row = np.array(error_state.azimuth_row(tuple(aligned.q.tolist())))
     # nothing else goes with the new azimuth's error
     assert np.abs(row @ P[:3, 3:]).max() < 1e-12
 

@@ -1,9 +1,10 @@
-"""Long recordings sample by sample in machine code: gathering into blocks, the filter over them, the rows between.
+"""Long recordings sample by sample in machine code: gathering into blocks, and the rows between their ends.
 
 Optional (extra `fast`): without numba, or for recordings whose interpretation takes less time than loading a compiler,
-`kernels` gives None and numpy does the same by other loops. The functions are those of `blocks` and `core`, compiled
-from the same source with all they call; `gather` and `follow` add the loops over samples. IEEE arithmetic, nothing
-fused or reordered: the states at the ends of blocks are the same bits, rows between them differ by the last digit.
+`kernels` gives None and numpy does the same by other loops. The filter itself has one block a second to take and stays
+in numpy. `gather` and `follow` add the loops over samples to functions of `blocks` and `error_state`, compiled from the
+same source. IEEE arithmetic, nothing fused or reordered: the blocks are the same bits, rows between their ends differ
+by the last digit.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.gyro import algebra, core
+from highside.gyro import error_state
 from highside.gyro.blocks import EMPTY, MAX_GAP_S, SUMS, advance
-from highside.gyro.core import times, turning
+from highside.gyro.error_state import quaternion_exp, quaternion_product
 
 FloatArray = NDArray[np.float64]
 
@@ -36,7 +37,6 @@ class Kernels(NamedTuple):
 
     gather: Callable[..., int]
     follow: Callable[..., None]
-    run: Callable[..., None]
 
 
 def gather(
@@ -108,16 +108,20 @@ def follow(
             now = (q[k, 0], q[k, 1], q[k, 2], q[k, 3])
             if not frozen[k]:
                 b0, b1, b2, s, seconds = bias[k, 0], bias[k, 1], bias[k, 2], scale[k], at[19]
-                small = turning(
+                small = quaternion_exp(
                     -(at[4] * b0 + at[5] * b1 + at[6] * b2 + at[13] * s),
                     -(at[7] * b0 + at[8] * b1 + at[9] * b2 + at[14] * s),
                     -(at[10] * b0 + at[11] * b1 + at[12] * b2 + at[15] * s),
                 )
-                earths = turning(-earth[0] * seconds, -earth[1] * seconds, -earth[2] * seconds)
-                now = times(times(earths, now), times((at[0], at[1], at[2], at[3]), small))
+                earths = quaternion_exp(-earth[0] * seconds, -earth[1] * seconds, -earth[2] * seconds)
+                now = quaternion_product(
+                    quaternion_product(earths, now), quaternion_product((at[0], at[1], at[2], at[3]), small)
+                )
             if leap[k, 0] != 0.0 or leap[k, 1] != 0.0 or leap[k, 2] != 0.0:
                 share = (t - edges[1, k]) / (edges[2, k] - edges[1, k])
-                now = times(now, turning(share * leap[k, 0], share * leap[k, 1], share * leap[k, 2]))
+                now = quaternion_product(
+                    now, quaternion_exp(share * leap[k, 0], share * leap[k, 1], share * leap[k, 2])
+                )
             a, b, c, d = now
         up = 2 * (c * d + a * b)
         angles[0, i] = math.asin(min(max(up, -1.0), 1.0)) + 0.5 * math.pi
@@ -125,13 +129,8 @@ def follow(
         angles[2, i] = math.atan2(2 * (b * c - a * d), a * a - b * b + c * c - d * d) % (2 * math.pi)
 
 
-_CORE = (
-    "times", "turning", "cosines", "attitude_of", "store", "earth_in_body", "azimuth_of", "azimuth_row",
-    "azimuth_variance", "turn_left", "random_walk_of", "agrees", "motion_of", "spread", "carry", "standing",
-    "reading_at_end", "reading_variance", "predict", "innovation_row", "follow_up", "take", "bounded", "gravity",
-    "zero_rate", "straight", "correct", "run",
-)  # fmt: skip
-"""each after those that it calls"""
+_COMPILED = ("quaternion_product", "quaternion_exp")
+"""of `error_state`, called by `follow`"""
 
 
 def _digest(functions: list[Any], names: dict[str, Any]) -> str:
@@ -147,8 +146,8 @@ def _compile() -> Kernels | None:
         return None
     import numba
 
-    names = vars(algebra) | vars(core)
-    source = _digest([names[name] for name in _CORE] + [advance, gather, follow], names)
+    names = dict(vars(error_state))
+    source = _digest([names[name] for name in _COMPILED] + [advance, gather, follow], names)
 
     def compiled(function: Any, names: dict[str, Any]) -> Any:
         # the same code, seeing the compiled forms of what it calls
@@ -161,14 +160,14 @@ def _compile() -> Kernels | None:
             # nowhere to keep it: compiled anew in each process
             return numba.njit(copy, error_model="numpy")
 
-    for name in _CORE:
+    for name in _COMPILED:
         names[name] = compiled(names[name], names)
     own = dict(globals())
-    own |= {name: names[name] for name in ("times", "turning")}
+    own |= {name: names[name] for name in _COMPILED}
     own["advance"] = compiled(advance, dict(advance.__globals__))
     for name in ("gather", "follow"):
         own[name] = compiled(own[name], own)
-    return Kernels(own["gather"], own["follow"], names["run"])
+    return Kernels(own["gather"], own["follow"])
 
 
 def kernels(rows: int) -> Kernels | None:

@@ -21,7 +21,8 @@ is measured, as far as the tool's motion allows it:
                 by the readings, v' = v + g (A - p) t, and measured as none, give or take what a hand does: the mean
                 acceleration over a time T then errs by v / T.
 
-Each update is gated by its innovation and applied in Joseph's form (`core`). Causal: a row knows nothing of later ones.
+Each update is gated by its innovation and applied in Joseph's form (`error_state`). Causal: a row knows nothing of
+later ones.
 
 How well it can do at best: a gyro noise of N turns the azimuth about Up by N sqrt(t), and gravity never shows it. On a
 table that turns about its axis at elevation theta the bias along the axis is known to N / (cos(theta) sqrt(t)) and acts
@@ -39,7 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.attitude.quaternion import from_angles, from_rotation_vector, multiply, up_direction
-from highside.gyro import core
+from highside.gyro import error_state
 from highside.gyro.blocks import Block, Gatherer
 from highside.gyro.frames import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RADPS, earth_rate
 from highside.gyro.gates import Gate, Motion
@@ -151,10 +152,10 @@ def azimuth_basis(settings: Settings, still_s: float, turned_rad: float) -> tupl
     return tuple(found) or (AzimuthBasis.NOTHING,)
 
 
-def constants_of(settings: Settings) -> core.Constants:
+def constants_of(settings: Settings) -> error_state.Constants:
     """The settings as the arithmetic takes them."""
     east, north, up = earth_rate(settings.latitude_rad, azimuth_known=settings.azimuth_rad is not None).tolist()
-    return core.Constants(
+    return error_state.Constants(
         earth_e=east,
         earth_n=north,
         earth_u=up,
@@ -171,14 +172,14 @@ def constants_of(settings: Settings) -> core.Constants:
     )
 
 
-def aligned(block: Block, settings: Settings) -> core.Memory:
+def aligned(block: Block, settings: Settings) -> error_state.FilterState:
     """The first state: tilt from the block's mean gravity, azimuth from the settings."""
     s = settings
     g = block.accel / math.sqrt(float(block.accel @ block.accel))
     theta = math.asin(min(max(float(g[1]), -1.0), 1.0))
     phi = math.atan2(-float(g[0]), float(g[2]))
     psi = s.azimuth_rad or 0.0
-    P = np.zeros((core.STATES, core.STATES))
+    P = np.zeros((error_state.STATES, error_state.STATES))
     tilt_std = math.hypot(s.tilt_std_rad, max(block.accel_std, s.accel_noise_g) / math.sqrt(max(block.n, 1)))
     # elevation, toolface and azimuth are what is known independently; an error of the toolface is a rotation about the
     # tool axis and so, in part, about Up
@@ -195,16 +196,16 @@ def aligned(block: Block, settings: Settings) -> core.Memory:
     P[3:6, 3:6] = bias_var * np.eye(3)
     P[6, 6] = s.scale_std**2
     P[7:, 7:] = (s.velocity_std_mps or s.accel_bias_std_g) ** 2 * np.eye(3)
-    return core.Memory(
-        q=from_angles(theta, phi, psi).tolist(),
-        bias=[0.0] * 3,
-        scale=[0.0],
-        accel_bias=[0.0] * 3,
-        P=P.ravel().tolist(),
-        psi0=[psi],
-        stop=[0.0] * 5,
-        tally=[0.0] * 10,
-        work=[0.0] * 120,
+    return error_state.FilterState(
+        q=from_angles(theta, phi, psi),
+        bias=np.zeros(3),
+        scale=np.zeros(1),
+        accel_bias=np.zeros(3),
+        velocity=np.zeros(3),
+        P=P,
+        psi0=np.array([psi]),
+        stop=np.zeros(5),
+        tally=np.zeros(10),
     )
 
 
@@ -214,7 +215,7 @@ class KinematicFilter:
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self.constants = constants_of(settings)
-        self.memory: core.Memory | None = None
+        self.memory: error_state.FilterState | None = None
         self.gate = Gate()
         self.motion = Motion.VIBRATING
         self.time_s = math.nan
@@ -258,12 +259,12 @@ class KinematicFilter:
             self.memory = aligned(block, self.settings)
             self.motion = Motion(verdict)
             if declared_still:
-                core.zero_rate(block.vector.tolist(), True, self.memory, self.constants)
+                error_state.zero_rate(block.vector, True, self.memory, self.constants)
             return
-        z, m, c = block.vector.tolist(), self.memory, self.constants
-        motion = core.motion_of(z, verdict, declared_still, m, c)
-        core.predict(z, motion, m, c)
-        core.correct(z, motion, declared_still, m, c)
+        z, m, c = block.vector, self.memory, self.constants
+        motion = error_state.motion_of(z, verdict, declared_still, m, c)
+        error_state.predict(z, motion, m, c)
+        error_state.correct(z, motion, declared_still, m, c)
         self.motion = Motion(motion)
 
     @property
@@ -274,18 +275,18 @@ class KinematicFilter:
             return None
         tally = m.tally
         return State(
-            q=np.array(m.q),
-            bias=np.array(m.bias),
-            scale=m.scale[0],
-            accel_bias=np.array(m.accel_bias),
-            P=np.array(m.P).reshape(core.STATES, core.STATES),
+            q=m.q.copy(),
+            bias=m.bias.copy(),
+            scale=float(m.scale[0]),
+            accel_bias=m.accel_bias.copy(),
+            P=m.P.copy(),
             time_s=self.time_s,
             motion=self.motion,
             azimuth_std_rad=self.azimuth_std_rad,
-            still_s=tally[core.STILL_S],
-            turned_rad=tally[core.TURNED],
-            moved_s=tally[core.MOVED_S],
-            gap_s=tally[core.GAP_S],
+            still_s=float(tally[error_state.STILL_S]),
+            turned_rad=float(tally[error_state.TURNED]),
+            moved_s=float(tally[error_state.MOVED_S]),
+            gap_s=float(tally[error_state.GAP_S]),
             refused=refused(tally),
         )
 
@@ -293,10 +294,10 @@ class KinematicFilter:
     def azimuth_std_rad(self) -> float:
         """At the end of the last block. Raises ValueError before the first."""
         m = self._begun()
-        variance = np.array(core.azimuth_variance(m))
-        return float(azimuth_std(variance, m.tally[core.MOVED_S], m.tally[core.SHAKEN], self.settings))
+        variance = np.array(error_state.azimuth_variance(m))
+        return float(azimuth_std(variance, m.tally[error_state.MOVED_S], m.tally[error_state.SHAKEN], self.settings))
 
-    def _begun(self) -> core.Memory:
+    def _begun(self) -> error_state.FilterState:
         if self.memory is None:
             raise ValueError("no block is closed yet")
         return self.memory
@@ -305,12 +306,16 @@ class KinematicFilter:
         """Quaternion (4,) at the newest sample, predicted from the last closed block."""
         m = self._begun()
         if self.motion is Motion.STILL:
-            return np.array(m.q)
+            return m.q.copy()
         c, sums = self.constants, self._gatherer.sums
         t = sums[19]
-        turned = core.turning(-c.earth_e * t, -c.earth_n * t, -c.earth_u * t)
-        raw = core.times(sums[:4], core.turning(*core.turn_left(m, sums)))
-        return np.array(core.times(core.times(turned, core.attitude_of(m)), raw))
+        turned = error_state.quaternion_exp(-c.earth_e * t, -c.earth_n * t, -c.earth_u * t)
+        raw = error_state.quaternion_product(
+            sums[:4], error_state.quaternion_exp(*error_state.turn_of_errors(m.bias, m.scale[0], np.array(sums)))
+        )
+        return np.array(
+            error_state.quaternion_product(error_state.quaternion_product(turned, error_state.attitude_of(m)), raw)
+        )
 
     def know_azimuth(self, azimuth_rad: float, std_rad: float) -> None:
         """The azimuth that the state has is a true one: the level part of the Earth's rotation is modelled from now."""
@@ -325,32 +330,32 @@ class KinematicFilter:
         (`biases_hold`). Raises ValueError before the first block.
         """
         m = self._begun()
-        q = core.attitude_of(m)
+        q = error_state.attitude_of(m)
         # now, within a block that may turn
         a, b, c, d = self.attitude_now().tolist()
-        turn = azimuth_rad - core.azimuth_of((a, b, c, d))
+        turn = azimuth_rad - error_state.azimuth_of((a, b, c, d))
         turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
-        core.store(m, core.times(core.turning(0.0, 0.0, -turn), q))
-        up, row = up_direction(np.array(m.q)), np.array(core.azimuth_row(core.attitude_of(m)))
+        error_state.set_attitude(m, error_state.quaternion_product(error_state.quaternion_exp(0.0, 0.0, -turn), q))
+        up, row = up_direction(m.q), error_state.azimuth_row(error_state.attitude_of(m))
         # the part of dth that is an azimuth error, taken out of attitude and of what goes with it
-        T = np.eye(core.STATES)
+        T = np.eye(error_state.STATES)
         T[:3, :3] += np.outer(up, row)
-        P = T @ np.array(m.P).reshape(T.shape) @ T.T
+        P = T @ m.P @ T.T
         P[:3, :3] += std_rad**2 * np.outer(up, up)
         if self.settings.latitude_rad is not None and not biases_hold:
             level = EARTH_RATE_RADPS * math.cos(self.settings.latitude_rad)
             wrong = 1.0 if self.settings.azimuth_rad is None else min(2.0 * math.sin(0.5 * abs(turn)), 1.0)
             P[3:6, 3:6] += (wrong * level) ** 2 * np.eye(3)
-        m.P[:] = (0.5 * (P + P.T)).ravel().tolist()
+        m.P[:] = 0.5 * (P + P.T)
         m.psi0[0] = azimuth_rad
-        m.tally[core.MOVED_S] = m.tally[core.SHAKEN] = 0.0
+        m.tally[error_state.MOVED_S] = m.tally[error_state.SHAKEN] = 0.0
         if self.settings.azimuth_rad is None:
             self.know_azimuth(azimuth_rad, std_rad)
 
 
-def refused(tally: core.Numbers) -> dict[str, int]:
+def refused(tally: error_state.Array) -> dict[str, int]:
     """Blocks in which a measurement was not believed."""
-    places = {"gravity": core.NO_GRAVITY, "zero rate": core.NO_RATE, "stop": core.NO_STOP}
+    places = {"gravity": error_state.NO_GRAVITY, "zero rate": error_state.NO_RATE, "stop": error_state.NO_STOP}
     return {name: int(tally[place]) for name, place in places.items()}
 
 

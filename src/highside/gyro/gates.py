@@ -11,8 +11,8 @@ seconds, leaving `LEAVE` times and is immediate. Still means quiet, and a mean r
 that of the still record.
 
 A mean rate that small may still be a real, slow turn (a curved hole), and a zero-rate update would then take all of
-it for gyro bias. `core.agrees` bounds that: it asks whether the rate seen since the stop began agrees with the bias as
-known before the stop. A declared stop is believed and not tested, unless the tool turns for all to see.
+it for gyro bias. `error_state.agrees` bounds that: it asks whether the rate seen since the stop began agrees with the
+bias as known before the stop. A declared stop is believed and not tested, unless the tool turns for all to see.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.attitude.quaternion import from_rotation_vector, multiply
-from highside.gyro import core
+from highside.gyro import error_state
 from highside.gyro.blocks import SUMS, Batch, Block, finished
 from highside.gyro.compiled import Kernels, kernels
 from highside.gyro.filter import Settings, aligned, azimuth_basis, azimuth_std, constants_of, predicted, refused
@@ -71,16 +71,14 @@ def kinematic(
     gate = Gate()
     pairs = zip(data.table, declared.tolist(), strict=True)
     verdicts = np.array([gate.verdict(Block(row), declared=flag) for row, flag in pairs], dtype=np.int64)
-    memory, constants = aligned(Block(data.table[0]), settings), constants_of(settings)
+    state, constants = aligned(Block(data.table[0]), settings), constants_of(settings)
     if declared[0]:
-        core.zero_rate(data.table[0].tolist(), True, memory, constants)
+        error_state.zero_rate(data.table[0], True, state, constants)
     trace = _empty_trace(data.table.shape[0], smooth=smooth)
-    if compiled is not None:
-        memory = core.Memory(*map(np.array, memory))
-        compiled.run(data.table, verdicts, declared, memory, constants, trace)
-    else:
-        core.run(data.table.tolist(), verdicts.tolist(), declared.tolist(), memory, constants, trace)
-    still_s, turned, gap_s = (float(memory.tally[i]) for i in (core.STILL_S, core.TURNED, core.GAP_S))
+    error_state.run(data.table, verdicts, declared, state, constants, trace)
+    still_s, turned, gap_s = (
+        float(state.tally[i]) for i in (error_state.STILL_S, error_state.TURNED, error_state.GAP_S)
+    )
     leap = np.zeros((data.table.shape[0], 3))
     if smooth:
         trace, leap = smoothed(data.table, trace, carried=settings.velocity_std_mps > 0.0)
@@ -100,7 +98,7 @@ def kinematic(
         bias_radps=to_tool(trace.bias.T)[:, known],
         bias_std_radps=std_to_tool(np.sqrt(trace.bias_var).T)[:, known],
         basis=azimuth_basis(settings, still_s, turned),
-        notes=_notes(settings, gap_s, refused(memory.tally)),
+        notes=_notes(settings, gap_s, refused(state.tally)),
         scale=float(trace.scale[-1]),
         motion=trace.motion.astype(np.int8)[data.number],
     )
@@ -114,9 +112,9 @@ def declared_blocks(starts: FloatArray, ends: FloatArray, rest: FloatArray) -> N
     return inside
 
 
-def _empty_trace(count: int, *, smooth: bool) -> core.Trace:
-    kept, covariance = count if smooth else 0, core.STATES**2
-    return core.Trace(
+def _empty_trace(count: int, *, smooth: bool) -> error_state.Trace:
+    kept, square = count if smooth else 0, (error_state.STATES, error_state.STATES)
+    return error_state.Trace(
         q=np.empty((count, 4)),
         bias=np.empty((count, 3)),
         scale=np.empty(count),
@@ -125,16 +123,16 @@ def _empty_trace(count: int, *, smooth: bool) -> core.Trace:
         motion=np.empty(count),
         moved_s=np.empty(count),
         shaken=np.empty(count),
-        accel_bias=np.empty((count, 3)),
+        accel=np.empty((count, 3)),
         q_before=np.empty((kept, 4)),
-        accel_bias_before=np.empty((kept, 3)),
-        P=np.empty((kept, covariance)),
-        P_before=np.empty((kept, covariance)),
+        accel_before=np.empty((kept, 3)),
+        P=np.empty((kept, *square)),
+        P_before=np.empty((kept, *square)),
     )
 
 
 def _angles(
-    t_s: FloatArray, rate: FloatArray, accel: FloatArray, data: Gathered, trace: core.Trace, leap: FloatArray,
+    t_s: FloatArray, rate: FloatArray, accel: FloatArray, data: Gathered, trace: error_state.Trace, leap: FloatArray,
     earth: FloatArray, compiled: Kernels | None, *, causal: bool,
 ) -> FloatArray:  # fmt: skip
     """Inclination, toolface, azimuth (3, N): predicted within a block, updated (or smoothed) at its end."""

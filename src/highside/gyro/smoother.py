@@ -23,8 +23,7 @@ from highside.attitude.quaternion import (
     to_rotation_vector,
     up_direction,
 )
-from highside.gyro import core
-from highside.gyro.algebra import STANDARD_GRAVITY
+from highside.gyro import error_state
 
 FloatArray = NDArray[np.float64]
 
@@ -32,7 +31,9 @@ _RANK = 1e-13
 """eigenvalues of the correlation matrix below this are none: a direction that the filter holds for certain"""
 
 
-def smoothed(blocks: FloatArray, trace: core.Trace, *, carried: bool = False) -> tuple[core.Trace, FloatArray]:
+def smoothed(
+    blocks: FloatArray, trace: error_state.Trace, *, carried: bool = False
+) -> tuple[error_state.Trace, FloatArray]:
     """The trace with all that later blocks tell: blocks (M, 34), a trace with its covariances.
 
     `carried`: its last three states are a velocity.
@@ -41,9 +42,8 @@ def smoothed(blocks: FloatArray, trace: core.Trace, *, carried: bool = False) ->
     predicts, to be given out over its rows.
     """
     count = blocks.shape[0]
-    q, bias, scale, accel_bias = trace.q.copy(), trace.bias.copy(), trace.scale.copy(), trace.accel_bias.copy()
-    square = (count, core.STATES, core.STATES)
-    after, before = trace.P.reshape(square), trace.P_before.reshape(square)
+    q, bias, scale, accel = trace.q.copy(), trace.bias.copy(), trace.scale.copy(), trace.accel.copy()
+    after, before = trace.P, trace.P_before
     P = after.copy()
     leap = np.zeros((count, 3))
     for k in range(count - 2, -1, -1):
@@ -55,51 +55,47 @@ def smoothed(blocks: FloatArray, trace: core.Trace, *, carried: bool = False) ->
                 to_rotation_vector(multiply(conjugate(trace.q_before[k + 1]), q[k + 1])),
                 bias[k + 1] - trace.bias[k],
                 [scale[k + 1] - trace.scale[k]],
-                accel_bias[k + 1] - trace.accel_bias_before[k + 1],
+                accel[k + 1] - trace.accel_before[k + 1],
             ]
         )
         dx = G @ dx
         q[k] = normalised(multiply(q[k], from_rotation_vector(dx[:3])))
         bias[k] += dx[3:6]
         scale[k] += dx[6]
-        accel_bias[k] += dx[7:]
+        accel[k] += dx[7:]
         own = after[k] + G @ (P[k + 1] - before[k + 1]) @ G.T
         P[k] = 0.5 * (own + own.T)
         # first order: the start's correction carried to the end, against the end as smoothed
         start = np.concatenate([dx[:3], bias[k] - trace.bias[k], [scale[k] - trace.scale[k]], np.zeros(3)])
         reached = multiply(trace.q_before[k + 1], from_rotation_vector((F @ start)[:3]))
         leap[k + 1] = to_rotation_vector(multiply(conjugate(reached), q[k + 1]))
-    rows = np.array([core.azimuth_row(tuple(each)) for each in q.tolist()])
+    rows = np.array([error_state.azimuth_row((a, b, c, d)) for a, b, c, d in q.tolist()])
     done = trace._replace(
         q=q,
         bias=bias,
         scale=scale,
-        accel_bias=accel_bias,
-        P=P.reshape(count, -1),
+        accel=accel,
+        P=P,
         bias_var=np.ascontiguousarray(np.maximum(np.diagonal(P, axis1=1, axis2=2)[:, 3:6], 0.0)),
         azimuth_var=np.maximum(np.einsum("ki,kij,kj->k", rows, P[:, :3, :3], rows), 0.0),
     )
     return done, leap
 
 
-def _transition(block: FloatArray, trace: core.Trace, k: int, *, carried: bool) -> FloatArray:
+def _transition(block: FloatArray, trace: error_state.Trace, k: int, *, carried: bool) -> FloatArray:
     """F over a block that begins with the state k."""
-    F = np.eye(core.STATES)
-    still, gap = trace.motion[k + 1] == core.STILL, block[31] > 0.0
-    if carried and (still or gap):
-        # `core.standing`: no velocity comes out of an earlier one
-        F[7:, 7:] = 0.0
+    still, gap = trace.motion[k + 1] == error_state.STILL, block[31] > 0.0
     if still:
-        return F
-    J, S = block[4:13].reshape(3, 3), block[13:16]
-    small = from_rotation_vector(-(J @ trace.bias[k] + S * trace.scale[k]))
-    F[:3, :3] = direction_cosines(multiply(block[:4], small))
-    F[:3, 3:6] = -J
-    F[:3, 6] = -S
-    if carried and not gap:
-        x, y, z = STANDARD_GRAVITY * block[19] * up_direction(trace.q_before[k + 1])
-        F[7:] = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]) @ F[:3]
-        F[7:, 7:] = F[:3, :3]
+        F = np.eye(error_state.STATES)
+    else:
+        turn = error_state.turn_of_errors(trace.bias[k], trace.scale[k], block)
+        F = error_state.transition(direction_cosines(multiply(block[:4], from_rotation_vector(turn))), block)
+    if carried and (still or gap):
+        # `error_state.zero_velocity`: no velocity comes out of an earlier one
+        F[7:, 7:] = 0.0
+    elif carried:
+        push = error_state.STANDARD_GRAVITY * block[19]
+        error_state.add_velocity(F, push, up_direction(trace.q_before[k + 1]))
     return F
 
 

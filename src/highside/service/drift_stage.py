@@ -21,10 +21,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from highside.attitude.quaternion import to_angles
+from highside.attitude.quaternion import to_angles, up_direction
 from highside.calibration.correction import Vector
 from highside.config.drift import DriftSettings
-from highside.gyro import core
+from highside.gyro import error_state
 from highside.gyro.blocks import MAX_GAP_S, Block
 from highside.gyro.checks import UnitWatch
 from highside.gyro.filter import KinematicFilter, azimuth_basis
@@ -34,7 +34,7 @@ from highside.gyro.literal import AzimuthPolicy, Literal
 from highside.gyro.recursive import RecursiveFilter
 from highside.gyro.result import AzimuthBasis
 from highside.service.messages import DriftMessage, LiteralAzimuth, RecursiveAzimuth
-from highside.service.saved_drift import Alignment, SavedDrift
+from highside.service.saved_drift import SAVED, Alignment, SavedDrift
 
 STALE_S = 1.0
 """Without gyros for so long there is no azimuth."""
@@ -201,15 +201,15 @@ class DriftStage:
             self.filter.gate.know(before.still_statistics())
             stood = before.motion == Motion.STILL and self._stands_as_before(before, block)
             if stood and age <= settings.max_age_s:
-                for mine, theirs in zip(m, core.Memory(**before.memory), strict=True):
-                    mine[:] = theirs
+                for name, values in before.memory.items():
+                    getattr(m, name).flat[:] = values
                 words.append("the tool stood all the time")
             else:
                 m.bias[:], m.scale[:] = before.memory["bias"], before.memory["scale"]
-                for i in (33, 44, 55, 66):
-                    m.P[i] = before.memory["P"][i]
-            for i in (33, 44, 55):
-                m.P[i] += self.filter.settings.rrw**2 * age
+                for i in range(3, 7):
+                    m.P[i, i] = before.memory["P"][11 * i]
+            for i in range(3, 6):
+                m.P[i, i] += self.filter.settings.rrw**2 * age
             words.append("gyro biases kept")
         else:
             why = "another power-up" if before.repowered else "too old" if same_earth else "another latitude"
@@ -237,7 +237,7 @@ class DriftStage:
         if still is None or block.norm_std > 5.0 * still.norm_std_g or block.rate_noise > 5.0 * still.rate_std:
             return False
         q = np.array(before.memory["q"])
-        up = np.array(core.cosines((q[0], q[1], q[2], q[3])))[2::3]
+        up = up_direction(q)
         # what the filter took for tilt error of the accelerometers stays as it was
         g = block.accel - np.array(before.memory["accel_bias"])
         g = g / math.sqrt(float(g @ g))
@@ -254,10 +254,10 @@ class DriftStage:
             latitude_deg=self.latitude_deg,
             t_device_s=self._t,
             motion=int(self.filter.motion),
-            memory={name: list(map(float, values)) for name, values in m._asdict().items()},
+            memory={name: getattr(m, name).ravel().tolist() for name in SAVED},
             still=None if still is None else still.as_list(),
             alignment=self.alignment,
-            azi_deg=math.degrees(core.azimuth_of(core.attitude_of(m))) % 360.0,
+            azi_deg=math.degrees(error_state.azimuth_of(error_state.attitude_of(m))) % 360.0,
             azi_std_deg=math.degrees(self.filter.azimuth_std_rad),
             constrained=self.constrained,
             saturated=self.saturated,
@@ -337,7 +337,7 @@ class DriftStage:
         m = self.filter.memory
         if m is None or self.alignment is None:
             return ("unaligned",)
-        found = azimuth_basis(self.filter.settings, m.tally[core.STILL_S], m.tally[core.TURNED])
+        found = azimuth_basis(self.filter.settings, m.tally[error_state.STILL_S], m.tally[error_state.TURNED])
         names = tuple(basis.name.lower() for basis in found)
         return ("constraint", *names) if self.constrained and "constraint" not in names else names
 
@@ -350,11 +350,11 @@ class DriftStage:
             self._begin_recursive()
         if not (settings.compare_literal or settings.method in ("literal", "literal_block")):
             return
-        self._literal = Literal(settings.policy, core.attitude_of(m), average=settings.method == "literal_block")
+        self._literal = Literal(settings.policy, error_state.attitude_of(m), average=settings.method == "literal_block")
 
     def _begin_recursive(self) -> None:
         own = self.filter.settings
-        azimuth = core.azimuth_of(tuple(self.filter.attitude_now().tolist()))
+        azimuth = error_state.azimuth_of(tuple(self.filter.attitude_now().tolist()))
         std = self.filter.azimuth_std_rad
         engine = RecursiveFilter(
             replace(own, azimuth_rad=azimuth, azimuth_std_rad=std), hold=self.settings.straight_hole

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from highside.errors import InputError, Refused
 from highside.gyro.gates import StillStatistics
@@ -18,7 +18,8 @@ from highside.reading import parse_json, read_bytes
 from highside.recording.files import write_whole
 from highside.service import clock
 
-_SIZES = {"q": 4, "bias": 3, "scale": 1, "accel_bias": 3, "P": 100, "psi0": 1, "stop": 5, "tally": 10, "work": 120}
+SAVED = {"q": 4, "bias": 3, "scale": 1, "accel_bias": 3, "P": 100, "psi0": 1, "stop": 5, "tally": 10}
+"""parts of the filter's state that are kept, and how many numbers each has (P by rows)"""
 
 
 class _Strict(BaseModel):
@@ -70,9 +71,15 @@ class SavedDrift(_Strict):
     repowered: bool = False
     age_s: float | None = None
 
+    @field_validator("memory")
+    @classmethod
+    def _without_scratch(cls, memory: dict[str, list[float]]) -> dict[str, list[float]]:
+        # older files hold the filter's scratch space too
+        return {name: values for name, values in memory.items() if name != "work"}
+
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        if {name: len(values) for name, values in self.memory.items()} != _SIZES:
+        if {name: len(values) for name, values in self.memory.items()} != SAVED:
             raise ValueError("the filter's memory has another shape")
         P = np.array(self.memory["P"]).reshape(10, 10)
         if not np.allclose(P, P.T, rtol=1e-6, atol=1e-300) or (np.diag(P) < 0.0).any():
