@@ -25,6 +25,8 @@ STILL_S, TURNED, MOVED_S, SHAKEN, GAP_S, NO_GRAVITY, NO_RATE, NO_STOP, ROW_GRAVI
 VIBRATING, TURNING, QUIET, STILL = 0, 1, 2, 3
 """as `gates.Motion`"""
 
+_IDENTITY, _IDENTITY_3 = np.eye(STATES), np.eye(3)
+
 VERTICAL_COS = 0.05
 """|cos theta| below which azimuth and toolface are one (2.9 deg from the vertical)"""
 _PATIENCE = 10
@@ -165,9 +167,8 @@ def azimuth_row(q: Quaternion) -> Array:
 
 def azimuth_variance(state: FilterState) -> float:
     """Variance of psi (of the rotation about Up near the vertical), rad^2."""
-    row = np.zeros((1, STATES))
-    row[0, :3] = azimuth_row(attitude_of(state))
-    return float((row @ state.P @ row.T)[0, 0])
+    row = azimuth_row(attitude_of(state))
+    return float(row @ state.P[:3, :3] @ row)
 
 
 def turn_of_errors(bias: Array, scale: float, z: Array) -> Array:
@@ -186,7 +187,7 @@ def random_walk_of(z: Array, c: Constants) -> float:
 
 def transition(R: Array, z: Array) -> Array:
     """F (10, 10) of the errors over a block that turned by R (3, 3): dth' = R dth - J db - S ds."""
-    F = np.eye(STATES)
+    F = _IDENTITY.copy()
     F[:3, :3] = R
     F[:3, 3:6] = -z[4:13].reshape(3, 3)
     F[:3, 6] = -z[13:16]
@@ -260,7 +261,7 @@ def predict(z: Array, motion: int, state: FilterState, c: Constants) -> None:
         if c.velocity_std > 0.0:
             zero_velocity(state, _ZERO_VELOCITY_MPS)
     else:
-        turned = c.unmodelled_rate * 2.0 * math.atan2(math.sqrt(np.sum(z[1:4] * z[1:4])), abs(z[0]))
+        turned = c.unmodelled_rate * 2.0 * math.atan2(math.sqrt(z[1:4] @ z[1:4]), abs(z[0]))
         bias_var += turned * turned
         propagate(z, state, c)
         if motion == TURNING:
@@ -288,17 +289,15 @@ def propagate(z: Array, state: FilterState, c: Constants) -> None:
         state.velocity[:] = R @ state.velocity + push * (reading_at_end(z, state, c) - up)
         add_velocity(F, push, up)
     attitude_var = attitude_variance(z, c)
-    Q = np.zeros((STATES, STATES))
-    for i in range(3):
-        Q[i, i] = attitude_var
-        if carried:
-            Q[7 + i, 7 + i] = push * push * reading_variance(z, c)
+    P = F @ state.P @ F.T
+    noise = attitude_var * _IDENTITY_3
+    P[:3, :3] += noise
     if carried:
         # the attitude's noise of the block has moved the velocity too
-        U = np.eye(STATES)
-        U[7:, :3] = -push * cross_matrix(up)
-        Q = U @ Q @ U.T
-    P = F @ state.P @ F.T + Q
+        U = -push * cross_matrix(up)
+        P[7:, :3] += U @ noise
+        P[:3, 7:] += noise @ U.T
+        P[7:, 7:] += U @ noise @ U.T + push * push * reading_variance(z, c) * _IDENTITY_3
     state.P[:] = 0.5 * (P + P.T)
     if c.velocity_std > 0.0 and gap_s > 0.0:
         zero_velocity(state, c.velocity_std)
@@ -355,8 +354,8 @@ def gravity(z: Array, motion: int, state: FilterState, c: Constants) -> None:
     H[:, :3] = cross_matrix(up)
     if c.velocity_std == 0.0:
         reading = reading - state.accel_bias
-        H[:, 7:] = np.eye(3) - np.outer(up, up)
-    size = math.sqrt(np.sum(reading * reading))
+        H[:, 7:] = _IDENTITY_3 - up[:, None] * up
+    size = math.sqrt(reading @ reading)
     if not 0.5 < size < 2.0:
         state.tally[NO_GRAVITY] += 1.0
         return
@@ -366,7 +365,7 @@ def gravity(z: Array, motion: int, state: FilterState, c: Constants) -> None:
 def bounded_velocity(z: Array, state: FilterState, c: Constants) -> None:
     """What is carried by hand goes forth and back: its velocity is none, give or take `velocity_std` in a second."""
     H = np.zeros((3, STATES))
-    H[:, 7:] = np.eye(3)
+    H[:, 7:] = _IDENTITY_3
     variance = c.velocity_std * c.velocity_std / max(z[19], 1e-3)
     measurement_update(state, c, H, -state.velocity, variance, math.inf, NO_GRAVITY, ROW_GRAVITY)
 
@@ -377,7 +376,7 @@ def zero_rate(z: Array, believed: bool, state: FilterState, c: Constants) -> Non
     arw = random_walk_of(z, c)
     H = np.zeros((3, STATES))
     H[:, :3] = cross_matrix(earth)
-    H[:, 3:6] = np.eye(3)
+    H[:, 3:6] = _IDENTITY_3
     gate = math.inf if believed else _GATE_RATE
     r = z[24:27] - state.bias - earth
     measurement_update(state, c, H, r, arw * arw / max(z[19], 1e-3), gate, NO_RATE, ROW_RATE)
@@ -402,7 +401,7 @@ def measurement_update(
     """A measurement r (k,) = H (k, 10) dx + noise of this variance an axis; not believed where its innovation is beyond
     the gate. The covariance in Joseph's form, which keeps it symmetric and positive."""
     cross = state.P @ H.T
-    inverse = np.linalg.inv(H @ cross + variance * np.eye(r.size))
+    inverse = np.linalg.inv(H @ cross + variance * _IDENTITY_3[: r.size, : r.size])
     if gate < math.inf:
         if r @ (inverse @ r) > gate and state.tally[in_a_row] < _PATIENCE:
             state.tally[in_a_row] += 1.0
@@ -410,11 +409,11 @@ def measurement_update(
             return
         state.tally[in_a_row] = 0.0
     gain = cross @ inverse
-    kept = np.eye(STATES) - gain @ H
+    kept = _IDENTITY - gain @ H
     P = kept @ state.P @ kept.T + variance * (gain @ gain.T)
     dx = gain @ r
     set_attitude(state, quaternion_product(attitude_of(state), quaternion_exp(dx[0], dx[1], dx[2])))
-    P = turned_with_up(P, dx[:3], direction_cosines(attitude_of(state))[:, 2])
+    turn_with_up(P, dx[:3], direction_cosines(attitude_of(state))[:, 2])
     state.P[:] = 0.5 * (P + P.T)
     state.bias[:] += dx[3:6]
     state.scale[0] += dx[6]
@@ -424,17 +423,17 @@ def measurement_update(
         state.accel_bias[:] += dx[7:]
 
 
-def turned_with_up(P: Array, correction: Array, up: Array) -> Array:
-    """P turned with Up when the tilt is corrected by the rotation vector `correction` (3,).
+def turn_with_up(P: Array, correction: Array, up: Array) -> None:
+    """Turn P (in place) with Up when the tilt is corrected by the rotation vector `correction` (3,).
 
     What gravity does not show is a rotation about Up, and Up has moved in the body: without this a great uncertainty of
     the azimuth would leak into the tilt, be "measured" there by gravity, and vanish. A correction of the azimuth turns
     nothing: what is known of the tilt was measured in the body, as the accelerometers' biases were.
     """
-    tilt = correction - np.sum(correction * up) * up
-    T = np.eye(STATES)
-    T[:3, :3] = direction_cosines(quaternion_exp(tilt[0], tilt[1], tilt[2]))
-    return T @ P @ T.T
+    tilt = correction - (correction @ up) * up
+    R = direction_cosines(quaternion_exp(tilt[0], tilt[1], tilt[2]))
+    P[:3] = R @ P[:3]
+    P[:, :3] = P[:, :3] @ R.T
 
 
 class Trace(NamedTuple):
