@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import socket
 import struct
 import subprocess
 import sys
@@ -36,14 +37,17 @@ def blocks(title: str) -> dict[str, str]:
 
 
 def patched(recipe: dict[str, str], into: Path) -> Path:
-    """A copy of the sources with a recipe's diffs in it, each hunk at the one place that it names; its path."""
+    """A copy of the sources with a recipe's new files and diffs in it, each hunk at the one place that it names."""
     shutil.copytree(PAGE.parents[1] / "src" / "highside", into / "highside", ignore=shutil.ignore_patterns("*.pyc"))
     for name, diff in recipe.items():
         path = into / Path(name).relative_to("src")
+        if not path.exists():
+            path.write_text(diff)
+            continue
         text = path.read_text()
         for hunk in diff.split("@@\n"):
-            lines = hunk.splitlines(keepends=True)
-            before, after = ("".join(line[1:] for line in lines if line[0] in kept) for kept in (" -", " +"))
+            lines = hunk.splitlines()
+            before, after = ("\n".join(line[1:] for line in lines if line[0] in kept) for kept in (" -", " +"))
             assert text.count(before) == 1, f"{name} has not one place with:\n{before}"
             text = text.replace(before, after)
         path.write_text(text)
@@ -328,3 +332,44 @@ def test_method_of_the_recipe_is_compared_and_named_like_ours(tmp_path: Path, ri
     assert (done.returncode, done.stderr) == (
         2, "highside: --method: method 'hubert' is none of conventional, balance, joint, huber\n"
     )  # fmt: skip
+
+
+def test_transport_of_the_recipe_brings_readings_and_says_what_is_wrong(tmp_path: Path, broker: Mosquitto) -> None:
+    path = patched(blocks("A transport"), tmp_path / "src")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    config = configuration(tmp_path, "", broker.port, codec="tool")
+    config.write_text(config.read_text().replace('kind = "serial"\nport = ""', f'kind = "udp"\nport = {port}'))
+    subscriber = Subscriber(broker.port)
+    try:
+        with (
+            running(config, env=environment(path)) as daemon,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+        ):
+            wait_for(
+                lambda: (health := subscriber.latest("health")) and health["link"]["opens"], 40, "the link", daemon
+            )
+            for k in range(200):
+                sender.sendto(encode(k, k / 100.0, (0.3, 0.4, 0.8660254)), ("127.0.0.1", port))
+                time.sleep(0.001)
+            health = wait_for(
+                lambda: (now := subscriber.latest("health")) and now["codec"]["frames_good"] == 200 and now,
+                20, "all readings", daemon,
+            )  # fmt: skip
+            assert daemon.terminate() == 0, daemon.log
+    finally:
+        subscriber.close()
+    assert all(health["balance"].values())
+    assert health["link"]["state"] == "up"
+    assert subscriber.payloads("attitude")[-1]["inc_deg"] == pytest.approx(30.0, abs=0.01)
+    # a port that another holds: one line, the service does not start
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
+        holder.bind(("127.0.0.1", port))
+        done = highside("run", "--config", config, path=path)
+    assert (done.returncode, "Traceback" in done.stderr) == (2, False)
+    assert f"udp 127.0.0.1:{port}: " in done.stderr
+    config.write_text(config.read_text().replace(f"port = {port}", "port = 70000"))
+    done = highside("check", config, path=path)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "link.port" in done.stderr

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from highside.service.drift_stage import Azimuth
@@ -35,6 +36,8 @@ class Attitude:
     """None for a tool without gyros"""
     comp_id: str | None = None
     """of the rotor-angle compensation in force; a flag says where it was not applied"""
+    accel: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+    """mean of the window, corrected, x, y and z of the tool in local g: for channels that follow from it"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -416,6 +416,7 @@ class Pipeline:
             temp_c=temp,
             azimuth=azimuth,
             comp_id=None if self._rotation is None else self._rotation.id,
+            accel=(gx, gy, gz),
         )
 
     def _azimuth(self, drift: DriftStage, t: float, inc_rad: float) -> Azimuth | None:
