@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,10 +29,9 @@ from highside.calibration.result import Remark
 from highside.calibration.signature import SigningKey
 from highside.calibration.summary import summary
 from highside.errors import InputError
-from highside.reading import read_bytes
 from highside.recording.calibration_store import read_record
 from highside.recording.files import write_whole
-from highside.recording.frames import Columns, File, FrameT, take
+from highside.recording.frames import Columns, File, FrameT, source_of, take
 from highside.recording.shown import figure_of, html_table
 from highside.recording.table import PoseTable, Readings, Recording, SolverTable, Table
 from highside.rotation import Compensation
@@ -165,10 +163,7 @@ class SolverSource(NamedTuple):
 def read_solver_table(poses: Any) -> SolverSource:
     """A pose table, its name, and the hash of its file (of a table in memory: of the CSV that it would be)."""
     table = take(poses, SolverTable).table
-    if table.source is None:
-        return SolverSource(table, "table", hashlib.sha256(table.as_csv().encode()).hexdigest())
-    path = Path(table.source)
-    return SolverSource(table, path.name, hashlib.sha256(read_bytes(path)).hexdigest())
+    return SolverSource(table, *source_of(poses, table))
 
 
 def _remarks(solution: Solution) -> tuple[Remark, ...]:

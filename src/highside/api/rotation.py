@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypedDict, TypeVar, Unpack, overload
 
 import numpy as np
@@ -14,10 +11,9 @@ from numpy.typing import NDArray
 
 from highside.api.bench import load_compensation
 from highside.errors import InputError
-from highside.reading import read_bytes
-from highside.recording.frames import Columns, File, FrameT, take
+from highside.recording.frames import Columns, File, FrameT, source_of, take
 from highside.recording.shown import figure_of, html_table
-from highside.recording.table import Recording, Table
+from highside.recording.table import Recording
 from highside.rotation import Compensation, Curve, FitOptions, Method, NetworkInput, Samples, Validity, fit
 from highside.rotation.compare import Comparison
 from highside.rotation.compare import compare as compare_methods
@@ -105,7 +101,7 @@ def fit_rotation(
     options = FitOptions(rate_terms, NetworkInput(network_input), seed)
     samples = _samples(table, with_rate=rate_terms > 0)
     curves = {channel: fit(one, Method(method), options) for channel, one in samples.items()}
-    name, digest = source_of(table)
+    name, digest = source_of(recording, table)
     validity = Validity(inclination_deg, roll_deg, pitch_deg)
     made = Compensation(curves, validity, name, digest, motion_of(table.columns))
     by_direction = {channel: direction_difference(samples[channel], curve) for channel, curve in curves.items()}
@@ -213,13 +209,6 @@ def compare_rotation(
 def read_rotation(recording: Any) -> Recording:
     """A recording of a rotor, its angles checked to be degrees of one rotor in time order. Raises InputError."""
     return _checked(take(recording, Recording).table)
-
-
-def source_of(table: Table) -> tuple[str, str]:
-    """Name and SHA-256 of a table's file; of a table in memory that of the CSV that it would be."""
-    if table.source is None:
-        return "recording", hashlib.sha256(table.as_csv().encode()).hexdigest()
-    return os.path.basename(table.source), hashlib.sha256(read_bytes(Path(table.source))).hexdigest()  # noqa: PTH119
 
 
 def _checked(table: Recording) -> Recording:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,14 +13,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.api.rotation import source_of
 from highside.attitude.angles import wrap_signed
 from highside.calibration.applied import corrected_accel
 from highside.calibration.record import CalibrationRecord
 from highside.errors import InputError, Refused
 from highside.reading import read_bytes
 from highside.recording.calibration_store import read_record
-from highside.recording.frames import Columns, File, FrameT, take
+from highside.recording.frames import Columns, File, FrameT, source_of, take
 from highside.recording.table import Recording, Table
 from highside.rotation import Compensation, Validity
 from highside.rotation.recording import shape_of
@@ -93,7 +93,7 @@ def fit_turntable(recording: File | Columns | FrameT, *, largest_order: int = 8)
         found = fit_curves(np.radians(angle[rows]), np.radians(inc_ref[rows]), d_tf, d_inc, largest_order)
     except InputError as problem:
         raise InputError(problem.what, where=where, remedy=problem.remedy) from None
-    return TurntableFit(found.compensation(*source_of(table)), found, int(rows.sum()))
+    return TurntableFit(found.compensation(*source_of(recording, table)), found, int(rows.sum()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +152,7 @@ def fit_self(
         tables.append(take(recording, Recording).table)
         found.append(_errors(tables[-1], of, calibration))
     inclinations = [math.degrees(one.mean_inclination_rad) for one in found]
-    sources = [source_of(table) for table in tables]
+    names = [source_of(one, table)[0] for one, table in zip(recordings, tables, strict=True)]
     remarks: list[str] = []
     if len(found) == 1:
         curves = found[0].curves(doubt)
@@ -162,16 +162,16 @@ def fit_self(
         validity = Validity()
         if of == "decoded" and calibration is None:
             remarks.append("the accelerometers' own errors pass for the turntable's: give --calibration or --of rotor")
-    made = Compensation(curves, validity, " ".join(name for name, _ in sources), _digest(tables))
+    made = Compensation(curves, validity, " ".join(names), _digest(recordings, tables))
     said = dict.fromkeys([*remarks, *(remark for curve in curves.values() for remark in curve.remarks)])
     return SelfFit(made, inclinations, sum(one.turns for one in found), tuple(remarks), tuple(said))
 
 
-def _digest(tables: Sequence[Table]) -> str:
+def _digest(recordings: Sequence[object], tables: Sequence[Table]) -> str:
     """SHA-256 of all files one after the other; of tables in memory of the CSV that they would be."""
     whole = hashlib.sha256()
-    for table in tables:
-        whole.update(table.as_csv().encode() if table.source is None else read_bytes(Path(table.source)))
+    for given, table in zip(recordings, tables, strict=True):
+        whole.update(read_bytes(Path(given)) if isinstance(given, str | os.PathLike) else table.as_csv().encode())
     return whole.hexdigest()
 
 

@@ -201,8 +201,6 @@ async def _operate(driver: BenchDriver, *, commands: bool) -> None:
 def summary(driver: BenchDriver) -> dict[str, Any]:
     """The line of JSON that `--auto` ends with; errors are those against the simulated truth. A session that judges a
     calibration has its id and the verdict beside."""
-    import numpy as np
-
     from highside.bench.session.outcome import errors_against, verdict_of
 
     session = driver.session
@@ -211,7 +209,7 @@ def summary(driver: BenchDriver) -> dict[str, Any]:
     if record is not None and driver.bench is not None:
         temp = session.ledger.mean_temp_c()
         offset = driver.bench.true_offset(driver.bench.bench.temp_c if temp is None else temp)
-        errors = errors_against(record, np.array(driver.bench.settings.matrix), offset, temp)
+        errors = errors_against(record, driver.bench.settings.matrix, offset, temp)
     judged = session.plan.criterion
     verdict = None if solved is None or judged is None else {"verdict": verdict_of(solved), "judged": judged.record}
     return (verdict or {}) | {

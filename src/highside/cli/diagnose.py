@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from highside.cli.options import as_options
 from highside.cli.say import echo
 
 if TYPE_CHECKING:
-    from highside.config.model import Model
-    from highside.diagnosis.core.method import Method
-    from highside.diagnosis.core.result import Diagnosis
-    from highside.diagnosis.engine import Picture
-    from highside.diagnosis.table.engine import SummaryPicture
     from highside.recording.table import Recording
 
 
@@ -56,13 +51,10 @@ def diagnose(
     ] = None,
 ) -> None:
     """Say where a recording departs from the simulation, what was left out, and how sure that is."""
-    from highside.cli.diagnose_inputs import read_rows
     from highside.cli.diagnose_progress import progress_on_terminal
-    from highside.config.model import Model, as_toml, load_model
-    from highside.diagnosis.core.method import Method
     from highside.errors import InputError
     from highside.recording.files import write_whole
-    from highside.report.diagnosis_page import NO_FIGURES, page_of
+    from highside.report.diagnosis_page import NO_FIGURES
     from highside.report.diagnosis_words import VERDICTS, blame, sizes
     from highside.report.page import can_plot
 
@@ -80,35 +72,34 @@ def diagnose(
         if value is None and not (name == "--model" and bare):
             raise InputError("is missing", field=name, remedy="see highside diagnose --help")
     assert out is not None
-    knows = load_model(model) if model is not None else Model()
-    diagnosis: Diagnosis
-    picture: Picture | SummaryPicture | None
+    from highside.api import diagnosis as api
+    from highside.config.model import Model, load_model
+    from highside.diagnosis.core.method import Method
+
+    knows = Model() if model is None else load_model(model)
     with progress_on_terminal() as progress:
         if summary is not None:
-            from highside.cli.diagnose_summary import diagnose_table
-
-            diagnosis, picture = diagnose_table(
-                summary, knows, corrected_by=corrected_by, stations=stations, readings=readings, seed=seed,
-                progress=progress,
-            )  # fmt: skip
+            with as_options("corrected_by"):
+                made = api.diagnose_table(
+                    summary, knows, corrected_by=corrected_by, stations=stations, readings=readings, seed=seed,
+                    progress=progress,
+                )  # fmt: skip
         else:
             assert recording is not None
-            rows = read_rows(recording, codec, config, first_s, last_s)
-            progress(0.0, f"{rows.n} rows")
-            if simulation is not None:
-                from highside.cli.diagnose_simulation import diagnose_beside
+            rows: Path | Recording = recording
+            if codec is not None or config is not None:
+                from highside.cli.decode import decode_recording
 
-                diagnosis, picture = diagnose_beside(rows, simulation, knows, seed)
-            else:
-                diagnosis, picture = _diagnose(rows, knows, seed, Method.without(without))
-    page = page_of(diagnosis, picture, source.name)
-    told = as_toml(_with_claims(knows, diagnosis)) if write_model is not None and _says_something(diagnosis) else None
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot be made: {error.strerror}", where=str(out)) from None
-    write_whole(out / "diagnosis.json", (json.dumps(diagnosis.to_dict(), indent=1) + "\n").encode())
-    write_whole(out / "report.html", page.encode())
+                rows = decode_recording(recording, codec, config)
+            with as_options(**{"first_s, last_s": "--from, --to"}):
+                rows = api.rows_of(rows, first_s=first_s, last_s=last_s)
+            progress(0.0, f"{rows.n} rows")
+            made = api.diagnose(rows, knows, simulation=simulation, seed=seed, method=Method.without(without))
+    for note in made.notes:
+        echo(note)
+    diagnosis = made.found
+    told = made.model_toml() if write_model is not None else None
+    made.save(out)
     named = ", ".join(claim.effect for claim in diagnosis.claims)
     echo(f"{diagnosis.verdict} - {VERDICTS[diagnosis.verdict]}{': ' + named if named else ''}")
     for claim in diagnosis.claims:
@@ -126,77 +117,3 @@ def diagnose(
             echo(f"{write_model}: not written, since nothing was given a name", err=True)
     if diagnosis.verdict == "bad_data":
         raise typer.Exit(1)
-
-
-def _says_something(diagnosis: Diagnosis) -> bool:
-    """Whether a model can be made of it: names, or that none is missing."""
-    return diagnosis.verdict in ("named", "named_plus", "nothing_left_out")
-
-
-def _with_claims(knows: Model, diagnosis: Diagnosis) -> Model:
-    """The model with the claimed effects at their fitted values. Raises InputError for values that are not plausible.
-
-    Parameters of an effect that the claim says nothing of stay as the model has them.
-    """
-    known = knows.forward().parameters()
-    claimed = {
-        claim.effect: known.get(claim.effect, {}) | {name: p.value for name, p in claim.parameters.items()}
-        for claim in diagnosis.claims
-    }
-    return knows.with_effects(claimed) if claimed else knows
-
-
-def _diagnose(rows: Recording, knows: Model, seed: int, method: Method) -> tuple[Diagnosis, Picture | None]:
-    """Intake, then the engine for the kind of recording it is."""
-    from dataclasses import replace
-
-    import numpy as np
-
-    from highside import __version__
-    from highside.cli.diagnose_rotation import diagnose_rows, rotates
-    from highside.diagnosis.core.result import Diagnosis
-    from highside.diagnosis.engine import diagnose_poses
-    from highside.diagnosis.intake.checks import check
-    from highside.diagnosis.intake.clipped import with_clipping, without_clipped_poses
-    from highside.diagnosis.poses.session import pose_session
-    from highside.errors import InputError
-
-    if knows.reference.kind == "magnitude":
-        from highside.cli.diagnose_magnitude import diagnose_magnitude
-
-        return diagnose_magnitude(rows, knows, seed)
-    if knows.reference.kind == "simulation":
-        raise InputError(
-            "the model says that another program predicts the recording", where=rows.source, field="reference.kind",
-            remedy="give its output with --simulation SIM.csv",
-        )  # fmt: skip
-    references = {"inc_ref_deg", "tf_ref_deg", "rotor_deg"}
-    if "kind" not in knows.reference.model_fields_set and not references & set(rows.columns):
-        raise InputError(
-            "nothing says where the tool was, and the model does not say what else is known", where=rows.source,
-            field="inc_ref_deg, tf_ref_deg or rotor_deg", remedy="add these columns; or put [reference] kind = "
-            '"magnitude" into the model if only |g| is known; or give another program\'s output with --simulation',
-        )  # fmt: skip
-    axes = knows.tool.map
-    toolface = "rotor_deg" if "rotor_deg" in rows.columns and "tf_ref_deg" not in rows.columns else "tf_ref_deg"
-    signed = list(zip(axes.order, axes.signs, strict=True))
-    found = check(rows.columns, ("inc_ref_deg", toolface), signed)
-    if found.spoiled:
-        return Diagnosis("bad_data", intake=found.findings, seed=seed, version=__version__), None
-    if rotates(rows):
-        diagnosis, picture = diagnose_rows(rows, knows, signed, found, seed, method)
-        return with_clipping(replace(diagnosis, intake=found.findings), found, signed), picture
-    raw = rows.accel()
-    accel = np.stack([sign * raw[channel] for channel, sign in signed])
-    site = knows.site.site
-    try:
-        session = pose_session(
-            without_clipped_poses(rows.columns, raw, found), accel, gravity_mps2=site.gravity_mps2,
-            latitude_rad=site.latitude_rad, azimuth_rad=site.azimuth_rad,
-        )  # fmt: skip
-    except InputError as error:
-        raise InputError(error.what, where=rows.source, field=error.field, remedy=error.remedy) from None
-    diagnosis, picture = diagnose_poses(
-        session, knows.forward(), knows.sensor.free, seed=seed, version=__version__, method=method
-    )
-    return with_clipping(replace(diagnosis, intake=found.findings), found, signed), picture

@@ -12,7 +12,8 @@ Vectors leave this module in the tool frame of the product; angles inside are th
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +86,34 @@ class DriftData:
     accel: FloatArray
     bias_end: FloatArray
     """(3,) true gyro bias at the end, tool frame, rad/s"""
+
+    def columns(self) -> dict[str, FloatArray]:
+        """What the tool recorded, by the names of a Recording: (N,) each, g and deg/s."""
+        readings = {f"a{axis}_g": row for axis, row in zip("xyz", self.accel, strict=True)}
+        rates = {f"g{axis}_dps": row for axis, row in zip("xyz", np.degrees(self.rate), strict=True)}
+        return {"t_s": self.experiment.t_s, **readings, **rates}
+
+    def true_columns(self) -> dict[str, FloatArray]:
+        """Where the tool truly was, row by row: (N,) each, deg."""
+        e = self.experiment
+        return {
+            "t_s": e.t_s,
+            "inc_true_deg": np.degrees(e.theta) + 90.0,
+            "tf_true_deg": np.degrees(e.phi) % 360.0,
+            "azi_true_deg": np.degrees(e.psi) % 360.0,
+        }
+
+    def about(self) -> dict[str, Any]:
+        """Place, imperfections, and when the tool stood, as plain values."""
+        e = self.experiment
+        return {
+            "latitude_deg": float(np.degrees(e.latitude_rad)),
+            "azimuth_deg": float(np.degrees(e.psi[0])),
+            "rest_s": e.rest.tolist(),
+            # of the body frame: across, along the tool, and the third
+            "imperfections": asdict(e.triad),
+            "bias_end_dps": np.degrees(self.bias_end).tolist(),
+        }
 
 
 def _times(seconds: float, rate_hz: float) -> FloatArray:

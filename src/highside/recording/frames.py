@@ -11,6 +11,7 @@ A missing value is NaN in a `Table`, in pandas and in a dict, null in polars and
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeAlias, TypeVar, ca
 import numpy as np
 
 from highside.errors import InputError
+from highside.reading import read_bytes
 from highside.recording.table import Column, Table, expected_in
 
 if TYPE_CHECKING:
@@ -36,6 +38,7 @@ __all__ = [
     "as_arrow",
     "as_pandas",
     "as_polars",
+    "source_of",
     "take",
 ]
 
@@ -119,6 +122,14 @@ def take(data: File | Columns | ArrowStream | Interchange, kind: type[TableT]) -
             columns[name] = values
     _require_finite(columns, kind)
     return Taken(kind(columns, texts), frame)
+
+
+def source_of(data: object, table: Table) -> tuple[str, str]:
+    """Name and SHA-256 of what a table was taken from: of a file its bytes, else of the CSV that the table would be."""
+    if isinstance(data, str | os.PathLike):
+        return Path(data).name, hashlib.sha256(read_bytes(Path(data))).hexdigest()
+    name = "table" if table.source is None else Path(table.source).name
+    return name, hashlib.sha256(table.as_csv().encode()).hexdigest()
 
 
 # --- in ------------------------------------------------------------------------------------------------------

@@ -217,7 +217,7 @@ def uncertainty_of(solution: Solution, plan: Plan) -> Uncertainty:
 
 
 def errors_against(
-    record: CalibrationRecord, matrix: Array, offset: Array, temp_c: float | None = None
+    record: CalibrationRecord, matrix: ArrayLike, offset: Array, temp_c: float | None = None
 ) -> tuple[float, float]:
     """Rms errors of I and T in degrees against a sensor whose truth is known (`m = matrix g + offset`, at `temp_c`),
     without reading noise, over the attitudes of use. What the simulated bench is judged by."""
@@ -227,7 +227,7 @@ def errors_against(
     from highside.calibration.schedule import ScheduledCorrection
 
     inc, tf = attitudes_of_use(Solution(record.result, record.fallback, record.guide))
-    raw = matrix @ gravity_direction(inc, tf) + offset[:, None]
+    raw = np.asarray(matrix) @ gravity_direction(inc, tf) + offset[:, None]
     temps = None if temp_c is None else np.full(inc.size, temp_c)
     correction = correction_from_record(record)
     if not isinstance(correction, LinearCorrection | ScheduledCorrection):

@@ -1,0 +1,283 @@
+"""Diagnosis: where a recording departs from the simulation, what physics was left out, and how sure that is."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside import __version__
+from highside.api.bench import ModelLike, model_of
+from highside.config.model import Model, as_toml
+from highside.diagnosis.core.method import WHOLE, Method
+from highside.diagnosis.core.result import Claim, Finding, Fit, Location, Remainder, Verdict
+from highside.diagnosis.core.result import Diagnosis as Found
+from highside.diagnosis.core.scene import Picture
+from highside.diagnosis.recording import Request, diagnose_columns
+from highside.diagnosis.table.chain import CELLS, CORRECTIONS, Procedure
+from highside.diagnosis.table.engine import SummaryPicture, diagnose_summary
+from highside.errors import InputError
+from highside.physics.noise import std_of_average
+from highside.recording.files import write_whole
+from highside.recording.frames import Columns, File, FrameT, take
+from highside.recording.shown import figure_of, html_table
+from highside.recording.table import PoseTable, Recording, SummaryTable, Table
+from highside.report.diagnosis_page import page_of
+from highside.report.diagnosis_words import VERDICTS, sizes
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Diagnosis", "diagnose", "diagnose_table", "rows_of"]
+
+Floats = NDArray[np.float64]
+MINUTE_S = 60.0
+"""the poses of a table without times are taken to be so far apart"""
+SAYS_SOMETHING = frozenset({"named", "named_plus", "nothing_left_out"})
+"""verdicts of which a model can be made: names, or that none is missing"""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found, and what was known before."""
+
+    found: Found
+    """the answer as `diagnosis.json` has it"""
+    picture: Picture | SummaryPicture | None
+    """the residuals that a report draws; None for data that could not be judged"""
+    before: Model
+    """the model against which it was diagnosed"""
+    source: str
+    """name of the recording"""
+    notes: tuple[str, ...] = ()
+    """what was done with the recording before"""
+
+    @property
+    def verdict(self) -> Verdict:
+        """In one word: `named`, `nothing_left_out`, `unknown`, `bad_data`, ..."""
+        return self.found.verdict
+
+    @property
+    def claims(self) -> tuple[Claim, ...]:
+        """The effects that were left out of the model, with sizes, intervals and what they cannot be told from."""
+        return self.found.claims
+
+    @property
+    def location(self) -> tuple[Location, ...]:
+        """Where the mismatch sits: channels, and the covariate that it follows."""
+        return self.found.location
+
+    @property
+    def fit(self) -> Fit | None:
+        """How much the claims improve the fit, on data that it had not seen too."""
+        return self.found.fit
+
+    @property
+    def intake(self) -> tuple[Finding, ...]:
+        """Faults of the data themselves."""
+        return self.found.intake
+
+    @property
+    def remainder(self) -> Remainder:
+        """What no claim explains."""
+        return self.found.remainder
+
+    def to_dict(self) -> dict[str, Any]:
+        """What `diagnosis.json` holds: plain values; numbers that are not finite are None."""
+        return self.found.to_dict()
+
+    def html(self) -> str:
+        """The report as one HTML page; without figures where matplotlib (extra `plot`) is not installed."""
+        return page_of(self.found, self.picture, self.source)
+
+    def model(self) -> Model | None:
+        """The model with the claimed effects at their fitted values; None where the verdict names nothing.
+
+        Parameters of an effect that a claim says nothing of stay as the model has them. Raises InputError for values
+        that are not plausible.
+        """
+        if self.verdict not in SAYS_SOMETHING:
+            return None
+        known = self.before.forward().parameters()
+        claimed = {
+            claim.effect: known.get(claim.effect, {}) | {name: p.value for name, p in claim.parameters.items()}
+            for claim in self.claims
+        }
+        return self.before.with_effects(claimed) if claimed else self.before
+
+    def model_toml(self) -> str | None:
+        """The file of `model`, for `diagnose` and `predict` of the next recording; None where the verdict names
+        nothing."""
+        model = self.model()
+        return None if model is None else as_toml(model)
+
+    def save(self, folder: File) -> None:
+        """Write `diagnosis.json` and `report.html`. Raises InputError for a folder that cannot be made."""
+        page = self.html()
+        out = Path(folder)
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"cannot be made: {error.strerror}", where=str(out)) from None
+        write_whole(out / "diagnosis.json", (json.dumps(self.to_dict(), indent=1) + "\n").encode())
+        write_whole(out / "report.html", page.encode())
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the verdict and the claims."""
+        rows = [[claim.effect, sizes(claim), f"{claim.p_familywise:.2g}"] for claim in self.claims]
+        said = f"{self.verdict} - {VERDICTS[self.verdict]}"
+        said += "".join(f"; {finding.check}: {finding.remedy}" for finding in self.intake)
+        return html_table(["left out", "size", "p"], rows, said)
+
+    def plot(self) -> Figure:
+        """Residuals of each channel over the rows (of an error table: over its cells), before and with the claims.
+
+        Raises InputError where matplotlib (extra `plot`) is not installed, or where nothing could be judged.
+        """
+        if not isinstance(self.picture, Picture):
+            raise InputError("there are no residuals to draw", remedy="see html()" if self.picture else self.verdict)
+        figure = figure_of(len(self.picture.channels))
+        for channel, axis in enumerate(figure.axes):
+            axis.plot(self.picture.before[channel], ".", markersize=2, label="before")
+            axis.plot(self.picture.after[channel], ".", markersize=2, label="with the claims")
+            axis.set(ylabel=f"{self.picture.channels[channel]}, residual", xlabel="row")
+            axis.legend(loc="best", fontsize="small")
+        return figure
+
+
+def diagnose(
+    recording: File | Columns | FrameT,
+    model: ModelLike | None = None,
+    *,
+    simulation: File | Columns | FrameT | None = None,
+    first_s: float | None = None,
+    last_s: float | None = None,
+    seed: int = 1,
+    method: Method = WHOLE,
+) -> Diagnosis:
+    """Say where a recording departs from what a model predicts, what was left out, and how sure that is.
+
+    `recording`: a file, DataFrame, dict of arrays or Recording of N rows (`t_s` in s, `ax_g, ay_g, az_g` in g, a
+    reference: `inc_ref_deg` with `tf_ref_deg` or `rotor_deg`), or a pose table. `model`: a model file, its tables or a
+    `Model`: what the simulation knows; None: nothing beside the sensor. `simulation`: another program's output in the
+    place of the model's prediction, with columns of the same names on times of its own. `first_s`, `last_s` cut a
+    stretch out, s. The same `seed` gives the same answer; `method` leaves parts of the procedure out, for studies.
+
+    The verdict `bad_data` is an answer too. Raises InputError for a recording or a model that is not in order.
+    """
+    knows = Model() if model is None else model_of(model)
+    rows = rows_of(recording, first_s=first_s, last_s=last_s)
+    predicted = None if simulation is None else take(simulation, Recording).table
+    sensor, axes = knows.sensor, knows.tool.map
+    answer = diagnose_columns(
+        Request(
+            columns=rows.columns,
+            complete=rows.complete,
+            forward=knows.forward(),
+            free=sensor.free,
+            site=knows.site.site,
+            axes=list(zip(axes.order, axes.signs, strict=True)),
+            reference=knows.reference.kind if "kind" in knows.reference.model_fields_set else None,
+            predicted=None if predicted is None else predicted.columns,
+            free_of_prediction=sensor.free if "free" in sensor.model_fields_set else (),
+            seed=seed,
+            version=__version__,
+            method=method,
+            where=rows.source,
+            predicted_where=None if predicted is None else predicted.source or "simulation",
+        )
+    )
+    return Diagnosis(answer.diagnosis, answer.picture, knows, _name(rows), answer.notes)
+
+
+def rows_of(
+    recording: File | Columns | FrameT, *, first_s: float | None = None, last_s: float | None = None
+) -> Recording:
+    """The rows to diagnose. A pose table becomes a recording of one row a pose, a minute apart where it has no times.
+
+    `first_s` and `last_s` cut a stretch out of it, s. Raises InputError.
+    """
+    table = take(recording, Table).table
+    if "t_s" not in table.columns and table.has("inc_ref_deg", "tf_ref_deg", "ax", "ay", "az"):
+        table = _of_poses(PoseTable(table.columns, table.texts, table.order, table.source))
+    rows = Recording(table.columns, table.texts, table.order, table.source)
+    if first_s is None and last_s is None:
+        return rows
+    t_s = rows.t_s
+    keep = (t_s >= (-np.inf if first_s is None else first_s)) & (t_s <= (np.inf if last_s is None else last_s))
+    if not keep.any():
+        raise InputError(
+            f"has no rows in that stretch; it runs from {np.nanmin(t_s):g} to {np.nanmax(t_s):g} s", where=rows.source,
+            field="first_s, last_s", remedy="give times of the recording",
+        )  # fmt: skip
+    return rows.select(keep)
+
+
+def _of_poses(poses: PoseTable) -> Table:
+    mean = poses.accel()
+    inc, tf = poses.reference_deg()
+    columns: dict[str, Floats] = {
+        "t_s": np.multiply(MINUTE_S, np.arange(poses.n, dtype=np.float64)),
+        **dict(zip(("ax_g", "ay_g", "az_g"), mean, strict=True)),
+        "inc_ref_deg": inc,
+        "tf_ref_deg": tf,
+        "pose": np.arange(poses.n, dtype=np.float64),
+    }
+    columns |= {name: poses.columns[name] for name in ("temp_c", "direction", "t_s") if name in poses.columns}
+    return Table(columns, source=poses.source)
+
+
+def _name(table: Table) -> str:
+    return "recording" if table.source is None else Path(table.source).name
+
+
+def diagnose_table(
+    table: File | Columns | FrameT,
+    model: ModelLike | None = None,
+    *,
+    corrected_by: str = "none",
+    stations: int = 73,
+    readings: int = 4,
+    seed: int = 1,
+    progress: Callable[[float, str], None] | None = None,
+) -> Diagnosis:
+    """Diagnose a published error table in the place of a recording.
+
+    `table` (a file, DataFrame or dict of arrays, one row an inclination) needs `inc_ref_deg, d_inc_mean_deg,
+    d_inc_pp_deg, d_tf_mean_deg, d_tf_pp_deg`: mean and peak-to-peak of the errors of I and T over a revolution of
+    `stations` toolfaces (both ends) with so many `readings` each. `corrected_by`: what the table comes after
+    ("conventional3", "balance-average" or "none"). `progress` is called with a share done and words. Raises InputError
+    that names the argument or the column that is wrong.
+    """
+    correction = next((known for known in CORRECTIONS if known == corrected_by), None)
+    if correction is None:
+        raise InputError(
+            f"{corrected_by!r} is unknown", field="corrected_by", remedy=f"one of {', '.join(CORRECTIONS)}"
+        )
+    knows = Model() if model is None else model_of(model)
+    read = take(table, SummaryTable).table
+    inc = read.complete("inc_ref_deg")[0]
+    wrong = np.flatnonzero((inc <= 0) | (inc >= 180))
+    if wrong.size:
+        raise InputError(
+            f"{inc[wrong[0]]:g} is not between 0 and 180", where=read.place(int(wrong[0])), field="inc_ref_deg",
+            remedy="at 0 and 180 deg there is no toolface",
+        )  # fmt: skip
+    noise = knows.sensor.noise_g
+    effects = knows.effects.values()
+    if "reading_noise" in effects:
+        noise = float(np.mean([std_of_average(v, 1.0) for v in effects["reading_noise"].values()]))
+    cells = np.column_stack([read.columns[name] for name in CELLS])
+    try:
+        found = diagnose_summary(
+            inc, cells, Procedure(correction, stations, readings), knows.forward(), knows.sensor.free,
+            noise_g=noise or None, seed=seed, version=__version__, progress=progress,
+        )  # fmt: skip
+    except InputError as error:
+        raise InputError(error.what, where=read.source, field=error.field, remedy=error.remedy) from None
+    return Diagnosis(found.diagnosis, found.picture, knows, _name(read))

@@ -1,0 +1,245 @@
+"""From the columns of a recording to a diagnosis: one entry of `KINDS` for each kind of reference.
+
+A kind says when it is meant, what intake looks at, and how rows become the session of its engine. Whoever adds one
+writes these and an entry. Everything is given as values: columns by name, the model's own forward model, what of it may
+be refitted, the site; files and model files are the business of those above.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.diagnosis.core.method import WHOLE, Method
+from highside.diagnosis.core.result import Diagnosis
+from highside.diagnosis.core.scene import Picture
+from highside.diagnosis.engine import diagnose_magnitudes, diagnose_poses, diagnose_rotation, diagnose_simulation
+from highside.diagnosis.intake.checks import Intake, check
+from highside.diagnosis.intake.clipped import with_clipping, without_clipped_poses, without_meaning
+from highside.diagnosis.magnitude.session import magnitude_session, nothing_testable
+from highside.diagnosis.poses.session import pose_session
+from highside.diagnosis.rows.session import rotation_session
+from highside.diagnosis.simulation.intake import check_prediction
+from highside.diagnosis.simulation.session import SimulationSession, simulation_session
+from highside.errors import InputError
+from highside.physics.forward import ForwardModel
+from highside.physics.plan import Site
+
+__all__ = ["KINDS", "Answer", "Kind", "Request", "diagnose_columns"]
+
+Floats = NDArray[np.float64]
+Columns = Mapping[str, Floats]
+
+ACCELEROMETERS = ("ax_g", "ay_g", "az_g")
+GYROS = ("gx_dps", "gy_dps", "gz_dps")
+REFERENCES = frozenset({"inc_ref_deg", "tf_ref_deg", "rotor_deg"})
+GYRO_FREE = ("gyro_bias", "gyro_scale")
+"""What is refitted beside the model's own free effects where gyros were recorded."""
+TURNING_SHARE = 0.5
+"""Share of rows in which the reference turns, from which a recording without stops is one of rotation."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """A recording of N rows and what is known of it."""
+
+    columns: Columns
+    """(N,) each, by their names in the Recording format"""
+    complete: Callable[..., Floats]
+    """the named columns as one block, every value there; raises InputError that names what is absent or missing"""
+    forward: ForwardModel
+    """what the model has"""
+    free: tuple[str, ...]
+    """ids of effects that may be refitted"""
+    site: Site
+    axes: Sequence[tuple[int, float]] = ((0, 1.0), (1, 1.0), (2, 1.0))
+    """which of the maker's channels, with which sign, is the tool's x, y and z"""
+    reference: str | None = None
+    """what the model says is known of the attitude: "pose", "magnitude", "simulation"; None where it says nothing"""
+    predicted: Columns | None = None
+    """columns (M,) of another program's prediction, on its own times"""
+    free_of_prediction: tuple[str, ...] = ()
+    """as `free`, beside a prediction: nothing unless the model says so"""
+    seed: int = 1
+    version: str = ""
+    method: Method = WHOLE
+    where: str | None = None
+    """names the recording in errors"""
+    predicted_where: str | None = None
+
+    def in_tool_axes(self, channels: Floats) -> Floats:
+        """Three channels (3, N) of the maker as the tool's x, y and z."""
+        return np.stack([sign * channels[channel] for channel, sign in self.axes])
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A diagnosis, what a report draws of it, and what must be told beside it."""
+
+    diagnosis: Diagnosis
+    picture: Picture | None
+    notes: tuple[str, ...] = field(default=())
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of reference."""
+
+    name: str
+    meant: Callable[[Request], bool]
+    diagnose: Callable[[Request], Answer]
+
+
+def diagnose_columns(request: Request) -> Answer:
+    """Diagnose a recording by the first of `KINDS` that is meant. Raises InputError for columns that do not do."""
+    kind = next(kind for kind in KINDS if kind.meant(request))
+    return kind.diagnose(request)
+
+
+# --- what kinds share ----------------------------------------------------------------------------------------
+
+
+def _bad_data(request: Request, findings: Intake) -> Answer:
+    bad = Diagnosis("bad_data", intake=findings.findings, seed=request.seed, version=request.version)
+    return Answer(bad, None)
+
+
+def _of_recording(request: Request, error: InputError) -> InputError:
+    """An error of the numerics, with the recording's name."""
+    return InputError(error.what, where=request.where, field=error.field, remedy=error.remedy)
+
+
+def _checked_reference(request: Request) -> Intake:
+    """Intake of a recording with a reference attitude. Raises InputError where nothing is known of one."""
+    if request.reference is None and not REFERENCES & set(request.columns):
+        raise InputError(
+            "nothing says where the tool was, and the model does not say what else is known", where=request.where,
+            field="inc_ref_deg, tf_ref_deg or rotor_deg", remedy="add these columns; or put [reference] kind = "
+            '"magnitude" into the model if only |g| is known; or give another program\'s output with --simulation',
+        )  # fmt: skip
+    return check(request.columns, ("inc_ref_deg", _toolface(request.columns)), request.axes)
+
+
+def _toolface(columns: Columns) -> str:
+    return "rotor_deg" if "rotor_deg" in columns and "tf_ref_deg" not in columns else "tf_ref_deg"
+
+
+# --- the kinds -----------------------------------------------------------------------------------------------
+
+
+def _poses(request: Request) -> Answer:
+    """Stops at known attitudes."""
+    found = _checked_reference(request)
+    if found.spoiled:
+        return _bad_data(request, found)
+    raw = request.complete(*ACCELEROMETERS)
+    try:
+        session = pose_session(
+            without_clipped_poses(request.columns, raw, found), request.in_tool_axes(raw),
+            gravity_mps2=request.site.gravity_mps2, latitude_rad=request.site.latitude_rad,
+            azimuth_rad=request.site.azimuth_rad,
+        )  # fmt: skip
+    except InputError as error:
+        raise _of_recording(request, error) from None
+    diagnosis, picture = diagnose_poses(
+        session, request.forward, request.free, seed=request.seed, version=request.version, method=request.method
+    )
+    return Answer(with_clipping(replace(diagnosis, intake=found.findings), found, request.axes), picture)
+
+
+def _rotates(request: Request) -> bool:
+    """Whether the reference turns in most rows: no session of stops."""
+    name = "tf_ref_deg" if "tf_ref_deg" in request.columns else "rotor_deg"
+    if "pose" in request.columns or name not in request.columns:
+        return False
+    turns = np.diff(request.columns[name]) != 0
+    return turns.size > 0 and bool(np.mean(turns) > TURNING_SHARE)
+
+
+def _rotation(request: Request) -> Answer:
+    """Continuous rotation with a known reference, row by row."""
+    found = _checked_reference(request)
+    if found.spoiled:
+        return _bad_data(request, found)
+    raw = request.complete(*ACCELEROMETERS)
+    gyro = _gyro(request)
+    try:
+        session = rotation_session(
+            request.columns, request.in_tool_axes(raw), gyro, gravity_mps2=request.site.gravity_mps2,
+            latitude_rad=request.site.latitude_rad, azimuth_rad=request.site.azimuth_rad,
+            left_out=without_meaning(raw, found),
+        )  # fmt: skip
+    except InputError as error:
+        raise _of_recording(request, error) from None
+    free = request.free
+    if gyro is not None:
+        free = (*free, *(name for name in GYRO_FREE if name not in free))
+    diagnosis, picture = diagnose_rotation(
+        session, request.forward, free, seed=request.seed, version=request.version, method=request.method
+    )
+    return Answer(with_clipping(replace(diagnosis, intake=found.findings), found, request.axes), picture)
+
+
+def _gyro(request: Request) -> Floats | None:
+    """Rates about the tool's axes, (3, N) rad/s, where they were recorded."""
+    if not all(name in request.columns for name in GYROS):
+        return None
+    return request.in_tool_axes(np.radians(request.complete(*GYROS)))
+
+
+def _magnitude(request: Request) -> Answer:
+    """Still readings of which only |g| is known; without enough of them the verdict is `not_testable`."""
+    found = check(request.columns, (), request.axes, attitude=False)
+    if found.spoiled:
+        return _bad_data(request, found)
+    accel = request.in_tool_axes(request.complete(*ACCELEROMETERS))
+    session = magnitude_session(request.columns, accel, gravity_mps2=request.site.gravity_mps2)
+    if isinstance(session, str):
+        return Answer(nothing_testable(session, found.findings, request.seed, request.version), None)
+    diagnosis, picture = diagnose_magnitudes(
+        session, request.forward, request.free, seed=request.seed, version=request.version
+    )
+    return Answer(replace(diagnosis, intake=found.findings), picture)
+
+
+def _beside(request: Request) -> Answer:
+    """Any channels beside another program's prediction of them."""
+    if request.predicted is None:
+        raise InputError(
+            "the model says that another program predicts the recording", where=request.where, field="reference.kind",
+            remedy="give its output with --simulation SIM.csv",
+        )  # fmt: skip
+    try:
+        session = simulation_session(request.columns, request.predicted)
+    except InputError as error:
+        raise InputError(error.what, where=request.predicted_where, field=error.field, remedy=error.remedy) from None
+    found = check_prediction(session)
+    if found:
+        bad = Diagnosis("bad_data", intake=found, seed=request.seed, version=request.version)
+        return Answer(bad, None, (_aligned(session),))
+    diagnosis, picture = diagnose_simulation(
+        session, request.free_of_prediction, seed=request.seed, version=request.version
+    )
+    return Answer(diagnosis, picture, (_aligned(session),))
+
+
+def _aligned(session: SimulationSession) -> str:
+    """What was compared, and how the two were brought together."""
+    a = session.alignment
+    shift = f"shifted by {a.shift_s:.4g} s" if a.shift_s else f"lag {a.lag_s:.4f} s, left in"
+    return (
+        f"{', '.join(session.names)}: {session.n * session.step_s:.1f} s compared, {1 / session.step_s:.3g} rows/s, "
+        f"up to {session.band_hz:.3g} Hz; prediction {shift} (correlation {a.correlation:.3f})"
+    )
+
+
+KINDS = (
+    Kind("simulation", lambda r: r.predicted is not None or r.reference == "simulation", _beside),
+    Kind("magnitude", lambda r: r.reference == "magnitude", _magnitude),
+    Kind("rotation", _rotates, _rotation),
+    Kind("pose", lambda r: True, _poses),
+)
+"""The kinds of reference; the first that is meant diagnoses."""
