@@ -3,6 +3,7 @@
     recording     `read`, `Recording`
     calibration   `find_poses`, `calibrate`, `Calibration` (and `Calibration.correct`)
     simulation    `simulate`, `predict`
+    diagnosis     `diagnose`, `diagnose_table`, `Diagnosis`
     drift         `drift`: attitude and azimuth by gyros and gravity
     rotation      `fit_rotation`, `compensate`, `compare_rotation`: errors that repeat with the rotor angle
     turntable     `fit_turntable`, `fit_self`: a bench's own encoder and axis
@@ -16,6 +17,7 @@ have `.plot()` (extra `plot`). Errors are `InputError` (what came in is not in o
 from __future__ import annotations
 
 from highside.api.calibration import Calibration, CorrectedReadings, calibrate, find_poses
+from highside.api.diagnosis import Diagnosis, diagnose, diagnose_table
 from highside.api.gyro import Drift, drift
 from highside.api.recording import read
 from highside.api.rotation import CompensatedRecording, FitOfRotation, compare_rotation, compensate, fit_rotation
@@ -31,6 +33,7 @@ __all__ = [
     "CompensatedRecording",
     "Compensation",
     "CorrectedReadings",
+    "Diagnosis",
     "Drift",
     "FitOfRotation",
     "HighsideError",
@@ -46,6 +49,8 @@ __all__ = [
     "calibrate",
     "compare_rotation",
     "compensate",
+    "diagnose",
+    "diagnose_table",
     "drift",
     "find_poses",
     "fit_rotation",

@@ -111,7 +111,7 @@ def calibrate(
     "magnitude" (only |g| is known), `inc_ref_deg, tf_ref_deg`; optional `n`, `std_ax, ...` (g), `temp_c`, `pose`,
     `direction`. `method`: "joint" (all poses at once, the default), "balance" (zones of inclination; `triples` says
     which poses of a ring, `fallback` what corrects elsewhere) or "conventional". `pose_sigma_deg`: standard deviation
-    of a setting of the bench. `tool`, `serial`, `bench`, `operator`, `gravity_mps2` with its standard deviation,
+    of a setting of the bench. `tool`, `serial`, `bench`, `operator`, `gravity_mps2` with `gravity_std_mps2`,
     `temp_c` and `expires_days` go into the record. `turntable`: errors of the bench's own encoder and axis; `model`:
     a model that knows effects of the bench; both are taken off the references first. `key` signs the record.
 

@@ -9,8 +9,9 @@ __all__ = ["read"]
 
 
 def read(source: File | Columns | FrameT) -> Recording:
-    """A Recording of N rows: of a file (CSV, optionally gzipped), a DataFrame or a dict of arrays.
+    """A Recording of N rows.
 
+    `source`: a file (CSV, optionally gzipped), a DataFrame, or a dict of arrays (N,) by the names of their columns.
     Only `t_s` (s) is mandatory; names of columns carry their units (`ax_g`, `gx_dps`, `temp_c`, `inc_ref_deg`). Columns
     that are not known are kept. Raises InputError that names file, line and column of what is wrong.
     """

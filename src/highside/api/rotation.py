@@ -93,6 +93,7 @@ def fit_rotation(
 
     `recording` (a file, DataFrame, dict of arrays or Recording of N rows) needs `t_s` in s, `rotor_deg`, and any of
     `d_roll_arcmin, d_pitch_arcmin, d_heading_arcmin, d_inclination_arcmin, d_toolface_arcmin` (decoded - true).
+    `method`: "sine", "harmonics2", "polynomial9", "network" or "auto" (a Fourier series that chooses its own order).
     `rate_terms`: powers of `rotor_rate_dps`, 0 to 2 (polynomial9, auto); `network_input` and `seed` are the network's.
     `inclination_deg`, `roll_deg`, `pitch_deg`: the attitude at which it was recorded. Raises InputError for a recording
     that is not in order, Refused where nothing can be fitted.
@@ -191,9 +192,10 @@ def compare_rotation(
     network_input: Literal["scaled", "periodic"] = "scaled",
     seed: int = 0,
 ) -> dict[str, tuple[Samples, Comparison, DirectionDifference | None]]:
-    """Fit all methods to the same rows of each error of a recording (see `fit_rotation`).
+    """Fit all methods to the same rows of each error `d_roll_arcmin, ...` of a recording over its `rotor_deg`.
 
-    By channel the rows, a score a method (what it leaves of these rows and of whole turns it had not seen, arcmin; or
+    Arguments as those of `fit_rotation`: `recording`, `rate_terms`, `network_input`, `seed`. Raises InputError for a
+    recording that is not in order. By channel the rows, a score a method (what it leaves of these rows and of whole turns it had not seen, arcmin; or
     why it was refused), and whether the error differs by the direction of turn (None: one direction only).
     """
     table = read_rotation(recording)

@@ -328,7 +328,7 @@ class ReferenceTable(Table):
 
 
 class Model(Table):
-    """The whole file."""
+    """What a simulation knows of a tool, its bench, its site and its motion: the whole model file, each table a field."""
 
     tool: ToolTable = ToolTable()
     sensor: SensorTable = SensorTable()

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from highside.bench.session import turntable
 from highside.bench.session.journal import Header, Journal
