@@ -249,10 +249,10 @@ def diagnose_table(
     """Diagnose a published error table in the place of a recording.
 
     `table` (a file, DataFrame or dict of arrays, one row an inclination) needs `inc_ref_deg, d_inc_mean_deg,
-    d_inc_pp_deg, d_tf_mean_deg, d_tf_pp_deg`; `model` is what is known of the instrument beforehand. They are mean and peak-to-peak of the errors of I and T over a revolution of
-    `stations` toolfaces (both ends) with so many `readings` each. `corrected_by`: what the table comes after
-    ("conventional3", "balance-average" or "none"). `progress` is called with a share done and words. Raises InputError
-    that names the argument or the column that is wrong.
+    d_inc_pp_deg, d_tf_mean_deg, d_tf_pp_deg`: mean and peak-to-peak of the errors of I and T over a revolution of
+    `stations` toolfaces (both ends) with so many `readings` each. `model`: what is known of the instrument beforehand.
+    `corrected_by`: what the table comes after ("conventional3", "balance-average" or "none"). `progress` is called with
+    a share done and words. Raises InputError that names the argument or the column that is wrong.
     """
     correction = next((known for known in CORRECTIONS if known == corrected_by), None)
     if correction is None:

@@ -194,9 +194,10 @@ def compare_rotation(
 ) -> dict[str, tuple[Samples, Comparison, DirectionDifference | None]]:
     """Fit all methods to the same rows of each error `d_roll_arcmin, ...` of a recording over its `rotor_deg`.
 
-    Arguments as those of `fit_rotation`: `recording`, `rate_terms`, `network_input`, `seed`. Raises InputError for a
-    recording that is not in order. By channel the rows, a score a method (what it leaves of these rows and of whole turns it had not seen, arcmin; or
-    why it was refused), and whether the error differs by the direction of turn (None: one direction only).
+    Arguments as those of `fit_rotation`: `recording`, `rate_terms`, `network_input`, `seed`. By channel the rows, a
+    score a method (what it leaves of these rows and of whole turns it had not seen, arcmin; or why it was refused), and
+    whether the error differs by the direction of turn (None: one direction only). Raises InputError for a recording
+    that is not in order.
     """
     table = read_rotation(recording)
     options = FitOptions(rate_terms, NetworkInput(network_input), seed)

@@ -328,7 +328,7 @@ class ReferenceTable(Table):
 
 
 class Model(Table):
-    """What a simulation knows of a tool, its bench, its site and its motion: the whole model file, each table a field."""
+    """What a simulation knows of a tool, its bench, its site and its motion: the model file, each table a field."""
 
     tool: ToolTable = ToolTable()
     sensor: SensorTable = SensorTable()
