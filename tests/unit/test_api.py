@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import inspect
 import subprocess
 import sys
@@ -401,3 +402,22 @@ def test_of_a_table_in_memory_the_record_has_its_own_hash(simulation: highside.S
     changed.source = str(path)
     of_changed = highside.calibrate(changed, pose_sigma_deg=0.01).record.content["raw"]
     assert of_changed["sha256"] != of_file["sha256"], "a file's hash does not vouch for rows that were changed since"
+
+
+# --- packages ------------------------------------------------------------------------------------------------
+
+PACKAGES = sorted(
+    ".".join(path.parent.relative_to(Path(highside.__file__).parents[1]).parts)
+    for path in Path(highside.__file__).parent.rglob("__init__.py")
+)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_package_opens_with_what_it_is_and_names_its_ways_in(package: str) -> None:
+    opened = importlib.import_module(package)
+    assert len(opened.__doc__ or "") > 60, "what the room is for"
+    assert isinstance(opened.__all__, list), package
+    assert len(opened.__all__) == len({*opened.__all__})
+    for name in opened.__all__:
+        if not hasattr(opened, name):
+            assert importlib.import_module(f"{package}.{name}").__doc__, name

@@ -14,3 +14,20 @@ prepares a `Scene` of its kind and hands it to the one procedure; the answer is 
 `core` knows none of the others, `rows` only `core`; the kinds know nothing of one another. Theory and derivations:
 docs/theory/diagnosis.md.
 """
+
+from __future__ import annotations
+
+__all__ = [
+    "core",
+    "engine",
+    "intake",
+    "laws",
+    "magnitude",
+    "poses",
+    "recording",
+    "rotation",
+    "rows",
+    "simulation",
+    "table",
+]
+"""the ways in: modules, loaded when they are asked for"""

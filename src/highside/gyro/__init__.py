@@ -7,3 +7,6 @@ where its azimuth comes from (`result.AzimuthBasis`): gravity alone gives none t
 """
 
 from __future__ import annotations
+
+__all__ = ["checks", "filter", "follow", "frames", "gates", "kinematic", "literal", "recursive", "result"]
+"""the ways in: modules, loaded when they are asked for"""

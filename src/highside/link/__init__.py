@@ -1,1 +1,9 @@
-"""asyncio transports: serial, SocketCAN, python-can, replay, simulated device; one reconnect owner (`supervisor`)."""
+"""asyncio transports: serial, SocketCAN, python-can, replay, simulated device.
+
+A `base.Transport` is one attempt; `base.LinkSupervisor` is the one owner of re-connection.
+"""
+
+from __future__ import annotations
+
+__all__ = ["base", "detect", "device", "handover", "opened", "pythoncan", "replay", "serial", "socketcan", "wire"]
+"""the ways in: modules, loaded when they are asked for"""

@@ -2,3 +2,21 @@
 
 Simulation, calibration and diagnosis use the same objects from here.
 """
+
+from __future__ import annotations
+
+__all__ = [
+    "effect",
+    "effects",
+    "effects_page",
+    "forward",
+    "gravity",
+    "motion",
+    "noise",
+    "plan",
+    "rotation_chain",
+    "scenario",
+    "simulation",
+    "state",
+]
+"""the ways in: modules, loaded when they are asked for"""

@@ -9,3 +9,21 @@ placed (`location`, `support`, `causes`) and given its verdict (`conclusion`); `
 recording shows too little. `result` is the form of the answer, `policy` and `numerics` hold every number that was
 decided.
 """
+
+from __future__ import annotations
+
+__all__ = [
+    "candidates",
+    "conclusion",
+    "fit",
+    "location",
+    "memory",
+    "method",
+    "policy",
+    "pool",
+    "result",
+    "rivals",
+    "scene",
+    "selection",
+]
+"""the ways in: modules, loaded when they are asked for"""

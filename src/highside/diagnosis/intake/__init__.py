@@ -5,3 +5,8 @@ would make as much. Order and times of the frames (`clock`), single readings far
 quantised channels (`checks`); poses that are clipped are left out, and named (`clipped`). What is refused here no fit
 is asked about: a fit gives any fault of the data the name of some effect and is very sure of it.
 """
+
+from __future__ import annotations
+
+__all__ = ["checks", "clipped", "clock", "impulses", "policy"]
+"""the ways in: modules, loaded when they are asked for"""

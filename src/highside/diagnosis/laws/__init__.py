@@ -4,3 +4,7 @@ An unnamed interaction is located by `core.location` and told as covariates. A l
 these covariates, found on some stretches, proved on others and compared with the library, which can then be written
 as an effect and diagnosed by name. It stands beside the kinds of recordings and may use `core` alone.
 """
+
+from __future__ import annotations
+
+__all__: list[str] = []

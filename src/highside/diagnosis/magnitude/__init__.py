@@ -5,3 +5,8 @@ component along n = J^-T u, J = dS/du, and what only turns the reading adds noth
 (`session`) has one channel, candidates are projected (`candidates`), an interval holds all that stays open within the
 plausible (`fit`), and a walk of three offsets is seen through the attitudes in which they act (`directed_walk`).
 """
+
+from __future__ import annotations
+
+__all__ = ["policy", "scene", "session"]
+"""the ways in: modules, loaded when they are asked for"""

@@ -6,3 +6,8 @@ candidates (`lines`); short bursts are looked for in the residual (`bursts`); a 
 products of its cells (`support`); the proof is in means over sectors of the turn, as single rows are nearly all noise
 (`means`); `advice` weighs which rates would tell two explanations apart.
 """
+
+from __future__ import annotations
+
+__all__ = ["policy", "scene"]
+"""the ways in: modules, loaded when they are asked for"""

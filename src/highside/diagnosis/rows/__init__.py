@@ -7,3 +7,8 @@ block means. `noise` learns what whitens: autoregressive on each channel, its si
 `jitter` is the one effect that is found in that size alone. Rotation and comparison with a simulation are both built
 on this.
 """
+
+from __future__ import annotations
+
+__all__ = ["policy", "scene", "session"]
+"""the ways in: modules, loaded when they are asked for"""

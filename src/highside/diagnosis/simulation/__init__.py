@@ -5,3 +5,8 @@ that they share (`session`), unit, sign and axes checked (`intake`). No forward 
 effects are columns made of s and of the covariates recorded (`effects`, `design`), a delay is -t0 ds/dt, a lever arm
 w x (w x r) + a x r. All of them are linear, so claims are fitted in the inner products of `rows`.
 """
+
+from __future__ import annotations
+
+__all__ = ["intake", "policy", "scene", "session"]
+"""the ways in: modules, loaded when they are asked for"""

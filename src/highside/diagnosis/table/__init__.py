@@ -6,3 +6,8 @@ effects are fitted by maximum likelihood (`fit`) and searched by a beam (`search
 its rivals, `posterior` keeps what the table leaves open as draws, `instrument` predicts other tables, `advice` says
 which inclination to measure next.
 """
+
+from __future__ import annotations
+
+__all__ = ["chain", "engine", "policy"]
+"""the ways in: modules, loaded when they are asked for"""

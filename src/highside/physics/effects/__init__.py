@@ -14,6 +14,8 @@ from functools import cache
 from highside.errors import InputError
 from highside.physics.effect import Effect, Stage
 
+__all__ = ["all_effects", "get"]
+
 
 @cache
 def all_effects() -> dict[str, Effect]:

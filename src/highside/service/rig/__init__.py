@@ -2,3 +2,8 @@
 
 `rig.rig.Rig` holds it together. It takes what the pipeline has made, and nothing in it can hold that up.
 """
+
+from __future__ import annotations
+
+__all__ = ["home_assistant", "metrics", "rig", "shock", "surveys", "toolface", "wits"]
+"""the ways in: modules, loaded when they are asked for"""
