@@ -9,6 +9,7 @@ from highside.diagnosis.core.result import Diagnosis, FittedParameter
 from highside.diagnosis.engine import diagnose_magnitudes
 from highside.diagnosis.magnitude.fit import from_the_start
 from highside.diagnosis.magnitude.session import MagnitudeSession, magnitude_session
+from highside.physics.effects import get
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import attitude_of
 from highside.physics.state import ChainState
@@ -83,14 +84,18 @@ def test_products_that_only_turn_the_reading_are_left_open() -> None:
 
 def test_what_follows_time_is_told_from_the_first_row_on() -> None:
     """A warm-up has been larger before the first reading, and a step comes later after the start than after it."""
-    table = {"a_x": FittedParameter(1e-3, 1e-4, 8e-4, 1.2e-3, "g"), "tau": FittedParameter(50.0, 5.0, 40.0, 60.0, "s")}
-    told = from_the_start(table, "warmup", 25.0)
+    size, nothing = FittedParameter(1e-3, 1e-4, 8e-4, 1.2e-3, "g"), FittedParameter(0.0, 1e-4, -2e-4, 2e-4, "g")
+    sizes = {"a_x": size, "a_y": nothing, "a_z": nothing}
+    table = {**sizes, "tau": FittedParameter(50.0, 5.0, 40.0, 60.0, "s")}
+    told = from_the_start(table, get("warmup"), 25.0)
     assert told["tau"] == table["tau"]
     assert told["a_x"].value == pytest.approx(1e-3 * np.exp(0.5))
     assert told["a_x"].high - told["a_x"].low == pytest.approx(4e-4 * np.exp(0.5))
-    step = {"a_x": table["a_x"], "t0": FittedParameter(100.0, 0.0, 100.0, 100.0, "s")}
-    assert from_the_start(step, "bias_step", 25.0) == {**step, "t0": FittedParameter(125.0, 0.0, 125.0, 125.0, "s")}
-    assert from_the_start(step, "quadratic", 25.0) == step
+    step = {**sizes, "t0": FittedParameter(100.0, 0.0, 100.0, 100.0, "s")}
+    later = {**step, "t0": FittedParameter(125.0, 0.0, 125.0, 125.0, "s")}
+    assert from_the_start(step, get("bias_step"), 25.0) == later
+    square = {f"k2_{axis}": size for axis in "xyz"}
+    assert from_the_start(square, get("quadratic"), 25.0) == square
 
 
 def rest(seed: int, step_g: float, walk_g: float = 0.0) -> Diagnosis:

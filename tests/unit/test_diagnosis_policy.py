@@ -25,7 +25,6 @@ GUARDS = {1e-300, 1e-30, 1e-12, 1e-9}
 """What keeps a division from zero and a logarithm finite, and the share of the largest below which an eigenvalue is
 rounding of doubles. A recording in which one of these would decide has no readings."""
 ELSEWHERE = {
-    ("core/candidates.py", 9): "the nine elements of a matrix",
     ("core/fit.py", 12): "the variance of a uniform law is a twelfth of its width squared",
     ("intake/checks.py", 1e3): "mg in a g",
     ("intake/checks.py", 1e6): "ug in a g",
@@ -35,8 +34,6 @@ ELSEWHERE = {
     ("rows/gram.py", 64): "room for the number of a steady rate in a key",
 }
 """Definitions and formulas, each by its file."""
-LIBRARY = {"simulation/effects.py"}
-"""Effects with the gates and typical sizes of their parameters, declared as in `physics/effects`."""
 
 
 def numbers(tree: ast.AST) -> Iterator[tuple[int, float]]:
@@ -56,8 +53,7 @@ def bare(name: str, text: str) -> list[str]:
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_no_number_that_decides_stands_outside_of_a_policy(path: Path) -> None:
     name = path.relative_to(ROOT).as_posix()
-    if name not in LIBRARY:
-        assert bare(name, path.read_text()) == [], "put it in the room's policy.py, with unit, meaning and source"
+    assert bare(name, path.read_text()) == [], "put it in the room's policy.py, with unit, meaning and source"
 
 
 def test_a_number_that_decides_would_be_found() -> None:

@@ -209,12 +209,12 @@ def test_an_effect_is_found_by_its_file_alone(tmp_path: Path, monkeypatch: pytes
     source = (Path(effects.__path__[0]) / "sag.py").read_text()
     (tmp_path / "droop.py").write_text(source.replace('"sag"', '"droop"').replace("Sag", "Droop"))
     monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
-    effects.all_effects.cache_clear()
+    effects.registry.cache_clear()
     try:
         assert effects.get("droop").stage is Stage.POSE
         assert ForwardModel.of({"droop": {"s": 1e-3}}).ids == ("droop",)
     finally:
-        effects.all_effects.cache_clear()
+        effects.registry.cache_clear()
         sys.modules.pop("highside.physics.effects.droop", None)
 
 

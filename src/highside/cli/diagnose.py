@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from highside.cli.options import as_options
+from highside.cli.own_effects import EffectFolders, take_in
 from highside.cli.say import echo
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ def diagnose(
     config: Annotated[Path | None, typer.Option("--config", help="TOML file with a [codec] table.")] = None,
     first_s: Annotated[float | None, typer.Option("--from", help="Only rows from this time on, s.")] = None,
     last_s: Annotated[float | None, typer.Option("--to", help="Only rows up to this time, s.")] = None,
+    effects: EffectFolders = None,
     without: Annotated[
         str | None, typer.Option("--without", hidden=True, help="colour, refit or refusal: what that part is worth.")
     ] = None,
@@ -76,6 +78,7 @@ def diagnose(
     from highside.config.model import Model, load_model
     from highside.diagnosis.core.method import Method
 
+    take_in(effects)
     knows = Model() if model is None else load_model(model)
     with progress_on_terminal() as progress:
         if summary is not None:

@@ -12,6 +12,7 @@ from typing import Annotated
 
 import typer
 
+from highside.cli.own_effects import EffectFolders, take_in
 from highside.cli.say import echo
 from highside.cli.simulate_drift import DriftExperiment, write_experiment
 
@@ -28,6 +29,7 @@ def simulate(
     elevation_deg: Annotated[
         float, typer.Option("--elevation-deg", min=-89, max=89, help="Of the rotating table, above the horizontal.")
     ] = 30.0,
+    effects: EffectFolders = None,
 ) -> None:
     """Simulate a session on a bench, or a drilling leg, with the effects that the model names."""
     from highside.errors import InputError
@@ -40,6 +42,7 @@ def simulate(
         write_experiment(experiment, elevation_deg, output, seed)
         return
     assert model is not None
+    take_in(effects)
     from highside.api.simulation import simulate as run
     from highside.recording.files import write_whole
 

@@ -16,22 +16,33 @@ The chain, in order, and what an effect adds at each stage (dimension x N rows):
 Effects of one stage act side by side (each sees the stage's input, not another's output), so their order does not
 matter and the model stays `m = f + sum of terms(f)`, the form of the calibration equations.
 
-An effect is *one file* in `highside.physics.effects` holding one instance named `EFFECT`; it is found by itself.
+Where another program predicts some channels, no chain is known, only its output. What an effect may have done to such
+channels it says by `on_channels`; a `ChannelEffect` (module `channels`) acts on those alone and stands in no chain.
+
+An effect is *one file* holding one instance named `EFFECT`; it is found by itself. It declares what it is: nothing is
+read from the names of its parameters, and nothing else lists effects.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import ClassVar
+from itertools import combinations
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from highside.errors import InputError
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
+
+if TYPE_CHECKING:
+    from highside.physics.channels import Channels, ChannelTerm
+
+Groups = tuple[tuple[int, ...], ...]
+"""sets of amplitudes, by their numbers in the order of `Effect.amplitudes`"""
 
 AXES = ("x", "y", "z")
 REFERENCE_TEMP_C = 25.0
@@ -59,7 +70,15 @@ class Parameter:
 
     `gate` is the physically plausible range: a fit outside of it is not believed, a model outside of it is refused.
     `shape` marks numbers that form the effect without giving it size (a time constant, a harmonic order): with all
-    others at zero the effect is nothing, whatever the shape. `grid` are the values of a shape worth trying.
+    others at zero the effect is nothing, whatever the shape; the others are its *amplitudes*. Of several shapes every
+    combination is tried. What is tried of a shape, one of:
+
+    `grid`           the values worth trying;
+    `time_constant`  the same, halved and doubled on to all that the length of a recording tells apart;
+    `epoch`          it is a time of onset, in s since the first row, and may be anywhere: nothing of the effect shows
+                     before. It is searched, not fitted: no derivative says where a step is;
+    `line_over`      it is a frequency, in cycles per second ("time") or per turn ("turns"), looked for in a spectrum;
+                     the effect is a cosine and a sine on each axis it acts on.
     """
 
     name: str
@@ -70,11 +89,39 @@ class Parameter:
     shape: bool = False
     integer: bool = False
     grid: tuple[float, ...] = ()
+    time_constant: bool = False
+    epoch: bool = False
+    line_over: Literal["", "time", "turns"] = ""
+
+    @property
+    def fitted(self) -> bool:
+        """Whether a fit may move it: not a number of things, not a time of onset."""
+        return not self.integer and not self.epoch
 
 
 def triad(prefix: str, unit: str, typical: float, limit: float) -> tuple[Parameter, ...]:
     """Three parameters `prefix_x, prefix_y, prefix_z` with the gate +-limit."""
     return tuple(Parameter(f"{prefix}_{axis}", unit, typical, (-limit, limit)) for axis in AXES)
+
+
+def singles(count: int) -> Groups:
+    """Each of so many amplitudes by itself."""
+    return tuple((k,) for k in range(count))
+
+
+def runs(count: int, length: int) -> Groups:
+    """Neighbours together: of 6 by 2 (0, 1), (2, 3), (4, 5), as the rows of a matrix."""
+    return tuple(tuple(range(k, k + length)) for k in range(0, count, length))
+
+
+def across(count: int, step: int) -> Groups:
+    """Those so many apart together: of 6 by 3 (0, 3), (1, 4), (2, 5), as the orders or the phases of each axis."""
+    return tuple(tuple(range(k, count, step)) for k in range(step))
+
+
+def pairs(groups: Groups) -> Groups:
+    """Two groups at a time."""
+    return tuple((*one, *other) for one, other in combinations(groups, 2))
 
 
 class Effect(ABC):
@@ -84,24 +131,42 @@ class Effect(ABC):
     unless `complex_safe` is False (central differences then) or the subclass knows them in closed form.
     """
 
-    id: ClassVar[str]
-    title: ClassVar[str]
-    stage: ClassVar[Stage]
-    formula: ClassVar[str]
-    story: ClassVar[str]
-    parameters: ClassVar[tuple[Parameter, ...]]
-    confused_with: ClassVar[tuple[str, ...]] = ()
-    splitter: ClassVar[str] = ""
-    needs: ClassVar[tuple[str, ...]] = ()
+    id: str
+    title: str
+    stage: Stage
+    formula: str
+    story: str
+    parameters: tuple[Parameter, ...]
+    confused_with: tuple[str, ...] = ()
+    splitter: str = ""
+    needs: tuple[str, ...] = ()
     """fields of ChainState that must vary (or be known) for the effect to show"""
-    complex_safe: ClassVar[bool] = True
-    random: ClassVar[bool] = False
-    known_size: ClassVar[bool] = False
+    complex_safe: bool = True
+    random: bool = False
+    known_size: bool = False
     """True: the amplitude is no free number but has its typical value, or the effect is absent"""
-    remembers: ClassVar[bool] = False
+    remembers: bool = False
     """True: what it does at a row depends on the rows before it, not on that row and the first of all alone"""
-    depends_on_input: ClassVar[bool] = True
+    depends_on_input: bool = True
     """False: `delta` does not read the stage's input, so nothing before it passes through it"""
+    groups: Groups = ()
+    """amplitudes that may act without the others: those of one axis, of one order, a cosine with its sine. All
+    together always may. So an effect on one axis is not judged as if it had needed three."""
+    slow: bool = False
+    """True: a function of time or temperature alone, as a random walk of the zero offset may look too. It is believed
+    only where it beats such a walk"""
+    averages_out: str = ""
+    """why it leaves no trace in the mean of a pose that is held, in words; empty if it does leave one"""
+    constant: bool = False
+    """True: it adds the same to every row"""
+    calibrated: bool = False
+    """True: part of the linear model that a plain calibration fits: the first that a rich model takes in"""
+    next_order_of: str = ""
+    """id of the effect of which this is the next order: judged by what it adds to that, believed where that is"""
+    channel_story: str = ""
+    """the story where it is told of channels beside another program's output, if that is another one"""
+    channel_needs: str = ""
+    """what such a comparison lacks, in words, if the effect cannot act there"""
 
     @abstractmethod
     def delta(self, state: ChainState, p: Array, x: Array) -> Array:
@@ -153,10 +218,44 @@ class Effect(ABC):
             if not parameter.gate[0] <= value <= parameter.gate[1]
         ]
 
+    def restarted(self, p: Array, earlier_s: float) -> tuple[Array, Array]:
+        """Factor and increment (K,) of each parameter p (K,) if its time is counted from so much earlier."""
+        return np.ones(len(p)), np.array([earlier_s if parameter.epoch else 0.0 for parameter in self.parameters])
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        """What it may do to the channels that another program predicts; nothing unless an effect says so."""
+        return ()
+
     @property
     def amplitudes(self) -> tuple[int, ...]:
         """Indices of the parameters that give the effect its size."""
         return tuple(k for k, parameter in enumerate(self.parameters) if not parameter.shape)
+
+    @property
+    def shapes(self) -> tuple[Parameter, ...]:
+        """The parameters that form it."""
+        return tuple(parameter for parameter in self.parameters if parameter.shape)
+
+    @property
+    def parts(self) -> Groups:
+        """Which amplitudes may act: all, then the groups; the largest first."""
+        everything = tuple(range(len(self.amplitudes)))
+        return tuple(sorted({everything, *self.groups}, key=lambda part: (-len(part), part)))
+
+    @property
+    def line(self) -> Parameter | None:
+        """The frequency, if the effect is a line of a spectrum."""
+        return next((parameter for parameter in self.parameters if parameter.line_over), None)
+
+    @property
+    def follows_time_alone(self) -> bool:
+        """Whether the clock is all it needs."""
+        return self.needs == ("t_s",)
+
+    @property
+    def straight_in_time(self) -> bool:
+        """Whether it is a straight line in time: slow, and nothing but a size and the clock make it."""
+        return self.slow and self.follows_time_alone and not self.shapes
 
 
 class LinearEffect(Effect):
@@ -175,6 +274,8 @@ class LinearEffect(Effect):
 
 class AxisEffect(LinearEffect):
     """A term of each sensor by itself, `p_i * h(f_i)` on axis i; gives the scalar function and its slope."""
+
+    groups = singles(3)
 
     @abstractmethod
     def term(self, state: ChainState, f: Array) -> Array:
@@ -220,7 +321,7 @@ class RandomEffect(Effect):
     """Drawn, not predicted. The parameters are sizes of scatter; `draws_at` is the stage it disturbs."""
 
     random = True
-    draws_at: ClassVar[Stage] = Stage.SENSOR
+    draws_at: Stage = Stage.SENSOR
 
     def delta(self, state: ChainState, p: Array, x: Array) -> Array:
         return np.zeros((3, state.n), dtype=np.result_type(p, float))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from highside.physics import effects as package
+from highside.physics.channels import ChannelEffect
 from highside.physics.effect import Effect, RandomEffect, Stage
 
 STAGES = {
@@ -17,6 +18,13 @@ STAGES = {
     Stage.NOISE: "What is random",
     Stage.DIGITAL: "The converter, the link, the recorder",
 }
+
+
+CHANNELS = (
+    "Where another program predicts some channels (`highside diagnose --simulation`) no chain is known. These effects",
+    "act there alone, with a parameter for each channel or pair of channels. Of those above, these act there too:",
+    "{shared}.",
+)
 
 
 def markdown() -> str:
@@ -35,20 +43,31 @@ def markdown() -> str:
         lines += [f"## {heading}", ""]
         for effect in (e for e in effects if e.stage is stage):
             lines += _entry(effect)
+    shared = ", ".join(f"`{e.id}`" for e in package.on_channels() if not isinstance(e, ChannelEffect))
+    lines += ["## Channels beside another program's output", "", *(line.format(shared=shared) for line in CHANNELS), ""]
+    for effect in (e for e in package.on_channels() if isinstance(e, ChannelEffect)):
+        lines += _entry(effect)
     return "\n".join(lines).rstrip() + "\n"
 
 
 def _entry(effect: Effect) -> list[str]:
     lines = [f"### `{effect.id}`: {effect.title}", "", effect.story, "", f"    {effect.formula}", ""]
-    lines += ["| parameter | unit | typical | range |", "|---|---|---|---|"]
-    for p in effect.parameters:
-        lines.append(
-            f"| `{p.name}`{' *' if p.shape else ''} | {p.unit} | {p.typical:g} | {p.gate[0]:g} to {p.gate[1]:g} |"
-        )
-    lines.append("")
+    if effect.parameters:
+        lines += _parameters(effect)
     if isinstance(effect, RandomEffect):
         lines += [f"Disturbs the stage: {effect.draws_at.value}.", ""]
     if effect.confused_with:
         rivals = ", ".join(f"`{rival}`" for rival in effect.confused_with)
         lines += [f"Confused with {rivals}. What splits them: {effect.splitter}.", ""]
+    if not effect.parameters:
+        lines += [f"To tell it from others: {effect.splitter}.", ""]
     return lines
+
+
+def _parameters(effect: Effect) -> list[str]:
+    lines = ["| parameter | unit | typical | range |", "|---|---|---|---|"]
+    lines += [
+        f"| `{p.name}`{' *' if p.shape else ''} | {p.unit} | {p.typical:g} | {p.gate[0]:g} to {p.gate[1]:g} |"
+        for p in effect.parameters
+    ]
+    return [*lines, ""]

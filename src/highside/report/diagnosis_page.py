@@ -6,8 +6,8 @@ import numpy as np
 
 from highside.diagnosis.core.result import Claim, Diagnosis, Location
 from highside.diagnosis.engine import Picture
-from highside.diagnosis.simulation.effects import title_of
 from highside.diagnosis.table.engine import SummaryPicture
+from highside.physics.effects import title_of
 from highside.report.diagnosis_figures import over_time, residuals, table_misfit, table_values
 from highside.report.diagnosis_words import (
     KINDS,

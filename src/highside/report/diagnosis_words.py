@@ -6,9 +6,8 @@ import math
 from collections.abc import Sequence
 
 from highside.diagnosis.core.result import Claim, Diagnosis, Fit, Location
-from highside.diagnosis.simulation.effects import title_of
 from highside.physics.effect import Stage
-from highside.physics.effects import all_effects
+from highside.physics.effects import all_effects, title_of
 
 VERDICTS = {
     "nothing_left_out": "Nothing was left out: the simulation explains this recording to within its noise.",

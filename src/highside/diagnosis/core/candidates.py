@@ -1,7 +1,8 @@
 """What could have been left out: the columns that each effect of the library would add to the readings, per unit.
 
 Effects are taken to first order at the fitted base model. A parameter that only shapes an effect (a time constant, a
-harmonic order, the time of a step) is tried at several values: the *variants* of the candidate.
+harmonic order, the time of a step) is tried at several values, and all amplitudes or one of the groups that the effect
+declares are let act: the *variants* of the candidate.
 
 Beside the named effects stand *shadows*: unnamed products of temperature, time or direction of approach with powers of
 the load. They are there so that an interaction outside of the library is not given the name of the nearest effect
@@ -10,9 +11,10 @@ inside it; a shadow that wins is reported as unknown, with its covariates.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from highside.diagnosis.core.untestable import one_sided
 from highside.physics.effect import Effect, Parameter, Stage
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
+from highside.physics.outside_effects import EPOCHS, MOST_SHAPES
 from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
@@ -31,10 +34,6 @@ CHANNELS = ("ax", "ay", "az")
 ONE_SIDE = "every attitude is reached from one side, so it is a constant; or the side is not recorded"
 RING = "shadow:ring"
 """Id of what is off on one ring alone: measured in one go, it looks like noise that remembers."""
-_NEVER = {
-    "tone": "a tone averages out while a pose is held",
-    "aliased_vibration": "vibration in step with the rotation needs rotation",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +66,11 @@ class Candidate:
     def named(self) -> bool:
         """Whether this has a name a report may give."""
         return self.effect is not None
+
+    @property
+    def slow(self) -> bool:
+        """Whether it is a function of time or temperature alone: a walk may look like it."""
+        return self.effect is not None and self.effect.slow
 
     def unit(self) -> Array:
         """(k,) a typical size of each amplitude; 1 for shadows."""
@@ -102,14 +106,14 @@ def pose_candidates(model: ForwardModel, state: ChainState, free: Sequence[str])
         if one_sided(effect, state):
             blind.append(Blind(effect, ONE_SIDE))
             continue
-        if effect.id in _NEVER:
-            blind.append(Blind(effect, _NEVER[effect.id]))
+        if effect.averages_out:
+            blind.append(Blind(effect, effect.averages_out))
             continue
         variants = [Variant({}, columns[effect.id])] if effect in plain else _shaped(model, state, effect)
         variants = [
             Variant(v.shape, v.columns[list(part)], whole=len(part) == len(names))
             for v in variants
-            for part in parts_of(names)
+            for part in effect.parts
             if np.any(np.abs(v.columns[list(part)]) > 1e-12)
         ]
         if variants:
@@ -117,37 +121,6 @@ def pose_candidates(model: ForwardModel, state: ChainState, free: Sequence[str])
         else:
             blind.append(Blind(effect, what_lacks(effect, state)))
     return found, blind
-
-
-def parts_of(names: Sequence[str]) -> list[tuple[int, ...]]:
-    """Which amplitudes of an effect may act alone: all; those of one axis; those of one order; single ones of few."""
-    everything = tuple(range(len(names)))
-    parts = [everything]
-    for place in (2,) if {"c", "s"} <= {name[0] for name in names} else (2, 0):
-        # behind the last underscore stands the axis (or the product), before it the order (or the axis)
-        groups: dict[str, list[int]] = {}
-        for k, name in enumerate(names):
-            groups.setdefault(name.rpartition("_")[place] if "_" in name else "", []).append(k)
-        parts += [tuple(group) for group in groups.values()]
-    rows: dict[tuple[str, str], list[int]] = {}
-    for k, name in enumerate(names):
-        prefix, _, suffix = name.rpartition("_")
-        if len(suffix) == 2 and "_" not in prefix:
-            # of a matrix (who reads, what leaks in) each row may act alone, or two
-            rows.setdefault((prefix, suffix[0]), []).append(k)
-    parts += [tuple(row) for row in rows.values()]
-    if not rows and len(names) == 9:
-        rows = {("", name): [k for k, n in enumerate(names) if n[: n.rfind("_")] == name]
-                for name in dict.fromkeys(n[: n.rfind("_")] for n in names)}  # fmt: skip
-    if len(rows) == 3:
-        parts += [(*one, *other) for one, other in combinations(rows.values(), 2)]
-    if len(names) <= 3 and not {"c", "s"} <= {name[0] for name in names}:
-        # a cosine and a sine are one amplitude and one phase, and stay together
-        parts += [(k,) for k in everything]
-    elif not any("_" in name for name in names):
-        # of several cosines and sines each pair may act alone
-        parts += [everything[k : k + 2] for k in range(0, len(names), 2)]
-    return sorted(set(parts), key=lambda part: (-len(part), part))
 
 
 def columns_of(
@@ -198,13 +171,20 @@ def _plain_columns(model: ForwardModel, state: ChainState, effects: Sequence[Eff
 
 
 def _shaped(model: ForwardModel, state: ChainState, effect: Effect) -> list[Variant]:
-    shapes = [parameter for parameter in effect.parameters if parameter.shape]
-    if len(shapes) != 1:
-        raise ValueError(f"effect '{effect.id}' has {len(shapes)} shape parameters, one is supported")
-    shape = shapes[0]
-    values = time_constants(shape, state) if shape.grid and shape.unit == "s" else shape.grid or _step_times(state)
     force = np.asarray(model.chain(state).force, dtype=float)
-    return [Variant({shape.name: v}, columns_of(model, state, effect, {shape.name: v}, force)) for v in values]
+    shapes = shapes_tried(effect, state, _step_times(state))
+    return [Variant(shape, columns_of(model, state, effect, shape, force)) for shape in shapes]
+
+
+def shapes_tried(effect: Effect, state: ChainState, epochs: Sequence[float]) -> list[dict[str, float]]:
+    """Every combination of the values that are tried of an effect's shapes; `epochs` are those of a time of onset."""
+    values = [
+        tuple(epochs) if p.epoch else time_constants(p, state) if p.time_constant else p.grid for p in effect.shapes
+    ]
+    # beside another shape a time of onset is looked for more coarsely
+    every = -(-math.prod(len(v) for v in values) // MOST_SHAPES)
+    values = [v[::every] if p.epoch else v for p, v in zip(effect.shapes, values, strict=True)]
+    return [dict(zip((p.name for p in effect.shapes), found, strict=True)) for found in product(*values)]
 
 
 def time_constants(shape: Parameter, state: ChainState) -> tuple[float, ...]:
@@ -227,7 +207,7 @@ def _step_times(state: ChainState) -> tuple[float, ...]:
     elapsed = state.t_s - state.t_s[0]
     between = (elapsed[:-1] + elapsed[1:]) / 2
     inner = between[CANDIDATES.from_the_ends : -CANDIDATES.from_the_ends]
-    keep = np.unique(np.linspace(0, inner.size - 1, min(CANDIDATES.step_times, inner.size)).round().astype(int))
+    keep = np.unique(np.linspace(0, inner.size - 1, min(EPOCHS, inner.size)).round().astype(int))
     return tuple(float(value) for value in inner[keep])
 
 

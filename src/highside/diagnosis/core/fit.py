@@ -291,13 +291,7 @@ def joint_fit(
     first = _begun(model, chosen)
     now = first if near is None else near
     amplitude_names = [f"{c.id}.{a}" for c, _ in chosen for a in c.amplitudes]
-    shape_names = [
-        f"{c.id}.{p.name}"
-        for c, _ in chosen
-        if c.effect is not None and c.id != "bias_step"
-        for p in c.effect.parameters
-        if p.shape and not p.integer
-    ]
+    shape_names = [f"{c.id}.{p.name}" for c, _ in chosen if c.effect is not None for p in c.effect.shapes if p.fitted]
 
     every = [*now.free_names(names or []), *amplitude_names]
     if not every:

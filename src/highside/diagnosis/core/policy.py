@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from highside.physics.effects import all_effects
+
 
 @dataclass(frozen=True)
 class RegressionPolicy:
@@ -32,8 +34,6 @@ REGRESSION = RegressionPolicy()
 class CandidatesPolicy:
     """What is tried of an effect's shapes."""
 
-    step_times: int = 60
-    """Instants, at most, at which a step is tried. Chosen in 21ed34d; no run is recorded."""
     shortest: float = 0.03
     """Share of a recording: a shorter time constant is over before anything else happens. Chosen in 207dc25; no run is
     recorded."""
@@ -400,9 +400,9 @@ class SlowLimits:
     """-log10 p that is asked where hardly any memory remains. Source: that of `MemoryPolicy.slow_log_p`."""
     quiet: float = 6.0
     """-2 log likelihood; evidence of memory that is hardly any. Chosen in f202a8b; no run is recorded."""
-    alike: Mapping[str, float] = field(default_factory=dict)
-    """-log10 p asked of effects, by id, that a walk imitates more easily than others. Chosen in f202a8b; no run is
-    recorded."""
+    straight: float | None = None
+    """-log10 p asked of what is a straight line in time, which a walk imitates more easily than others. Chosen in
+    f202a8b; no run is recorded."""
     forgiven: float = 0.0
     """Share of the evidence of memory that may remain beside one that beats the walk twice as clearly as asked. Chosen
     in 6be9111; no run is recorded."""
@@ -417,9 +417,10 @@ class SlowLimits:
         """Whether an effect of -log10 p and score, that leaves so much of the evidence of memory, is believed."""
         if self.over_walk is not None:
             return score - remaining > self.over_walk and remaining < self.remaining
+        straight = self.straight if self.straight is not None and all_effects()[effect].straight_in_time else None
         return (
-            (log_p > self.alike.get(effect, self.quiet_log_p) and remaining < self.quiet)
-            or (log_p > max(self.log_p, self.alike.get(effect, 0.0)) and remaining < self.remaining)
+            (log_p > (self.quiet_log_p if straight is None else straight) and remaining < self.quiet)
+            or (log_p > max(self.log_p, straight or 0.0) and remaining < self.remaining)
             or (log_p > 2 * self.log_p and remaining < self.forgiven * evidence)
         )
 

@@ -29,17 +29,6 @@ from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
 
-SLOW = (
-    "bias_drift",
-    "warmup",
-    "thermal_lag",
-    "bias_step",
-    "thermal_hysteresis",
-    "temperature_bias",
-    "temperature_bias_curvature",
-)
-"""Effects that are functions of time or temperature alone: a walk may look like any of them."""
-
 
 class Noise(Protocol):
     """The noise of a recording of any kind, as the procedure sees it."""
@@ -143,7 +132,7 @@ class Scene(ABC, Generic[N]):
     @property
     def slow_ids(self) -> frozenset[str]:
         """Ids of the effects that a walk may look like here."""
-        return frozenset(SLOW)
+        return frozenset(c.id for c in self.candidates if c.slow)
 
     @property
     def policy(self) -> ScenePolicy:

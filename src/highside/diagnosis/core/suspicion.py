@@ -72,8 +72,7 @@ def suspect(scene: Scene[N], members: Sequence[Member]) -> Suspicion[N]:
     ]
     near = tuple(dict.fromkeys(candidates[s.effect.candidate].id for s in found.near))
     admitted = frozenset(candidates[s.effect.candidate].id for s in found.admitted)
-    if "temperature_bias" in admitted:
-        admitted |= {"temperature_bias_curvature"}
+    admitted |= {c.id for c in candidates if c.effect is not None and c.effect.next_order_of in admitted}
     if max(m.gain for m in memories) <= MEMORY.suspect:
         return Suspicion(scene.noise, memories, False, [], near, admitted)
     noise = scene.with_memory(memories)
@@ -81,7 +80,7 @@ def suspect(scene: Scene[N], members: Sequence[Member]) -> Suspicion[N]:
         best: dict[int, SlowScore] = {}
         for score in sorted(found.near, key=lambda s: -s.score):
             effect = candidates[score.effect.candidate].effect
-            if effect is not None and effect.id != "bias_step" and any(p.shape for p in effect.parameters):
+            if effect is not None and any(not p.epoch for p in effect.shapes):
                 best.setdefault(score.effect.candidate, score)
         return Suspicion(noise, memories, True, found.claimed, near, frozenset(), tuple(best.values()))
     return Suspicion(noise, memories, False, [], near, admitted)
@@ -99,7 +98,7 @@ def slow_standing(scene: Scene[N], beside: Sequence[Member], own: int) -> list[S
     scores, _, _ = slow_scores(channels, slow)
     effect = scene.candidates[own].effect
     # without a shape of its own it is linear: nothing of it has been taken out
-    shaped = effect is not None and any(p.shape for p in effect.parameters)
+    shaped = effect is not None and bool(effect.shapes)
     whole = scene.straightened(0.0, learn=False) if scene.bent and shaped else None
     if whole is None:
         return scores

@@ -18,6 +18,10 @@ from highside.diagnosis.core.result import Finding
 from highside.diagnosis.intake.clock import chance, clock_findings, duplicates
 from highside.diagnosis.intake.impulses import find_impulses
 from highside.diagnosis.intake.policy import CHECKS, CLOCK
+from highside.physics.effects.clipping import EFFECT as CLIPPING
+from highside.physics.effects.dropped_frames import EFFECT as DROPPED_FRAMES
+from highside.physics.effects.quantisation import EFFECT as QUANTISATION
+from highside.physics.effects.stuck_bit import EFFECT as STUCK_BIT
 from highside.physics.gravity import STANDARD_GRAVITY_MPS2, gravity_direction
 
 Array = NDArray[np.float64]
@@ -77,12 +81,12 @@ def check(
         frames = [] if mostly else _axes(accel, reference, axes)
         if frames:
             return _spoiled([*time, *frames])
-    spoiling = [finding for finding, spoils in clock if spoils and (attitude or finding.check != "dropped_frames")]
+    spoiling = [finding for finding, spoils in clock if spoils and (attitude or finding.check != DROPPED_FRAMES.id)]
     told = [finding for finding in time if finding not in spoiling]
     spoiling += duplicates(columns, held, accel)
     for c, (share, limit, p) in clipped.items():
         words = f"{share:.1%} of the readings share the value {limit:g} g: use a larger range"
-        flat = Finding("clipping", (CHANNELS[c],), p, words)
+        flat = Finding(CLIPPING.id, (CHANNELS[c],), p, words)
         (spoiling if share >= CHECKS.clipped_share else told).append(flat)
     spoiling += [f for c in range(3) if c not in clipped and (f := _stuck_bit(accel[c], c))]
     rows = np.flatnonzero(held)
@@ -218,7 +222,7 @@ def _stuck_bit(values: Array, channel: int) -> Finding | None:
             p = float(2.0 ** -min(visits - 1, CHECKS.most_binary))
             if p < CLOCK.sure:
                 words = f"binary digit {bit} is always {int(held[0])}: the converter or its wire is broken"
-                return Finding("stuck_bit", (CHANNELS[channel],), p, words)
+                return Finding(STUCK_BIT.id, (CHANNELS[channel],), p, words)
     return None
 
 
@@ -233,4 +237,4 @@ def _quantisation(values: Array, channel: int) -> Finding | None:
     if still < CHECKS.still:
         return None
     words = f"the converter's step of {step:.3g} g is coarser than the noise: errors of up to half of it stay in a mean"
-    return Finding("quantisation", (CHANNELS[channel],), _all_equal(int(np.sum(np.diff(codes) == 0))), words)
+    return Finding(QUANTISATION.id, (CHANNELS[channel],), _all_equal(int(np.sum(np.diff(codes) == 0))), words)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from highside.diagnosis.core.result import Claim, Diagnosis, FittedParameter, Location, Verdict
 from highside.diagnosis.intake.checks import CHANNELS, Intake
 from highside.errors import InputError
-from highside.physics.effects import get
+from highside.physics.effects.clipping import EFFECT as CLIPPING
 
 Array = NDArray[np.float64]
 
@@ -64,22 +64,21 @@ def with_clipping(diagnosis: Diagnosis, found: Intake, axes: Sequence[tuple[int,
     """
     if not found.clipped:
         return diagnosis
-    effect = get("clipping")
     parameters = {}
     for tool, (channel, _) in enumerate(axes):
         if channel in found.clipped:
             limit = found.clipped[channel][1]
-            parameters[f"limit_{'xyz'[tool]}"] = FittedParameter(limit, 0.0, limit, limit, "g")
-    faults = [f for f in found.findings if f.check == "clipping"]
+            parameters[CLIPPING.parameters[tool].name] = FittedParameter(limit, 0.0, limit, limit, "g")
+    faults = [f for f in found.findings if f.check == CLIPPING.id]
     p = max(f.p for f in faults)
     claim = Claim(
-        effect="clipping",
-        story=effect.story,
-        formula=effect.formula,
-        stage=effect.stage.value,
+        effect=CLIPPING.id,
+        story=CLIPPING.story,
+        formula=CLIPPING.formula,
+        stage=CLIPPING.stage.value,
         parameters=parameters,
         p_familywise=p,
-        equivalence_class=("clipping",),
+        equivalence_class=(CLIPPING.id,),
         rivals_ruled_out=(),
         next_manoeuvre="; ".join(f.remedy for f in faults),
     )

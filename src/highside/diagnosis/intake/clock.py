@@ -17,6 +17,7 @@ from highside.diagnosis.core.policy import INTERVALS
 from highside.diagnosis.core.probability import straight_line, student_beyond
 from highside.diagnosis.core.result import Finding
 from highside.diagnosis.intake.policy import CLOCK
+from highside.physics.effects.dropped_frames import EFFECT as DROPPED_FRAMES
 
 Array = NDArray[np.float64]
 
@@ -82,7 +83,7 @@ def _lost(steps: Array, inside: NDArray[np.bool_], usual: float, seq: Array | No
     words = f"{lost} frames are lost in {gaps} gaps ({share:.1%}): " + (
         "check the link and record again" if spoils else "few enough to go on with"
     )
-    return [(Finding("dropped_frames", ("seq" if seq is not None else "t_s",), p, words), spoils)]
+    return [(Finding(DROPPED_FRAMES.id, ("seq" if seq is not None else "t_s",), p, words), spoils)]
 
 
 def _steps_back(t_s: Array, usual: float) -> list[int]:

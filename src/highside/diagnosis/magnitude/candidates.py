@@ -12,7 +12,7 @@ from highside.diagnosis.core.candidates import Blind, Candidate, Variant
 from highside.diagnosis.core.location import Basis
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.magnitude.observed import Magnitudes
-from highside.diagnosis.magnitude.policy import MAGNITUDE_BASES
+from highside.diagnosis.magnitude.policy import MAGNITUDE_BASES, MAGNITUDE_CHOICE
 from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.physics.forward import ForwardModel
 
@@ -45,24 +45,32 @@ def projected(seen: Magnitudes, model: ForwardModel, candidates: Sequence[Candid
 
 
 def short_enough(candidates: Sequence[Candidate], length_s: float) -> list[Candidate]:
-    """Without warm-ups that take longer than half of a rest: such a one is a drift with a slight bend, and bends like
-    whatever else went up meanwhile."""
+    """Without transients (warm-ups) that take longer than half of a rest: such a one is a drift with a slight bend, and
+    bends like whatever else went up meanwhile."""
     found = []
     for candidate in candidates:
-        variants = tuple(v for v in candidate.variants if candidate.id != "warmup" or v.shape["tau"] < length_s / 2)
+        effect = candidate.effect
+        times = [p.name for p in effect.shapes if p.time_constant] if effect and effect.follows_time_alone else []
+        variants = tuple(v for v in candidate.variants if all(v.shape[name] < length_s / 2 for name in times))
         if variants:
             found.append(replace(candidate, variants=variants))
     return found
 
 
-def finer_step(variant: Variant, others: Sequence[Variant], elapsed: Array, space: Array, residual: Array) -> Variant:
+def finer_step(
+    variant: Variant, others: Sequence[Variant], onset: str, elapsed: Array, space: Array, residual: Array
+) -> Variant:
     """A step of a rest at the instant at which it fits best between its neighbours among the instants of `others`.
 
     A rest has more readings than instants are searched, and a step a few readings beside the true one is too small.
-    `space` (r, n) is what else is explained, `residual` and `elapsed` (n,).
+    `onset` names the parameter; `space` (r, n) is what else is explained, `residual` and `elapsed` (n,).
     """
-    own = variant.shape["t0"]
-    tried = np.array(sorted({v.shape["t0"] for v in others}))
+    own = variant.shape[onset]
+    after = variant.columns[..., elapsed >= own]
+    if np.any(np.ptp(after, axis=-1) > MAGNITUDE_CHOICE.flat * np.abs(after.mean(axis=-1))):
+        # it begins there, but is no step
+        return variant
+    tried = np.array(sorted({v.shape[onset] for v in others}))
     k = int(np.searchsorted(tried, own))
     low, high = tried[max(k - 1, 0)], tried[min(k + 1, tried.size - 1)]
     between = (elapsed[:-1] + elapsed[1:]) / 2
@@ -70,25 +78,25 @@ def finer_step(variant: Variant, others: Sequence[Variant], elapsed: Array, spac
     left = outside(space, (elapsed >= between[:, None]).astype(float))
     gain = (left @ residual) ** 2 / np.maximum(np.sum(left**2, axis=1), 1e-12)
     best = float(between[int(np.argmax(gain))])
-    height = variant.columns[..., elapsed >= own].mean(axis=-1, keepdims=True)
-    return replace(variant, shape={"t0": best}, columns=np.where(elapsed >= best, height, 0.0))
+    height = after.mean(axis=-1, keepdims=True)
+    return replace(variant, shape={onset: best}, columns=np.where(elapsed >= best, height, 0.0))
 
 
 def beyond_linear(candidates: list[Candidate], base: Array) -> list[Candidate]:
-    """The curvature with temperature by what it adds to the coefficient alone.
+    """The next order of an effect (a curvature with temperature) by what it adds to the effect itself.
 
     Counted from a temperature far away, a square is almost a straight line, and would be named in its place.
     """
-    linear = [v.columns[:, 0] for c in candidates if c.id == "temperature_bias" for v in c.variants if v.whole]
-    if not linear:
-        return candidates
-    space = span(np.concatenate([base[:, 0], *linear]))
-    return [
-        replace(c, variants=tuple(replace(v, columns=outside(space, v.columns)) for v in c.variants))
-        if c.id == "temperature_bias_curvature"
-        else c
-        for c in candidates
-    ]
+    found = []
+    for candidate in candidates:
+        first = candidate.effect.next_order_of if candidate.effect is not None else ""
+        linear = [v.columns[:, 0] for c in candidates if c.id == first for v in c.variants if v.whole]
+        if linear:
+            space = span(np.concatenate([base[:, 0], *linear]))
+            variants = (replace(v, columns=outside(space, v.columns)) for v in candidate.variants)
+            candidate = replace(candidate, variants=tuple(variants))
+        found.append(candidate)
+    return found
 
 
 def bases_of(session: MagnitudeSession, n: int) -> list[Basis]:

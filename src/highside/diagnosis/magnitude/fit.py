@@ -20,7 +20,7 @@ from highside.diagnosis.core.probability import student_quantile
 from highside.diagnosis.core.result import FittedParameter
 from highside.diagnosis.magnitude.observed import Magnitudes
 from highside.diagnosis.magnitude.policy import MAGNITUDE_FITS
-from highside.physics.effect import Parameter
+from highside.physics.effect import Effect, Parameter
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
@@ -92,20 +92,15 @@ def _open(own: Sequence[Parameter], sizes: Array, seen: Array, told: Array) -> t
     return ends[0], ends[1]
 
 
-def from_the_start(table: Table, effect_id: str, delay_s: float) -> Table:
+def from_the_start(table: Table, effect: Effect, delay_s: float) -> Table:
     """Parameters that refer to the first reading, as they are told: from the recording's first row, `delay_s` earlier.
 
     A warm-up has then been larger; a step comes later after the start.
     """
-    if effect_id == "bias_step":
-        t0 = table["t0"]
-        return {**table, "t0": replace(t0, value=t0.value + delay_s, low=t0.low + delay_s, high=t0.high + delay_s)}
-    if effect_id != "warmup":
-        return table
-    growth = float(np.exp(delay_s / table["tau"].value))
-    return {
-        name: p
-        if name == "tau"
-        else replace(p, value=growth * p.value, std=growth * p.std, low=growth * p.low, high=growth * p.high)
-        for name, p in table.items()
-    }
+    factors, later = effect.restarted(np.array([table[p.name].value for p in effect.parameters]), delay_s)
+    told = dict(table)
+    for parameter, factor, more in zip(effect.parameters, factors.tolist(), later.tolist(), strict=True):
+        was = table[parameter.name]
+        value, low, high = (factor * x + more if more else factor * x for x in (was.value, was.low, was.high))
+        told[parameter.name] = replace(was, value=value, std=factor * was.std, low=low, high=high)
+    return told

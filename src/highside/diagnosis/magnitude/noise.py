@@ -45,7 +45,7 @@ def rich_columns(base: Array, candidates: Sequence[Candidate], bases: Sequence[B
         (c for c in candidates if c.effect is not None and len([v for v in c.variants if v.whole]) == 1),
         key=lambda c: (stages.index(c.effect.stage) if c.effect and c.effect.stage in stages else 9, len(c.amplitudes)),
     )
-    first = [c for c in named if c.id in ("bias", "scale", "misalignment")]
+    first = [c for c in named if c.effect is not None and c.effect.calibrated]
     parts = [v.columns for c in [*first, *(c for c in named if c not in first)] for v in c.variants if v.whole]
     parts += [basis.functions[:, None] for basis in bases]
     kept = base

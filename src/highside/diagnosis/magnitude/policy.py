@@ -101,6 +101,9 @@ class MagnitudeChoicePolicy:
     """Up to so many poses each is left out by itself. Chosen in 6be9111; no run is recorded."""
     blocks: int = 10
     """Blocks of a longer session, each predicted from the others. Chosen in 6be9111; no run is recorded."""
+    flat: float = 0.1
+    """Share by which what begins at an onset may vary afterwards and still be a step: a rest turns by far less.
+    Chosen in 304904b; no run is recorded."""
     alike: float = 0.999
     """Cosine from which two columns are one. Chosen in 6be9111; no run is recorded."""
     per_name: int = 6

@@ -22,7 +22,7 @@ from highside.diagnosis.core.pool import Member, Pool, pose_flips, ranked, span_
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.core.result import Diagnosis, Fit, Location, NotTestable
 from highside.diagnosis.core.rivals import Rivalry
-from highside.diagnosis.core.scene import SLOW, Judged, Picture, Scene
+from highside.diagnosis.core.scene import Judged, Picture, Scene
 from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.magnitude.candidates import (
     bases_of,
@@ -38,7 +38,8 @@ from highside.diagnosis.magnitude.noise import MagnitudeNoise, plainly_asked, ri
 from highside.diagnosis.magnitude.observed import Magnitudes
 from highside.diagnosis.magnitude.policy import AT_REST, MAGNITUDE, MAGNITUDE_CHOICE
 from highside.diagnosis.magnitude.session import MagnitudeSession
-from highside.physics.effects import get
+from highside.physics.effect import Stage
+from highside.physics.effects import all_effects, get
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
@@ -87,9 +88,10 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
         cls, seen: Magnitudes, model: ForwardModel, free: tuple[str, ...], seed: int, about: Shapes
     ) -> MagnitudeScene:
         session = seen.session
-        if session.rest and "bias" in free:
+        offsets = tuple(e.id for e in all_effects().values() if e.constant and e.stage is Stage.SENSOR and e.id in free)
+        if session.rest and offsets:
             # offset, scale and matrix show alike; an offset leaves the directions as they are
-            model = base_fit(model, seen, ("bias",), steps=MAGNITUDE_CHOICE.steps)[0]
+            model = base_fit(model, seen, offsets, steps=MAGNITUDE_CHOICE.steps)[0]
         model, columns, residual = _fitted(seen, model, free, about)
         names = model.free_names(free) if free else []
         values = model.get_free(list(about)) if about else np.empty(0)
@@ -132,7 +134,7 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
             return None
         _, nearest, about = min(tried)
         # what comes and goes with time is small
-        return about if ids[nearest] not in SLOW else None
+        return about if not self.candidates[nearest].slow else None
 
     @cached_property
     def policy(self) -> ScenePolicy:
@@ -152,7 +154,7 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
     @property
     def slow_ids(self) -> frozenset[str]:
         if not self.session.rest:
-            return frozenset(SLOW)
+            return super().slow_ids
         # at rest the load is constant: whatever shows at all follows time or temperature
         return frozenset(c.id for c in self.candidates)
 
@@ -253,11 +255,14 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
         elapsed = self.session.t_s - self.session.t_s[0]
         for m in members:
             candidate = candidates[m.candidate]
-            if candidate.id == "bias_step":
+            onset = [p.name for p in candidate.effect.shapes if p.epoch] if candidate.effect is not None else []
+            if onset and len(self.variant(m).shape) == 1:
                 others = self.block([o for o in members if o != m])[:, 0]
                 space = span(np.concatenate([self.base[:, 0], others]))
                 variants = list(candidate.variants)
-                variants[m.variant] = finer_step(variants[m.variant], variants, elapsed, space, self.residual[0])
+                variants[m.variant] = finer_step(
+                    variants[m.variant], variants, onset[0], elapsed, space, self.residual[0]
+                )
                 candidates[m.candidate] = replace(candidate, variants=tuple(variants))
         return replace(self, candidates=candidates)
 
@@ -289,7 +294,7 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
                 tables[candidate.id], candidate, outside(space, noise.white(own)), shown, noise.freedom
             )
         delay_s = float(self.session.t_s[0]) - self.session.began_s
-        told = {name: from_the_start(table, name, delay_s) for name, table in tables.items()}
+        told = {name: from_the_start(table, get(name), delay_s) for name, table in tables.items()}
         return replace(found, parameters=told)
 
     def locate(

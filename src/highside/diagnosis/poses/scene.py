@@ -21,7 +21,7 @@ from highside.diagnosis.core.pool import Member, Pool, pose_flips, threshold
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.core.result import Diagnosis, Fit, Location
 from highside.diagnosis.core.rivals import Rivalry, next_poses
-from highside.diagnosis.core.scene import SLOW, Judged, Picture, Scene, parts_of
+from highside.diagnosis.core.scene import Judged, Picture, Scene, parts_of
 from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.core.untestable import with_manoeuvres
 from highside.diagnosis.poses import noise as noise_model
@@ -118,7 +118,7 @@ class PoseScene(Scene[PoseNoise]):
         return [
             SlowEffect(i, j, np.broadcast_to(v.columns[0, 0], (3, self.session.n)))
             for i, c in enumerate(self.candidates)
-            if c.id in SLOW
+            if c.slow
             for j, v in enumerate(c.variants)
             if v.whole
         ]

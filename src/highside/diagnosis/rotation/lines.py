@@ -14,6 +14,7 @@ from scipy.fft import next_fast_len, rfft
 from highside.diagnosis.rotation.policy import LINES_POLICY
 from highside.diagnosis.rows.design import Line
 from highside.diagnosis.rows.session import RotationSession
+from highside.physics.effects import all_effects
 
 Array = NDArray[np.float64]
 
@@ -21,14 +22,19 @@ Array = NDArray[np.float64]
 def found_lines(session: RotationSession, residual: Array) -> list[Line]:
     """The lines worth trying; `residual` (C, n), of which the accelerometers are searched."""
     frequencies = max(session.n // 2, 1)
-    lines = [Line("tone", hz, frequencies) for hz in LINES_POLICY.mains_hz if _visible(session, hz)]
+    of_time, of_turns = (
+        [(e.id, e.line) for e in all_effects().values() if e.line is not None and e.line.line_over == over]
+        for over in ("time", "turns")
+    )
+    known = [(name, hz) for name, frequency in of_time for hz in frequency.grid if _visible(session, hz)]
+    lines = [Line(name, hz, frequencies) for name, hz in known]
     rows = residual[:3] / residual[:3].std(axis=1, keepdims=True)
     hz = _frequency(session, rows)
     if hz is not None:
-        lines.append(Line("tone", hz, frequencies))
+        lines += [Line(name, hz, frequencies) for name, _ in of_time]
     order = _order(session, rows)
     if order is not None:
-        lines.append(Line("aliased_vibration", *order))
+        lines += [Line(name, *order) for name, _ in of_turns]
     return lines
 
 

@@ -69,8 +69,6 @@ BURSTS = BurstsPolicy()
 class LinesPolicy:
     """Lines in a rotation."""
 
-    mains_hz: tuple[float, float] = (50.0, 60.0)
-    """Hz; a hum of the mains is tried at these. Chosen in 9535933; no run is recorded."""
     chance: float = 1e-3
     """Probability by which the highest of all peaks of a spectrum without lines is as high. Chosen in 96c27f5; no run
     is recorded."""
@@ -147,7 +145,7 @@ ROTATION = ScenePolicy(
     faint=1.0,
     shadow_margin=4.0,
     most_named=2,
-    slow=SlowLimits(alike={"bias_drift": 3.0}),
+    slow=SlowLimits(straight=3.0),
     slow_beside_fast=True,
 )
 """Rows are many: what is left beside the whole story is small, so names must explain more. One scan in a hundred is

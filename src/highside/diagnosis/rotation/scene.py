@@ -19,7 +19,7 @@ from highside.diagnosis.core.policy import FITS, RIVALS, ScenePolicy
 from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.result import Diagnosis, Fit, Location
 from highside.diagnosis.core.rivals import Rivalry
-from highside.diagnosis.core.scene import SLOW, Judged, Picture, parts_of
+from highside.diagnosis.core.scene import Judged, Picture, parts_of
 from highside.diagnosis.core.support import Window
 from highside.diagnosis.core.untestable import what_splits, with_manoeuvres
 from highside.diagnosis.rotation.advice import next_rates
@@ -29,7 +29,7 @@ from highside.diagnosis.rotation.means import Sectors, mean_errors
 from highside.diagnosis.rotation.policy import MEANS, ROTATION, SKETCH
 from highside.diagnosis.rotation.sketch import Sketch, Some, sketched_bend
 from highside.diagnosis.rotation.support import rotation_cells, windows
-from highside.diagnosis.rows.design import LINES, Design
+from highside.diagnosis.rows.design import Design
 from highside.diagnosis.rows.gram import HeldOutRows, accumulate
 from highside.diagnosis.rows.jitter import with_jitter
 from highside.diagnosis.rows.noise import RotationNoise, estimate, plain, rounding
@@ -96,7 +96,7 @@ class RotationScene(RowsScene):
     def slow(self) -> list[SlowEffect]:
         found = []
         for i, candidate in enumerate(self.candidates):
-            if candidate.id in SLOW:
+            if candidate.slow:
                 for j, variant in enumerate(candidate.variants):
                     if variant.whole:
                         # the first three are the three axes of the first order
@@ -180,10 +180,10 @@ class RotationScene(RowsScene):
         parts = [np.asarray(self.variant(m).columns, dtype=np.intp) for m in members]
         numbers = np.concatenate([np.empty(0, dtype=np.intp), *parts])
         none = numbers[:0]
-        names = [self.candidates[m.candidate].id for m in members]
         told = [(self.candidates[m.candidate].id, v) for m in members for v in self.variant(m).shape.values()]
         ways = [k for k, line in enumerate(self.design.lines, 1) if (line.effect, line.value) in told]
-        if not names or not set(names) <= set(LINES):
+        effects = [self.candidates[m.candidate].effect for m in members]
+        if not members or not all(effect is not None and effect.line for effect in effects):
             ways.insert(0, 0)
         every = np.concatenate([held.base, numbers])
         sectors = Sectors.of(self.design, self.noise, self.residual, self.segments, every, ways)

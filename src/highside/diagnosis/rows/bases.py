@@ -25,6 +25,8 @@ class Rows:
 
     state: ChainState
     first: int = 0
+    begun: ChainState | None = None
+    """the same rows with the recording's first before them, from which effects reckon time"""
     _harmonics: dict[int, tuple[Array, Array]] = field(default_factory=dict)
     _force: Array | None = None
 

@@ -3,8 +3,8 @@
 A *column* (what one amplitude of an effect adds) has on each channel one *function* of the rows, or none. Functions are
 numbered channel by channel: first the channel's own (what comes through the chain), then those that only follow
 covariates, which are the same on every channel and made once. What a column is made of is found out on a few rows (a
-probe), so nothing here knows single effects, except how a shape that is not smooth is searched (the time of a step, the
-frequency of a line).
+probe), so nothing here knows single effects; an effect declares how a shape that is not smooth is searched (the time of
+a step, the frequency of a line).
 """
 
 from __future__ import annotations
@@ -15,9 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.core.candidates import Blind, Candidate, Variant, parts_of, time_constants, what_lacks
+from highside.diagnosis.core.candidates import Blind, Candidate, Variant, shapes_tried, what_lacks
 from highside.diagnosis.core.chunks import chunks_of
-from highside.diagnosis.core.policy import CANDIDATES
 from highside.diagnosis.core.untestable import one_sided
 from highside.diagnosis.rows.bases import Group, Recipe, Rows, rotation_groups, rotation_shadows
 from highside.diagnosis.rows.policy import DESIGN
@@ -25,17 +24,16 @@ from highside.diagnosis.rows.session import RotationSession
 from highside.physics.effect import Effect, Stage
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
+from highside.physics.outside_effects import EPOCHS, wave_of
 from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
-LINES = ("tone", "aliased_vibration")
-
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A line found in the residual: `value` of the shape of an effect of `LINES`, among so many that were searched."""
+    """A line found in the residual: `value` of the frequency of an `effect`, among so many that were searched."""
 
     effect: str
     value: float
@@ -56,6 +54,11 @@ class _Source:
     def among(self, place: Sequence[Ints]) -> bool:
         """Whether any of its functions has a place (m_c,) on its channel."""
         return any(bool(np.any(own[n[n >= 0]] >= 0)) for own, n in zip(place, self.numbers.T, strict=True))
+
+
+def _over_time(effect: Effect) -> bool:
+    """Whether the frequency of a line is counted in time, not in turns."""
+    return effect.line is not None and effect.line.line_over == "time"
 
 
 def _telling(state: ChainState) -> Ints:
@@ -111,7 +114,8 @@ class Design:
         state = self.session.state
         turned = np.asarray(state.tf_rad / (2 * np.pi), dtype=float)
         return [turned] + [
-            np.asarray(line.value * (state.t_s if line.effect == "tone" else turned)) for line in self.lines
+            np.asarray(line.value * (state.t_s if _over_time(all_effects()[line.effect]) else turned))
+            for line in self.lines
         ]
 
     # -- what the rows become
@@ -141,7 +145,7 @@ class Design:
                 at = place[c][source.numbers[k, c]]
                 if at >= 0:
                     result[c][at] = block[k, c]
-        rows = Rows(self.session.state.rows(part), part.start)
+        rows = Rows(self.session.state.rows(part), part.start, state)
         for first, count, recipe in self._recipes:
             at = np.array(
                 [own[int(m) + first : int(m) + first + count] for own, m in zip(place, self._own, strict=True)]
@@ -185,12 +189,11 @@ class Design:
                 continue
             searched = 0
             tried: list[tuple[dict[str, float], list[int]]] = []
-            if effect.id in LINES:
+            if effect.line is not None:
                 own = [line for line in lines if line.effect == effect.id]
                 searched = max((line.searched for line in own), default=0)
-                name = next(p.name for p in effect.parameters if p.shape)
-                tried = [({name: line.value}, self._line(effect.id, line.value)) for line in own]
-            elif effect.stage is Stage.THERMAL and not effect.depends_on_input:
+                tried = [({effect.line.name: line.value}, self._line(effect, line.value)) for line in own]
+            elif effect.stage is Stage.THERMAL and not effect.depends_on_input and self._axes(effect) is not None:
                 tried = [(shape, self._slow(effect, shape)) for shape in self._shapes(effect)]
             elif not absent:
                 vectors = [(shape, self._vector(effect, shape)) for shape in self._shapes(effect)]
@@ -198,13 +201,13 @@ class Design:
             names = tuple(effect.parameters[k].name for k in effect.amplitudes)
             variants = []
             for shape, columns in tried:
-                for part in parts_of(names):
+                for part in effect.parts:
                     numbers = np.array([columns[k] for k in part])
                     if np.any(numbers >= 0):
                         variants.append(Variant(shape, numbers, whole=len(part) == len(names)))
             if variants:
                 self.candidates.append(Candidate(effect.id, effect, names, tuple(variants), searched))
-            elif effect.id not in LINES:
+            elif effect.line is None:
                 self.blind.append(Blind(effect, what_lacks(effect, self.session.state)))
 
     def _add_shadows(self) -> None:
@@ -226,20 +229,9 @@ class Design:
             )  # fmt: skip
 
     def _shapes(self, effect: Effect) -> list[dict[str, float]]:
-        shapes = [p for p in effect.parameters if p.shape]
-        if len(shapes) > 1:
-            raise ValueError(f"effect '{effect.id}' has {len(shapes)} shape parameters, one is supported")
-        if not shapes:
-            return [{}]
-        values = shapes[0].grid or self._step_times()
-        if shapes[0].grid and shapes[0].unit == "s":
-            values = time_constants(shapes[0], self.session.state)
-        return [{shapes[0].name: v} for v in values]
-
-    def _step_times(self) -> list[float]:
         length = float(np.ptp(self.session.state.t_s))
-        times = np.linspace(DESIGN.step_margin * length, (1 - DESIGN.step_margin) * length, CANDIDATES.step_times)
-        return [float(t) for t in times]
+        epochs = np.linspace(DESIGN.step_margin * length, (1 - DESIGN.step_margin) * length, EPOCHS)
+        return shapes_tried(effect, self.session.state, [float(t) for t in epochs])
 
     def _vector(self, effect: Effect, shape: dict[str, float]) -> Array:
         vector = np.array(self.model.vector_of(effect.id), dtype=float)
@@ -267,41 +259,70 @@ class Design:
         self._sources.append(_Source(effect, vector, wanted, of_channels, stored))
         return [self._add(own) if (own >= 0).any() else -1 for own in of_channels]
 
+    def _only(self, effect: Effect, shape: dict[str, float], k: int) -> Array:
+        """(K,) one unit of the k-th amplitude alone."""
+        vector = self._vector(effect, shape)
+        vector[list(effect.amplitudes)] = 0.0
+        vector[effect.amplitudes[k]] = 1.0
+        return vector
+
+    def _axes(self, effect: Effect) -> list[tuple[int, int]] | None:
+        """Of each amplitude the axis that it acts on (-1: none), and the first amplitude that does the same on its own:
+        what a few rows show. None where one acts on several."""
+        shape = self._shapes(effect)[0]
+        nothing = np.zeros((3, self._probe_state.n))
+        found: list[tuple[int, int]] = []
+        rows: list[Array] = []
+        for k in range(len(effect.amplitudes)):
+            added = np.asarray(effect.delta(self._probe_state, self._only(effect, shape, k), nothing))
+            axes = np.flatnonzero(np.any(added != 0, axis=1))
+            if axes.size > 1:
+                return None
+            rows.append(added[axes[0]] if axes.size else nothing[0])
+            same = next(j for j, row in enumerate(rows) if np.array_equal(row, rows[-1]))
+            found.append((int(axes[0]) if axes.size else -1, same))
+        return found
+
     def _slow(self, effect: Effect, shape: dict[str, float]) -> list[int]:
-        """Columns of an effect of time or temperature alone: one function an order, the same for each axis."""
+        """Columns of an effect of time or temperature alone: what is the same on several axes is made once."""
         state = self.session.state
-        functions: dict[str, int] = {}
+        functions: dict[int, int] = {}
         numbers = []
-        for k in effect.amplitudes:
-            order, _, axis = effect.parameters[k].name.rpartition("_")
-            if order not in functions:
-                vector = self._vector(effect, shape)
-                vector[list(effect.amplitudes)] = 0.0
-                vector[k] = 1.0
-                functions[order] = self._share(self._slow_recipe(effect, vector, "xyz".index(axis)))[0]
-            numbers.append(self._on("xyz".index(axis), functions[order]))
+        for k, (axis, same) in enumerate(self._axes(effect) or []):
+            if axis < 0:
+                numbers.append(-1)
+                continue
+            if same not in functions:
+                functions[same] = self._share(self._slow_recipe(effect, self._only(effect, shape, k), axis))[0]
+            numbers.append(self._on(axis, functions[same]))
         if np.ptp(state.temp_c) == 0.0 and "temp_c" in effect.needs:
             return [-1] * len(numbers)
         return numbers
 
     def _slow_recipe(self, effect: Effect, vector: Array, axis: int) -> Recipe:
-        if effect.id == "bias_step":
-            start = float(self.session.state.t_s[0] + vector[-1])
-            return lambda rows: [(rows.state.t_s >= start).astype(float)]
+        if not effect.remembers and any(p.epoch for p in effect.shapes):
+            # of the many times of onset none is stored
+
+            def begun(rows: Rows) -> list[Array]:
+                state = rows.state if rows.begun is None else rows.begun
+                added = np.asarray(effect.delta(state, vector, np.zeros((3, state.n)))[axis], dtype=float)
+                return [added if rows.begun is None else added[1:]]
+
+            return begun
         # it may remember: the whole recording at once
         whole = effect.delta(self.session.state, vector, np.zeros((3, self.session.n)))[axis]
         values = np.ascontiguousarray(whole, dtype=float)
         return lambda rows: [values[rows.first : rows.first + rows.state.n]]
 
-    def _line(self, effect_id: str, value: float) -> list[int]:
-        """cos on x, y, z, then sin: the amplitudes of a line."""
+    def _line(self, effect: Effect, value: float) -> list[int]:
+        """A cosine or a sine on one axis for each amplitude of a line."""
 
         def wave(rows: Rows) -> list[Array]:
-            phase = value * (2 * np.pi * rows.state.t_s if effect_id == "tone" else rows.state.tf_rad)
+            phase = value * (2 * np.pi * rows.state.t_s if _over_time(effect) else rows.state.tf_rad)
             return [np.asarray(np.cos(phase)), np.asarray(np.sin(phase))]
 
         functions = self._share(wave)
-        return [self._on(c, f) for f in functions for c in range(3)]
+        return [self._on(axis, functions[phase]) for axis, phase in wave_of(effect)]
 
     def _share(self, recipe: Recipe) -> list[int]:
         """Numbers of the functions of a recipe among the shared ones."""

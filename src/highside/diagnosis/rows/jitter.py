@@ -16,7 +16,7 @@ from highside.diagnosis.core.policy import INTERVALS
 from highside.diagnosis.core.result import Claim, Diagnosis, FittedParameter, Location
 from highside.diagnosis.rows.noise import RotationNoise
 from highside.diagnosis.rows.policy import JITTER
-from highside.physics.effects import get
+from highside.physics.effects.sampling_jitter import EFFECT
 
 TOLD = ("nothing_left_out", "named", "named_plus")
 
@@ -28,23 +28,21 @@ def with_jitter(diagnosis: Diagnosis, noise: RotationNoise, channels: Sequence[s
     evidence = float(gain.sum())
     if evidence < JITTER.certain:
         return diagnosis
-    effect = get("sampling_jitter")
     if diagnosis.verdict not in TOLD:
-        told = replace(diagnosis.remainder, resembles=(*diagnosis.remainder.resembles, effect.id))
+        told = replace(diagnosis.remainder, resembles=(*diagnosis.remainder.resembles, EFFECT.id))
         return replace(diagnosis, remainder=told)
     weight = 1 / np.maximum(error[found], 1e-12) ** 2
     value, std = float(np.sum(weight * size[found]) / weight.sum()), float(weight.sum() ** -0.5)
     p = max(float(chdtrc(found.size, evidence)), 1e-300)
+    told_size = FittedParameter(value, std, value - INTERVALS.normal * std, value + INTERVALS.normal * std, "s")
     claim = Claim(
-        effect=effect.id,
-        story=effect.story,
-        formula=effect.formula,
-        stage=effect.stage.value,
-        parameters={
-            "sigma": FittedParameter(value, std, value - INTERVALS.normal * std, value + INTERVALS.normal * std, "s")
-        },
+        effect=EFFECT.id,
+        story=EFFECT.story,
+        formula=EFFECT.formula,
+        stage=EFFECT.stage.value,
+        parameters={EFFECT.parameters[0].name: told_size},
         p_familywise=p,
-        equivalence_class=(effect.id,),
+        equivalence_class=(EFFECT.id,),
         rivals_ruled_out=(),
         next_manoeuvre="none needed: noise that follows vibration was tried and does not explain the scatter",
     )

@@ -5,7 +5,7 @@ As `design`, with everything at hand as rows: what is compared is short enough f
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,28 +13,30 @@ from numpy.typing import NDArray
 from highside.diagnosis.core.candidates import Blind, Candidate, Variant
 from highside.diagnosis.rows.bases import Group
 from highside.diagnosis.rows.design import Design
-from highside.diagnosis.simulation.effects import Around, described, effects_of
 from highside.diagnosis.simulation.policy import SIMULATION_COLUMNS
 from highside.diagnosis.simulation.session import SimulationSession
+from highside.physics.channels import ChannelTerm, OnChannels
 from highside.physics.effect import Effect
+from highside.physics.effects import on_channels, registry
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
-BLIND = {
-    "lever_arm": "rates (gx_dps, gy_dps, gz_dps) are not recorded, or no channel is an acceleration of a named axis",
-    "temperature_bias": "the temperature (temp_c) is not recorded, or does not change",
-    "temperature_scale": "the temperature (temp_c) is not recorded, or does not change",
-    "centripetal": "the speed (speed_mps) or a rate is not recorded, or no channel is an acceleration of a named axis",
-    "time_offset": "the two files are on clocks of their own: aligning them has taken any offset away",
-}
-"""Effects that need something that may be lacking."""
+About = Mapping[str, tuple[float, ...]]
+"""where effects that are not linear are taken: the values of their parameters, by id; empty at nothing"""
+
+
+def acting(session: SimulationSession, about: About) -> list[tuple[OnChannels, ChannelTerm]]:
+    """The effects of the library that may act on these channels, with what each may have done, in the order tried."""
+    seen = session.seen(about)
+    terms = [(effect, term) for effect in on_channels() for term in effect.on_channels(seen)]
+    return [(OnChannels(effect, term), term) for effect, term in sorted(terms, key=lambda pair: pair[1].place)]
 
 
 class SimulationDesign(Design):
     """The columns of a session beside a base of the effects `free`, which are adjusted anyway."""
 
-    def __init__(self, session: SimulationSession, free: Sequence[str], around: Around) -> None:
+    def __init__(self, session: SimulationSession, free: Sequence[str], about: About) -> None:
         self.session, self.lines = session, ()
         self.free = tuple(free)
         self._rows: list[list[Array]] = [[] for _ in session.names]
@@ -45,35 +47,36 @@ class SimulationDesign(Design):
         shown = set()
         scatter = np.maximum((session.readings - session.predicted).std(axis=1), 1e-12)
         too_small: list[str] = []
-        for tried in effects_of(session, around):
-            shown.add(tried.effect.id)
-            limits = np.array([max(abs(g) for g in p.gate) for p in tried.effect.parameters])
-            shapes = []
-            for shape, columns in tried.shapes:
+        for effect, term in acting(session, about):
+            shown.add(effect.id)
+            limits = np.array([max(abs(g) for g in p.gate) for p in effect.parameters])
+            tried = []
+            for columns in term.columns:
                 size = limits * np.linalg.norm(columns / scatter[:, None], axis=(1, 2))
                 kept = [
                     column if s > SIMULATION_COLUMNS.faint else np.zeros_like(column)
                     for column, s in zip(columns, size, strict=True)
                 ]
-                shapes.append((shape, [self._put(column) for column in kept]))
-            if tried.effect.id in self.free:
-                base += [number for number in shapes[0][1] if number >= 0]
+                tried.append([self._put(column) for column in kept])
+            if effect.id in self.free:
+                base += [number for number in tried[0] if number >= 0]
                 continue
             variants = []
-            for shape, numbers in shapes:
-                for part in tried.parts:
+            for numbers in tried:
+                for part in effect.parts:
                     own = np.array([numbers[k] for k in part], dtype=np.intp)
                     if np.any(own >= 0):
-                        variants.append(Variant(shape, own, whole=len(part) == len(numbers)))
-            names = tuple(p.name for p in tried.effect.parameters)
+                        variants.append(Variant({}, own, whole=len(part) == len(numbers)))
+            names = tuple(p.name for p in effect.parameters)
             if variants:
-                self.candidates.append(Candidate(tried.effect.id, tried.effect, names, tuple(variants)))
+                self.candidates.append(Candidate(effect.id, effect, names, tuple(variants)))
             else:
-                too_small.append(tried.effect.id)
+                too_small.append(effect.id)
         self.base = np.array(base, dtype=np.intp)
-        self.blind = [Blind(described(name), why) for name, why in BLIND.items() if name not in shown]
+        absent = [e for e in on_channels() if e.channel_needs and e.id not in shown]
+        self.blind = [Blind(OnChannels(e), e.channel_needs) for e in absent]
         small = "even the largest size that is plausible would not show in this recording"
-        self.blind += [Blind(described(name), small) for name in too_small]
+        self.blind += [Blind(OnChannels(registry()[name]), small) for name in too_small]
         self._add_products(session)
         self.groups = _groups(session)
         self.cells: list[Ints] = []

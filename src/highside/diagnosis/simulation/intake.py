@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.result import Finding
-from highside.diagnosis.simulation.effects import kind_of
 from highside.diagnosis.simulation.policy import SIMULATION_INTAKE
 from highside.diagnosis.simulation.session import SimulationSession
+from highside.physics.channels import kind_of
 from highside.physics.gravity import STANDARD_GRAVITY_MPS2
 
 Array = NDArray[np.float64]

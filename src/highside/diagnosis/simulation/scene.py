@@ -19,19 +19,17 @@ from highside.diagnosis.core.probability import student_quantile
 from highside.diagnosis.core.regression import outside
 from highside.diagnosis.core.result import Diagnosis, Fit, FittedParameter, Location
 from highside.diagnosis.core.rivals import Rivalry
-from highside.diagnosis.core.scene import SLOW, Judged, Picture
+from highside.diagnosis.core.scene import Judged, Picture
 from highside.diagnosis.rows.gram import HeldOutRows, Key, WalkingChannel, accumulate
 from highside.diagnosis.rows.jitter import with_jitter
 from highside.diagnosis.rows.noise import RotationNoise, estimate
 from highside.diagnosis.rows.scene import JudgedRows, RowsScene, chance_of
-from highside.diagnosis.simulation.design import SimulationDesign, covariates_of
-from highside.diagnosis.simulation.effects import Around
+from highside.diagnosis.simulation.design import About, SimulationDesign, covariates_of
 from highside.diagnosis.simulation.policy import SIMULATION, SIMULATION_CHOICE
 from highside.diagnosis.simulation.session import SimulationSession
+from highside.physics.channels import OnChannels
 
 Array = NDArray[np.float64]
-
-OFFSETS = frozenset({"bias", "gyro_bias", "offset"})
 
 
 @dataclass(frozen=True)
@@ -44,30 +42,36 @@ class SimulationScene(RowsScene):
     @classmethod
     def beside(cls, session: SimulationSession, free: tuple[str, ...], seed: int) -> SimulationScene:
         """Make the columns, take the base off, learn the noise; again about the delays that are found."""
-        scene = cls._about(session, free, seed, Around())
-        around = scene._delays()
+        scene = cls._about(session, free, seed, {})
+        about = scene._nonlinear()
         for _ in range(SIMULATION_CHOICE.turns):
-            if around == Around():
+            if not about:
                 break
-            scene = cls._about(session, free, seed, around)
-            before, around = around, scene._delays()
-            if _near(before, around):
+            scene = cls._about(session, free, seed, about)
+            before, about = about, scene._nonlinear()
+            if _near(before, about):
                 break
         return scene
 
-    def _delays(self) -> Around:
+    def _nonlinear(self) -> About:
         """What a first choice says of effects that are not linear."""
         members = [m for m in self._plain.selector.select() if self.candidates[m.candidate].named]
         found = self.fit(members, self.noise).parameters
-        delay = found.get("time_offset", {}).get("t0")
-        lags = found.get("bandwidth_lag", {})
-        names = next((c.amplitudes for c in self.candidates if c.id == "bandwidth_lag"), ())
-        taus = tuple(max(lags[name].value, 0.0) if name in lags else 0.0 for name in names)
-        return Around(0.0 if delay is None else delay.value, taus if any(taus) else ())
+        about: dict[str, tuple[float, ...]] = {}
+        for candidate in self.candidates:
+            effect = candidate.effect
+            if isinstance(effect, OnChannels) and effect.relinearised:
+                fitted = found.get(candidate.id, {})
+                values = [(fitted[p.name].value if p.name in fitted else 0.0, p.gate[0]) for p in effect.parameters]
+                # what cannot be negative is nothing where it was fitted so
+                sizes = tuple(max(value, 0.0) if least == 0.0 else value for value, least in values)
+                if any(sizes):
+                    about[candidate.id] = sizes
+        return about
 
     @classmethod
-    def _about(cls, session: SimulationSession, free: tuple[str, ...], seed: int, around: Around) -> SimulationScene:
-        design = SimulationDesign(session, free, around)
+    def _about(cls, session: SimulationSession, free: tuple[str, ...], seed: int, about: About) -> SimulationScene:
+        design = SimulationDesign(session, free, about)
         residual = session.readings - session.predicted
         if design.base.size:
             columns = np.stack([design.column(int(k)) for k in design.base])
@@ -133,7 +137,8 @@ class SimulationScene(RowsScene):
 
     def _wanders_as_far(self, noise: RotationNoise, member: Member, members: Sequence[Member]) -> bool:
         """Whether an offset is no larger than the mean of a walk as large as the noise may hold."""
-        if self.candidates[member.candidate].id not in OFFSETS or not noise.memories:
+        effect = self.candidates[member.candidate].effect
+        if effect is None or not effect.constant or not noise.memories:
             return False
         numbers = [
             int(k) for m in members if self.candidates[m.candidate].named for k in self.variant(m).columns if k >= 0
@@ -161,7 +166,7 @@ class SimulationScene(RowsScene):
     def slow(self) -> list[SlowEffect]:
         found = []
         for i, candidate in enumerate(self.candidates):
-            if candidate.id in SLOW:
+            if candidate.slow:
                 for j, variant in enumerate(candidate.variants):
                     number = int(variant.columns[0])
                     if variant.columns.size == 1 and number >= 0:
@@ -332,12 +337,12 @@ class SimulationScene(RowsScene):
         }
 
 
-def _near(one: Around, other: Around) -> bool:
+def _near(one: About, other: About) -> bool:
     """Whether another turn would change nothing that shows."""
-    if len(one.lags_s) != len(other.lags_s):
+    if one.keys() != other.keys():
         return False
-    pairs = [(one.delay_s, other.delay_s), *zip(one.lags_s, other.lags_s, strict=True)]
-    return all(abs(a - b) <= SIMULATION_CHOICE.settled * max(abs(a), abs(b)) for a, b in pairs)
+    both = [pair for effect, values in one.items() for pair in zip(values, other[effect], strict=True)]
+    return all(abs(a - b) <= SIMULATION_CHOICE.settled * max(abs(a), abs(b)) for a, b in both)
 
 
 def _by_activity(design: SimulationDesign, noise: RotationNoise, residual: Array) -> RotationNoise:

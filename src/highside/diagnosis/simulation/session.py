@@ -18,6 +18,7 @@ from highside.diagnosis.rows.session import RotationSession
 from highside.diagnosis.simulation.alignment import Alignment, align, filled, in_gap, usual_rate
 from highside.diagnosis.simulation.policy import SIMULATION_SESSIONS
 from highside.errors import InputError
+from highside.physics.channels import Channels
 from highside.physics.state import ChainState
 
 Array = NDArray[np.float64]
@@ -66,6 +67,13 @@ class SimulationSession(RotationSession):
     @cached_property
     def rate_group(self) -> NDArray[np.intp]:
         return np.full(self.n, -1, dtype=np.intp)
+
+    def seen(self, about: Mapping[str, tuple[float, ...]]) -> Channels:
+        """The channels as effects see them; `about`: where those that are not linear are taken."""
+        return Channels(
+            self.names, self.units, self.readings, self.predicted, self.state.t_s, self.step_s, self.rates, self.speed,
+            self.state.temp_c if self.warm else None, self.alignment.same_clock, about,
+        )  # fmt: skip
 
     @property
     def warm(self) -> bool:

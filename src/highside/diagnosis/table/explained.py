@@ -21,19 +21,23 @@ from highside.diagnosis.table.policy import EXPLAINING
 from highside.diagnosis.table.search import polished, search, unexplained_rows
 from highside.errors import InputError
 from highside.physics.effects import all_effects
+from highside.physics.effects.pose_error import EFFECT as POSE_ERROR
 from highside.physics.forward import ForwardModel
 
 Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
 
-_UNTOLD = {
-    "bias_drift": "a table does not say when a row was measured",
-    "bias_step": "a table does not say when a row was measured",
-    "warmup": "a table does not say when a row was measured",
-    "thermal_lag": "a table does not say when a row was measured",
-    "backlash": "a table does not say from which side a pose was approached",
-    "stiction": "a table does not say from which side a pose was approached",
-}
+NO_TIME = "a table does not say when a row was measured"
+NO_SIDE = "a table does not say from which side a pose was approached"
+
+
+def untold() -> dict[str, str]:
+    """Effects that a table cannot show, and why: those counted in seconds or seconds' rates, those of the side."""
+    known = [effect for effect in all_effects().values() if not effect.random]
+    timed = [e for e in known if "t_s" in e.needs and any("s" in p.unit.split("/") for p in e.parameters)]
+    timed.sort(key=lambda effect: (not effect.follows_time_alone, effect.id))
+    sided = [effect for effect in known if "direction" in effect.needs]
+    return dict.fromkeys((e.id for e in timed), NO_TIME) | dict.fromkeys((e.id for e in sided), NO_SIDE)
 
 
 @dataclass(frozen=True)
@@ -94,10 +98,10 @@ def prepare(
     seed: int,
 ) -> Scene:
     """The scene of R rows `told` (R, 4) in deg at inclinations (R,). Raises InputError where that says too little."""
-    if "pose_error" not in model.ids:
+    if POSE_ERROR.id not in model.ids:
         model = model.with_effects(
             {
-                "pose_error": {
+                POSE_ERROR.id: {
                     "inc_ring": EXPLAINING.step_rad,
                     "tf_station": EXPLAINING.step_rad,
                     "inc_pose": 0.0,
@@ -130,18 +134,19 @@ def _options(sessions: Sessions, model: ForwardModel, free: tuple[str, ...]) -> 
     """Effects that leave a trace behind the correction, and those that do not with the reason."""
     clean = np.asarray(model.predict(sessions.state), dtype=float)
     candidates, blind = pose_candidates(model, sessions.state, free)
-    lacking = [NotTestable(b.effect.id, b.why, b.effect.splitter) for b in blind if b.effect.id not in _UNTOLD]
+    hidden = untold()
+    lacking = [NotTestable(b.effect.id, b.why, b.effect.splitter) for b in blind if b.effect.id not in hidden]
     options: list[Option] = []
     for candidate in candidates:
         assert candidate.effect is not None
-        if candidate.id in _UNTOLD:
+        if candidate.id in hidden:
             continue
         own = options_of(sessions, clean, candidate)
         options += own
         if not own:
             why = f"the correction ({sessions.procedure.corrected_by}) takes it up: it leaves no trace in these columns"
             lacking.append(NotTestable(candidate.id, why, candidate.effect.splitter))
-    lacking += [NotTestable(e, why, all_effects()[e].splitter) for e, why in _UNTOLD.items() if e in all_effects()]
+    lacking += [NotTestable(e, why, all_effects()[e].splitter) for e, why in hidden.items()]
     return options, lacking
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.effect import AXES, Effect, Parameter, Stage
+from highside.physics.effect import AXES, Effect, Parameter, Stage, across
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -21,13 +21,15 @@ class AliasedVibration(Effect):
     parameters = (
         *(Parameter(f"c_{axis}", "g", 1e-4, (-0.5, 0.5)) for axis in AXES),
         *(Parameter(f"s_{axis}", "g", 1e-4, (-0.5, 0.5)) for axis in AXES),
-        Parameter("n", "1", 7.3, (0.1, 1e3), default=7.3, shape=True),
+        Parameter("n", "1", 7.3, (0.1, 1e3), default=7.3, shape=True, line_over="turns"),
     )
     confused_with = ("tone", "wobble")
     splitter = "change the rate of rotation or of sampling by 1 %: the line moves"
     needs = ("rotor_rate_radps",)
     remembers = True
     depends_on_input = False
+    groups = across(6, 3)
+    averages_out = "vibration in step with the rotation needs rotation"
 
     def delta(self, state: ChainState, p: Array, x: Array) -> Array:
         phase = p[6] * np.unwrap(state.tf_rad)

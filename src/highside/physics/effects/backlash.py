@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.effect import LinearEffect, Parameter, Stage
+from highside.physics.effect import LinearEffect, Parameter, Stage, singles
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -23,6 +23,7 @@ class Backlash(LinearEffect):
     splitter = "approach the same poses from both sides; with one direction it is a constant"
     needs = ("direction",)
     depends_on_input = False
+    groups = singles(2)
 
     def basis(self, state: ChainState, x: Array) -> Array:
         basis = np.zeros((2, 3, state.n))

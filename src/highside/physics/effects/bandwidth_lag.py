@@ -6,12 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from highside.physics.channels import TIMED, Channels, ChannelTerm, lagged
 from highside.physics.effect import Effect, Parameter, Stage
 from highside.physics.gravity import Array, gravity_direction, gravity_jacobians
 from highside.physics.state import ChainState
 
 # a first-order lag is the average of the past under exp(-u), u in units of tau: Gauss-Laguerre nodes and weights
 FEW, MANY = (list(zip(*np.polynomial.laguerre.laggauss(count), strict=True)) for count in (4, 12))
+LAGS_S = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+"""Time constants tried on channels beside another program's prediction."""
 LITTLE = 0.05
 """Turn within tau, in rad, up to which four nodes err by less than 1e-12."""
 
@@ -44,6 +47,7 @@ class BandwidthLag(Effect):
     )
     needs = ("rotor_rate_radps",)
     depends_on_input = False
+    channel_story = "The channel answers with a delay and a loss of swing, as any filter of finite bandwidth."
 
     def delta(self, state: ChainState, p: Array, x: Array) -> Array:
         nominal = gravity_direction(state.inc_rad, state.tf_rad)
@@ -62,6 +66,24 @@ class BandwidthLag(Effect):
             rate = state.rotor_rate_radps - state.rotor_accel_radps2 * seconds
             total -= w * u * (by_inc * state.inc_rate_radps + by_tf * rate)
         return total[None]
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        # each kind of channel answers slowly for itself; the lag is not linear in its time
+        kinds = seen.kinds()
+        about = seen.about.get(self.id, ())
+        tried = [(tau,) * len(kinds) for tau in LAGS_S if seen.step_s / 3 < tau < 0.2 * seen.n * seen.step_s]
+        if any(about):
+            tried = [tuple(tau or seen.step_s for tau in about)]
+        columns = []
+        for taus in tried:
+            of_channel = np.zeros(len(seen.names))
+            for tau, own in zip(taus, kinds.values(), strict=True):
+                of_channel[own] = tau
+            behind = np.stack([lagged(s, seen.step_s, tau) for s, tau in zip(seen.predicted, of_channel, strict=True)])
+            rows = [np.where(np.isin(np.arange(of_channel.size), own)[:, None], behind, 0.0) for own in kinds.values()]
+            columns.append(np.stack(rows))
+        parameters = tuple(Parameter(f"tau_{kind.replace('/', '_')}", "s", 1e-3, (0.0, 3.0)) for kind in kinds)
+        return [ChannelTerm(parameters, tuple(columns), (TIMED, 0, 1), relinearised=True)] if columns else []
 
 
 EFFECT = BandwidthLag()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.effect import LinearEffect, Parameter, Stage
+from highside.physics.effect import LinearEffect, Parameter, Stage, singles
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -25,6 +25,7 @@ class BaseTilt(LinearEffect):
     confused_with = ("scale", "misalignment", "encoder_first_harmonic", "sag", "mounting")
     splitter = "a second inclination; best a reversal ring (the table turned to -I or beyond 90 deg)"
     depends_on_input = False
+    groups = singles(2)
 
     def basis(self, state: ChainState, x: Array) -> Array:
         return np.array([[[1.0], [0.0], [0.0]], [[0.0], [1.0], [0.0]]])

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from highside.physics.channels import Channels, ChannelTerm
 from highside.physics.effect import AxisEffect, Stage, triad
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
@@ -19,12 +22,17 @@ class Bias(AxisEffect):
     confused_with = ("misalignment", "turn_on_bias")
     splitter = "a second inclination: at one inclination M_iz cos I is a constant too"
     depends_on_input = False
+    constant = True
+    calibrated = True
 
     def term(self, state: ChainState, f: Array) -> Array:
         return np.ones(f.shape)
 
     def slope(self, state: ChainState, f: Array) -> Array:
         return np.zeros(f.shape)
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        return [seen.offsets(*own) for own in seen.of_kind("accel")]
 
 
 EFFECT = Bias()

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from highside.physics.effect import AxisEffect, Stage, triad
+from highside.physics.channels import ANY, SLOW, Channels, ChannelTerm
+from highside.physics.effect import AxisEffect, Parameter, Stage, triad
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -20,12 +23,20 @@ class BiasDrift(AxisEffect):
     splitter = "return to a reference pose every 10 to 15 minutes, at constant temperature"
     needs = ("t_s",)
     depends_on_input = False
+    slow = True
 
     def term(self, state: ChainState, f: Array) -> Array:
         return np.broadcast_to(state.t_s - state.t_s[:1], (3, state.n))
 
     def slope(self, state: ChainState, f: Array) -> Array:
         return np.zeros((3, state.n))
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        elapsed = seen.t_s - seen.t_s.mean()
+        parameters = tuple(
+            Parameter(f"d_{n}", f"{u}/s", 1e-6, ANY) for n, u in zip(seen.names, seen.units, strict=True)
+        )
+        return [ChannelTerm(parameters, (seen.on([(c, elapsed) for c in range(len(seen.names))]),), (SLOW, 0, 0))]
 
 
 EFFECT = BiasDrift()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from highside.physics.effect import AXES, Effect, Parameter, Stage
+from highside.physics.effect import AXES, Effect, Parameter, Stage, singles
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -18,12 +18,14 @@ class BiasStep(Effect):
     )
     parameters = (
         *(Parameter(f"a_{axis}", "g", 5e-4, (-0.05, 0.05)) for axis in AXES),
-        Parameter("t0", "s", 300.0, (0.0, 1e9), shape=True),
+        Parameter("t0", "s", 300.0, (0.0, 1e9), shape=True, epoch=True),
     )
     confused_with = ("wander", "bias_drift", "turn_on_bias")
     splitter = "return to a reference pose often: a step separates two levels, a wander has none"
     needs = ("t_s",)
     depends_on_input = False
+    groups = singles(3)
+    slow = True
 
     def delta(self, state: ChainState, p: Array, x: Array) -> Array:
         after = state.t_s - state.t_s[:1] >= p[3].real

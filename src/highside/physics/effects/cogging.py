@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.effect import Effect, Parameter, Stage
+from highside.physics.effect import Effect, Parameter, Stage, singles
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -25,6 +25,7 @@ class Cogging(Effect):
     confused_with = ("wobble", "pose_error")
     splitter = "toolfaces that are not equally spaced: a harmonic aliases with the spacing"
     depends_on_input = False
+    groups = singles(2)
 
     def delta(self, state: ChainState, p: Array, x: Array) -> Array:
         ck, sk, k = p

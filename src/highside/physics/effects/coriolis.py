@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.effect import LinearEffect, Parameter, Stage
+from highside.physics.effect import LinearEffect, Parameter, Stage, singles
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -20,6 +20,7 @@ class Coriolis(LinearEffect):
     splitter = "rates of both signs: it follows the rate, the lever arm its square"
     needs = ("rotor_rate_radps",)
     depends_on_input = False
+    groups = singles(2)
 
     def basis(self, state: ChainState, x: Array) -> Array:
         # about z the tool turns at -T'

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.effect import AXES, LinearEffect, Parameter, Stage
+from highside.physics.effect import AXES, LinearEffect, Parameter, Stage, across, pairs, runs
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -24,6 +24,7 @@ class CrossProduct(LinearEffect):
     parameters = tuple(Parameter(f"k_{AXES[i]}_{AXES[a]}{AXES[b]}", "g/g^2", 3e-4, (-5e-3, 5e-3)) for i, a, b in TERMS)
     confused_with = ("sag", "base_tilt", "quadratic")
     splitter = "poses with two axes loaded alike (inclination near 45 deg, toolface near 45 deg), in all signs"
+    groups = (*runs(9, 3), *across(9, 3), *pairs(runs(9, 3)))
 
     def basis(self, state: ChainState, x: Array) -> Array:
         basis = np.zeros((9, 3, x.shape[1]), dtype=x.dtype)

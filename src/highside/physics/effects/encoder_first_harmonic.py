@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.effect import LinearEffect, Parameter, Stage
+from highside.physics.effect import LinearEffect, Parameter, Stage, singles
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -25,6 +25,7 @@ class EncoderFirstHarmonic(LinearEffect):
     confused_with = ("quadratic", "encoder_second_harmonic", "base_tilt")
     splitter = "at least six unequally spaced toolfaces, at two inclinations"
     depends_on_input = False
+    groups = singles(2)
 
     def basis(self, state: ChainState, x: Array) -> Array:
         basis = np.zeros((2, 3, state.n))

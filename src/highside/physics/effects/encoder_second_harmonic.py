@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.effect import LinearEffect, Parameter, Stage
+from highside.physics.effect import LinearEffect, Parameter, Stage, singles
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -22,6 +22,7 @@ class EncoderSecondHarmonic(LinearEffect):
     confused_with = ("cubic", "encoder_first_harmonic", "misalignment")
     splitter = "at least eight unequally spaced toolfaces"
     depends_on_input = False
+    groups = singles(2)
 
     def basis(self, state: ChainState, x: Array) -> Array:
         basis = np.zeros((2, 3, state.n))

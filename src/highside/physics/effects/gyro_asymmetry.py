@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.effect import LinearEffect, Stage, on_own_axis, triad
+from highside.physics.effect import LinearEffect, Stage, on_own_axis, singles, triad
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -18,6 +18,7 @@ class GyroAsymmetry(LinearEffect):
     parameters = triad("ka", "1", 2e-4, 0.01)
     confused_with = ("backlash", "gyro_nonlinearity", "gyro_scale")
     splitter = "the same rates in both senses: a kink at zero"
+    groups = singles(3)
 
     def basis(self, state: ChainState, x: Array) -> Array:
         return on_own_axis(x * np.sign(x.real))

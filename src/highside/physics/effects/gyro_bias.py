@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from highside.physics.effect import LinearEffect, Stage, on_own_axis, triad
+from highside.physics.channels import Channels, ChannelTerm
+from highside.physics.effect import LinearEffect, Stage, on_own_axis, singles, triad
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -19,9 +22,15 @@ class GyroBias(LinearEffect):
     confused_with = ("earth_rotation", "gyro_g_sensitivity")
     splitter = "several attitudes: earth rotation and g-sensitivity turn with the tool, the offset does not"
     depends_on_input = False
+    groups = singles(3)
+    constant = True
+    channel_story = "The gyro shows a small rotation where there is none."
 
     def basis(self, state: ChainState, x: Array) -> Array:
         return on_own_axis(np.ones((3, state.n)))
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        return [seen.offsets(*own) for own in seen.of_kind("rate")]
 
 
 EFFECT = GyroBias()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.effect import AXES, LinearEffect, Parameter, Stage
+from highside.physics.effect import AXES, LinearEffect, Parameter, Stage, pairs, runs, singles
 from highside.physics.gravity import Array, gravity_direction
 from highside.physics.state import ChainState
 
@@ -21,6 +21,7 @@ class GyroGSensitivity(LinearEffect):
     confused_with = ("earth_rotation", "gyro_bias")
     splitter = "a second inclination or another azimuth: earth rotation has a known size and direction"
     depends_on_input = False
+    groups = (*runs(9, 3), *pairs(runs(9, 3)), *singles(9))
 
     def basis(self, state: ChainState, x: Array) -> Array:
         gravity = gravity_direction(state.inc_rad, state.tf_rad)

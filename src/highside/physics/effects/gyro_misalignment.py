@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from highside.physics.effect import AXES, LinearEffect, Parameter, Stage
+from highside.physics.channels import Channels, ChannelTerm
+from highside.physics.effect import AXES, LinearEffect, Parameter, Stage, pairs, runs, singles
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -20,12 +23,16 @@ class GyroMisalignment(LinearEffect):
     parameters = tuple(Parameter(f"m_{AXES[i]}{AXES[j]}", "rad", 2e-3, (-0.06, 0.06)) for i, j in PAIRS)
     confused_with = ("lever_arm", "mounting")
     splitter = "rotation about each axis in turn; x and y share of a rotation about z"
+    groups = (*runs(6, 2), *pairs(runs(6, 2)), *singles(6))
 
     def basis(self, state: ChainState, x: Array) -> Array:
         basis = np.zeros((6, 3, state.n), dtype=x.dtype)
         for k, (i, j) in enumerate(PAIRS):
             basis[k, i] = x[j]
         return basis
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        return [term for own in seen.of_kind("rate") for term in seen.couplings(*own, "rad")]
 
 
 EFFECT = GyroMisalignment()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.effect import LinearEffect, Stage, on_own_axis, triad
+from highside.physics.effect import LinearEffect, Stage, across, on_own_axis, runs, triad
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -18,6 +18,7 @@ class GyroNonlinearity(LinearEffect):
     parameters = (*triad("k2", "s/rad", 2e-5, 1e-3), *triad("k3", "s^2/rad^2", 2e-6, 1e-4))
     confused_with = ("gyro_asymmetry", "gyro_scale")
     splitter = "at least five rates of each sign"
+    groups = (*runs(6, 3), *across(6, 3))
 
     def basis(self, state: ChainState, x: Array) -> Array:
         return np.concatenate([on_own_axis(x**2), on_own_axis(x**3)])

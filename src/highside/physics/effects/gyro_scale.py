@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from highside.physics.effect import LinearEffect, Stage, on_own_axis, triad
+from collections.abc import Sequence
+
+from highside.physics.channels import Channels, ChannelTerm
+from highside.physics.effect import LinearEffect, Stage, on_own_axis, singles, triad
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -16,9 +19,13 @@ class GyroScale(LinearEffect):
     parameters = triad("s", "1", 1e-3, 0.1)
     confused_with = ("gyro_asymmetry", "gyro_nonlinearity")
     splitter = "several rates of both signs against the encoder"
+    groups = singles(3)
 
     def basis(self, state: ChainState, x: Array) -> Array:
         return on_own_axis(x)
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        return [seen.gains(*own) for own in seen.of_kind("rate")]
 
 
 EFFECT = GyroScale()

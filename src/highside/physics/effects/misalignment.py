@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from highside.physics.effect import AXES, LinearEffect, Parameter, Stage
+from highside.physics.channels import Channels, ChannelTerm
+from highside.physics.effect import AXES, LinearEffect, Parameter, Stage, pairs, runs, singles
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -24,6 +27,8 @@ class Misalignment(LinearEffect):
     parameters = tuple(Parameter(f"m_{AXES[i]}{AXES[j]}", "rad", 3e-3, (-0.06, 0.06)) for i, j in PAIRS)
     confused_with = ("mounting", "base_tilt", "axis_nonorthogonality", "bias")
     splitter = "the symmetric part shows in |a| alone; the antisymmetric part needs a reference of attitude"
+    groups = (*runs(6, 2), *pairs(runs(6, 2)), *singles(6))
+    calibrated = True
 
     def basis(self, state: ChainState, x: Array) -> Array:
         basis = np.zeros((6, 3, x.shape[1]), dtype=x.dtype)
@@ -36,6 +41,9 @@ class Misalignment(LinearEffect):
 
     def input_jacobian(self, state: ChainState, p: Array, x: Array) -> Array:
         return np.broadcast_to(_matrix(p)[:, :, None], (3, 3, x.shape[1]))
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        return [term for own in seen.of_kind("accel") for term in seen.couplings(*own, "rad")]
 
 
 def _matrix(p: Array) -> Array:

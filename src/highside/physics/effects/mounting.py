@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.effect import LinearEffect, Parameter, Stage
+from highside.physics.effect import LinearEffect, Parameter, Stage, singles
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -25,6 +25,7 @@ class Mounting(LinearEffect):
     confused_with = ("misalignment", "wobble", "base_tilt")
     splitter = "an independent mark of the housing; the antisymmetric part of a misalignment is the same thing"
     depends_on_input = False
+    groups = (*singles(3), (0, 1))
 
     def basis(self, state: ChainState, x: Array) -> Array:
         basis = np.zeros((3, 3, 1))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from highside.physics.channels import Channels, ChannelTerm
 from highside.physics.effect import AxisEffect, Stage, triad
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
@@ -18,12 +21,16 @@ class Scale(AxisEffect):
     parameters = triad("s", "1", 5e-3, 0.1)
     confused_with = ("misalignment", "cubic", "temperature_scale")
     splitter = "poses with the axis along and against gravity; several temperatures"
+    calibrated = True
 
     def term(self, state: ChainState, f: Array) -> Array:
         return f
 
     def slope(self, state: ChainState, f: Array) -> Array:
         return np.ones(f.shape)
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        return [seen.gains(*own) for own in seen.of_kind("accel")]
 
 
 EFFECT = Scale()

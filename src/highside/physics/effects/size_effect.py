@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.effect import LinearEffect, Parameter, Stage
+from highside.physics.effect import LinearEffect, Parameter, Stage, across, runs
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -28,6 +28,7 @@ class SizeEffect(LinearEffect):
     splitter = "fast ramps of the rotor rate: at constant rate a common lever arm explains the same"
     needs = ("rotor_rate_radps", "rotor_accel_radps2")
     depends_on_input = False
+    groups = (*runs(4, 2), *across(4, 2))
 
     def basis(self, state: ChainState, x: Array) -> Array:
         square, angular = -(state.rotor_rate_radps**2), -state.rotor_accel_radps2

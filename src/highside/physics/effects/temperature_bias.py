@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from highside.physics.effect import REFERENCE_TEMP_C, AxisEffect, Stage, triad
+from highside.physics.channels import ANY, SLOW, Channels, ChannelTerm
+from highside.physics.effect import REFERENCE_TEMP_C, AxisEffect, Parameter, Stage, triad
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -20,12 +23,23 @@ class TemperatureBias(AxisEffect):
     splitter = "an up and a down temperature ramp: what follows temperature comes back, what follows time does not"
     needs = ("temp_c",)
     depends_on_input = False
+    slow = True
+    channel_needs = "the temperature (temp_c) is not recorded, or does not change"
 
     def term(self, state: ChainState, f: Array) -> Array:
         return np.broadcast_to(state.temp_c - REFERENCE_TEMP_C, (3, state.n))
 
     def slope(self, state: ChainState, f: Array) -> Array:
         return np.zeros((3, state.n))
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        if seen.temp_c is None:
+            return ()
+        warm = seen.temp_c - seen.temp_c.mean()
+        parameters = tuple(
+            Parameter(f"bt_{n}", f"{u}/C", 1e-4, ANY) for n, u in zip(seen.names, seen.units, strict=True)
+        )
+        return [ChannelTerm(parameters, (seen.on([(c, warm) for c in range(len(seen.names))]),), (SLOW, 0, 1))]
 
 
 EFFECT = TemperatureBias()

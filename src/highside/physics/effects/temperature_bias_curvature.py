@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.effect import AXES, REFERENCE_TEMP_C, LinearEffect, Parameter, Stage, on_own_axis
+from highside.physics.effect import AXES, REFERENCE_TEMP_C, LinearEffect, Parameter, Stage, across, on_own_axis, runs
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -23,6 +23,9 @@ class TemperatureBiasCurvature(LinearEffect):
     splitter = "at least four temperatures, well apart"
     needs = ("temp_c",)
     depends_on_input = False
+    groups = (*runs(6, 3), *across(6, 3))
+    slow = True
+    next_order_of = "temperature_bias"
 
     def basis(self, state: ChainState, x: Array) -> Array:
         warm = state.temp_c - REFERENCE_TEMP_C

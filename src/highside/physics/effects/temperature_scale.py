@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from highside.physics.effect import REFERENCE_TEMP_C, AxisEffect, Stage, triad
+from highside.physics.channels import SLOW, Channels, ChannelTerm
+from highside.physics.effect import REFERENCE_TEMP_C, AxisEffect, Parameter, Stage, triad
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -19,12 +22,22 @@ class TemperatureScale(AxisEffect):
     confused_with = ("temperature_bias", "scale")
     splitter = "the same temperatures at poses that load the axis differently"
     needs = ("temp_c",)
+    channel_needs = "the temperature (temp_c) is not recorded, or does not change"
 
     def term(self, state: ChainState, f: Array) -> Array:
         return f * (state.temp_c - REFERENCE_TEMP_C)
 
     def slope(self, state: ChainState, f: Array) -> Array:
         return np.broadcast_to(state.temp_c - REFERENCE_TEMP_C, f.shape)
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        if seen.temp_c is None:
+            return ()
+        warm = seen.temp_c - seen.temp_c.mean()
+        parameters = tuple(Parameter(f"st_{n}", "1/C", 1e-4, (-0.01, 0.01)) for n in seen.names)
+        return [
+            ChannelTerm(parameters, (seen.on([(c, warm * s) for c, s in enumerate(seen.predicted)]),), (SLOW, 0, 2))
+        ]
 
 
 EFFECT = TemperatureScale()

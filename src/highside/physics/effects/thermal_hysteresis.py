@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.effect import AXES, Effect, Parameter, Stage, on_own_axis
+from highside.physics.effect import AXES, Effect, Parameter, Stage, on_own_axis, singles
 from highside.physics.gravity import Array
 from highside.physics.memory import play
 from highside.physics.state import ChainState
@@ -29,6 +29,8 @@ class ThermalHysteresis(Effect):
     depends_on_input = False
     complex_safe = False
     remembers = True
+    groups = singles(3)
+    slow = True
 
     def delta(self, state: ChainState, p: Array, x: Array) -> Array:
         side = (state.temp_c - play(state.temp_c, p[3])) / p[3]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from highside.physics.effect import AXES, Effect, Parameter, Stage
+from highside.physics.effect import AXES, Effect, Parameter, Stage, singles
 from highside.physics.gravity import Array
 from highside.physics.memory import low_pass
 from highside.physics.state import ChainState
@@ -26,6 +26,7 @@ class ThermalLag(Effect):
             (10.0, 5e3),
             default=300.0,
             shape=True,
+            time_constant=True,
             grid=(60.0, 100.0, 170.0, 300.0, 500.0, 850.0, 1500.0),
         ),
     )
@@ -34,6 +35,8 @@ class ThermalLag(Effect):
     needs = ("t_s", "temp_c")
     remembers = True
     depends_on_input = False
+    groups = singles(3)
+    slow = True
 
     def delta(self, state: ChainState, p: Array, x: Array) -> Array:
         behind = low_pass(state.t_s, state.temp_c, p[3]) - state.temp_c

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from highside.physics.channels import TIMED, Channels, ChannelTerm, delayed
 from highside.physics.effect import LinearEffect, Parameter, Stage
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
@@ -23,9 +26,19 @@ class TimeOffset(LinearEffect):
     splitter = "two rates and a ramp of the gyro: the delay shows in all channels, the lag only in the accelerometers"
     needs = ("rotor_rate_radps",)
     depends_on_input = False
+    channel_story = "The recording and the prediction do not mean the same instant by the same time."
+    channel_needs = "the two files are on clocks of their own: aligning them has taken any offset away"
 
     def basis(self, state: ChainState, x: Array) -> Array:
         return np.full((1, 1, state.n), -1.0)
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        if not seen.same_clock:
+            return ()
+        (delay_s,) = seen.about.get(self.id, (0.0,))
+        parameter = Parameter("t0", "s", 1e-3, (-0.5, 0.5))
+        columns = delayed(seen.predicted, seen.step_s, delay_s)[None]
+        return [ChannelTerm((parameter,), (columns,), (TIMED, 0, 0), relinearised=True)]
 
 
 EFFECT = TimeOffset()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.effect import AXES, Effect, Parameter, Stage
+from highside.physics.effect import AXES, Effect, Parameter, Stage, across
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -21,12 +21,14 @@ class Tone(Effect):
     parameters = (
         *(Parameter(f"c_{axis}", "g", 1e-4, (-0.05, 0.05)) for axis in AXES),
         *(Parameter(f"s_{axis}", "g", 1e-4, (-0.05, 0.05)) for axis in AXES),
-        Parameter("f", "Hz", 50.0, (0.0, 1e5), default=50.0, shape=True, grid=(50.0, 60.0)),
+        Parameter("f", "Hz", 50.0, (0.0, 1e5), default=50.0, shape=True, grid=(50.0, 60.0), line_over="time"),
     )
     confused_with = ("aliased_vibration", "vibration_rectification")
     splitter = "another rate of rotation: the hum stays where it is"
     needs = ("t_s",)
     depends_on_input = False
+    groups = across(6, 3)
+    averages_out = "a tone averages out while a pose is held"
 
     def delta(self, state: ChainState, p: Array, x: Array) -> Array:
         phase = 2 * np.pi * p[6] * state.t_s

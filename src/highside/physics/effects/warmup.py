@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.effect import AXES, Effect, Parameter, Stage
+from highside.physics.effect import AXES, Effect, Parameter, Stage, singles
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -27,6 +27,7 @@ class Warmup(Effect):
             (5.0, 2e4),
             default=300.0,
             shape=True,
+            time_constant=True,
             grid=(30.0, 60.0, 120.0, 240.0, 480.0, 900.0, 1700.0),
         ),
     )
@@ -34,10 +35,17 @@ class Warmup(Effect):
     splitter = "switch off and on again at constant temperature"
     needs = ("t_s",)
     depends_on_input = False
+    groups = singles(3)
+    slow = True
 
     def delta(self, state: ChainState, p: Array, x: Array) -> Array:
         elapsed = state.t_s - state.t_s[:1]
         return p[:3, None] * np.exp(-elapsed / p[3])
+
+    def restarted(self, p: Array, earlier_s: float) -> tuple[Array, Array]:
+        # what has decayed since then was larger
+        growth = float(np.exp(earlier_s / p[3]))
+        return np.array([growth, growth, growth, 1.0]), np.zeros(4)
 
 
 EFFECT = Warmup()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.effect import Effect, Parameter, Stage
+from highside.physics.effect import Effect, Parameter, Stage, runs, singles
 from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
@@ -30,6 +30,7 @@ class Wobble(Effect):
         "mounting error"
     )
     depends_on_input = False
+    groups = (*runs(4, 2), *singles(4))
 
     def delta(self, state: ChainState, p: Array, x: Array) -> Array:
         ck, sk, dk, tk, k = p

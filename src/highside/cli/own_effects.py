@@ -1,0 +1,33 @@
+"""`--effects DIR`: effects of the user's own, beside those of the library and of installed packages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from highside.cli.say import echo
+
+EffectFolders = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--effects",
+        metavar="DIR",
+        envvar="HIGHSIDE_EFFECTS",
+        help="Folder of effects of your own, one Python file each; may be repeated. They are code and are run.",
+    ),
+]
+
+
+def take_in(folders: Sequence[Path] | None) -> None:
+    """Use the effects of these folders; say which of installed packages cannot be used.
+
+    Raises InputError (file, what) for a file that is no effect.
+    """
+    from highside.physics.effects import left_out, use_folders
+
+    use_folders(folders or ())
+    for line in left_out():
+        echo(line, err=True)

@@ -1,0 +1,202 @@
+"""Channels beside another program's prediction of them, and how effects act there.
+
+No forward model is at hand, only its output s on each channel. So what an effect may have done is a set of columns over
+the rows, each with a parameter of its own:
+
+    offset b; gain k s; cross-coupling m s_d; drift d t; temperature c (T - mean), k s (T - mean)
+    sampled at t - t0: -t0 ds/dt; first-order lag: (H_tau - 1) s; lever arm: w x (w x r) + a x r; travel: k v w
+
+The effects are those of the library: each says in `on_channels` what it does to which channels, if anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from highside.physics.effect import Effect, LinearEffect, Parameter
+from highside.physics.gravity import STANDARD_GRAVITY_MPS2, Array
+from highside.physics.state import ChainState
+
+ANY = (-1e9, 1e9)
+"""Gate of what has no size of its own: a channel may be of any unit."""
+EACH, ACROSS, TIMED, SLOW, MOVED = range(5)
+"""Families in the order in which effects are tried: of each channel, between channels, of time, slow, of motion."""
+
+
+def kind_of(name: str, unit: str) -> str:
+    """What a channel measures: "accel", "rate" or its unit."""
+    if unit in ("g", "m/s2"):
+        return "accel"
+    return "rate" if unit in ("deg/s", "rad/s") else unit
+
+
+@dataclass(frozen=True)
+class ChannelTerm:
+    """What an effect may do to channels: one parameter (gate, typical size and unit are the channel's) a column.
+
+    `columns`, each (K, C, n), are one set, or one for each value tried of what is not linear. Terms are tried in the
+    order of `place` (family, kind of channel, place within). `relinearised`: the columns are what the values in
+    `Channels.about` do, in proportion, and are made anew about those that are fitted.
+    """
+
+    parameters: tuple[Parameter, ...]
+    columns: tuple[Array, ...]
+    place: tuple[int, int, int]
+    relinearised: bool = False
+
+
+@dataclass(frozen=True)
+class Channels:
+    """n rows of C channels: `readings` and `predicted` (C, n) in the `units` of the channels `names`.
+
+    What else was recorded: `rates` {axis: (n,) rad/s}, `speed` (n,) m/s, `temp_c` (n,) C if it changes. `same_clock`:
+    nothing was shifted to lay the two over one another. `about`: of effects that are not linear the values at which
+    columns are wanted, by id.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    readings: Array
+    predicted: Array
+    t_s: Array
+    step_s: float
+    rates: Mapping[str, Array] = field(default_factory=dict)
+    speed: Array | None = None
+    temp_c: Array | None = None
+    same_clock: bool = True
+    about: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return self.t_s.size
+
+    def kinds(self) -> dict[str, list[int]]:
+        """Channels by what they measure."""
+        found: dict[str, list[int]] = {}
+        for c, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
+            found.setdefault(kind_of(name, unit), []).append(c)
+        return found
+
+    def others(self) -> Iterator[tuple[int, list[int]]]:
+        """Kinds that are neither accelerations nor rates: their place among all kinds, and their channels."""
+        for place, (kind, members) in enumerate(self.kinds().items()):
+            if kind not in ("accel", "rate"):
+                yield place, members
+
+    def of_kind(self, kind: str) -> Iterator[tuple[int, list[int]]]:
+        """As `others`, of one kind: once or never."""
+        for place, (own, members) in enumerate(self.kinds().items()):
+            if own == kind:
+                yield place, members
+
+    def on(self, rows: Sequence[tuple[int, Array]]) -> Array:
+        """(k, C, n): each function on its channel."""
+        columns = np.zeros((len(rows), len(self.names), self.n))
+        for k, (c, function) in enumerate(rows):
+            columns[k, c] = function
+        return columns
+
+    def accel_axes(self) -> dict[int, tuple[str, float]]:
+        """Channels that are the acceleration of a named axis: which, and what 1 m/s2 is in their unit."""
+        return {
+            c: (name[1], 1.0 / STANDARD_GRAVITY_MPS2 if unit == "g" else 1.0)
+            for c, (name, unit) in enumerate(zip(self.names, self.units, strict=True))
+            if unit in ("g", "m/s2") and name[:1] == "a" and name[1:2] in "xyz" and name[2:3] == "_"
+        }
+
+    # -- what several effects are, on one kind of channels or another
+
+    def offsets(self, place: int, members: Sequence[int]) -> ChannelTerm:
+        """A constant on each."""
+        limits = {"g": 0.3, "m/s2": 3.0, "deg/s": 20.0, "rad/s": 0.35}
+        parameters = []
+        for c in members:
+            limit = limits.get(self.units[c], ANY[1])
+            typical = max(0.01 * float(self.predicted[c].std()) or 1e-3, 1e-9)
+            parameters.append(Parameter(f"b_{self.names[c]}", self.units[c], typical, (-limit, limit)))
+        return ChannelTerm(tuple(parameters), (self.on([(c, np.ones(self.n)) for c in members]),), (EACH, place, 0))
+
+    def gains(self, place: int, members: Sequence[int]) -> ChannelTerm:
+        """A share of what is predicted on each."""
+        parameters = tuple(Parameter(f"k_{self.names[c]}", "1", 0.01, (-0.5, 0.5)) for c in members)
+        return ChannelTerm(parameters, (self.on([(c, self.predicted[c]) for c in members]),), (EACH, place, 1))
+
+    def couplings(self, place: int, members: Sequence[int], unit: str) -> Iterator[ChannelTerm]:
+        """A share of each on every other; none of a single one."""
+        both = [(c, d) for c in members for d in members if c != d]
+        if both:
+            parameters = tuple(
+                Parameter(f"m_{self.names[c]}_{self.names[d]}", unit, 3e-3, (-0.3, 0.3)) for c, d in both
+            )
+            yield ChannelTerm(parameters, (self.on([(c, self.predicted[d]) for c, d in both]),), (ACROSS, place, 0))
+
+
+class ChannelEffect(Effect):
+    """Acts on channels beside another program's output alone; `stage` says what it would be in a chain."""
+
+    parameters = ()
+
+    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        return np.zeros((3, state.n))
+
+
+class OnChannels(LinearEffect):
+    """An effect of the library as it acts on the channels at hand: its id, words and stage, parameters of theirs."""
+
+    depends_on_input = False
+
+    def __init__(self, effect: Effect, term: ChannelTerm | None = None) -> None:
+        self.id, self.title, self.stage, self.formula = effect.id, effect.title, effect.stage, effect.formula
+        self.story = effect.channel_story or effect.story
+        self.confused_with, self.splitter = effect.confused_with, effect.splitter
+        self.slow, self.constant = effect.slow, effect.constant
+        self.parameters = () if term is None else term.parameters
+        self.relinearised = term is not None and term.relinearised
+        self.groups = tuple((k,) for k in range(len(self.parameters)))
+
+    def basis(self, state: ChainState, x: Array) -> Array:
+        # its columns are those of its term: there is no chain to act in
+        return np.zeros((len(self.parameters), 3, state.n))
+
+
+# -- linear systems on a channel
+
+
+def lagged(values: Array, step_s: float, tau: float) -> Array:
+    """(n,) what a first-order lag changes, for each second of its time constant."""
+    return np.asarray((_through(values, step_s, lambda w: 1 / (1 + 1j * w * tau)) - values) / tau)
+
+
+def delayed(predicted: Array, step_s: float, delay_s: float) -> Array:
+    """(C, n) change of the prediction for each second of delay, at that delay."""
+    if abs(delay_s) < 1e-9:
+        return np.stack([_through(s, step_s, lambda w: -1j * w) for s in predicted])
+    late = np.stack([_through(s, step_s, lambda w: np.exp(-1j * w * delay_s)) for s in predicted])
+    return np.asarray((late - predicted) / delay_s)
+
+
+def _through(values: Array, step_s: float, response: Callable[[Any], Any]) -> Array:
+    """Values (n,) through a linear system, exact for what is sampled finely enough; both ends are turned over."""
+    n = values.size
+    reach = min(n - 1, max(64, n // 8))
+    before = 2 * values[0] - values[reach:0:-1]
+    after = 2 * values[-1] - values[-2 : -reach - 2 : -1]
+    whole = np.concatenate([before, values, after])
+    # what the two far ends differ by is no jump: a straight line is taken off, and follows by itself
+    at = np.arange(whole.size)
+    slope = (whole[-1] - whole[0]) / (whole.size - 1)
+    line = whole[0] + slope * at
+    omega = np.asarray(2 * np.pi * np.fft.rfftfreq(whole.size, step_s), dtype=float)
+    gain = response(omega)
+    gain = np.where(np.arange(omega.size) == omega.size - 1, gain.real, gain) if whole.size % 2 == 0 else gain
+    turned = np.fft.irfft(np.fft.rfft(whole - line) * gain, whole.size)
+    small = 1e-6
+    at_rest = float(np.real(response(np.array([0.0], dtype=float))[0]))
+    lateness = float(-np.imag(response(np.array([small]))[0]) / small)
+    straight = at_rest * line - slope / step_s * lateness
+    return np.asarray((turned + straight)[reach : reach + n])

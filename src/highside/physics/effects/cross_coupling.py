@@ -1,0 +1,52 @@
+"""One channel that takes a share of what another measures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from highside.physics.channels import ACROSS, ANY, ChannelEffect, Channels, ChannelTerm
+from highside.physics.effect import Parameter, Stage
+
+
+class CrossCoupling(ChannelEffect):
+    id = "cross_coupling"
+    title = "Cross-coupling"
+    stage = Stage.SENSOR
+    formula = "m s_d"
+    story = "The channel also answers to what another channel measures."
+    splitter = "move one quantity at a time"
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        own = [term for other in seen.others() for term in seen.couplings(*other, "1")]
+        kinds = seen.kinds()
+        across = [
+            (c, d)
+            for kind, members in kinds.items()
+            for c in members
+            for other, sources in kinds.items()
+            if other != kind
+            for d in sources
+        ]
+        if not across:
+            return own
+        parameters = tuple(
+            Parameter(
+                f"m_{seen.names[c]}_{seen.names[d]}",
+                f"{seen.units[c]}/({seen.units[d]})",
+                0.01 * float(seen.readings[c].std()) / max(float(seen.predicted[d].std()), 1e-12),
+                ANY,
+            )
+            for c, d in across
+        )
+        columns = seen.on([(c, seen.predicted[d]) for c, d in across])
+        if not own:
+            return [ChannelTerm(parameters, (columns,), (ACROSS, len(kinds), 0))]
+        # between channels of one kind and between kinds it is one effect
+        first, *more = own
+        both = np.concatenate([first.columns[0], columns])
+        return [ChannelTerm((*first.parameters, *parameters), (both,), first.place), *more]
+
+
+EFFECT = CrossCoupling()

@@ -1,0 +1,23 @@
+"""Error of the gain of a channel that is neither an acceleration nor a rate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from highside.physics.channels import ChannelEffect, Channels, ChannelTerm
+from highside.physics.effect import Stage
+
+
+class Gain(ChannelEffect):
+    id = "gain"
+    title = "Gain"
+    stage = Stage.SENSOR
+    formula = "k s"
+    story = "The channel's gain is off."
+    splitter = "repeat with a larger input"
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        return [seen.gains(*own) for own in seen.others()]
+
+
+EFFECT = Gain()

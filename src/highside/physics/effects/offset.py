@@ -1,0 +1,24 @@
+"""Constant error of a channel that is neither an acceleration nor a rate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from highside.physics.channels import ChannelEffect, Channels, ChannelTerm
+from highside.physics.effect import Stage
+
+
+class Offset(ChannelEffect):
+    id = "offset"
+    title = "Zero offset"
+    stage = Stage.SENSOR
+    formula = "b"
+    story = "The channel has a constant offset."
+    splitter = "repeat with the input at zero"
+    constant = True
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        return [seen.offsets(*own) for own in seen.others()]
+
+
+EFFECT = Offset()
