@@ -171,7 +171,7 @@ def tried_out(effect: Effect, where: str) -> None:
     try:
         added, empty = (np.asarray(effect.delta(state, p, x)) for p in (typical, nothing))
         slopes = np.asarray(effect.derivative(state, typical, x))
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InputError(f"cannot be computed: {type(error).__name__}: {one_line(str(error))}", where=where) from None
     rows = 1 if effect.stage is Stage.TIMING else 3
     if added.shape not in {(rows, 1), (rows, state.n)} or not np.all(np.isfinite(added)):

@@ -15,8 +15,8 @@ from highside.diagnosis.rows.bases import Group
 from highside.diagnosis.rows.design import Design
 from highside.diagnosis.simulation.policy import SIMULATION_COLUMNS
 from highside.diagnosis.simulation.session import SimulationSession
-from highside.physics.channels import ChannelTerm, OnChannels
-from highside.physics.effect import Effect
+from highside.physics.channels import ChannelEffect, ChannelTerm, OnChannels
+from highside.physics.effect import Effect, Stage
 from highside.physics.effects import on_channels, registry
 
 Array = NDArray[np.float64]
@@ -74,6 +74,8 @@ class SimulationDesign(Design):
                 too_small.append(effect.id)
         self.base = np.array(base, dtype=np.intp)
         absent = [e for e in on_channels() if e.channel_needs and e.id not in shown]
+        # what was not recorded first, then what the alignment of the two has taken away
+        absent.sort(key=lambda effect: (effect.stage is Stage.TIMING, isinstance(effect, ChannelEffect)))
         self.blind = [Blind(OnChannels(e), e.channel_needs) for e in absent]
         small = "even the largest size that is plausible would not show in this recording"
         self.blind += [Blind(OnChannels(registry()[name]), small) for name in too_small]

@@ -110,6 +110,6 @@ def get(effect_id: str) -> Effect:
     unfit = [line for line in left_out() if line.startswith(f"the effect '{effect_id}' ")]
     if unfit:
         remedy = unfit[0]
-    elif not _folders and not near:
-        remedy += "; effects of your own are found with --effects DIR"
+    elif not _folders:
+        remedy += "; effects of your own: --effects DIR"
     raise InputError(f"unknown effect '{effect_id}'", remedy=remedy)
