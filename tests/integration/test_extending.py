@@ -373,3 +373,25 @@ def test_transport_of_the_recipe_brings_readings_and_says_what_is_wrong(tmp_path
     done = highside("check", config, path=path)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "link.port" in done.stderr
+
+
+def test_broken_method_is_one_line_and_stops_only_those_who_use_it(tmp_path: Path) -> None:
+    into = tmp_path / "installed"
+    info = into / "broken_methods-0.1.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken-methods\nVersion: 0.1\n")
+    (info / "entry_points.txt").write_text("[highside.methods]\nbroken = broken_methods:METHOD\n")
+    (into / "broken_methods.py").write_text("METHOD = 1 / 0\n")
+    poses, _ = pose_table(tmp_path / "poses.csv", knocked_g=0.0)
+    named = "the calibration method 'broken' of the installed package broken-methods 0.1"
+    out = tmp_path / "record.json"
+    done = highside("calibrate", "solve", poses, "--method", "conventional", "-o", out, path=into)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == f"note: {named} is left out: ZeroDivisionError: division by zero\n"
+    out.unlink()
+    done = highside("calibrate", "solve", poses, "--method", "broken", "-o", out, path=into)
+    assert (done.returncode, out.exists()) == (2, False)
+    assert done.stderr.splitlines()[1:] == [
+        "highside: --method: the method 'broken' of the installed package broken-methods 0.1 cannot be used:"
+        " ZeroDivisionError: division by zero; mend or remove that package"
+    ]
