@@ -1,8 +1,9 @@
-"""The certificate as it is printed: a real browser makes the PDF, and every page of it is read again."""
+"""The certificate as it is printed, by a real browser and by `-o FILE.pdf`: every page of it is read again."""
 
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -14,7 +15,7 @@ import pytest
 from pypdf import PdfReader
 
 from highside.errors import InputError
-from highside.report.sheets import Sheets
+from highside.report.document import Sheets
 
 CHROMIUM = shutil.which("chromium")
 HIGHSIDE = Path(sys.executable).parent / "highside"
@@ -39,12 +40,34 @@ def printed(page: Path) -> list[str]:
     return [sheet.extract_text() for sheet in PdfReader(pdf).pages]
 
 
-def assert_numbered(pages: list[str], html: str) -> None:
-    count = html.count('<section class="sheet"')
-    assert len(pages) == count, "a sheet is a page: nothing runs over"
+def assert_numbered(pages: list[str]) -> None:
     for k, text in enumerate(pages, 1):
-        assert re.search(rf"page {k} of {count}\b", text), f"page {k}"
+        assert re.search(rf"page {k} of {len(pages)}(?!\d)", text), f"page {k}"
         assert "relates only to the item" in text
+        body = re.sub(r"page \d+ of \d+|This certi\S+ relates[^.]*\.|Calibration certi\S+ \S+ tool \S+", "", text)
+        assert len(body.split()) > 5, f"page {k} is empty"
+
+
+def outside(path: Path) -> list[tuple[int, str]]:
+    """Words of a PDF that lie beyond the margins of their page, or between its text and the head or the foot."""
+    millimetre = 72 / 25.4
+    found = []
+    for number, page in enumerate(PdfReader(path).pages, 1):
+        top = float(page.mediabox.height)
+
+        def visit(
+            text: str, cm: list[float], tm: list[float], *_: object, number: int = number, top: float = top
+        ) -> None:
+            if text.strip():
+                x, y = (cm[0] * tm[4] + cm[2] * tm[5] + cm[4], cm[1] * tm[4] + cm[3] * tm[5] + cm[5])
+                side = 15 * millimetre <= x <= 195 * millimetre
+                body = 17 * millimetre <= y <= top - 20 * millimetre
+                frame = 8 * millimetre <= y <= 15.5 * millimetre or top - 20 * millimetre <= y <= top - 12 * millimetre
+                if not (side and (body or frame)):
+                    found.append((number, text.strip()[:40]))
+
+        page.extract_text(visitor_text=visit)
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -76,8 +99,8 @@ def test_the_printed_certificate_says_all_it_must(records: Path, project_root: P
         "--previous", records / "1.json", "-o", page,
     )  # fmt: skip
     assert "as found: Pass" in done.stdout and "as left: Pass" in done.stdout
-    html, pages = page.read_text(), printed(page)
-    assert_numbered(pages, html)
+    pages = printed(page)
+    assert_numbered(pages)
     text = " ".join(" ".join(pages).split())
     record = json.loads((records / "2.json").read_text())
     for said in (
@@ -103,7 +126,7 @@ def test_what_was_not_stated_is_not_made_up(records: Path) -> None:
     page = records / "bare.html"
     highside("calibrate", "certificate", records / "s.json", "-o", page)
     pages = printed(page)
-    assert_numbered(pages, page.read_text())
+    assert_numbered(pages)
     text = " ".join(" ".join(pages).split())
     assert text.count("not stated") >= 5
     assert "no statement of conformity" in text
@@ -129,7 +152,7 @@ def test_a_local_calibration_says_where_it_does_not_hold(records: Path) -> None:
     page = records / "balance.html"
     highside("calibrate", "certificate", records / "b.json", "-o", page)
     pages = printed(page)
-    assert_numbered(pages, page.read_text())
+    assert_numbered(pages)
     text = " ".join(" ".join(pages).split())
     assert "not calibrated" in text
     assert "takes up every error common to the poses of a ring" in text
@@ -155,7 +178,7 @@ def test_a_record_of_another_tool_is_not_what_was_found(records: Path) -> None:
 
 @pytest.mark.parametrize("seed", range(2))
 def test_words_of_any_length_never_run_over_a_sheet(tmp_path: Path, seed: int) -> None:
-    """Long remarks, wide words, long tables: a sheet stays one page, and every word is printed."""
+    """Long remarks, wide words, long tables: numbered pages, every word printed within the margins of one."""
     rng = np.random.default_rng(seed)
     out = Sheets("Test", ("left", "right"), "This certificate relates only to the item described in it.")
     marks = []
@@ -168,41 +191,79 @@ def test_words_of_any_length_never_run_over_a_sheet(tmp_path: Path, seed: int) -
                 out.heading(f"Heading {k}")
                 out.paragraph(f"{words} {mark}")
             case 1:
-                out.bullets([f"{words} {mark}"])
+                out.bullets([f"{words} {mark}", "W" * 300])
             case 2:
-                out.pairs([("label", words[:400]), (mark, "value")])
+                out.facts([("label", words[:400]), (mark, "value")])
             case _:
                 rows = [
                     [str(i), words[: int(rng.integers(1, 120))], f"{i / 7:.4f}"] for i in range(rng.integers(1, 60))
                 ]
-                out.table(["n", "words", "value"], [*rows, [mark, "", ""]], (20, 60, 20), caption="Caption", words=(1,))
-    page = tmp_path / "sheets.html"
+                out.table(["n", "words", "value"], [*rows, [mark, "", ""]], caption="Caption", words=(1,))
+    page, pdf = tmp_path / "sheets.html", tmp_path / "ours.pdf"
     page.write_text(out.html())
-    pages = printed(page)
-    assert_numbered(pages, page.read_text())
-    text = "".join(pages)
-    assert [mark for mark in marks if mark not in text] == []
-    # nothing is hidden behind the foot of a sheet
-    assert tall_sheets(page) == []
+    data, count = out.pdf()
+    pdf.write_bytes(data)
+    ours = [sheet.extract_text() for sheet in PdfReader(pdf).pages]
+    assert len(ours) == count
+    for pages in (printed(page), ours):
+        assert_numbered(pages)
+        text = "".join(pages)
+        assert [mark for mark in marks if mark not in text] == []
+    assert outside(pdf) == []
 
 
-def tall_sheets(page: Path) -> list[int]:
-    """Numbers of the sheets whose content reaches below the line of the footer."""
-    from playwright.sync_api import sync_playwright
+def test_the_certificate_as_pdf(records: Path, project_root: Path) -> None:
+    path = records / "full.pdf"
+    done = highside(
+        "calibrate", "certificate", records / "2.json", "--fields", project_root / "config/certificate.toml",
+        "--previous", records / "1.json", "-o", path,
+    )  # fmt: skip
+    pages = [sheet.extract_text() for sheet in PdfReader(path).pages]
+    assert f"{len(pages)} pages" in done.stdout
+    assert_numbered(pages)
+    text = " ".join(" ".join(pages).split())
+    record = json.loads((records / "2.json").read_text())
+    assert record["id"] in text and "End of certificate" in text
+    for name, inc in zip(record["result"]["poses"]["ids"], record["pose_table"]["inc_ref_deg"], strict=True):
+        assert re.search(rf"\b{name} {inc:.3f} ", text), "numbers are not broken"
+    # tables and figures are whole: a heading never ends a page
+    for page in pages:
+        lines = [line for line in page.splitlines() if not re.match(r"page \d+ of|This certificate relates", line)]
+        assert lines[-1] not in ("Result", "Uncertainty budget", "Method", "Poses and residuals", "Remarks", "Identity")
 
-    with sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        tab = browser.new_page()
-        tab.goto(page.as_uri())
-        found = tab.evaluate(
-            """() => {
-                 const box = (s, name) => s.querySelector(name).getBoundingClientRect();
-                 return [...document.querySelectorAll('.sheet')]
-                   .map((s, i) => box(s, 'main').bottom > box(s, 'footer').top ? i + 1 : 0).filter(n => n)
-               }"""
-        )
-        browser.close()
-    return list(found)
+
+def test_without_what_prints_it_html_is_offered_and_nothing_is_written(records: Path, tmp_path: Path) -> None:
+    """WeasyPrint that is not there, and WeasyPrint without the library below it."""
+    for fault, says in (("ImportError('no')", "highside[pdf]"), ("OSError('cannot load library')", "libpangoft2")):
+        folder = tmp_path / says
+        folder.mkdir()
+        (folder / "weasyprint.py").write_text(f"raise {fault}\n")
+        done = subprocess.run(
+            [HIGHSIDE, "calibrate", "certificate", records / "s.json", "-o", folder / "x.pdf"],
+            capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": str(folder)},
+        )  # fmt: skip
+        assert done.returncode == 2
+        assert says in done.stderr and "HTML" in done.stderr and done.stderr.count("\n") == 1
+        assert not (folder / "x.pdf").exists()
+
+
+def test_names_from_outside_are_words_and_never_markup(tmp_path: Path) -> None:
+    evil = '</style><script>alert(1)</script> "; } * { display: none } \\ ü & <b>'
+    out = Sheets(evil, (evil, evil), evil)
+    out.title(evil)
+    out.facts([(evil, evil)])
+    out.table([evil], [[evil]], evil, words=(0,))
+    out.code(evil, evil)
+    html = out.html()
+    assert "<script" not in html and "<b>" not in html
+    assert html.count("</style>") == 1
+    style = html[html.index("<style>") : html.index("</style>")]
+    assert "alert" in style and "{ display: none }" not in style, "a word of the head, and no rule"
+    data, _ = out.pdf()
+    (tmp_path / "evil.pdf").write_bytes(data)
+    (page,) = PdfReader(tmp_path / "evil.pdf").pages
+    text = page.extract_text()
+    assert text.count("<script>alert(1)</script>") >= 6, "head and foot say it as well"
 
 
 def test_a_fields_file_that_is_wrong_is_named(tmp_path: Path) -> None:

@@ -285,6 +285,12 @@ def draws(it: Installed, root: Path, data: Path, folder: Path) -> None:
     assert "<svg" in (folder / "cert.html").read_text()
 
 
+def prints(it: Installed, _root: Path, data: Path, folder: Path) -> None:
+    done = it.highside("calibrate", "certificate", data / "cal.json", "-o", folder / "cert.pdf")
+    assert done.returncode == 0, done.stderr
+    assert (folder / "cert.pdf").read_bytes().startswith(b"%PDF-")
+
+
 def serves_the_bench(it: Installed, root: Path, _data: Path, folder: Path) -> None:
     port = free_port()
     plan = 'plan={kind="joint",poses=8}'
@@ -360,6 +366,7 @@ Does = Callable[[Installed, Path, Path, Path], None]
 EXTRAS: dict[str, tuple[Does, ...]] = {
     "can": (reads_a_dbc,),
     "plot": (draws,),
+    "pdf": (draws, prints),
     "web": (serves_the_bench, draws),
     "metrics": (serves_figures,),
     "export": (exports,),
@@ -395,7 +402,7 @@ def everything_oldest(install: Callable[[str, str], Installed]) -> Installed:
     return install("all", "lowest-direct")
 
 
-@pytest.mark.parametrize("does", [reads_a_dbc, draws, serves_figures, exports, signs, compiles])
+@pytest.mark.parametrize("does", [reads_a_dbc, draws, prints, serves_figures, exports, signs, compiles])
 def test_all_extras_at_their_oldest(
     does: Does, everything_oldest: Installed, project_root: Path, bench_data: Path, tmp_path: Path
 ) -> None:

@@ -18,7 +18,7 @@ from highside.physics.plan import RotationPlan, Session, Site
 from highside.report.diagnosis_figures import over_time, residuals
 from highside.report.diagnosis_page import _places, page_of
 from highside.report.diagnosis_words import axis_name, proof, rounded, shown, sizes
-from highside.report.page import plotting
+from highside.report.plots import plotting
 
 
 def picture(before: np.ndarray) -> Picture:

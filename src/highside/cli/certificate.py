@@ -1,4 +1,4 @@
-"""`highside calibrate certificate`: the certificate of a record, as sheets that print page for page."""
+"""`highside calibrate certificate`: the certificate of a record, as PDF or as HTML that prints as numbered sheets."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from highside.cli.say import echo
 
 def certificate(
     record_file: Annotated[Path, typer.Argument(metavar="RECORD", help="Calibration record (JSON).")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="HTML file to write.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="File to write: .pdf, or .html to be printed from a browser.")
+    ],
     fields_file: Annotated[
         Path | None, typer.Option("--fields", help="TOML file: laboratory, customer, traceability, limits, signatory.")
     ] = None,
@@ -54,8 +56,13 @@ def certificate(
     found, left = (None if path is None else read_poses(path) for path in (as_found, as_left))
     inputs = Inputs(record, fields, to_utc(time.time()), previous, found, left)
     sheets = make(inputs)
-    write_whole(output, sheets.html().encode())
-    echo(f"{output}: certificate of record {record.id[:12]}, {len(sheets.sheets())} pages")
+    if output.suffix.lower() == ".pdf":
+        data, pages = sheets.pdf()
+        extent = f", {pages} pages"
+    else:
+        data, extent = sheets.html().encode(), ""
+    write_whole(output, data)
+    echo(f"{output}: certificate of record {record.id[:12]}{extent}")
     if private is not None:
         from highside.recording.keys import sign_file
 

@@ -58,7 +58,7 @@ def diagnose(
     from highside.recording.files import write_whole
     from highside.report.diagnosis_page import NO_FIGURES
     from highside.report.diagnosis_words import VERDICTS, blame, sizes
-    from highside.report.page import can_plot
+    from highside.report.plots import can_plot
 
     source = recording or summary
     if (recording is None) == (summary is None) or source is None:

@@ -53,7 +53,7 @@ def balance(
     from highside.cli.diagnose_progress import progress_on_terminal
     from highside.papers import balance_triples, published_instrument
     from highside.papers.reproduce_balance import as_dict, reproduce
-    from highside.report.page import need_plots
+    from highside.report.plots import need_plots
 
     folder = output if output is not None or as_json else Path("reproduce-balance")
     if folder is not None:
@@ -104,7 +104,7 @@ def rotation(
     Without --json the page and the numbers are written to a folder (reproduce-rotation, if -o names no other).
     """
     from highside.papers.reproduce_rotation import as_dict, page_of, run_experiment
-    from highside.report.page import need_plots
+    from highside.report.plots import need_plots
 
     folder = output if output is not None or as_json else Path("reproduce-rotation")
     if folder is not None:
@@ -134,7 +134,7 @@ def drift(
     numbers are written to a folder (reproduce-drift, if -o names no other).
     """
     from highside.papers.reproduce_drift import as_dict, run_study
-    from highside.report.page import need_plots
+    from highside.report.plots import need_plots
 
     folder = output if output is not None or as_json else Path("reproduce-drift")
     if folder is not None:

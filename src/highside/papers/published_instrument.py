@@ -37,7 +37,7 @@ from highside.papers.balance_triples import TripleEvidence, evidence
 from highside.reading import parse_json
 from highside.report.diagnosis_figures import table_misfit
 from highside.report.diagnosis_words import proof, sizes, sureness
-from highside.report.page import Page
+from highside.report.document import Page
 
 SIMULATED = {
     "instruments": 58,

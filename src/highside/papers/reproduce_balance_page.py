@@ -14,7 +14,8 @@ from highside.papers.balance_prediction import Ensemble, interval
 from highside.papers.balance_session import COLUMNS, INCLINATIONS_DEG, STATIONS_DEG
 from highside.papers.published_instrument import TITLES
 from highside.papers.reproduce_balance import LARGE_DEG, LEFT_OUT, SMALL_DEG, Reproduction, smooth, statements
-from highside.report.page import Page, new_figure, plotting
+from highside.report.document import Page
+from highside.report.plots import new_figure, plotting
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -81,7 +82,9 @@ def _page_of(found: Reproduction) -> str:
                 "own means of I say it must be (crosses), and predicted from table 1 (bars).")  # fmt: skip
     published_instrument.add_to(page, instrument)
     page.heading("Tables")
-    page.paragraph(f"Published, and in brackets what table 1 predicts; * is outside of its interval. {_HOW}", soft=True)
+    page.paragraph(
+        f"Published, and in brackets what table 1 predicts; * is outside of its interval. {_HOW}", look="soft"
+    )
     for name, title in _TITLES.items():
         page.table(*_table(found.tables[name]), caption=f"{title} (deg). {_NOTES.get(name, '')}".strip())
     page.figure(_table6(found), "Table 6, which the fit has not seen: published (orange) and predicted (blue, band).")
@@ -106,7 +109,7 @@ def _page_of(found: Reproduction) -> str:
 
 def _figures(page: Page, found: Reproduction) -> None:
     ensemble = found.instrument.ensemble
-    page.paragraph(f"The paper's figures as predicted; points are what its tables give of them. {_HOW}", soft=True)
+    page.paragraph(f"The paper's figures as predicted; points are what its tables give of them. {_HOW}", look="soft")
     page.figure(_turns(found, "conventional", "table1"), "Figure 1. Conventional correction: error over a turn at each "
                 "inclination (mean of the four readings of a station), and the published means and peak-to-peaks of "
                 "table 1, which it was found from.")  # fmt: skip

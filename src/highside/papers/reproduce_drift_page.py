@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from highside.papers.drift_sweep import WHY
 from highside.papers.reproduce_drift import ASSUMPTIONS, PAPER, Row, Study
-from highside.report.page import Page, new_figure, plotting
+from highside.report.document import Page
+from highside.report.plots import new_figure, plotting
 
 FloatArray = NDArray[np.float64]
 
@@ -34,7 +35,7 @@ def _page_of(study: Study) -> str:
     page.heading("What was assumed")
     page.bullets(ASSUMPTIONS)
     if study.missing:
-        page.paragraph(f"Not installed and left out: {', '.join(study.missing)}.", soft=True)
+        page.paragraph(f"Not installed and left out: {', '.join(study.missing)}.", look="soft")
     for one in study.told:
         name = one.experiment.name
         page.heading(name.capitalize())

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.papers.rotation_scenarios import CHANNELS, SCENARIOS, Draw, draw
-from highside.report.page import Page, new_figure, plotting
+from highside.report.document import Page
+from highside.report.plots import new_figure, plotting
 from highside.report.rotation_page import COLOURS, NAMES
 from highside.rotation import Curve, Method, Samples, fit
 from highside.rotation.compare import METHODS, Score, score

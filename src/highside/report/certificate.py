@@ -29,8 +29,8 @@ from highside.report.certificate_evidence import (
     side_by_side,
 )
 from highside.report.certificate_inputs import NOT_STATED, Inputs, degrees, number
-from highside.report.page import new_figure, plotting
-from highside.report.sheets import Sheets
+from highside.report.document import Sheets
+from highside.report.plots import new_figure, plotting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -71,8 +71,8 @@ def certificate(inputs: Inputs) -> Sheets:
 def _front(out: Sheets, inputs: Inputs, named: str) -> None:
     record, fields = inputs.record, inputs.fields
     issue, item, environment = fields.issue, fields.item, record.content["environment"]
-    out.title_line("Calibration certificate")
-    out.pairs(
+    out.title("Calibration certificate")
+    out.facts(
         [
             ("Number", named),
             ("Issued by", ", ".join(part for part in (issue.laboratory, issue.address) if part) or NOT_STATED),
@@ -96,7 +96,6 @@ def _front(out: Sheets, inputs: Inputs, named: str) -> None:
         out.table(
             ["inclination", "U(I), k = 2", "U(T), k = 2"],
             [[f"{b.inclination_deg:g}°", degrees(b.expanded[0]), degrees(b.expanded[1])] for b in budgets],
-            (30, 40, 40),
             caption="Expanded uncertainty of an indication at rest with the corrections of the record; the full"
             " statement follows.",
         )
@@ -133,7 +132,6 @@ def _statement(out: Sheets, inputs: Inputs, solution: Solution) -> None:
     out.table(
         ["inclination", "U(I)", "U(T)", "effective degrees of freedom"],
         rows,
-        (24, 36, 36, 40),
         caption="Expanded uncertainty, k = 2, the largest over toolface.",
     )
     out.figure(
@@ -187,7 +185,6 @@ def _budgets(out: Sheets, inputs: Inputs) -> None:
         out.table(
             ["source", "type", "value", "distribution", "divisor", "u(I), deg", "u(T), deg"],
             [*[_source_row(budget, k) for k in range(len(budget.sources))], _combined(budget), _expanded(budget)],
-            (50, 10, 46, 22, 14, 18, 18),
             caption=f"At I = {inc:g}°. Sensitivity of I: 57.3 deg/g, of T: {57.2958 / math.sin(math.radians(inc)):.1f}"
             " deg/g.",
             words=(0, 2, 3),

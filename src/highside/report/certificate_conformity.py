@@ -11,7 +11,7 @@ from highside.calibration.record import CalibrationRecord, pose_set
 from highside.calibration.result import BenchAccuracy
 from highside.calibration.verification import Verification, tilt_of, verify_poses
 from highside.report.certificate_inputs import Inputs
-from highside.report.sheets import Sheets
+from highside.report.document import Sheets
 
 RULE = (
     "Decision rule: guarded acceptance, guard band w = U (k = 2). Pass where |error| + U is within the limit, fail"
@@ -104,7 +104,7 @@ def _verify(inputs: Inputs, judged: CalibrationRecord, poses: PoseSet) -> Verifi
 
 def _verified(out: Sheets, title: str, one: Verified) -> None:
     found = one.found
-    out.paragraph(f"{title} ({one.what}). {found.text}", css="verdict")
+    out.paragraph(f"{title} ({one.what}). {found.text}", look="verdict")
     if not one.independent:
         out.paragraph(
             "These poses took part in the calibration: that they agree with it shows that the session is consistent,"
@@ -121,7 +121,6 @@ def _verified(out: Sheets, title: str, one: Verified) -> None:
     out.table(
         ["", "largest error, deg", "its U (k = 2)", "limit", "pass", "undecided", "fail"],
         rows,
-        (12, 34, 30, 20, 20, 24, 20),
         words=(0,),
     )
 

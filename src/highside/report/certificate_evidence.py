@@ -14,8 +14,8 @@ from highside.calibration.record import CalibrationRecord
 from highside.config.certificate import ReferenceTable
 from highside.report.bench_or_sensor import Findings
 from highside.report.certificate_inputs import NOT_STATED, Inputs, degrees, signed
-from highside.report.page import new_figure
-from highside.report.sheets import Sheets
+from highside.report.document import Sheets
+from highside.report.plots import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -58,7 +58,7 @@ def method(out: Sheets, inputs: Inputs) -> None:
     if gravity is not None:
         source = f", {fields.gravity_source}" if fields.gravity_source else ""
         of_gravity = f"{gravity:.5f} ± {environment['gravity_std_mps2']:g} m/s² (k = 1){source}"
-    out.pairs(
+    out.facts(
         [
             ("Temperature of the tool", of_tool or NOT_STATED),
             ("Room", _room(inputs) or NOT_STATED),
@@ -113,7 +113,6 @@ def side_by_side(out: Sheets, comparison: Comparison, chosen: str) -> None:
     out.table(
         ["", "I rms", "I largest", "T rms", "T largest", "u(I) at 45°", "u(T) at 45°"],
         rows,
-        (40, 22, 22, 22, 22, 25, 25),
         caption="Errors at the poses against the bench, in degrees, and stated standard uncertainty by the correction"
         " alone. Poses that took part agree with any method that follows the bench: judge by the uncertainty.",
         words=(0,),
@@ -196,7 +195,6 @@ def poses(out: Sheets, record: CalibrationRecord, comparison: Comparison | None)
     out.table(
         ["pose", "I set", "T set", "ax", "ay", "az", "rx", "ry", "rz", "sigma", "dI", "dT"],
         rows,
-        (22, 16, 16, 19, 19, 19, 11, 11, 11, 12, 15, 15),
         caption="Settings in degrees; raw means in nominal g; residuals in ug; sigma: departure from what the other"
         " poses predict; dI, dT: indicated less set, degrees, in the frame of the bench.",
         words=(0,),
@@ -214,7 +212,6 @@ def poses(out: Sheets, record: CalibrationRecord, comparison: Comparison | None)
                 ]
                 for c in record.result.closures
             ],
-            (45, 30, 25, 25, 40),
         )
 
 

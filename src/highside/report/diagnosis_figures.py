@@ -14,7 +14,7 @@ from highside.diagnosis.engine import Picture
 from highside.diagnosis.table.chain import CELLS
 from highside.diagnosis.table.engine import SummaryPicture
 from highside.report.diagnosis_words import AXIS_NAMES
-from highside.report.page import new_figure
+from highside.report.plots import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

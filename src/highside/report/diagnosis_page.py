@@ -22,7 +22,8 @@ from highside.report.diagnosis_words import (
     sureness,
     where,
 )
-from highside.report.page import Page, can_plot, plotting
+from highside.report.document import Page
+from highside.report.plots import can_plot, plotting
 
 __all__ = ["VERDICTS", "page_of"]
 
@@ -49,7 +50,7 @@ def _page_of(
     if picture is not None:
         _figures(page, diagnosis, picture)
     if remark is not None:
-        page.paragraph(f"This page is {remark}.", soft=True)
+        page.paragraph(f"This page is {remark}.", look="soft")
     if len(diagnosis.intake) > 0:
         page.heading("Faults of the data")
         page.table(
@@ -72,7 +73,7 @@ def _page_of(
         page.heading("The smallest sizes that would have been seen")
         rows = [[name, quantity(d.value, d.unit)] for name, d in diagnosis.minimum_detectable.items()]
         page.table(["effect", "size (80 % probability)"], rows)
-    page.paragraph(f"highside {diagnosis.version}, seed {diagnosis.seed}.", soft=True)
+    page.paragraph(f"highside {diagnosis.version}, seed {diagnosis.seed}.", look="soft")
     return page.html()
 
 

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.report.page import Page, new_figure, plotting
+from highside.report.document import Page
+from highside.report.plots import new_figure, plotting
 from highside.rotation import Compensation, Curve, Method, Samples
 from highside.rotation.compare import Comparison
 from highside.rotation.curve import Form

@@ -21,7 +21,8 @@ from highside.calibration.methods.joint import METHOD as JOINT
 from highside.calibration.record import PoseColumns
 from highside.errors import HighsideError
 from highside.report.bench_or_sensor import Findings, bench_or_sensor
-from highside.report.page import Page, new_figure, plotting
+from highside.report.document import Page
+from highside.report.plots import new_figure, plotting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,7 +37,7 @@ def session_page(journal: Journal) -> str:
     page.paragraph(
         f"{ledger.plan.title}; {len(ledger.done)} poses taken, {ledger.retaken} again, {ledger.skipped} left out."
         f" Bench: {header.environment.bench or 'not named'}; operator: {header.environment.operator or 'not named'}.",
-        soft=True,
+        look="soft",
     )
     if solved.verdict is not None:
         add_verdict(page, as_state(solved.verdict))
@@ -84,7 +85,7 @@ def add_methods(
     try:
         comparison = compare(columns, request, solved=solution)
     except HighsideError as error:
-        page.paragraph(f"The methods cannot be compared: {error}.", soft=True)
+        page.paragraph(f"The methods cannot be compared: {error}.", look="soft")
         return
     page.heading("Before and after, by every method")
     _table(page, comparison, solution.result.method)
