@@ -27,7 +27,7 @@ from daemon import Pty
 from highside.codec.tool import encode
 from highside.config.settings import load
 from highside.link import opened
-from highside.service import app, drift_keeper, in_force, parts, pipeline, places, publisher, reload
+from highside.service import app, drift_keeper, in_force, leaving, parts, pipeline, places, publisher, reload
 from highside.service.rig import rig
 
 pytestmark = pytest.mark.slow
@@ -41,11 +41,12 @@ def codes() -> set[CodeType]:
     found: list[Any] = [
         *(f for name, f in vars(reload.Reload).items() if callable(f) and name not in NOT_INJECTED),
         reload.open_link, reload._opened_first, parts.make_supervisor, opened.OpenedTransport.open_ahead,
-        app.Service.make_pipeline, app.Service.make_publisher, app.Service.make_tap, app.Service.successor,
-        app.Service.take, app.Service.all_have_left, pipeline.Pipeline.successor, pipeline.Pipeline.correction.fset,
-        pipeline.Pipeline.rotation.fset, rig.Rig.build, rig.Rig.open_metrics, drift_keeper.DriftKeeper.build,
-        drift_keeper._stage, places.ToolLock.__init__, publisher.Publisher.__init__, in_force.calibration_for,
-        in_force.rotation_for, in_force._calibration, in_force._record_of, in_force.compensation_of,
+        app.Service.make_pipeline, app.Service.make_publisher, app.Service.make_tap, parts.make_pipeline,
+        app.Service.take, leaving.Leaving.successor, leaving.Leaving.all_gone, pipeline.Pipeline.successor,
+        pipeline.Pipeline.correction.fset, pipeline.Pipeline.rotation.fset, rig.Rig.build, rig.Rig.open_metrics,
+        drift_keeper.DriftKeeper.build, drift_keeper._stage, places.ToolLock.__init__, publisher.Publisher.__init__,
+        in_force.calibration_for, in_force.rotation_for, in_force._calibration, in_force._record_of,
+        in_force.compensation_of,
     ]  # fmt: skip
     return {f.__code__ for f in found}
 

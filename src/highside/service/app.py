@@ -20,53 +20,48 @@ import contextlib
 import logging
 import signal
 import time
-from collections.abc import Callable, Coroutine
-from dataclasses import asdict, replace
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
-from highside import __version__
 from highside.codec.frame import ByteCodec, CanCodec
 from highside.config.places import left_behind
 from highside.config.settings import Settings
 from highside.errors import InputError
 from highside.link.base import Batch, LinkReason, LinkState, LinkSupervisor
-from highside.service import clock, messages
-from highside.service.alarms import UNANSWERED_STANDS_S, Dropping, Growing
+from highside.service import messages
 from highside.service.broker_client import check_secrets
-from highside.service.clock import LoopLag, StepWatch, clock_synced
+from highside.service.clock import LoopLag
+from highside.service.clock_watch import ClockWatch
 from highside.service.damage import DamageLog
 from highside.service.drift_keeper import DriftKeeper, DriftParts
+from highside.service.health import Health
 from highside.service.in_force import Calibration, Rotation, calibration_for, rotation_for, said
-from highside.service.known_time import KnownTime, Present
+from highside.service.leaving import Leaving
 from highside.service.notify import Notifier
 from highside.service.outbox import Outbox
 from highside.service.outputs import Attitude, Survey
-from highside.service.parts import Parts, Tap, make_supervisor
+from highside.service.parts import Parts, Tap, make_pipeline, make_supervisor
 from highside.service.pipeline import Pipeline
 from highside.service.places import ToolLock, state_dir, take_state_dir
-from highside.service.progress import Progress
+from highside.service.progress import feed_watchdog
 from highside.service.publisher import Publisher, new_instance
 from highside.service.quiet_log import QuietLog
-from highside.service.recorder import Recorder, RecorderState
+from highside.service.recorder import Recorder
 from highside.service.reload import Reloader, open_link
 from highside.service.rig.home_assistant import discovery
 from highside.service.rig.rig import Rig, run_outputs
 from highside.service.starts import StartLog
+from highside.service.tasks import cancelled, first_to_end
 
 log = logging.getLogger("highside")
 
-WEDGED_AFTER_S = 15.0
-"""The outbox has not committed what it was given for so long: the pipeline counts as wedged."""
 STOP_BUDGET_S = 8.0
 """How long an orderly end may take; systemd would kill after 10 s."""
-CLOCK_CHECK_S = 10.0
-STEP_CHECK_S = 1.0
 LINK_LINES = 3
 """Lines a minute for each state and reason of the link: a plug that is seated anew is told whole, a loose contact in a
 few lines; `health` counts every one."""
-LEAVING_S = 10.0
-"""How long a reload waits for links and connections that an earlier one replaced; closing takes 2 s at most."""
 
 
 class Service:
@@ -79,21 +74,15 @@ class Service:
         self._places = contextlib.AsyncExitStack()
         """gives back what the start has opened and nobody has taken over"""
         self._lag = LoopLag()
-        self._started_mono = time.monotonic()
-        self._clock_synced = clock_synced()
-        self._steps = StepWatch()
-        self._known_time = KnownTime(self.state_dir)
+        self.clock = ClockWatch(self.state_dir)
         self._stopping = asyncio.Event()
         self._changed = asyncio.Event()
         """other tasks are to be watched"""
         self._refused_link: str | None = None
-        self._dropping = Dropping()
         self._quiet_link = QuietLog(log, burst=LINK_LINES)
-        self._unanswered = Growing(UNANSWERED_STANDS_S)
         self._instance = new_instance()
         """names this run at the broker"""
-        self._leaving: set[asyncio.Task[None]] = set()
-        """tasks that a reload has replaced and that still give back what they hold"""
+        self.leaving = Leaving()
         keep = settings.mqtt.outbox
         self.outbox = Outbox(
             self.state_dir / "outbox.sqlite",
@@ -118,6 +107,18 @@ class Service:
         )
         self.parts = self._make_parts(settings)
         self.reloader = Reloader(self, reload)
+        self._health = Health(
+            lambda: self.parts,
+            self.reloader.as_dict,
+            outbox=self.outbox,
+            recorder=self.recorder,
+            rig=self.rig,
+            drift=self.drift,
+            damage=self.damage,
+            starts=self._starts,
+            steps=self.clock.steps,
+            lag=self._lag,
+        )
         self.on_output: Callable[[Attitude | Survey, int], None] | None = None
         """called with every output and its sequence number, for faces inside the process"""
 
@@ -145,7 +146,7 @@ class Service:
 
     def _make_parts(self, settings: Settings) -> Parts:
         """All parts for the start."""
-        calibration = calibration_for(settings, self.present())
+        calibration = calibration_for(settings, self.clock.present())
         rotation, drift = rotation_for(settings), self.drift.build(settings)
         tap = self.make_tap()
         return Parts(
@@ -169,25 +170,9 @@ class Service:
         drift: DriftParts,
     ) -> Pipeline:
         """A pipeline whose counts begin anew."""
-        pipeline = Pipeline(
-            codec=codec,
-            tool=settings.tool,
-            pipeline=settings.pipeline,
-            monitor=settings.monitor,
-            survey=settings.survey,
-            correction=calibration.correction,
-            rebalance=settings.rebalance,
-            emit=self._on_output,
-            vibration=settings.vibration,
-            toolface=settings.toolface,
-            drift=drift.stage,
-            rotation=rotation.live,
+        return make_pipeline(
+            settings, codec, calibration, rotation, drift, emit=self._on_output, offset=self.rig.offset
         )
-        pipeline.extra_flags = calibration.flags + rotation.flags
-        pipeline.gravity = calibration.gravity(settings)
-        if self.rig.offset is not None:
-            pipeline.toolface_offset_deg = self.rig.offset.offset_deg
-        return pipeline
 
     def make_publisher(self, settings: Settings) -> Publisher:
         """A publisher that has not connected."""
@@ -206,15 +191,9 @@ class Service:
         self.recorder.apply(parts.settings.recorder)
         self._changed.set()
 
-    def present(self) -> Present:
-        """The time that is known, by which a calibration is judged."""
-        now = clock.now(synced=self._clock_synced)
-        self._known_time.look(now)
-        return self._known_time.present(now)
-
     def _judge_age(self) -> None:
         """The calibration in force may have expired meanwhile."""
-        calibration = self.parts.calibration.aged(self.present())
+        calibration = self.parts.calibration.aged(self.clock.present())
         if calibration is not self.parts.calibration:
             self.parts = replace(self.parts, calibration=calibration)
             self.pipeline.extra_flags = self.parts.flags
@@ -264,129 +243,20 @@ class Service:
         if isinstance(output, Survey):
             topic = self._topic("survey")
             seq = self.outbox.next_seq(topic)
-            payload = messages.survey_payload(seq, t_wall, attitude.t_mono, self._clock_synced, output)
+            payload = messages.survey_payload(seq, t_wall, attitude.t_mono, self.clock.synced, output)
             self.rig.on_survey(output, seq, t_wall)
         else:
             topic = self._topic("attitude")
             seq = self.outbox.next_seq(topic)
-            payload = messages.attitude_payload(seq, t_wall, attitude.t_mono, self._clock_synced, output)
+            payload = messages.attitude_payload(seq, t_wall, attitude.t_mono, self.clock.synced, output)
             self.rig.on_attitude(output, t_wall)
-        self.outbox.put(topic, payload, synced=self._clock_synced)
+        self.outbox.put(topic, payload, synced=self.clock.synced)
         if self.on_output is not None:
             self.on_output(output, seq)
 
     def health(self) -> messages.HealthMessage:
         """What the retained `health` message says; every counter balances at any time (`balance`)."""
-        pipeline = self.pipeline
-        pipeline.process_held()
-        codec, monitor = pipeline.codec.counts, pipeline.monitor.counts
-        outbox, link, broker, recorder = (
-            self.outbox.stats,
-            self.supervisor.stats,
-            self.publisher.stats,
-            self.recorder.stats,
-        )
-        age = None if link.last_data_mono is None else round(time.monotonic() - link.last_data_mono, 3)
-        balance = {
-            "bytes": codec.balanced(),
-            "frames": monitor.balanced() and codec.frames_good == monitor.received + codec.frames_held,
-            "messages": outbox.balanced(),
-        }
-        alarms = [f"balance_{name}" for name, good in balance.items() if not good]
-        if link.state in (LinkState.DOWN, LinkState.STALE):
-            alarms.append(f"link_{link.state.value}")
-        if not broker.connected:
-            alarms.append("broker_away")
-        if broker.taken:
-            alarms.append("client_id_taken")
-        if self._unanswered.look(broker.replies_dropped):
-            alarms.append("commands_unanswered")
-        if not outbox.storage_ok:
-            alarms.append("outbox_storage")
-        if self._dropping.look(outbox.dropped):
-            alarms.append("outbox_dropping")
-        if self.settings.recorder.enabled and recorder.state is RecorderState.FAILING:
-            alarms.append("recorder_storage")
-        if self._steps.alarm:
-            alarms.append("clock_stepped")
-        alarms.extend(self.parts.flags)
-        if self.reloader.refused:
-            alarms.append("reload_refused")
-        alarms.extend(f"stuck_{axis}" for axis in pipeline.monitor.stuck_axes)
-        if pipeline.monitor.frozen:
-            alarms.append("frozen")
-        alarms.extend(self.rig.alarms())
-        if self.drift.error:
-            alarms.append("drift_state")
-        if damaged := self.damage.as_list():
-            alarms.append("damaged_file")
-        if self._starts.alarm:
-            alarms.append("restarting")
-        return messages.HealthMessage(
-            t=round(time.time(), 6),
-            clock_synced=self._clock_synced,
-            version=__version__,
-            uptime_s=round(time.monotonic() - self._started_mono, 3),
-            clock=self._steps.as_dict(),
-            link=link.as_dict() | {"data_age_s": age},
-            codec=codec.as_dict(),
-            monitor=monitor.as_dict(),
-            outbox=messages.OutboxHealth(**asdict(outbox)),
-            broker=messages.BrokerHealth(
-                connected=broker.connected,
-                connects=broker.connects,
-                failures=broker.failures,
-                last_error=broker.last_error,
-                instance=broker.instance,
-                short_connections=broker.short_connections,
-                taken=broker.taken,
-                replies=broker.replies,
-                replies_dropped=broker.replies_dropped,
-                commands_failed=broker.commands_failed,
-            ),
-            recorder=recorder.as_dict() if self.settings.recorder.enabled else None,
-            loop=self._lag.as_dict(),
-            pipeline={"attitudes": pipeline.attitudes, "surveys": pipeline.surveys},
-            surveys=self.rig.survey_health(),
-            vibration=pipeline.shock.as_dict(),
-            toolface=self.rig.toolface_health(),
-            wits=self.rig.wits_health(),
-            calibration=self.parts.calibration.as_dict(),
-            rotation=self._rotation_health(),
-            rebalance=self._rebalance_health(),
-            drift=self.drift.health(),
-            reload=self.reloader.as_dict(),
-            starts=self._starts.as_dict(),
-            damaged=damaged,
-            balance=balance,
-            alarms=alarms,
-        )
-
-    def _rotation_health(self) -> dict[str, Any] | None:
-        if self.settings.rotation.compensation is None:
-            return None
-        rotation = self.parts.rotation
-        live = rotation.live
-        return {
-            "comp_id": None if live is None else live.id,
-            "channels": [] if live is None else list(live.channels),
-            "unused": [] if live is None else list(live.unused),
-            "refused": rotation.refused,
-            "kept": rotation.kept,
-        }
-
-    def _rebalance_health(self) -> dict[str, Any]:
-        rebalancer = self.pipeline.rebalancer
-        offset = rebalancer.offset
-        return {
-            "state": rebalancer.state.value,
-            "reason": rebalancer.reason.value,
-            "turns": rebalancer.turns_collected,
-            "bx_ug": None if offset is None else round(offset.bx_g * 1e6, 2),
-            "by_ug": None if offset is None else round(offset.by_g * 1e6, 2),
-            "std_ug": None if offset is None else round(max(offset.std_g) * 1e6, 2),
-            "applied": self.settings.rebalance.apply and offset is not None,
-        }
+        return self._health.message(clock_synced=self.clock.synced)
 
     def announce(self) -> None:
         settings = self.settings
@@ -462,7 +332,7 @@ class Service:
         await asyncio.wait({opening, stopping}, return_when=asyncio.FIRST_COMPLETED)
         stopping.cancel()
         if not opening.done():
-            await _cancel(opening)
+            await cancelled(opening)
             return False
         opened = opening.result()
         self._places.pop_all()  # from here on the link is its supervisor's to close
@@ -488,8 +358,8 @@ class Service:
         others = [
             asyncio.create_task(self._lag.run(), name="loop-lag"),
             asyncio.create_task(self._tell_health(), name="health"),
-            asyncio.create_task(self._watch_clock(), name="clock"),
-            asyncio.create_task(self._feed_watchdog(), name="watchdog"),
+            asyncio.create_task(self.clock.run(self._judge_age, self.publish_health), name="clock"),
+            asyncio.create_task(feed_watchdog(self.notifier, self.outbox), name="watchdog"),
             asyncio.create_task(self.reloader.run(), name="reload"),
         ]
         self.notifier.ready(f"tool {self.settings.tool.id}")
@@ -507,31 +377,15 @@ class Service:
 
     async def _until_stopped(self, others: list[asyncio.Task[None]]) -> None:
         """Wait for the end; a part that dies is fatal and says so (systemd restarts us), never silence."""
-        stopping = asyncio.create_task(self._stopping.wait(), name="stopping")
-        changed = asyncio.create_task(self._changed.wait(), name="changed")
-        try:
-            while True:
-                link = self.parts.link_task
-                parts = {task for task in (link, self.parts.publisher_task) if task is not None}
-                # one that is cancelled is being replaced by a reload
-                watched = {task for task in (*parts, *others) if not task.cancelled()}
-                done, _ = await asyncio.wait({stopping, changed, *watched}, return_when=asyncio.FIRST_COMPLETED)
-                if stopping in done:
-                    return
-                if changed in done:
-                    self._changed.clear()
-                    changed = asyncio.create_task(self._changed.wait(), name="changed")
-                for task in done & watched:
-                    if task.cancelled():
-                        continue
-                    if (error := task.exception()) is not None:
-                        raise error
-                    if task is link:
-                        await self._deliver_rest()
-                        return
-        finally:
-            stopping.cancel()
-            changed.cancel()
+
+        def watched() -> set[asyncio.Task[None]]:
+            parts = (self.parts.link_task, self.parts.publisher_task)
+            return {task for task in (*parts, *others) if task is not None}
+
+        while (over := await first_to_end(watched, self._changed, self._stopping)) is not None:
+            if over is self.parts.link_task:
+                await self._deliver_rest()
+                return
 
     async def _deliver_rest(self) -> None:
         """A replay has ended: give the broker time to take what was made of it."""
@@ -548,14 +402,14 @@ class Service:
         deadline = time.monotonic() + STOP_BUDGET_S
         for task in others:
             if task.get_name() == "reload":
-                await _cancel(task)  # a reload under way takes back what it has begun
+                await cancelled(task)  # a reload under way takes back what it has begun
         if not others:
             # it never came to work: nobody was spoken to
             await self._give_places_back(how)
             return
         parts = (self.parts.link_task, self.parts.wits_task)
-        for task in (*[task for task in parts if task is not None], *others, *self._leaving):
-            await _cancel(task)
+        for task in (*[task for task in parts if task is not None], *others, *self.leaving.tasks):
+            await cancelled(task)
         # close what the disk must not lose before the network is given the rest of the time
         await self.rig.stop(1.0)
         await self.drift.stop()
@@ -563,20 +417,20 @@ class Service:
         self.publish_health()
         await self.publisher.stop(max(min(deadline - time.monotonic() - 2.0, 4.0), 0.5))
         if self.parts.publisher_task is not None:
-            await _cancel(self.parts.publisher_task)
+            await cancelled(self.parts.publisher_task)
         await asyncio.to_thread(self.outbox.stop, max(deadline - time.monotonic(), 1.0))
         await self._give_places_back(how)
 
     async def _give_places_back(self, how: str | None) -> None:
         await self._places.aclose()
         if self.parts.link_task is not None:
-            await _cancel(self.parts.link_task)
+            await cancelled(self.parts.link_task)
         if self.parts.rig.metrics is not None:
             await asyncio.to_thread(self.parts.rig.metrics.close)
         if self.parts.tool_lock is not None:
             self.parts.tool_lock.release()
         if self._lock is not None:
-            await asyncio.to_thread(self._known_time.keep)
+            await asyncio.to_thread(self.clock.keep)
             await asyncio.to_thread(self._starts.end, how)
             self._lock.close()
             self._lock = None
@@ -591,67 +445,3 @@ class Service:
                 f" {self.outbox.stats.queued} queued{self.reloader.note()}"
             )
             await asyncio.sleep(self.settings.service.health_interval_s)
-
-    async def _watch_clock(self) -> None:
-        last_check = 0.0
-        while True:
-            stepped, now = self._steps.look(), time.monotonic()
-            if stepped is not None or now - last_check >= CLOCK_CHECK_S:
-                self._clock_synced, last_check = clock_synced(), now
-                self._judge_age()
-                if self._known_time.to_be_kept:
-                    await asyncio.to_thread(self._known_time.keep)
-            if stepped is not None:
-                log.warning("the wall clock was set %s by %.1f s", "forward" if stepped > 0.0 else "back", abs(stepped))
-                self.publish_health()
-            await asyncio.sleep(STEP_CHECK_S)
-
-    async def _feed_watchdog(self) -> None:
-        interval = self.notifier.watchdog_interval_s
-        if interval is None:
-            await asyncio.Event().wait()
-            return
-        progress = Progress(self.outbox)
-        while True:
-            if progress.wedged_s() < max(WEDGED_AFTER_S, interval / 2.0):
-                self.notifier.watchdog()
-            else:
-                log.error("the outbox has committed nothing of what it was given for %.0f s", progress.wedged_s())
-            await asyncio.sleep(interval / 4.0)
-
-    # --- replaced by a reload ----------------------------------------------------------------------------------
-
-    def successor(
-        self, name: str, old: asyncio.Task[None] | None, run: Callable[[], Coroutine[Any, Any, None]]
-    ) -> asyncio.Task[None]:
-        """A task that ends `old`, waits until it and those before it have given everything back, and then runs."""
-
-        async def after() -> None:
-            if old is not None:
-                self.let_leave(old)
-            before = {task for task in self._leaving if task.get_name() == name}
-            for task in before:
-                task.cancel()
-            if before:
-                await asyncio.wait(before)
-            await run()
-
-        return asyncio.create_task(after(), name=name)
-
-    def let_leave(self, task: asyncio.Task[None]) -> None:
-        """A task that gives back what was replaced: the next reload, and the end, wait for it."""
-        self._leaving.add(task)
-        task.add_done_callback(self._leaving.discard)
-
-    async def all_have_left(self) -> None:
-        """Wait for the tasks that earlier reloads have replaced. Raises TimeoutError."""
-        if self._leaving:
-            _, late = await asyncio.wait(self._leaving, timeout=LEAVING_S)
-            if late:
-                raise TimeoutError(f"{', '.join(task.get_name() for task in late)} still closing after {LEAVING_S} s")
-
-
-async def _cancel(task: asyncio.Task[Any]) -> None:
-    task.cancel()
-    with contextlib.suppress(asyncio.CancelledError, Exception):
-        await task

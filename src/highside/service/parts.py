@@ -11,16 +11,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from highside.codec.frame import ByteCodec, CanCodec
 from highside.config.links import LinkConfig
 from highside.config.settings import Settings
 from highside.link.base import Batch, LinkReason, LinkState, LinkSupervisor, Transport
 from highside.link.opened import OpenedTransport
 from highside.service.drift_keeper import DriftParts
 from highside.service.in_force import Calibration, Rotation
+from highside.service.outputs import Attitude, Survey
 from highside.service.pipeline import Pipeline
 from highside.service.places import ToolLock
 from highside.service.publisher import Publisher
 from highside.service.rig.rig import RigParts
+from highside.service.rig.toolface import ToolfaceOffset
 
 
 class LinkSink(Protocol):
@@ -79,3 +82,35 @@ def make_supervisor(link: LinkConfig, tap: Tap, opened: OpenedTransport | None) 
         return ahead.pop() if ahead else link.transport()
 
     return LinkSupervisor(transport, tap, link.supervisor())
+
+
+def make_pipeline(
+    settings: Settings,
+    codec: ByteCodec | CanCodec,
+    calibration: Calibration,
+    rotation: Rotation,
+    drift: DriftParts,
+    *,
+    emit: Callable[[Attitude | Survey], None],
+    offset: ToolfaceOffset | None,
+) -> Pipeline:
+    """A pipeline whose counts begin anew; `offset` is that of the toolface, if one was set."""
+    pipeline = Pipeline(
+        codec=codec,
+        tool=settings.tool,
+        pipeline=settings.pipeline,
+        monitor=settings.monitor,
+        survey=settings.survey,
+        correction=calibration.correction,
+        rebalance=settings.rebalance,
+        emit=emit,
+        vibration=settings.vibration,
+        toolface=settings.toolface,
+        drift=drift.stage,
+        rotation=rotation.live,
+    )
+    pipeline.extra_flags = calibration.flags + rotation.flags
+    pipeline.gravity = calibration.gravity(settings)
+    if offset is not None:
+        pipeline.toolface_offset_deg = offset.offset_deg
+    return pipeline

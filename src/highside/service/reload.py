@@ -99,7 +99,7 @@ class Reload:
     def __init__(self, service: Service, load: Callable[[], Settings]) -> None:
         self._service, self._load = service, load
         self._old = service.parts
-        self._present = service.present()
+        self._present = service.clock.present()
         self.doing = "reading the configuration"
         """for whoever has to say where it failed"""
 
@@ -113,7 +113,7 @@ class Reload:
         read = await asyncio.to_thread(self._read)
         self.doing = "building the parts"
         self._build(read, NOTHING_OPENED)
-        await self._service.all_have_left()
+        await self._service.leaving.all_gone()
         async with AsyncExitStack() as undo:
             opened = await self._open(read.settings, undo)
             self.doing = "putting the new parts in force"
@@ -251,12 +251,12 @@ class Reload:
         made: dict[str, Any] = {}
         try:
             if parts.supervisor is not old.supervisor:
-                made["link_task"] = service.successor("link", old.link_task, parts.supervisor.run)
+                made["link_task"] = service.leaving.successor("link", old.link_task, parts.supervisor.run)
             if parts.publisher is not old.publisher:
-                made["publisher_task"] = service.successor("publisher", old.publisher_task, parts.publisher.run)
+                made["publisher_task"] = service.leaving.successor("publisher", old.publisher_task, parts.publisher.run)
             if parts.rig.outputs is not old.rig.outputs:
                 outputs = parts.rig.outputs
-                made["wits_task"] = service.successor("wits", old.wits_task, lambda: run_outputs(outputs))
+                made["wits_task"] = service.leaving.successor("wits", old.wits_task, lambda: run_outputs(outputs))
             service.take(replace(parts, **made))
             undo.pop_all()
         except BaseException:
@@ -271,7 +271,7 @@ class Reload:
         if old.tool_lock is not None and new.tool_lock is not old.tool_lock:
             old.tool_lock.release()
         if old.rig.metrics is not None and new.rig.metrics is not old.rig.metrics:
-            self._service.let_leave(asyncio.create_task(asyncio.to_thread(old.rig.metrics.close), name="metrics"))
+            self._service.leaving.let(asyncio.create_task(asyncio.to_thread(old.rig.metrics.close), name="metrics"))
         announced = [(settings.home_assistant, settings.service) for settings in (new.settings, old.settings)]
         if new.publisher is not old.publisher or announced[0] != announced[1]:
             self._service.announce()
