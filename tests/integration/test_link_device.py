@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from link_bench import Memory, supervised, until
+from link_bench import Memory, PythonCanWire, supervised, until
 
 from highside.codec.frame import CanFrame, Frame
 from highside.codec.tool import ToolCodec
@@ -25,7 +25,7 @@ from highside.link.detect import probe_serial
 from highside.link.device import DeviceSettings, SimulatedDevice, encode, encode_can
 from highside.link.pythoncan import PythonCanSettings, PythonCanTransport
 from highside.link.serial import SerialSettings, SerialTransport, open_port
-from highside.link.wire import PtyWire, PythonCanWire
+from highside.link.wire import PtyWire
 from highside.physics.motion import Leg, Motion, still
 
 HIGHSIDE = [sys.executable, "-c", "from highside.cli.main import main; main()"]

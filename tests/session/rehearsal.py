@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,8 +15,9 @@ from highside.bench.session.ledger import Ledger
 from highside.bench.session.plans import Plan
 from highside.bench.session.session import BenchSession
 from highside.bench.session.snapshot import Command, CommandName, State
+from highside.bench.session.view import View
 from highside.bench.simulated_bench import BenchSettings, SimulatedBench
-from highside.bench.simulated_operator import Habits, Mistake, SimulatedOperator, rehearse
+from highside.bench.simulated_operator import Habits, Mistake, SimulatedOperator
 from highside.calibration.record import CalibrationRecord, Environment
 from highside.link.device import DeviceSettings
 from highside.physics.motion import still
@@ -41,6 +42,45 @@ class NoWire:
     def flush(self) -> None: ...
     def write(self, data: bytes) -> None: ...
     def write_frames(self, frames: Sequence[object]) -> None: ...
+
+
+def rehearse(
+    session: BenchSession,
+    bench: SimulatedBench,
+    operators: Iterable[SimulatedOperator],
+    *,
+    limit_s: float = 7200.0,
+    step_s: float = 0.1,
+    look_s: float = 0.5,
+    on_step: Callable[[float], None] | None = None,
+) -> float:
+    """Run a session on a simulated clock until it ends or `limit_s` have passed; returns the time taken.
+
+    The bench's frames go to the session as the codec would hand them over; what an unplugged tool says is lost.
+    """
+    view = View(session)
+    people = list(operators)
+    each = max(1, round(step_s * bench.settings.rate_hz))
+    looked_s = -look_s
+    now = bench.time_s
+    start = now
+    while not session.state.ended and now - start < limit_s:
+        frames = list(bench.frames(each))
+        now = bench.time_s
+        if bench.heard:
+            session.readings(frames, now)
+        session.tick(now)
+        job = session.work()
+        if job is not None:
+            session.finish_work(job(), now)
+        if on_step is not None:
+            on_step(now)
+        if now - looked_s >= look_s:
+            looked_s = now
+            for person in people:
+                for command in person.look(view.snapshot()):
+                    session.command(command, now)
+    return now - start
 
 
 def random_sensor(seed: int) -> tuple[tuple[tuple[float, ...], ...], tuple[float, ...]]:

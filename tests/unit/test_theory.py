@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from highside.attitude import attitude_block, wrap_signed
-from highside.calibration import theory
 from highside.calibration.balance import TRIPLES, balance_matrix
+from highside.papers import balance_theory as theory
 from highside.physics.gravity import gravity_direction
 
 TURN = np.radians(np.arange(2.5, 360.0, 5.0))  # avoids T = 0 and 180 deg, where the printed forms are singular

@@ -1,7 +1,7 @@
 """Inclination, toolface and azimuth from vectors: single frames (`scalar`), blocks (`block`), covariance propagation.
 
-Radians inside; arrays are `(3, N)`. Knows numpy (and scipy's special functions) and nothing else. `legacy` holds the
-paper's own inverse for comparison.
+Radians inside; arrays are `(3, N)`. Knows numpy (and scipy's special functions) and nothing else. The paper's own
+inverse is kept for comparison in `papers.balance_angles`.
 """
 
 from __future__ import annotations

@@ -1,21 +1,18 @@
 """A simulated operator at a simulated bench: looks at snapshots, turns the table, gives commands. And makes mistakes.
 
 It knows of the session what anybody at the screen knows, and does at the bench what hands do. Used by
-`highside calibrate bench --auto` and, on a simulated clock (`rehearse`), by the tests: the same session, link aside.
+`highside calibrate bench --auto` and, on a simulated clock, by the tests: the same session, link aside.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
-from highside.bench.session.session import BenchSession
 from highside.bench.session.snapshot import Command, CommandName, PoseState, Snapshot, State
-from highside.bench.session.view import View
 from highside.bench.simulated_bench import SimulatedBench
 
 REST_S = 4.0
@@ -174,42 +171,3 @@ class SimulatedOperator:
         if self._set is None or self.bench.time_s >= self._set[1]:
             inc = float(np.rad2deg(np.arccos(self._rng.uniform(-1.0, 1.0))))
             self._set = ("", self.bench.turn_to(inc, float(self._rng.uniform(0.0, 360.0))))
-
-
-def rehearse(
-    session: BenchSession,
-    bench: SimulatedBench,
-    operators: Iterable[SimulatedOperator],
-    *,
-    limit_s: float = 7200.0,
-    step_s: float = 0.1,
-    look_s: float = 0.5,
-    on_step: Callable[[float], None] | None = None,
-) -> float:
-    """Run a session on a simulated clock until it ends or `limit_s` have passed; returns the time taken.
-
-    The bench's frames go to the session as the codec would hand them over; what an unplugged tool says is lost.
-    """
-    view = View(session)
-    people = list(operators)
-    each = max(1, round(step_s * bench.settings.rate_hz))
-    looked_s = -look_s
-    now = bench.time_s
-    start = now
-    while not session.state.ended and now - start < limit_s:
-        frames = list(bench.frames(each))
-        now = bench.time_s
-        if bench.heard:
-            session.readings(frames, now)
-        session.tick(now)
-        job = session.work()
-        if job is not None:
-            session.finish_work(job(), now)
-        if on_step is not None:
-            on_step(now)
-        if now - looked_s >= look_s:
-            looked_s = now
-            for person in people:
-                for command in person.look(view.snapshot()):
-                    session.command(command, now)
-    return now - start

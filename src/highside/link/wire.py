@@ -8,7 +8,6 @@ in again makes a new pty, under the same link if one was asked for.
 
 from __future__ import annotations
 
-import contextlib
 import fcntl
 import os
 import pty
@@ -24,11 +23,10 @@ from typing import TYPE_CHECKING, Protocol
 
 from highside.codec.frame import CanFrame
 from highside.errors import InputError
-from highside.link.pythoncan import PythonCanSettings, open_bus
 from highside.link.socketcan import SocketCanSettings, open_socket, send_frame
 
 if TYPE_CHECKING:
-    import can
+    pass
 
 PENDING_BYTES = 1 << 20
 PENDING_FRAMES = 20_000
@@ -253,63 +251,3 @@ class CanWire:
         while len(self._pending) > PENDING_FRAMES:
             self._pending.popleft()
             self.unheard += 1
-
-
-class PythonCanWire:
-    """A bus of python-can, for instance its `virtual` one."""
-
-    def __init__(self, settings: PythonCanSettings) -> None:
-        self._settings = settings
-        self._bus: can.BusABC | None = None
-        self.unheard = 0
-
-    pending = 0
-    unread = False
-
-    def flush(self) -> None:
-        """Nothing is ever pending."""
-
-    @property
-    def address(self) -> str:
-        return f"{self._settings.interface}:{self._settings.channel}"
-
-    def plug(self) -> None:
-        if self._bus is None:
-            self._bus = open_bus(self._settings)
-
-    def unplug(self) -> None:
-        import can
-
-        if self._bus is not None:
-            with contextlib.suppress(can.CanError, OSError):
-                self._bus.shutdown()
-        self._bus = None
-
-    def remove(self) -> None:
-        self.unplug()
-
-    @property
-    def listened_to(self) -> bool:
-        return self._bus is not None
-
-    def write(self, data: bytes) -> None:
-        raise InputError("bytes cannot be written to a CAN bus", remedy="use --to pty")
-
-    def write_frames(self, frames: Sequence[CanFrame]) -> None:
-        import can
-
-        if self._bus is None:
-            self.unheard += len(frames)
-            return
-        for frame in frames:
-            message = can.Message(
-                arbitration_id=frame.can_id,
-                data=frame.data,
-                is_extended_id=frame.extended,
-                is_remote_frame=frame.remote,
-                is_fd=frame.fd,
-            )
-            try:
-                self._bus.send(message)
-            except (can.CanError, OSError):
-                self.unheard += 1
