@@ -33,6 +33,10 @@ class Packet(Enum):
     """it failed its check, or no reading of ours looks like this; good frames are looked for inside it"""
 
 
+READING, PART, IGNORED, DAMAGED = Packet
+"""the same, for who answers thousands of times a second: a look into an enumeration costs 0.1 us"""
+
+
 class SyncStream:
     """Base of the codecs for binary frames with sync bytes. A subclass sets the constants and the three hooks."""
 
@@ -102,17 +106,18 @@ class SyncStream:
             length = self._length(buffer, start, end - start)
             if length > 0 and end - start >= length:
                 packet = self._accept(buffer, start, start + length, t_mono, out)
-                if packet is Packet.READING or packet is Packet.PART:
-                    if packet is Packet.READING:
-                        counts.frames_good += 1
-                    else:
-                        counts.frames_part += 1
+                if packet is READING:
+                    counts.frames_good += 1
                     counts.bytes_framed += length
                     pos = start + length
                     continue
-                if packet is Packet.IGNORED:
-                    counts.frames_ignored += 1
-                    counts.bytes_ignored += length
+                if packet is PART or packet is IGNORED:
+                    if packet is PART:
+                        counts.frames_part += 1
+                        counts.bytes_framed += length
+                    else:
+                        counts.frames_ignored += 1
+                        counts.bytes_ignored += length
                     pos = start + length
                     continue
             elif length != REFUSED:

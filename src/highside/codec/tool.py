@@ -32,7 +32,7 @@ from highside.codec.axes import AxisMap
 from highside.codec.clock import DeviceClock
 from highside.codec.frame import Frame
 from highside.codec.registry import CodecTable
-from highside.codec.stream import MORE, REFUSED, Packet, SyncStream
+from highside.codec.stream import DAMAGED, MORE, READING, REFUSED, Packet, SyncStream
 
 SYNC = b"\xc8\xf3"
 VERSION = 1
@@ -131,7 +131,7 @@ class ToolCodec(SyncStream):
     def _accept(self, buffer: bytes, start: int, stop: int, t_mono: float, out: list[Frame]) -> Packet:
         # the CRC of a message with its own CRC behind it is zero
         if crc_hqx(buffer[start + 2 : stop], _CRC_START):
-            return Packet.DAMAGED
+            return DAMAGED
         _, body, flags = _LAYOUTS[buffer[start + 2 : start + 4]]
         values = body.unpack_from(buffer, start + 4)
         ax, ay, az = values[2] * G_PER_COUNT, values[3] * G_PER_COUNT, values[4] * G_PER_COUNT
@@ -157,7 +157,7 @@ class ToolCodec(SyncStream):
             gx, gy, gz = self._axes.apply(gx, gy, gz)
         t_s = self.clock.seconds(values[1], t_mono)
         out.append(Frame(values[0], t_s, t_mono, ax, ay, az, gx, gy, gz, temp_c, rotor_deg, rotor_rate_dps))
-        return Packet.READING
+        return READING
 
 
 class ToolCodecConfig(CodecTable):

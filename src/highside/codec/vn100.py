@@ -28,7 +28,7 @@ from highside.codec.axes import AxisMap
 from highside.codec.clock import DeviceClock
 from highside.codec.frame import Frame
 from highside.codec.registry import CodecTable
-from highside.codec.stream import Packet, SyncStream
+from highside.codec.stream import DAMAGED, READING, Packet, SyncStream
 
 HEADER = bytes.fromhex("fa143e003a00")
 _VALUES = Struct("<29f")
@@ -73,7 +73,7 @@ class Vn100Codec(SyncStream):
 
     def _accept(self, buffer: bytes, start: int, stop: int, t_mono: float, out: list[Frame]) -> Packet:
         if crc_hqx(buffer[start + 1 : stop], 0):
-            return Packet.DAMAGED
+            return DAMAGED
         values = _VALUES.unpack_from(buffer, start + len(HEADER))
         ax, ay, az = (value / STANDARD_GRAVITY for value in values[3:6])
         gx, gy, gz = (value * _DEG for value in values[6:9])
@@ -87,7 +87,7 @@ class Vn100Codec(SyncStream):
             self.counts.frames_held = 1
         else:
             out.append(frame)
-        return Packet.READING
+        return READING
 
     def _release(self, out: list[Frame], t_s: float | None = None) -> None:
         """The held frame goes out, with its time if that is known."""
