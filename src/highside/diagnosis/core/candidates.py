@@ -253,7 +253,7 @@ def shadows(state: ChainState, force: Array) -> list[Candidate]:
         kind = "ring" if name == "one" else name
         found.append(Candidate(f"shadow:{kind}:{next(iter(terms))}", None, ("a",), tuple(variants)))
 
-    if np.ptp(state.temp_c) > 0.5:
+    if np.ptp(state.temp_c) > CANDIDATES.warm_span_c:
         warm = (state.temp_c - state.temp_c.mean()) / state.temp_c.std()
         add("temperature", warm, linear, own_axis=False)
         add("temperature", warm, square)

@@ -274,7 +274,9 @@ def _claim(scene: Scene[N], judged: Judged[N], member: Member, r: Rivalry, fit: 
         ),
         key=lambda rival: rival.delta_bic,
     )
-    shown = [rival for i, rival in enumerate(ruled_out) if i < 3 or rival.effect in effect.confused_with]
+    shown = [
+        rival for i, rival in enumerate(ruled_out) if i < CONCLUSION.ruled_out or rival.effect in effect.confused_with
+    ]
     return Claim(
         effect=effect.id,
         story=effect.story,

@@ -88,7 +88,7 @@ def gain_interval(before: Array, after: Array) -> tuple[float, float]:
 
 def pose_folds(n: int, count: int = HELD_OUT.folds, *, interleaved: bool = False) -> list[NDArray[np.intp]]:
     """Contiguous blocks of poses, or every so many poses, as indices into whitened vectors (3 n,)."""
-    count = min(count, n // 3)
+    count = min(count, n // HELD_OUT.poses_a_fold)
     poses = np.arange(n)
     parts = [poses[k::count] for k in range(count)] if interleaved else np.array_split(poses, count)
     return [np.concatenate([part, part + n, part + 2 * n]) for part in parts]

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from highside.diagnosis.core.markov import LevelNoise
-from highside.diagnosis.core.policy import INTERVALS, MEMORY, REGRESSION, SlowLimits
+from highside.diagnosis.core.policy import INTERVALS, MEMORY, REGRESSION
+from highside.diagnosis.core.scene_policy import SlowLimits
 
 Array = NDArray[np.float64]
 

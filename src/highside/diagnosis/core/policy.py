@@ -12,8 +12,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from highside.physics.effects import all_effects
-
 
 @dataclass(frozen=True)
 class RegressionPolicy:
@@ -44,6 +42,8 @@ class CandidatesPolicy:
     """Poses at each end beside which no step is tried. Chosen in 21ed34d; no run is recorded."""
     rings: int = 4
     """A single ring is looked at where there are more rings than this. Chosen in 541f29c; no run is recorded."""
+    warm_span_c: float = 0.5
+    """degC; a temperature that changes by less says nothing. Chosen in 21ed34d; no run is recorded."""
 
 
 CANDIDATES = CandidatesPolicy()
@@ -100,6 +100,9 @@ class ConclusionPolicy:
     own: float = 5e-3
     """Share of the largest singular value from which a member's direction is its own beside the others. Chosen in
     21ed34d; no run is recorded."""
+    ruled_out: int = 3
+    """Rivals that are told to be ruled out, beside those that are often taken for the effect. Chosen in 21ed34d; no run
+    is recorded."""
 
 
 CONCLUSION = ConclusionPolicy()
@@ -180,6 +183,8 @@ class HeldOutPolicy:
     no run is recorded."""
     folds: int = 10
     """Blocks of poses, each predicted from the others. Chosen in f202a8b; no run is recorded."""
+    poses_a_fold: int = 3
+    """Poses of a block, at least. Chosen in f202a8b; no run is recorded."""
 
 
 HELD_OUT = HeldOutPolicy()
@@ -386,65 +391,3 @@ class ProcedurePolicy:
 
 
 PROCEDURE = ProcedurePolicy()
-
-
-@dataclass(frozen=True, slots=True)
-class SlowLimits:
-    """What a slow effect must show to be believed beside a walk; each kind of recording has its own."""
-
-    log_p: float = MEMORY.slow_log_p
-    """-log10 p beside a walk. Source: that of `MemoryPolicy.slow_log_p`."""
-    remaining: float = MEMORY.remaining
-    """-2 log likelihood; evidence of memory that may remain beside it. Source: that of `MemoryPolicy.remaining`."""
-    quiet_log_p: float = MEMORY.slow_log_p
-    """-log10 p that is asked where hardly any memory remains. Source: that of `MemoryPolicy.slow_log_p`."""
-    quiet: float = 6.0
-    """-2 log likelihood; evidence of memory that is hardly any. Chosen in f202a8b; no run is recorded."""
-    straight: float | None = None
-    """-log10 p asked of what is a straight line in time, which a walk imitates more easily than others. Chosen in
-    f202a8b; no run is recorded."""
-    forgiven: float = 0.0
-    """Share of the evidence of memory that may remain beside one that beats the walk twice as clearly as asked. Chosen
-    in 6be9111; no run is recorded."""
-    pairs: bool = False
-    """Whether two may pass together where neither passes alone. Chosen in f202a8b; no run is recorded."""
-    over_walk: float | None = None
-    """-2 log likelihood; in place of -log10 p, twice the logarithm of the likelihood ratio that is asked of the effect
-    without any walk over a walk without the effect: either story has to tell all that was seen. Chosen in a008d73; no
-    run is recorded."""
-
-    def passes(self, effect: str, log_p: float, remaining: float, evidence: float, score: float) -> bool:
-        """Whether an effect of -log10 p and score, that leaves so much of the evidence of memory, is believed."""
-        if self.over_walk is not None:
-            return score - remaining > self.over_walk and remaining < self.remaining
-        straight = self.straight if self.straight is not None and all_effects()[effect].straight_in_time else None
-        return (
-            (log_p > (self.quiet_log_p if straight is None else straight) and remaining < self.quiet)
-            or (log_p > max(self.log_p, straight or 0.0) and remaining < self.remaining)
-            or (log_p > 2 * self.log_p and remaining < self.forgiven * evidence)
-        )
-
-
-@dataclass(frozen=True)
-class ScenePolicy:
-    """What names must show to be given; each kind of recording has its own (`scene.Scene.policy`)."""
-
-    named_share: float = 0.85
-    """Share of the excess misfit that names must explain to be given. Chosen in 21ed34d with the prototype, whose
-    scored runs used it; no run that varied it is recorded."""
-    faint: float = 0.0
-    """-log10 p; a remainder that is louder than chance by no more than this withdraws no names. Chosen in 36be2bd; no
-    run is recorded."""
-    shadow_margin: float = 6.0
-    """BIC; a name is not given where something without a name comes nearer to it than this. Chosen in 21ed34d with the
-    prototype, whose scored runs used it; no run that varied it is recorded."""
-    most_named: int = SELECTION.most
-    """More effects than this are a fit and no finding: their names are given only if all but one are manifest. Chosen
-    in 21ed34d; no run is recorded."""
-    certain: float = MEMORY.slow_log_p
-    """-log10 p from which an effect beats a noise with memory. Source: that of `MemoryPolicy.slow_log_p`."""
-    slow: SlowLimits = field(default_factory=SlowLimits)
-    """What a slow effect must show beside a walk. Source: that of `SlowLimits`."""
-    slow_beside_fast: bool = False
-    """Whether effects of time run like those of the programme, so that they must be chosen together. Chosen in 207dc25;
-    no run is recorded."""

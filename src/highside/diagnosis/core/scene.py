@@ -19,10 +19,10 @@ from highside.diagnosis.core.fit import JointFit, Seen
 from highside.diagnosis.core.location import Scan
 from highside.diagnosis.core.memory import Channel, Memory, SlowEffect
 from highside.diagnosis.core.method import WHOLE, Method
-from highside.diagnosis.core.policy import ScenePolicy
 from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.result import Diagnosis, Fit, Location
 from highside.diagnosis.core.rivals import Refitted, Rivalry
+from highside.diagnosis.core.scene_policy import ScenePolicy
 from highside.diagnosis.core.selection import Selector
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState

@@ -152,7 +152,7 @@ def _axes(accel: Array, reference: Array, axes: Sequence[tuple[int, float]]) -> 
     better = np.sum((np.array(signs)[:, None] * tool[list(order)] - reference) ** 2, axis=0)
     wins = int(np.sum(better < now))
     p = chance(wins, n, 0.5)
-    if misfit / n > CHECKS.follows_g**2 or np.sqrt(misfit / n) > level / 3:
+    if misfit / n > CHECKS.follows_g**2 or np.sqrt(misfit / n) > level / CHECKS.better:
         words = "the readings do not follow the bench's angles under any axis map: are these the right columns?"
         return [Finding("not_gravity", CHANNELS, chance(int(np.sum(now > CHECKS.off_g2)), n, CLOCK.stray), words)]
     found = []
@@ -177,7 +177,7 @@ def _clipping(values: Array, expected: Array) -> tuple[float, float, float] | No
         count = int(at.sum())
         loads = expected[at]
         others = np.unique(values[~at]).size
-        if count < 3 or others < 3:
+        if count < CHECKS.least_equal or others < CHECKS.least_equal:
             continue
         # equal loads give equal readings on a coarse converter: count loads that differ by more than its step, and
         # compare the number of equal readings with how often neighbours agree elsewhere

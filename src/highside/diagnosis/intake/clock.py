@@ -72,7 +72,11 @@ def _lost(steps: Array, inside: NDArray[np.bool_], usual: float, seq: Array | No
         # a stop that lost its first or last rows has no gap, but fewer rows than the others
         sizes = np.diff(np.concatenate([[0], np.flatnonzero(~inside) + 1, [n + 1]]))
         usual_size = np.bincount(sizes).argmax()
-        if sizes.size > 3 and usual_size > 2 and np.mean(sizes == usual_size) > CLOCK.alike:
+        if (
+            sizes.size > CLOCK.least_stops
+            and usual_size > CLOCK.least_stop
+            and np.mean(sizes == usual_size) > CLOCK.alike
+        ):
             short = int(np.sum(np.maximum(usual_size - sizes, 0)))
             lost, gaps = max((lost, gaps), (short, int(np.sum(sizes < usual_size))))
     p = chance(lost, n + lost, CLOCK.stray)
@@ -129,7 +133,7 @@ def _clock(
     wide = np.abs(each - np.median(each))
     jumps = np.flatnonzero((wide > CLOCK.step * usual) & (wide > CLOCK.step_jitters * jitter))
     if 0 < jumps.size <= CLOCK.steps:
-        p = float(min(1.0, each.size * student_beyond(wide[jumps].max() / jitter, 4)))
+        p = float(min(1.0, each.size * student_beyond(wide[jumps].max() / jitter, CLOCK.tails)))
         if p < CLOCK.sure:
             row = np.flatnonzero(single)[jumps[0]]
             size = float(each[jumps[0]] - np.median(each))

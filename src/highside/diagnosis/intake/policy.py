@@ -44,6 +44,12 @@ class ChecksPolicy:
     still: float = 0.8
     """Share of rows unchanged from the row before, from which the step hides the noise. Chosen in 21ed34d; no run is
     recorded."""
+    better: float = 3.0
+    """Times as well as under the axes given must readings follow the angles under others. Chosen in 21ed34d; no run is
+    recorded."""
+    least_equal: int = 3
+    """Readings at a limit, and different ones below it, from which it can be one. Chosen in 21ed34d; no run is
+    recorded."""
 
 
 CHECKS = ChecksPolicy()
@@ -94,6 +100,13 @@ class ClockPolicy:
     """A drift is told from one in so many of the spacings' scatter. Chosen in b616c3f; no run is recorded."""
     twice: float = 1.5
     """Times as often as next but one neighbours agree, neighbours may. Chosen in 21ed34d; no run is recorded."""
+    least_stops: int = 3
+    """Stops, more than which show how many rows one usually has. Chosen in cac8bad; no run is recorded."""
+    least_stop: int = 2
+    """Rows of a usual stop, more than which it can have lost some. Chosen in cac8bad; no run is recorded."""
+    tails: int = 4
+    """Degrees of freedom of Student's t that the jitter of a healthy clock is taken to have. Chosen in b616c3f; no run
+    is recorded."""
 
 
 CLOCK = ClockPolicy()

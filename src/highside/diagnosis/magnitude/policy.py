@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from highside.diagnosis.core.policy import MEMORY, ScenePolicy, SlowLimits
+from highside.diagnosis.core.policy import MEMORY
+from highside.diagnosis.core.scene_policy import ScenePolicy, SlowLimits
 
 
 @dataclass(frozen=True)

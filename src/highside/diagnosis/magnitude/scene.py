@@ -17,12 +17,13 @@ from highside.diagnosis.core.location import Basis, followed, intervals, scan_of
 from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.core.memory import Channel, Innovating, Likelihoods, Memory, SlowEffect
 from highside.diagnosis.core.memory import intervals as in_intervals
-from highside.diagnosis.core.policy import INTERVALS, POOL, REGRESSION, SELECTION, ScenePolicy
+from highside.diagnosis.core.policy import HELD_OUT, INTERVALS, POOL, REGRESSION, SELECTION
 from highside.diagnosis.core.pool import Member, Pool, pose_flips, ranked, span_with, standing, threshold
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.core.result import Diagnosis, Fit, Location, NotTestable
 from highside.diagnosis.core.rivals import Rivalry
 from highside.diagnosis.core.scene import Judged, Picture, Scene
+from highside.diagnosis.core.scene_policy import ScenePolicy
 from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.magnitude.candidates import (
     bases_of,
@@ -179,7 +180,9 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
     def _folds(self) -> list[NDArray[np.intp]]:
         n = self.session.n
         single = not self.session.rest and n <= MAGNITUDE_CHOICE.one_by_one
-        return list(np.array_split(np.arange(n), n if single else min(MAGNITUDE_CHOICE.blocks, n // 3)))
+        return list(
+            np.array_split(np.arange(n), n if single else min(MAGNITUDE_CHOICE.blocks, n // HELD_OUT.poses_a_fold))
+        )
 
     def likelihoods(self, members: Sequence[Member]) -> list[Channel]:
         explained = np.concatenate([self.base, self.block(members)])[:, 0]

@@ -103,7 +103,7 @@ def _size(unit: Array, share: Array, scatter: Array | None) -> Array:
     `share` (3, n) of each was left by the rich columns.
     """
     n = unit.shape[1]
-    if n < 4 * POSE_NOISE.stretch:
+    if n < POSE_NOISE.stretches * POSE_NOISE.stretch:
         return np.ones(n)
     energy, known = np.sum(share * unit**2, axis=0), share.sum(axis=0)
     at = np.arange(n)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.core.policy import ScenePolicy, SlowLimits
+from highside.diagnosis.core.scene_policy import ScenePolicy, SlowLimits
 
 Array = NDArray[np.float64]
 
@@ -52,6 +52,8 @@ class PoseNoisePolicy:
     """Turns of the climb, at most. Chosen in 63c0b1b; no run is recorded."""
     settled: float = 1e-7
     """Relative change of the likelihood at which the climb ends. Chosen in 63c0b1b; no run is recorded."""
+    stretches: int = 4
+    """Stretches of a session from which its noise can be seen to change. Chosen in 36be2bd; no run is recorded."""
 
 
 POSE_NOISE = PoseNoisePolicy()

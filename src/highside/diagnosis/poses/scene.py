@@ -16,12 +16,13 @@ from highside.diagnosis.core.held_out import HeldOut, PoseGains, block_proof, po
 from highside.diagnosis.core.location import locate, locate_whole, on_channel, pose_bases, pose_cells, scan_of
 from highside.diagnosis.core.memory import Channel, Likelihoods, Memory, SlowEffect
 from highside.diagnosis.core.method import WHOLE, Method
-from highside.diagnosis.core.policy import FITS, RIVALS, SELECTION, ScenePolicy
+from highside.diagnosis.core.policy import FITS, RIVALS, SELECTION
 from highside.diagnosis.core.pool import Member, Pool, pose_flips, threshold
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.core.result import Diagnosis, Fit, Location
 from highside.diagnosis.core.rivals import Rivalry, next_poses
 from highside.diagnosis.core.scene import Judged, Picture, Scene, parts_of
+from highside.diagnosis.core.scene_policy import ScenePolicy
 from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.core.untestable import with_manoeuvres
 from highside.diagnosis.poses import noise as noise_model

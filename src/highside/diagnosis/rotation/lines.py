@@ -92,7 +92,7 @@ def _order(session: RotationSession, rows: Array) -> tuple[float, int] | None:
     turned = session.state.tf_rad / (2 * np.pi)
     turned = turned - turned.min()
     turns = float(turned.max())
-    if turns < 3:
+    if turns < LINES_POLICY.turns:
         return None
     size = int(2 ** np.ceil(np.log2(turns * 2 * LINES_POLICY.max_order * LINES_POLICY.spare)))
     cell = np.minimum((turned / turns * size).astype(np.intp), size - 1)

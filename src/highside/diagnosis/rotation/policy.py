@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from highside.diagnosis.core.policy import ScenePolicy, SlowLimits
+from highside.diagnosis.core.scene_policy import ScenePolicy, SlowLimits
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,9 @@ class LinesPolicy:
     """Cells beside a whole order that belong to it. Chosen in 9535933; no run is recorded."""
     least_order: float = 0.1
     """Orders of the rotation below which nothing is looked for. Chosen in 96c27f5; no run is recorded."""
+    turns: int = 3
+    """Turns of a recording from which orders of the rotation can be told apart. Chosen in 9535933; no run is
+    recorded."""
 
 
 LINES_POLICY = LinesPolicy()

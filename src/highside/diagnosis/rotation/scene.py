@@ -15,11 +15,12 @@ from highside.diagnosis.core.held_out import gain_interval
 from highside.diagnosis.core.location import followed
 from highside.diagnosis.core.memory import SlowEffect
 from highside.diagnosis.core.method import WHOLE, Method
-from highside.diagnosis.core.policy import FITS, RIVALS, ScenePolicy
+from highside.diagnosis.core.policy import FITS, RIVALS
 from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.result import Diagnosis, Fit, Location
 from highside.diagnosis.core.rivals import Rivalry
 from highside.diagnosis.core.scene import Judged, Picture, parts_of
+from highside.diagnosis.core.scene_policy import ScenePolicy
 from highside.diagnosis.core.support import Window
 from highside.diagnosis.core.untestable import what_splits, with_manoeuvres
 from highside.diagnosis.rotation.advice import next_rates

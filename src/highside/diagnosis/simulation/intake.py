@@ -79,5 +79,5 @@ def _correlation(one: Array, other: Array) -> float:
 
 def _chance(correlation: float, session: SimulationSession) -> float:
     """Probability of such a correlation by chance, one independent value a second."""
-    n = max(session.n * session.step_s, 4.0)
+    n = max(session.n * session.step_s, SIMULATION_INTAKE.least_seconds)
     return float(math.erfc(math.atanh(min(abs(correlation), 1 - 1e-12)) * math.sqrt((n - 3) / 2)))

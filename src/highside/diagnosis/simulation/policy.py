@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from highside.diagnosis.core.policy import ScenePolicy
+from highside.diagnosis.core.scene_policy import ScenePolicy
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,9 @@ class SimulationIntakePolicy:
     """Correlation below which a channel follows nothing. Chosen in 98cb144; no run is recorded."""
     prefix: float = 1e3
     """A step of unit prefixes. Source: a definition."""
+    least_seconds: float = 4.0
+    """s; each second counts as one independent reading, and there are at least so many. Chosen in 98cb144; no run is
+    recorded."""
 
 
 SIMULATION_INTAKE = SimulationIntakePolicy()
@@ -94,6 +97,8 @@ class SimulationChoicePolicy:
     """One in so many of a bin's rows must count. Chosen in d4bce32; no run is recorded."""
     quietest: float = 1e-3
     """Share of the loudest bin's noise; no row is quieter. Chosen in d4bce32; no run is recorded."""
+    least_bins: int = 3
+    """Bins of activity from which the noise can be seen to follow it. Chosen in d4bce32; no run is recorded."""
 
 
 SIMULATION_CHOICE = SimulationChoicePolicy()
@@ -133,6 +138,8 @@ class SimulationSessionsPolicy:
     """Segments, at least, by which coherence is measured. Chosen in 98cb144; no run is recorded."""
     constant: float = 1e-20
     """Share of a prediction's power below which it is constant. Chosen in d4bce32; no run is recorded."""
+    least_side: int = 150
+    """Rows of either side, at least. Chosen in 98cb144; no run is recorded."""
 
 
 SIMULATION_SESSIONS = SimulationSessionsPolicy()

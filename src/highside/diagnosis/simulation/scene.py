@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from highside.diagnosis.core.fit import JointFit
 from highside.diagnosis.core.held_out import gain_interval
 from highside.diagnosis.core.memory import Channel, SlowEffect
-from highside.diagnosis.core.policy import INTERVALS, ScenePolicy
+from highside.diagnosis.core.policy import INTERVALS
 from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.probability import student_quantile
 from highside.diagnosis.core.regression import outside
 from highside.diagnosis.core.result import Diagnosis, Fit, FittedParameter, Location
 from highside.diagnosis.core.rivals import Rivalry
 from highside.diagnosis.core.scene import Judged, Picture
+from highside.diagnosis.core.scene_policy import ScenePolicy
 from highside.diagnosis.rows.gram import HeldOutRows, Key, WalkingChannel, accumulate
 from highside.diagnosis.rows.jitter import with_jitter
 from highside.diagnosis.rows.noise import RotationNoise, estimate
@@ -366,7 +367,7 @@ def _by_activity(design: SimulationDesign, noise: RotationNoise, residual: Array
                 for rows in bins
                 if counts[rows].sum() > SIMULATION_CHOICE.least_in_bin // SIMULATION_CHOICE.full
             ]
-            if len(full) < 3:
+            if len(full) < SIMULATION_CHOICE.least_bins:
                 break
             sizes = [float(np.sqrt(np.mean(innovations[rows] ** 2))) for rows in full]
             middles = [float(activity[rows].mean()) for rows in full]

@@ -99,7 +99,7 @@ def simulation_session(columns: Mapping[str, Array], predicted: Mapping[str, Arr
         raise InputError("has no channel that the recording has too", remedy=f"its channels are: {has}")
     t_s, t_sim = np.asarray(columns["t_s"]), np.asarray(predicted["t_s"])
     for times, what in ((t_s, "recording"), (t_sim, "prediction")):
-        if times.size < SIMULATION_SESSIONS.least_rows // 4 or np.any(np.diff(times) < 0):
+        if times.size < SIMULATION_SESSIONS.least_side or np.any(np.diff(times) < 0):
             raise InputError(f"the times of the {what} are too few, or do not rise", field="t_s")
     side = {n: _turned(n, columns[n]) for n in names}
     side_sim = {n: _turned(n, predicted[n]) for n in names}

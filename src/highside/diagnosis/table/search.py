@@ -67,7 +67,7 @@ def search(
         every |= grown
         before = min(f.score for f in beam)
         beam = sorted(grown.values(), key=lambda f: f.score)[:width]
-        if beam[0].score > before - 0.5 * SEARCH.step:
+        if beam[0].score > before - SEARCH.going_on * SEARCH.step:
             break
     tried = sorted(every.values(), key=lambda f: f.score)
     return Search(_smallest(tried), tried)
