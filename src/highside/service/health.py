@@ -63,26 +63,6 @@ class Health:
             "messages": outbox.balanced(),
         }
         damaged, reloaded = self._damage.as_list(), self._reloaded()
-        stands = {
-            **{f"balance_{name}": not good for name, good in balance.items()},
-            f"link_{link.state.value}": link.state in (LinkState.DOWN, LinkState.STALE),
-            "broker_away": not broker.connected,
-            "client_id_taken": broker.taken,
-            "commands_unanswered": self._unanswered.look(broker.replies_dropped),
-            "outbox_storage": not outbox.storage_ok,
-            "outbox_dropping": self._dropping.look(outbox.dropped),
-            "recorder_storage": settings.recorder.enabled and recorder.state is RecorderState.FAILING,
-            "clock_stepped": self._steps.alarm,
-            **dict.fromkeys(parts.flags, True),
-            "reload_refused": bool(reloaded["refused"]),
-            **{f"stuck_{axis}": True for axis in pipeline.monitor.stuck_axes},
-            "frozen": pipeline.monitor.frozen,
-            **dict.fromkeys(self._rig.alarms(), True),
-            "drift_state": bool(self._drift.error),
-            "damaged_file": bool(damaged),
-            "restarting": self._starts.alarm,
-        }
-        alarms = [name for name, standing in stands.items() if standing]
         return messages.HealthMessage(
             t=round(time.time(), 6),
             clock_synced=clock_synced,
@@ -120,8 +100,34 @@ class Health:
             starts=self._starts.as_dict(),
             damaged=damaged,
             balance=balance,
-            alarms=alarms,
+            alarms=self._alarms(parts, balance, reloaded),
         )
+
+    def _alarms(self, parts: Parts, balance: dict[str, bool], reloaded: dict[str, Any]) -> list[str]:
+        """Names of the alarms that stand."""
+        settings, pipeline = parts.settings, parts.pipeline
+        link, broker = parts.supervisor.stats, parts.publisher.stats
+        outbox, recorder = self._outbox.stats, self._recorder.stats
+        stands = {
+            **{f"balance_{name}": not good for name, good in balance.items()},
+            f"link_{link.state.value}": link.state in (LinkState.DOWN, LinkState.STALE),
+            "broker_away": not broker.connected,
+            "client_id_taken": broker.taken,
+            "commands_unanswered": self._unanswered.look(broker.replies_dropped),
+            "outbox_storage": not outbox.storage_ok,
+            "outbox_dropping": self._dropping.look(outbox.dropped),
+            "recorder_storage": settings.recorder.enabled and recorder.state is RecorderState.FAILING,
+            "clock_stepped": self._steps.alarm,
+            **dict.fromkeys(parts.flags, True),
+            "reload_refused": bool(reloaded["refused"]),
+            **{f"stuck_{axis}": True for axis in pipeline.monitor.stuck_axes},
+            "frozen": pipeline.monitor.frozen,
+            **dict.fromkeys(self._rig.alarms(), True),
+            "drift_state": bool(self._drift.error),
+            "damaged_file": bool(self._damage.as_list()),
+            "restarting": self._starts.alarm,
+        }
+        return [name for name, standing in stands.items() if standing]
 
 
 def _rotation(parts: Parts) -> dict[str, Any] | None:
