@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -174,10 +175,10 @@ class Table:
         )
 
     @classmethod
-    def read(cls, path: Path) -> Self:
+    def read(cls, path: str | os.PathLike[str]) -> Self:
         """Read a file. Raises InputError with file, line and column for whatever is wrong with it."""
         where = str(path)
-        data = read_bytes(path)
+        data = read_bytes(Path(path))
         if not data.strip():
             raise InputError("is empty", where=where)
         text = decode_text(data, where=where, expected="CSV file")
@@ -194,9 +195,9 @@ class Table:
         columns, texts = _cell_by_cell(lines, names, cls.known, where)
         return cls(columns, texts, names, where)
 
-    def write(self, path: Path) -> None:
-        """Write a file as a whole (never half). Raises InputError where it cannot be written."""
-        write_whole(path, self.as_csv().encode("utf-8"))
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write a file as a whole (never half); `.gz` zips it. Raises InputError where it cannot be written."""
+        write_whole(Path(path), self.as_csv().encode("utf-8"))
 
     def as_csv(self) -> str:
         """The content of the file."""
