@@ -330,6 +330,21 @@ def exports(it: Installed, _root: Path, data: Path, folder: Path) -> None:
         assert (folder / f"session.{kind}").stat().st_size > 1000
 
 
+def takes_frames(it: Installed, _root: Path, _data: Path, _folder: Path) -> None:
+    # neither pandas nor polars comes along, who calls has them; what only speaks Arrow needs pyarrow beside
+    assert it.has("narwhals")
+    said = it.python(
+        "import highside\n"
+        "class Streamed:\n"
+        "    def __arrow_c_stream__(self, requested_schema=None): raise AssertionError\n"
+        "try:\n"
+        "    highside.read(Streamed())\n"
+        "except highside.InputError as error:\n"
+        "    print(error)\n"
+    )
+    assert said == "this needs pyarrow, which is not installed; pip install 'highside[export]'"
+
+
 def signs(it: Installed, _root: Path, data: Path, folder: Path) -> None:
     shutil.copy(data / "cal.json", folder / "cal.json")
     for words in (
@@ -370,6 +385,7 @@ EXTRAS: dict[str, tuple[Does, ...]] = {
     "web": (serves_the_bench, draws),
     "metrics": (serves_figures,),
     "export": (exports,),
+    "frames": (takes_frames,),
     "sign": (signs,),
     "fast": (compiles,),
     "service": (reads_a_dbc, serves_figures, signs),

@@ -234,8 +234,11 @@ def _series(frame: Any, name: str, values: Column | Sequence[str]) -> Any:
     nw = _narwhals()
     if not isinstance(values, np.ndarray):
         return nw.new_series(name, list(values), nw.String, backend=frame.implementation)
-    made = nw.new_series(name, values, nw.Float64, backend=frame.implementation)
-    return made if frame.implementation.is_pandas_like() else made.fill_nan(None)
+    missing = np.isnan(values)
+    if missing.any() and not frame.implementation.is_pandas_like():
+        numbers = [None if gone else value for value, gone in zip(values.tolist(), missing.tolist(), strict=True)]
+        return nw.new_series(name, numbers, nw.Float64, backend=frame.implementation)
+    return nw.new_series(name, values, nw.Float64, backend=frame.implementation)
 
 
 def as_pandas(table: Table) -> Any:
