@@ -132,8 +132,8 @@ class LoopLag:
     somebody else.
     """
 
-    TICK_S = 0.05
-    """Each tick wakes the loop. A stall of 50 ms is always seen, one of 20 ms two times of five; the quantiles are
+    TICK_S = 0.1
+    """Each tick wakes the loop. A stall of 100 ms is always seen, one of 20 ms once in five times; the quantiles are
     those of the moments looked at, whatever their number."""
 
     def __init__(self) -> None:

@@ -152,6 +152,8 @@ class Outbox(OutboxMemory):
         self._wake.wait(self._sleep_s())
         self._wake.clear()
         stopping = self._stopping.is_set()
+        if not stopping and not self._is_due():
+            return False
         try:
             done = self._cycle(stopping)
         except Exception as error:
@@ -173,10 +175,23 @@ class Outbox(OutboxMemory):
                 due = now
             elif self._handover:
                 due = next(iter(self._handover.values())).put_mono + self._commit_interval_s
+            elif now - self._put_mono < TIDY_S:
+                # more will come: looking in time for the next one is cheaper than being woken by each
+                due = now + self._commit_interval_s
             elif self._gone or self._rows_in_file or not self._storage_ok:
                 due = now + TIDY_S
             self._due_mono = due
             return None if due is None else max(due - now, 0.0)
+
+    def _is_due(self) -> bool:
+        """Whether there is anything to do: what was put is mostly acknowledged before its commit is due."""
+        with self._lock:
+            now = time.monotonic()
+            if self._urgent or not self._storage_ok or not self._file.is_open:
+                return True
+            if self._handover and next(iter(self._handover.values())).put_mono + self._commit_interval_s <= now:
+                return True
+            return bool(self._gone or self._rows_in_file) and now - self._tidied_mono >= TIDY_S
 
     def _cycle(self, stopping: bool) -> bool:
         """Reserve, store, delete, fill the sender's queues. False if there is more to do at once."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import threading
 import time
 from collections import Counter, OrderedDict, deque
@@ -126,6 +127,8 @@ class OutboxMemory:
         self._corrupt_files = 0
         self._due_mono: float | None = 0.0
         """when the thread wakes by itself; None: when it is woken"""
+        self._put_mono = -math.inf
+        """of the last message"""
         self._urgent = True
         """something is to be done at once"""
         self._on_ready: Callable[[], None] | None = None
@@ -160,6 +163,7 @@ class OutboxMemory:
                 self._refuse_large(row)
                 return
             self._next_id += 1
+            self._put_mono = mono
             self._handover[row.id] = row
             self._bytes_in_memory += row.size
             if len(self._handover) > self._max_memory_rows:

@@ -182,6 +182,8 @@ class Recorder:
         self._queue: deque[tuple[Batch, int]] = deque()
         self._changed = threading.Condition()
         self._stopping = False
+        self._idle = False
+        """the writer waits to be told of a batch; else it looks by itself"""
         self._thread: threading.Thread | None = None
         # the writer thread's own
         self._segment: _Segment | None = None
@@ -214,7 +216,7 @@ class Recorder:
                 stats.batches_queued += 1
                 stats.bytes_queued += size
                 self._queue.append((batch, size))
-                if len(self._queue) == 1:
+                if self._idle:
                     self._changed.notify()
 
     def apply(self, settings: RecorderSettings) -> None:
@@ -249,15 +251,17 @@ class Recorder:
     # --- the writer's side ---------------------------------------------------------------------------------------
 
     def _run(self) -> None:
+        flowing = False
         while True:
             with self._changed:
                 if not self._queue and not self._stopping:
+                    self._idle, flowing = True, False
                     self._changed.wait(self._idle_s())
-                stopping, waiting = self._stopping, bool(self._queue)
-                enabled = self._settings.enabled
-            if waiting and not stopping:
-                with self._changed:
+                    self._idle = False
+                if self._queue and not flowing:
                     self._changed.wait_for(lambda: self._stopping, GATHER_S)
+                stopping, flowing = self._stopping, bool(self._queue)
+                enabled = self._settings.enabled
             try:
                 self._write_queued()
                 self._keep_time(close=stopping or not enabled)
@@ -272,6 +276,10 @@ class Recorder:
             else:
                 if stopping:
                     return
+                if flowing:
+                    # one wake-up for all that comes meanwhile
+                    with self._changed:
+                        self._changed.wait_for(lambda: self._stopping, GATHER_S)
 
     def _idle_s(self) -> float | None:
         """How long nothing needs to be done to the open file, if nothing arrives."""
