@@ -102,6 +102,11 @@ class Mosquitto:
     def stop(self) -> None:
         self._end(signal.SIGTERM)
 
+    def tell(self, number: signal.Signals) -> None:
+        """To the process, if it runs: SIGHUP reads the passwords again, SIGUSR1 writes down what is kept."""
+        if self._process is not None:
+            self._process.send_signal(number)
+
     def _end(self, number: signal.Signals) -> None:
         if self._process is not None:
             self._process.send_signal(number)
