@@ -20,6 +20,7 @@ from highside.cli.main import main
 from highside.papers.rotation_scenarios import CHANNELS, B, draw
 from highside.recording.table import Recording, read_recording
 from highside.rotation import Compensation, Method, harmonics2
+from highside.rotation.compensation import content_hash
 from highside.rotation.samples import Samples
 
 COMMAND = [sys.executable, "-c", "from highside.cli.main import main; main()"]
@@ -91,6 +92,31 @@ def test_apply_gives_measured_minus_fitted(folder: Path, fitted: dict[str, Any])
         assert np.allclose(left, measured - compensation.curves[name](theta), atol=1e-12)
         truth = draw(B, 0, number, rows=3000, turns=3.0).truth
         assert np.sqrt(np.mean((measured - left - truth) ** 2)) < 0.0002
+
+
+def test_apply_of_a_file_of_an_earlier_version(folder: Path, fitted: dict[str, Any]) -> None:
+    """One without what was added since, and by another release: read, under the id it has. Another format: refused in
+    one line with what to do, and nothing is written."""
+    made = json.loads((folder / "comp.json").read_text())
+    older = {name: value for name, value in made.items() if name not in ("id", "motion")}
+    assert "motion" in made
+    older["software"] = {"name": "highside", "version": "0.0.9"}
+    stated = content_hash(older)
+    (folder / "older.json").write_text(json.dumps({"id": stated, **older}))
+    for name, out in (("older.json", "older.csv"), ("comp.json", "newer.csv")):
+        done = highside("rotation", "apply", name, "rec.csv", "-o", out, "--json", cwd=folder)
+        assert done.returncode == 0, done.stderr
+        assert json.loads(done.stdout)["id"] == json.loads((folder / name).read_text())["id"]
+    assert (folder / "older.csv").read_text() == (folder / "newer.csv").read_text()
+    for schema in ("highside.rotation/0", "highside.rotation/2", "\x1b[2Jforged" + "x" * 500, 1, None):
+        other = older | {"schema": schema}
+        (folder / "other.json").write_text(json.dumps({"id": content_hash(other), **other}))
+        done = highside("rotation", "apply", "other.json", "rec.csv", "-o", "never.csv", cwd=folder)
+        assert done.returncode in (1, 2)
+        assert not (folder / "never.csv").exists()
+        assert len(done.stderr.splitlines()) == 1 and len(done.stderr) < 250, done.stderr
+        assert done.stderr.rstrip("\n").isprintable()
+        assert "other.json" in done.stderr and "fit the recording again with rotation fit" in done.stderr
 
 
 def test_apply_far_from_the_inclination_of_the_fit_says_so(folder: Path, fitted: dict[str, Any]) -> None:

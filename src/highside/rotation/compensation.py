@@ -15,6 +15,7 @@ from typing import Any, Self
 
 from highside import __version__
 from highside.errors import InputError, Refused
+from highside.printable import printable
 from highside.reading import MALFORMED, parse_json
 from highside.rotation.curve import Curve
 from highside.rotation.direction import Motion
@@ -62,6 +63,8 @@ class Compensation:
     source: str
     source_sha256: str
     motion: Motion | None = None
+    software_version: str = __version__
+    """that made it: a part of its id, which stays the same whichever version reads it"""
 
     def content(self) -> dict[str, Any]:
         """Everything but the id, as plain data."""
@@ -71,7 +74,7 @@ class Compensation:
             **motion,
             "schema": SCHEMA,
             "unit": UNIT,
-            "software": {"name": "highside", "version": __version__},
+            "software": {"name": "highside", "version": self.software_version},
             "source": {"name": self.source, "sha256": self.source_sha256},
             "validity": self.validity.to_dict(),
             "curves": {name: curve.to_dict() for name, curve in self.curves.items()},
@@ -95,7 +98,10 @@ class Compensation:
             raise InputError("is no compensation", where=where, remedy=remedy)
         at = f"{where}: " if where else ""
         if data["schema"] != SCHEMA:
-            raise Refused(f"{at}its schema is {data['schema']!r}, this version reads {SCHEMA!r}")
+            raise Refused(
+                f"{at}its schema is {printable(str(data['schema']))[:60]!r}, this version reads {SCHEMA!r}: fit the"
+                " recording again with rotation fit"
+            )
         content = {name: value for name, value in data.items() if name != "id"}
         if content_hash(content) != data["id"]:
             raise Refused(f"{at}its content is not the one its id was made from: it was changed; fit again")
@@ -105,7 +111,8 @@ class Compensation:
             validity = Validity.from_dict(data["validity"])
             curves = {str(name): Curve.from_dict(one) for name, one in data["curves"].items()}
             motion = None if "motion" not in data else Motion.from_dict(data["motion"])
-            found = cls(curves, validity, str(data["source"]["name"]), str(data["source"]["sha256"]), motion)
+            source, version = data["source"], str(data["software"]["version"])
+            found = cls(curves, validity, str(source["name"]), str(source["sha256"]), motion, version)
             _ = found.id  # a text that reads as `nan` would be found out only when it is used
             return found
         except MALFORMED as error:
