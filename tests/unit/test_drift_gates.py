@@ -59,7 +59,7 @@ def test_a_record_that_begins_in_motion_gives_no_thresholds() -> None:
         assert Motion.STILL not in verdicts
         # a table that turns evenly lets gravity be believed, one that shakes does not
         data = record(experiment, 1)
-        quiet = quiet_rows(data.experiment.t_s, data.rate, data.accel, np.zeros((0, 2)))
+        quiet, _ = quiet_rows(data.experiment.t_s, data.rate, data.accel, np.zeros((0, 2)))
         assert quiet.all() if experiment.name == "rotating table" else not quiet.any()
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.gyro.filter import Settings
-from highside.gyro.gates import quiet_rows
+from highside.gyro.gates import NO_REST_GATE, quiet_rows
 from highside.gyro.kinematic import kinematic
 from highside.gyro.literal import AzimuthPolicy, literal
 from highside.gyro.recursive import recursive
@@ -47,7 +47,7 @@ def follow(
         return kinematic(t_s, rate, accel, own, rest=rest, smooth=options.smooth)
     if method == "recursive":
         return recursive(t_s, rate, accel, settings, hold=options.straight_hole, rest=rest)
-    quiet = quiet_rows(t_s, rate, accel, options.rest)
+    quiet, still = quiet_rows(t_s, rate, accel, options.rest)
     result = literal(
         t_s,
         rate,
@@ -64,6 +64,8 @@ def follow(
     note = f"gravity believed in {int(quiet.sum())} of {quiet.size} rows, {by}"
     if not quiet.any():
         note += ": nowhere is it quiet, so that the gyro alone carries the attitude and no drift is known"
+    elif rest is None and still is None:
+        note += NO_REST_GATE
     return replace(result, notes=(*result.notes, note))
 
 

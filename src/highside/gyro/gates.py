@@ -47,6 +47,17 @@ VISIBLE_RATE_RADPS = math.radians(1.0)
 LEARN_S = 20.0
 """length of the still record from which the thresholds are taken"""
 
+NO_REST = (
+    f"the recording does not begin with {LEARN_S:g} s of rest, so that no stop is found in it and the azimuth rests on"
+    " less; name the stops with --rest, or begin at rest"
+)
+"""What is to be told of stops where `Gate.still` stays unknown."""
+NO_REST_GATE = (
+    f": it does not begin with {LEARN_S:g} s of rest to compare with, so that all but rough vibration is believed; name"
+    " the stops with --rest, or begin at rest"
+)
+"""The same of a method that asks for vibration only."""
+
 _ACCEL_BIAS_G = 0.01
 
 # what a first record may show and still be taken for a tool at rest
@@ -81,11 +92,17 @@ class StillStatistics:
         rate = np.average(rates, axis=0, weights=weights)
         rate_std = float(np.average([float(block.rate_std.max()) for block in blocks], weights=weights))
         wander = float(np.abs(rates - rate).max())
+        up = np.array([block.accel for block in blocks])
+        up = up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9)
+        # a slow, even turn is as steady as rest, and would be taken for the gyros' bias: gravity shows it
+        turned = float(np.linalg.norm(up[-1] - up[0]))
+        scatter = norm_std / math.sqrt(max(float(weights.min()), 1.0))
         if (
             norm_std > _PLAUSIBLE_NORM_STD_G
             or rate_std > _PLAUSIBLE_RATE_STD_RADPS
             or float(np.abs(rate).max()) > _PLAUSIBLE_RATE_RADPS
             or wander > max(STILL_RATE_RADPS, 3.0 * rate_std)
+            or turned > max(STILL_RATE_RADPS * seconds, 6.0 * scatter)
         ):
             return None
         error = float(np.average([block.norm_error for block in blocks], weights=weights))
@@ -145,8 +162,11 @@ class Gate:
         self._quiet_s = self._quiet_s + block.seconds if steady else 0.0
 
 
-def quiet_rows(t_s: FloatArray, rate: FloatArray, accel: FloatArray, rest: FloatArray) -> NDArray[np.bool_]:
-    """(N,) rows in which gravity may be believed, for the methods that know only yes and no. Tool frame.
+def quiet_rows(
+    t_s: FloatArray, rate: FloatArray, accel: FloatArray, rest: FloatArray
+) -> tuple[NDArray[np.bool_], StillStatistics | None]:
+    """(N,) rows in which gravity may be believed, for the methods that know only yes and no; and what was learned of
+    the tool at rest, None where the beginning shows none or `rest` was asked instead. Tool frame.
 
     This is the paper's gate: in strong vibration the gyro alone carries the attitude, in quiet and at every stop
     gravity shows the drift. Within `rest` (K, 2) if it is given; else where the gate finds a row's own
@@ -158,10 +178,10 @@ def quiet_rows(t_s: FloatArray, rate: FloatArray, accel: FloatArray, rest: Float
         inside = np.zeros(t_s.size, dtype=bool)
         for begin, end in rest:
             inside |= (t_s >= begin) & (t_s <= end)
-        return inside
+        return inside, None
     batch = Batch.of(t_s, to_body(rate), to_body(accel))
     gate = Gate()
     verdicts = [gate.verdict(block) for block in batch.blocks()]
     believed = np.array([verdict > Motion.VIBRATING for verdict in verdicts])
     before = np.concatenate([believed[:1], believed[:-1]])
-    return np.asarray((believed & before)[batch.number], dtype=bool)
+    return np.asarray((believed & before)[batch.number], dtype=bool), gate.still

@@ -18,7 +18,7 @@ from highside.gyro.blocks import SUMS, Batch, Block, finished
 from highside.gyro.compiled import Kernels, kernels
 from highside.gyro.filter import Settings, aligned, azimuth_basis, azimuth_std, constants_of, predicted, refused
 from highside.gyro.frames import attitude, std_to_tool, to_body, to_tool
-from highside.gyro.gates import Gate, Motion
+from highside.gyro.gates import NO_REST, Gate, Motion
 from highside.gyro.result import DriftResult
 from highside.gyro.smoother import smoothed
 
@@ -98,7 +98,7 @@ def kinematic(
         bias_radps=to_tool(trace.bias.T)[:, known],
         bias_std_radps=std_to_tool(np.sqrt(trace.bias_var).T)[:, known],
         basis=azimuth_basis(settings, still_s, turned),
-        notes=_notes(settings, gap_s, refused(state.tally)),
+        notes=_notes(settings, gap_s, refused(state.tally), rest_known=gate.still is not None),
         scale=float(trace.scale[-1]),
         motion=trace.motion.astype(np.int8)[data.number],
     )
@@ -164,7 +164,7 @@ def _angles(
     return np.stack(attitude(rows))
 
 
-def _notes(settings: Settings, gap_s: float, unbelieved: dict[str, int]) -> tuple[str, ...]:
+def _notes(settings: Settings, gap_s: float, unbelieved: dict[str, int], *, rest_known: bool) -> tuple[str, ...]:
     notes = []
     if settings.latitude_rad is None:
         notes.append("no latitude: the Earth's rotation (15 deg/h) is not modelled and counts as gyro bias")
@@ -174,6 +174,8 @@ def _notes(settings: Settings, gap_s: float, unbelieved: dict[str, int]) -> tupl
             notes.append("the level part of the Earth's rotation needs the azimuth and counts as gyro bias")
     if settings.straight_hole_std_rad is not None:
         notes.append("straight hole asserted: a real change of azimuth is reported as none")
+    if settings.detect_stops and not rest_known:
+        notes.append(NO_REST)
     if gap_s > 0.0:
         notes.append(f"{gap_s:.1f} s in gaps were not integrated; the azimuth is uncertain by what may have happened")
     for kind, count in unbelieved.items():

@@ -167,7 +167,7 @@ def _told(experiment: Experiment, seed: int, shorten: float) -> Told:
     stops = experiment.rest if gated else None
     rest = experiment.rest if gated else np.array([[0.0, _REST_S * shorten]])
     t, w, a = experiment.t_s, data.rate, data.accel
-    quiet = quiet_rows(t, w, a, np.zeros((0, 2)))
+    quiet, _ = quiet_rows(t, w, a, np.zeros((0, 2)))
 
     def by_letter(
         policy: AzimuthPolicy, *, average: bool = False, correct: bool = True, gate: bool = True
