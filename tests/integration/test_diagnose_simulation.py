@@ -216,7 +216,7 @@ def test_files_that_do_not_speak_of_the_same_are_bad_data(
     assert found["claims"] == []
 
 
-@pytest.mark.parametrize("lack", ["channel", "overlap", "likeness"])
+@pytest.mark.parametrize("lack", ["channel", "overlap", "likeness", "copy", "scaled copy"])
 def test_files_that_cannot_be_compared_are_one_clear_line(
     tmp_path: Path, car: tuple[Columns, Columns], lack: str
 ) -> None:
@@ -225,6 +225,11 @@ def test_files_that_cannot_be_compared_are_one_clear_line(
         predicted = {"t_s": predicted["t_s"], "yaw_dps": predicted["gz_dps"]}
     elif lack == "overlap":
         predicted = {name: values[:20] for name, values in predicted.items()}
+    elif lack == "copy":
+        # an "internal error" once: nothing is left that a noise could be learnt from
+        predicted = recorded
+    elif lack == "scaled copy":
+        predicted = {**recorded, "gz_dps": 1.01 * recorded["gz_dps"] + 0.3}
     else:
         rng = np.random.default_rng(3)
         predicted |= {"t_s": predicted["t_s"] + 500.0, "gz_dps": rng.standard_normal(predicted["t_s"].size)}

@@ -125,6 +125,7 @@ def simulation_session(columns: Mapping[str, Array], predicted: Mapping[str, Arr
 
     measured = np.stack([sampled(t_s, side[n]) for n in names])
     model = np.stack([sampled(t_sim, side_sim[n]) for n in names])
+    _refuse_copies(names, measured, model)
     for c, name in enumerate(names):
         if unit_of(name) == "deg":
             # whole turns apart is not apart
@@ -155,6 +156,21 @@ def simulation_session(columns: Mapping[str, Array], predicted: Mapping[str, Arr
         measured, state, lost if lost.any() else None, names, model, rates,
         covariates.get(SPEED), found, SIMULATION_SESSIONS.band * grid_hz,
     )  # fmt: skip
+
+
+def _refuse_copies(names: tuple[str, ...], measured: Array, model: Array) -> None:
+    """A recording has noise of its own: a prediction (C, N) that equals it but for an offset and a factor was made from
+    it. Raises InputError with its name."""
+    for name, own, other in zip(names, measured, model, strict=True):
+        own, other = own - own.mean(), other - other.mean()
+        power = float(other @ other)
+        left = own - (float(own @ other) / power if power > 0.0 else 0.0) * other
+        if float(own @ own) > 0.0 and float(left @ left) <= SIMULATION_SESSIONS.copy**2 * float(own @ own):
+            raise InputError(
+                "is the recording itself, to rounding: there is no noise that a difference could stand out of",
+                field=name,
+                remedy="give what the simulation predicts, or leave the column out",
+            )
 
 
 def _turned(name: str, values: Array) -> Array:
