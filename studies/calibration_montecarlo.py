@@ -22,13 +22,14 @@ from typing import Any
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.calibration.advice import bound_of_angles, plan_information
 from highside.calibration.balance import balance
 from highside.calibration.conventional import conventional, least_squares, position_plan
 from highside.calibration.forward import BASE_NAMES, GROUPS, Variances
 from highside.calibration.joint import joint
 from highside.calibration.magnitude import magnitude
-from highside.calibration.poses import Array, PoseSet
+from highside.calibration.poses import PoseSet
 from highside.calibration.result import CalibrationResult
 from highside.calibration.sensor import SensorModel
 from highside.physics.gravity import gravity_direction

@@ -28,10 +28,10 @@ from highside.attitude.quaternion import conjugate, from_angles, multiply, to_to
 from highside.gyro.filter import Settings, carried
 from highside.gyro.kinematic import kinematic
 from highside.papers import drift_rivals as rivals
+from highside.units import STANDARD_GRAVITY_MPS2
 
 Array = NDArray[np.float64]
 
-STANDARD_GRAVITY = rivals.STANDARD_GRAVITY
 MEMS = Settings(
     bias_std_radps=float(np.radians(0.5)),
     arw=float(np.radians(0.02)),
@@ -88,20 +88,24 @@ def errors_deg(q: Array, trial: Trial) -> tuple[float, float]:
 
 
 def ours(trial: Trial, settings: Settings, *, smooth: bool = False) -> Array:
-    result = kinematic(trial.t_s, to_tool(trial.rate), to_tool(trial.accel / STANDARD_GRAVITY), settings, smooth=smooth)
+    result = kinematic(
+        trial.t_s, to_tool(trial.rate), to_tool(trial.accel / STANDARD_GRAVITY_MPS2), settings, smooth=smooth
+    )
     return from_angles(result.inc_rad - 0.5 * np.pi, result.tf_rad, result.azi_rad)
 
 
 def found_bias(trial: Trial) -> Array:
     """(3,) what the filter says before the movement, rad/s."""
     i = int(np.argmax(trial.moving)) - 1
-    result = kinematic(trial.t_s[:i], to_tool(trial.rate[:, :i]), to_tool(trial.accel[:, :i] / STANDARD_GRAVITY), MEMS)
+    result = kinematic(
+        trial.t_s[:i], to_tool(trial.rate[:, :i]), to_tool(trial.accel[:, :i] / STANDARD_GRAVITY_MPS2), MEMS
+    )
     x, y, z = result.bias_radps[:, -1]
     return np.array([-y, -z, x])
 
 
 def theirs(run: Callable[..., Array], trial: Trial, **parameters: Any) -> Array:
-    return run(trial.rate_hz, trial.rate, trial.accel / STANDARD_GRAVITY, **parameters)
+    return run(trial.rate_hz, trial.rate, trial.accel / STANDARD_GRAVITY_MPS2, **parameters)
 
 
 Run = Callable[..., Array]
@@ -179,7 +183,7 @@ def vn100(folder: Path) -> Iterator[str]:
     keep = t > 70.0
     # x forward, y right, z down: half a turn about x to the tool frame
     rate = np.stack([table["GyroX"], -table["GyroY"], -table["GyroZ"]])[:, keep]
-    accel = np.stack([table["AccX"], -table["AccY"], -table["AccZ"]])[:, keep] / STANDARD_GRAVITY
+    accel = np.stack([table["AccX"], -table["AccY"], -table["AccZ"]])[:, keep] / STANDARD_GRAVITY_MPS2
     # warming up, the bias walks by some hundredths of a degree per second in minutes
     settings = replace(MEMS, rrw=float(np.radians(3e-4)), accel_noise_g=5e-4)
     t, temperature = t[keep], table["Temp"][keep]

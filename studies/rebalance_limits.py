@@ -16,8 +16,8 @@ import math
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.calibration.correction import LinearCorrection
-from highside.calibration.poses import Array
 from highside.calibration.rebalance import Rebalancer
 from highside.calibration.result import Zone, linear_parameters
 from highside.physics.gravity import gravity_direction

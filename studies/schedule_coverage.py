@@ -23,12 +23,13 @@ from statistics import NormalDist
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.attitude.block import attitude_std_block
 from highside.calibration.balance import balance
 from highside.calibration.conventional import DEFAULT_OFFSET_STD_G, conventional
 from highside.calibration.correction import LinearCorrection
 from highside.calibration.joint import joint
-from highside.calibration.poses import Array, PoseSet
+from highside.calibration.poses import PoseSet
 from highside.calibration.result import BenchAccuracy
 from highside.calibration.schedule import ScheduledCorrection
 from highside.physics.forward import ForwardModel

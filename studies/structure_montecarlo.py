@@ -17,9 +17,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.calibration.conventional import least_squares
 from highside.calibration.joint import joint
-from highside.calibration.poses import Array, PoseSet
+from highside.calibration.poses import PoseSet
 from highside.calibration.refinement import refine
 from highside.physics.effect import Effect, LinearEffect, Parameter, Stage
 from highside.physics.scenario import (

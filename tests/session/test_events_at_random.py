@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 from rehearsal import Rehearsal, command
 
+from highside.arrays import Array
 from highside.bench.session import plans
 from highside.bench.session.entries import Entry, Reopened, Skipped, Taken, Undone
 from highside.bench.session.guidance import angle_between_deg
@@ -19,7 +20,6 @@ from highside.bench.session.session import StorageError
 from highside.bench.session.snapshot import CommandName, PoseState, State
 from highside.bench.session.view import View
 from highside.bench.simulated_operator import SimulatedOperator
-from highside.calibration.poses import Array
 from highside.physics.gravity import gravity_direction
 
 PLAN = plans.custom_plan(

@@ -7,9 +7,10 @@ import json
 import numpy as np
 import pytest
 
+from highside.arrays import Array
 from highside.calibration.balance import TRIPLES, balance, balance_matrix, closures_of, zone_limits
 from highside.calibration.conventional import conventional, least_squares, position_plan
-from highside.calibration.poses import Array, PoseSet
+from highside.calibration.poses import PoseSet
 from highside.calibration.result import BenchAccuracy, CalibrationRefused, CalibrationResult, Reason
 from highside.errors import InputError
 from highside.physics.gravity import gravity_direction

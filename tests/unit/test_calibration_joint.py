@@ -10,11 +10,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from highside.arrays import Array
 from highside.calibration.advice import next_best_poses, plan_information
 from highside.calibration.conventional import least_squares
 from highside.calibration.forward import BASE_NAMES, GROUPS, linearise, prior_mean
 from highside.calibration.joint import joint
-from highside.calibration.poses import Array, PoseSet
+from highside.calibration.poses import PoseSet
 from highside.calibration.result import UNIFORM_ANGLE_STD_RAD, CalibrationRefused, CalibrationResult, Reason
 from highside.calibration.sensor import SensorModel
 from highside.physics.gravity import bench_gravity, gravity_direction

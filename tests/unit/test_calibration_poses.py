@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from highside.calibration.poses import Array, PoseSet, find_still_intervals, group_settings, poses_from_intervals
+from highside.arrays import Array
+from highside.calibration.poses import PoseSet, find_still_intervals, group_settings, poses_from_intervals
 from highside.errors import InputError
 from highside.physics.gravity import gravity_direction
 

@@ -7,8 +7,9 @@ import json
 import numpy as np
 import pytest
 
+from highside.arrays import Array
 from highside.calibration.magnitude import magnitude
-from highside.calibration.poses import Array, PoseSet
+from highside.calibration.poses import PoseSet
 from highside.calibration.result import CalibrationRefused, CalibrationResult, Reason
 from highside.calibration.temperature import joint_over_temperature, legs
 from highside.errors import InputError

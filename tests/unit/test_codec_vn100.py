@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from highside.codec.axes import AxisMap
-from highside.codec.vn100 import FRAME_BYTES, HEADER, STANDARD_GRAVITY, Vn100Codec, encode
+from highside.codec.vn100 import FRAME_BYTES, HEADER, Vn100Codec, encode
+from highside.units import STANDARD_GRAVITY_MPS2
 
 VALUES = tuple(float(i) / 8 for i in range(29))
 
@@ -33,7 +34,7 @@ def test_a_frame_goes_out_as_soon_as_its_time_line_is_complete() -> None:
     assert codec.receive(b"\nM,78") == []
     (frame,) = codec.receive(b"85\n")
     assert frame.t_s == 7.885
-    assert frame[3:6] == pytest.approx([v / STANDARD_GRAVITY for v in VALUES[3:6]], rel=1e-7)
+    assert frame[3:6] == pytest.approx([v / STANDARD_GRAVITY_MPS2 for v in VALUES[3:6]], rel=1e-7)
     assert frame[6:9] == pytest.approx([math.degrees(v) for v in VALUES[6:9]], rel=1e-7)
     assert frame.extra == VALUES[:14]
     assert frame.temp_c == VALUES[9]
@@ -91,7 +92,7 @@ def test_time_goes_on_over_the_wrap_of_the_milliseconds() -> None:
 
 def test_axes_are_mapped_but_the_makers_columns_are_not() -> None:
     (frame,) = Vn100Codec(AxisMap.parse("x-y-z")).receive(encode(VALUES, 1))
-    assert frame.az == pytest.approx(-VALUES[5] / STANDARD_GRAVITY)
+    assert frame.az == pytest.approx(-VALUES[5] / STANDARD_GRAVITY_MPS2)
     assert frame.gy == pytest.approx(-math.degrees(VALUES[7]))
     assert frame.extra == VALUES[:14]
 

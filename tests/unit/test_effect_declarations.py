@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import highside.diagnosis
+from highside.arrays import AnyArray
 from highside.diagnosis.core.candidates import Candidate, pose_candidates
 from highside.diagnosis.core.result import Verdict
 from highside.diagnosis.engine import diagnose_poses, diagnose_rotation
@@ -22,7 +23,6 @@ from highside.errors import InputError
 from highside.physics import effects
 from highside.physics.effect import Effect, Parameter, Stage, across, pairs, runs, singles
 from highside.physics.forward import ForwardModel
-from highside.physics.gravity import Array
 from highside.physics.outside_effects import check, tried_out, wave_of
 from highside.physics.state import ChainState
 
@@ -205,7 +205,7 @@ class Kick(Effect):
     needs = ("t_s",)
     depends_on_input = False
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         since = state.t_s - state.t_s[:1] - p[3].real
         return p[:3, None] * np.where(since >= 0, np.exp(-np.maximum(since, 0) / p[4]), 0.0)
 
@@ -226,7 +226,7 @@ class Ripple(Effect):
     )
     depends_on_input = False
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         swing = np.abs(np.sin(state.inc_rad)) ** p[3]
         added = swing * (p[0] * np.cos(p[2] * state.tf_rad) + p[1] * np.sin(p[2] * state.tf_rad))
         return np.stack([0 * added, 0 * added, added])
@@ -336,19 +336,19 @@ def test_an_effect_that_contradicts_itself_is_refused(attributes: dict[str, obje
 
 def test_what_cannot_be_computed_is_refused() -> None:
     class Raises(Kick):
-        def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
             raise KeyError("t9")
 
     class Flat(Kick):
-        def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
             return p[:3]
 
     class Always(Kick):
-        def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
             return super().delta(state, p, x) + 1e-3
 
     class Real(Kick):
-        def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+        def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
             return np.abs(super().delta(state, p, x))
 
     for wrong, what in (

@@ -10,14 +10,9 @@ import pytest
 from highside.errors import InputError
 from highside.physics.effect import Stage
 from highside.physics.forward import ForwardModel
-from highside.physics.gravity import (
-    EARTH_RATE_RADPS,
-    STANDARD_GRAVITY_MPS2,
-    attitude_of,
-    gravity_direction,
-    gravity_jacobians,
-)
+from highside.physics.gravity import EARTH_RATE_RADPS, attitude_of, gravity_direction, gravity_jacobians
 from highside.physics.state import ChainState
+from highside.units import STANDARD_GRAVITY_MPS2
 
 
 def spinning(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

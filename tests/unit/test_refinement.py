@@ -7,10 +7,11 @@ import json
 import numpy as np
 import pytest
 
+from highside.arrays import Array
 from highside.calibration.conventional import least_squares
 from highside.calibration.correction import LinearCorrection
 from highside.calibration.joint import joint
-from highside.calibration.poses import Array, PoseSet
+from highside.calibration.poses import PoseSet
 from highside.calibration.refinement import refine
 from highside.calibration.result import CalibrationResult, Reason
 from highside.physics import structure

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self, TypedDict, Unpack, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from highside.api.bench import ModelLike, on_true_bench
+from highside.arrays import Array
 from highside.calibration.applied import Applied, apply_record
 from highside.calibration.method import NO_FALLBACK, Solution, SolveRequest
 from highside.calibration.methods import get
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Calibration", "CorrectedReadings", "calibrate", "find_poses", "read_solver_table"]
 
-Floats = NDArray[np.float64]
 DAY_S = 86400.0
 LARGEST_POSE_SIGMA_DEG = 10.0
 """a standard deviation of a setting from which on it is no bench: 2,000 times that of a rotary table"""
@@ -59,7 +58,7 @@ class FoundPoses(NamedTuple):
 @overload
 def find_poses(recording: File, *, min_s: float = ..., window_s: float = ...) -> PoseTable: ...
 @overload
-def find_poses(recording: Columns, *, min_s: float = ..., window_s: float = ...) -> dict[str, Floats]: ...
+def find_poses(recording: Columns, *, min_s: float = ..., window_s: float = ...) -> dict[str, Array]: ...
 @overload
 def find_poses(recording: FrameT, *, min_s: float = ..., window_s: float = ...) -> FrameT: ...
 def find_poses(recording: Any, *, min_s: float = 1.5, window_s: float = 0.5) -> Any:
@@ -227,12 +226,12 @@ class Calibration:
         return tuple(remark for remark in self.remarks if remark.refused)
 
     @property
-    def matrix(self) -> Floats:
+    def matrix(self) -> Array:
         """A of the sensor `m = A g + b`, (3, 3): scale factors and misalignments of the main zone."""
         return np.array(self.record.result.A)
 
     @property
-    def bias_g(self) -> Floats:
+    def bias_g(self) -> Array:
         """b of the sensor `m = A g + b`, (3,) g."""
         return np.array(self.record.result.b)
 
@@ -247,7 +246,7 @@ class Calibration:
     @overload
     def correct(self, readings: File, **options: Unpack[CorrectOptions]) -> Readings: ...
     @overload
-    def correct(self, readings: Columns, **options: Unpack[CorrectOptions]) -> dict[str, Floats]: ...
+    def correct(self, readings: Columns, **options: Unpack[CorrectOptions]) -> dict[str, Array]: ...
     @overload
     def correct(self, readings: FrameT, **options: Unpack[CorrectOptions]) -> FrameT: ...
     def correct(self, readings: Any, **options: Unpack[CorrectOptions]) -> Any:
@@ -289,12 +288,12 @@ class Calibration:
         texts = {"zone": done.zones} if zones else None
         return CorrectedReadings(taken.with_columns(done.columns, texts), done)
 
-    def _noise(self, table: Table, noise_g: float | None, *, of_means: bool) -> Floats | float:
+    def _noise(self, table: Table, noise_g: float | None, *, of_means: bool) -> Array | float:
         """Standard deviation of each row, g: as given, of the column `noise_g`, or the record's own."""
         if noise_g is not None:
             return noise_g
         if table.has("noise_g"):
-            noise: Floats = table.complete("noise_g")[0]
+            noise: Array = table.complete("noise_g")[0]
             if np.any(noise < 0.0):
                 raise InputError("negative standard deviation", where=table.source, field="noise_g")
             return noise

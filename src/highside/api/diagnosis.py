@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from highside import __version__
 from highside.api.bench import ModelLike, model_of
+from highside.arrays import Array
 from highside.config.model import Model, as_toml
 from highside.diagnosis.core.method import WHOLE, Method
 from highside.diagnosis.core.result import Claim, Finding, Fit, Location, Remainder, Verdict
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Diagnosis", "diagnose", "diagnose_table", "rows_of"]
 
-Floats = NDArray[np.float64]
 MINUTE_S = 60.0
 """the poses of a table without times are taken to be so far apart"""
 SAYS_SOMETHING = frozenset({"named", "named_plus", "nothing_left_out"})
@@ -221,7 +220,7 @@ def rows_of(
 def _of_poses(poses: PoseTable) -> Table:
     mean = poses.accel()
     inc, tf = poses.reference_deg()
-    columns: dict[str, Floats] = {
+    columns: dict[str, Array] = {
         "t_s": np.multiply(MINUTE_S, np.arange(poses.n, dtype=np.float64)),
         **dict(zip(("ax_g", "ay_g", "az_g"), mean, strict=True)),
         "inc_ref_deg": inc,

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Generic, TypedDict, TypeVar, Unpack, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.errors import InputError
 from highside.gyro.checks import check_units, saturated_rows
 from highside.gyro.filter import Settings
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Drift", "drift"]
 
-Floats = NDArray[np.float64]
 DataT = TypeVar("DataT")
 
 SHORTEST_S = 2.0
@@ -99,9 +98,7 @@ class DriftOptions(TypedDict, total=False):
 @overload
 def drift(recording: File, method: MethodName = ..., **options: Unpack[DriftOptions]) -> Drift[Recording]: ...
 @overload
-def drift(
-    recording: Columns, method: MethodName = ..., **options: Unpack[DriftOptions]
-) -> Drift[dict[str, Floats]]: ...
+def drift(recording: Columns, method: MethodName = ..., **options: Unpack[DriftOptions]) -> Drift[dict[str, Array]]: ...
 @overload
 def drift(recording: FrameT, method: MethodName = ..., **options: Unpack[DriftOptions]) -> Drift[FrameT]: ...
 def drift(
@@ -179,7 +176,7 @@ def _require_meaning(method: str, **given: bool) -> None:
             raise InputError(f"has no meaning with --method {method}", field=name, remedy="leave it out")
 
 
-def _rows(table: Recording) -> tuple[Floats, Floats, Floats]:
+def _rows(table: Recording) -> tuple[Array, Array, Array]:
     """Times (N,) s, rates (3, N) rad/s, accelerations (3, N) g. Raises InputError for rows that cannot be followed."""
     gyros = [name for name in GYROS if not table.has(name)]
     if gyros:

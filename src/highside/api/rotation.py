@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypedDict, TypeVar, Unpack, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from highside.api.bench import load_compensation
+from highside.arrays import Array
 from highside.errors import InputError
 from highside.recording.frames import Columns, File, FrameT, source_of, take
 from highside.recording.shown import figure_of, html_table
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 __all__ = ["CompensatedRecording", "FitOfRotation", "compare_rotation", "compensate", "fit_rotation"]
 
-Floats = NDArray[np.float64]
 DataT = TypeVar("DataT")
 MethodName = Literal["sine", "harmonics2", "polynomial9", "network", "auto"]
 
@@ -147,7 +146,7 @@ def compensate(
 @overload
 def compensate(
     recording: Columns, by: Compensation | File | None = ..., **fitted: Unpack[FitArguments]
-) -> CompensatedRecording[dict[str, Floats]]: ...
+) -> CompensatedRecording[dict[str, Array]]: ...
 @overload
 def compensate(
     recording: FrameT, by: Compensation | File | None = ..., **fitted: Unpack[FitArguments]

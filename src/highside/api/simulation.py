@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from highside import __version__
 from highside.api.bench import ModelLike, model_of
+from highside.arrays import Array
 from highside.codec.axes import AxisMap
 from highside.config.model import MAX_ROWS, Model
 from highside.errors import InputError
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Simulation", "predict", "simulate"]
 
-Floats = NDArray[np.float64]
 
 ACCELEROMETERS = ("ax_g", "ay_g", "az_g")
 GYROS = ("gx_dps", "gy_dps", "gz_dps")
@@ -95,7 +95,7 @@ def simulate(model: ModelLike, *, seed: int = 1) -> Simulation:
 @overload
 def predict(model: ModelLike, recording: File) -> Readings: ...
 @overload
-def predict(model: ModelLike, recording: Columns) -> dict[str, Floats]: ...
+def predict(model: ModelLike, recording: Columns) -> dict[str, Array]: ...
 @overload
 def predict(model: ModelLike, recording: FrameT) -> FrameT: ...
 def predict(model: ModelLike, recording: Any) -> Any:
@@ -155,7 +155,7 @@ def _state(table: Table, knows: Model, *, means: bool) -> tuple[ChainState, NDAr
     return state, rows
 
 
-def _spread(values: Floats, names: tuple[str, ...], rows: NDArray[np.bool_]) -> dict[str, Floats]:
+def _spread(values: Array, names: tuple[str, ...], rows: NDArray[np.bool_]) -> dict[str, Array]:
     """(3, M) values of some of N rows as columns (N,), NaN elsewhere."""
     columns = {name: np.full(rows.size, np.nan) for name in names}
     for name, row in zip(names, values, strict=True):
@@ -169,7 +169,7 @@ def _sizes(effect_id: str, values: dict[str, float]) -> list[float]:
     return [values[effect.parameters[k].name] for k in effect.amplitudes]
 
 
-def _columns(done: Simulated, axes: AxisMap, noise_g: float | None) -> dict[str, Floats]:
+def _columns(done: Simulated, axes: AxisMap, noise_g: float | None) -> dict[str, Array]:
     """The columns of the Recording, in the maker's axes."""
     state = done.state
     columns = {"t_s": state.t_s, **dict(zip(("ax_g", "ay_g", "az_g"), _makers(done.accel, axes), strict=True))}
@@ -192,7 +192,7 @@ def _columns(done: Simulated, axes: AxisMap, noise_g: float | None) -> dict[str,
     return columns
 
 
-def _makers(vectors: Floats, axes: AxisMap) -> Floats:
+def _makers(vectors: Array, axes: AxisMap) -> Array:
     """Tool components (3, N) -> maker's components, the inverse of `AxisMap.apply`."""
     result = np.empty_like(vectors)
     for tool_axis, (maker_axis, sign) in enumerate(zip(axes.order, axes.signs, strict=True)):
@@ -200,12 +200,12 @@ def _makers(vectors: Floats, axes: AxisMap) -> Floats:
     return result
 
 
-def _whole_degrees(degrees: Floats) -> Floats:
+def _whole_degrees(degrees: Array) -> Array:
     """Without the last digits that the way through radians has left (45.00000000000001): an encoder has none."""
     return np.round(degrees, 9) + 0.0
 
 
-def _wrapped_deg(angle_rad: Floats) -> Floats:
+def _wrapped_deg(angle_rad: Array) -> Array:
     """Degrees in [0, 360)."""
     return _whole_degrees(np.mod(np.degrees(angle_rad), 360.0)) % 360.0
 
@@ -249,7 +249,7 @@ def _truth(
     return truth
 
 
-def _row_truth(done: Simulated) -> dict[str, Floats]:
+def _row_truth(done: Simulated) -> dict[str, Array]:
     return {
         "t_s": done.state.t_s,
         "inc_true_deg": np.degrees(done.inc_true),

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from highside.attitude.angles import wrap_signed
 from highside.calibration.applied import corrected_accel
@@ -30,7 +29,6 @@ from highside.rotation.turntable import fit_turntable as fit_curves
 
 __all__ = ["SelfFit", "TurntableFit", "fit_self", "fit_turntable"]
 
-Floats = NDArray[np.float64]
 
 LARGEST_ERROR_DEG = 1.0
 """A tool that reads so far from the bench is in motion or in another fixture: turntables are good to arcminutes."""

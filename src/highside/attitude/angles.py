@@ -11,9 +11,9 @@ import math
 from typing import overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from highside.arrays import Array
 
 TURN = 2.0 * math.pi
 
@@ -26,7 +26,7 @@ def _wrap_float(angle: float, period: float) -> float:
     return 0.0 if wrapped >= period else wrapped
 
 
-def _wrap_array(angle: FloatArray, period: float) -> FloatArray:
+def _wrap_array(angle: Array, period: float) -> Array:
     wrapped = np.mod(angle, period)
     wrapped[wrapped >= period] = 0.0
     return wrapped
@@ -35,8 +35,8 @@ def _wrap_array(angle: FloatArray, period: float) -> FloatArray:
 @overload
 def wrap_positive(angle: float, period: float = TURN) -> float: ...
 @overload
-def wrap_positive(angle: FloatArray, period: float = TURN) -> FloatArray: ...
-def wrap_positive(angle: float | FloatArray, period: float = TURN) -> float | FloatArray:
+def wrap_positive(angle: Array, period: float = TURN) -> Array: ...
+def wrap_positive(angle: float | Array, period: float = TURN) -> float | Array:
     """The same direction in [0, period). `period` is a full turn in the angle's own unit (2 pi, or 360)."""
     if isinstance(angle, np.ndarray):
         return _wrap_array(np.atleast_1d(np.asarray(angle, dtype=np.float64)), period).reshape(angle.shape)
@@ -46,8 +46,8 @@ def wrap_positive(angle: float | FloatArray, period: float = TURN) -> float | Fl
 @overload
 def wrap_signed(angle: float, period: float = TURN) -> float: ...
 @overload
-def wrap_signed(angle: FloatArray, period: float = TURN) -> FloatArray: ...
-def wrap_signed(angle: float | FloatArray, period: float = TURN) -> float | FloatArray:
+def wrap_signed(angle: Array, period: float = TURN) -> Array: ...
+def wrap_signed(angle: float | Array, period: float = TURN) -> float | Array:
     """The same direction in (-period/2, period/2]."""
     half = 0.5 * period
     if isinstance(angle, np.ndarray):
@@ -59,10 +59,10 @@ def wrap_signed(angle: float | FloatArray, period: float = TURN) -> float | Floa
 @overload
 def difference(angle: float, reference: float, period: float = TURN) -> float: ...
 @overload
-def difference(angle: FloatArray, reference: FloatArray | float, period: float = TURN) -> FloatArray: ...
+def difference(angle: Array, reference: Array | float, period: float = TURN) -> Array: ...
 @overload
-def difference(angle: float, reference: FloatArray, period: float = TURN) -> FloatArray: ...
-def difference(angle: float | FloatArray, reference: float | FloatArray, period: float = TURN) -> float | FloatArray:
+def difference(angle: float, reference: Array, period: float = TURN) -> Array: ...
+def difference(angle: float | Array, reference: float | Array, period: float = TURN) -> float | Array:
     """The shortest way from `reference` to `angle`, signed, in (-period/2, period/2]."""
     delta = angle - reference
     return wrap_signed(delta, period)

@@ -30,11 +30,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude import compiled
 from highside.attitude.compiled import ATAN_CONSTANT, ATAN_POLES
 from highside.attitude.scalar import UNDEFINED_BELOW_SIGMAS, UNIFORM_ANGLE_STD_RAD, UNKNOWN_INCLINATION_STD_RAD
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 BLOCK = 65536
@@ -71,7 +71,7 @@ class _Workspace:
         self.turn = 2.0 * half_turn
 
 
-def _attitude_of_block(g: FloatArray, out_inc: FloatArray, out_tf: FloatArray, ws: _Workspace) -> None:
+def _attitude_of_block(g: Array, out_inc: Array, out_tf: Array, ws: _Workspace) -> None:
     """I and T of g (3, n) into out_inc, out_tf (n,); g may be the workspace's own and is left unchanged."""
     n = g.shape[1]
     x, y, z = g
@@ -128,7 +128,7 @@ def _attitude_of_block(g: FloatArray, out_inc: FloatArray, out_tf: FloatArray, w
         out_inc[no_vector] = 0.0
 
 
-def _near_one_inclination(g: FloatArray) -> tuple[float, float] | None:
+def _near_one_inclination(g: Array) -> tuple[float, float] | None:
     """Cosine and sine of an inclination (times a length) that a block stays near to, judged by some of its readings."""
     n = g.shape[1]
     if n < NEAR_FROM:
@@ -142,9 +142,7 @@ def _near_one_inclination(g: FloatArray) -> tuple[float, float] | None:
     return math.cos(middle), math.sin(middle)
 
 
-def _inclination_near(
-    near: tuple[float, float], r: FloatArray, z: FloatArray, out_inc: FloatArray, ws: _Workspace
-) -> bool:
+def _inclination_near(near: tuple[float, float], r: Array, z: Array, out_inc: Array, ws: _Workspace) -> bool:
     """I into out_inc where all of it is within NEAR_RAD of one; else False. `r` and `z` are left unchanged."""
     n = r.size
     cos, sin = near
@@ -173,7 +171,7 @@ def _inclination_near(
     return True
 
 
-def checked(raw: FloatArray, outs: tuple[FloatArray | None, ...]) -> tuple[FloatArray, list[FloatArray]]:
+def checked(raw: Array, outs: tuple[Array | None, ...]) -> tuple[Array, list[Array]]:
     """Raw as (3, N) float64 and each output (N,), made where it was not given; ValueError for other shapes."""
     raw = np.asarray(raw, dtype=np.float64)
     if raw.ndim != 2 or raw.shape[0] != 3:
@@ -189,15 +187,15 @@ def checked(raw: FloatArray, outs: tuple[FloatArray | None, ...]) -> tuple[Float
 
 
 def correct_and_attitude(
-    raw: FloatArray,
-    C: FloatArray,
-    b: FloatArray,
-    out_inc: FloatArray | None = None,
-    out_tf: FloatArray | None = None,
+    raw: Array,
+    C: Array,
+    b: Array,
+    out_inc: Array | None = None,
+    out_tf: Array | None = None,
     *,
     degrees: bool = False,
     threads: int | None = None,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[Array, Array]:
     """Inclination and toolface of `C (raw - b)`, equations 5 and 2.
 
     `raw` is (3, N) in g, `C` (3, 3), `b` (3,) in g; `out_inc`, `out_tf` float64 (N,), made if not given and returned,
@@ -237,14 +235,14 @@ def correct_and_attitude(
 
 
 def attitude_by(
-    prepare: Callable[[], Callable[[int, int, FloatArray], None]],
+    prepare: Callable[[], Callable[[int, int, Array], None]],
     n: int,
-    out_inc: FloatArray | None = None,
-    out_tf: FloatArray | None = None,
+    out_inc: Array | None = None,
+    out_tf: Array | None = None,
     *,
     degrees: bool = False,
     threads: int | None = None,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[Array, Array]:
     """Inclination and toolface (n,) of vectors that a caller makes block by block, equation 2; NaN gives NaN.
 
     `prepare` is called once a thread and returns a function that writes the vectors `low` to `high` into an array
@@ -269,13 +267,13 @@ def attitude_by(
 
 
 def attitude_block(
-    g: FloatArray,
-    out_inc: FloatArray | None = None,
-    out_tf: FloatArray | None = None,
+    g: Array,
+    out_inc: Array | None = None,
+    out_tf: Array | None = None,
     *,
     degrees: bool = False,
     threads: int | None = None,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[Array, Array]:
     """Inclination and toolface of gravity vectors `g` (3, N), equation 2; otherwise as `correct_and_attitude`."""
     g, (inc, tf) = checked(g, (out_inc, out_tf))
     half_turn = 180.0 if degrees else math.pi
@@ -309,7 +307,7 @@ def share_out(work: Callable[[int, int], None], n: int, threads: int | None) -> 
             part.result()
 
 
-def toolface_std_block(offset_in_sigmas: FloatArray) -> FloatArray:
+def toolface_std_block(offset_in_sigmas: Array) -> Array:
     """`scalar.toolface_std` of an array."""
     s = np.minimum(offset_in_sigmas, 1e6)
     top = 0.3039635509 + s * (-0.05891792 + s * (0.5782321 + s * (-0.55254875 + s * 0.28703004)))
@@ -318,7 +316,7 @@ def toolface_std_block(offset_in_sigmas: FloatArray) -> FloatArray:
         return np.where(offset_in_sigmas > 1e6, 1.0 / offset_in_sigmas, np.sqrt(bottom / top))
 
 
-def attitude_std_block(g: FloatArray, cov: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+def attitude_std_block(g: Array, cov: Array) -> tuple[Array, Array, BoolArray]:
     """Standard deviations of I and T (rad), and where T is undefined: `scalar.attitude_with_std` of many readings.
 
     `g` is (3, N); `cov` the covariance (6,) of all readings or (6, N) of each, upper triangle (xx, xy, xz, yy, yz, zz)

@@ -18,14 +18,14 @@ Equation numbers are those of Yang and Yang, Chinese Journal of Sensors and Actu
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from highside.arrays import Array
 
-IDENTITY: FloatArray = np.array([1.0, 0.0, 0.0, 0.0])
+IDENTITY: Array = np.array([1.0, 0.0, 0.0, 0.0])
 
 
-def multiply(p: FloatArray, q: FloatArray) -> FloatArray:
+def multiply(p: Array, q: Array) -> Array:
     """Hamilton product p (x) q; (4,) and (4, N) mix."""
     return np.stack(
         np.broadcast_arrays(
@@ -37,23 +37,23 @@ def multiply(p: FloatArray, q: FloatArray) -> FloatArray:
     )
 
 
-def conjugate(q: FloatArray) -> FloatArray:
+def conjugate(q: Array) -> Array:
     """The inverse of a unit quaternion."""
     return np.stack([q[0], -q[1], -q[2], -q[3]])
 
 
-def normalised(q: FloatArray) -> FloatArray:
+def normalised(q: Array) -> Array:
     """q / |q|."""
     return np.asarray(q / np.sqrt((q * q).sum(axis=0)))
 
 
-def from_rotation_vector(r: FloatArray) -> FloatArray:
+def from_rotation_vector(r: Array) -> Array:
     """exp(r): rotation by |r| rad about r, for r (3,) or (3, N)."""
     angle = np.sqrt((r * r).sum(axis=0))
     return np.concatenate([np.cos(0.5 * angle)[None], 0.5 * np.sinc(0.5 * angle / np.pi) * r])
 
 
-def to_rotation_vector(q: FloatArray) -> FloatArray:
+def to_rotation_vector(q: Array) -> Array:
     """The shortest rotation vector of q in rad, (3,) or (3, N)."""
     q = np.where(q[0] < 0.0, -q, q)
     sine = np.sqrt((q[1:] * q[1:]).sum(axis=0))
@@ -61,7 +61,7 @@ def to_rotation_vector(q: FloatArray) -> FloatArray:
     return np.asarray(np.where(sine > 1e-12, angle / np.where(sine > 1e-12, sine, 1.0), 2.0) * q[1:])
 
 
-def direction_cosines(q: FloatArray) -> FloatArray:
+def direction_cosines(q: Array) -> Array:
     """Equation (2): Cnb, (3, 3) or (3, 3, N), maps n-vectors to b-vectors."""
     a, b, c, d = q
     return np.array(
@@ -73,25 +73,25 @@ def direction_cosines(q: FloatArray) -> FloatArray:
     )
 
 
-def up_direction(q: FloatArray) -> FloatArray:
+def up_direction(q: Array) -> Array:
     """Equation (4): Up (gravity's reaction) in the body frame, (3,) or (3, N)."""
     a, b, c, d = q
     return np.stack([2 * (b * d - a * c), 2 * (c * d + a * b), a * a - b * b - c * c + d * d])
 
 
-def omega(rate: FloatArray) -> FloatArray:
+def omega(rate: Array) -> Array:
     """Equation (6): Omega(w), (4, 4), so that q' = Omega(w) q / 2 for a body rate w (3,)."""
     x, y, z = rate
     return np.array([[0.0, -x, -y, -z], [x, 0.0, z, -y], [y, -z, 0.0, x], [z, y, -x, 0.0]])
 
 
-def xi(q: FloatArray) -> FloatArray:
+def xi(q: Array) -> Array:
     """Equation (6): Xi(q), (4, 3), so that q' = Xi(q) w / 2; its columns are orthonormal and normal to q."""
     a, b, c, d = q
     return np.array([[-b, -c, -d], [a, -d, c], [d, a, -b], [-c, b, a]])
 
 
-def from_angles(theta: ArrayLike, phi: ArrayLike, psi: ArrayLike) -> FloatArray:
+def from_angles(theta: ArrayLike, phi: ArrayLike, psi: ArrayLike) -> Array:
     """Quaternion (4,) or (4, N) of elevation, toolface and azimuth in rad: the inverse of equation (3)."""
     t, f, p = np.broadcast_arrays(*(0.5 * np.asarray(angle, dtype=float) for angle in (theta, phi, psi)))
     zero = np.zeros_like(t)
@@ -101,7 +101,7 @@ def from_angles(theta: ArrayLike, phi: ArrayLike, psi: ArrayLike) -> FloatArray:
     return multiply(multiply(about_up, about_x), about_axis)
 
 
-def to_angles(q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def to_angles(q: Array) -> tuple[Array, Array, Array]:
     """Equation (3): elevation in [-pi/2, pi/2], toolface and azimuth in (-pi, pi], rad.
 
     At the vertical toolface and azimuth are degenerate: only their sum or difference means anything.
@@ -113,7 +113,7 @@ def to_angles(q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     return np.asarray(theta), np.asarray(phi), np.asarray(psi)
 
 
-def level(q: FloatArray, up: FloatArray) -> FloatArray:
+def level(q: Array, up: Array) -> Array:
     """The quaternion nearest to q (smallest rotation) whose Up is `up`, a unit vector (3,) in the body frame."""
     p = up_direction(q)
     c = np.cross(up, p)
@@ -124,11 +124,11 @@ def level(q: FloatArray, up: FloatArray) -> FloatArray:
     return multiply(q, from_rotation_vector(c / sine * angle))
 
 
-def to_body(tool: FloatArray) -> FloatArray:
+def to_body(tool: Array) -> Array:
     """Vectors (3, ...) of the tool frame in the body frame."""
     return np.stack([-tool[1], -tool[2], tool[0]])
 
 
-def to_tool(body: FloatArray) -> FloatArray:
+def to_tool(body: Array) -> Array:
     """Vectors (3, ...) of the body frame in the tool frame."""
     return np.stack([body[2], -body[0], -body[1]])

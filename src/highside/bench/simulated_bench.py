@@ -17,11 +17,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.codec.axes import AxisMap
 from highside.codec.frame import Frame
 from highside.link.device import CanEncoder, DeviceSettings, SimulatedDevice
 from highside.link.wire import Wire
-from highside.physics.motion import Floats, Leg, Motion
+from highside.physics.motion import Leg, Motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +121,7 @@ class SimulatedBench(SimulatedDevice):
         gone = math.exp(-max(0.0, t_s - since) / self.bench.oven_tau_s)
         return self._oven_target + (value - self._oven_target) * gone
 
-    def true_offset(self, temp_c: float) -> Floats:
+    def true_offset(self, temp_c: float) -> Array:
         """Offset (3,) of the sensor at a temperature, g."""
         drift = np.array(self.bench.offset_per_c) * (temp_c - self.bench.temp_c)
         return np.asarray(self.settings.offset_g) + drift

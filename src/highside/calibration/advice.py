@@ -18,8 +18,9 @@ from typing import Literal
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.calibration.forward import BASE_NAMES, Variances, linearise, pose_parts, prior_mean, prior_std, whiten
-from highside.calibration.poses import Array, PoseSet, group_settings
+from highside.calibration.poses import PoseSet, group_settings
 from highside.calibration.result import NOMINAL_BENCH, UNIFORM_ANGLE_STD_RAD, BenchAccuracy, angle_std
 from highside.calibration.sensor import sensor_columns, sensor_of
 from highside.physics.gravity import gravity_direction

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude.angles import wrap_positive
 from highside.attitude.block import attitude_block, attitude_std_block
 from highside.calibration.correction import LinearCorrection
@@ -18,7 +18,6 @@ from highside.errors import InputError
 
 __all__ = ["ADDED", "Applied", "apply_record", "corrected_accel"]
 
-Floats = NDArray[np.float64]
 
 ADDED = ("inc_deg", "tf_deg", "inc_std_deg", "tf_std_deg")
 ROWS_AT_ONCE = 65536
@@ -32,7 +31,7 @@ NO_ZONE = "none"
 class Applied:
     """N rows: inclination, toolface and their standard deviations in degrees by name, (N,) each, NaN in no zone."""
 
-    columns: dict[str, Floats]
+    columns: dict[str, Array]
     zones: tuple[str, ...]
     """which correction made each row; "none" where no zone holds"""
     temperature_outside: int
@@ -51,9 +50,9 @@ class Applied:
 
 def apply_record(
     record: CalibrationRecord,
-    a: Floats,
-    noise_g: Floats | float,
-    temp_c: Floats | None = None,
+    a: Array,
+    noise_g: Array | float,
+    temp_c: Array | None = None,
     *,
     frame: Literal["gravity", "bench"] = "gravity",
 ) -> Applied:
@@ -84,8 +83,8 @@ def apply_record(
 
 
 def corrected_accel(
-    record: CalibrationRecord, a: Floats, temp_c: Floats | None = None, *, where: str | None = None
-) -> Floats:
+    record: CalibrationRecord, a: Array, temp_c: Array | None = None, *, where: str | None = None
+) -> Array:
     """Corrected gravity (3, N) in g. Raises InputError for a record that corrects no blocks of accelerations."""
     correction = correction_from_record(record)
     if not isinstance(correction, LinearCorrection | ScheduledCorrection):
@@ -101,8 +100,8 @@ def _block_correction(record: CalibrationRecord) -> LinearCorrection | Scheduled
 
 
 def _in_bench_frame(
-    record: CalibrationRecord, inc: Floats, tf: Floats, inc_std: Floats, tf_std: Floats, noise: Floats | float
-) -> tuple[Floats, Floats, Floats, Floats]:
+    record: CalibrationRecord, inc: Array, tf: Array, inc_std: Array, tf_std: Array, noise: Array | float
+) -> tuple[Array, Array, Array, Array]:
     """I and T as the bench reads them. The tilt's error is correlated with the vector's: both are taken together."""
     result = record.result
     if result.frame != "gravity":

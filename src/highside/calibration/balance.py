@@ -20,8 +20,9 @@ import math
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.calibration.conventional import DEFAULT_OFFSET_STD_G, MAX_CONDITION
-from highside.calibration.poses import SAME_TEMPERATURE_C, Array, Indices, PoseSet, group_settings
+from highside.calibration.poses import SAME_TEMPERATURE_C, Indices, PoseSet, group_settings
 from highside.calibration.result import (
     NOMINAL_BENCH,
     BenchAccuracy,

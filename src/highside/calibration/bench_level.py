@@ -25,8 +25,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.calibration.comparison import attitudes_set
-from highside.calibration.poses import Array
 from highside.physics.gravity import attitude_of, bench_gravity, gravity_direction, gravity_jacobians
 
 Mask = NDArray[np.bool_]

@@ -12,8 +12,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.calibration.bench_level import VERTICAL_RAD, BenchLevel, Compared, Source, best_level
-from highside.calibration.poses import Array
 from highside.calibration.result import BenchAccuracy
 
 K = 2.0

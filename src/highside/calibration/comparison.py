@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.attitude.angles import difference, wrap_positive
 from highside.attitude.block import attitude_block
 from highside.calibration.method import NO_FALLBACK, Solution, SolveRequest
 from highside.calibration.methods import all_methods
-from highside.calibration.poses import Array, PoseSet
+from highside.calibration.poses import PoseSet
 from highside.calibration.record import PoseColumns, pose_set, solve_poses
 from highside.calibration.result import CalibrationResult, Zone
 from highside.errors import HighsideError

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.calibration.poses import Array, PoseSet
+from highside.arrays import Array
+from highside.calibration.poses import PoseSet
 from highside.calibration.result import (
     NOMINAL_BENCH,
     BenchAccuracy,

@@ -21,6 +21,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude.block import attitude_by, correct_and_attitude
 from highside.calibration.result import SHARED_NAMES, Zone
 from highside.calibration.sensor import (
@@ -36,7 +37,6 @@ from highside.errors import InputError
 
 Vector = tuple[float, float, float]
 Covariance = tuple[float, float, float, float, float, float]
-FloatArray = NDArray[np.float64]
 Form = tuple[float, float, float, float, float, float, float, float, float, float]
 
 ZERO_COVARIANCE: Covariance = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -85,9 +85,9 @@ class BlockCorrected:
     `zone` (N,): which of `names` made it (the one with the greatest weight), -1 for none. `temperature_outside` (N,).
     """
 
-    g: FloatArray
-    cov: FloatArray
-    reading: FloatArray
+    g: Array
+    cov: Array
+    reading: Array
     zone: NDArray[np.intp]
     names: tuple[str, ...]
     temperature_outside: NDArray[np.bool_]
@@ -138,14 +138,14 @@ class _Nonlinear:
 
     floats: tuple[tuple[float, float, float, float, float, float, float, float, float], ...]
     """the same as plain floats, row by row"""
-    squares: FloatArray
-    cubes: FloatArray
-    products: FloatArray
+    squares: Array
+    cubes: Array
+    products: Array
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
     monomials: NDArray[np.intp]
-    C: FloatArray
-    covariances: FloatArray
+    C: Array
+    covariances: Array
     """(1, P, P), or (2, P, P) with its widening"""
 
     def of(self, x: float, y: float, z: float) -> Vector:
@@ -158,7 +158,7 @@ class _Nonlinear:
         ]
         return u, v, w
 
-    def of_block(self, g: FloatArray) -> FloatArray:
+    def of_block(self, g: Array) -> Array:
         products = np.stack([g[j] * g[k] for j, k in CROSS_PAIRS])
         squares = g * g
         return np.asarray(self.squares @ squares + self.cubes @ (squares * g) + self.products @ products)
@@ -173,7 +173,7 @@ class _Nonlinear:
         both = (J @ self.covariances @ J.T).tolist()
         return [(m[0][0], m[0][1], m[0][2], m[1][1], m[1][2], m[2][2]) for m in both]
 
-    def covariances_block(self, g: FloatArray) -> FloatArray:
+    def covariances_block(self, g: Array) -> Array:
         """`covariances_at` of vectors (3, N), as (K, 6, N)."""
         x, y, z = g
         one = np.ones_like(x)
@@ -190,9 +190,9 @@ class _Structured:
     reading costs about half a millisecond."""
 
     model: SensorModel
-    C: FloatArray
+    C: Array
     names: tuple[str, ...]
-    covariances: FloatArray
+    covariances: Array
     """(1, P, P), or (2, P, P) with its widening"""
 
     def of(self, x: float, y: float, z: float) -> Vector:
@@ -200,7 +200,7 @@ class _Structured:
         u, v, w = self.of_block(np.array([[x], [y], [z]]))[:, 0].tolist()
         return u, v, w
 
-    def of_block(self, g: FloatArray) -> FloatArray:
+    def of_block(self, g: Array) -> Array:
         return np.asarray(self.C @ self.model.nonlinear(g))
 
     def covariances_at(self, x: float, y: float, z: float) -> list[Covariance]:
@@ -208,7 +208,7 @@ class _Structured:
         both = self.covariances_block(np.array([[x], [y], [z]]))[:, :, 0].tolist()
         return [(xx, xy, xz, yy, yz, zz) for xx, xy, xz, yy, yz, zz in both]
 
-    def covariances_block(self, g: FloatArray) -> FloatArray:
+    def covariances_block(self, g: Array) -> Array:
         """`covariances_at` of vectors (3, N), as (K, 6, N)."""
         out = np.empty((len(self.covariances), 6, g.shape[1]))
         for at in range(0, g.shape[1], _STRUCTURED_PIECE):
@@ -218,7 +218,7 @@ class _Structured:
         return out
 
 
-def _six(matrices: FloatArray) -> FloatArray:
+def _six(matrices: Array) -> Array:
     """The six elements (6, N) of covariances (N, 3, 3)."""
     return np.stack([matrices[:, i, j] for i, j in UPPER])
 
@@ -248,7 +248,7 @@ class _Coefficients:
     """for each element of the covariance the factors of xx, xy, xz, yy, yz, zz, x, y, z, 1"""
     student: tuple[Form, ...] | None
     """the same for its widening; None where there is none"""
-    shared: FloatArray | None
+    shared: Array | None
     """(K, 3, 4): error of the vector, by (gx, gy, gz, 1), that one standard deviation of each of `SHARED_NAMES` makes
     and that all corrections of a session have in common; None where the zone does not say"""
     nonlinear: _Nonlinear | _Structured | None
@@ -266,7 +266,7 @@ class Evaluated(NamedTuple):
     flags: tuple[str, ...]
 
 
-def _quadratic_forms(C: FloatArray, covariance: FloatArray, beyond: FloatArray, extra_variance: float) -> FloatArray:
+def _quadratic_forms(C: Array, covariance: Array, beyond: Array, extra_variance: float) -> Array:
     """Factors (6, 10) of `_Coefficients.form` from the covariance (12, 12) of (A row by row, b).
 
     `beyond` (3, 4): an error of the corrected vector, linear in (gx, gy, gz, 1), that counts as one standard deviation;
@@ -384,7 +384,7 @@ class LinearCorrection:
             student = widened[0] if widened else None
         return Evaluated(x, y, z, cov, student, k.flags)
 
-    def correct_block(self, a: FloatArray, temp_c: FloatArray | float | None = None) -> FloatArray:
+    def correct_block(self, a: Array, temp_c: Array | float | None = None) -> Array:
         """Corrected vectors (3, N) from raw readings `a` (3, N); readings outside of a guarded local zone become NaN.
 
         `temp_c`: one temperature, or one a reading (N,).
@@ -406,14 +406,12 @@ class LinearCorrection:
             g[:, ~((inc >= self.zone.inc_min_rad) & (inc <= self.zone.inc_max_rad))] = np.nan
         return g
 
-    def covariance_block(self, g: FloatArray, temp_c: FloatArray | float | None = None) -> FloatArray:
+    def covariance_block(self, g: Array, temp_c: Array | float | None = None) -> Array:
         """Covariance (6, N) of corrected vectors `g` (3, N) by the errors of the calibration alone."""
         cov, student = self.covariances_block(g, temp_c)
         return cov if student is None else cov + student
 
-    def covariances_block(
-        self, g: FloatArray, temp_c: FloatArray | float | None = None
-    ) -> tuple[FloatArray, FloatArray | None]:
+    def covariances_block(self, g: Array, temp_c: Array | float | None = None) -> tuple[Array, Array | None]:
         """`covariance_block` in two parts: without widening, and the widening (6, N) if there is one."""
         if temp_c is not None and np.ndim(temp_c):
             pieces = [
@@ -437,9 +435,7 @@ class LinearCorrection:
             student = by_terms[1] if len(by_terms) > 1 else None
         return cov, student
 
-    def corrected_block(
-        self, a: FloatArray, noise_g: FloatArray | float, temp_c: FloatArray | float | None = None
-    ) -> BlockCorrected:
+    def corrected_block(self, a: Array, noise_g: Array | float, temp_c: Array | float | None = None) -> BlockCorrected:
         """Correct readings `a` (3, N) whose own standard deviation is `noise_g` (one, or (N,)) in each axis."""
         g = self.correct_block(a, temp_c)
         cov, student = self.covariances_block(g, temp_c)
@@ -453,26 +449,26 @@ class LinearCorrection:
 
     def attitude(
         self,
-        a: FloatArray,
-        temp_c: FloatArray | float | None = None,
-        out_inc: FloatArray | None = None,
-        out_tf: FloatArray | None = None,
+        a: Array,
+        temp_c: Array | float | None = None,
+        out_inc: Array | None = None,
+        out_tf: Array | None = None,
         *,
         degrees: bool = False,
         threads: int | None = None,
-    ) -> tuple[FloatArray, FloatArray]:
+    ) -> tuple[Array, Array]:
         """Inclination and toolface (N,) of raw readings `a` (3, N) in bulk; NaN where no correction holds."""
         if self.is_affine and not (self.guarded and self.zone.inc_center_rad is not None):
             model = self.zone.model()
             return correct_and_attitude(a, model.C, model.b, out_inc, out_tf, degrees=degrees, threads=threads)
 
-        def fill(low: int, high: int, out: FloatArray) -> None:
+        def fill(low: int, high: int, out: Array) -> None:
             part = temp_c[low:high] if isinstance(temp_c, np.ndarray) and temp_c.ndim else temp_c
             out[:] = self.correct_block(a[:, low:high], part)
 
         return attitude_by(lambda: fill, a.shape[1], out_inc, out_tf, degrees=degrees, threads=threads)
 
-    def reading_covariance(self, temp_c: FloatArray | float | None = None) -> FloatArray:
+    def reading_covariance(self, temp_c: Array | float | None = None) -> Array:
         """Covariance (6, 1) that a reading noise of one g in each axis becomes (mean temperature, scale is small)."""
         finite = np.asarray(np.nan if temp_c is None else temp_c, dtype=float)
         finite = finite[np.isfinite(finite)]
@@ -480,7 +476,7 @@ class LinearCorrection:
         carried = C @ C.T
         return np.array([[carried[i, j]] for i, j in UPPER])
 
-    def temperature_outside(self, temp_c: FloatArray | float | None, count: int) -> NDArray[np.bool_]:
+    def temperature_outside(self, temp_c: Array | float | None, count: int) -> NDArray[np.bool_]:
         """Which of `count` readings were made outside of the temperatures trusted."""
         if self.trust is None or temp_c is None:
             return np.zeros(count, dtype=bool)
@@ -525,7 +521,7 @@ class LinearCorrection:
         )
 
 
-def _by_temperature(temp_c: FloatArray) -> list[tuple[NDArray[np.intp], float | None]]:
+def _by_temperature(temp_c: Array) -> list[tuple[NDArray[np.intp], float | None]]:
     """Rows of equal (rounded) temperature, and that temperature; None for rows without one."""
     steps = np.round(temp_c / TEMPERATURE_STEP_C)
     values, group = np.unique(steps, return_inverse=True)
@@ -549,9 +545,7 @@ def _invert(nonlinear: _Nonlinear | _Structured, x0: float, y0: float, z0: float
     return x, y, z
 
 
-def _nonlinear(
-    model: SensorModel, C: FloatArray, bases: tuple[str, ...], covariances: FloatArray
-) -> _Nonlinear | _Structured:
+def _nonlinear(model: SensorModel, C: Array, bases: tuple[str, ...], covariances: Array) -> _Nonlinear | _Structured:
     if model.S.any() or model.H.any():
         return _Structured(model, C, bases, covariances)
     places = [_monomial(base) for base in bases]
@@ -569,7 +563,7 @@ def _nonlinear(
     )
 
 
-def _at_temperature(zone: Zone, temp_c: float | None) -> tuple[FloatArray, tuple[str, ...]]:
+def _at_temperature(zone: Zone, temp_c: float | None) -> tuple[Array, tuple[str, ...]]:
     """Covariance of the sensor's parameters at one temperature, polynomial coefficients summed up, with its widening if
     there is one (K, P, P), and their names."""
     names = tuple(name for name in zone.parameters.names if is_sensor_parameter(name))
@@ -585,7 +579,7 @@ def _at_temperature(zone: Zone, temp_c: float | None) -> tuple[FloatArray, tuple
     return np.stack([B @ part[np.ix_(index, index)] @ B.T for part in parts]), bases
 
 
-def _shared(zone: Zone) -> FloatArray | None:
+def _shared(zone: Zone) -> Array | None:
     """`_Coefficients.shared`: regression of the parameters' errors on what was taken for known (at the reference
     temperature: a matrix near unity does not care); zero for what did not move this zone."""
     p, C = zone.parameters, zone.model().C
@@ -601,7 +595,7 @@ def _shared(zone: Zone) -> FloatArray | None:
     return levers
 
 
-def _beyond_temperature(zone: Zone, model: SensorModel, temp_c: float | None) -> FloatArray:
+def _beyond_temperature(zone: Zone, model: SensorModel, temp_c: float | None) -> Array:
     """What the polynomials change beyond the temperatures visited, as an error (3, 4) by (gx, gy, gz, 1)."""
     t = zone.temperature
     if t is None or temp_c is None or t.inside(temp_c) or not zone.max_power():

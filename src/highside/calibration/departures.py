@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.calibration.forward import BASE_NAMES
 from highside.calibration.joint import leave_out_bad, poses_reconsidered
 from highside.calibration.mixed_model import Session, initial_variances, rough_start, solve
-from highside.calibration.poses import Array, PoseSet
+from highside.calibration.poses import PoseSet
 from highside.calibration.result import BenchAccuracy
 
 

@@ -14,7 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from highside.calibration.poses import Array
+from highside.arrays import Array
 from highside.calibration.result import TILT_NAMES, BenchAccuracy
 from highside.calibration.sensor import (
     CROSS_NAMES,

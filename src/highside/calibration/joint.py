@@ -33,6 +33,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.calibration.balance import closure_remarks, closures_of, rings_of_four
 from highside.calibration.forward import (
     BASE_NAMES,
@@ -56,7 +57,7 @@ from highside.calibration.mixed_model import (
     solve,
     studentised,
 )
-from highside.calibration.poses import Array, Indices, PoseSet
+from highside.calibration.poses import Indices, PoseSet
 from highside.calibration.result import (
     NOMINAL_BENCH,
     BenchAccuracy,

@@ -19,8 +19,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.calibration.forward import GROUPS
-from highside.calibration.poses import Array, PoseSet
+from highside.calibration.poses import PoseSet
 from highside.calibration.result import CalibrationRefused, CalibrationResult, Parameters, PoseFit, Reason, Remark, Zone
 from highside.calibration.sensor import MATRIX_NAMES, OFFSET_NAMES, SensorModel, sensor_columns, sensor_of
 from highside.physics.effect import AXES

@@ -16,8 +16,9 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.calibration.forward import StructureSize, Variances, linearise, pose_parts, prior_mean, prior_std, whiten
-from highside.calibration.poses import Array, Indices, PoseSet
+from highside.calibration.poses import Indices, PoseSet
 from highside.calibration.result import BenchAccuracy
 from highside.calibration.student import widened
 from highside.physics.gravity import gravity_direction

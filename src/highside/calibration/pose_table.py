@@ -6,15 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.calibration.poses import PoseSet, find_still_intervals, labelled_intervals, poses_from_intervals
 from highside.calibration.record import RecordError, RecordReason
 from highside.errors import InputError, Refused
 
 __all__ = ["StillPoses", "require_g", "solver_columns", "still_poses", "tool_of_session"]
 
-Floats = NDArray[np.float64]
 
 REFERENCE_MOVES_DEG = 0.01
 """A reference attitude that changes by more while the tool lies still belongs to two poses: about half a step of the
@@ -30,11 +29,11 @@ SOLVER_COLUMNS = (
 class StillPoses(NamedTuple):
     """The still intervals of a recording as the columns of a pose table, each (K,), and what was left out and why."""
 
-    columns: dict[str, Floats]
+    columns: dict[str, Array]
     left_out: list[str]
 
 
-def still_poses(a: Floats, columns: Mapping[str, Floats], *, min_s: float, window_s: float, where: str) -> StillPoses:
+def still_poses(a: Array, columns: Mapping[str, Array], *, min_s: float, window_s: float, where: str) -> StillPoses:
     """Find the still intervals of readings `a` (3, N) in g, or take those that a column `pose` names.
 
     `columns` are those of the recording, each (N,): `t_s` in s, and of `inc_ref_deg`, `tf_ref_deg`, `temp_c`, `pose`,
@@ -78,7 +77,7 @@ def still_poses(a: Floats, columns: Mapping[str, Floats], *, min_s: float, windo
     return StillPoses(made, left_out)
 
 
-def _reference_fault(inc_deg: Floats, tf_deg: Floats) -> str | None:
+def _reference_fault(inc_deg: Array, tf_deg: Array) -> str | None:
     """What is wrong with the reference of a still interval, if anything."""
     if np.isnan(inc_deg).any() or np.isnan(tf_deg).any():
         return "still, but no reference attitude"
@@ -87,13 +86,13 @@ def _reference_fault(inc_deg: Floats, tf_deg: Floats) -> str | None:
     return None
 
 
-def require_g(a: Floats, where: str | None) -> None:
+def require_g(a: Array, where: str | None) -> None:
     """Raises InputError for readings (3, N) in units that cannot be g, judged by at most a thousand rows."""
     PoseSet.build(a[:, :: max(1, a.shape[1] // ROWS_LOOKED_AT)], where=where)
 
 
 def solver_columns(
-    columns: Mapping[str, Floats], texts: Mapping[str, Sequence[str]]
+    columns: Mapping[str, Array], texts: Mapping[str, Sequence[str]]
 ) -> dict[str, list[float] | list[str]]:
     """The columns of a pose table that a solver may use, as plain values for the record."""
     made: dict[str, list[float] | list[str]] = {}
@@ -108,7 +107,7 @@ def solver_columns(
 
 
 def tool_of_session(
-    columns: Mapping[str, Floats], texts: Mapping[str, Sequence[str]], tool: str | None, serial: str | None, where: str
+    columns: Mapping[str, Array], texts: Mapping[str, Sequence[str]], tool: str | None, serial: str | None, where: str
 ) -> tuple[str, str | None]:
     """Tool and serial number of a session: as given, checked against the table's own columns `tool` and `serial`.
 

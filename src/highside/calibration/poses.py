@@ -21,9 +21,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.errors import InputError
+from highside.units import STANDARD_GRAVITY_MPS2
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 DEFAULT_NOISE_G = 50e-6
@@ -305,7 +306,7 @@ def _require_plausible_g(a: Array, names: tuple[str, ...], where: str | None) ->
     typical = float(np.median(size))
     if 0.5 < typical < 1.5:
         return
-    guesses = {"m/s2": 9.80665, "mg": 1e3, "ug": 1e6}
+    guesses = {"m/s2": STANDARD_GRAVITY_MPS2, "mg": 1e3, "ug": 1e6}
     unit = next((name for name, one in guesses.items() if 0.9 < typical / one < 1.1), None)
     hint = f"looks like {unit}; divide by {guesses[unit]:g}" if unit else "raw counts must be scaled to nominal g first"
     raise InputError(

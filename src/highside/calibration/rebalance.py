@@ -27,14 +27,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.calibration.correction import ZERO_COVARIANCE, Corrected, Correction, Covariance, Vector
 from highside.errors import InputError
+from highside.units import STANDARD_GRAVITY_MPS2
 
-FloatArray = NDArray[np.float64]
-
-STANDARD_GRAVITY_MPS2 = 9.80665
 SECTORS = 12
 """Parts of a turn that must each hold their share of the readings."""
 SHOCK_SIGMAS = 6.0
@@ -164,7 +162,7 @@ class _Revolution:
     def begin(cls, t_s: float, centre: tuple[float, float], angle: float = 0.0) -> _Revolution:
         return cls(t_s, centre, [0.0] * 21, [0] * SECTORS, angle, end_s=t_s)
 
-    def moments(self, t_ref: float, centre: tuple[float, float]) -> FloatArray:
+    def moments(self, t_ref: float, centre: tuple[float, float]) -> Array:
         """The 6 x 6 sums about another time and another provisional centre."""
         M = np.zeros((6, 6))
         M[np.triu_indices(6)] = self.sums
@@ -180,8 +178,8 @@ class _Revolution:
 class _Fit:
     """Circle over some revolutions: `theta` = (R, dx, dy, R'), covariance, and what the gates ask for."""
 
-    theta: FloatArray
-    covariance: FloatArray
+    theta: Array
+    covariance: Array
     noise_g: float
     gz: float
     drift_deg: float
@@ -468,7 +466,7 @@ def _fault_of_shocks(r: _Revolution) -> Reason:
     return Reason.INCLINATION_DRIFTS if abs(r.outward) > 0.9 * r.shocks else Reason.VIBRATION
 
 
-def _consistency(parts: Sequence[FloatArray], theta: FloatArray, variance: float) -> float:
+def _consistency(parts: Sequence[Array], theta: Array, variance: float) -> float:
     """How far the revolutions depart from the common circle: chi squared a degree of freedom (1 by noise alone).
 
     Each revolution is asked for its own radius and centre, (1, ux, uy), from what the common fit leaves.

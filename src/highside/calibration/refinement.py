@@ -20,6 +20,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.calibration.forward import BASE_NAMES, GROUPS, StructureSize, Variances, prior_mean, prior_std
 from highside.calibration.joint import BAD_POSE_SIGMA, departure, leave_out_bad, result_of
 from highside.calibration.mixed_model import (
@@ -34,7 +35,7 @@ from highside.calibration.mixed_model import (
     solve,
     whitened,
 )
-from highside.calibration.poses import Array, PoseSet
+from highside.calibration.poses import PoseSet
 from highside.calibration.result import NOMINAL_BENCH, BenchAccuracy, CalibrationResult, Reason
 from highside.calibration.sensor import DIRECTION_NAMES, OWN_LOAD_NAMES
 from highside.calibration.student import widened

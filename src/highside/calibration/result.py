@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.calibration.poses import DEFAULT_NOISE_G, Array, PoseSet
+from highside.arrays import Array
+from highside.calibration.poses import DEFAULT_NOISE_G, PoseSet
 from highside.calibration.sensor import (
     MATRIX_NAMES,
     OFFSET_NAMES,

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.attitude.angles import wrap_positive
 from highside.calibration.budget import K
-from highside.calibration.poses import Array, PoseSet
+from highside.calibration.poses import PoseSet
 from highside.calibration.record import CalibrationRecord
 from highside.calibration.verification import Judged, Verdict, indicated, judge, worst
 from highside.errors import InputError, Refused

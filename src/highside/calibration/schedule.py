@@ -39,6 +39,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude import compiled
 from highside.attitude.block import attitude_by, checked, share_out
 from highside.calibration.correction import (
@@ -46,7 +47,6 @@ from highside.calibration.correction import (
     BlockCorrected,
     Corrected,
     Covariance,
-    FloatArray,
     LinearCorrection,
     Vector,
     carry,
@@ -57,7 +57,7 @@ from highside.calibration.schedule_loop import WHOLE, key_of, scheduled_loop, wi
 from highside.calibration.student import UPPER, widening, widening_block
 from highside.errors import InputError
 
-Value = TypeVar("Value", FloatArray, float, FloatArray | float, FloatArray | float | None)
+Value = TypeVar("Value", Array, float, Array | float, Array | float | None)
 
 TAPER = 0.5
 """Share of a zone's half-width, at either edge, over which its weight falls from one to zero."""
@@ -96,11 +96,11 @@ class Window:
 
     def weights(
         self,
-        key: FloatArray,
-        out: FloatArray | None = None,
-        work: FloatArray | None = None,
+        key: Array,
+        out: Array | None = None,
+        work: Array | None = None,
         bounds: tuple[float, float] = (0.0, 2.0),
-    ) -> FloatArray:
+    ) -> Array:
         """Weights at keys (N,); `out` and `work` (N,) may be given. NaN may become 1.
 
         `bounds` of the keys, where known, spare the sides of the window that do not matter.
@@ -264,7 +264,7 @@ class ScheduledCorrection:
         name = " + ".join(part.name for part, _ in parts)
         return Corrected(x, y, z, stated, name, tuple(flags))
 
-    def correct_block(self, a: FloatArray, temp_c: FloatArray | float | None = None) -> FloatArray:
+    def correct_block(self, a: Array, temp_c: Array | float | None = None) -> Array:
         """Corrected vectors (3, N) from raw readings (3, N); NaN where no correction holds.
 
         `temp_c`: one temperature, or one a reading (N,).
@@ -277,9 +277,7 @@ class ScheduledCorrection:
         out[:, ~held] = np.nan
         return out
 
-    def corrected_block(
-        self, a: FloatArray, noise_g: FloatArray | float, temp_c: FloatArray | float | None = None
-    ) -> BlockCorrected:
+    def corrected_block(self, a: Array, noise_g: Array | float, temp_c: Array | float | None = None) -> BlockCorrected:
         """Correct readings `a` (3, N) whose own standard deviation is `noise_g` (one, or (N,)) in each axis."""
         count = a.shape[1]
         g, cov, reading = np.zeros_like(a), np.zeros((6, count)), np.zeros((6, count))
@@ -314,9 +312,7 @@ class ScheduledCorrection:
         cov[:, zone < 0] = np.nan
         return BlockCorrected(g, cov, reading, zone, tuple(part.name for part, _, _ in shares), outside)
 
-    def _shares(
-        self, a: FloatArray, temp_c: FloatArray | float | None
-    ) -> list[tuple[LinearCorrection, NDArray[np.intp], FloatArray]]:
+    def _shares(self, a: Array, temp_c: Array | float | None) -> list[tuple[LinearCorrection, NDArray[np.intp], Array]]:
         """Each correction with the readings (rows) that it takes part in, and its weight there."""
         guided = a if self._guide is None else self._guide.correct_block(a, temp_c)
         key = np.empty(a.shape[1])
@@ -337,14 +333,14 @@ class ScheduledCorrection:
 
     def attitude(
         self,
-        a: FloatArray,
-        temp_c: FloatArray | float | None = None,
-        out_inc: FloatArray | None = None,
-        out_tf: FloatArray | None = None,
+        a: Array,
+        temp_c: Array | float | None = None,
+        out_inc: Array | None = None,
+        out_tf: Array | None = None,
         *,
         degrees: bool = False,
         threads: int | None = None,
-    ) -> tuple[FloatArray, FloatArray]:
+    ) -> tuple[Array, Array]:
         """Inclination and toolface (N,) of raw readings `a` (3, N) in bulk, in rad or degrees; NaN where no correction
         holds.
 
@@ -359,12 +355,12 @@ class ScheduledCorrection:
             share_out(lambda start, stop: loop(rows, *tables, unit, start, stop, inc, tf), a.shape[1], threads)
             return inc, tf
 
-        def prepare() -> Callable[[int, int, FloatArray], None]:
+        def prepare() -> Callable[[int, int, Array], None]:
             if self._is_affine:
                 filler = _AffineBlocks(self, a)
                 return filler.fill
 
-            def fill(low: int, high: int, out: FloatArray) -> None:
+            def fill(low: int, high: int, out: Array) -> None:
                 out[:] = self.correct_block(a[:, low:high], _of_rows(temp_c, np.arange(low, high)))
 
             return fill
@@ -377,7 +373,7 @@ class ScheduledCorrection:
         parts = [part for part in (*self.zones, self.fallback, self._guide) if part is not None]
         return all(part.is_affine for part in parts)
 
-    def _tables(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, bool]:
+    def _tables(self) -> tuple[Array, Array, Array, Array, Array, bool]:
         """What `scheduled_loop` wants: matrices, windows, centres, guide, fallback, and whether there is one."""
         none, never = np.zeros((3, 4)), (math.inf, -math.inf, 1.0, 1.0)
         return (
@@ -397,7 +393,7 @@ class _AffineBlocks:
     on the assumption that a piece needs the corrections that the one before it needed.
     """
 
-    def __init__(self, schedule: ScheduledCorrection, a: FloatArray) -> None:
+    def __init__(self, schedule: ScheduledCorrection, a: Array) -> None:
         self._a = a
         self._windows = schedule._windows
         self._parts = [_matrix(part) for part in schedule.zones]
@@ -409,13 +405,13 @@ class _AffineBlocks:
         self._held: tuple[int | None, tuple[int, ...]] | None = None
         self._stack = self._guide
 
-    def fill(self, low: int, high: int, out: FloatArray) -> None:
+    def fill(self, low: int, high: int, out: Array) -> None:
         """Corrected vectors of the readings `low` to `high` into `out` (3, high - low)."""
         for at in range(low, high, _PIECE):
             upto = min(at + _PIECE, high)
             self._fill(self._a[:, at:upto], out[:, at - low : upto - low])
 
-    def _fill(self, readings: FloatArray, out: FloatArray) -> None:
+    def _fill(self, readings: Array, out: Array) -> None:
         n = readings.shape[1]
         raw = self._raw[:, :n]
         raw[:3] = readings
@@ -460,7 +456,7 @@ class _AffineBlocks:
         assert matrix is not None
         self._stack = np.vstack([self._guide, matrix, *(self._parts[k] - matrix for k in others)])
 
-    def _blend(self, active: tuple[int, ...], raw: FloatArray, key: FloatArray, out: FloatArray) -> None:
+    def _blend(self, active: tuple[int, ...], raw: Array, key: Array, out: Array) -> None:
         """Any number of corrections; without a fallback the weights are made to sum to one."""
         n = raw.shape[1]
         g, w, work, total = self._products[:3, :n], self._w[:n], self._work[:n], self._total[:n]
@@ -488,23 +484,23 @@ class _AffineBlocks:
         return meet and least >= one.center and most <= other.center
 
 
-def _outer(e: FloatArray) -> FloatArray:
+def _outer(e: Array) -> Array:
     """Covariance (6, N) of errors `e` (K, 3, N) of K independent sources."""
     return np.stack([np.sum(e[:, j] * e[:, k], axis=0) for j, k in UPPER])
 
 
-def _matrix(part: LinearCorrection) -> FloatArray:
+def _matrix(part: LinearCorrection) -> Array:
     """C and -C b side by side, (3, 4)."""
     k = part.coefficients(None)
     return np.column_stack([np.array(k.c).reshape(3, 3), -np.array(k.o)])
 
 
-def _affine(matrix: FloatArray, raw: FloatArray, out: FloatArray) -> None:
+def _affine(matrix: Array, raw: Array, out: Array) -> None:
     for at in range(0, raw.shape[1], _PRODUCT):
         np.matmul(matrix, raw[:, at : at + _PRODUCT], out=out[:, at : at + _PRODUCT])
 
 
-def _keys(g: FloatArray, out: FloatArray, work: FloatArray) -> None:
+def _keys(g: Array, out: Array, work: Array) -> None:
     """`key_of` vectors (3, N) into `out` (N,)."""
     np.multiply(g[0], g[0], out=out)
     np.multiply(g[1], g[1], out=work)

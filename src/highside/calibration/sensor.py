@@ -14,7 +14,7 @@ from functools import cache, lru_cache
 
 import numpy as np
 
-from highside.calibration.poses import Array
+from highside.arrays import Array
 from highside.errors import InputError
 from highside.physics import effects as library
 from highside.physics import structure

@@ -24,7 +24,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from highside.calibration.poses import Array
+from highside.arrays import Array
 
 UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Row and column of the six elements of a covariance."""

@@ -16,10 +16,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.calibration.forward import HYSTERESIS_NAMES
 from highside.calibration.joint import Selection, deviance_of, joint
 from highside.calibration.mixed_model import ThermalTerms
-from highside.calibration.poses import SAME_TEMPERATURE_C, Array, PoseSet, group_settings
+from highside.calibration.poses import SAME_TEMPERATURE_C, PoseSet, group_settings
 from highside.calibration.result import (
     NOMINAL_BENCH,
     BenchAccuracy,

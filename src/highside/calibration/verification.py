@@ -21,13 +21,14 @@ from typing import Any
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.attitude.angles import difference
 from highside.attitude.block import attitude_block, attitude_std_block
 from highside.calibration.bench_level import VERTICAL_RAD, BenchLevel, Mask, Source, best_level, leaning
 from highside.calibration.budget import Budget, K, Width, budgets, compared
 from highside.calibration.comparison import attitudes_set
 from highside.calibration.correction import LinearCorrection
-from highside.calibration.poses import Array, PoseSet
+from highside.calibration.poses import PoseSet
 from highside.calibration.record import CalibrationRecord, correction_from_record
 from highside.calibration.result import UNIFORM_ANGLE_STD_RAD, BenchAccuracy
 from highside.calibration.schedule import ScheduledCorrection

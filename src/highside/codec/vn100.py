@@ -29,11 +29,11 @@ from highside.codec.clock import DeviceClock
 from highside.codec.frame import Frame
 from highside.codec.registry import CodecTable
 from highside.codec.stream import DAMAGED, READING, Packet, SyncStream
+from highside.units import STANDARD_GRAVITY_MPS2
 
 HEADER = bytes.fromhex("fa143e003a00")
 _VALUES = Struct("<29f")
 FRAME_BYTES = len(HEADER) + _VALUES.size + 2
-STANDARD_GRAVITY = 9.80665
 _DEG = 180.0 / math.pi
 _TEXT = bytes((*range(0x20, 0x7F), 9, 10, 13))
 
@@ -75,7 +75,7 @@ class Vn100Codec(SyncStream):
         if crc_hqx(buffer[start + 1 : stop], 0):
             return DAMAGED
         values = _VALUES.unpack_from(buffer, start + len(HEADER))
-        ax, ay, az = (value / STANDARD_GRAVITY for value in values[3:6])
+        ax, ay, az = (value / STANDARD_GRAVITY_MPS2 for value in values[3:6])
         gx, gy, gz = (value * _DEG for value in values[6:9])
         if self._axes is not None:
             ax, ay, az = self._axes.apply(ax, ay, az)

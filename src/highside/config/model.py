@@ -33,9 +33,10 @@ from highside.physics import effects as library
 from highside.physics.effect import AXES, Effect
 from highside.physics.effects.misalignment import EFFECT as MISALIGNMENT
 from highside.physics.forward import ForwardModel
-from highside.physics.gravity import STANDARD_GRAVITY_MPS2, normal_gravity_mps2
+from highside.physics.gravity import normal_gravity_mps2
 from highside.physics.motion import Leg
 from highside.physics.plan import LegPlan, Plan, Pose, PosePlan, Profile, RotationPlan, Session, Site, full_turns, rings
+from highside.units import STANDARD_GRAVITY_MPS2
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]

@@ -9,8 +9,6 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-STANDARD_GRAVITY_MPS2 = 9.80665
-
 Level = Annotated[float, Field(gt=0, le=100_000)]
 
 

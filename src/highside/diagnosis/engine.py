@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from highside.diagnosis.core.candidates import RING
 from highside.diagnosis.core.conclusion import conclude, is_loud
@@ -37,9 +36,6 @@ from highside.diagnosis.simulation.session import SimulationSession
 from highside.physics.forward import ForwardModel
 
 __all__ = ["Picture", "diagnose", "diagnose_magnitudes", "diagnose_poses", "diagnose_rotation", "diagnose_simulation"]
-
-
-Array = NDArray[np.float64]
 
 
 def diagnose_poses(

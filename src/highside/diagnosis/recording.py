@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.method import WHOLE, Method
 from highside.diagnosis.core.result import Diagnosis
 from highside.diagnosis.core.scene import Picture
@@ -30,8 +30,7 @@ from highside.physics.plan import Site
 
 __all__ = ["KINDS", "Answer", "Kind", "Request", "diagnose_columns"]
 
-Floats = NDArray[np.float64]
-Columns = Mapping[str, Floats]
+Columns = Mapping[str, Array]
 
 ACCELEROMETERS = ("ax_g", "ay_g", "az_g")
 GYROS = ("gx_dps", "gy_dps", "gz_dps")
@@ -48,7 +47,7 @@ class Request:
 
     columns: Columns
     """(N,) each, by their names in the Recording format"""
-    complete: Callable[..., Floats]
+    complete: Callable[..., Array]
     """the named columns as one block, every value there; raises InputError that names what is absent or missing"""
     forward: ForwardModel
     """what the model has"""
@@ -70,7 +69,7 @@ class Request:
     """names the recording in errors"""
     predicted_where: str | None = None
 
-    def in_tool_axes(self, channels: Floats) -> Floats:
+    def in_tool_axes(self, channels: Array) -> Array:
         """Three channels (3, N) of the maker as the tool's x, y and z."""
         return np.stack([sign * channels[channel] for channel, sign in self.axes])
 
@@ -183,7 +182,7 @@ def _rotation(request: Request) -> Answer:
     return Answer(with_clipping(replace(diagnosis, intake=found.findings), found, request.axes), picture)
 
 
-def _gyro(request: Request) -> Floats | None:
+def _gyro(request: Request) -> Array | None:
     """Rates about the tool's axes, (3, N) rad/s, where they were recorded."""
     if not all(name in request.columns for name in GYROS):
         return None

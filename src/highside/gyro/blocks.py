@@ -27,7 +27,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from highside.arrays import Array
+
 Sums = tuple[Any, ...]
 """q (4), J (9, by rows), S (3), A (3), then: dt, n, |a|-1, (|a|-1)^2, |a|^2, w (3), w^2 (3), squared steps of w, the
 largest of them"""
@@ -106,25 +107,25 @@ def advance(
 class Block:
     """One finished block in the body frame: (34,) as `finished` lays it out, by name."""
 
-    vector: FloatArray
+    vector: Array
 
     @property
-    def q(self) -> FloatArray:
+    def q(self) -> Array:
         """(4,) relative rotation"""
         return self.vector[:4]
 
     @property
-    def J(self) -> FloatArray:  # noqa: N802 - the letter of the formula
+    def J(self) -> Array:  # noqa: N802 - the letter of the formula
         """(3, 3) what a unit bias turns its end by"""
         return self.vector[4:13].reshape(3, 3)
 
     @property
-    def S(self) -> FloatArray:  # noqa: N802
+    def S(self) -> Array:  # noqa: N802
         """(3,) the same for a unit scale error along the tool axis"""
         return self.vector[13:16]
 
     @property
-    def accel(self) -> FloatArray:
+    def accel(self) -> Array:
         """(3,) mean reading in the body frame of the end, g"""
         return self.vector[16:19]
 
@@ -152,12 +153,12 @@ class Block:
         return float(self.vector[23])
 
     @property
-    def rate(self) -> FloatArray:
+    def rate(self) -> Array:
         """(3,) mean rate, rad/s"""
         return self.vector[24:27]
 
     @property
-    def rate_std(self) -> FloatArray:
+    def rate_std(self) -> Array:
         """(3,) standard deviation of the rates, motion included, rad/s"""
         return self.vector[27:30]
 
@@ -181,7 +182,7 @@ class Block:
         return float(self.vector[33])
 
 
-def finished(sums: FloatArray, gap_s: Any, start_s: Any, end_s: Any) -> FloatArray:
+def finished(sums: Array, gap_s: Any, start_s: Any, end_s: Any) -> Array:
     """What the sums (32,) or (32, M) of finished blocks say: (34,) or (34, M), laid out as `Block` names it."""
     n = np.maximum(sums[20], 1.0)
     out = np.empty((34, *sums.shape[1:]))
@@ -247,22 +248,22 @@ class Gatherer:
 class Batch:
     """All samples laid out by block: (places, blocks) arrays, `one` 0 where a block has no such sample."""
 
-    dt: FloatArray
-    w: tuple[FloatArray, FloatArray, FloatArray]
-    a: tuple[FloatArray, FloatArray, FloatArray]
-    norm: FloatArray
-    rough: FloatArray
-    one: FloatArray
-    gap: FloatArray
-    starts: FloatArray
-    ends: FloatArray
+    dt: Array
+    w: tuple[Array, Array, Array]
+    a: tuple[Array, Array, Array]
+    norm: Array
+    rough: Array
+    one: Array
+    gap: Array
+    starts: Array
+    ends: Array
     place: NDArray[np.intp]
     """(N,) place of a sample in its block"""
     number: NDArray[np.intp]
     """(N,) block of a sample"""
 
     @classmethod
-    def of(cls, t_s: FloatArray, w: FloatArray, a: FloatArray, block_s: float = 1.0) -> Batch:
+    def of(cls, t_s: Array, w: Array, a: Array, block_s: float = 1.0) -> Batch:
         """Lay out samples of the body frame: t_s (N,), w (3, N) rad/s, a (3, N) g."""
         labels = np.floor((t_s - t_s[0]) / block_s + 1e-6)
         new = np.flatnonzero(np.diff(labels, prepend=labels[:1] - 1.0) != 0.0)
@@ -270,7 +271,7 @@ class Batch:
         place = np.arange(t_s.size) - new[number]
         shape = (int(place.max()) + 1, new.size)
 
-        def laid(values: FloatArray) -> FloatArray:
+        def laid(values: Array) -> Array:
             out = np.zeros(shape)
             out[place, number] = values
             return out
@@ -311,7 +312,7 @@ class Batch:
             )
             yield sums
 
-    def table(self) -> FloatArray:
+    def table(self) -> Array:
         """All blocks, (34, M) as of `finished`."""
         sums = np.array(deque(self.steps(), maxlen=1)[0])
         return finished(sums, self.gap, self.starts, self.ends)

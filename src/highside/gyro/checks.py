@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude.quaternion import direction_cosines, from_rotation_vector, to_rotation_vector
 from highside.errors import InputError
 from highside.gyro.blocks import MAX_GAP_S, Batch, Block
 from highside.gyro.frames import to_body
-
-FloatArray = NDArray[np.float64]
 
 _FLAT_ROWS = 5
 _LEAST_SATURATED_RADPS = math.radians(20.0)
@@ -23,7 +21,7 @@ _DOUBTFUL = 20.0
 
 
 def check_units(
-    t_s: FloatArray, rate: FloatArray, accel: FloatArray, where: str | None = None, *, arw: float = 0.0
+    t_s: Array, rate: Array, accel: Array, where: str | None = None, *, arw: float = 0.0
 ) -> tuple[str, ...]:
     """Refuse accelerometers that are not in g, and gyros that are silent or that gravity shows to be in another unit.
 
@@ -73,7 +71,7 @@ def check_units(
     return tuple(doubts)
 
 
-def _middle(block: Block) -> FloatArray:
+def _middle(block: Block) -> Array:
     """Direction of the mean reading in the middle of a block: the turn by the gyros, right or wrong, taken back."""
     g = direction_cosines(from_rotation_vector(0.5 * to_rotation_vector(block.q))).T @ block.accel
     return np.asarray(g / (math.sqrt(float(g @ g)) or 1.0))
@@ -124,7 +122,7 @@ class UnitWatch:
         return None
 
 
-def saturated_rows(rate: FloatArray) -> int:
+def saturated_rows(rate: Array) -> int:
     """Rows in which a gyro stays at its own extreme for several rows on end: its range is exceeded. rate (3, N)."""
     rows = np.zeros(rate.shape[1], dtype=bool)
     for axis in rate:

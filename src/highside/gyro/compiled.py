@@ -20,11 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.gyro import error_state
 from highside.gyro.blocks import EMPTY, MAX_GAP_S, SUMS, advance
 from highside.gyro.error_state import quaternion_exp, quaternion_product
-
-FloatArray = NDArray[np.float64]
 
 LEAST_ROWS = 600_000
 """below, loading the compiled code (0.7 s, and 8 s to make it the first time) takes longer than doing without"""
@@ -40,8 +39,8 @@ class Kernels(NamedTuple):
 
 
 def gather(
-    t_s: FloatArray, rate: FloatArray, accel: FloatArray, block_s: float, number: NDArray[np.intp], sums: FloatArray,
-    edges: FloatArray,
+    t_s: Array, rate: Array, accel: Array, block_s: float, number: NDArray[np.intp], sums: Array,
+    edges: Array,
 ) -> int:  # fmt: skip
     """Sums of all blocks, `blocks.Gatherer` for rows of the tool frame: t_s (N,), rate, accel (3, N).
 
@@ -79,9 +78,9 @@ def gather(
 
 
 def follow(
-    t_s: FloatArray, rate: FloatArray, accel: FloatArray, number: NDArray[np.intp], q: FloatArray, bias: FloatArray,
-    scale: FloatArray, frozen: NDArray[np.bool_], leap: FloatArray, edges: FloatArray, q_end: FloatArray,
-    earth: FloatArray, angles: FloatArray,
+    t_s: Array, rate: Array, accel: Array, number: NDArray[np.intp], q: Array, bias: Array,
+    scale: Array, frozen: NDArray[np.bool_], leap: Array, edges: Array, q_end: Array,
+    earth: Array, angles: Array,
 ) -> None:  # fmt: skip
     """Angles (3, N) (inclination, toolface, azimuth) of the rows between the ends of blocks.
 

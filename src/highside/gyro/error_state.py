@@ -14,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from highside.arrays import Array
+from highside.units import STANDARD_GRAVITY_MPS2
+
 Quaternion = tuple[float, float, float, float]
 
 STATES = 10
-STANDARD_GRAVITY = 9.80665
-"""m/s^2, by definition (CGPM 1901)"""
 STILL_S, TURNED, MOVED_S, SHAKEN, GAP_S, NO_GRAVITY, NO_RATE, NO_STOP, ROW_GRAVITY, ROW_RATE = range(10)
 """places in `FilterState.tally`"""
 VIBRATING, TURNING, QUIET, STILL = 0, 1, 2, 3
@@ -283,7 +283,7 @@ def propagate(z: Array, state: FilterState, c: Constants) -> None:
     earth = quaternion_exp(-c.earth_e * seconds, -c.earth_n * seconds, -c.earth_u * seconds)
     set_attitude(state, quaternion_product(quaternion_product(earth, attitude_of(state)), rotated))
     carried = c.velocity_std > 0.0 and gap_s == 0.0
-    push = STANDARD_GRAVITY * seconds
+    push = STANDARD_GRAVITY_MPS2 * seconds
     if carried:
         up = direction_cosines(attitude_of(state))[:, 2]
         state.velocity[:] = R @ state.velocity + push * (reading_at_end(z, state, c) - up)

@@ -37,16 +37,14 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude.quaternion import from_angles, from_rotation_vector, multiply, up_direction
 from highside.gyro import error_state
 from highside.gyro.blocks import Block, Gatherer
 from highside.gyro.frames import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RADPS, earth_rate
 from highside.gyro.gates import Gate, Motion
 from highside.gyro.result import AzimuthBasis
-
-FloatArray = NDArray[np.float64]
 
 _LEAST_COS = 0.05
 
@@ -107,13 +105,13 @@ def carried(settings: Settings) -> Settings:
 class State:
     """The filter at the end of a block."""
 
-    q: FloatArray
-    bias: FloatArray
+    q: Array
+    bias: Array
     """(3,) rad/s, body frame"""
     scale: float
-    accel_bias: FloatArray
+    accel_bias: Array
     """(3,) g, body frame"""
-    P: FloatArray
+    P: Array
     time_s: float
     motion: Motion
     azimuth_std_rad: float
@@ -125,12 +123,12 @@ class State:
     """blocks in which a measurement was not believed: gravity, zero rate, stop"""
 
     @property
-    def bias_std(self) -> FloatArray:
+    def bias_std(self) -> Array:
         """(3,) rad/s"""
         return np.sqrt(np.diag(self.P)[3:6])
 
 
-def azimuth_std(variance: FloatArray, moved_s: FloatArray, shaken: FloatArray, settings: Settings) -> FloatArray:
+def azimuth_std(variance: Array, moved_s: Array, shaken: Array, settings: Settings) -> Array:
     """Standard deviation of the azimuth: what the filter knows, and what it does not model."""
     # turning an unknown East-North part away is in the filter; the part about Up is integrated
     unmodelled = EARTH_RATE_RADPS if settings.latitude_rad is None else 0.0
@@ -302,7 +300,7 @@ class KinematicFilter:
             raise ValueError("no block is closed yet")
         return self.memory
 
-    def attitude_now(self) -> FloatArray:
+    def attitude_now(self) -> Array:
         """Quaternion (4,) at the newest sample, predicted from the last closed block."""
         m = self._begun()
         if self.motion is Motion.STILL:
@@ -353,15 +351,13 @@ class KinematicFilter:
             self.know_azimuth(azimuth_rad, std_rad)
 
 
-def refused(tally: error_state.Array) -> dict[str, int]:
+def refused(tally: Array) -> dict[str, int]:
     """Blocks in which a measurement was not believed."""
     places = {"gravity": error_state.NO_GRAVITY, "zero rate": error_state.NO_RATE, "stop": error_state.NO_STOP}
     return {name: int(tally[place]) for name, place in places.items()}
 
 
-def predicted(
-    q: FloatArray, bias: FloatArray, scale: FloatArray | float, earth: FloatArray, sums: FloatArray
-) -> FloatArray:
+def predicted(q: Array, bias: Array, scale: Array | float, earth: Array, sums: Array) -> Array:
     """Attitude (4,) or (4, M) after part of a block: exp(-w_ie t) (x) q (x) raw (x) exp(-J b - S s).
 
     `sums` (20, ...) are the first twenty of `blocks.Sums`, `earth` (3,) in East, North, Up.

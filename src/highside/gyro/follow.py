@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.gyro.filter import Settings
 from highside.gyro.gates import NO_REST_GATE, quiet_rows
 from highside.gyro.kinematic import kinematic
@@ -18,7 +18,6 @@ from highside.gyro.result import DriftResult
 
 __all__ = ["METHODS", "STRAIGHT_HOLE_STD_DEG", "FollowOptions", "MethodName", "PolicyName", "columns_deg", "follow"]
 
-Floats = NDArray[np.float64]
 MethodName = Literal["literal", "literal_block", "recursive", "kinematic", "none"]
 PolicyName = Literal["gyro", "prev", "hold"]
 METHODS: tuple[str, ...] = get_args(MethodName)
@@ -30,14 +29,14 @@ STRAIGHT_HOLE_STD_DEG = 0.1
 class FollowOptions:
     """What a method may be told beside its settings: when the tool stood, (K, 2) s; what is asserted of the azimuth."""
 
-    rest: Floats
+    rest: Array
     policy: PolicyName | None = None
     straight_hole: bool = False
     smooth: bool = False
 
 
 def follow(
-    method: MethodName, t_s: Floats, rate: Floats, accel: Floats, settings: Settings, options: FollowOptions
+    method: MethodName, t_s: Array, rate: Array, accel: Array, settings: Settings, options: FollowOptions
 ) -> DriftResult:
     """Follow the attitude of N rows: times (N,) s, rates (3, N) rad/s and accelerations (3, N) g in the tool frame."""
     rest = options.rest if options.rest.size else None
@@ -69,7 +68,7 @@ def follow(
     return replace(result, notes=(*result.notes, note))
 
 
-def columns_deg(result: DriftResult) -> dict[str, Floats]:
+def columns_deg(result: DriftResult) -> dict[str, Array]:
     """The columns of a result, (N,) each, in degrees and deg/s."""
     columns = {
         "t_s": result.t_s,

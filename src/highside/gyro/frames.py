@@ -11,8 +11,8 @@ Earth rate, and the units in which gyros are specified.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude.quaternion import from_angles, to_angles, to_body, to_tool
 
 __all__ = [
@@ -27,7 +27,6 @@ __all__ = [
     "to_tool",
 ]
 
-FloatArray = NDArray[np.float64]
 
 EARTH_RATE_RADPS = 7.292115e-5
 DEG_PER_HOUR = np.pi / 180.0 / 3600.0
@@ -36,24 +35,24 @@ DEG_PER_SQRT_HOUR = np.pi / 180.0 / 60.0
 """rad/sqrt(s)"""
 
 
-def std_to_tool(body: FloatArray) -> FloatArray:
+def std_to_tool(body: Array) -> Array:
     """Standard deviations (3, ...) by axis: as `to_tool` without the signs."""
     return np.stack([body[2], body[0], body[1]])
 
 
-def attitude(q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def attitude(q: Array) -> tuple[Array, Array, Array]:
     """Inclination from vertical in [0, pi], toolface and azimuth in [0, 2 pi) of a body quaternion, rad."""
     theta, phi, psi = to_angles(q)
     turn = 2 * np.pi
     return theta + 0.5 * np.pi, np.mod(phi, turn) % turn, np.mod(psi, turn) % turn
 
 
-def quaternion(inc_rad: FloatArray | float, tf_rad: FloatArray | float, azi_rad: FloatArray | float) -> FloatArray:
+def quaternion(inc_rad: Array | float, tf_rad: Array | float, azi_rad: Array | float) -> Array:
     """Body quaternion of inclination, toolface and azimuth."""
     return from_angles(np.asarray(inc_rad) - 0.5 * np.pi, tf_rad, azi_rad)
 
 
-def earth_rate(latitude_rad: float | None, *, azimuth_known: bool = True) -> FloatArray:
+def earth_rate(latitude_rad: float | None, *, azimuth_known: bool = True) -> Array:
     """Rotation of the Earth in East, North, Up (3,), rad/s: zero without a latitude.
 
     Without an azimuth North is nowhere, and only the part along Up is of use.

@@ -24,10 +24,9 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.gyro.blocks import Batch, Block
 from highside.gyro.frames import to_body
-
-FloatArray = NDArray[np.float64]
 
 
 class Motion(IntEnum):
@@ -73,7 +72,7 @@ class StillStatistics:
     norm_std_g: float
     norm_error_g: float
     rate_std: float
-    rate: FloatArray
+    rate: Array
     """(3,) mean: bias and Earth rate together"""
 
     def as_list(self) -> list[float]:
@@ -162,9 +161,7 @@ class Gate:
         self._quiet_s = self._quiet_s + block.seconds if steady else 0.0
 
 
-def quiet_rows(
-    t_s: FloatArray, rate: FloatArray, accel: FloatArray, rest: FloatArray
-) -> tuple[NDArray[np.bool_], StillStatistics | None]:
+def quiet_rows(t_s: Array, rate: Array, accel: Array, rest: Array) -> tuple[NDArray[np.bool_], StillStatistics | None]:
     """(N,) rows in which gravity may be believed, for the methods that know only yes and no; and what was learned of
     the tool at rest, None where the beginning shows none or `rest` was asked instead. Tool frame.
 

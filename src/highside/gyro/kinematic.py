@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude.quaternion import from_rotation_vector, multiply
 from highside.gyro import error_state
 from highside.gyro.blocks import SUMS, Batch, Block, finished
@@ -22,23 +23,19 @@ from highside.gyro.gates import NO_REST, Gate, Motion
 from highside.gyro.result import DriftResult
 from highside.gyro.smoother import smoothed
 
-FloatArray = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True)
 class Gathered:
     """A recording in blocks. `laid` holds its samples where no compiled code goes through them."""
 
-    table: FloatArray
+    table: Array
     """(M, 34), rows as `blocks.finished`"""
     number: NDArray[np.intp]
     """(N,) block of a sample"""
     laid: Batch | None
 
 
-def gathered(
-    t_s: FloatArray, rate: FloatArray, accel: FloatArray, block_s: float, compiled: Kernels | None
-) -> Gathered:
+def gathered(t_s: Array, rate: Array, accel: Array, block_s: float, compiled: Kernels | None) -> Gathered:
     """Samples of the tool frame, t_s (N,), rate (3, N) rad/s, accel (3, N) g, in blocks."""
     if compiled is None:
         batch = Batch.of(t_s, to_body(rate), to_body(accel), block_s)
@@ -50,12 +47,12 @@ def gathered(
 
 
 def kinematic(
-    t_s: FloatArray,
-    rate: FloatArray,
-    accel: FloatArray,
+    t_s: Array,
+    rate: Array,
+    accel: Array,
     settings: Settings,
     *,
-    rest: FloatArray | None = None,
+    rest: Array | None = None,
     smooth: bool = False,
 ) -> DriftResult:
     """The filter over a recording: t_s (N,), rate (3, N) rad/s and accel (3, N) g in the *tool* frame.
@@ -104,7 +101,7 @@ def kinematic(
     )
 
 
-def declared_blocks(starts: FloatArray, ends: FloatArray, rest: FloatArray) -> NDArray[np.bool_]:
+def declared_blocks(starts: Array, ends: Array, rest: Array) -> NDArray[np.bool_]:
     """Which blocks lie within a declared interval (with a tolerance of a millisecond)."""
     inside = np.zeros(starts.size, dtype=bool)
     for begin, end in rest:
@@ -132,9 +129,9 @@ def _empty_trace(count: int, *, smooth: bool) -> error_state.Trace:
 
 
 def _angles(
-    t_s: FloatArray, rate: FloatArray, accel: FloatArray, data: Gathered, trace: error_state.Trace, leap: FloatArray,
-    earth: FloatArray, compiled: Kernels | None, *, causal: bool,
-) -> FloatArray:  # fmt: skip
+    t_s: Array, rate: Array, accel: Array, data: Gathered, trace: error_state.Trace, leap: Array,
+    earth: Array, compiled: Kernels | None, *, causal: bool,
+) -> Array:  # fmt: skip
     """Inclination, toolface, azimuth (3, N): predicted within a block, updated (or smoothed) at its end."""
     before = np.maximum(np.arange(trace.scale.size) - 1, 0)
     q, bias, scale = trace.q[before], trace.bias[before], trace.scale[before]

@@ -20,12 +20,12 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude.quaternion import from_angles
 from highside.gyro.blocks import MAX_GAP_S
 from highside.gyro.frames import attitude, to_body, to_tool
 from highside.gyro.result import AzimuthBasis, DriftResult
 
-FloatArray = NDArray[np.float64]
 Quaternion = tuple[float, float, float, float]
 Vector = tuple[float, float, float]
 
@@ -148,7 +148,7 @@ class Literal:
         self.drift = (self._sum[0] / n, self._sum[1] / n, self._sum[2] / n)
 
 
-def aligned(a: FloatArray, azimuth_rad: float) -> Quaternion:
+def aligned(a: Array, azimuth_rad: float) -> Quaternion:
     """Quaternion of the reading a (3,), body frame, with this azimuth."""
     g = a / math.sqrt(float(a @ a))
     q = from_angles(math.asin(min(max(float(g[1]), -1.0), 1.0)), math.atan2(-float(g[0]), float(g[2])), azimuth_rad)
@@ -156,9 +156,9 @@ def aligned(a: FloatArray, azimuth_rad: float) -> Quaternion:
 
 
 def literal(
-    t_s: FloatArray,
-    rate: FloatArray,
-    accel: FloatArray,
+    t_s: Array,
+    rate: Array,
+    accel: Array,
     *,
     policy: AzimuthPolicy = AzimuthPolicy.HOLD,
     quiet: NDArray[np.bool_] | None = None,

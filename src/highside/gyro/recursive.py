@@ -15,8 +15,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude.angles import wrap_signed
 from highside.attitude.quaternion import (
     direction_cosines,
@@ -33,7 +33,6 @@ from highside.gyro.kinematic import declared_blocks
 from highside.gyro.literal import aligned
 from highside.gyro.result import AzimuthBasis, DriftResult
 
-FloatArray = NDArray[np.float64]
 _STEEP_COS = 0.05
 
 
@@ -78,12 +77,12 @@ class RecursiveFilter:
         self.level = Scalar(tilt, 0.0, bias)
         # what nothing measures: the rotation about Up, unless the azimuth is held
         self.about_up = Scalar(settings.azimuth_std_rad**2, 0.0, bias)
-        self.q: FloatArray | None = None
+        self.q: Array | None = None
         """at the end of the last block; set it to begin at a known attitude"""
         self.bias = np.zeros(3)
         self.followed_s = 0.0
 
-    def attitude_now(self) -> FloatArray:
+    def attitude_now(self) -> Array:
         """Quaternion (4,) at the newest sample, predicted from the last block. Raises ValueError before the first."""
         if self.q is None:
             raise ValueError("no block is closed yet")
@@ -140,9 +139,7 @@ class RecursiveFilter:
         self.bias = self.bias - kb * e
 
 
-def azimuth_std(
-    variance: FloatArray | float, followed_s: FloatArray | float, settings: Settings, *, hold: bool
-) -> FloatArray:
+def azimuth_std(variance: Array | float, followed_s: Array | float, settings: Settings, *, hold: bool) -> Array:
     """Standard deviation of the azimuth, rad, for the variance about Up after so many seconds."""
     unmodelled = 0.0 if settings.latitude_rad is not None else EARTH_RATE_RADPS
     # what is asserted is no better than the assertion
@@ -151,13 +148,13 @@ def azimuth_std(
 
 
 def recursive(
-    t_s: FloatArray,
-    rate: FloatArray,
-    accel: FloatArray,
+    t_s: Array,
+    rate: Array,
+    accel: Array,
     settings: Settings,
     *,
     hold: bool = False,
-    rest: FloatArray | None = None,
+    rest: Array | None = None,
 ) -> DriftResult:
     """The light filter over a recording, tool frame: t_s (N,), rate (3, N) rad/s, accel (3, N) g.
 

@@ -8,7 +8,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from highside.arrays import Array
 
 
 class AzimuthBasis(Enum):
@@ -27,14 +27,14 @@ class DriftResult:
     Standard deviations are NaN where a method states none; `notes` are sentences on what was assumed or degraded.
     """
 
-    t_s: FloatArray
-    inc_rad: FloatArray
-    tf_rad: FloatArray
-    azi_rad: FloatArray
-    azi_std_rad: FloatArray
-    bias_radps: FloatArray
+    t_s: Array
+    inc_rad: Array
+    tf_rad: Array
+    azi_rad: Array
+    azi_std_rad: Array
+    bias_radps: Array
     """(3, N)"""
-    bias_std_radps: FloatArray
+    bias_std_radps: Array
     """(3, N)"""
     basis: tuple[AzimuthBasis, ...]
     notes: tuple[str, ...] = ()

@@ -12,8 +12,8 @@ recording smoothed and causal are the same: a smoother does not make the last az
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude.quaternion import (
     conjugate,
     direction_cosines,
@@ -24,16 +24,13 @@ from highside.attitude.quaternion import (
     up_direction,
 )
 from highside.gyro import error_state
-
-FloatArray = NDArray[np.float64]
+from highside.units import STANDARD_GRAVITY_MPS2
 
 _RANK = 1e-13
 """eigenvalues of the correlation matrix below this are none: a direction that the filter holds for certain"""
 
 
-def smoothed(
-    blocks: FloatArray, trace: error_state.Trace, *, carried: bool = False
-) -> tuple[error_state.Trace, FloatArray]:
+def smoothed(blocks: Array, trace: error_state.Trace, *, carried: bool = False) -> tuple[error_state.Trace, Array]:
     """The trace with all that later blocks tell: blocks (M, 34), a trace with its covariances.
 
     `carried`: its last three states are a velocity.
@@ -82,7 +79,7 @@ def smoothed(
     return done, leap
 
 
-def _transition(block: FloatArray, trace: error_state.Trace, k: int, *, carried: bool) -> FloatArray:
+def _transition(block: Array, trace: error_state.Trace, k: int, *, carried: bool) -> Array:
     """F over a block that begins with the state k."""
     still, gap = trace.motion[k + 1] == error_state.STILL, block[31] > 0.0
     if still:
@@ -94,12 +91,12 @@ def _transition(block: FloatArray, trace: error_state.Trace, k: int, *, carried:
         # `error_state.zero_velocity`: no velocity comes out of an earlier one
         F[7:, 7:] = 0.0
     elif carried:
-        push = error_state.STANDARD_GRAVITY * block[19]
+        push = STANDARD_GRAVITY_MPS2 * block[19]
         error_state.add_velocity(F, push, up_direction(trace.q_before[k + 1]))
     return F
 
 
-def _inverse(P: FloatArray) -> FloatArray:
+def _inverse(P: Array) -> Array:
     """Of a covariance whose states differ by orders of magnitude and may be known for certain."""
     size = np.sqrt(np.diag(P))
     scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)

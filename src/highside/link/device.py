@@ -23,13 +23,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from highside.arrays import Array
 from highside.attitude.quaternion import direction_cosines, from_angles, to_tool
 from highside.codec import tool, tool_can
 from highside.codec.frame import CanFrame, Frame
 from highside.link.base import Deliver, LinkError, Transport
 from highside.link.wire import Wire
 from highside.physics.gravity import EARTH_RATE_RADPS, gravity_direction
-from highside.physics.motion import Floats, Leg, Motion, MotionBlock, demo, still
+from highside.physics.motion import Leg, Motion, MotionBlock, demo, still
 from highside.physics.rotation_chain import Faults, inclination_toolface_errors, package_turn
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -90,7 +91,7 @@ class Track:
         self._starts.append(start_s)
         self._motions.append(motion)
 
-    def block(self, t_s: Floats) -> MotionBlock:
+    def block(self, t_s: Array) -> MotionBlock:
         """The motion at increasing instants `t_s`, shape (N,)."""
         parts: list[MotionBlock] = []
         edges = [*np.searchsorted(t_s, self._starts[1:], side="left"), len(t_s)]
@@ -234,7 +235,7 @@ class SimulatedDevice:
             t_s = k / settings.rate_hz
             yield Frame(k % tool.SEQ_MODULUS, t_s, 0.0, a[0], a[1], a[2], gx, gy, gz, settings.temp_c, *turned)
 
-    def _felt(self, motion: MotionBlock) -> Floats:
+    def _felt(self, motion: MotionBlock) -> Array:
         """Gravity in the tool's axes, (3, N): a rotor with faults holds the tool other than its encoder says."""
         faults = self.settings.rotor_faults
         if not faults:
@@ -242,7 +243,7 @@ class SimulatedDevice:
         d_inc, d_tf = inclination_toolface_errors(motion.toolface_rad, motion.inclination_rad, faults)
         return gravity_direction(motion.inclination_rad + d_inc, motion.toolface_rad + d_tf)
 
-    def _rates(self, motion: MotionBlock) -> Floats:
+    def _rates(self, motion: MotionBlock) -> Array:
         """What its gyros feel, (3, N) rad/s: a rotor with faults turns the tool other than its encoder says."""
         rates = motion.gyro_rad_s + self._earth(motion)
         faults = self.settings.rotor_faults
@@ -258,7 +259,7 @@ class SimulatedDevice:
         turn = 0.5 * np.stack([own[2, 1] - own[1, 2], own[0, 2] - own[2, 0], own[1, 0] - own[0, 1]])
         return np.asarray(np.einsum("ijn,jn->in", now, rates) - turn)
 
-    def _earth(self, motion: MotionBlock) -> Floats:
+    def _earth(self, motion: MotionBlock) -> Array:
         """The Earth's rotation in the tool's axes, (3, N) rad/s."""
         settings = self.settings
         if settings.latitude_deg is None:

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.calibration.balance import TRIPLES
-from highside.calibration.poses import Array
 from highside.diagnosis.table.posterior import Drawn
 from highside.papers.balance_session import COLUMNS, INCLINATIONS_DEG, METHODS, Plan, cells_of, run_session
 

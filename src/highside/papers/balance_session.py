@@ -13,10 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.attitude import attitude_block, wrap_signed
 from highside.calibration.balance import TRIPLES, balance_matrix
 from highside.calibration.conventional import position_plan
-from highside.calibration.poses import Array, PoseSet
+from highside.calibration.poses import PoseSet
 from highside.physics.effect import Stage
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import gravity_direction

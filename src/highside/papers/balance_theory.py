@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from highside.calibration.poses import Array
+from highside.arrays import Array
 
 EXAMPLE_READINGS = np.array(
     [

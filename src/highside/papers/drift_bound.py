@@ -17,8 +17,8 @@ would lower the bound by up to 6 % on a tilted table. `studies/drift_limit.py` f
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude.quaternion import (
     conjugate,
     direction_cosines,
@@ -29,8 +29,6 @@ from highside.attitude.quaternion import (
 )
 from highside.papers.drift_scenarios import DEG_PER_HOUR, Experiment
 from highside.physics.gravity import EARTH_RATE_RADPS
-
-FloatArray = NDArray[np.float64]
 
 _WIDE_RAD = 0.05
 """tilt before any reading"""
@@ -43,9 +41,9 @@ def azimuth_bound(
     azimuth_std_rad: float = 1e-6,
     bias_std_dph: float = 20.0,
     scale_std: float = 1e-3,
-    rest: FloatArray | None = None,
+    rest: Array | None = None,
     block_s: float = 1.0,
-) -> FloatArray:
+) -> Array:
     """Least standard deviation of the azimuth (M,), rad, at the end of each block of `block_s`.
 
     `rest` (K, 2): intervals (s) in which the tool is known to stand (None: never). Near the vertical, where azimuth
@@ -109,7 +107,7 @@ def azimuth_bound(
     return bound
 
 
-def _transition(turn: FloatArray, dt: float) -> FloatArray:
+def _transition(turn: Array, dt: float) -> Array:
     """F for a constant rate that turns by `turn` (3,) in dt: Rodrigues."""
     angle = float(np.sqrt(turn @ turn))
     A = _cross(turn)
@@ -125,16 +123,16 @@ def _transition(turn: FloatArray, dt: float) -> FloatArray:
     return F
 
 
-def _measured(P: FloatArray, H: FloatArray, variance: float) -> FloatArray:
+def _measured(P: Array, H: Array, variance: float) -> Array:
     K = P @ H.T @ np.linalg.inv(H @ P @ H.T + variance * np.eye(3))
     A = np.eye(10) - K @ H
     return A @ P @ A.T + variance * K @ K.T
 
 
-def _azimuth_row(C: FloatArray) -> FloatArray:
+def _azimuth_row(C: Array) -> Array:
     square = C[0, 2] ** 2 + C[2, 2] ** 2
     return -C[:, 2] if square < _VERTICAL_COS**2 else np.array([-C[0, 2], 0.0, -C[2, 2]]) / square
 
 
-def _cross(v: FloatArray) -> FloatArray:
+def _cross(v: Array) -> Array:
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

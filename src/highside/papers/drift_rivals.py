@@ -13,30 +13,29 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-Rival = Callable[[float, FloatArray, FloatArray], FloatArray]
+from highside.arrays import Array
+from highside.units import STANDARD_GRAVITY_MPS2
+
+Rival = Callable[[float, Array, Array], Array]
 """(rate in Hz, rates (3, N) rad/s, readings (3, N) g) -> quaternions (4, N), sensor to a frame with z up"""
 
-STANDARD_GRAVITY = 9.80665
 
-
-def vqf(rate_hz: float, rates: FloatArray, accel: FloatArray, **parameters: Any) -> FloatArray:
+def vqf(rate_hz: float, rates: Array, accel: Array, **parameters: Any) -> Array:
     """VQF (Laidig and Seel 2023), online, without magnetometer."""
     engine = importlib.import_module("vqf").VQF(1.0 / rate_hz, **parameters)
-    found = engine.updateBatch(np.ascontiguousarray(rates.T), np.ascontiguousarray(accel.T * STANDARD_GRAVITY))
+    found = engine.updateBatch(np.ascontiguousarray(rates.T), np.ascontiguousarray(accel.T * STANDARD_GRAVITY_MPS2))
     return np.asarray(found["quat6D"]).T
 
 
-def vqf_offline(rate_hz: float, rates: FloatArray, accel: FloatArray) -> FloatArray:
+def vqf_offline(rate_hz: float, rates: Array, accel: Array) -> Array:
     """VQF forwards and backwards."""
     module = importlib.import_module("vqf")
-    gyro, readings = np.ascontiguousarray(rates.T), np.ascontiguousarray(accel.T * STANDARD_GRAVITY)
+    gyro, readings = np.ascontiguousarray(rates.T), np.ascontiguousarray(accel.T * STANDARD_GRAVITY_MPS2)
     return np.asarray(module.offlineVQF(gyro, readings, None, 1.0 / rate_hz)["quat6D"]).T
 
 
-def imufusion(rate_hz: float, rates: FloatArray, accel: FloatArray, *, gain: float | None = None) -> FloatArray:
+def imufusion(rate_hz: float, rates: Array, accel: Array, *, gain: float | None = None) -> Array:
     """x-io's Fusion with its gyro bias correction at rest."""
     module = importlib.import_module("imufusion")
     engine = module.Ahrs()
@@ -54,10 +53,10 @@ def imufusion(rate_hz: float, rates: FloatArray, accel: FloatArray, *, gain: flo
     return q.T
 
 
-def ahrs(name: str, rate_hz: float, rates: FloatArray, accel: FloatArray, **parameters: float) -> FloatArray:
+def ahrs(name: str, rate_hz: float, rates: Array, accel: Array, **parameters: float) -> Array:
     """`Mahony` or `Madgwick` of the package ahrs."""
     filters = importlib.import_module("ahrs").filters
-    engine = getattr(filters, name)(gyr=rates.T, acc=accel.T * STANDARD_GRAVITY, frequency=rate_hz, **parameters)
+    engine = getattr(filters, name)(gyr=rates.T, acc=accel.T * STANDARD_GRAVITY_MPS2, frequency=rate_hz, **parameters)
     return np.asarray(engine.Q).T
 
 

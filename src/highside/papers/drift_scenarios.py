@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude.quaternion import (
     conjugate,
     from_angles,
@@ -29,8 +30,6 @@ from highside.attitude.quaternion import (
 )
 from highside.physics.gravity import EARTH_RATE_RADPS
 from highside.physics.noise import random_walk
-
-FloatArray = NDArray[np.float64]
 
 LATITUDE_RAD = float(np.radians(35.2))
 DEG_PER_HOUR = np.pi / 180 / 3600
@@ -63,12 +62,12 @@ class Experiment:
     """A true motion at N sample times. Angles rad; `vibrating` (N,); `rest` (K, 2) s, when the tool stands."""
 
     name: str
-    t_s: FloatArray
-    theta: FloatArray
-    phi: FloatArray
-    psi: FloatArray
+    t_s: Array
+    theta: Array
+    phi: Array
+    psi: Array
     vibrating: NDArray[np.bool_]
-    rest: FloatArray
+    rest: Array
     triad: Triad
     latitude_rad: float = LATITUDE_RAD
 
@@ -82,18 +81,18 @@ class DriftData:
     """What the tool recorded, tool frame: `rate` (3, N) rad/s, `accel` (3, N) g; and the biases at the end."""
 
     experiment: Experiment
-    rate: FloatArray
-    accel: FloatArray
-    bias_end: FloatArray
+    rate: Array
+    accel: Array
+    bias_end: Array
     """(3,) true gyro bias at the end, tool frame, rad/s"""
 
-    def columns(self) -> dict[str, FloatArray]:
+    def columns(self) -> dict[str, Array]:
         """What the tool recorded, by the names of a Recording: (N,) each, g and deg/s."""
         readings = {f"a{axis}_g": row for axis, row in zip("xyz", self.accel, strict=True)}
         rates = {f"g{axis}_dps": row for axis, row in zip("xyz", np.degrees(self.rate), strict=True)}
         return {"t_s": self.experiment.t_s, **readings, **rates}
 
-    def true_columns(self) -> dict[str, FloatArray]:
+    def true_columns(self) -> dict[str, Array]:
         """Where the tool truly was, row by row: (N,) each, deg."""
         e = self.experiment
         return {
@@ -116,12 +115,12 @@ class DriftData:
         }
 
 
-def _times(seconds: float, rate_hz: float) -> FloatArray:
+def _times(seconds: float, rate_hz: float) -> Array:
     return np.arange(round(seconds * rate_hz) + 1) / rate_hz
 
 
 def _steady(
-    name: str, seconds: float, angles_deg: tuple[float, float, float], triad: Triad, rest: FloatArray, rate_hz: float
+    name: str, seconds: float, angles_deg: tuple[float, float, float], triad: Triad, rest: Array, rate_hz: float
 ) -> Experiment:
     t = _times(seconds, rate_hz)
     theta, phi, psi = (np.full(t.size, np.radians(angle)) for angle in angles_deg)
@@ -210,7 +209,7 @@ def curved_hole(
     return replace(still, psi=still.psi + turned)
 
 
-def true_rates(experiment: Experiment) -> tuple[FloatArray, FloatArray]:
+def true_rates(experiment: Experiment) -> tuple[Array, Array]:
     """Inertial rates averaged over the interval that ends with each sample (3, N) rad/s, and Up (3, N); body frame."""
     e = experiment
     q = from_angles(e.theta, e.phi, e.psi)

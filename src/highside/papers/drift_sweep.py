@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from highside.attitude.quaternion import conjugate, from_angles, multiply
 from highside.gyro.filter import Settings
@@ -13,8 +12,6 @@ from highside.gyro.kinematic import kinematic
 from highside.gyro.result import DriftResult
 from highside.papers.drift_bound import azimuth_bound
 from highside.papers.drift_scenarios import Experiment, Triad, record, rotating_table, turntable
-
-FloatArray = NDArray[np.float64]
 
 ELEVATIONS_DEG = (0.0, 1.0, 3.0, 10.0, 30.0, 45.0, 60.0, 75.0, 80.0, 85.0, 87.0, 89.0)
 RATE_HZ = 20.0

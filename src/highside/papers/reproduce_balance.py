@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.calibration.balance import TRIPLES, balance
 from highside.calibration.joint import joint
-from highside.calibration.poses import Array
 from highside.calibration.result import Reason
 from highside.papers import published_instrument
 from highside.papers.balance_prediction import WIDENED, Ensemble, interval

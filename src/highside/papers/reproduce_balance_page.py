@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.calibration.balance import TRIPLES
-from highside.calibration.poses import Array
 from highside.papers import balance_triples, published_instrument
 from highside.papers.balance_prediction import Ensemble, interval
 from highside.papers.balance_session import COLUMNS, INCLINATIONS_DEG, STATIONS_DEG

@@ -13,8 +13,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude.angles import wrap_signed
 from highside.attitude.quaternion import to_angles, to_body
 from highside.gyro.filter import Settings
@@ -36,8 +36,6 @@ from highside.papers.drift_scenarios import (
     vibration_table,
 )
 from highside.papers.drift_sweep import ELEVATIONS_DEG, WHY, Point, sweep
-
-FloatArray = NDArray[np.float64]
 
 SEED = 2
 _PLOTTED = 1500
@@ -92,9 +90,9 @@ class Row:
     azi_std_deg: float | None
     basis: str
     ours: bool
-    t_s: FloatArray
-    azi_error_deg: FloatArray
-    inc_error_deg: FloatArray
+    t_s: Array
+    azi_error_deg: Array
+    inc_error_deg: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,7 +231,7 @@ def _row(name: str, result: DriftResult, data: DriftData) -> Row:
 
 
 def _told_row(
-    name: str, t: FloatArray, inc: FloatArray, tf: FloatArray, azi: FloatArray, std: float, basis: str, e: Experiment,
+    name: str, t: Array, inc: Array, tf: Array, azi: Array, std: float, basis: str, e: Experiment,
     *, ours: bool,
 ) -> Row:  # fmt: skip
     last = t >= t[-1] - 10.0

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.papers.drift_sweep import WHY
 from highside.papers.reproduce_drift import ASSUMPTIONS, PAPER, Row, Study
 from highside.report.document import Page
 from highside.report.plots import new_figure, plotting
-
-FloatArray = NDArray[np.float64]
 
 _POINTS = 180
 _POINTS_IN = "a 180th"
@@ -142,7 +140,7 @@ def _figure(rows: list[Row]) -> Any:
     return figure
 
 
-def _medians(values: FloatArray) -> FloatArray:
+def _medians(values: Array) -> Array:
     """The medians of `_POINTS` equal parts."""
     return np.array([np.median(part) for part in np.array_split(values, min(_POINTS, values.size))])
 

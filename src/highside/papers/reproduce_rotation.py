@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.papers.rotation_scenarios import CHANNELS, SCENARIOS, Draw, draw
 from highside.report.document import Page
 from highside.report.plots import new_figure, plotting
@@ -27,7 +27,6 @@ from highside.rotation.compare import METHODS, Score, score
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 SEEDS = (0, 1)
 QUICK_REPEATS, SLOW_REPEATS = 40, 5
@@ -45,8 +44,8 @@ class Case:
 class Times:
     """Seconds of single calls."""
 
-    fit: Floats
-    evaluate: Floats
+    fit: Array
+    evaluate: Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,12 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude.angles import TURN
 from highside.rotation.bases import fourier_sum
-
-Floats = NDArray[np.float64]
 
 CHANNELS = ("roll", "pitch", "heading")
 _CONSTANT = (0.012, -0.020, 0.030)
@@ -44,20 +42,20 @@ SCENARIOS: Mapping[str, Scenario] = {"A": A, "B": B}
 class Draw:
     """One channel of one seed: angles (N,) rad, errors as measured and as they truly are (N,), and the true series."""
 
-    theta_rad: Floats
-    error: Floats
-    truth: Floats
-    coefficients: Floats
+    theta_rad: Array
+    error: Array
+    truth: Array
+    coefficients: Array
     """Fourier (R0, a1, b1, ...) of the truth, harmonics 0 to 8"""
 
-    def true_at(self, theta_rad: Floats) -> Floats:
+    def true_at(self, theta_rad: Array) -> Array:
         return fourier_sum(theta_rad, self.coefficients)
 
 
 def draw(scenario: Scenario, seed: int, channel: int, *, rows: int = 6000, turns: float = 1.0) -> Draw:
     """Rows spread evenly over the turns; the same seed is the same rotor whatever the rows and turns."""
     rng = np.random.default_rng(1000 + 10 * seed + channel)
-    theta: Floats = np.arange(rows, dtype=float) * (turns * TURN / rows)
+    theta: Array = np.arange(rows, dtype=float) * (turns * TURN / rows)
     coefficients = np.zeros(17)
     coefficients[0] = _CONSTANT[channel]
     waves = [(1, _FIRST[channel], _FIRST_PHASE[channel]), (2, scenario.second[channel], _SECOND_PHASE[channel])]
@@ -65,5 +63,5 @@ def draw(scenario: Scenario, seed: int, channel: int, *, rows: int = 6000, turns
     for k, size, phase in waves:
         coefficients[2 * k - 1], coefficients[2 * k] = size * np.cos(phase), size * np.sin(phase)
     truth = fourier_sum(theta, coefficients)
-    error: Floats = truth + scenario.noise * rng.standard_normal(rows)
+    error: Array = truth + scenario.noise * rng.standard_normal(rows)
     return Draw(theta, error, truth, coefficients)

@@ -17,9 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import Effect, LinearEffect, Parameter
-from highside.physics.gravity import STANDARD_GRAVITY_MPS2, Array
 from highside.physics.state import ChainState
+from highside.units import STANDARD_GRAVITY_MPS2
 
 ANY = (-1e9, 1e9)
 """Gate of what has no size of its own: a channel may be of any unit."""
@@ -44,7 +45,7 @@ class ChannelTerm:
     """
 
     parameters: tuple[Parameter, ...]
-    columns: tuple[Array, ...]
+    columns: tuple[AnyArray, ...]
     place: tuple[int, int, int]
     relinearised: bool = False
 
@@ -60,13 +61,13 @@ class Channels:
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    readings: Array
-    predicted: Array
-    t_s: Array
+    readings: AnyArray
+    predicted: AnyArray
+    t_s: AnyArray
     step_s: float
-    rates: Mapping[str, Array] = field(default_factory=dict)
-    speed: Array | None = None
-    temp_c: Array | None = None
+    rates: Mapping[str, AnyArray] = field(default_factory=dict)
+    speed: AnyArray | None = None
+    temp_c: AnyArray | None = None
     same_clock: bool = True
     about: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
@@ -94,7 +95,7 @@ class Channels:
             if own == kind:
                 yield place, members
 
-    def on(self, rows: Sequence[tuple[int, Array]]) -> Array:
+    def on(self, rows: Sequence[tuple[int, AnyArray]]) -> AnyArray:
         """(k, C, n): each function on its channel."""
         columns = np.zeros((len(rows), len(self.names), self.n))
         for k, (c, function) in enumerate(rows):
@@ -141,7 +142,7 @@ class ChannelEffect(Effect):
 
     parameters = ()
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         return np.zeros((3, state.n))
 
 
@@ -159,7 +160,7 @@ class OnChannels(LinearEffect):
         self.relinearised = term is not None and term.relinearised
         self.groups = tuple((k,) for k in range(len(self.parameters)))
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         # its columns are those of its term: there is no chain to act in
         return np.zeros((len(self.parameters), 3, state.n))
 
@@ -167,12 +168,12 @@ class OnChannels(LinearEffect):
 # -- linear systems on a channel
 
 
-def lagged(values: Array, step_s: float, tau: float) -> Array:
+def lagged(values: AnyArray, step_s: float, tau: float) -> AnyArray:
     """(n,) what a first-order lag changes, for each second of its time constant."""
     return np.asarray((_through(values, step_s, lambda w: 1 / (1 + 1j * w * tau)) - values) / tau)
 
 
-def delayed(predicted: Array, step_s: float, delay_s: float) -> Array:
+def delayed(predicted: AnyArray, step_s: float, delay_s: float) -> AnyArray:
     """(C, n) change of the prediction for each second of delay, at that delay."""
     if abs(delay_s) < 1e-9:
         return np.stack([_through(s, step_s, lambda w: -1j * w) for s in predicted])
@@ -180,7 +181,7 @@ def delayed(predicted: Array, step_s: float, delay_s: float) -> Array:
     return np.asarray((late - predicted) / delay_s)
 
 
-def _through(values: Array, step_s: float, response: Callable[[Any], Any]) -> Array:
+def _through(values: AnyArray, step_s: float, response: Callable[[Any], Any]) -> AnyArray:
     """Values (n,) through a linear system, exact for what is sampled finely enough; both ends are turned over."""
     n = values.size
     reach = min(n - 1, max(64, n // 8))

@@ -34,8 +34,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.errors import InputError
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 if TYPE_CHECKING:
@@ -169,10 +169,10 @@ class Effect(ABC):
     """what such a comparison lacks, in words, if the effect cannot act there"""
 
     @abstractmethod
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         """What it adds at its stage (shape: see the module), for parameters p (K,) and stage input x (3, N)."""
 
-    def derivative(self, state: ChainState, p: Array, x: Array) -> Array:
+    def derivative(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         """d delta / d p, (K, 3, N)."""
         p = np.asarray(p, dtype=float)
         columns = []
@@ -189,7 +189,7 @@ class Effect(ABC):
                 columns.append((self.delta(state, up, x) - self.delta(state, down, x)) / (2 * h))
         return np.stack(columns)
 
-    def input_jacobian(self, state: ChainState, p: Array, x: Array) -> Array:
+    def input_jacobian(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         """d delta / d x, (3, 3, N): [i, j] is the change of component i with component j of the stage's input."""
         jacobian = np.empty((3, 3, x.shape[1]))
         for j in range(3):
@@ -198,7 +198,7 @@ class Effect(ABC):
             jacobian[:, j] = np.imag(self.delta(state, p, step)) / 1e-30
         return jacobian
 
-    def vector(self, values: Mapping[str, float] | None = None) -> Array:
+    def vector(self, values: Mapping[str, float] | None = None) -> AnyArray:
         """Parameter vector (K,) from named values; those not named take their default.
 
         Raises InputError for a name the effect does not have.
@@ -210,7 +210,7 @@ class Effect(ABC):
             raise InputError(f"effect '{self.id}' has no parameter '{next(iter(values))}'", remedy=f"it has: {known}")
         return result
 
-    def outside_gate(self, p: Array) -> list[str]:
+    def outside_gate(self, p: AnyArray) -> list[str]:
         """Names of the parameters whose value is not finite or outside of the plausible range."""
         return [
             parameter.name
@@ -218,7 +218,7 @@ class Effect(ABC):
             if not parameter.gate[0] <= value <= parameter.gate[1]
         ]
 
-    def restarted(self, p: Array, earlier_s: float) -> tuple[Array, Array]:
+    def restarted(self, p: AnyArray, earlier_s: float) -> tuple[AnyArray, AnyArray]:
         """Factor and increment (K,) of each parameter p (K,) if its time is counted from so much earlier."""
         return np.ones(len(p)), np.array([earlier_s if parameter.epoch else 0.0 for parameter in self.parameters])
 
@@ -262,13 +262,13 @@ class LinearEffect(Effect):
     """An effect that is a sum of parameter times basis function: gives `basis`, and gets the rest from it."""
 
     @abstractmethod
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         """(K, 3, N): what one unit of each parameter adds."""
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         return np.tensordot(p, self.basis(state, x), 1)
 
-    def derivative(self, state: ChainState, p: Array, x: Array) -> Array:
+    def derivative(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         return self.basis(state, x)
 
 
@@ -278,20 +278,20 @@ class AxisEffect(LinearEffect):
     groups = singles(3)
 
     @abstractmethod
-    def term(self, state: ChainState, f: Array) -> Array:
+    def term(self, state: ChainState, f: AnyArray) -> AnyArray:
         """h(f), (3, N)."""
 
     @abstractmethod
-    def slope(self, state: ChainState, f: Array) -> Array:
+    def slope(self, state: ChainState, f: AnyArray) -> AnyArray:
         """dh/df, (3, N)."""
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         return p[:, None] * self.term(state, x)
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         return on_own_axis(self.term(state, x))
 
-    def input_jacobian(self, state: ChainState, p: Array, x: Array) -> Array:
+    def input_jacobian(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         return on_own_axis(p[:, None] * self.slope(state, x))
 
 
@@ -304,16 +304,16 @@ class Modulated(LinearEffect):
     formula = "factor times the effect"
     story = "A parameter of the sensor is not constant but in proportion to something known, such as temperature."
 
-    def __init__(self, effect: LinearEffect, factor: Array) -> None:
+    def __init__(self, effect: LinearEffect, factor: AnyArray) -> None:
         self._effect, self._factor = effect, factor
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         return self._factor * self._effect.basis(state, x)
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         return self._factor * self._effect.delta(state, p, x)
 
-    def input_jacobian(self, state: ChainState, p: Array, x: Array) -> Array:
+    def input_jacobian(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         return self._factor * self._effect.input_jacobian(state, p, x)
 
 
@@ -323,14 +323,14 @@ class RandomEffect(Effect):
     random = True
     draws_at: Stage = Stage.SENSOR
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         return np.zeros((3, state.n), dtype=np.result_type(p, float))
 
-    def derivative(self, state: ChainState, p: Array, x: Array) -> Array:
+    def derivative(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         return np.zeros((len(self.parameters), 3, state.n))
 
     @abstractmethod
-    def draw(self, state: ChainState, p: Array, rng: np.random.Generator) -> Array:
+    def draw(self, state: ChainState, p: AnyArray, rng: np.random.Generator) -> AnyArray:
         """One realisation, (3, N), in the units of the stage `draws_at`."""
 
 
@@ -339,22 +339,22 @@ class RecordEffect(Effect):
 
     random = True
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         return np.zeros((3, state.n), dtype=np.result_type(p, float))
 
-    def derivative(self, state: ChainState, p: Array, x: Array) -> Array:
+    def derivative(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         return np.zeros((len(self.parameters), 3, state.n))
 
-    def record(self, state: ChainState, p: Array, values: Array, rng: np.random.Generator) -> Array:
+    def record(self, state: ChainState, p: AnyArray, values: AnyArray, rng: np.random.Generator) -> AnyArray:
         """The values (3, N) as they are written down."""
         return values
 
-    def rows(self, state: ChainState, p: Array, rng: np.random.Generator) -> Array:
+    def rows(self, state: ChainState, p: AnyArray, rng: np.random.Generator) -> AnyArray:
         """Indices of the rows that are written down, in order."""
         return np.arange(state.n)
 
 
-def on_own_axis(values: Array) -> Array:
+def on_own_axis(values: AnyArray) -> AnyArray:
     """(3, N) -> (3, 3, N) with row i on the diagonal [i, i] and zeros elsewhere."""
     result = np.zeros((3, *values.shape), dtype=values.dtype)
     for axis in range(3):

@@ -18,13 +18,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.errors import InputError
 from highside.physics import effects as library
 from highside.physics.effect import Effect, RandomEffect, RecordEffect, Stage
-from highside.physics.gravity import Array, attitude_of, rotate_x, rotate_y, rotate_z, rotation_matrix, unit
+from highside.physics.gravity import attitude_of, rotate_x, rotate_y, rotate_z, rotation_matrix, unit
 from highside.physics.state import ChainState
 
-Draws = Mapping[Stage, Array]
+Draws = Mapping[Stage, AnyArray]
 """realised random increments by the stage they disturb"""
 
 
@@ -38,23 +39,23 @@ class Chain:
 
     state: ChainState
     """with the TIMING effects"""
-    pose: Array
+    pose: AnyArray
     """I, E, T in rad after the POSE effects"""
-    vertical: Array
+    vertical: AnyArray
     """the lab's vertical, unit"""
-    lab: Array
+    lab: AnyArray
     """before normalisation"""
-    after_inc: Array
-    after_cross: Array
-    gravity: Array
+    after_inc: AnyArray
+    after_cross: AnyArray
+    gravity: AnyArray
     """true gravity in the tool frame, unit: what a perfect instrument must report"""
-    mounting: Array
+    mounting: AnyArray
     """rotation vector, (3,) rad"""
-    rotation: Array
+    rotation: AnyArray
     """tool frame to triad frame, (3, 3)"""
-    force: Array
+    force: AnyArray
     """specific force at the triad, g: the input of the SENSOR and THERMAL stages"""
-    reported: Array
+    reported: AnyArray
     """g"""
 
 
@@ -62,11 +63,11 @@ class Chain:
 class Linearisation:
     """A forward model and its first derivatives at one set of parameters; N rows."""
 
-    reported: Array
+    reported: AnyArray
     """(3, N) g"""
-    columns: Array
+    columns: AnyArray
     """(P, 3, N): change of the report with each parameter, effect by effect"""
-    by_pose: Array
+    by_pose: AnyArray
     """(3, 3, N) g/rad: change of the report with I, E and T, as [:, 0], [:, 1] and [:, 2]"""
 
 
@@ -74,7 +75,7 @@ class Linearisation:
 class ForwardModel:
     """A set of effects with their parameters. `effects` are pairs (effect, vector); make one with `ForwardModel.of`."""
 
-    effects: tuple[tuple[Effect, Array], ...]
+    effects: tuple[tuple[Effect, AnyArray], ...]
 
     @classmethod
     def of(cls, effects: Iterable[tuple[str, Mapping[str, float]]] | Mapping[str, Mapping[str, float]]) -> ForwardModel:
@@ -105,7 +106,7 @@ class ForwardModel:
         """The effect of that id: the model's own (which need not be of the library), else the library's."""
         return next((effect for effect, _ in self.effects if effect.id == effect_id), None) or library.get(effect_id)
 
-    def vector_of(self, effect_id: str) -> Array:
+    def vector_of(self, effect_id: str) -> AnyArray:
         """Parameter vector of an effect; its defaults if it is not part of this model."""
         own = next((p for effect, p in self.effects if effect.id == effect_id), None)
         return library.get(effect_id).vector() if own is None else own
@@ -139,11 +140,11 @@ class ForwardModel:
             names += [item] if parameter else [f"{effect_id}.{known[k]}" for k in effect.amplitudes]
         return names
 
-    def get_free(self, free: Sequence[str] | None = None) -> Array:
+    def get_free(self, free: Sequence[str] | None = None) -> AnyArray:
         """(P,) values of the free parameters, in the order of `free_names`."""
         return np.array([self.vector_of(e)[self._index(e, p)] for e, p in _split(self.free_names(free))])
 
-    def set_free(self, values: Array, free: Sequence[str] | None = None) -> ForwardModel:
+    def set_free(self, values: AnyArray, free: Sequence[str] | None = None) -> ForwardModel:
         """With other values of the free parameters; effects that are not part of the model yet are added."""
         vectors = {effect.id: p.copy() for effect, p in self.effects}
         for (effect_id, parameter), value in zip(_split(self.free_names(free)), values, strict=True):
@@ -152,20 +153,20 @@ class ForwardModel:
 
     # -- evaluating
 
-    def predict(self, state: ChainState) -> Array:
+    def predict(self, state: ChainState) -> AnyArray:
         """Reported gravity direction, (3, N) in g, without anything random."""
         return self.chain(state).reported
 
-    def truth(self, state: ChainState, draws: Draws | None = None) -> tuple[Array, Array]:
+    def truth(self, state: ChainState, draws: Draws | None = None) -> tuple[AnyArray, AnyArray]:
         """Where the tool is, not where the bench says: inclination in [0, pi], toolface in [0, 2 pi), (N,) rad."""
         return attitude_of(self.chain(state, draws).gravity)
 
-    def draw(self, state: ChainState, rng: np.random.Generator) -> dict[Stage, Array]:
+    def draw(self, state: ChainState, rng: np.random.Generator) -> dict[Stage, AnyArray]:
         """One realisation of all random effects, summed by the stage they disturb.
 
         Each effect has its own stream, so adding one leaves the others' draws as they were.
         """
-        draws: dict[Stage, Array] = {}
+        draws: dict[Stage, AnyArray] = {}
         root = int(rng.integers(2**63))
         for effect, p in self.effects:
             if isinstance(effect, RandomEffect):
@@ -174,29 +175,29 @@ class ForwardModel:
                 draws[effect.draws_at] = draws.get(effect.draws_at, 0.0) + increment
         return draws
 
-    def simulate(self, state: ChainState, rng: np.random.Generator) -> Array:
+    def simulate(self, state: ChainState, rng: np.random.Generator) -> AnyArray:
         """Reported gravity direction, (3, N) in g, with one realisation of everything random, as it is written down.
 
         The rows that a link loses or repeats are told by `recorded_rows`.
         """
         return self.recorded(state, self.chain(state, self.draw(state, rng)).reported, rng)
 
-    def recorded(self, state: ChainState, values: Array, rng: np.random.Generator) -> Array:
+    def recorded(self, state: ChainState, values: AnyArray, rng: np.random.Generator) -> AnyArray:
         """The values (3, N) after the DIGITAL effects."""
         for effect, p in self.effects:
             if isinstance(effect, RecordEffect):
                 values = effect.record(state, p, values, rng)
         return values
 
-    def recorded_rows(self, state: ChainState, rng: np.random.Generator) -> Array:
+    def recorded_rows(self, state: ChainState, rng: np.random.Generator) -> AnyArray:
         """Indices of the rows that reach the recording."""
-        rows: Array = np.arange(state.n)
+        rows: AnyArray = np.arange(state.n)
         for effect, p in self.effects:
             if isinstance(effect, RecordEffect):
                 rows = rows[effect.rows(state.rows(rows), p, rng)]
         return rows
 
-    def gyro(self, state: ChainState, draws: Draws | None = None) -> Array:
+    def gyro(self, state: ChainState, draws: Draws | None = None) -> AnyArray:
         """Reported rates about the tool's axes, (3, N) in rad/s; without anything random unless `draws` are given.
 
         The state's rates are those of the bench's readings; where the bench does not point where it reads, the tool
@@ -211,12 +212,12 @@ class ForwardModel:
                 reported = reported + effect.delta(sampled, p, rates)
         return reported + draws[Stage.GYRO] if Stage.GYRO in draws else reported
 
-    def gyro_jacobian(self, state: ChainState, free: Sequence[str] | None = None) -> Array:
+    def gyro_jacobian(self, state: ChainState, free: Sequence[str] | None = None) -> AnyArray:
         """d(reported rates)/d(free parameters), (P, 3, N); zero for what acts on the accelerometers alone."""
         names = _split(self.free_names(free))
         sampled = self._sampled(state, {})
         rates = self._true_rates(sampled)
-        by_effect: dict[str, Array] = {}
+        by_effect: dict[str, AnyArray] = {}
         for effect_id in dict.fromkeys(effect_id for effect_id, _ in names):
             effect, p = self.effect(effect_id), self.vector_of(effect_id)
             by_effect[effect_id] = self._gyro_columns(state, sampled, rates, effect, p)
@@ -224,7 +225,7 @@ class ForwardModel:
 
     def _sampled(self, state: ChainState, draws: Draws) -> ChainState:
         """The state at the instants at which the rows were truly sampled."""
-        late: Array | None = draws.get(Stage.TIMING)
+        late: AnyArray | None = draws.get(Stage.TIMING)
         for effect, p in self.effects:
             if effect.stage is Stage.TIMING:
                 delta = effect.delta(state, p, state.reading)
@@ -235,7 +236,7 @@ class ForwardModel:
         """All stages of one evaluation."""
         draws = draws or {}
 
-        def total(stage: Stage, start: Array, x: Array) -> Array:
+        def total(stage: Stage, start: AnyArray, x: AnyArray) -> AnyArray:
             result = start
             for effect, p in self.effects:
                 if effect.stage is stage and not effect.random:
@@ -259,7 +260,7 @@ class ForwardModel:
         reported = total(Stage.NOISE, reported, force)
         return Chain(state, pose, vertical, lab, after_inc, after_cross, gravity, mounting, rotation, force, reported)
 
-    def sensitivity(self, state: ChainState, chain: Chain | None = None) -> Array:
+    def sensitivity(self, state: ChainState, chain: Chain | None = None) -> AnyArray:
         """dm/df, (3, 3, N): how the report follows the specific force, at the present parameters."""
         chain = chain or self.chain(state)
         result = np.repeat(np.eye(3)[:, :, None], state.n, axis=2)
@@ -268,12 +269,12 @@ class ForwardModel:
                 result += effect.input_jacobian(chain.state, p, chain.force)
         return result
 
-    def pose_sensitivity(self, state: ChainState, chain: Chain | None = None) -> Array:
+    def pose_sensitivity(self, state: ChainState, chain: Chain | None = None) -> AnyArray:
         """dm/d(I, E, T), (3, 3, N) in g/rad: [:, 0] and [:, 2] are what an error of inclination or toolface does."""
         chain = chain or self.chain(state)
         return _apply(self.sensitivity(state, chain), _turned(chain.rotation, _pose_tangents(chain)))
 
-    def jacobian(self, state: ChainState, free: Sequence[str] | None = None) -> Array:
+    def jacobian(self, state: ChainState, free: Sequence[str] | None = None) -> AnyArray:
         """dm/d(free parameters), (P, 3, N), in the order of `free_names(free)`.
 
         Effects that are not part of the model are taken at their defaults (nothing): their columns are then what the
@@ -282,15 +283,15 @@ class ForwardModel:
         names = _split(self.free_names(free))
         chain = self.chain(state)
         sensitivity = self.sensitivity(state, chain)
-        by_effect: dict[str, Array] = {}
+        by_effect: dict[str, AnyArray] = {}
         for effect_id in dict.fromkeys(effect_id for effect_id, _ in names):
             effect, p = self.effect(effect_id), self.vector_of(effect_id)
             by_effect[effect_id] = self._columns(state, chain, sensitivity, effect, p)
         return np.stack([by_effect[e][self._index(e, p)] for e, p in names]) if names else np.empty((0, 3, state.n))
 
     def derivatives(
-        self, state: ChainState, wanted: Sequence[tuple[Effect, Array]], *, gyros: bool = False
-    ) -> list[Array]:
+        self, state: ChainState, wanted: Sequence[tuple[Effect, AnyArray]], *, gyros: bool = False
+    ) -> list[AnyArray]:
         """d(report)/d(parameters) of each (effect, vector) beside this model, from one evaluation of the chain.
 
         Each (K, 3, N); with `gyros` (K, 6, N), the rates in rad/s below the readings in g. The vectors say where the
@@ -322,7 +323,9 @@ class ForwardModel:
         ]
         return Linearisation(chain.reported, np.concatenate(columns) if columns else np.empty((0, 3, state.n)), by_pose)
 
-    def _gyro_columns(self, state: ChainState, sampled: ChainState, rates: Array, effect: Effect, p: Array) -> Array:
+    def _gyro_columns(
+        self, state: ChainState, sampled: ChainState, rates: AnyArray, effect: Effect, p: AnyArray
+    ) -> AnyArray:
         """(K, 3, N): change of the reported rates with each parameter of one effect."""
         if effect.stage is Stage.TIMING:
             h = 1e-5
@@ -337,7 +340,7 @@ class ForwardModel:
             return rates_of(sampled.tf_rad, np.broadcast_to(change, (len(change), 3, state.n)) / (2 * STEP_S))
         return np.zeros((len(effect.parameters), 3, state.n))
 
-    def _true_rates(self, sampled: ChainState) -> Array:
+    def _true_rates(self, sampled: ChainState) -> AnyArray:
         """Rates at which the tool turns, (3, N): those of the readings and of what the bench adds to them."""
         rates = tool_rates(sampled)
         moved = [(effect, p) for effect, p in self.effects if effect.stage is Stage.POSE and not effect.random]
@@ -352,7 +355,7 @@ class ForwardModel:
     def _index(self, effect_id: str, parameter: str) -> int:
         return [p.name for p in self.effect(effect_id).parameters].index(parameter)
 
-    def _columns(self, state: ChainState, chain: Chain, sensitivity: Array, effect: Effect, p: Array) -> Array:
+    def _columns(self, state: ChainState, chain: Chain, sensitivity: AnyArray, effect: Effect, p: AnyArray) -> AnyArray:
         """(K, 3, N): change of the report with each parameter of one effect."""
         if effect.stage is Stage.TIMING:
             h = 1e-5
@@ -386,7 +389,7 @@ class ForwardModel:
         return _through(sensitivity, np.stack(columns))
 
 
-def tool_rates(state: ChainState) -> Array:
+def tool_rates(state: ChainState) -> AnyArray:
     """True rates about the tool's axes, (3, N) in rad/s, relative to the Earth.
 
     A direction fixed in space obeys dG/dt = -w x G in the tool frame, and the toolface grows clockwise looking
@@ -396,14 +399,14 @@ def tool_rates(state: ChainState) -> Array:
     return rates_of(state.tf_rad, np.stack([inc_rate, np.zeros(state.n), state.rotor_rate_radps]))
 
 
-def rates_of(tf: Array, pose_rate: Array) -> Array:
+def rates_of(tf: AnyArray, pose_rate: AnyArray) -> AnyArray:
     """Rates about the tool's axes, (..., 3, N), that belong to d(I, E, T)/dt (..., 3, N) at the toolface `tf` (N,)."""
     inc, cross, turn = pose_rate[..., 0, :], pose_rate[..., 1, :], pose_rate[..., 2, :]
     sin, cos = np.sin(tf), np.cos(tf)
     return np.stack([inc * sin - cross * cos, -inc * cos - cross * sin, -turn], axis=-2)
 
 
-def _pose_tangents(chain: Chain) -> Array:
+def _pose_tangents(chain: Chain) -> AnyArray:
     """d gravity / d(I, E, T), (3, 3, N) in 1/rad: a rotation about an axis moves a vector v by (axis x v)."""
     _, cross, tf = chain.pose
     u, v, w = chain.after_inc, chain.after_cross, chain.gravity
@@ -414,17 +417,17 @@ def _pose_tangents(chain: Chain) -> Array:
     return np.stack([by_inc, by_cross, by_tf], axis=1)
 
 
-def _turned(rotation: Array, v: Array) -> Array:
+def _turned(rotation: AnyArray, v: AnyArray) -> AnyArray:
     """(3, 3) applied to (3, ..., N)."""
     return np.asarray((rotation @ v.reshape(3, -1)).reshape(v.shape))
 
 
-def _apply(matrices: Array, others: Array) -> Array:
+def _apply(matrices: AnyArray, others: AnyArray) -> AnyArray:
     """Row-wise product of (3, 3, N) matrices."""
     return np.einsum("ijn,jkn->ikn", matrices, others)
 
 
-def _through(matrices: Array, columns: Array) -> Array:
+def _through(matrices: AnyArray, columns: AnyArray) -> AnyArray:
     """(3, 3, N) applied to each of (K, 3, N)."""
     return np.einsum("ijn,kjn->kin", matrices, np.broadcast_to(columns, (len(columns), 3, matrices.shape[2])))
 

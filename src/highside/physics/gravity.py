@@ -15,15 +15,10 @@ Everything is vectorised: angles (N,) in rad, vectors (3, N).
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
-"""float64, or complex128 while a derivative is taken by a complex step"""
+from highside.arrays import AnyArray
 
-STANDARD_GRAVITY_MPS2 = 9.80665
 EARTH_RATE_RADPS = 7.292115e-5
 
 # WGS84 (NIMA TR8350.2): equatorial gravity, Somigliana's constant, first eccentricity squared, and for the height
@@ -32,14 +27,14 @@ _GAMMA_E, _SOMIGLIANA_K, _ECC2 = 9.7803253359, 0.00193185265241, 0.0066943799901
 _SEMI_MAJOR_M, _FLATTENING, _CENTRIFUGAL = 6378137.0, 1 / 298.257223563, 0.00344978650684
 
 
-def gravity_direction(inc_rad: Array, tf_rad: Array) -> Array:
+def gravity_direction(inc_rad: AnyArray, tf_rad: AnyArray) -> AnyArray:
     """G(I, T) of equation (1): (3, N) in g for angles (N,) in rad."""
     inc, tf = np.broadcast_arrays(np.asarray(inc_rad), np.asarray(tf_rad))
     s = np.sin(inc)
     return np.stack([s * np.cos(tf), s * np.sin(tf), np.cos(inc)])
 
 
-def attitude_of(vector: Array) -> tuple[Array, Array]:
+def attitude_of(vector: AnyArray) -> tuple[AnyArray, AnyArray]:
     """Inclination in [0, pi] and toolface in [0, 2 pi), both (N,) rad, of vectors (3, N): equation (2) by atan2."""
     gx, gy, gz = vector
     # 0.0 stands for an angle that rounding put at 2 pi
@@ -47,31 +42,31 @@ def attitude_of(vector: Array) -> tuple[Array, Array]:
     return np.arctan2(np.hypot(gx, gy), gz), np.where(tf >= 2 * np.pi, 0.0, tf)
 
 
-def rotate_x(angle: Array, v: Array) -> Array:
+def rotate_x(angle: AnyArray, v: AnyArray) -> AnyArray:
     """Rx(angle) v, actively, right-handed; angle (N,) or scalar rad, v (3, ..., N)."""
     c, s = np.cos(angle), np.sin(angle)
     return _stacked(v[0], c * v[1] - s * v[2], s * v[1] + c * v[2])
 
 
-def rotate_y(angle: Array, v: Array) -> Array:
+def rotate_y(angle: AnyArray, v: AnyArray) -> AnyArray:
     """Ry(angle) v."""
     c, s = np.cos(angle), np.sin(angle)
     return _stacked(c * v[0] + s * v[2], v[1], c * v[2] - s * v[0])
 
 
-def rotate_z(angle: Array, v: Array) -> Array:
+def rotate_z(angle: AnyArray, v: AnyArray) -> AnyArray:
     """Rz(angle) v."""
     c, s = np.cos(angle), np.sin(angle)
     return _stacked(c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
 
 
-def _stacked(x: Array, y: Array, z: Array) -> Array:
+def _stacked(x: AnyArray, y: AnyArray, z: AnyArray) -> AnyArray:
     out = np.empty((3, *np.broadcast(x, y, z).shape), dtype=np.result_type(x, y, z))
     out[0], out[1], out[2] = x, y, z
     return out
 
 
-def rotation_matrix(rotation_vector: Array) -> Array:
+def rotation_matrix(rotation_vector: AnyArray) -> AnyArray:
     """exp([r]x), (3, 3), of a rotation vector (3,) in rad by Rodrigues' formula; r may be complex."""
     r = np.asarray(rotation_vector)
     skew = np.array([[0 * r[0], -r[2], r[1]], [r[2], 0 * r[0], -r[0]], [-r[1], r[0], 0 * r[0]]])
@@ -85,14 +80,14 @@ def rotation_matrix(rotation_vector: Array) -> Array:
     return np.eye(3) + first * skew + second * (skew @ skew)
 
 
-def unit(v: Array) -> Array:
+def unit(v: AnyArray) -> AnyArray:
     """v / |v| for (3, N), analytic (no conjugates), so that a complex step passes through."""
     return v / np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
 
 
 def bench_gravity(
-    inc_rad: Array, tf_rad: Array, tilt_x: float = 0.0, tilt_y: float = 0.0, cross_rad: Array | float = 0.0
-) -> Array:
+    inc_rad: AnyArray, tf_rad: AnyArray, tilt_x: float = 0.0, tilt_y: float = 0.0, cross_rad: AnyArray | float = 0.0
+) -> AnyArray:
     """Gravity in the tool frame, (3, N) in g, on a bench with this tilt and spindle angle error (rad).
 
     To first order the tilt gives I + tilt_x and T + tilt_y / sin I.
@@ -102,7 +97,7 @@ def bench_gravity(
     return rotate_z(tf, rotate_x(np.asarray(cross_rad), rotate_y(inc, vertical)))
 
 
-def gravity_jacobians(inc_rad: Array, tf_rad: Array) -> tuple[Array, Array]:
+def gravity_jacobians(inc_rad: AnyArray, tf_rad: AnyArray) -> tuple[AnyArray, AnyArray]:
     """J_I = dG/dI and J_T = dG/dT of equation (1), each (3, N) in g/rad."""
     inc, tf = np.broadcast_arrays(np.asarray(inc_rad), np.asarray(tf_rad))
     si, ci, st, ct = np.sin(inc), np.cos(inc), np.sin(tf), np.cos(tf)

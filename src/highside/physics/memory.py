@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from highside.physics.gravity import Array
+from highside.arrays import AnyArray
 
 MANY = 1000
 """Rows from which a compiled recursion pays."""
 
 
-def low_pass(t_s: Array, x: Array, tau: complex | float) -> Array:
+def low_pass(t_s: AnyArray, x: AnyArray, tau: complex | float) -> AnyArray:
     """Solution y of tau dy/dt = x - y, (N,), at rest at the start (y = x), exact for x linear between the rows.
 
     `t_s` rises; rows may be uneven. `tau` in s may be complex (for a derivative by complex step).
@@ -36,7 +36,7 @@ def low_pass(t_s: Array, x: Array, tau: complex | float) -> Array:
     return y
 
 
-def play(x: Array, half_width: float) -> Array:
+def play(x: AnyArray, half_width: float) -> AnyArray:
     """Play operator, (N,): follows x with a slack of `half_width` on each side; starts in the middle of its slack."""
     y = np.empty(x.size)
     last = float(x[0]) if x.size else 0.0

@@ -25,9 +25,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from highside.arrays import Array
 
 RAMP = 0.25
 """share of a leg in which its rate rises, and again in which it falls"""
@@ -55,20 +55,20 @@ class Leg:
 class MotionBlock(NamedTuple):
     """The state of motion at N instants, SI and radians."""
 
-    t_s: Floats
-    inclination_rad: Floats
+    t_s: Array
+    inclination_rad: Array
     """(N,)"""
-    toolface_rad: Floats
+    toolface_rad: Array
     """(N,), not wrapped: it counts turns"""
-    inclination_rate_rad_s: Floats
-    toolface_rate_rad_s: Floats
-    gravity: Floats
+    inclination_rate_rad_s: Array
+    toolface_rate_rad_s: Array
+    gravity: Array
     """(3, N): G(I, T), a unit vector"""
-    gyro_rad_s: Floats
+    gyro_rad_s: Array
     """(3, N): what ideal gyros read"""
-    vibration_g: Floats
+    vibration_g: Array
     """(3, N): linear acceleration of the shaking, to be added to gravity"""
-    vibration_rms_g: Floats
+    vibration_rms_g: Array
     """(N,): the rms of one axis of the shaking at that time"""
 
 
@@ -152,34 +152,34 @@ class Motion:
         return found
 
     @cached_property
-    def _starts_s(self) -> Floats:
+    def _starts_s(self) -> Array:
         return np.concatenate([[0.0], np.cumsum([leg.duration_s for leg in self.legs])])
 
     @cached_property
-    def _inclinations_deg(self) -> Floats:
+    def _inclinations_deg(self) -> Array:
         values = [self.inclination_deg]
         for leg in self.legs:
             values.append(values[-1] if leg.inclination_to_deg is None else leg.inclination_to_deg)
         return np.array(values)
 
     @cached_property
-    def _turns_deg(self) -> Floats:
+    def _turns_deg(self) -> Array:
         return self.toolface_deg + np.concatenate([[0.0], np.cumsum([leg.turn_deg for leg in self.legs])])
 
     @cached_property
-    def _tone_table(self) -> tuple[Floats, Floats]:
+    def _tone_table(self) -> tuple[Array, Array]:
         rng = np.random.default_rng(self.seed)
         frequency_hz = rng.uniform(*TONE_RANGE_HZ, size=(3, TONES))
         return 2.0 * np.pi * frequency_hz, rng.uniform(0.0, 2.0 * np.pi, size=(3, TONES))
 
-    def _tones(self, t: Floats) -> Floats:
+    def _tones(self, t: Array) -> Array:
         """(3, N): shaking of rms 1 an axis."""
         omega, phase = self._tone_table
         shaken = np.sin(omega[:, :, None] * t + phase[:, :, None]).sum(axis=1)
         return np.asarray(shaken * np.sqrt(2.0 / TONES), dtype=np.float64)
 
 
-def _profile(u: Floats) -> tuple[Floats, Floats, Floats]:
+def _profile(u: Array) -> tuple[Array, Array, Array]:
     """Share travelled, rate (its derivative) and envelope (rate over top rate) at the share `u` of a leg's time.
 
     The rate rises as (1 - cos(pi u / r)) / 2 for u < r, is 1 up to 1 - r, and falls as it rose; divided by its area

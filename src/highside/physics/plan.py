@@ -12,9 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from highside.physics.gravity import STANDARD_GRAVITY_MPS2, Array
+from highside.arrays import AnyArray
 from highside.physics.motion import Leg, Motion
 from highside.physics.state import ChainState
+from highside.units import STANDARD_GRAVITY_MPS2
 
 
 class Pose(NamedTuple):
@@ -29,7 +30,7 @@ class Rows(NamedTuple):
     """The rows of a session: their state, and a mask (N,) of those taken while the tool stood at a pose."""
 
     state: ChainState
-    held: Array
+    held: AnyArray
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class Profile:
     values: tuple[float, ...]
     times_s: tuple[float, ...] = ()
 
-    def at(self, t_s: Array) -> Array:
+    def at(self, t_s: AnyArray) -> AnyArray:
         """(N,) values at the times; constant before the first and after the last."""
         times = self.times_s or tuple(np.linspace(t_s[0], t_s[-1], len(self.values)))
         return np.interp(t_s, times, self.values)

@@ -25,11 +25,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.attitude.angles import wrap_signed
 from highside.errors import InputError
 from highside.physics.effect import Stage
 from highside.physics.effects import get
-from highside.physics.gravity import Array, attitude_of, rotate_x, rotate_y, rotate_z, rotation_matrix, unit
+from highside.physics.gravity import attitude_of, rotate_x, rotate_y, rotate_z, rotation_matrix, unit
 from highside.physics.state import ChainState
 
 Faults = Sequence[tuple[str, Mapping[str, float]]]
@@ -37,14 +38,14 @@ Faults = Sequence[tuple[str, Mapping[str, float]]]
 
 
 def attitude_errors(
-    theta_rad: Array,
+    theta_rad: AnyArray,
     faults: Faults = (),
     *,
     axis_tilt_rad: tuple[float, float] = (0.0, 0.0),
     roll_rad: float = 0.0,
     pitch_rad: float = 0.0,
     heading_rad: float = 0.0,
-) -> Array:
+) -> AnyArray:
     """Errors of roll, pitch and heading, (3, N) rad, decoded - true, at rotor angles (N,) as the encoder reads them.
 
     `axis_tilt_rad`: rotation of the rotor's axis about the case's x and y. Raises InputError for an effect that does
@@ -65,7 +66,9 @@ def attitude_errors(
     return np.asarray(wrap_signed(decoded - true))
 
 
-def inclination_toolface_errors(theta_rad: Array, inc_rad: Array | float, faults: Faults = ()) -> tuple[Array, Array]:
+def inclination_toolface_errors(
+    theta_rad: AnyArray, inc_rad: AnyArray | float, faults: Faults = ()
+) -> tuple[AnyArray, AnyArray]:
     """Errors of I and T, each (N,) rad: what the package feels minus what the bench reads (I, T = theta).
 
     `inc_rad`: one inclination, or one an angle (N,).
@@ -80,7 +83,7 @@ def inclination_toolface_errors(theta_rad: Array, inc_rad: Array | float, faults
     return felt_inc - inc, np.asarray(wrap_signed(felt_tf - theta))
 
 
-def package_turn(theta_rad: Array, inc_rad: Array | float, faults: Faults = ()) -> Array:
+def package_turn(theta_rad: AnyArray, inc_rad: AnyArray | float, faults: Faults = ()) -> AnyArray:
     """What a package on a rotor with faults is turned by against one on a perfect rotor: (3, 3, N).
 
     It maps vectors of the perfect package's frame, at rotor angles (N,) and inclination(s) as the bench reads them,
@@ -98,7 +101,7 @@ def package_turn(theta_rad: Array, inc_rad: Array | float, faults: Faults = ()) 
     return np.stack(columns, axis=1)
 
 
-def azimuth_errors(theta_rad: Array, inc_rad: Array | float, faults: Faults = ()) -> Array:
+def azimuth_errors(theta_rad: AnyArray, inc_rad: AnyArray | float, faults: Faults = ()) -> AnyArray:
     """(N,) rad: azimuth of the package's axis minus that of the hole, at rotor angles (N,) and inclination(s)."""
     theta = np.asarray(theta_rad, dtype=float)
     inc = np.full_like(theta, inc_rad)
@@ -110,7 +113,7 @@ def azimuth_errors(theta_rad: Array, inc_rad: Array | float, faults: Faults = ()
     return np.asarray(np.arctan2(axis[1], level))
 
 
-def _faults(theta: Array, inc: Array, faults: Faults) -> tuple[Array, Array, Array]:
+def _faults(theta: AnyArray, inc: AnyArray, faults: Faults) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Pose increments (3, N), vertical in the bench's frame (3, 1), mounting (3, 3): the faults summed by stage."""
     state = ChainState.build(inc, theta)
     pose, vertical, mounting = np.zeros((3, theta.size)), np.array([[0.0], [0.0], [1.0]]), np.zeros(3)
@@ -130,13 +133,13 @@ def _faults(theta: Array, inc: Array, faults: Faults) -> tuple[Array, Array, Arr
     return pose, unit(vertical), rotation_matrix(mounting)
 
 
-def _from_angles(roll_rad: float, pitch_rad: float, heading_rad: float) -> Array:
+def _from_angles(roll_rad: float, pitch_rad: float, heading_rad: float) -> AnyArray:
     """C = Rz(heading) Ry(pitch) Rx(roll), (3, 3)."""
     identity = np.eye(3)
     return rotate_z(np.asarray(heading_rad), rotate_y(np.asarray(pitch_rad), rotate_x(np.asarray(roll_rad), identity)))
 
 
-def _angles(C: Array) -> Array:
+def _angles(C: AnyArray) -> AnyArray:
     """Roll, pitch, heading (3, N) of matrices (3, 3, N)."""
     roll = np.arctan2(C[2, 1], C[2, 2])
     pitch = np.arctan2(-C[2, 0], np.hypot(C[2, 1], C[2, 2]))

@@ -14,11 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import Effect, Parameter, Stage
 from highside.physics.effects.cross_product import EFFECT as CROSS_PRODUCT
 from highside.physics.effects.misalignment import EFFECT as MISALIGNMENT
 from highside.physics.forward import ForwardModel
-from highside.physics.gravity import Array, gravity_direction
+from highside.physics.gravity import gravity_direction
 from highside.physics.noise import std_of_average
 from highside.physics.state import ChainState
 
@@ -41,7 +42,7 @@ class MultiSine(Effect):
         self.weights = rng.uniform(0.5, 1.0, (3, 3))
         self.phases = rng.uniform(0, 2 * np.pi, (3, 3))
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         ripple = np.sin(self.waves[:, None, None] * x + self.phases[:, :, None])
         return 0.5 * p[0] * np.sum(self.weights[:, :, None] * ripple, axis=0)
 
@@ -63,7 +64,7 @@ class DirectionSine(Effect):
         self.weights = rng.uniform(0.5, 1.0, (3, 3))
         self.phases = rng.uniform(0, 2 * np.pi, (3, 3))
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         waves = np.sin(self.vectors @ x + self.phases[:, :, None])
         return 0.5 * p[0] * np.sum(self.weights[:, :, None] * waves, axis=1)
 
@@ -72,18 +73,18 @@ class DirectionSine(Effect):
 class PoseData:
     """A measured pose table with its truth; N poses. Angles in rad, accelerations in g."""
 
-    inc_ref: Array
+    inc_ref: AnyArray
     """(N,) as read on the bench"""
-    tf_ref: Array
-    mean: Array
+    tf_ref: AnyArray
+    mean: AnyArray
     """(3, N) mean of the readings of each pose"""
-    n: Array
+    n: AnyArray
     """(N,) readings averaged"""
-    std: Array
+    std: AnyArray
     """(3, N) sample standard deviation of one reading in each pose"""
-    inc_true: Array
+    inc_true: AnyArray
     """(N,) where gravity truly was"""
-    tf_true: Array
+    tf_true: AnyArray
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ class Scenario:
         return std_of_average(self.density_g, self.reading_seconds)
 
     def measure(
-        self, inc_ref: Array, tf_ref: Array, rng: np.random.Generator, *, direction: Array | float = 1.0
+        self, inc_ref: AnyArray, tf_ref: AnyArray, rng: np.random.Generator, *, direction: AnyArray | float = 1.0
     ) -> PoseData:
         """A session of other poses on the same bench with the same instrument.
 
@@ -121,14 +122,14 @@ class Scenario:
             self.reading_sigma_g, rng,
         )  # fmt: skip
 
-    def read(self, inc_true: Array, tf_true: Array, rng: np.random.Generator | None = None) -> Array:
+    def read(self, inc_true: AnyArray, tf_true: AnyArray, rng: np.random.Generator | None = None) -> AnyArray:
         """(3, N) readings in the field at true attitudes, with the noise of one reading (without noise if no `rng`)."""
         state = ChainState.build(inc_true, tf_true, row_seconds=self.reading_seconds)
         reading = self.sensor.predict(state)
         return reading if rng is None else reading + self.reading_sigma_g * rng.standard_normal(reading.shape)
 
 
-def pose_grid(inclinations_deg: Sequence[float], toolfaces_deg: Sequence[float]) -> tuple[Array, Array]:
+def pose_grid(inclinations_deg: Sequence[float], toolfaces_deg: Sequence[float]) -> tuple[AnyArray, AnyArray]:
     """All combinations, ring by ring: (N,) inclinations and (N,) toolfaces in rad."""
     inc, tf = np.meshgrid(np.radians(inclinations_deg), np.radians(toolfaces_deg), indexing="ij")
     return inc.ravel(), tf.ravel()
@@ -198,8 +199,8 @@ def reference_scenario(
     *,
     inclinations_deg: Sequence[float] = PUBLISHED_INCLINATIONS_DEG,
     toolfaces_deg: Sequence[float] = BALANCE_TOOLFACES_DEG,
-    poses_rad: tuple[Array, Array] | None = None,
-    direction: Array | float = 1.0,
+    poses_rad: tuple[AnyArray, AnyArray] | None = None,
+    direction: AnyArray | float = 1.0,
     scale: float = 5e-3,
     misalignment_deg: float = 0.2,
     bias_g: float = 2e-3,
@@ -246,9 +247,9 @@ def reference_scenario(
 def _measure(
     sensor: ForwardModel,
     bench: ForwardModel,
-    inc_ref: Array,
-    tf_ref: Array,
-    direction: Array | float,
+    inc_ref: AnyArray,
+    tf_ref: AnyArray,
+    direction: AnyArray | float,
     pose_seconds: float,
     reading_seconds: float,
     reading_sigma_g: float,
@@ -264,6 +265,6 @@ def _measure(
     return PoseData(state.inc_rad, state.tf_rad, mean, np.full(state.n, readings), std, inc_true, tf_true)
 
 
-def true_gravity(poses: PoseData) -> Array:
+def true_gravity(poses: PoseData) -> AnyArray:
     """(3, N) true gravity direction of each pose in the tool frame."""
     return gravity_direction(poses.inc_true, poses.tf_true)

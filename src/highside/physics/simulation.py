@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import Stage
 from highside.physics.forward import ForwardModel
-from highside.physics.gravity import Array, attitude_of
+from highside.physics.gravity import attitude_of
 from highside.physics.plan import Session
 from highside.physics.state import ChainState
 
@@ -19,19 +20,19 @@ class Simulated:
 
     state: ChainState
     """what the bench reads, at these rows"""
-    held: Array
+    held: AnyArray
     """(M,) whether the tool stood at a pose"""
-    seq: Array
+    seq: AnyArray
     """(M,) number of the row as the device counted it"""
-    accel: Array
+    accel: AnyArray
     """(3, M) reported gravity direction, g"""
-    gyro: Array | None
+    gyro: AnyArray | None
     """(3, M) reported rates, rad/s"""
-    inc_true: Array
+    inc_true: AnyArray
     """(M,) true inclination in [0, pi], rad"""
-    tf_true: Array
+    tf_true: AnyArray
     """(M,) true toolface in [0, 2 pi), rad"""
-    power_up_bias_g: Array
+    power_up_bias_g: AnyArray
     """(3,) what the random effects added to the zero offsets at the start (turn-on bias)"""
 
 

@@ -15,8 +15,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import AnyArray
 from highside.errors import InputError
-from highside.physics.gravity import STANDARD_GRAVITY_MPS2, Array
+from highside.units import STANDARD_GRAVITY_MPS2
 
 Ints = NDArray[np.int64]
 
@@ -29,15 +30,15 @@ class ChainState:
     session (continuous motion is one pose: the bench does not stop anew); `row_seconds` is the averaging time of a row.
     """
 
-    t_s: Array
-    inc_rad: Array
-    tf_rad: Array
-    direction: Array
-    temp_c: Array
-    rotor_rate_radps: Array
-    rotor_accel_radps2: Array
-    inc_rate_radps: Array
-    vibration_rms_g: Array
+    t_s: AnyArray
+    inc_rad: AnyArray
+    tf_rad: AnyArray
+    direction: AnyArray
+    temp_c: AnyArray
+    rotor_rate_radps: AnyArray
+    rotor_accel_radps2: AnyArray
+    inc_rate_radps: AnyArray
+    vibration_rms_g: AnyArray
     pose: Ints
     row_seconds: float = 1.0
     gravity_mps2: float = STANDARD_GRAVITY_MPS2
@@ -53,16 +54,16 @@ class ChainState:
     @classmethod
     def build(
         cls,
-        inc_rad: Array,
-        tf_rad: Array,
+        inc_rad: AnyArray,
+        tf_rad: AnyArray,
         *,
-        t_s: Array | None = None,
-        direction: Array | float = 1.0,
-        temp_c: Array | float = 25.0,
-        rotor_rate_radps: Array | float = 0.0,
-        rotor_accel_radps2: Array | float = 0.0,
-        inc_rate_radps: Array | float = 0.0,
-        vibration_rms_g: Array | float = 0.0,
+        t_s: AnyArray | None = None,
+        direction: AnyArray | float = 1.0,
+        temp_c: AnyArray | float = 25.0,
+        rotor_rate_radps: AnyArray | float = 0.0,
+        rotor_accel_radps2: AnyArray | float = 0.0,
+        inc_rate_radps: AnyArray | float = 0.0,
+        vibration_rms_g: AnyArray | float = 0.0,
         pose: Ints | None = None,
         row_seconds: float = 1.0,
         gravity_mps2: float = STANDARD_GRAVITY_MPS2,
@@ -73,7 +74,7 @@ class ChainState:
         inc, tf = np.broadcast_arrays(np.asarray(inc_rad, dtype=float), np.asarray(tf_rad, dtype=float))
         n = inc.size
 
-        def rows(value: Array | float) -> Array:
+        def rows(value: AnyArray | float) -> AnyArray:
             return np.broadcast_to(np.asarray(value, dtype=float), (n,))
 
         return cls(
@@ -96,7 +97,7 @@ class ChainState:
     @classmethod
     def from_columns(
         cls,
-        columns: Mapping[str, Array],
+        columns: Mapping[str, AnyArray],
         *,
         gravity_mps2: float = STANDARD_GRAVITY_MPS2,
         latitude_rad: float = 0.0,
@@ -143,7 +144,7 @@ class ChainState:
         )
 
     @cached_property
-    def reading(self) -> Array:
+    def reading(self) -> AnyArray:
         """What the bench's encoders say, as I, E, T: (3, N) rad."""
         return np.stack([self.inc_rad, np.zeros(self.n), self.tf_rad])
 
@@ -164,11 +165,11 @@ class ChainState:
         return np.unique(turn, return_inverse=True)[1].reshape(-1)
 
     @cached_property
-    def temp_rate_cps(self) -> Array:
+    def temp_rate_cps(self) -> AnyArray:
         """(N,) dT/dt in C/s of the recorded temperature."""
         return np.gradient(self.temp_c, self.t_s) if self.n > 1 else np.zeros(self.n)
 
-    def shifted(self, dt_s: Array | float) -> ChainState:
+    def shifted(self, dt_s: AnyArray | float) -> ChainState:
         """The same rows sampled `dt_s` later, by the recorded rates and angular acceleration of the rotor."""
         dt = np.broadcast_to(np.asarray(dt_s, dtype=float), (self.n,))
         return replace(
@@ -178,7 +179,7 @@ class ChainState:
             rotor_rate_radps=self.rotor_rate_radps + self.rotor_accel_radps2 * dt,
         )
 
-    def rows(self, index: Array | slice) -> ChainState:
+    def rows(self, index: AnyArray | slice) -> ChainState:
         """A selection of rows, by an index or a mask; the averaging time and the place stay."""
         return replace(
             self,

@@ -20,8 +20,8 @@ from functools import cache
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AXES, LinearEffect, Parameter, Stage, on_own_axis
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 WAVES = 20
@@ -45,23 +45,23 @@ class OwnLoad(LinearEffect):
     story = "The characteristic of each sensor has bends and ripples that neither a square nor a cube describes."
     parameters = tuple(Parameter(f"s_{axis}_{k + 1}", "g", 1e-4, (-0.02, 0.02)) for axis in AXES for k in range(WAVES))
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         waves = np.sin(_FREQUENCIES[:, None, None] * (x + HALF_WIDTH_G)) / math.sqrt(HALF_WIDTH_G)
         out = np.zeros((3, WAVES, *x.shape), dtype=waves.dtype)
         for axis in range(3):
             out[axis, :, axis] = waves[:, axis]
         return out.reshape(3 * WAVES, *x.shape)
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         waves = np.sin(_FREQUENCIES * (x[:, :, None] + HALF_WIDTH_G)) / math.sqrt(HALF_WIDTH_G)
         return np.asarray((waves @ p.reshape(3, WAVES, 1))[:, :, 0])
 
-    def input_jacobian(self, state: ChainState, p: Array, x: Array) -> Array:
+    def input_jacobian(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         slopes = np.cos(_FREQUENCIES * (x[:, :, None] + HALF_WIDTH_G)) * _FREQUENCIES / math.sqrt(HALF_WIDTH_G)
         return on_own_axis((slopes @ p.reshape(3, WAVES, 1))[:, :, 0])
 
     @staticmethod
-    def prior_variances(size_g: float, length_g: float) -> Array:
+    def prior_variances(size_g: float, length_g: float) -> AnyArray:
         """(WAVES,) of a function with standard deviation `size_g` that bends over `length_g`."""
         density = math.sqrt(2.0 * math.pi) * length_g * np.exp(-0.5 * (length_g * _FREQUENCIES) ** 2)
         return np.asarray(size_g**2 * density)
@@ -79,24 +79,24 @@ class Direction(LinearEffect):
         Parameter(f"h_{axis}_{j + 1}", "g", 1e-4, (-0.02, 0.02)) for axis in AXES for j in range(HARMONICS)
     )
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         fields = harmonics(x)
         out = np.zeros((3, HARMONICS, *x.shape), dtype=fields.dtype)
         for axis in range(3):
             out[axis, :, axis] = fields
         return out.reshape(3 * HARMONICS, *x.shape)
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         return np.asarray(p.reshape(3, HARMONICS) @ harmonics(x))
 
     @staticmethod
-    def prior_variances(size_g: float, length_rad: float) -> Array:
+    def prior_variances(size_g: float, length_rad: float) -> AnyArray:
         """(HARMONICS,) of a field with standard deviation `size_g` that bends over `length_rad`."""
         falling = np.exp(-0.5 * _DEGREES * (_DEGREES + 1.0) * length_rad**2)
         return np.asarray(size_g**2 * falling / falling.sum())
 
 
-def harmonics(x: Array) -> Array:
+def harmonics(x: AnyArray) -> AnyArray:
     """Real spherical harmonics (HARMONICS, N) of mean square one, degrees 2 to 6, at directions (3, N).
 
     They are written as polynomials in x, y, z (associated Legendre functions by their recursion in degree), analytic
@@ -122,9 +122,9 @@ def harmonics(x: Array) -> Array:
     return out
 
 
-def _legendre(z: Array) -> dict[tuple[int, int], Array]:
+def _legendre(z: AnyArray) -> dict[tuple[int, int], AnyArray]:
     """Associated Legendre functions by (degree, order), divided by sin^order."""
-    out: dict[tuple[int, int], Array] = {}
+    out: dict[tuple[int, int], AnyArray] = {}
     for order in range(MAX_DEGREE + 1):
         out[order, order] = np.full_like(z, float(math.prod(range(1, 2 * order, 2))))
         if order < MAX_DEGREE:

@@ -23,8 +23,8 @@ from highside.errors import HighsideError
 from highside.physics.effect import Stage
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
-from highside.physics.gravity import STANDARD_GRAVITY_MPS2
 from highside.physics.state import ChainState
+from highside.units import STANDARD_GRAVITY_MPS2
 
 FREE = ("bias", "scale", "misalignment")
 """What a calibration fits anyway."""

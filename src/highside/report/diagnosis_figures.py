@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.result import Location
 from highside.diagnosis.engine import Picture
 from highside.diagnosis.table.chain import CELLS
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 BEFORE, AFTER, SHADE = "#d9822b", "#2f7fd1", "#808890"

@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.report.document import Page
 from highside.report.plots import new_figure, plotting
 from highside.rotation import Compensation, Curve, Method, Samples
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 MOST_POINTS = 1500
 """rows drawn of a channel; a page needs no more"""
@@ -141,13 +140,13 @@ def _remarks(curves: Mapping[Method, Curve]) -> list[str]:
     return [r if len(names) == len(curves) else f"{', '.join(names)}: {r}" for r, names in about.items()]
 
 
-def _places(samples: Samples) -> tuple[slice, Floats]:
+def _places(samples: Samples) -> tuple[slice, Array]:
     """Which rows are drawn, and where, deg."""
     thin = slice(None, None, -(-samples.n // MOST_POINTS))
     return thin, np.mod(np.degrees(samples.theta_rad[thin]), 360.0)
 
 
-def _line(curve: Curve) -> tuple[Floats, Floats, Floats]:
+def _line(curve: Curve) -> tuple[Array, Array, Array]:
     """Angles (deg), curve and its standard deviation over the turn, at the middle of the rates that were seen."""
     at = np.linspace(0.0, 360.0, 721)[:-1]
     rate = None if curve.rate is None else np.full(at.size, curve.rate.centre_radps)
@@ -228,7 +227,7 @@ def _left_figure(curves: Mapping[Method, Curve], samples: Samples) -> Figure:
     return figure
 
 
-def _panels(axes: Sequence[Axes], left: Mapping[Method, Floats], at: Floats, most: float) -> None:
+def _panels(axes: Sequence[Axes], left: Mapping[Method, Array], at: Array, most: float) -> None:
     for number, (axis, (method, values)) in enumerate(zip(axes, left.items(), strict=True)):
         axis.plot(at, values, ".", ms=2, color=COLOURS[method])
         _frame(axis, NAMES[method], "arcmin" if number == 0 else "")

@@ -12,17 +12,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude.angles import wrap_positive
-
-Floats = NDArray[np.float64]
 
 _BLOCK_ROWS = 256
 _GRAM_COLUMNS = 128
 
 
-def fourier_rows(theta_rad: Floats, order: int) -> Floats:
+def fourier_rows(theta_rad: Array, order: int) -> Array:
     """(2 order + 1, N): 1, sin t, cos t, ..., sin(order t), cos(order t)."""
     rows = np.empty((2 * order + 1, theta_rad.size))
     rows[0] = 1.0
@@ -45,7 +43,7 @@ def fourier_rows(theta_rad: Floats, order: int) -> Floats:
     return rows
 
 
-def fourier_sum(theta_rad: Floats, coefficients: Floats) -> Floats:
+def fourier_sum(theta_rad: Array, coefficients: Array) -> Array:
     """R0 + sum a_k sin kt + b_k cos kt for coefficients (R0, a1, b1, a2, b2, ...): (N,), by Horner's rule in e^(it).
 
     a sin kt + b cos kt is the real part of (b - i a) e^(ikt).
@@ -66,12 +64,12 @@ def fourier_sum(theta_rad: Floats, coefficients: Floats) -> Floats:
     return result
 
 
-def scaled_angle(theta_rad: Floats) -> Floats:
+def scaled_angle(theta_rad: Array) -> Array:
     """x = t / pi - 1 in [-1, 1) of the wrapped angle: a polynomial knows nothing of periods."""
     return wrap_positive(theta_rad) / np.pi - 1.0
 
 
-def chebyshev_rows(theta_rad: Floats, degree: int) -> Floats:
+def chebyshev_rows(theta_rad: Array, degree: int) -> Array:
     """(degree + 1, N): T_0(x) .. T_degree(x)."""
     x = scaled_angle(theta_rad)
     rows = np.empty((degree + 1, x.size))
@@ -85,7 +83,7 @@ def chebyshev_rows(theta_rad: Floats, degree: int) -> Floats:
     return rows
 
 
-def triangle_of(rows: Floats, last: Floats) -> Floats:
+def triangle_of(rows: Array, last: Array) -> Array:
     """The triangle R of the QR of the columns `rows` (P, N) and, behind them, `last` (N,): (P + 1, P + 1), N > P.
 
     Tall matrices are taken in blocks whose triangles are then stacked and factored once more (TSQR, Demmel et al.
@@ -105,17 +103,17 @@ def triangle_of(rows: Floats, last: Floats) -> Floats:
 # threads, and on a busy machine a thread that has to wait for its turn costs more than the whole fit.
 
 
-def combined(weights: Floats, rows: Floats) -> Floats:
+def combined(weights: Array, rows: Array) -> Array:
     """sum_p weights_p rows_p: (N,)."""
     return np.asarray(np.einsum("p,pn->n", weights, rows))
 
 
-def projected(rows: Floats, values: Floats) -> Floats:
+def projected(rows: Array, values: Array) -> Array:
     """rows @ values: (P,)."""
     return np.asarray(np.einsum("pn,n->p", rows, values))
 
 
-def gram(rows: Floats) -> Floats:
+def gram(rows: Array) -> Array:
     """rows @ rows.T: (P, P)."""
     p, n = rows.shape
     blocks = n // _GRAM_COLUMNS
@@ -133,7 +131,7 @@ class RateTerms:
     spread_radps: float
     powers: tuple[int, ...]
 
-    def rows(self, rate_radps: Floats) -> Floats:
+    def rows(self, rate_radps: Array) -> Array:
         """(len(powers), N)."""
         u = (np.asarray(rate_radps, dtype=float) - self.centre_radps) / self.spread_radps
         return np.stack([u**power for power in self.powers]) if self.powers else np.empty((0, u.size))

@@ -13,13 +13,11 @@ from enum import StrEnum
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.errors import InputError
 from highside.rotation.bases import RateTerms, chebyshev_rows, combined, fourier_rows, fourier_sum, scaled_angle
 from highside.rotation.samples import Coverage
-
-Floats = NDArray[np.float64]
 
 
 class Method(StrEnum):
@@ -47,7 +45,7 @@ class NetworkInput(StrEnum):
     SCALED = "scaled"
     PERIODIC = "periodic"
 
-    def rows(self, theta_rad: Floats) -> Floats:
+    def rows(self, theta_rad: Array) -> Array:
         """(1, N) or (2, N)."""
         if self is NetworkInput.SCALED:
             return scaled_angle(theta_rad)[None, :]
@@ -76,8 +74,8 @@ class Curve:
     method: Method
     form: Form
     order: int
-    parameters: Floats
-    covariance: Floats
+    parameters: Array
+    covariance: Array
     noise: float
     coverage: Coverage
     rate: RateTerms | None = None
@@ -89,7 +87,7 @@ class Curve:
     held_out: HeldOut | None = None
     remarks: tuple[str, ...] = ()
 
-    def __call__(self, theta_rad: Floats, rate_radps: Floats | None = None) -> Floats:
+    def __call__(self, theta_rad: Array, rate_radps: Array | None = None) -> Array:
         """The curve at angles (N,) rad, not necessarily wrapped, and where it has rate terms at rates (N,) rad/s.
 
         Raises InputError if it has rate terms and no rate is given.
@@ -110,7 +108,7 @@ class Curve:
             value = value + combined(self.parameters[angle_part.size :], self._rate_rows(rate_radps))
         return value
 
-    def std(self, theta_rad: Floats, rate_radps: Floats | None = None) -> Floats:
+    def std(self, theta_rad: Array, rate_radps: Array | None = None) -> Array:
         """Standard deviation of the curve itself (without the noise of a row) at angles (N,) rad, by the covariance."""
         theta = np.asarray(theta_rad, dtype=float)
         if self.form is Form.FOURIER:
@@ -131,7 +129,7 @@ class Curve:
     def _rate_count(self) -> int:
         return 0 if self.rate is None else len(self.rate.powers)
 
-    def _rate_rows(self, rate_radps: Floats | None) -> Floats:
+    def _rate_rows(self, rate_radps: Array | None) -> Array:
         assert self.rate is not None
         if rate_radps is None:
             raise InputError("this compensation depends on the rotor rate", remedy="give rotor_rate_dps")

@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit
 
+from highside.arrays import Array
 from highside.attitude.angles import TURN, wrap_signed
 from highside.rotation.bases import fourier_rows
 from highside.rotation.curve import Curve
 from highside.rotation.samples import Samples
 
-Floats = NDArray[np.float64]
 Signs = NDArray[np.int8]
 
 HARMONICS = 2
@@ -58,7 +58,7 @@ class Motion:
     greatest_dps: float | None = None
 
     @classmethod
-    def of(cls, t_s: Floats, theta_rad: Floats) -> Self:
+    def of(cls, t_s: Array, theta_rad: Array) -> Self:
         """From times (N,) s and rotor angles (N,) rad, wrapped or not, in order."""
         steps = wrap_signed(np.diff(theta_rad))
         # an encoder that flickers while the rotor stands has not turned it
@@ -159,7 +159,7 @@ class DirectionDifference:
         )
 
 
-def _moves(steps: Floats) -> NDArray[np.bool_]:
+def _moves(steps: Array) -> NDArray[np.bool_]:
     """Which steps the rotor turned by, and did not stand. Typical is the size of step by which half of the way is made:
     neither stands nor angles that are read more often than they change are counted."""
     sizes = np.abs(steps)
@@ -171,7 +171,7 @@ def _moves(steps: Floats) -> NDArray[np.bool_]:
     return np.asarray(sizes > STANDING * typical)
 
 
-def directions(theta_rad: Floats) -> Signs:
+def directions(theta_rad: Array) -> Signs:
     """(N,) +1 where the angle grows, -1 where it falls, of a rotor that is read often enough; 0 at a reversal.
 
     A row belongs to a direction where the rotor turned that way before and after it, however long it stood there: play
@@ -240,7 +240,7 @@ def direction_difference(samples: Samples, curve: Curve) -> DirectionDifference 
     )
 
 
-def _whole_turns(theta_rad: Floats, way: Signs) -> list[tuple[int, slice]]:
+def _whole_turns(theta_rad: Array, way: Signs) -> list[tuple[int, slice]]:
     """The whole turns that were made without changing direction: its sign, and its rows."""
     steps = np.concatenate([[0.0], wrap_signed(np.diff(theta_rad))])
     out: list[tuple[int, slice]] = []

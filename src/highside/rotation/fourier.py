@@ -12,9 +12,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from highside.arrays import Array
 from highside.attitude.angles import TURN, wrap_positive
 from highside.errors import Refused
 from highside.rotation.bases import RateTerms, combined, fourier_rows, projected, triangle_of
@@ -22,8 +22,6 @@ from highside.rotation.curve import Curve, Form, Method
 from highside.rotation.gap import bridged
 from highside.rotation.linear import identifiable_rate
 from highside.rotation.samples import Samples
-
-Floats = NDArray[np.float64]
 
 LARGEST_ORDER = 12
 """Highest harmonic tried at first; where it is taken, `fit` looks beyond."""
@@ -90,7 +88,7 @@ def auto(samples: Samples, *, rate_terms: int = 0, largest_order: int = LARGEST_
     )  # fmt: skip
 
 
-def _with_rate(rows: Floats, samples: Samples, rate: RateTerms | None) -> Floats:
+def _with_rate(rows: Array, samples: Samples, rate: RateTerms | None) -> Array:
     """The rate's columns stand behind the constant, so that the harmonics stay nested."""
     if rate is None:
         return rows
@@ -106,7 +104,7 @@ def _order_allowed(samples: Samples, largest: int, rows_a_parameter: int) -> int
     return order
 
 
-def _robust_std(residual: Floats, parameters: float) -> float:
+def _robust_std(residual: Array, parameters: float) -> float:
     """Normal-consistent median absolute residual, widened for the parameters already spent."""
     n = residual.size
     middle = np.abs(residual)
@@ -117,7 +115,7 @@ def _robust_std(residual: Floats, parameters: float) -> float:
 class _Fit:
     """Nested least squares on rows (P, N) from one QR; `beta` is the estimate made last, `residual` what it leaves."""
 
-    def __init__(self, rows: Floats, y: Floats) -> None:
+    def __init__(self, rows: Array, y: Array) -> None:
         self.rows, self.y = rows, y
         p = rows.shape[0]
         triangle = triangle_of(rows, y)
@@ -132,10 +130,10 @@ class _Fit:
         """Residual sum of squares of the first `count` columns."""
         return self._rest + float(self.z[count:] @ self.z[count:])
 
-    def _solve(self, z: Floats) -> Floats:
+    def _solve(self, z: Array) -> Array:
         return np.asarray(solve_triangular(self.R[: z.size, : z.size], z, check_finite=False))
 
-    def project(self, values: Floats, count: int) -> Floats:
+    def project(self, values: Array, count: int) -> Array:
         """z = Q' values for the first `count` columns, by R'z = F' values."""
         R = self.R[:count, :count]
         return np.asarray(solve_triangular(R, projected(self.rows[:count], values), trans="T", check_finite=False))
@@ -145,7 +143,7 @@ class _Fit:
         self.beta = self._solve(self.z[:count])
         self.residual = self.y - combined(self.beta, self.rows[:count])
 
-    def huber(self, count: int, scale: float) -> Floats:
+    def huber(self, count: int, scale: float) -> Array:
         """Huber's estimate of the first `count` columns; gives the pseudo-values (N,)."""
         rows, bound = self.rows[:count], HUBER * scale
         self.beta = self._solve(self.z[:count]) if self.beta.size != count else self.beta
@@ -163,7 +161,7 @@ class _Fit:
         self.residual = self.y - fitted
         return np.asarray(fitted + np.clip(self.residual, -bound, bound))
 
-    def order_by_bic(self, values: Floats, largest: int, extra: int) -> int:
+    def order_by_bic(self, values: Array, largest: int, extra: int) -> int:
         """The order with the least n ln(RSS / n) + p ln n, for the (pulled in) values."""
         n = values.size
         z = self.project(values, 2 * largest + 1 + extra)
@@ -174,7 +172,7 @@ class _Fit:
         rss = np.maximum(total - np.cumsum(z * z)[counts - 1], floor)
         return int(np.argmin(n * np.log(rss / n) + counts * np.log(n)))
 
-    def covariance(self, count: int, scale: float) -> Floats:
+    def covariance(self, count: int, scale: float) -> Array:
         """Asymptotic covariance of Huber's estimate: mean psi^2 / (mean psi')^2 (F'F)^-1."""
         bound = HUBER * scale
         inside = np.abs(self.residual) <= bound

@@ -21,11 +21,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.rotation.bases import combined, gram, projected, triangle_of
-
-Floats = NDArray[np.float64]
 
 _SIZES = np.geomspace(1e-3, 4.0, 13)
 """sizes s that are tried, in units of the data's own size"""
@@ -43,37 +41,37 @@ _CONVERGED = 1e-2
 class Bridged(NamedTuple):
     """Parameters (P,) with covariance, Huber's weight of each row (N,), and how many parameters the rows determined."""
 
-    parameters: Floats
-    covariance: Floats
-    weight: Floats
+    parameters: Array
+    covariance: Array
+    weight: Array
     determined: float
 
 
 class _Tried(NamedTuple):
     """One order and size: how probable with each noise, and what the posteriors are made of."""
 
-    evidence: Floats
+    evidence: Array
     """log, by noise"""
-    prior: Floats
+    prior: Array
     """standard deviations S, (q,)"""
-    reach: Floats
+    reach: Array
     """S V, (q, q)"""
-    r: Floats
+    r: Array
     """(q,)"""
-    seen: Floats
+    seen: Array
     """U'z, (q,)"""
 
-    def mean(self, noise: float) -> Floats:
+    def mean(self, noise: float) -> Array:
         return np.asarray(self.reach @ (self.seen * self.r / (self.r**2 + noise**2)))
 
-    def covariance(self, noise: float) -> Floats:
+    def covariance(self, noise: float) -> Array:
         return np.asarray((self.reach * (noise**2 / (self.r**2 + noise**2))) @ self.reach.T)
 
     def determined(self, noise: float) -> float:
         return float(np.sum(self.r**2 / (self.r**2 + noise**2)))
 
 
-def bridged(rows: Floats, error: Floats, extra: int, first: tuple[Floats, float] | None) -> Bridged:
+def bridged(rows: Array, error: Array, extra: int, first: tuple[Array, float] | None) -> Bridged:
     """Fit `error` (N,) on `rows` (P, N): the constant, `extra` rate terms, then sine and cosine of each harmonic.
 
     `first`: residuals (N,) and noise of a fit from which the weights begin; None: every row counts in full.
@@ -107,8 +105,8 @@ def bridged(rows: Floats, error: Floats, extra: int, first: tuple[Floats, float]
 
 
 def _grid(
-    rows: Floats, error: Floats, weight: Floats, extra: int, *, least_order: int = 0, sizes: Floats = _SIZES
-) -> tuple[list[_Tried], Floats]:
+    rows: Array, error: Array, weight: Array, extra: int, *, least_order: int = 0, sizes: Array = _SIZES
+) -> tuple[list[_Tried], Array]:
     """Every order from `least_order` on and size, and the noises (standard deviations) of their evidences."""
     p, n = rows.shape
     root = np.sqrt(weight)
@@ -140,7 +138,7 @@ def _grid(
     return tried, np.asarray(noises)
 
 
-def _held_down(rows: Floats, error: Floats, weight: Floats, prior: Floats, noise: float) -> Floats:
+def _held_down(rows: Array, error: Array, weight: Array, prior: Array, noise: float) -> Array:
     """Huber's weights (N,) under one prior, by rounds of weighted posterior means."""
     own = rows * prior[:, None]
     for _ in range(_ROUNDS):
@@ -159,6 +157,6 @@ def _held_down(rows: Floats, error: Floats, weight: Floats, prior: Floats, noise
     return weight
 
 
-def _weights(residual: Floats, limit: float) -> Floats:
+def _weights(residual: Array, limit: float) -> Array:
     """1 within the limit, falling as 1 / |residual| beyond it."""
     return limit / np.maximum(np.abs(residual), limit)

@@ -6,14 +6,12 @@ The normal equations (X = (F'F)^-1 F'R, equation 9) are the same in exact number
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.errors import InputError, Refused
 from highside.rotation.bases import RateTerms, chebyshev_rows, fourier_rows, triangle_of
 from highside.rotation.curve import Curve, Form, Method
 from highside.rotation.samples import Coverage, Samples
-
-Floats = NDArray[np.float64]
 
 DEGREE = 9
 LEAST_OWN_SHARE = 0.02
@@ -31,7 +29,7 @@ def harmonics2(samples: Samples) -> Curve:
     return _harmonics(samples, 2, Method.HARMONICS2)
 
 
-def four_positions(error: Floats, noise: float = 0.0) -> Curve:
+def four_positions(error: Array, noise: float = 0.0) -> Curve:
     """Method 1 from the mean errors at 0, 90, 180 and 270 degrees alone, each with standard deviation `noise`.
 
     R0 is their mean, a = (R90 - R270) / 2, b = (R0deg - R180) / 2. Even harmonics cancel but for the fourth, which goes
@@ -72,7 +70,7 @@ def _harmonics(samples: Samples, order: int, method: Method) -> Curve:
 
 
 def _solved(
-    samples: Samples, rows: Floats, method: Method, form: Form, order: int, rate: RateTerms | None, remarks: list[str]
+    samples: Samples, rows: Array, method: Method, form: Form, order: int, rate: RateTerms | None, remarks: list[str]
 ) -> Curve:
     """Least squares on the rows (P, N)."""
     p, n = rows.shape
@@ -95,13 +93,13 @@ def _solved(
     )  # fmt: skip
 
 
-def _rate_of(samples: Samples) -> Floats:
+def _rate_of(samples: Samples) -> Array:
     if samples.rate_radps is None:
         raise InputError("rate terms need the rotor rate", remedy="give rotor_rate_dps or leave --rate-terms out")
     return samples.rate_radps
 
 
-def identifiable_rate(samples: Samples, angle_rows: Floats, powers: int) -> tuple[RateTerms, list[str]]:
+def identifiable_rate(samples: Samples, angle_rows: Array, powers: int) -> tuple[RateTerms, list[str]]:
     """Which powers 1..`powers` of the rate the samples can tell from functions of the angle, and remarks on the others.
 
     With a rate that is itself a function of the angle (unevenness repeating every turn) its terms are explained by the

@@ -11,13 +11,11 @@ dO/dW2 = Q,  dO/db2 = 1.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.rotation.bases import combined, gram, projected
 from highside.rotation.curve import Curve, Form, Method, NetworkInput
 from highside.rotation.samples import Samples
-
-Floats = NDArray[np.float64]
 
 HIDDEN = 8
 FIRST_DAMPING = 1e-3
@@ -63,33 +61,33 @@ def network(
     )  # fmt: skip
 
 
-def forward(weights: Floats, inputs: Floats, hidden: int, hidden_bias: bool = True) -> Floats:
+def forward(weights: Array, inputs: Array, hidden: int, hidden_bias: bool = True) -> Array:
     """Outputs (N,) on the standardised scale for inputs (d, N)."""
     w1, b1, w2, b2 = _split(weights, inputs.shape[0], hidden, hidden_bias)
     return combined(w2, _hidden(w1, inputs, b1)) + b2
 
 
-def jacobian_rows(weights: Floats, inputs: Floats, hidden: int, hidden_bias: bool = True) -> Floats:
+def jacobian_rows(weights: Array, inputs: Array, hidden: int, hidden_bias: bool = True) -> Array:
     """(P, N): derivative of the outputs by each weight."""
     w1, b1, w2, _ = _split(weights, inputs.shape[0], hidden, hidden_bias)
     return _jacobian(inputs, _hidden(w1, inputs, b1), w2, hidden_bias)
 
 
-def _hidden(w1: Floats, inputs: Floats, b1: Floats) -> Floats:
+def _hidden(w1: Array, inputs: Array, b1: Array) -> Array:
     """Q = tanh(W1 P + b1), (hidden, N)."""
     total = np.einsum("hd,dn->hn", w1, inputs)
     total += b1[:, None]
     return np.asarray(np.tanh(total, out=total))
 
 
-def _split(weights: Floats, d: int, hidden: int, hidden_bias: bool) -> tuple[Floats, Floats, Floats, float]:
+def _split(weights: Array, d: int, hidden: int, hidden_bias: bool) -> tuple[Array, Array, Array, float]:
     w1 = weights[: hidden * d].reshape(hidden, d)
     rest = weights[hidden * d :]
     b1 = rest[:hidden] if hidden_bias else np.zeros(hidden)
     return w1, b1, rest[-hidden - 1 : -1], float(rest[-1])
 
 
-def _jacobian(inputs: Floats, q: Floats, w2: Floats, hidden_bias: bool) -> Floats:
+def _jacobian(inputs: Array, q: Array, w2: Array, hidden_bias: bool) -> Array:
     d, hidden, n = inputs.shape[0], w2.size, inputs.shape[1]
     slopes = (1.0 - q * q) * w2[:, None]
     rows = np.empty((hidden * (d + 1 + int(hidden_bias)) + 1, n))
@@ -101,7 +99,7 @@ def _jacobian(inputs: Floats, q: Floats, w2: Floats, hidden_bias: bool) -> Float
     return rows
 
 
-def _first_weights(d: int, hidden: int, hidden_bias: bool, rng: np.random.Generator) -> Floats:
+def _first_weights(d: int, hidden: int, hidden_bias: bool, rng: np.random.Generator) -> Array:
     """Nguyen and Widrow: the units' slopes share the range [-1, 1] of the inputs out between them."""
     reach = 0.7 * hidden ** (1.0 / d)
     w1 = rng.uniform(-1.0, 1.0, (hidden, d))
@@ -112,13 +110,13 @@ def _first_weights(d: int, hidden: int, hidden_bias: bool, rng: np.random.Genera
 
 
 def _train(
-    weights: Floats, inputs: Floats, targets: Floats, hidden: int, hidden_bias: bool, iterations: int
-) -> tuple[Floats, Floats, float, int]:
+    weights: Array, inputs: Array, targets: Array, hidden: int, hidden_bias: bool, iterations: int
+) -> tuple[Array, Array, float, int]:
     """Levenberg-Marquardt: weights, normal matrix at them, sum of squares, iterations used."""
     d = inputs.shape[0]
     damping = FIRST_DAMPING
 
-    def at(w: Floats) -> tuple[Floats, Floats, float]:
+    def at(w: Array) -> tuple[Array, Array, float]:
         w1, b1, w2, b2 = _split(w, d, hidden, hidden_bias)
         q = _hidden(w1, inputs, b1)
         residual = targets - (combined(w2, q) + b2)

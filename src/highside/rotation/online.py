@@ -12,13 +12,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.errors import InputError
 from highside.rotation.curve import Curve, Form, Method
 from highside.rotation.samples import Coverage
-
-Floats = NDArray[np.float64]
 
 LEAST_MEMORY_TURNS = 1.0 / 6.0
 MOST_UNCERTAIN = 1.0
@@ -46,14 +44,14 @@ class OnlineFit:
         p = prior.size
         # covariance in units of the row's variance, times `_factor`, and the parameters as a last row: one product with
         # a row's sines and cosines gives the gain's direction and the prediction
-        self._state: Floats = np.vstack([np.diag((prior / noise) ** 2), np.zeros(p)])
+        self._state: Array = np.vstack([np.diag((prior / noise) ** 2), np.zeros(p)])
         self._factor = 1.0
         self._trace = float(np.trace(self._state))
-        self._phi: Floats = np.ones(p)
-        self._product: Floats = np.empty(p + 1)
+        self._phi: Array = np.ones(p)
+        self._product: Array = np.empty(p + 1)
         self._direction = self._product[:p]
         self._column = self._product[:, None]
-        self._outer: Floats = np.empty_like(self._state)
+        self._outer: Array = np.empty_like(self._state)
         self._theta: float | None = None
         self._first_theta = 0.0
         self._travel = 0.0
@@ -122,7 +120,7 @@ class OnlineFit:
             coverage,
         )
 
-    def _fill(self, theta_rad: float) -> Floats:
+    def _fill(self, theta_rad: float) -> Array:
         s1, c1 = math.sin(theta_rad), math.cos(theta_rad)
         s, c = s1, c1
         values = [1.0, s, c]

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude.angles import TURN, wrap_positive
 from highside.rotation.compensation import Compensation
 from highside.rotation.curve import Curve
 from highside.rotation.live import ATTITUDE_CHANNELS, HEADING, LEAST_LEVER_SIN, std_table
 from highside.rotation.turntable import ARCMIN, AXIS_CHANNELS
 
-Floats = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
 
@@ -34,10 +34,10 @@ class Why:
 class Attitudes:
     """Compensated inclination and toolface and the standard deviations of what was taken off, (N,) rad."""
 
-    inc_rad: Floats
-    tf_rad: Floats
-    inc_std_rad: Floats
-    tf_std_rad: Floats
+    inc_rad: Array
+    tf_rad: Array
+    inc_std_rad: Array
+    tf_std_rad: Array
     why: Why
 
 
@@ -45,8 +45,8 @@ class Attitudes:
 class Azimuths:
     """Compensated azimuth and the standard deviation of what was taken off, (N,) rad."""
 
-    azi_rad: Floats
-    azi_std_rad: Floats
+    azi_rad: Array
+    azi_std_rad: Array
     why: Why
 
 
@@ -54,8 +54,8 @@ class _Rotor:
     """Angles and rates of the rows, and where some curves hold."""
 
     def __init__(
-        self, compensation: Compensation, names: tuple[str, ...], theta_rad: Floats, rate_radps: Floats | None,
-        inc_rad: Floats, *, bound: bool,
+        self, compensation: Compensation, names: tuple[str, ...], theta_rad: Array, rate_radps: Array | None,
+        inc_rad: Array, *, bound: bool,
     ) -> None:  # fmt: skip
         self.curves = {name: compensation.curves[name] for name in names if name in compensation.curves}
         known = np.isfinite(theta_rad)
@@ -76,14 +76,14 @@ class _Rotor:
                 gap |= wrap_positive(wrapped - curve.coverage.gap_start_rad) < curve.coverage.largest_gap_rad
         self.why = Why(~known, outside, gap & self.good)
 
-    def error(self, *names: str) -> Floats:
+    def error(self, *names: str) -> Array:
         """Sum of the curves of these names, (N,) rad."""
         total = np.zeros(self.theta.size)
         for curve in self._named(names):
             total += curve(self.theta, self.rate) * ARCMIN
         return total
 
-    def std(self, *names: str) -> Floats:
+    def std(self, *names: str) -> Array:
         """Standard deviation of that sum, the curves taken for independent, (N,) rad."""
         square = np.zeros(self.theta.size)
         for curve in self._named(names):
@@ -95,7 +95,7 @@ class _Rotor:
 
 
 def attitudes(
-    compensation: Compensation, theta_rad: Floats, rate_radps: Floats | None, inc_rad: Floats, tf_rad: Floats
+    compensation: Compensation, theta_rad: Array, rate_radps: Array | None, inc_rad: Array, tf_rad: Array
 ) -> Attitudes | None:
     """I and T of rows (N,) with the errors taken off; None for a compensation without a channel of theirs."""
     names = {name for name in compensation.curves if name in ATTITUDE_CHANNELS}
@@ -119,7 +119,7 @@ def attitudes(
 
 
 def azimuths(
-    compensation: Compensation, theta_rad: Floats, rate_radps: Floats | None, inc_rad: Floats, azi_rad: Floats
+    compensation: Compensation, theta_rad: Array, rate_radps: Array | None, inc_rad: Array, azi_rad: Array
 ) -> Azimuths | None:
     """Azimuths of rows (N,) with the error taken off; `inc_rad` uncompensated. None without the channel `heading`."""
     if HEADING not in compensation.curves:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.errors import InputError
 from highside.rotation.compensation import Compensation
 from highside.rotation.curve import Curve
@@ -28,8 +28,7 @@ __all__ = [
     "warnings_of",
 ]
 
-Floats = NDArray[np.float64]
-Columns = Mapping[str, Floats]
+Columns = Mapping[str, Array]
 
 CHANNELS = ("roll", "pitch", "heading", "inclination", "toolface")
 LARGEST_ERROR_ARCMIN = 1800.0
@@ -98,7 +97,7 @@ def motion_of(columns: Columns) -> Motion:
 class Compensated:
     """Columns to add, each (N,), and what to say of them."""
 
-    columns: dict[str, Floats] = field(default_factory=dict)
+    columns: dict[str, Array] = field(default_factory=dict)
     channels: dict[str, dict[str, float]] = field(default_factory=dict)
     """by channel the mean absolute error before and after, arcmin"""
     attitude: dict[str, dict[str, int]] = field(default_factory=dict)
@@ -133,7 +132,7 @@ class Compensated:
             if one is not None:
                 self._add("azi", one.azi_rad, one.azi_std_rad, one.why, columns)
 
-    def _add(self, name: str, values: Floats, std: Floats, why: Why, columns: Columns) -> None:
+    def _add(self, name: str, values: Array, std: Array, why: Why, columns: Columns) -> None:
         self.columns[f"{name}_comp_deg"] = np.degrees(values)
         if f"{name}_std_deg" in columns:
             self.columns[f"{name}_comp_std_deg"] = np.hypot(columns[f"{name}_std_deg"], np.degrees(std))
@@ -174,7 +173,7 @@ def warnings_of(compensation: Compensation, columns: Columns) -> list[str]:
     return lines
 
 
-def shape_of(curve: Curve, theta_rad: Floats) -> tuple[float, float]:
+def shape_of(curve: Curve, theta_rad: Array) -> tuple[float, float]:
     """Half of a curve's range over rotor angles (N,), and its largest standard deviation there, arcmin."""
     rate = None if curve.rate is None else np.full(theta_rad.size, curve.rate.centre_radps)
     return float(np.ptp(curve(theta_rad, rate)) / 2.0), float(curve.std(theta_rad, rate).max())

@@ -9,10 +9,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude.angles import TURN, wrap_positive, wrap_signed
 from highside.errors import InputError, Refused
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 LEAST_ROWS = 8
@@ -71,12 +71,12 @@ class Samples:
     Build with `Samples.build`, which checks them.
     """
 
-    theta_rad: Floats
-    error: Floats
-    rate_radps: Floats | None = None
+    theta_rad: Array
+    error: Array
+    rate_radps: Array | None = None
 
     @classmethod
-    def build(cls, theta_rad: Floats, error: Floats, rate_radps: Floats | None = None) -> Self:
+    def build(cls, theta_rad: Array, error: Array, rate_radps: Array | None = None) -> Self:
         """Raises InputError for lengths that differ, values that are not finite, or fewer than eight rows."""
         theta, y = np.asarray(theta_rad, dtype=float), np.asarray(error, dtype=float)
         rate = None if rate_radps is None else np.asarray(rate_radps, dtype=float)
@@ -112,7 +112,7 @@ class Samples:
             )
 
     @cached_property
-    def _travel_rad(self) -> Floats:
+    def _travel_rad(self) -> Array:
         """(N,): the way since the first row, both directions counted up."""
         steps = np.abs(wrap_signed(np.diff(self.theta_rad)))
         travel = np.empty(self.n)

@@ -35,8 +35,8 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.attitude.angles import TURN, wrap_signed
 from highside.attitude.block import attitude_block
 from highside.attitude.quaternion import direction_cosines, from_rotation_vector, multiply, normalised
@@ -45,8 +45,6 @@ from highside.rotation.bases import fourier_rows
 from highside.rotation.curve import Curve, Method
 from highside.rotation.fit import FitOptions, fit
 from highside.rotation.samples import Samples
-
-Floats = NDArray[np.float64]
 
 PIECE_TURNS = 8.0
 LEAST_TURNS = 3.0
@@ -79,9 +77,9 @@ class SelfErrors:
     """Rows (N,) in which both are known: rotor angle, errors of inclination and toolface, all rad; means over rows."""
 
     part: Part
-    theta_rad: Floats
-    inclination_rad: Floats
-    toolface_rad: Floats
+    theta_rad: Array
+    inclination_rad: Array
+    toolface_rad: Array
     mean_inclination_rad: float
     rate_radps: float
     """typical size of the rotor's rate"""
@@ -102,14 +100,14 @@ class SelfErrors:
         errors = {"inclination": self.inclination_rad, "toolface": self.toolface_rad}
         return {name: self._curve(arcmin * error, circle * levers[name]) for name, error in errors.items()}
 
-    def _curve(self, error: Floats, circle: float) -> Curve:
+    def _curve(self, error: Array, circle: float) -> Curve:
         samples = Samples.build(self.theta_rad, error)
         curve = fit(samples, Method.AUTO, FitOptions())
         return _stated(curve, turn_to_turn(samples, curve), circle)
 
 
 def self_errors(
-    t_s: Floats, accel_g: Floats, gyro_radps: Floats | None, theta_rad: Floats, part: Part = Part.DECODED
+    t_s: Array, accel_g: Array, gyro_radps: Array | None, theta_rad: Array, part: Part = Part.DECODED
 ) -> SelfErrors:
     """The errors of `part` from rows in time order: `accel_g`, `gyro_radps` (3, N), the others (N,), all finite.
 
@@ -131,7 +129,7 @@ def self_errors(
     )  # fmt: skip
 
 
-def _pieces(t_s: Floats, theta: Floats) -> list[slice]:
+def _pieces(t_s: Array, theta: Array) -> list[slice]:
     """Pieces of about `PIECE_TURNS` turns; they end where rows are missing."""
     steps = np.diff(t_s)
     usual = float(np.median(steps)) if steps.size else 0.0
@@ -156,9 +154,7 @@ def _pieces(t_s: Floats, theta: Floats) -> list[slice]:
     return out
 
 
-def _piece(
-    t_s: Floats, accel: Floats, gyro: Floats | None, theta: Floats, part: Part
-) -> tuple[Floats, Floats, Floats, Floats]:
+def _piece(t_s: Array, accel: Array, gyro: Array | None, theta: Array, part: Part) -> tuple[Array, Array, Array, Array]:
     """(theta, error of I, error of T, I of the case) of one piece."""
     felt_inc, felt_tf = attitude_block(np.ascontiguousarray(accel))
     felt_tf = np.unwrap(felt_tf)
@@ -180,21 +176,21 @@ def _piece(
     return theta, inc - _slow_part(inc, slow, repeating), tf - _slow_part(tf, slow, repeating), inc
 
 
-def _slow_columns(t_s: Floats, theta: Floats) -> Floats:
+def _slow_columns(t_s: Array, theta: Array) -> Array:
     """(5, N): a cubic in time, and the angle itself (the scale error of a gyro along the axis)."""
     x = 2.0 * (t_s - t_s[0]) / (t_s[-1] - t_s[0]) - 1.0
     y = theta - theta.mean()
     return np.stack([np.ones_like(x), x, x * x, x**3, y / np.abs(y).max()])
 
 
-def _slow_part(values: Floats, slow: Floats, repeating: Floats) -> Floats:
+def _slow_part(values: Array, slow: Array, repeating: Array) -> Array:
     """What of `values` (N,) is slow, when what repeats with the angle is fitted beside it."""
     # at a constant rate the angle is the time once more: the smallest solution
     solution = np.linalg.lstsq(np.vstack([slow, repeating]).T, values, rcond=1e-10)[0]
     return np.asarray(solution[: len(slow)] @ slow)
 
 
-def _turned(t_s: Floats, gyro: Floats) -> Floats:
+def _turned(t_s: Array, gyro: Array) -> Array:
     """Attitudes (4, N) against that of the first row, by the mean rate between rows."""
     q = np.empty((4, t_s.size))
     q[:, 0] = 1.0, 0.0, 0.0, 0.0
@@ -207,7 +203,7 @@ def _turned(t_s: Floats, gyro: Floats) -> Floats:
     return normalised(q)
 
 
-def turn_to_turn(samples: Samples, curve: Curve) -> Floats:
+def turn_to_turn(samples: Samples, curve: Curve) -> Array:
     """Standard deviation of each parameter by its scatter over the turns, (P,): noise of gyros is no noise of rows."""
     count = curve.parameters.size
     each = []
@@ -219,7 +215,7 @@ def turn_to_turn(samples: Samples, curve: Curve) -> Floats:
     return np.std(each, axis=0, ddof=1) / math.sqrt(len(each)) if len(each) > 2 else np.zeros(count)
 
 
-def _stated(curve: Curve, scatter: Floats, circle: float) -> Curve:
+def _stated(curve: Curve, scatter: Array, circle: float) -> Curve:
     """The curve with its constant set to zero, and the doubt of its harmonics."""
     parameters = curve.parameters.copy()
     parameters[0] = 0.0

@@ -19,16 +19,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.errors import Refused
 from highside.rotation.curve import Curve, Method
 from highside.rotation.fit import FitOptions, fit
 from highside.rotation.samples import Samples
 from highside.rotation.self_reference import GyroDoubt, Part, SelfErrors, turn_to_turn
 from highside.rotation.turntable import ARCMIN, AXIS_CHANNELS, fit_turntable
-
-Floats = NDArray[np.float64]
 
 
 def self_turntable(recordings: Sequence[SelfErrors], doubt: GyroDoubt | None = None) -> dict[str, Curve]:
@@ -64,7 +62,7 @@ def self_turntable(recordings: Sequence[SelfErrors], doubt: GyroDoubt | None = N
     return curves
 
 
-def _scatter(one: SelfErrors, along: bool, order: int) -> Floats:
+def _scatter(one: SelfErrors, along: bool, order: int) -> Array:
     """Standard deviation of each coefficient of a recording's I or T by its scatter over the turns, arcmin."""
     samples = Samples.build(one.theta_rad, (one.inclination_rad if along else one.toolface_rad) / ARCMIN)
     size = 2 * order + 1
@@ -75,7 +73,7 @@ def _scatter(one: SelfErrors, along: bool, order: int) -> Floats:
     return turn_to_turn(samples, curve)
 
 
-def _stated(curve: Curve, spread: Floats, circle: float) -> Curve:
+def _stated(curve: Curve, spread: Array, circle: float) -> Curve:
     parameters = curve.parameters.copy()
     parameters[0] = 0.0
     own = np.sqrt(np.maximum(np.diag(curve.covariance), 1e-300))

@@ -15,15 +15,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.errors import InputError, Refused
 from highside.rotation.bases import fourier_rows, fourier_sum, triangle_of
 from highside.rotation.compensation import Compensation, Validity
 from highside.rotation.curve import Curve, Form, Method
 from highside.rotation.samples import Coverage, Samples
-
-Floats = NDArray[np.float64]
 
 ARCMIN = np.pi / 10800.0
 AXIS_CHANNELS = ("encoder", "across", "along")
@@ -39,20 +37,20 @@ class TurntableCurve:
     """
 
     order: int
-    encoder: Floats
-    across: Floats
-    along: Floats
-    covariance: Floats
+    encoder: Array
+    across: Array
+    along: Array
+    covariance: Array
     noise_rad: float
-    along_covariance: Floats
+    along_covariance: Array
     along_noise_rad: float
     coverage: Coverage
 
-    def toolface_error(self, theta_rad: Floats, inc_rad: Floats | float) -> Floats:
+    def toolface_error(self, theta_rad: Array, inc_rad: Array | float) -> Array:
         """(N,) rad, what the toolface reference is off at rotor angles (N,) and inclination(s)."""
         return fourier_sum(theta_rad, self.encoder) - fourier_sum(theta_rad, self.across) / np.tan(inc_rad)
 
-    def inclination_error(self, theta_rad: Floats) -> Floats:
+    def inclination_error(self, theta_rad: Array) -> Array:
         """(N,) rad, at any inclination."""
         return fourier_sum(theta_rad, self.along)
 
@@ -60,7 +58,7 @@ class TurntableCurve:
         """As a file's content: channels `encoder`, `across` and `along`; the recording's name and hash."""
         half = self.encoder.size
 
-        def curve(values: Floats, covariance: Floats, noise_rad: float) -> Curve:
+        def curve(values: Array, covariance: Array, noise_rad: float) -> Curve:
             return Curve(
                 Method.AUTO, Form.FOURIER, self.order, values / ARCMIN, covariance / ARCMIN**2, noise_rad / ARCMIN,
                 self.coverage,
@@ -74,7 +72,7 @@ class TurntableCurve:
         return Compensation(curves, Validity(), source, source_sha256)
 
 
-def reference_errors(compensation: Compensation, theta_rad: Floats, inc_rad: Floats) -> tuple[Floats, Floats]:
+def reference_errors(compensation: Compensation, theta_rad: Array, inc_rad: Array) -> tuple[Array, Array]:
     """Errors (inclination, toolface) of the bench's readings, (N,) rad, to be added to them; `theta_rad` its encoder's.
 
     The mean of the encoder's curve is left out: it is the toolface zero, which belongs to tool and fixture. Raises
@@ -92,8 +90,8 @@ def reference_errors(compensation: Compensation, theta_rad: Floats, inc_rad: Flo
 
 
 def correct_settings(
-    compensation: Compensation, inc_deg: Floats, tf_deg: Floats, encoder_deg: Floats | None = None
-) -> tuple[Floats, Floats]:
+    compensation: Compensation, inc_deg: Array, tf_deg: Array, encoder_deg: Array | None = None
+) -> tuple[Array, Array]:
     """Where a bench truly stands at its settings (N,), deg; `encoder_deg` its rotor angle where it is not the toolface.
 
     A vertical tool has no toolface to correct. Raises Refused as `reference_errors` does.
@@ -106,10 +104,10 @@ def correct_settings(
 
 
 def fit_turntable(
-    theta_rad: Floats,
-    inc_rad: Floats,
-    toolface_error_rad: Floats,
-    inclination_error_rad: Floats,
+    theta_rad: Array,
+    inc_rad: Array,
+    toolface_error_rad: Array,
+    inclination_error_rad: Array,
     largest_order: int = 8,
 ) -> TurntableCurve:
     """Fit to rows (N,) of whole turns at two or more inclinations; the order by BIC of the toolface errors.
@@ -123,7 +121,7 @@ def fit_turntable(
     if float(np.ptp(lever)) < 0.1:
         raise Refused("one inclination cannot tell the encoder from the wobble of the axis; add a turn at another one")
     n = theta.size
-    best: tuple[float, int, Floats, Floats, float] | None = None
+    best: tuple[float, int, Array, Array, float] | None = None
     for order in range(largest_order + 1):
         rows = fourier_rows(theta, order)
         both = np.vstack([rows, -lever * rows])

@@ -21,10 +21,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.attitude.scalar import attitude
 from highside.bench.session.plans import Limits
 from highside.bench.session.snapshot import Attitude, Deviation
-from highside.calibration.poses import Array
 from highside.physics.gravity import gravity_direction
 
 VERTICAL_SIN = 0.003

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.bench.session.entries import Readings
 from highside.bench.session.plans import Limits
 from highside.bench.session.reasons import Rejection
 from highside.bench.session.stillness import AllanCurve, NoiseFloor, Window, drift_sigmas
-from highside.calibration.poses import Array
 
 DRIFT_SIGMAS = 6.0
 MAX_GAP_S = 0.5

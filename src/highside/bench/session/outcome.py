@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from highside.arrays import Array
 from highside.bench.session import turntable
 from highside.bench.session.journal import Header, Journal
 from highside.bench.session.ledger import Ledger
@@ -20,7 +21,6 @@ from highside.bench.session.snapshot import PoseState, Uncertainty
 from highside.bench.session.verdict import Found, judge
 from highside.calibration.method import Solution, SolveRequest
 from highside.calibration.methods import solves_rings
-from highside.calibration.poses import Array
 from highside.calibration.record import CalibrationRecord, PoseColumns, build_record, solve_poses
 from highside.calibration.result import CalibrationResult, Reason
 from highside.errors import HighsideError, InputError

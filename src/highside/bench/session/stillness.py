@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.bench.session.reasons import Rejection
-from highside.calibration.poses import Array
 
 WINDOW_S = 0.1
 MIN_WINDOW_READINGS = 5

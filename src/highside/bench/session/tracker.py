@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.bench.session.guidance import handedness
 from highside.bench.session.plans import Limits, Stage
 from highside.bench.session.stillness import (
@@ -23,7 +24,6 @@ from highside.bench.session.stillness import (
     Window,
     make_window,
 )
-from highside.calibration.poses import Array
 from highside.codec.frame import Frame
 
 RATE_READINGS = 12

@@ -16,6 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from highside.arrays import Array
 from highside.bench.session.entries import Readings
 from highside.bench.session.faults import Faults
 from highside.bench.session.guidance import (
@@ -34,7 +35,6 @@ from highside.bench.session.reasons import Fault, Rejection
 from highside.bench.session.snapshot import PoseState
 from highside.bench.session.stillness import LOOK_BACK, Window
 from highside.bench.session.tracker import Tracker
-from highside.calibration.poses import Array
 
 SAME_ATTITUDE_DEG = 1.0
 """Poses found by themselves are different when they lie further apart than this."""

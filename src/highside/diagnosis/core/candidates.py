@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.policy import CANDIDATES
 from highside.diagnosis.core.untestable import one_sided
 from highside.physics.effect import Effect, Parameter, Stage
@@ -27,8 +28,6 @@ from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 from highside.physics.outside_effects import EPOCHS, MOST_SHAPES
 from highside.physics.state import ChainState
-
-Array = NDArray[np.float64]
 
 CHANNELS = ("ax", "ay", "az")
 ONE_SIDE = "every attitude is reached from one side, so it is a constant; or the side is not recorded"

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.location import intervals
 from highside.diagnosis.core.policy import CAUSES, PLACES
 from highside.diagnosis.core.result import Claim, Diagnosis, Location
@@ -21,8 +21,6 @@ from highside.physics.effect import Effect, Stage
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
-
-Array = NDArray[np.float64]
 
 DRIVEN = {"rotor_rate_radps": "rotor_rate_dps", "temp_c": "temp_c", "vibration_rms_g": "vibration_rms_g", "t_s": "t_s"}
 """covariates that an effect says it needs, by their names in a recording"""

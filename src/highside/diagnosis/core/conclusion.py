@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import RING
 from highside.diagnosis.core.exchange import beside_refits, refitted
 from highside.diagnosis.core.fit import JointFit
@@ -20,8 +20,6 @@ from highside.diagnosis.core.scene import Judged, N, Picture, Scene
 from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.core.suspicion import Suspicion, slow_standing
 from highside.diagnosis.core.untestable import what_splits
-
-Array = NDArray[np.float64]
 
 SLOW_COVARIATES = frozenset({"t_s", "temp_c"})
 

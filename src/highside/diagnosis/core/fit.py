@@ -13,8 +13,8 @@ from functools import partial
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate, Variant, columns_of
 from highside.diagnosis.core.chunks import chunks_of, in_order
 from highside.diagnosis.core.policy import FITS, INTERVALS
@@ -24,8 +24,6 @@ from highside.diagnosis.core.result import FittedParameter
 from highside.physics.effect import Effect
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
-
-Array = NDArray[np.float64]
 
 
 class Whitening(Protocol):

@@ -9,11 +9,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.policy import HELD_OUT, INTERVALS
 from highside.diagnosis.core.pool import Member, Pool
 from highside.diagnosis.core.result import Fit
-
-Array = NDArray[np.float64]
 
 
 class Gains(Protocol):

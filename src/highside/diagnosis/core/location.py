@@ -11,16 +11,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import CHANNELS
 from highside.diagnosis.core.policy import CANDIDATES, PLACES, SUPPORT
 from highside.diagnosis.core.regression import Race, outside, span
 from highside.diagnosis.core.result import Location
 from highside.diagnosis.core.support import Cells, Window, cells_of, runs, support
 from highside.physics.state import ChainState
-
-Array = NDArray[np.float64]
 
 TOOLFACE = "tf_ref_deg"
 

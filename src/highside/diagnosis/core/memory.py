@@ -20,11 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from highside.arrays import Array
 from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.core.policy import INTERVALS, MEMORY, REGRESSION
 from highside.diagnosis.core.scene_policy import SlowLimits
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

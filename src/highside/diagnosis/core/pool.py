@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate
 from highside.diagnosis.core.policy import POOL, REGRESSION
 from highside.diagnosis.core.regression import Race, log10_p, outside
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc, ndtri, stdtr, stdtrit
 
-from highside.attitude.angles import FloatArray
+from highside.arrays import Array
 
 
 def student_beyond(value: Any, freedom: float) -> Any:
@@ -29,7 +29,7 @@ def chi2_beyond(value: float, freedom: int) -> float:
     return float(chdtrc(freedom, value))
 
 
-def straight_line(at: FloatArray, level: FloatArray) -> tuple[float, float]:
+def straight_line(at: Array, level: Array) -> tuple[float, float]:
     """Slope of the straight line through points (N,), N > 2, and the chance of such a one where there is none.
 
     Student's t of the coefficient of correlation, two-sided, as in any textbook of regression.

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.policy import REGRESSION
-
-Array = NDArray[np.float64]
 
 
 def span(columns: Array, tolerance: float = REGRESSION.independent) -> Array:

@@ -12,9 +12,9 @@ from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtri
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import Blind, Candidate, columns_of
 from highside.diagnosis.core.memory import SlowScore
 from highside.diagnosis.core.policy import MEMORY, REGRESSION, RIVALS
@@ -24,8 +24,6 @@ from highside.diagnosis.core.result import Detectable, NotTestable
 from highside.diagnosis.core.selection import Selector
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import Blind, Candidate, Variant
 from highside.diagnosis.core.fit import JointFit, Seen
 from highside.diagnosis.core.location import Scan
@@ -26,8 +27,6 @@ from highside.diagnosis.core.scene_policy import ScenePolicy
 from highside.diagnosis.core.selection import Selector
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
-
-Array = NDArray[np.float64]
 
 
 class Noise(Protocol):

@@ -12,14 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.held_out import Gains
 from highside.diagnosis.core.policy import SELECTION
 from highside.diagnosis.core.pool import Member, Pool, Standing, ranked, span_with, standing
 from highside.diagnosis.core.regression import outside
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.policy import REGRESSION, SUPPORT
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 Interval = tuple[float, float]
 

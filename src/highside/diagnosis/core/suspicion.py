@@ -7,14 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Generic
 
 import numpy as np
-from numpy.typing import NDArray
 
 from highside.diagnosis.core.memory import Memory, SlowScore, SlowStage, plain_level, slow_effects, slow_scores
 from highside.diagnosis.core.policy import MEMORY
 from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.scene import Judged, N, Scene
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.result import Finding
 from highside.diagnosis.intake.clock import chance, clock_findings, duplicates
 from highside.diagnosis.intake.impulses import find_impulses
@@ -22,9 +23,8 @@ from highside.physics.effects.clipping import EFFECT as CLIPPING
 from highside.physics.effects.dropped_frames import EFFECT as DROPPED_FRAMES
 from highside.physics.effects.quantisation import EFFECT as QUANTISATION
 from highside.physics.effects.stuck_bit import EFFECT as STUCK_BIT
-from highside.physics.gravity import STANDARD_GRAVITY_MPS2, gravity_direction
-
-Array = NDArray[np.float64]
+from highside.physics.gravity import gravity_direction
+from highside.units import STANDARD_GRAVITY_MPS2
 
 CHANNELS = ("ax", "ay", "az")
 COLUMNS = ("ax_g", "ay_g", "az_g")

@@ -11,12 +11,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.result import Claim, Diagnosis, FittedParameter, Location, Verdict
 from highside.diagnosis.intake.checks import CHANNELS, Intake
 from highside.errors import InputError
 from highside.physics.effects.clipping import EFFECT as CLIPPING
-
-Array = NDArray[np.float64]
 
 
 def without_clipped_poses(columns: Mapping[str, Array], raw: Array, found: Intake) -> dict[str, Array]:

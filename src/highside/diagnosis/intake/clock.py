@@ -13,13 +13,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.policy import INTERVALS
 from highside.diagnosis.core.probability import straight_line, student_beyond
 from highside.diagnosis.core.result import Finding
 from highside.diagnosis.intake.policy import CLOCK
 from highside.physics.effects.dropped_frames import EFFECT as DROPPED_FRAMES
-
-Array = NDArray[np.float64]
 
 
 def chance(count: int, of: int, rate: float) -> float:

@@ -10,13 +10,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.policy import INTERVALS
 from highside.diagnosis.core.probability import student_beyond, student_quantile
 from highside.diagnosis.core.result import Finding
 from highside.diagnosis.intake.clock import chance
 from highside.diagnosis.intake.policy import CLOCK, IMPULSES
-
-Array = NDArray[np.float64]
 
 
 def find_impulses(

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import Blind, Candidate, Variant
 from highside.diagnosis.core.location import Basis
 from highside.diagnosis.core.regression import outside, span
@@ -15,8 +15,6 @@ from highside.diagnosis.magnitude.observed import Magnitudes
 from highside.diagnosis.magnitude.policy import MAGNITUDE_BASES, MAGNITUDE_CHOICE
 from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.physics.forward import ForwardModel
-
-Array = NDArray[np.float64]
 
 
 def visible(

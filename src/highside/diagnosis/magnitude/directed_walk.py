@@ -10,12 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.memory import Likelihoods, intervals
 from highside.diagnosis.magnitude.policy import DIRECTED_WALK
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate
 from highside.diagnosis.core.policy import INTERVALS, REGRESSION
 from highside.diagnosis.core.probability import student_quantile
@@ -23,7 +23,6 @@ from highside.diagnosis.magnitude.policy import MAGNITUDE_FITS
 from highside.physics.effect import Effect, Parameter
 from highside.physics.forward import ForwardModel
 
-Array = NDArray[np.float64]
 Table = dict[str, FittedParameter]
 
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate
 from highside.diagnosis.core.location import Basis
 from highside.diagnosis.core.memory import Innovating
@@ -16,8 +16,6 @@ from highside.diagnosis.core.regression import log10_p, outside, span
 from highside.diagnosis.magnitude.policy import MAGNITUDE_NOISE
 from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.physics.effect import Stage
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import columns_of
 from highside.diagnosis.magnitude.policy import OBSERVATION
 from highside.diagnosis.magnitude.session import MagnitudeSession
@@ -22,8 +22,6 @@ from highside.physics.effects import get
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import unit
 from highside.physics.state import ChainState
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

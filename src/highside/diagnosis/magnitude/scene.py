@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import pose_candidates, shadows
 from highside.diagnosis.core.fit import JointFit, base_fit, joint_fit
 from highside.diagnosis.core.held_out import HeldOut, PoseGains, block_gain, block_proof
@@ -42,8 +43,6 @@ from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.physics.effect import Stage
 from highside.physics.effects import all_effects, get
 from highside.physics.forward import ForwardModel
-
-Array = NDArray[np.float64]
 
 Shapes = dict[str, dict[str, float]]
 

@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.calibration.poses import StillInterval, find_still_intervals, labelled_intervals
 from highside.diagnosis.core.result import Diagnosis, Finding, NotTestable, Remainder
 from highside.diagnosis.magnitude.policy import MAGNITUDE_SESSIONS
@@ -24,7 +25,6 @@ from highside.physics.effects import all_effects
 from highside.physics.gravity import attitude_of, unit
 from highside.physics.state import ChainState
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 

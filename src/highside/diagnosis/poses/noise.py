@@ -21,15 +21,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri
 
+from highside.arrays import Array
 from highside.diagnosis.core.markov import VectorNoise
 from highside.diagnosis.core.memory import Memory, intervals
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.poses.policy import POSE_NOISE
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

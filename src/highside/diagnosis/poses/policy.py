@@ -10,11 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.scene_policy import ScenePolicy, SlowLimits
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import CHANNELS, Candidate, pose_candidates, shadows
 from highside.diagnosis.core.causes import located_by_cause
 from highside.diagnosis.core.fit import JointFit, Observed, base_fit, joint_fit
@@ -30,8 +31,6 @@ from highside.diagnosis.poses.noise import PoseNoise
 from highside.diagnosis.poses.policy import POSE_ADVICE, POSES
 from highside.diagnosis.poses.session import PoseSession
 from highside.physics.forward import ForwardModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

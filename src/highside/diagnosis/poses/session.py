@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.calibration.poses import find_still_intervals
 from highside.diagnosis.poses.policy import POSE_SESSIONS
 from highside.errors import InputError
 from highside.physics.state import ChainState
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

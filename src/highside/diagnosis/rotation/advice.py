@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate
 from highside.diagnosis.core.fit import Observed
 from highside.diagnosis.core.rivals import beyond
@@ -20,8 +20,6 @@ from highside.diagnosis.rows.session import RotationSession
 from highside.physics.forward import ForwardModel
 from highside.physics.plan import RotationPlan, Session, Site
 from highside.physics.state import ChainState
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

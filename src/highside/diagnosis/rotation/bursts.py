@@ -12,12 +12,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.result import Diagnosis, Location
 from highside.diagnosis.rotation.policy import BURSTS
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

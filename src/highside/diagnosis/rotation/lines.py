@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len, rfft
 
+from highside.arrays import Array
 from highside.diagnosis.rotation.policy import LINES_POLICY
 from highside.diagnosis.rows.design import Line
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.effects import all_effects
-
-Array = NDArray[np.float64]
 
 
 def found_lines(session: RotationSession, residual: Array) -> list[Line]:

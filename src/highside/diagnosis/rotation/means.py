@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.chunks import chunks_of, in_order
 from highside.diagnosis.rotation.policy import MEANS
 from highside.diagnosis.rows.design import Design
@@ -21,7 +22,6 @@ from highside.diagnosis.rows.gram import HeldOutRows, Segments, solved
 from highside.diagnosis.rows.noise import RotationNoise
 from highside.diagnosis.rows.policy import GRAMS
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.causes import located_by_cause
 from highside.diagnosis.core.fit import JointFit, Observed, base_fit, joint_fit
 from highside.diagnosis.core.held_out import gain_interval
@@ -38,7 +39,6 @@ from highside.diagnosis.rows.scene import RowsScene, chance_of, coordinates_of
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.forward import ForwardModel
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 

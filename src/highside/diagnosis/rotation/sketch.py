@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate
 from highside.diagnosis.core.fit import JointFit, Observed, base_fit, bend_of, joint_fit
 from highside.diagnosis.core.policy import FITS
@@ -18,8 +18,6 @@ from highside.diagnosis.rows.noise import RotationNoise
 from highside.diagnosis.rows.policy import ROW_NOISE
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.forward import ForwardModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.location import TOOLFACE
 from highside.diagnosis.core.policy import CHUNKS, PLACES, SUPPORT
 from highside.diagnosis.core.support import Cells, Window, cells_of, support
@@ -19,7 +20,6 @@ from highside.diagnosis.rows.design import Design
 from highside.diagnosis.rows.noise import RotationNoise
 from highside.physics.state import ChainState
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 

@@ -10,13 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.rows.policy import BASES
 from highside.physics.gravity import gravity_direction
 from highside.physics.state import ChainState
-
-Array = NDArray[np.float64]
 
 
 @dataclass

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import Blind, Candidate, Variant, shapes_tried, what_lacks
 from highside.diagnosis.core.chunks import chunks_of
 from highside.diagnosis.core.untestable import one_sided
@@ -27,7 +28,6 @@ from highside.physics.forward import ForwardModel
 from highside.physics.outside_effects import EPOCHS, wave_of
 from highside.physics.state import ChainState
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 

@@ -18,6 +18,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.chunks import in_order
 from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.core.memory import Memory, memory_of
@@ -26,7 +27,6 @@ from highside.diagnosis.rows.design import Design
 from highside.diagnosis.rows.noise import RotationNoise
 from highside.diagnosis.rows.policy import GRAMS
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 Key = tuple[int, int, bool]

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.chunks import in_order
 from highside.diagnosis.core.memory import Memory
 from highside.diagnosis.core.policy import INTERVALS
@@ -23,8 +24,6 @@ from highside.diagnosis.rows.policy import ROW_NOISE
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.gravity import gravity_jacobians
 from highside.physics.state import ChainState
-
-Array = NDArray[np.float64]
 
 JITTER, SHAKEN = 0, 1
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.chunks import in_order
 from highside.diagnosis.core.held_out import block_gain
 from highside.diagnosis.core.location import Located, Scan, followed, intervals, scan_of
@@ -32,7 +33,6 @@ from highside.diagnosis.rows.noise import windows as learned_from
 from highside.diagnosis.rows.policy import ROW_PLACES
 from highside.diagnosis.rows.session import RotationSession
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 

@@ -13,11 +13,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.rows.policy import ROW_SESSIONS
 from highside.errors import InputError
 from highside.physics.state import ChainState
-
-Array = NDArray[np.float64]
 
 ACCEL = ("ax", "ay", "az")
 GYROS = ("gx", "gy", "gz")

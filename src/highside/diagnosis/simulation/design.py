@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import Blind, Candidate, Variant
 from highside.diagnosis.rows.bases import Group
 from highside.diagnosis.rows.design import Design
@@ -19,7 +20,6 @@ from highside.physics.channels import ChannelEffect, ChannelTerm, OnChannels
 from highside.physics.effect import Effect, Stage
 from highside.physics.effects import on_channels, registry
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 About = Mapping[str, tuple[float, ...]]

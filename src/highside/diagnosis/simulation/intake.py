@@ -10,15 +10,13 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.result import Finding
 from highside.diagnosis.simulation.policy import SIMULATION_INTAKE
 from highside.diagnosis.simulation.session import SimulationSession
 from highside.physics.channels import kind_of
-from highside.physics.gravity import STANDARD_GRAVITY_MPS2
-
-Array = NDArray[np.float64]
+from highside.units import STANDARD_GRAVITY_MPS2
 
 FACTORS = {
     "m/s2 against g": STANDARD_GRAVITY_MPS2,

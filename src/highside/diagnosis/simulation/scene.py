@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.fit import JointFit
 from highside.diagnosis.core.held_out import gain_interval
 from highside.diagnosis.core.memory import Channel, SlowEffect
@@ -29,8 +30,6 @@ from highside.diagnosis.simulation.design import About, SimulationDesign, covari
 from highside.diagnosis.simulation.policy import SIMULATION, SIMULATION_CHOICE
 from highside.diagnosis.simulation.session import SimulationSession
 from highside.physics.channels import OnChannels
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

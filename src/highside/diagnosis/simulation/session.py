@@ -14,14 +14,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.rows.session import RotationSession
 from highside.diagnosis.simulation.alignment import Alignment, align, filled, in_gap, usual_rate
 from highside.diagnosis.simulation.policy import SIMULATION_SESSIONS
 from highside.errors import InputError
 from highside.physics.channels import Channels
 from highside.physics.state import ChainState
-
-Array = NDArray[np.float64]
 
 UNITS = {
     "g": "g",

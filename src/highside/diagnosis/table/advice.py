@@ -9,16 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import columns_of
 from highside.diagnosis.table.chain import CELLS, Draws, Linear, Sessions, draw, errors_in_common, tell
 from highside.diagnosis.table.fit import PEAK, Fitted, Table
 from highside.diagnosis.table.policy import RING_ADVICE, TABLE_FITS
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
-
-Array = NDArray[np.float64]
 
 
 def next_ring(

@@ -17,6 +17,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.calibration.balance import balance_matrix
 from highside.calibration.conventional import position_plan
 from highside.diagnosis.table.policy import CHAIN
@@ -25,8 +26,6 @@ from highside.physics.forward import ForwardModel
 from highside.physics.gravity import gravity_direction
 from highside.physics.scenario import BALANCE_TOOLFACES_DEG
 from highside.physics.state import ChainState
-
-Array = NDArray[np.float64]
 
 Correction = Literal["conventional3", "balance-average", "none"]
 CORRECTIONS: tuple[Correction, ...] = get_args(Correction)

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.policy import INTERVALS, PLACES
 from highside.diagnosis.core.probability import chi2_beyond
 from highside.diagnosis.core.result import (
@@ -42,8 +43,6 @@ from highside.diagnosis.table.search import (
 )
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import pose_candidates
 from highside.diagnosis.core.policy import REGRESSION
 from highside.diagnosis.core.result import NotTestable
@@ -24,7 +24,6 @@ from highside.physics.effects import all_effects
 from highside.physics.effects.pose_error import EFFECT as POSE_ERROR
 from highside.physics.forward import ForwardModel
 
-Array = NDArray[np.float64]
 Progress = Callable[[float, str], None]
 
 NO_TIME = "a table does not say when a row was measured"

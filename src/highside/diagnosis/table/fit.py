@@ -15,13 +15,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate, Variant
 from highside.diagnosis.core.policy import REGRESSION
 from highside.diagnosis.table.chain import Draws, Linear, Sessions, draw, errors_in_common, tell, through
 from highside.diagnosis.table.policy import TABLE_FITS
 from highside.physics.forward import ForwardModel
-
-Array = NDArray[np.float64]
 
 PEAK = float(np.sqrt(2.0))
 """Two extremes scatter more than a mean."""

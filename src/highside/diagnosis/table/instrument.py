@@ -6,16 +6,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.result import Detectable
 from highside.diagnosis.table.chain import Linear, Procedure, Sessions, draw, tell
 from highside.diagnosis.table.fit import Fitted, Option, Table
 from highside.diagnosis.table.policy import INSTRUMENT
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
-
-Array = NDArray[np.float64]
 
 
 def detectable(table: Table, options: Sequence[Option], best: Fitted) -> dict[str, Detectable]:

@@ -18,8 +18,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.table.chain import Linear, errors_in_common, tell
 from highside.diagnosis.table.explained import Explained, Progress
 from highside.diagnosis.table.fit import Fitted, Option, Table, chance_of, fit_set
@@ -27,8 +27,6 @@ from highside.diagnosis.table.instrument import instrument
 from highside.diagnosis.table.policy import POSTERIOR, TABLE_FITS
 from highside.diagnosis.table.priors import covariance_with_priors, log_prior_of_scatter, log_prior_of_set, log_share
 from highside.physics.forward import ForwardModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.table.fit import Fitted, Option, Table
 from highside.diagnosis.table.policy import EXPLAINING, POSTERIOR, TABLE_FITS
-
-Array = NDArray[np.float64]
 
 
 def log_prior_of_scatter(tau: Array) -> Array:

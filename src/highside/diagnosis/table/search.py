@@ -13,14 +13,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import Array
 from highside.diagnosis.core.probability import chi2_beyond
 from highside.diagnosis.table.fit import Fitted, Option, Table, fit_set, rechanced
 from highside.diagnosis.table.policy import SEARCH
-
-Array = NDArray[np.float64]
-
 
 Report = Callable[[float, str], None]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AXES, Effect, Parameter, Stage, across
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -31,7 +31,7 @@ class AliasedVibration(Effect):
     groups = across(6, 3)
     averages_out = "vibration in step with the rotation needs rotation"
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         phase = p[6] * np.unwrap(state.tf_rad)
         return p[:3, None] * np.cos(phase) + p[3:6, None] * np.sin(phase)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AxisEffect, Stage, triad
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -19,10 +19,10 @@ class Asymmetry(AxisEffect):
     confused_with = ("quadratic",)
     splitter = "poses with |f| below 0.5 g on the axis: a kink against a parabola"
 
-    def term(self, state: ChainState, f: Array) -> Array:
+    def term(self, state: ChainState, f: AnyArray) -> AnyArray:
         return f * np.sign(f.real)
 
-    def slope(self, state: ChainState, f: Array) -> Array:
+    def slope(self, state: ChainState, f: AnyArray) -> AnyArray:
         return np.sign(f.real)
 
 

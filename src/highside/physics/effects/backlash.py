@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import LinearEffect, Parameter, Stage, singles
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -25,7 +25,7 @@ class Backlash(LinearEffect):
     depends_on_input = False
     groups = singles(2)
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         basis = np.zeros((2, 3, state.n))
         basis[0, 2] = basis[1, 0] = state.direction
         return basis

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.channels import TIMED, Channels, ChannelTerm, lagged
 from highside.physics.effect import Effect, Parameter, Stage
-from highside.physics.gravity import Array, gravity_direction, gravity_jacobians
+from highside.physics.gravity import gravity_direction, gravity_jacobians
 from highside.physics.state import ChainState
 
 # a first-order lag is the average of the past under exp(-u), u in units of tau: Gauss-Laguerre nodes and weights
@@ -25,7 +26,7 @@ def _nodes(state: ChainState, tau: complex) -> Sequence[tuple[float, float]]:
     return FEW if abs(tau) * fastest < LITTLE else MANY
 
 
-def _gravity_before(state: ChainState, seconds: Array) -> Array:
+def _gravity_before(state: ChainState, seconds: AnyArray) -> AnyArray:
     """Gravity in the tool frame, (3, N), so many seconds earlier, by the recorded rates."""
     tf = state.tf_rad - state.rotor_rate_radps * seconds + 0.5 * state.rotor_accel_radps2 * seconds**2
     return gravity_direction(state.inc_rad - state.inc_rate_radps * seconds, tf)
@@ -49,12 +50,12 @@ class BandwidthLag(Effect):
     depends_on_input = False
     channel_story = "The channel answers with a delay and a loss of swing, as any filter of finite bandwidth."
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         nominal = gravity_direction(state.inc_rad, state.tf_rad)
         lagged = sum(w * _gravity_before(state, p[0] * u) for u, w in _nodes(state, p[0]))
         return np.asarray(lagged - nominal)
 
-    def derivative(self, state: ChainState, p: Array, x: Array) -> Array:
+    def derivative(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         tau = float(np.real(p[0]))
         total = np.zeros((3, state.n))
         # at tau = 0 all nodes are the present instant, and their weighted mean is 1

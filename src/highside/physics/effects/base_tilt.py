@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import LinearEffect, Parameter, Stage, singles
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -27,7 +27,7 @@ class BaseTilt(LinearEffect):
     depends_on_input = False
     groups = singles(2)
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         return np.array([[[1.0], [0.0], [0.0]], [[0.0], [1.0], [0.0]]])
 
 

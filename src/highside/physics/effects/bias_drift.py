@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.channels import ANY, SLOW, Channels, ChannelTerm
 from highside.physics.effect import AxisEffect, Parameter, Stage, triad
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -25,10 +25,10 @@ class BiasDrift(AxisEffect):
     depends_on_input = False
     slow = True
 
-    def term(self, state: ChainState, f: Array) -> Array:
+    def term(self, state: ChainState, f: AnyArray) -> AnyArray:
         return np.broadcast_to(state.t_s - state.t_s[:1], (3, state.n))
 
-    def slope(self, state: ChainState, f: Array) -> Array:
+    def slope(self, state: ChainState, f: AnyArray) -> AnyArray:
         return np.zeros((3, state.n))
 
     def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:

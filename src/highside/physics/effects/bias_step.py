@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AXES, Effect, Parameter, Stage, singles
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -27,7 +27,7 @@ class BiasStep(Effect):
     groups = singles(3)
     slow = True
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         after = state.t_s - state.t_s[:1] >= p[3].real
         return p[:3, None] * after
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AXES, Parameter, RecordEffect, Stage
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -19,7 +19,7 @@ class Clipping(RecordEffect):
     confused_with = ("cubic", "quadratic")
     splitter = "the histogram: many readings share the extreme value"
 
-    def record(self, state: ChainState, p: Array, values: Array, rng: np.random.Generator) -> Array:
+    def record(self, state: ChainState, p: AnyArray, values: AnyArray, rng: np.random.Generator) -> AnyArray:
         limit = np.where(p > 0, p, np.inf)[:, None]
         return np.clip(values, -limit, limit)
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from highside.arrays import AnyArray
 from highside.physics.effect import LinearEffect, Parameter, Stage
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -22,7 +22,7 @@ class ClockSkew(LinearEffect):
     needs = ("t_s", "rotor_rate_radps")
     depends_on_input = False
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         return (state.t_s - state.t_s[:1])[None, None, :]
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import Effect, Parameter, Stage, singles
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -27,13 +27,13 @@ class Cogging(Effect):
     depends_on_input = False
     groups = singles(2)
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         ck, sk, k = p
         delta = np.zeros((3, state.n), dtype=p.dtype)
         delta[2] = ck * np.cos(k * state.tf_rad) + sk * np.sin(k * state.tf_rad)
         return delta
 
-    def derivative(self, state: ChainState, p: Array, x: Array) -> Array:
+    def derivative(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         ck, sk, k = p
         cos, sin = np.cos(k * state.tf_rad), np.sin(k * state.tf_rad)
         columns = np.zeros((3, 3, state.n))

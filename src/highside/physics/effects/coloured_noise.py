@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AXES, Parameter, RandomEffect, Stage
-from highside.physics.gravity import Array
 from highside.physics.noise import autoregressive
 from highside.physics.state import ChainState
 
@@ -27,7 +27,7 @@ class ColouredNoise(RandomEffect):
     draws_at = Stage.NOISE
     needs = ("t_s",)
 
-    def draw(self, state: ChainState, p: Array, rng: np.random.Generator) -> Array:
+    def draw(self, state: ChainState, p: AnyArray, rng: np.random.Generator) -> AnyArray:
         step = float(np.median(np.diff(state.t_s))) if state.n > 1 else 1.0
         return p[:3, None] * autoregressive((3, state.n), 1.0, float(np.exp(-step / p[3])), rng)
 

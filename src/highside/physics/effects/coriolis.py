@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import LinearEffect, Parameter, Stage, singles
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -22,7 +22,7 @@ class Coriolis(LinearEffect):
     depends_on_input = False
     groups = singles(2)
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         # about z the tool turns at -T'
         spin = -state.rotor_rate_radps
         basis = np.zeros((2, 3, state.n))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AXES, LinearEffect, Parameter, Stage, across, pairs, runs
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 PRODUCTS = [(0, 1), (0, 2), (1, 2)]
@@ -26,16 +26,16 @@ class CrossProduct(LinearEffect):
     splitter = "poses with two axes loaded alike (inclination near 45 deg, toolface near 45 deg), in all signs"
     groups = (*runs(9, 3), *across(9, 3), *pairs(runs(9, 3)))
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         basis = np.zeros((9, 3, x.shape[1]), dtype=x.dtype)
         for k, (i, a, b) in enumerate(TERMS):
             basis[k, i] = x[a] * x[b]
         return basis
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         return np.asarray(p.reshape(3, 3) @ np.stack([x[a] * x[b] for a, b in PRODUCTS]))
 
-    def input_jacobian(self, state: ChainState, p: Array, x: Array) -> Array:
+    def input_jacobian(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         xy, xz, yz = p.reshape(3, 3).T[:, :, None]
         jacobian = np.empty((3, 3, x.shape[1]))
         jacobian[:, 0] = xy * x[1] + xz * x[2]

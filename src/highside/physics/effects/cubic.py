@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AxisEffect, Stage, triad
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -17,10 +17,10 @@ class Cubic(AxisEffect):
     confused_with = ("scale", "encoder_second_harmonic")
     splitter = "poses at intermediate loads (near 0.58 g the cubic differs most from a scale error)"
 
-    def term(self, state: ChainState, f: Array) -> Array:
+    def term(self, state: ChainState, f: AnyArray) -> AnyArray:
         return f * f * f
 
-    def slope(self, state: ChainState, f: Array) -> Array:
+    def slope(self, state: ChainState, f: AnyArray) -> AnyArray:
         return 3 * f * f
 
 

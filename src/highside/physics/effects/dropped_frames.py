@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import Parameter, RecordEffect, Stage
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -19,7 +19,7 @@ class DroppedFrames(RecordEffect):
     confused_with = ("clock_skew",)
     splitter = "the counter of the frames, or the differences of their times"
 
-    def rows(self, state: ChainState, p: Array, rng: np.random.Generator) -> Array:
+    def rows(self, state: ChainState, p: AnyArray, rng: np.random.Generator) -> AnyArray:
         lot = rng.random(state.n)
         times = np.where(lot < p[0], 0, np.where(lot < p[0] + p[1], 2, 1))
         return np.repeat(np.arange(state.n), times)

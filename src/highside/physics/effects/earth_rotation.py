@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import LinearEffect, Parameter, Stage
-from highside.physics.gravity import EARTH_RATE_RADPS, Array, rotate_y, rotate_z
+from highside.physics.gravity import EARTH_RATE_RADPS, rotate_y, rotate_z
 from highside.physics.state import ChainState
 
 
@@ -26,7 +27,7 @@ class EarthRotation(LinearEffect):
     known_size = True
     depends_on_input = False
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         level = EARTH_RATE_RADPS * np.cos(state.latitude_rad)
         lab = np.array(
             [

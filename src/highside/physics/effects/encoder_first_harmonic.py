@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import LinearEffect, Parameter, Stage, singles
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -27,7 +27,7 @@ class EncoderFirstHarmonic(LinearEffect):
     depends_on_input = False
     groups = singles(2)
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         basis = np.zeros((2, 3, state.n))
         basis[0, 2], basis[1, 2] = np.cos(state.tf_rad), np.sin(state.tf_rad)
         return basis

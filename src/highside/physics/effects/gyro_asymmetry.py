@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import LinearEffect, Stage, on_own_axis, singles, triad
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -20,7 +20,7 @@ class GyroAsymmetry(LinearEffect):
     splitter = "the same rates in both senses: a kink at zero"
     groups = singles(3)
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         return on_own_axis(x * np.sign(x.real))
 
 

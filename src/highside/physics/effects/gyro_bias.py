@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.channels import Channels, ChannelTerm
 from highside.physics.effect import LinearEffect, Stage, on_own_axis, singles, triad
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -26,7 +26,7 @@ class GyroBias(LinearEffect):
     constant = True
     channel_story = "The gyro shows a small rotation where there is none."
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         return on_own_axis(np.ones((3, state.n)))
 
     def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AXES, LinearEffect, Parameter, Stage, pairs, runs, singles
-from highside.physics.gravity import Array, gravity_direction
+from highside.physics.gravity import gravity_direction
 from highside.physics.state import ChainState
 
 
@@ -23,7 +24,7 @@ class GyroGSensitivity(LinearEffect):
     depends_on_input = False
     groups = (*runs(9, 3), *pairs(runs(9, 3)), *singles(9))
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         gravity = gravity_direction(state.inc_rad, state.tf_rad)
         basis = np.zeros((9, 3, state.n))
         for i in range(3):

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.channels import Channels, ChannelTerm
 from highside.physics.effect import AXES, LinearEffect, Parameter, Stage, pairs, runs, singles
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 PAIRS = [(i, j) for i in range(3) for j in range(3) if i != j]
@@ -25,7 +25,7 @@ class GyroMisalignment(LinearEffect):
     splitter = "rotation about each axis in turn; x and y share of a rotation about z"
     groups = (*runs(6, 2), *pairs(runs(6, 2)), *singles(6))
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         basis = np.zeros((6, 3, state.n), dtype=x.dtype)
         for k, (i, j) in enumerate(PAIRS):
             basis[k, i] = x[j]

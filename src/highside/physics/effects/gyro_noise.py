@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AXES, Parameter, RandomEffect, Stage
-from highside.physics.gravity import Array
 from highside.physics.noise import std_of_average
 from highside.physics.state import ChainState
 
@@ -21,7 +21,7 @@ class GyroNoise(RandomEffect):
     splitter = "the Allan deviation of an hour at rest: slope -1/2 against +1/2"
     draws_at = Stage.GYRO
 
-    def draw(self, state: ChainState, p: Array, rng: np.random.Generator) -> Array:
+    def draw(self, state: ChainState, p: AnyArray, rng: np.random.Generator) -> AnyArray:
         sigma = np.array([std_of_average(density, state.row_seconds) for density in p])
         return sigma[:, None] * rng.standard_normal((3, state.n))
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import LinearEffect, Stage, across, on_own_axis, runs, triad
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -20,7 +20,7 @@ class GyroNonlinearity(LinearEffect):
     splitter = "at least five rates of each sign"
     groups = (*runs(6, 3), *across(6, 3))
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         return np.concatenate([on_own_axis(x**2), on_own_axis(x**3)])
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from highside.arrays import AnyArray
 from highside.physics.channels import Channels, ChannelTerm
 from highside.physics.effect import LinearEffect, Stage, on_own_axis, singles, triad
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -21,7 +21,7 @@ class GyroScale(LinearEffect):
     splitter = "several rates of both signs against the encoder"
     groups = singles(3)
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         return on_own_axis(x)
 
     def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.channels import MOVED, Channels, ChannelTerm
 from highside.physics.effect import AXES, LinearEffect, Parameter, Stage, singles
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 ARM_M = 3.0
@@ -36,7 +36,7 @@ class LeverArm(LinearEffect):
     )
     channel_needs = "rates (gx_dps, gy_dps, gz_dps) are not recorded, or no channel is an acceleration of a named axis"
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         # the toolface grows clockwise looking down-hole, about -z: the angular acceleration about z is -T''
         square, angular = -(state.rotor_rate_radps**2), -state.rotor_accel_radps2
         basis = np.zeros((2, 3, state.n))

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.channels import Channels, ChannelTerm
 from highside.physics.effect import AXES, LinearEffect, Parameter, Stage, pairs, runs, singles
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 PAIRS = [(i, j) for i in range(3) for j in range(3) if i != j]
@@ -30,23 +30,23 @@ class Misalignment(LinearEffect):
     groups = (*runs(6, 2), *pairs(runs(6, 2)), *singles(6))
     calibrated = True
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         basis = np.zeros((6, 3, x.shape[1]), dtype=x.dtype)
         for k, (i, j) in enumerate(PAIRS):
             basis[k, i] = x[j]
         return basis
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         return np.asarray(_matrix(p) @ x)
 
-    def input_jacobian(self, state: ChainState, p: Array, x: Array) -> Array:
+    def input_jacobian(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         return np.broadcast_to(_matrix(p)[:, :, None], (3, 3, x.shape[1]))
 
     def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
         return [term for own in seen.of_kind("accel") for term in seen.couplings(*own, "rad")]
 
 
-def _matrix(p: Array) -> Array:
+def _matrix(p: AnyArray) -> AnyArray:
     matrix = np.zeros((3, 3), dtype=p.dtype)
     matrix[ROWS, COLUMNS] = p
     return matrix

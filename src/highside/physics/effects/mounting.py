@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import LinearEffect, Parameter, Stage, singles
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -27,7 +27,7 @@ class Mounting(LinearEffect):
     depends_on_input = False
     groups = (*singles(3), (0, 1))
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         basis = np.zeros((3, 3, 1))
         basis[[0, 1, 2], [0, 1, 2], 0] = 1.0
         return basis

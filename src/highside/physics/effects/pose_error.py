@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import Parameter, RandomEffect, Stage
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 LIMIT = (0.0, 0.02)
@@ -36,10 +36,10 @@ class PoseError(RandomEffect):
     confused_with = ("reading_noise", "cogging")
     splitter = "repeat a pose without moving the table (noise) and after moving it (pose error)"
 
-    def draw(self, state: ChainState, p: Array, rng: np.random.Generator) -> Array:
+    def draw(self, state: ChainState, p: AnyArray, rng: np.random.Generator) -> AnyArray:
         inc_pose, tf_pose, inc_ring, tf_station = p
 
-        def per(group: Array, half_width: float) -> Array:
+        def per(group: AnyArray, half_width: float) -> AnyArray:
             _, index = np.unique(group, return_inverse=True)
             return half_width * rng.uniform(-1, 1, index.max(initial=-1) + 1)[index.reshape(-1)]
 

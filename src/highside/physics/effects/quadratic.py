@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AxisEffect, Stage, triad
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -20,10 +20,10 @@ class Quadratic(AxisEffect):
     confused_with = ("asymmetry", "encoder_first_harmonic", "bias", "sag")
     splitter = "poses with |f| below 0.5 g on the axis (a parabola against a kink), or a centrifuge"
 
-    def term(self, state: ChainState, f: Array) -> Array:
+    def term(self, state: ChainState, f: AnyArray) -> AnyArray:
         return f**2
 
-    def slope(self, state: ChainState, f: Array) -> Array:
+    def slope(self, state: ChainState, f: AnyArray) -> AnyArray:
         return 2 * f
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AXES, Parameter, RecordEffect, Stage
-from highside.physics.gravity import Array
 from highside.physics.noise import quantised
 from highside.physics.state import ChainState
 
@@ -20,7 +20,7 @@ class Quantisation(RecordEffect):
     confused_with = ("reading_noise",)
     splitter = "the histogram: a comb of equal spacing"
 
-    def record(self, state: ChainState, p: Array, values: Array, rng: np.random.Generator) -> Array:
+    def record(self, state: ChainState, p: AnyArray, values: AnyArray, rng: np.random.Generator) -> AnyArray:
         return np.stack([quantised(row, float(step)) for row, step in zip(values, p, strict=True)])
 
 

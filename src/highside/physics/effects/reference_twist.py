@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import LinearEffect, Parameter, Stage
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -23,7 +23,7 @@ class ReferenceTwist(LinearEffect):
     splitter = "rings near vertical: the non-orthogonality grows there as cot I, the twist stays"
     depends_on_input = False
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         basis = np.zeros((1, 3, state.n))
         basis[0, 2] = np.cos(state.inc_rad)
         return basis

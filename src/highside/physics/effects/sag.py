@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import LinearEffect, Parameter, Stage
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -20,7 +20,7 @@ class Sag(LinearEffect):
     splitter = "roll the tool by 180 deg: sag stays fixed in the room, a misalignment turns with the tool"
     depends_on_input = False
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         basis = np.zeros((1, 3, state.n))
         basis[0, 0] = np.sin(state.inc_rad)
         return basis

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import Parameter, RandomEffect, Stage
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -24,7 +24,7 @@ class SamplingJitter(RandomEffect):
     draws_at = Stage.TIMING
     needs = ("rotor_rate_radps",)
 
-    def draw(self, state: ChainState, p: Array, rng: np.random.Generator) -> Array:
+    def draw(self, state: ChainState, p: AnyArray, rng: np.random.Generator) -> AnyArray:
         return p[0] * rng.standard_normal((1, state.n))
 
 

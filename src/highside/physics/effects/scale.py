@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.channels import Channels, ChannelTerm
 from highside.physics.effect import AxisEffect, Stage, triad
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -23,10 +23,10 @@ class Scale(AxisEffect):
     splitter = "poses with the axis along and against gravity; several temperatures"
     calibrated = True
 
-    def term(self, state: ChainState, f: Array) -> Array:
+    def term(self, state: ChainState, f: AnyArray) -> AnyArray:
         return f
 
-    def slope(self, state: ChainState, f: Array) -> Array:
+    def slope(self, state: ChainState, f: AnyArray) -> AnyArray:
         return np.ones(f.shape)
 
     def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import LinearEffect, Parameter, Stage, across, runs
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -30,7 +30,7 @@ class SizeEffect(LinearEffect):
     depends_on_input = False
     groups = (*runs(4, 2), *across(4, 2))
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         square, angular = -(state.rotor_rate_radps**2), -state.rotor_accel_radps2
         basis = np.zeros((4, 3, state.n))
         basis[0, 0], basis[1, 0] = square, -angular

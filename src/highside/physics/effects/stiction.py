@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import Effect, Parameter, Stage
-from highside.physics.gravity import Array
 from highside.physics.memory import play
 from highside.physics.state import ChainState
 
@@ -24,7 +24,7 @@ class Stiction(Effect):
     complex_safe = False
     remembers = True
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         delta = np.zeros((3, state.n))
         delta[2] = play(state.tf_rad, p[0]) - state.tf_rad
         return delta

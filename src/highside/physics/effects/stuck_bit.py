@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AXES, Parameter, RecordEffect, Stage
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -24,7 +24,7 @@ class StuckBit(RecordEffect):
     confused_with = ("quantisation",)
     splitter = "count how often each bit toggles"
 
-    def record(self, state: ChainState, p: Array, values: Array, rng: np.random.Generator) -> Array:
+    def record(self, state: ChainState, p: AnyArray, values: AnyArray, rng: np.random.Generator) -> AnyArray:
         stuck, mask, lsb = p[:3] > 0.5, 1 << int(p[3]), p[5]
         counts = np.round(values / lsb).astype(np.int64)
         held = np.where(p[4] > 0.5, counts | mask, counts & ~mask)

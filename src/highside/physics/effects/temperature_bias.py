@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.channels import ANY, SLOW, Channels, ChannelTerm
 from highside.physics.effect import REFERENCE_TEMP_C, AxisEffect, Parameter, Stage, triad
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -26,10 +26,10 @@ class TemperatureBias(AxisEffect):
     slow = True
     channel_needs = "the temperature (temp_c) is not recorded, or does not change"
 
-    def term(self, state: ChainState, f: Array) -> Array:
+    def term(self, state: ChainState, f: AnyArray) -> AnyArray:
         return np.broadcast_to(state.temp_c - REFERENCE_TEMP_C, (3, state.n))
 
-    def slope(self, state: ChainState, f: Array) -> Array:
+    def slope(self, state: ChainState, f: AnyArray) -> AnyArray:
         return np.zeros((3, state.n))
 
     def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AXES, REFERENCE_TEMP_C, LinearEffect, Parameter, Stage, across, on_own_axis, runs
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -27,7 +27,7 @@ class TemperatureBiasCurvature(LinearEffect):
     slow = True
     next_order_of = "temperature_bias"
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         warm = state.temp_c - REFERENCE_TEMP_C
         return np.concatenate([on_own_axis(np.broadcast_to(warm**k, (3, state.n))) for k in (2, 3)])
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AXES, Effect, Parameter, Stage, on_own_axis, singles
-from highside.physics.gravity import Array
 from highside.physics.memory import play
 from highside.physics.state import ChainState
 
@@ -32,11 +32,11 @@ class ThermalHysteresis(Effect):
     groups = singles(3)
     slow = True
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         side = (state.temp_c - play(state.temp_c, p[3])) / p[3]
         return p[:3, None] * side
 
-    def derivative(self, state: ChainState, p: Array, x: Array) -> Array:
+    def derivative(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         # the play is the costly part: once for the three heights, twice for the width
         width, h = p[3], 1e-5 * p[3]
         side, wider, narrower = ((state.temp_c - play(state.temp_c, w)) / w for w in (width, width + h, width - h))

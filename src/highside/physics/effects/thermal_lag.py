@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AXES, Effect, Parameter, Stage, singles
-from highside.physics.gravity import Array
 from highside.physics.memory import low_pass
 from highside.physics.state import ChainState
 
@@ -38,7 +38,7 @@ class ThermalLag(Effect):
     groups = singles(3)
     slow = True
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         behind = low_pass(state.t_s, state.temp_c, p[3]) - state.temp_c
         return p[:3, None] * behind
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.channels import TIMED, Channels, ChannelTerm, delayed
 from highside.physics.effect import LinearEffect, Parameter, Stage
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -29,7 +29,7 @@ class TimeOffset(LinearEffect):
     channel_story = "The recording and the prediction do not mean the same instant by the same time."
     channel_needs = "the two files are on clocks of their own: aligning them has taken any offset away"
 
-    def basis(self, state: ChainState, x: Array) -> Array:
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         return np.full((1, 1, state.n), -1.0)
 
     def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:

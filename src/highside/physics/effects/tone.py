@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AXES, Effect, Parameter, Stage, across
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -30,7 +30,7 @@ class Tone(Effect):
     groups = across(6, 3)
     averages_out = "a tone averages out while a pose is held"
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         phase = 2 * np.pi * p[6] * state.t_s
         return p[:3, None] * np.cos(phase) + p[3:6, None] * np.sin(phase)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AXES, Parameter, RandomEffect, Stage
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -23,7 +23,7 @@ class TurnOnBias(RandomEffect):
     confused_with = ("bias", "bias_step")
     splitter = "power-cycle at the same pose; in the hole, the centre of the (gx, gy) circle over a turn"
 
-    def draw(self, state: ChainState, p: Array, rng: np.random.Generator) -> Array:
+    def draw(self, state: ChainState, p: AnyArray, rng: np.random.Generator) -> AnyArray:
         return np.repeat((p * rng.standard_normal(3))[:, None], state.n, axis=1)
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AXES, Parameter, RandomEffect, Stage
-from highside.physics.gravity import Array
 from highside.physics.noise import vibration_modulated
 from highside.physics.state import ChainState
 
@@ -22,7 +22,7 @@ class VibrationNoise(RandomEffect):
     draws_at = Stage.NOISE
     needs = ("vibration_rms_g",)
 
-    def draw(self, state: ChainState, p: Array, rng: np.random.Generator) -> Array:
+    def draw(self, state: ChainState, p: AnyArray, rng: np.random.Generator) -> AnyArray:
         return vibration_modulated(state.vibration_rms_g, p, rng)
 
 

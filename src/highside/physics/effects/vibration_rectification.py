@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AxisEffect, Stage, triad
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -24,10 +24,10 @@ class VibrationRectification(AxisEffect):
     needs = ("vibration_rms_g",)
     depends_on_input = False
 
-    def term(self, state: ChainState, f: Array) -> Array:
+    def term(self, state: ChainState, f: AnyArray) -> AnyArray:
         return np.broadcast_to(state.vibration_rms_g**2, (3, state.n))
 
-    def slope(self, state: ChainState, f: Array) -> Array:
+    def slope(self, state: ChainState, f: AnyArray) -> AnyArray:
         return np.zeros((3, state.n))
 
 

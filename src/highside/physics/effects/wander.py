@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AXES, Parameter, RandomEffect, Stage
-from highside.physics.gravity import Array
 from highside.physics.noise import random_walk
 from highside.physics.state import ChainState
 
@@ -27,7 +27,7 @@ class Wander(RandomEffect):
     draws_at = Stage.SENSOR
     needs = ("t_s",)
 
-    def draw(self, state: ChainState, p: Array, rng: np.random.Generator) -> Array:
+    def draw(self, state: ChainState, p: AnyArray, rng: np.random.Generator) -> AnyArray:
         return random_walk(state.t_s, p, rng)
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import AXES, Effect, Parameter, Stage, singles
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -38,11 +38,11 @@ class Warmup(Effect):
     groups = singles(3)
     slow = True
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         elapsed = state.t_s - state.t_s[:1]
         return p[:3, None] * np.exp(-elapsed / p[3])
 
-    def restarted(self, p: Array, earlier_s: float) -> tuple[Array, Array]:
+    def restarted(self, p: AnyArray, earlier_s: float) -> tuple[AnyArray, AnyArray]:
         # what has decayed since then was larger
         growth = float(np.exp(earlier_s / p[3]))
         return np.array([growth, growth, growth, 1.0]), np.zeros(4)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from highside.arrays import AnyArray
 from highside.physics.effect import Effect, Parameter, Stage, runs, singles
-from highside.physics.gravity import Array
 from highside.physics.state import ChainState
 
 
@@ -32,12 +32,12 @@ class Wobble(Effect):
     depends_on_input = False
     groups = (*runs(4, 2), *singles(4))
 
-    def delta(self, state: ChainState, p: Array, x: Array) -> Array:
+    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         ck, sk, dk, tk, k = p
         cos, sin = np.cos(k * state.tf_rad), np.sin(k * state.tf_rad)
         return np.stack([ck * cos + sk * sin, dk * cos + tk * sin, np.zeros(state.n)])
 
-    def derivative(self, state: ChainState, p: Array, x: Array) -> Array:
+    def derivative(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         ck, sk, dk, tk, k = p
         cos, sin = np.cos(k * state.tf_rad), np.sin(k * state.tf_rad)
         columns = np.zeros((5, 3, state.n))

@@ -28,10 +28,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.config.rig import STANDARD_GRAVITY_MPS2, AcceptSettings, SiteSettings
+from highside.config.rig import AcceptSettings, SiteSettings
 from highside.errors import InputError
 from highside.reading import parse_json
 from highside.recording.files import flush_directory
+from highside.units import STANDARD_GRAVITY_MPS2
 
 if TYPE_CHECKING:
     from highside.service.outputs import Attitude
