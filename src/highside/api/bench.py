@@ -84,10 +84,11 @@ def _by_model(table: TableT, model: ModelLike) -> tuple[TableT, str, tuple[str, 
     bench = {e.id: p for e, p in forward.effects if e.stage in (Stage.POSE, Stage.GRAVITY) and not e.random}
     if not bench:
         raise InputError(
-            "knows no effect of the bench", where=None if isinstance(model, Model | Mapping) else str(model),
+            "knows no effect of the bench",
+            where=None if isinstance(model, Model | Mapping) else str(model),
             field="effects.included",
             remedy="leave --model out: the joint method estimates the sensor's own terms itself",
-        )  # fmt: skip
+        )
     inc_ref, tf_ref = table.require("inc_ref_deg", "tf_ref_deg")
     names = ("inc_ref_deg", "tf_ref_deg", "direction", "temp_c", "t_s")
     columns = {name: table.columns[name] for name in names if name in table.columns}

@@ -211,9 +211,11 @@ def rows_of(
     keep = (t_s >= (-np.inf if first_s is None else first_s)) & (t_s <= (np.inf if last_s is None else last_s))
     if not keep.any():
         raise InputError(
-            f"has no rows in that stretch; it runs from {np.nanmin(t_s):g} to {np.nanmax(t_s):g} s", where=rows.source,
-            field="first_s, last_s", remedy="give times of the recording",
-        )  # fmt: skip
+            f"has no rows in that stretch; it runs from {np.nanmin(t_s):g} to {np.nanmax(t_s):g} s",
+            where=rows.source,
+            field="first_s, last_s",
+            remedy="give times of the recording",
+        )
     return rows.select(keep)
 
 
@@ -264,9 +266,11 @@ def diagnose_table(
     wrong = np.flatnonzero((inc <= 0) | (inc >= 180))
     if wrong.size:
         raise InputError(
-            f"{inc[wrong[0]]:g} is not between 0 and 180", where=read.place(int(wrong[0])), field="inc_ref_deg",
+            f"{inc[wrong[0]]:g} is not between 0 and 180",
+            where=read.place(int(wrong[0])),
+            field="inc_ref_deg",
             remedy="at 0 and 180 deg there is no toolface",
-        )  # fmt: skip
+        )
     noise = knows.sensor.noise_g
     effects = knows.effects.values()
     if "reading_noise" in effects:
@@ -274,9 +278,16 @@ def diagnose_table(
     cells = np.column_stack([read.columns[name] for name in CELLS])
     try:
         found = diagnose_summary(
-            inc, cells, Procedure(correction, stations, readings), knows.forward(), knows.sensor.free,
-            noise_g=noise or None, seed=seed, version=__version__, progress=progress,
-        )  # fmt: skip
+            inc,
+            cells,
+            Procedure(correction, stations, readings),
+            knows.forward(),
+            knows.sensor.free,
+            noise_g=noise or None,
+            seed=seed,
+            version=__version__,
+            progress=progress,
+        )
     except InputError as error:
         raise InputError(error.what, where=read.source, field=error.field, remedy=error.remedy) from None
     return Diagnosis(found.diagnosis, found.picture, knows, _name(read))

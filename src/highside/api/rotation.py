@@ -229,9 +229,10 @@ def _samples(table: Recording, *, with_rate: bool) -> dict[str, Samples]:
     present = [channel for channel in CHANNELS if table.has(f"d_{channel}_arcmin")]
     if not present:
         raise InputError(
-            f"has none of {', '.join(f'd_{channel}_arcmin' for channel in CHANNELS)}", where=table.source,
+            f"has none of {', '.join(f'd_{channel}_arcmin' for channel in CHANNELS)}",
+            where=table.source,
             remedy=f"it has: {', '.join(table.order)}",
-        )  # fmt: skip
+        )
     table.require("rotor_deg", *(f"d_{channel}_arcmin" for channel in present))
     if with_rate:
         table.require("rotor_rate_dps")

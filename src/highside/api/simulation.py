@@ -147,9 +147,11 @@ def _state(table: Table, knows: Model, *, means: bool) -> tuple[ChainState, NDAr
     site = knows.site.site
     try:
         state = ChainState.from_columns(
-            {name: column[rows] for name, column in columns.items()}, gravity_mps2=site.gravity_mps2,
-            latitude_rad=site.latitude_rad, azimuth_rad=site.azimuth_rad,
-        )  # fmt: skip
+            {name: column[rows] for name, column in columns.items()},
+            gravity_mps2=site.gravity_mps2,
+            latitude_rad=site.latitude_rad,
+            azimuth_rad=site.azimuth_rad,
+        )
     except InputError as error:
         raise InputError(error.what, where=table.source, field=error.field, remedy=error.remedy) from None
     return state, rows

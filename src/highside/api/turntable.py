@@ -84,9 +84,11 @@ def fit_turntable(recording: File | Columns | FrameT, *, largest_order: int = 8)
         worst = float(np.degrees(np.abs(off).max())) if off.size else 0.0
         if worst > LARGEST_ERROR_DEG:
             raise InputError(
-                f"{worst:.2f} deg from the bench in a row: no error of a turntable", where=where, field=name,
+                f"{worst:.2f} deg from the bench in a row: no error of a turntable",
+                where=where,
+                field=name,
                 remedy="leave out rows in motion and rows of another fixture",
-            )  # fmt: skip
+            )
     try:
         found = fit_curves(np.radians(angle[rows]), np.radians(inc_ref[rows]), d_tf, d_inc, largest_order)
     except InputError as problem:

@@ -156,6 +156,10 @@ class SessionMqtt:
             return None
         snapshot = self._driver.snapshot()
         return Reply(
-            request_id=text_member(payload, "request_id"), accepted=False, reason=reason, text=text[:TEXT_MAX],
-            state=snapshot.state, seq=snapshot.seq,
-        )  # fmt: skip
+            request_id=text_member(payload, "request_id"),
+            accepted=False,
+            reason=reason,
+            text=text[:TEXT_MAX],
+            state=snapshot.state,
+            seq=snapshot.seq,
+        )

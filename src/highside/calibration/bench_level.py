@@ -187,8 +187,10 @@ def _attitudes_on_both_sides(poses: Compared, use: Mask) -> list[tuple[Array, Ar
             groups.append([int(k)])
         else:
             group.append(int(k))
-    sides = [(np.array([k for k in g if poses.inc_set[k] >= 0]), np.array([k for k in g if poses.inc_set[k] < 0]))
-             for g in groups]  # fmt: skip
+    sides = [
+        (np.array([k for k in g if poses.inc_set[k] >= 0]), np.array([k for k in g if poses.inc_set[k] < 0]))
+        for g in groups
+    ]
     return [(ahead.astype(int), back.astype(int)) for ahead, back in sides if ahead.size and back.size]
 
 

@@ -21,8 +21,18 @@ encoders of the bench in `config/model-bench.toml` (0.018 deg)."""
 ROWS_LOOKED_AT = 1000
 """as many rows, spread over a recording, say whether its unit can be g"""
 SOLVER_COLUMNS = (
-    "inc_ref_deg", "tf_ref_deg", "ax", "ay", "az", "n", "std_ax", "std_ay", "std_az", "temp_c", "direction"
-)  # fmt: skip
+    "inc_ref_deg",
+    "tf_ref_deg",
+    "ax",
+    "ay",
+    "az",
+    "n",
+    "std_ax",
+    "std_ay",
+    "std_az",
+    "temp_c",
+    "direction",
+)
 """what a solver may use of a pose table, beside the name of the pose"""
 
 

@@ -184,9 +184,14 @@ def apply(
     calibration = Calibration.load(record_file)
     with as_options("noise_g"):
         data, done = calibration.corrected(
-            readings, frame=frame.value, noise_g=noise_g, zones=zones, tool=tool, serial=serial,
+            readings,
+            frame=frame.value,
+            noise_g=noise_g,
+            zones=zones,
+            tool=tool,
+            serial=serial,
             allow_expired=allow_expired,
-        )  # fmt: skip
+        )
     data.write(output)
     if as_json:
         counts = {

@@ -65,9 +65,10 @@ def diagnose(
         raise InputError("give one of them", field="RECORDING, --summary", remedy="a recording or an error table")
     if simulation is not None and (summary is not None or write_model is not None):
         raise InputError(
-            "goes with a recording alone", field="--simulation", remedy="leave --summary and --write-model out: "
-            "what the other program lacks is for that program to take up",
-        )  # fmt: skip
+            "goes with a recording alone",
+            field="--simulation",
+            remedy="leave --summary and --write-model out: what the other program lacks is for that program to take up",
+        )
     # what goes with an error table or another program's output needs no model: nothing is known then, beside the sensor
     bare = simulation is not None or summary is not None
     for name, value in (("--model", model), ("--out", out)):
@@ -84,9 +85,14 @@ def diagnose(
         if summary is not None:
             with as_options("corrected_by"):
                 made = api.diagnose_table(
-                    summary, knows, corrected_by=corrected_by, stations=stations, readings=readings, seed=seed,
+                    summary,
+                    knows,
+                    corrected_by=corrected_by,
+                    stations=stations,
+                    readings=readings,
+                    seed=seed,
                     progress=progress,
-                )  # fmt: skip
+                )
         else:
             assert recording is not None
             rows: Path | Recording = recording

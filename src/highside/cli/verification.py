@@ -170,9 +170,11 @@ def _level(found: Verification) -> str:
     level = found.level
     tilts = ", ".join(
         f"{word} {math.degrees(value):+.4f} ± {math.degrees(std):.4f} deg"
-        for word, value, std in (("in the plane of inclination", level.x_rad, level.x_std_rad),
-                                 ("across it", level.y_rad, level.y_std_rad))
-    )  # fmt: skip
+        for word, value, std in (
+            ("in the plane of inclination", level.x_rad, level.x_std_rad),
+            ("across it", level.y_rad, level.y_std_rad),
+        )
+    )
     otherwise = "; it leans otherwise than was said" if found.leans else ""
     return f"level of the bench, {level.source.text}: {tilts} (1 sigma){otherwise}"
 

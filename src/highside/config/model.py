@@ -201,9 +201,7 @@ class _Stops(_Motion):
         return Profile(self.vibration_rms_g) if self.vibration_rms_g else None
 
     def _plan(self, poses: tuple[Pose, ...], hold_s: float) -> PosePlan:
-        return PosePlan(
-            poses, hold_s, self.row_s, self.move_s, self.record_moves, self.plateaus_c, self.soak_s
-        )  # fmt: skip
+        return PosePlan(poses, hold_s, self.row_s, self.move_s, self.record_moves, self.plateaus_c, self.soak_s)
 
 
 class PosesMotion(_Stops):
@@ -227,9 +225,11 @@ class PosesMotion(_Stops):
         return self
 
     def plan(self) -> Plan:
-        on_rings = rings(
-            self.inclinations_deg, self.toolfaces_deg, returns=self.returns, closure_every=self.closure_every
-        ) if self.inclinations_deg else ()  # fmt: skip
+        on_rings = (
+            rings(self.inclinations_deg, self.toolfaces_deg, returns=self.returns, closure_every=self.closure_every)
+            if self.inclinations_deg
+            else ()
+        )
         return self._plan((*on_rings, *(Pose(*pose) for pose in self.poses)), self.hold_s)
 
 
@@ -269,9 +269,14 @@ class RotationMotion(_Motion):
     def plan(self) -> Plan:
         rates = [2 * math.pi * rate for rate in self.rates_hz] or [math.radians(rate) for rate in self.rates_dps]
         return RotationPlan(
-            self.inclination_deg, tuple(rates), self.hold_s, self.ramp_s, self.sample_hz, self.toolface_deg,
+            self.inclination_deg,
+            tuple(rates),
+            self.hold_s,
+            self.ramp_s,
+            self.sample_hz,
+            self.toolface_deg,
             self.vibration_rms_g,
-        )  # fmt: skip
+        )
 
 
 class LegTable(Table):

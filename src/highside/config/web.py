@@ -130,9 +130,11 @@ class WebTable(Table):
             raise InputError("is not UTF-8 text", where=str(self.token_file), field="web.token_file") from None
         if len(text) < TOKEN_MIN:
             raise InputError(
-                f"has {len(text)} characters", where=str(self.token_file), field="web.token_file",
+                f"has {len(text)} characters",
+                where=str(self.token_file),
+                field="web.token_file",
                 remedy=f"a token has at least {TOKEN_MIN}",
-            )  # fmt: skip
+            )
         return SecretStr(text)
 
 
@@ -148,9 +150,11 @@ def _only_for(path: Path, forbidden: int, field: str, mode: str) -> None:
         return  # said when it is read
     if found & forbidden:
         raise InputError(
-            f"may be read by others (mode {found & 0o777:o})", where=str(path), field=field,
+            f"may be read by others (mode {found & 0o777:o})",
+            where=str(path),
+            field=field,
             remedy=f"chmod {mode} {path}",
-        )  # fmt: skip
+        )
 
 
 def _tls_error(name: str, path: Path, what: str, remedy: str) -> InputError:

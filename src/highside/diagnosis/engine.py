@@ -238,10 +238,11 @@ def _choose(
 
     for _ in range(PROCEDURE.doubts):
         tested = [
-            m for m in members
+            m
+            for m in members
             if (scene.candidates[m.candidate].named or scene.candidates[m.candidate].id.startswith(RING))
             and scene.candidates[m.candidate].id not in scene.slow_ids
-        ]  # fmt: skip
+        ]
         doubted = [m for m in tested if not needed([m]) or _as_a_slow_one(scene, selector, members, m, slow)]
         # beside the one a walk takes the other's place; what both do together it may not
         if not doubted or (len(doubted) > 1 and needed(doubted)):

@@ -115,10 +115,12 @@ def _checked_reference(request: Request) -> Intake:
     """Intake of a recording with a reference attitude. Raises InputError where nothing is known of one."""
     if request.reference is None and not REFERENCES & set(request.columns):
         raise InputError(
-            "nothing says where the tool was, and the model does not say what else is known", where=request.where,
-            field="inc_ref_deg, tf_ref_deg or rotor_deg", remedy="add these columns; or put [reference] kind = "
+            "nothing says where the tool was, and the model does not say what else is known",
+            where=request.where,
+            field="inc_ref_deg, tf_ref_deg or rotor_deg",
+            remedy="add these columns; or put [reference] kind = "
             '"magnitude" into the model if only |g| is known; or give another program\'s output with --simulation',
-        )  # fmt: skip
+        )
     return check(request.columns, ("inc_ref_deg", _toolface(request.columns)), request.axes)
 
 
@@ -137,10 +139,12 @@ def _poses(request: Request) -> Answer:
     raw = request.complete(*ACCELEROMETERS)
     try:
         session = pose_session(
-            without_clipped_poses(request.columns, raw, found), request.in_tool_axes(raw),
-            gravity_mps2=request.site.gravity_mps2, latitude_rad=request.site.latitude_rad,
+            without_clipped_poses(request.columns, raw, found),
+            request.in_tool_axes(raw),
+            gravity_mps2=request.site.gravity_mps2,
+            latitude_rad=request.site.latitude_rad,
             azimuth_rad=request.site.azimuth_rad,
-        )  # fmt: skip
+        )
     except InputError as error:
         raise _of_recording(request, error) from None
     diagnosis, picture = diagnose_poses(
@@ -167,10 +171,14 @@ def _rotation(request: Request) -> Answer:
     gyro = _gyro(request)
     try:
         session = rotation_session(
-            request.columns, request.in_tool_axes(raw), gyro, gravity_mps2=request.site.gravity_mps2,
-            latitude_rad=request.site.latitude_rad, azimuth_rad=request.site.azimuth_rad,
+            request.columns,
+            request.in_tool_axes(raw),
+            gyro,
+            gravity_mps2=request.site.gravity_mps2,
+            latitude_rad=request.site.latitude_rad,
+            azimuth_rad=request.site.azimuth_rad,
             left_out=without_meaning(raw, found),
-        )  # fmt: skip
+        )
     except InputError as error:
         raise _of_recording(request, error) from None
     free = request.free
@@ -208,9 +216,11 @@ def _beside(request: Request) -> Answer:
     """Any channels beside another program's prediction of them."""
     if request.predicted is None:
         raise InputError(
-            "the model says that another program predicts the recording", where=request.where, field="reference.kind",
+            "the model says that another program predicts the recording",
+            where=request.where,
+            field="reference.kind",
             remedy="give its output with --simulation SIM.csv",
-        )  # fmt: skip
+        )
     try:
         session = simulation_session(request.columns, request.predicted)
     except InputError as error:

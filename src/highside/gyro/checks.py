@@ -42,14 +42,20 @@ def check_units(
     step = np.sqrt((rate * rate).sum(axis=0))[1:] * dt
     if np.any(step[dt <= MAX_GAP_S] > math.pi):
         raise InputError(
-            "turn by more than half a turn from one row to the next", where=where, field="gx_dps, gy_dps, gz_dps",
+            "turn by more than half a turn from one row to the next",
+            where=where,
+            field="gx_dps, gy_dps, gz_dps",
             remedy="give deg/s, at a rate that follows the tool",
-        )  # fmt: skip
+        )
     still = [f"g{axis}_dps" for axis, row in zip("xyz", rate, strict=True) if not np.ptp(row)]
     zero = [name for name in still if not rate["xyz".index(name[1])].any()]
     if zero:
-        raise InputError("is zero throughout: the gyro is silent", where=where, field=", ".join(zero),
-                         remedy="drift needs three gyros that measure")  # fmt: skip
+        raise InputError(
+            "is zero throughout: the gyro is silent",
+            where=where,
+            field=", ".join(zero),
+            remedy="drift needs three gyros that measure",
+        )
     doubts = []
     if still:
         doubts.append(f"{', '.join(still)} never changes: a gyro that hangs, and no azimuth then")

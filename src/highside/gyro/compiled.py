@@ -39,9 +39,14 @@ class Kernels(NamedTuple):
 
 
 def gather(
-    t_s: Array, rate: Array, accel: Array, block_s: float, number: NDArray[np.intp], sums: Array,
+    t_s: Array,
+    rate: Array,
+    accel: Array,
+    block_s: float,
+    number: NDArray[np.intp],
+    sums: Array,
     edges: Array,
-) -> int:  # fmt: skip
+) -> int:
     """Sums of all blocks, `blocks.Gatherer` for rows of the tool frame: t_s (N,), rate, accel (3, N).
 
     Fills number (N,), sums (32, M) and edges (3, M): gap, start, end. Returns the number of blocks, at most M.
@@ -78,10 +83,20 @@ def gather(
 
 
 def follow(
-    t_s: Array, rate: Array, accel: Array, number: NDArray[np.intp], q: Array, bias: Array,
-    scale: Array, frozen: NDArray[np.bool_], leap: Array, edges: Array, q_end: Array,
-    earth: Array, angles: Array,
-) -> None:  # fmt: skip
+    t_s: Array,
+    rate: Array,
+    accel: Array,
+    number: NDArray[np.intp],
+    q: Array,
+    bias: Array,
+    scale: Array,
+    frozen: NDArray[np.bool_],
+    leap: Array,
+    edges: Array,
+    q_end: Array,
+    earth: Array,
+    angles: Array,
+) -> None:
     """Angles (3, N) (inclination, toolface, azimuth) of the rows between the ends of blocks.
 
     By block: attitude q (M, 4), bias (M, 3), scale (M,) at its start, whether it stands, `leap` (M, 3) the rotation

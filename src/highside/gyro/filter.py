@@ -223,8 +223,14 @@ class KinematicFilter:
         """One sample in the *body* frame (rad/s, g); the block that it closed, which is for `take`."""
         return self._gatherer.add(t_s, rate, accel)
 
-    def update(self, t_s: float, rate: tuple[float, float, float], accel: tuple[float, float, float],
-               *, declared_still: bool = False) -> State | None:  # fmt: skip
+    def update(
+        self,
+        t_s: float,
+        rate: tuple[float, float, float],
+        accel: tuple[float, float, float],
+        *,
+        declared_still: bool = False,
+    ) -> State | None:
         """One sample in the *body* frame (rad/s, g); the state if this sample closed a block.
 
         `declared_still` is the operator's word on the block that this sample closes.

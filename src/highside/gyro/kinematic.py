@@ -129,9 +129,17 @@ def _empty_trace(count: int, *, smooth: bool) -> error_state.Trace:
 
 
 def _angles(
-    t_s: Array, rate: Array, accel: Array, data: Gathered, trace: error_state.Trace, leap: Array,
-    earth: Array, compiled: Kernels | None, *, causal: bool,
-) -> Array:  # fmt: skip
+    t_s: Array,
+    rate: Array,
+    accel: Array,
+    data: Gathered,
+    trace: error_state.Trace,
+    leap: Array,
+    earth: Array,
+    compiled: Kernels | None,
+    *,
+    causal: bool,
+) -> Array:
     """Inclination, toolface, azimuth (3, N): predicted within a block, updated (or smoothed) at its end."""
     before = np.maximum(np.arange(trace.scale.size) - 1, 0)
     q, bias, scale = trace.q[before], trace.bias[before], trace.scale[before]

@@ -93,8 +93,9 @@ class RecursiveFilter:
         """At the end of the last block."""
         return float(azimuth_std(self.about_up.p11, self.followed_s, self.settings, hold=self.hold))
 
-    def update(self, t_s: float, rate: tuple[float, float, float], accel: tuple[float, float, float],
-               *, believe: bool = True) -> bool:  # fmt: skip
+    def update(
+        self, t_s: float, rate: tuple[float, float, float], accel: tuple[float, float, float], *, believe: bool = True
+    ) -> bool:
         """One sample; whether it closed a block (`believe` is about that block)."""
         block = self._gatherer.add(t_s, rate, accel)
         if block is not None:

@@ -340,17 +340,27 @@ class SimulatedDevice:
 def encode(frame: Frame) -> bytes:
     """A reading as the tool's own serial frame."""
     return tool.encode(
-        frame.seq or 0, frame.t_s or 0.0, frame[3:6], gyro_dps=_gyro(frame), temp_c=frame.temp_c,
-        rotor_deg=frame.rotor_deg, rotor_rate_dps=frame.rotor_rate_dps or 0.0,
-    )  # fmt: skip
+        frame.seq or 0,
+        frame.t_s or 0.0,
+        frame[3:6],
+        gyro_dps=_gyro(frame),
+        temp_c=frame.temp_c,
+        rotor_deg=frame.rotor_deg,
+        rotor_rate_dps=frame.rotor_rate_dps or 0.0,
+    )
 
 
 def encode_can(frame: Frame) -> list[CanFrame]:
     """A reading as the tool's own CAN messages (`config/highside.dbc`)."""
     return tool_can.encode(
-        frame.seq or 0, frame.t_s or 0.0, frame[3:6], gyro_dps=_gyro(frame), temp_c=frame.temp_c,
-        rotor_deg=frame.rotor_deg, rotor_rate_dps=frame.rotor_rate_dps or 0.0,
-    )  # fmt: skip
+        frame.seq or 0,
+        frame.t_s or 0.0,
+        frame[3:6],
+        gyro_dps=_gyro(frame),
+        temp_c=frame.temp_c,
+        rotor_deg=frame.rotor_deg,
+        rotor_rate_dps=frame.rotor_rate_dps or 0.0,
+    )
 
 
 def _gyro(frame: Frame) -> tuple[float, float, float] | None:

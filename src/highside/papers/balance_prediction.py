@@ -129,10 +129,18 @@ class Cell:
     def as_dict(self) -> dict[str, Any]:
         """Plain values."""
         return {
-            "table": self.table, "correction": self.correction, "inc_ref_deg": self.inc_ref_deg, "column": self.column,
-            "published": self.published, "predicted": self.predicted, "low": self.low, "high": self.high,
-            "covered": self.covered, "held_out": self.held_out, "repeated": self.repeated,
-        }  # fmt: skip
+            "table": self.table,
+            "correction": self.correction,
+            "inc_ref_deg": self.inc_ref_deg,
+            "column": self.column,
+            "published": self.published,
+            "predicted": self.predicted,
+            "low": self.low,
+            "high": self.high,
+            "covered": self.covered,
+            "held_out": self.held_out,
+            "repeated": self.repeated,
+        }
 
 
 @dataclass(frozen=True)
@@ -204,14 +212,18 @@ def predict(ensemble: Ensemble, published: Rows) -> Predictions:
                 key = (label, inc_deg, column)
                 cells.append(
                     Cell(
-                        table, label, inc_deg, column, row[column],
+                        table,
+                        label,
+                        inc_deg,
+                        column,
+                        row[column],
                         predicted=None if refused else float(middle[c]),
                         low=None if refused else float(low[c]) - ROUNDING_DEG,
                         high=None if refused else float(high[c]) + ROUNDING_DEG,
                         held_out=label != "conventional",
                         repeated=key in seen,
                     )
-                )  # fmt: skip
+                )
                 if row[column] is not None:
                     seen.add(key)
     return Predictions(tuple(cells))

@@ -189,18 +189,26 @@ def rotating_rod(seconds: float = 10800.0, rate_hz: float = SAMPLE_RATE_HZ) -> E
 
 
 def rotating_table(
-    theta_deg: float, seconds: float = 3600.0, rate_hz: float = SAMPLE_RATE_HZ, *, rate_dps: float = 10.0,
+    theta_deg: float,
+    seconds: float = 3600.0,
+    rate_hz: float = SAMPLE_RATE_HZ,
+    *,
+    rate_dps: float = 10.0,
     triad: Triad | None = None,
-) -> Experiment:  # fmt: skip
+) -> Experiment:
     """S1r: turning about the tool axis at a constant rate, at this elevation, without vibration."""
     still = _steady("rotating table", seconds, (theta_deg, 20.0, 60.0), triad or Triad(), np.zeros((0, 2)), rate_hz)
     return replace(still, phi=still.phi + np.radians(rate_dps) * still.t_s)
 
 
 def curved_hole(
-    turn_deg: float = 5.0, seconds: float = 600.0, rate_hz: float = SAMPLE_RATE_HZ, *, start_s: float = 300.0,
+    turn_deg: float = 5.0,
+    seconds: float = 600.0,
+    rate_hz: float = SAMPLE_RATE_HZ,
+    *,
+    start_s: float = 300.0,
     triad: Triad | None = None,
-) -> Experiment:  # fmt: skip
+) -> Experiment:
     """At rest for `start_s`, then the azimuth turns by `turn_deg` evenly over `seconds` at constant toolface."""
     still = _steady(
         "curved hole", start_s + seconds, (30.0, 20.0, 60.0), triad or Triad(), np.array([[0.0, start_s]]), rate_hz

@@ -62,9 +62,11 @@ def sweep(seeds: int = 6, seconds: float = 3600.0, elevations: tuple[float, ...]
         turning = rotating_table(theta, seconds, RATE_HZ)
         standing = _at(theta, seconds)
         settings = Settings(
-            latitude_rad=turning.latitude_rad, azimuth_rad=float(turning.psi[0]), azimuth_std_rad=1e-5,
+            latitude_rad=turning.latitude_rad,
+            azimuth_rad=float(turning.psi[0]),
+            azimuth_std_rad=1e-5,
             detect_stops=False,
-        )  # fmt: skip
+        )
         errors, stated = [], 0.0
         for seed in range(seeds):
             data = record(turning, 1000 * index + seed)
@@ -88,6 +90,13 @@ def _at(theta_deg: float, seconds: float) -> Experiment:
     """The turntable of the first experiment, at another elevation."""
     level = turntable(seconds, RATE_HZ, Triad())
     return Experiment(
-        level.name, level.t_s, np.full(level.t_s.size, np.radians(theta_deg)), level.phi, level.psi, level.vibrating,
-        level.rest, level.triad, level.latitude_rad,
-    )  # fmt: skip
+        level.name,
+        level.t_s,
+        np.full(level.t_s.size, np.radians(theta_deg)),
+        level.phi,
+        level.psi,
+        level.vibrating,
+        level.rest,
+        level.triad,
+        level.latitude_rad,
+    )

@@ -96,9 +96,15 @@ def from_table_1(
     inc = np.array([row["inc_ref_deg"] for row in rows], dtype=float)
     told = np.array([[np.nan if row[c] is None else float(row[c]) for c in CELLS] for row in rows])
     found = diagnose_summary(
-        inc, told, Procedure("conventional3"), knows.forward(), knows.sensor.free, seed=seed, version=__version__,
+        inc,
+        told,
+        Procedure("conventional3"),
+        knows.forward(),
+        knows.sensor.free,
+        seed=seed,
+        version=__version__,
         progress=lambda share, words: report(0.6 * share, words),
-    )  # fmt: skip
+    )
     posterior = instruments(
         found.explained, draws, seed, progress=lambda share, words: report(0.6 + 0.3 * share, words)
     )
@@ -205,9 +211,12 @@ def outside_in_words(instrument: PublishedInstrument) -> list[str]:
     settled = [c for c in means if c.sign is not None]
     lines.append(
         f"Signs: the interval of {len(settled)} of {len(means)} means leaves one sign only"
-        + (f", {sum(bool(c.sign) for c in settled)} of them the right one." if settled else
-           "; table 1 says how large the means after balance are, not which way they go.")
-    )  # fmt: skip
+        + (
+            f", {sum(bool(c.sign) for c in settled)} of them the right one."
+            if settled
+            else "; table 1 says how large the means after balance are, not which way they go."
+        )
+    )
     return lines
 
 
@@ -249,8 +258,10 @@ def add_to(page: Page, instrument: PublishedInstrument) -> None:
     ]
     low, middle, high = interval(np.array([d.noise_g for d in instrument.posterior.draws]), widened=1.0)
     page.table(
-        ["effect", "parameter", "there in", "from", "middle", "to"], body,
+        ["effect", "parameter", "there in", "from", "middle", "to"],
+        body,
         "What table 1 allows: in how many of the draws an effect is there, and where 95 % of its values lie in those. "
         f"Angles in rad, sensor terms in g; the noise of a reading is {low * 1e6:.0f} to {high * 1e6:.0f} ug, middle "
-        f"{middle * 1e6:.0f}.", words=(1,),
-    )  # fmt: skip
+        f"{middle * 1e6:.0f}.",
+        words=(1,),
+    )

@@ -457,26 +457,33 @@ def figures(found: Reproduction) -> dict[str, dict[str, Any]]:
     result: dict[str, dict[str, Any]] = {
         "figure1": {"shows": "conventional errors over a turn", "table": "table1", "held_out": False},
         "figure2": {
-            "shows": "small inclinations, conventional and balance 1-2-3", "held_out": True, **counted("table2"),
+            "shows": "small inclinations, conventional and balance 1-2-3",
+            "held_out": True,
+            **counted("table2"),
         },
         "figure3": {
-            "shows": "large inclinations, conventional and balance of three quadrants", "held_out": True,
+            "shows": "large inclinations, conventional and balance of three quadrants",
+            "held_out": True,
             **counted("table3"),
         },
-    }  # fmt: skip
+    }
     for name, table, inc in (("figure4", "table4", "1.206"), ("figure5", "table5", "0.612")):
         likely = [row["probability_largest_there"] for row in found.left_out[inc]]
         result[name] = {
-            "shows": f"the four triples at {inc} deg", "held_out": True, **counted(table),
+            "shows": f"the four triples at {inc} deg",
+            "held_out": True,
+            **counted(table),
             "error_largest_in_quadrant_left_out": {"published": True, "probability": likely},
-        }  # fmt: skip
+        }
     result["figure6"] = {"shows": "average of the four triples", "held_out": True, **counted("table6")}
     parts = [row[name] for row in found.ratios for name in ("d_inc_pp_deg", "d_tf_pp_deg")]
     parts += [row["after"] for row in found.shares if "after" in row]
     result["figure7"] = {
-        "shows": "peak-to-peak after as a share of before, and of the specification", "held_out": True,
-        "covered": sum(bool(p["covered"]) for p in parts), "of": len(parts),
-    }  # fmt: skip
+        "shows": "peak-to-peak after as a share of before, and of the specification",
+        "held_out": True,
+        "covered": sum(bool(p["covered"]) for p in parts),
+        "of": len(parts),
+    }
     return result
 
 

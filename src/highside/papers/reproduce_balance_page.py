@@ -69,17 +69,21 @@ def _page_of(found: Reproduction) -> str:
     kind = "good" if count.verdict == "predicted" else "open"
     page.badge(f"{count.covered} of {count.of}", kind, published_instrument.coverage_in_words(instrument))
     page.table(
-        ["", *(TITLES[c] for c in COLUMNS)], published_instrument.verdicts(instrument),
+        ["", *(TITLES[c] for c in COLUMNS)],
+        published_instrument.verdicts(instrument),
         "Held-out cells within their intervals. A column counts as predicted unless so few cells, or "
         "fewer, are covered by chance with less than 5 % probability; cells of a table share what they depend on, so "
         "this is a guide.",
         words=range(5),
-    )  # fmt: skip
+    )
     page.bullets(published_instrument.outside_in_words(instrument))
     page.heading("The mean toolface of single triples")
     page.bullets(balance_triples.in_words(instrument.triples, instrument.found.noise_g))
-    page.figure(_closures(found), "Mean T of each triple less that of the average: published (points), as the table's "
-                "own means of I say it must be (crosses), and predicted from table 1 (bars).")  # fmt: skip
+    page.figure(
+        _closures(found),
+        "Mean T of each triple less that of the average: published (points), as the table's "
+        "own means of I say it must be (crosses), and predicted from table 1 (bars).",
+    )
     published_instrument.add_to(page, instrument)
     page.heading("Tables")
     page.paragraph(
@@ -110,25 +114,39 @@ def _page_of(found: Reproduction) -> str:
 def _figures(page: Page, found: Reproduction) -> None:
     ensemble = found.instrument.ensemble
     page.paragraph(f"The paper's figures as predicted; points are what its tables give of them. {_HOW}", look="soft")
-    page.figure(_turns(found, "conventional", "table1"), "Figure 1. Conventional correction: error over a turn at each "
-                "inclination (mean of the four readings of a station), and the published means and peak-to-peaks of "
-                "table 1, which it was found from.")  # fmt: skip
+    page.figure(
+        _turns(found, "conventional", "table1"),
+        "Figure 1. Conventional correction: error over a turn at each "
+        "inclination (mean of the four readings of a station), and the published means and peak-to-peaks of "
+        "table 1, which it was found from.",
+    )
     beside = {name: _beside(found.tables[name]) for name in ("table2", "table3", "table4", "table5")}
-    page.figure(_compared(ensemble, SMALL_DEG), "Figure 2. Small inclinations: conventional "
-                "(dashed) and balance 1-2-3 (solid, with band); below, table 2.")  # fmt: skip
+    page.figure(
+        _compared(ensemble, SMALL_DEG),
+        "Figure 2. Small inclinations: conventional (dashed) and balance 1-2-3 (solid, with band); below, table 2.",
+    )
     page.figure(beside["table2"], "Table 2 of figure 2.")
     large = tuple(i for i in LARGE_DEG if i != 90.0)
-    page.figure(_compared(ensemble, large), "Figure 3. Large inclinations: conventional (dashed) "
-                "and balance 1-2-3 (solid, with band); below, table 3. Balance at 90 deg is refused.")  # fmt: skip
+    page.figure(
+        _compared(ensemble, large),
+        "Figure 3. Large inclinations: conventional (dashed) "
+        "and balance 1-2-3 (solid, with band); below, table 3. Balance at 90 deg is refused.",
+    )
     page.figure(beside["table3"], "Table 3 of figure 3.")
     for number, inc_deg in ((4, 1.206), (5, 0.612)):
         page.figure(_triples(ensemble, inc_deg), _triples_caption(found, number, inc_deg))
         page.figure(beside[f"table{number}"], f"Table {number} of figure {number}.")
-    page.figure(_turns(found, "average", "table6"), "Figure 6. Average of the four triples: error over a turn at each "
-                "inclination that balance can be used at, and the published figures of table 6.")  # fmt: skip
-    page.figure(_bars(found), "Figure 7. Peak-to-peak after the average balance as a share of that before, and of the "
-                "toolface specification (5 deg below 3 deg of inclination, else 3 deg): predicted with intervals, and "
-                "published.")  # fmt: skip
+    page.figure(
+        _turns(found, "average", "table6"),
+        "Figure 6. Average of the four triples: error over a turn at each "
+        "inclination that balance can be used at, and the published figures of table 6.",
+    )
+    page.figure(
+        _bars(found),
+        "Figure 7. Peak-to-peak after the average balance as a share of that before, and of the "
+        "toolface specification (5 deg below 3 deg of inclination, else 3 deg): predicted with intervals, and "
+        "published.",
+    )
 
 
 # --- tables
@@ -340,13 +358,22 @@ def _triples_caption(found: Reproduction, number: int, inc_deg: float) -> str:
 def _bars(found: Reproduction) -> Figure:
     figure, grid = new_figure(1, 3, width=10.5, height=3.6)
     parts = [
-        ("inclination, peak-to-peak", "% of the error before",
-         [(r["inc_ref_deg"], r["d_inc_pp_deg"]) for r in found.ratios]),
-        ("toolface, peak-to-peak", "% of the error before",
-         [(r["inc_ref_deg"], r["d_tf_pp_deg"]) for r in found.ratios]),
-        ("toolface after", "% of the specification",
-         [(r["inc_ref_deg"], r["after"]) for r in found.shares if "after" in r]),
-    ]  # fmt: skip
+        (
+            "inclination, peak-to-peak",
+            "% of the error before",
+            [(r["inc_ref_deg"], r["d_inc_pp_deg"]) for r in found.ratios],
+        ),
+        (
+            "toolface, peak-to-peak",
+            "% of the error before",
+            [(r["inc_ref_deg"], r["d_tf_pp_deg"]) for r in found.ratios],
+        ),
+        (
+            "toolface after",
+            "% of the specification",
+            [(r["inc_ref_deg"], r["after"]) for r in found.shares if "after" in r],
+        ),
+    ]
     for axes, (title, unit, rows) in zip(grid[0], parts, strict=True):
         at = np.arange(len(rows), dtype=float)
         middle, low, high, told = (

@@ -171,9 +171,16 @@ def _told(experiment: Experiment, seed: int, shorten: float) -> Told:
         policy: AzimuthPolicy, *, average: bool = False, correct: bool = True, gate: bool = True
     ) -> DriftResult:
         return literal(
-            t, w, a, policy=policy, quiet=quiet if gate else None, azimuth_rad=psi0, average=average, correct=correct,
+            t,
+            w,
+            a,
+            policy=policy,
+            quiet=quiet if gate else None,
+            azimuth_rad=psi0,
+            average=average,
+            correct=correct,
             start_s=10.0,
-        )  # fmt: skip
+        )
 
     named: list[tuple[str, Callable[[], DriftResult]]] = [
         ("gyro alone", lambda: by_letter(AzimuthPolicy.GYRO, correct=False)),
@@ -231,9 +238,17 @@ def _row(name: str, result: DriftResult, data: DriftData) -> Row:
 
 
 def _told_row(
-    name: str, t: Array, inc: Array, tf: Array, azi: Array, std: float, basis: str, e: Experiment,
-    *, ours: bool,
-) -> Row:  # fmt: skip
+    name: str,
+    t: Array,
+    inc: Array,
+    tf: Array,
+    azi: Array,
+    std: float,
+    basis: str,
+    e: Experiment,
+    *,
+    ours: bool,
+) -> Row:
     last = t >= t[-1] - 10.0
     every = slice(None, None, max(1, t.size // _PLOTTED))
     return Row(

@@ -80,8 +80,11 @@ def _page_of(study: Study) -> str:
         ["elevation, deg", "inclination from vertical", "turning: bound", "filter, rms", "stated", "at rest: bound"],
         [
             [
-                f"{p.theta_deg:g}", _from_vertical(p.theta_deg), f"{p.turning_bound_deg:.3f}",
-                f"{p.turning_deg:.3f}", f"{p.turning_stated_deg:.3f}",
+                f"{p.theta_deg:g}",
+                _from_vertical(p.theta_deg),
+                f"{p.turning_bound_deg:.3f}",
+                f"{p.turning_deg:.3f}",
+                f"{p.turning_stated_deg:.3f}",
                 f"{p.standing_bound_deg:.2f}" if p.theta_deg < 88.0 else "no azimuth",
             ]
             for p in study.sweep
@@ -89,7 +92,7 @@ def _page_of(study: Study) -> str:
         f"Rotation about the vertical after an hour, deg, one standard deviation; gravity alone. The filter's rms is "
         f"over {study.sweep[0].seeds} seeds each and may be off by 30 %. At rest within 2 deg of the vertical the "
         "toolface, and with it the azimuth, is not known to begin with.",
-    )  # fmt: skip
+    )
     page.figure(_sweep_figure(study), "The same, beside N sqrt(t) / cos(theta).")
     return page.html()
 

@@ -262,34 +262,56 @@ def page_of(experiment: Experiment) -> str:
                 + [
                     f"{round(r[name], 5) + 0.0:.5f}"  # no minus before nothing
                     for name in (
-                        "mean_arcmin", "std_arcmin", "mean_abs_arcmin", "largest_arcmin", "rms_to_truth_arcmin"
+                        "mean_arcmin",
+                        "std_arcmin",
+                        "mean_abs_arcmin",
+                        "largest_arcmin",
+                        "rms_to_truth_arcmin",
                     )
                 ]
                 for r in statistics(experiment)
             ],
             caption="Table 1. What is left, arcminutes",
             words=(1, 2),
-        )  # fmt: skip
+        )
         page.table(
             ["rotor", "method", "mean |e|, better by", "against truth, better by"],
             [
-                [r["scenario"], NAMES[Method(r["method"])], f"{100 * r['better_than_sine']:.1f} %",
-                 f"{100 * r['better_than_sine_to_truth']:.1f} %"]
+                [
+                    r["scenario"],
+                    NAMES[Method(r["method"])],
+                    f"{100 * r['better_than_sine']:.1f} %",
+                    f"{100 * r['better_than_sine_to_truth']:.1f} %",
+                ]
                 for r in relative(experiment)
             ],
             caption="Table 2. Relative to method 1",
             words=(1,),
-        )  # fmt: skip
+        )
         page.table(
-            ["method", "fit, ms: least", "median", "95 %", "times method 1", "evaluate, ms: least", "median", "95 %",
-             "times method 1"],
             [
-                [NAMES[Method(r["method"])], *(f"{ms:.2f}" for ms in r["fit_ms"]), f"{r['fit_ratio']:.1f}",
-                 *(f"{ms:.3f}" for ms in r["evaluate_ms"]), f"{r['evaluate_ratio']:.2f}"]
+                "method",
+                "fit, ms: least",
+                "median",
+                "95 %",
+                "times method 1",
+                "evaluate, ms: least",
+                "median",
+                "95 %",
+                "times method 1",
+            ],
+            [
+                [
+                    NAMES[Method(r["method"])],
+                    *(f"{ms:.2f}" for ms in r["fit_ms"]),
+                    f"{r['fit_ratio']:.1f}",
+                    *(f"{ms:.3f}" for ms in r["evaluate_ms"]),
+                    f"{r['evaluate_ratio']:.2f}",
+                ]
                 for r in timings(experiment)
             ],
             caption="Table 3. Times on this machine",
-        )  # fmt: skip
+        )
         return page.html()
 
 

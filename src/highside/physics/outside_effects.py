@@ -190,9 +190,10 @@ def tried_out(effect: Effect, where: str) -> None:
             least = np.max(np.abs(added)) / abs(parameter.typical)
             if np.max(np.abs(slope - slopes[k])) > 1e-3 * max(float(np.max(np.abs(slope))), 1e-3 * least):
                 raise InputError(
-                    f"the derivative by '{parameter.name}' is not that of delta", where=where,
+                    f"the derivative by '{parameter.name}' is not that of delta",
+                    where=where,
                     remedy="write delta for complex numbers (no abs, no comparison), or set complex_safe = False",
-                )  # fmt: skip
+                )
 
 
 def wave_of(effect: Effect) -> tuple[tuple[int, int], ...]:
@@ -225,7 +226,15 @@ def _some_rows() -> ChainState:
     """Rows in which every covariate varies."""
     k = np.arange(60.0)
     return ChainState.build(
-        0.3 + 0.02 * k, 0.37 * k, t_s=7.3 * k, direction=np.where(k % 2, 1.0, -1.0), temp_c=30 + 10 * np.sin(k / 9),
-        rotor_rate_radps=2 + np.sin(k / 7), rotor_accel_radps2=np.cos(k / 7), inc_rate_radps=0.01 * np.cos(k / 5),
-        vibration_rms_g=0.2 + 0.1 * np.sin(k / 3), latitude_rad=0.7, azimuth_rad=0.4,
-    )  # fmt: skip
+        0.3 + 0.02 * k,
+        0.37 * k,
+        t_s=7.3 * k,
+        direction=np.where(k % 2, 1.0, -1.0),
+        temp_c=30 + 10 * np.sin(k / 9),
+        rotor_rate_radps=2 + np.sin(k / 7),
+        rotor_accel_radps2=np.cos(k / 7),
+        inc_rate_radps=0.01 * np.cos(k / 5),
+        vibration_rms_g=0.2 + 0.1 * np.sin(k / 3),
+        latitude_rad=0.7,
+        azimuth_rad=0.4,
+    )

@@ -118,9 +118,16 @@ class Scenario:
         Errors common to a ring or a station are common within the call: measure in one call what belongs together.
         """
         return _measure(
-            self.sensor, self.bench, inc_ref, tf_ref, direction, self.pose_seconds, self.reading_seconds,
-            self.reading_sigma_g, rng,
-        )  # fmt: skip
+            self.sensor,
+            self.bench,
+            inc_ref,
+            tf_ref,
+            direction,
+            self.pose_seconds,
+            self.reading_seconds,
+            self.reading_sigma_g,
+            rng,
+        )
 
     def read(self, inc_true: AnyArray, tf_true: AnyArray, rng: np.random.Generator | None = None) -> AnyArray:
         """(3, N) readings in the field at true attitudes, with the noise of one reading (without noise if no `rng`)."""

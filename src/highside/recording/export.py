@@ -107,8 +107,10 @@ def _mcap(recording: Recording, progress: Progress) -> bytes:
     )
     channel = writer.register_channel(schema_id=schema, topic=TOPIC, message_encoding="json")
     writer.add_metadata("source", {"file": Path(recording.source or "").name})
-    columns = [recording.columns[name].tolist() if name in recording.columns else list(recording.texts[name])
-               for name in recording.order]  # fmt: skip
+    columns = [
+        recording.columns[name].tolist() if name in recording.columns else list(recording.texts[name])
+        for name in recording.order
+    ]
     for row, (stamp, values) in enumerate(zip(nanoseconds.tolist(), zip(*columns, strict=True), strict=True)):
         message = {
             name: (None if value != value else value) for name, value in zip(recording.order, values, strict=True)

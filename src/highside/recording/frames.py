@@ -154,9 +154,10 @@ def _of_mapping(data: Mapping[str, Any], kind: type[TableT]) -> TableT:
     if len(set(lengths.values())) > 1:
         shortest, longest = min(lengths, key=lengths.__getitem__), max(lengths, key=lengths.__getitem__)
         raise InputError(
-            f"has {lengths[shortest]} rows where {longest} has {lengths[longest]}", field=shortest,
+            f"has {lengths[shortest]} rows where {longest} has {lengths[longest]}",
+            field=shortest,
             remedy="all columns of a table are of one length",
-        )  # fmt: skip
+        )
     _require_finite(columns, kind)
     return kind(columns, texts)
 
@@ -220,8 +221,12 @@ def _require_finite(columns: Mapping[str, Column], kind: type[Table]) -> None:
         wrong = np.isinf(values) if name in kind.known else np.zeros(0, dtype=bool)
         if wrong.any():
             row = int(np.argmax(wrong))
-            raise InputError(f"{values[row]} is not a finite number", where=f"row {row}", field=name,
-                             remedy=f"{expected_in(name)} are expected")  # fmt: skip
+            raise InputError(
+                f"{values[row]} is not a finite number",
+                where=f"row {row}",
+                field=name,
+                remedy=f"{expected_in(name)} are expected",
+            )
         if name == "t_s" and np.isnan(values).any():
             raise InputError("every row needs its time", where=f"row {int(np.argmax(np.isnan(values)))}", field=name)
 

@@ -94,33 +94,57 @@ def budget_at(record: CalibrationRecord, fields: CertificateFields, inclination_
     use = fields.use
 
     def of_vector(
-        name: str, kind: str, value: str, distribution: str, divisor: str, std_g: float, note: str = "",
+        name: str,
+        kind: str,
+        value: str,
+        distribution: str,
+        divisor: str,
+        std_g: float,
+        note: str = "",
         freedom: float = math.inf,
-    ) -> Source:  # fmt: skip
+    ) -> Source:
         tf = min(std_g * to_tf, UNIFORM_DEG)
         return Source(name, kind, value, distribution, divisor, std_g * to_inc, tf, freedom, note)
 
     noise = result.reading_noise_g
     sources = [
         Source(
-            "Parameters of the correction", "A", f"covariance of {result.main.parameters.estimated} parameters",
-            "normal", "1", float(stated.inc_std_deg[0]), float(stated.tf_std_deg[0]), freedom_of(record),
+            "Parameters of the correction",
+            "A",
+            f"covariance of {result.main.parameters.estimated} parameters",
+            "normal",
+            "1",
+            float(stated.inc_std_deg[0]),
+            float(stated.tf_std_deg[0]),
+            freedom_of(record),
             _inside(record),
         ),
         of_vector(
-            "Noise of the indication", "A", f"{1e6 * noise:.1f} ug, mean of {use.readings}", "normal",
-            f"√{use.readings}", noise / math.sqrt(use.readings), "of a reading at rest, as seen in the poses",
+            "Noise of the indication",
+            "A",
+            f"{1e6 * noise:.1f} ug, mean of {use.readings}",
+            "normal",
+            f"√{use.readings}",
+            noise / math.sqrt(use.readings),
+            "of a reading at rest, as seen in the poses",
         ),
-    ]  # fmt: skip
+    ]
     bench = fields.bench
     if bench is not None and (bench.inc_expanded_deg or bench.tf_expanded_deg):
         inc_u, tf_u = bench.inc_expanded_deg or 0.0, bench.tf_expanded_deg or 0.0
         sources.append(
             Source(
-                "Calibration of the bench", "B", f"U = {inc_u:g} deg (I), {tf_u:g} deg (T)", "normal", "2",
-                inc_u / 2.0, tf_u / 2.0, math.inf, "taken as common to all poses: no averaging",
+                "Calibration of the bench",
+                "B",
+                f"U = {inc_u:g} deg (I), {tf_u:g} deg (T)",
+                "normal",
+                "2",
+                inc_u / 2.0,
+                tf_u / 2.0,
+                math.inf,
+                "taken as common to all poses: no averaging",
             )
-        )  # fmt: skip
+        )
     if use.toolface_zero_deg is not None:
         value = f"{use.toolface_zero_deg:g} deg"
         sources.append(
@@ -145,10 +169,17 @@ def budget_at(record: CalibrationRecord, fields: CertificateFields, inclination_
     if gravity is not None:
         sources.append(
             Source(
-                "Local gravity", "B", f"{gravity:g} m/s²", "normal", "1", 0.0, 0.0, math.inf,
+                "Local gravity",
+                "B",
+                f"{gravity:g} m/s²",
+                "normal",
+                "1",
+                0.0,
+                0.0,
+                math.inf,
                 "I and T follow from directions: sensitivity 0",
             )
-        )  # fmt: skip
+        )
     return Budget(inclination_deg, tuple(sources))
 
 

@@ -67,7 +67,7 @@ def method(out: Sheets, inputs: Inputs) -> None:
             ("Thermometer", _reference(fields.thermometer, None)),
             ("Remark", room.remark or ""),
         ]
-    )  # fmt: skip
+    )
 
 
 def _room(inputs: Inputs) -> str:

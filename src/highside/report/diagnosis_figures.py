@@ -112,8 +112,13 @@ def over_time(picture: Picture) -> Figure:
         left.set(ylabel="left, sigma", xlabel="time, s")
         which, count, middle = _binned(t)
         for values, colour in ((picture.before, BEFORE), (picture.after, AFTER)):
-            whole.plot(middle[count > 0], _rms(values[channel] / sigma, which, count)[count > 0], ".-", color=colour,
-                       markersize=3)  # fmt: skip
+            whole.plot(
+                middle[count > 0],
+                _rms(values[channel] / sigma, which, count)[count > 0],
+                ".-",
+                color=colour,
+                markersize=3,
+            )
         whole.set(yscale="log", ylabel="rms, sigma", xlabel="time, s (whole recording)")
     handles, labels = axes[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=3)
@@ -129,8 +134,10 @@ FEW = 60
 def _beside(axis: Axes, t: Array, size: float, picture: Picture, channel: int, rows: slice) -> None:
     """The readings and the simulation of one channel, before and after; without readings only what is left."""
     recorded = np.zeros_like(picture.before) if picture.recorded is None else picture.recorded
-    drawn = [(recorded - picture.before, BEFORE, "-", "simulated before"),
-             (recorded - picture.after, AFTER, "--", "simulated after")]  # fmt: skip
+    drawn = [
+        (recorded - picture.before, BEFORE, "-", "simulated before"),
+        (recorded - picture.after, AFTER, "--", "simulated after"),
+    ]
     if picture.recorded is None:
         drawn = [(picture.before, BEFORE, "-", "before"), (picture.after, AFTER, "-", "after")]
     else:
@@ -262,9 +269,14 @@ def table_values(picture: SummaryPicture) -> Figure:
     at = np.arange(rows.size)
     for column, axis in enumerate(np.ravel(np.array(axes, dtype=object))):
         axis.errorbar(
-            at, picture.told[rows, column], picture.sigma[rows, column], fmt="o", color=SHADE, markersize=4,
+            at,
+            picture.told[rows, column],
+            picture.sigma[rows, column],
+            fmt="o",
+            color=SHADE,
+            markersize=4,
             label="the table, with sigma",
-        )  # fmt: skip
+        )
         axis.plot(at, picture.base[rows, column], "-", color=BEFORE, label="simulated before")
         axis.plot(at, picture.fitted[rows, column], "-", color=AFTER, label="simulated after")
         axis.set_xticks(at, [f"{value:g}" for value in picture.inc_deg[rows]], rotation=60)

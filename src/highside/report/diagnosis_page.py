@@ -119,9 +119,9 @@ def _figures(page: Page, diagnosis: Diagnosis, picture: Picture | SummaryPicture
             "rows shaded where it acts, the band is one sigma.",
         )
         page.figure(
-            table_values(picture), "The table beside the simulated chain. A sigma is what chance and the scatter "
-            "beyond it do to a cell."
-        )  # fmt: skip
+            table_values(picture),
+            "The table beside the simulated chain. A sigma is what chance and the scatter beyond it do to a cell.",
+        )
         return
     if picture.recorded is not None or not np.array_equal(picture.before, picture.after):
         page.figure(over_time(picture), _over_time_caption(picture))

@@ -83,9 +83,17 @@ def auto(samples: Samples, *, rate_terms: int = 0, largest_order: int = LARGEST_
     weight = float(np.mean(np.where(residual == 0.0, 1.0, psi / np.where(residual == 0.0, 1.0, residual))))
     places = np.concatenate([[0], np.arange(1 + extra, count), np.arange(1, 1 + extra)]).astype(int)
     return Curve(
-        Method.AUTO, Form.FOURIER, used, solution[places], covariance[np.ix_(places, places)], noise, samples.coverage,
-        rate, robust_weight=weight, remarks=tuple(remarks),
-    )  # fmt: skip
+        Method.AUTO,
+        Form.FOURIER,
+        used,
+        solution[places],
+        covariance[np.ix_(places, places)],
+        noise,
+        samples.coverage,
+        rate,
+        robust_weight=weight,
+        remarks=tuple(remarks),
+    )
 
 
 def _with_rate(rows: Array, samples: Samples, rate: RateTerms | None) -> Array:

@@ -42,9 +42,15 @@ def four_positions(error: Array, noise: float = 0.0) -> Curve:
     covariance = noise**2 * np.diag([0.25, 0.5, 0.5])
     coverage = Coverage(4, 0.75, np.pi / 2, 0.0)
     return Curve(
-        Method.SINE, Form.FOURIER, 1, parameters, covariance, noise, coverage,
+        Method.SINE,
+        Form.FOURIER,
+        1,
+        parameters,
+        covariance,
+        noise,
+        coverage,
         remarks=("from four positions: a third harmonic would pass for the first",),
-    )  # fmt: skip
+    )
 
 
 def polynomial9(samples: Samples, rate_terms: int = 0) -> Curve:
@@ -88,9 +94,16 @@ def _solved(
     noise = float(np.sqrt(rss / (n - p)))
     warning = samples.coverage.warning
     return Curve(
-        method, form, order, inverse @ z, noise**2 * (inverse @ inverse.T), noise, samples.coverage, rate,
+        method,
+        form,
+        order,
+        inverse @ z,
+        noise**2 * (inverse @ inverse.T),
+        noise,
+        samples.coverage,
+        rate,
         remarks=(*remarks, *((warning,) if warning else ())),
-    )  # fmt: skip
+    )
 
 
 def _rate_of(samples: Samples) -> Array:

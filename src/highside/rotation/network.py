@@ -55,10 +55,19 @@ def network(
     if samples.n < 5 * weights.size:
         remarks.append(f"{samples.n} rows for {weights.size} parameters: the network follows the noise")
     return Curve(
-        Method.NETWORK, Form.NETWORK, hidden, weights, covariance, noise, samples.coverage,
-        network_input=network_input, hidden_bias=hidden_bias, target_centre=centre, target_scale=scale,
+        Method.NETWORK,
+        Form.NETWORK,
+        hidden,
+        weights,
+        covariance,
+        noise,
+        samples.coverage,
+        network_input=network_input,
+        hidden_bias=hidden_bias,
+        target_centre=centre,
+        target_scale=scale,
         remarks=tuple(remarks),
-    )  # fmt: skip
+    )
 
 
 def forward(weights: Array, inputs: Array, hidden: int, hidden_bias: bool = True) -> Array:

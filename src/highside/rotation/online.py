@@ -108,8 +108,12 @@ class OnlineFit:
 
     def curve(self) -> Curve:
         """The present state as a curve like those of the other methods."""
-        coverage = Coverage(self._rows, self._travel / (2.0 * math.pi), 0.0 if self._travel > 2 * math.pi else
-                            max(0.0, 2 * math.pi - self._travel), (self._theta or 0.0) % (2 * math.pi))  # fmt: skip
+        coverage = Coverage(
+            self._rows,
+            self._travel / (2.0 * math.pi),
+            0.0 if self._travel > 2 * math.pi else max(0.0, 2 * math.pi - self._travel),
+            (self._theta or 0.0) % (2 * math.pi),
+        )
         return Curve(
             Method.ONLINE,
             Form.FOURIER,

@@ -54,9 +54,15 @@ class _Rotor:
     """Angles and rates of the rows, and where some curves hold."""
 
     def __init__(
-        self, compensation: Compensation, names: tuple[str, ...], theta_rad: Array, rate_radps: Array | None,
-        inc_rad: Array, *, bound: bool,
-    ) -> None:  # fmt: skip
+        self,
+        compensation: Compensation,
+        names: tuple[str, ...],
+        theta_rad: Array,
+        rate_radps: Array | None,
+        inc_rad: Array,
+        *,
+        bound: bool,
+    ) -> None:
         self.curves = {name: compensation.curves[name] for name in names if name in compensation.curves}
         known = np.isfinite(theta_rad)
         if any(curve.rate is not None for curve in self.curves.values()):

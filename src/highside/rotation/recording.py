@@ -51,21 +51,27 @@ def check_rotor(columns: Columns, where: str | None) -> None:
     known = angle[np.isfinite(angle)]
     if known.size >= FEW_ANGLES and float(np.abs(known).max()) <= 2.0 * np.pi * 1.001 and float(np.ptp(known)) > 1.0:
         raise InputError(
-            f"no angle is beyond {np.abs(known).max():.2f}: these are radians", where=where, field="rotor_deg",
+            f"no angle is beyond {np.abs(known).max():.2f}: these are radians",
+            where=where,
+            field="rotor_deg",
             remedy="give degrees",
-        )  # fmt: skip
+        )
     steps = np.abs(np.diff(known))
     if steps.size and float(steps.max()) > LARGEST_STEP_DEG:
         raise InputError(
-            f"jumps by {steps.max():.0f} between two rows: no degrees (counts of an encoder?)", where=where,
-            field="rotor_deg", remedy="give degrees",
-        )  # fmt: skip
+            f"jumps by {steps.max():.0f} between two rows: no degrees (counts of an encoder?)",
+            where=where,
+            field="rotor_deg",
+            remedy="give degrees",
+        )
     turned = np.abs(np.mod(np.diff(known) + 180.0, 360.0) - 180.0)
     if turned.size >= LONG_RECORDING and float(np.mean(turned > FAR_STEP_DEG)) > FAR_SHARE:
         raise InputError(
             f"many rows lie more than {FAR_STEP_DEG:g} deg from the row before: not in order, or sampled too slowly",
-            where=where, field="rotor_deg", remedy="sort by time, or record faster",
-        )  # fmt: skip
+            where=where,
+            field="rotor_deg",
+            remedy="sort by time, or record faster",
+        )
 
 
 def samples_of(channel: str, columns: Columns, *, with_rate: bool, where: str | None) -> Samples:

@@ -117,16 +117,23 @@ def self_errors(
     if gyro_radps is None and part is not Part.DECODED:
         raise Refused(f"the part '{part.value}' needs gyros; without them only '{Part.DECODED.value}' can be told")
     theta = np.unwrap(theta_rad)
-    done = [_piece(t_s[p], accel_g[:, p], None if gyro_radps is None else gyro_radps[:, p], theta[p], part)
-            for p in _pieces(t_s, theta)]  # fmt: skip
+    done = [
+        _piece(t_s[p], accel_g[:, p], None if gyro_radps is None else gyro_radps[:, p], theta[p], part)
+        for p in _pieces(t_s, theta)
+    ]
     rows = np.concatenate([angle for angle, *_ in done])
     d_inc, d_tf, inc = (np.concatenate([piece[k] for piece in done]) for k in (1, 2, 3))
     moved = np.abs(np.diff(theta))
     # the last digits of the constants, which nobody can know
     return SelfErrors(
-        part, rows, d_inc - d_inc.mean(), d_tf - d_tf.mean(), float(inc.mean()),
-        float(moved.sum() / (t_s[-1] - t_s[0])), float(moved.sum() / TURN),
-    )  # fmt: skip
+        part,
+        rows,
+        d_inc - d_inc.mean(),
+        d_tf - d_tf.mean(),
+        float(inc.mean()),
+        float(moved.sum() / (t_s[-1] - t_s[0])),
+        float(moved.sum() / TURN),
+    )
 
 
 def _pieces(t_s: Array, theta: Array) -> list[slice]:

@@ -68,8 +68,10 @@ def _scatter(one: SelfErrors, along: bool, order: int) -> Array:
     size = 2 * order + 1
     curve = replace(
         fit(samples, Method.SINE, FitOptions(), held_out=False),
-        order=order, parameters=np.zeros(size), covariance=np.zeros((size, size)),
-    )  # fmt: skip
+        order=order,
+        parameters=np.zeros(size),
+        covariance=np.zeros((size, size)),
+    )
     return turn_to_turn(samples, curve)
 
 

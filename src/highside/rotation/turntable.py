@@ -60,9 +60,14 @@ class TurntableCurve:
 
         def curve(values: Array, covariance: Array, noise_rad: float) -> Curve:
             return Curve(
-                Method.AUTO, Form.FOURIER, self.order, values / ARCMIN, covariance / ARCMIN**2, noise_rad / ARCMIN,
+                Method.AUTO,
+                Form.FOURIER,
+                self.order,
+                values / ARCMIN,
+                covariance / ARCMIN**2,
+                noise_rad / ARCMIN,
                 self.coverage,
-            )  # fmt: skip
+            )
 
         curves = {
             "encoder": curve(self.encoder, self.covariance[:half, :half], self.noise_rad),
@@ -145,8 +150,13 @@ def fit_turntable(
     inverse = np.linalg.inv(triangle[:half, :half])
     along_variance = float(triangle[half, half] ** 2) / (n - half)
     return TurntableCurve(
-        order, solution[:half], solution[half:], np.asarray(inverse @ triangle[:half, half], dtype=float),
-        np.asarray(variance * cofactor, dtype=float), float(np.sqrt(variance)),
-        np.asarray(along_variance * (inverse @ inverse.T), dtype=float), float(np.sqrt(along_variance)),
+        order,
+        solution[:half],
+        solution[half:],
+        np.asarray(inverse @ triangle[:half, half], dtype=float),
+        np.asarray(variance * cofactor, dtype=float),
+        float(np.sqrt(variance)),
+        np.asarray(along_variance * (inverse @ inverse.T), dtype=float),
+        float(np.sqrt(along_variance)),
         Samples.build(theta, toolface_error_rad).coverage,
-    )  # fmt: skip
+    )

@@ -90,17 +90,29 @@ def _state_directory(directory: Path, running: bool) -> Iterator[Finding]:
         if os.access(parent, os.W_OK | os.X_OK):
             yield Finding(name, Level.OK, f"{directory} does not exist yet; it can be made")
         else:
-            yield Finding(name, Level.FAIL, f"{directory} does not exist and cannot be made by this user",
-                          "make it, or give service.state_dir")  # fmt: skip
+            yield Finding(
+                name,
+                Level.FAIL,
+                f"{directory} does not exist and cannot be made by this user",
+                "make it, or give service.state_dir",
+            )
         return
     if not os.access(directory, os.W_OK | os.X_OK):
-        yield Finding(name, Level.FAIL, f"{directory} cannot be written by this user",
-                      "run as the user of the service, or change its owner")  # fmt: skip
+        yield Finding(
+            name,
+            Level.FAIL,
+            f"{directory} cannot be written by this user",
+            "run as the user of the service, or change its owner",
+        )
         return
     foreign = [path.name for path in directory.iterdir() if not os.access(path, os.W_OK)]
     if foreign:
-        yield Finding(name, Level.FAIL, f"{directory}: not writable: {', '.join(sorted(foreign)[:5])}",
-                      "change their owner to the user of the service")  # fmt: skip
+        yield Finding(
+            name,
+            Level.FAIL,
+            f"{directory}: not writable: {', '.join(sorted(foreign)[:5])}",
+            "change their owner to the user of the service",
+        )
     else:
         yield Finding(name, Level.OK, f"{directory} can be written")
 
@@ -148,8 +160,12 @@ def _outbox(directory: Path, running: bool) -> Iterator[Finding]:
     hours = 0.0 if found.oldest_age_s is None else found.oldest_age_s / 3600.0
     old = "" if found.oldest_age_s is None else f", the oldest {hours:.1f} h"
     level = Level.WARN if hours > 1.0 else Level.OK
-    yield Finding("outbox", level, f"{whose}{found.queued:,} messages wait for the broker{old}",
-                  "look at the broker below" if level is Level.WARN else "")  # fmt: skip
+    yield Finding(
+        "outbox",
+        level,
+        f"{whose}{found.queued:,} messages wait for the broker{old}",
+        "look at the broker below" if level is Level.WARN else "",
+    )
 
 
 def _secrets(settings: Settings) -> Iterator[Finding]:
@@ -184,8 +200,12 @@ def _clock() -> Iterator[Finding]:
     if now < EARLIEST_S:
         yield Finding("clock", Level.FAIL, f"shows {shown}: it was never set", "set it, and start a time service")
     elif not clock_synced():
-        yield Finding("clock", Level.WARN, f"{shown}, not synchronised: messages say clock_synced = false",
-                      "start chrony or systemd-timesyncd")  # fmt: skip
+        yield Finding(
+            "clock",
+            Level.WARN,
+            f"{shown}, not synchronised: messages say clock_synced = false",
+            "start chrony or systemd-timesyncd",
+        )
     else:
         yield Finding("clock", Level.OK, f"{shown}, synchronised")
 
@@ -196,16 +216,24 @@ def _clock() -> Iterator[Finding]:
 def _calibration(settings: Settings) -> Iterator[Finding]:
     calibration = settings.calibration
     if calibration.record is None and calibration.store is None:
-        yield Finding("calibration", Level.WARN, "none: readings pass uncorrected, flagged `uncalibrated`",
-                      "give calibration.record or calibration.store")  # fmt: skip
+        yield Finding(
+            "calibration",
+            Level.WARN,
+            "none: readings pass uncorrected, flagged `uncalibrated`",
+            "give calibration.record or calibration.store",
+        )
         return
     try:
         present = known_now(settings)
         record = configured_calibration(settings, present).record
     except RecordError as error:
         if error.reason is RecordReason.NONE_ACTIVE:
-            yield Finding("calibration", Level.WARN, f"{error.text}: readings pass uncorrected",
-                          "run `highside calibrate bench` and put its record in force")  # fmt: skip
+            yield Finding(
+                "calibration",
+                Level.WARN,
+                f"{error.text}: readings pass uncorrected",
+                "run `highside calibrate bench` and put its record in force",
+            )
             return
         yield Finding("calibration", Level.FAIL, str(error), "calibrate again, or roll back")
         return
@@ -219,8 +247,12 @@ def _calibration(settings: Settings) -> Iterator[Finding]:
     expires = record.expires_s
     if expires is not None and not present.known:
         until = f"{datetime.fromtimestamp(expires, UTC):%Y-%m-%d}"
-        yield Finding("calibration", Level.WARN, f"{found}: whether it has expired ({until}) cannot be told",
-                      "synchronise the clock: until then it is used, flagged `calibration_age_unknown`")  # fmt: skip
+        yield Finding(
+            "calibration",
+            Level.WARN,
+            f"{found}: whether it has expired ({until}) cannot be told",
+            "synchronise the clock: until then it is used, flagged `calibration_age_unknown`",
+        )
     elif expires is not None and expires - present.wall_s < EXPIRES_SOON_S:
         days = (expires - present.wall_s) / 86_400.0
         yield Finding("calibration", Level.WARN, f"{found} expires in {days:.0f} days", "plan a calibration")
@@ -230,8 +262,12 @@ def _calibration(settings: Settings) -> Iterator[Finding]:
 
 def _site(settings: Settings) -> Iterator[Finding]:
     if settings.site.gravity_mps2 is None:
-        yield Finding("site", Level.WARN, "gravity is unknown: Gtotal of surveys is judged with +-1.6 mg of doubt",
-                      "give site.gravity_mps2")  # fmt: skip
+        yield Finding(
+            "site",
+            Level.WARN,
+            "gravity is unknown: Gtotal of surveys is judged with +-1.6 mg of doubt",
+            "give site.gravity_mps2",
+        )
     else:
         yield Finding("site", Level.OK, f"gravity {settings.site.gravity_mps2} m/s2")
 
@@ -264,8 +300,12 @@ def _serial(check: str, port: str, baud: int, running: bool) -> Iterator[Finding
         return
     if not os.access(path, os.R_OK | os.W_OK):
         group = _group_of(path)
-        yield Finding(check, Level.FAIL, f"{port} may not be opened by this user",
-                      f"add the user to group {group}, or run as the user of the service")  # fmt: skip
+        yield Finding(
+            check,
+            Level.FAIL,
+            f"{port} may not be opened by this user",
+            f"add the user to group {group}, or run as the user of the service",
+        )
         return
     if running:
         yield Finding(check, Level.OK, f"{port} exists; the running service holds it")
@@ -278,8 +318,12 @@ def _serial(check: str, port: str, baud: int, running: bool) -> Iterator[Finding
         yield Finding(check, Level.FAIL, f"{port} cannot be opened: {error}", "end the program that holds it")
         return
     if port.startswith("/dev/tty") and "USB" in port:
-        yield Finding(check, Level.WARN, f"{port} can be opened, but may get another name when plugged in again",
-                      "use its name below /dev/serial/by-id")  # fmt: skip
+        yield Finding(
+            check,
+            Level.WARN,
+            f"{port} can be opened, but may get another name when plugged in again",
+            "use its name below /dev/serial/by-id",
+        )
     else:
         yield Finding(check, Level.OK, f"{port} can be opened at {baud} baud")
 
@@ -295,14 +339,21 @@ def _can(interface: str) -> Iterator[Finding]:
     try:
         answer = subprocess.run(
             ["ip", "-json", "-details", "-statistics", "link", "show", interface],
-            capture_output=True, text=True, timeout=5.0, check=False,
-        )  # fmt: skip
+            capture_output=True,
+            text=True,
+            timeout=5.0,
+            check=False,
+        )
     except (OSError, subprocess.TimeoutExpired) as error:
         yield Finding("link", Level.SKIP, f"{interface}: `ip` cannot be run ({error})", "install iproute2")
         return
     if answer.returncode:
-        yield Finding("link", Level.FAIL, f"{interface}: {answer.stderr.strip() or 'no such interface'}",
-                      "plug the adapter in, load its driver")  # fmt: skip
+        yield Finding(
+            "link",
+            Level.FAIL,
+            f"{interface}: {answer.stderr.strip() or 'no such interface'}",
+            "plug the adapter in, load its driver",
+        )
         return
     try:
         told = parse_json(answer.stdout)[0]
@@ -327,8 +378,12 @@ def judge_can(interface: str, told: dict[str, Any]) -> Iterator[Finding]:
         return
     state = data.get("state")
     if state == "BUS-OFF":
-        yield Finding("link", Level.FAIL, f"{interface} is bus-off", "check wiring, termination and bit rate; "
-                      f"ip link set {interface} type can restart-ms 100")  # fmt: skip
+        yield Finding(
+            "link",
+            Level.FAIL,
+            f"{interface} is bus-off",
+            f"check wiring, termination and bit rate; ip link set {interface} type can restart-ms 100",
+        )
     elif state in ("ERROR-PASSIVE", "ERROR-WARNING"):
         yield Finding("link", Level.WARN, f"{interface} is {state.lower()}", "check termination and bit rate")
     elif info.get("info_kind") == "vcan":
@@ -337,8 +392,12 @@ def judge_can(interface: str, told: dict[str, Any]) -> Iterator[Finding]:
         rate = f"{bitrate / 1000:g} kbit/s" if bitrate else "unknown bit rate"
         yield Finding("link", Level.OK, f"{interface} is up, {rate}, {state or 'state unknown'}")
     if data and not data.get("restart_ms") and info.get("info_kind") == "can":
-        yield Finding("link", Level.WARN, f"{interface} stays off after a bus-off",
-                      f"ip link set {interface} type can restart-ms 100")  # fmt: skip
+        yield Finding(
+            "link",
+            Level.WARN,
+            f"{interface} stays off after a bus-off",
+            f"ip link set {interface} type can restart-ms 100",
+        )
 
 
 def _wits(settings: Settings, running: bool) -> Iterator[Finding]:

@@ -40,8 +40,12 @@ async def examine_broker(settings: Settings, *, running: bool, queue_messages: i
             async with await broker_client(mqtt, identifier):
                 pass
     except (aiomqtt.MqttError, OSError, TimeoutError, ValueError, HighsideError) as error:
-        yield Finding("broker", Level.FAIL, f"{where}: {str(error) or 'no answer'}",
-                      "start it, or mend the [mqtt] table; meanwhile messages are kept on disk")  # fmt: skip
+        yield Finding(
+            "broker",
+            Level.FAIL,
+            f"{where}: {str(error) or 'no answer'}",
+            "start it, or mend the [mqtt] table; meanwhile messages are kept on disk",
+        )
         if running:
             yield Finding("health", Level.SKIP, "what the running service says of itself is at the broker")
         return
@@ -64,8 +68,9 @@ async def _told_by_service(settings: Settings, identifier: str) -> list[Finding]
     try:
         payload = await _retained(settings.mqtt, identifier, topic)
         if payload is None:
-            return [Finding("health", Level.SKIP, f"nothing is retained on {topic}",
-                            "allow this user to read that topic")]  # fmt: skip
+            return [
+                Finding("health", Level.SKIP, f"nothing is retained on {topic}", "allow this user to read that topic")
+            ]
         health = parse_message(HealthMessage, payload)
     except (aiomqtt.MqttError, OSError, TimeoutError) as error:
         return [Finding("health", Level.SKIP, f"{topic} cannot be read: {error}")]
@@ -78,11 +83,19 @@ def judge_health(health: HealthMessage, now_s: float, interval_s: float) -> Iter
     """What the health message of a running service says to whoever asks what is wrong."""
     age = now_s - health.t
     if age > interval_s + OLD_HEALTH_S:
-        yield Finding("health", Level.WARN, f"the last word of the running service is {age:.0f} s old",
-                      "look at its log: it cannot reach this broker, or stands still")  # fmt: skip
+        yield Finding(
+            "health",
+            Level.WARN,
+            f"the last word of the running service is {age:.0f} s old",
+            "look at its log: it cannot reach this broker, or stands still",
+        )
     elif health.alarms:
-        yield Finding("health", Level.WARN, f"the running service reports {', '.join(health.alarms)}",
-                      "the retained `health` says more of each")  # fmt: skip
+        yield Finding(
+            "health",
+            Level.WARN,
+            f"the running service reports {', '.join(health.alarms)}",
+            "the retained `health` says more of each",
+        )
     else:
         yield Finding("health", Level.OK, f"the running service (version {health.version}) reports no alarm")
     box = health.outbox
@@ -109,8 +122,12 @@ async def _queue(settings: Settings, identifier: str, count: int) -> Finding:
         async with asyncio.timeout(60.0):
             kept = await _queue_depth(settings, identifier, topic, count)
     except (aiomqtt.MqttError, OSError, TimeoutError) as error:
-        return Finding("broker queue", Level.WARN, f"could not be tried: {str(error) or 'no answer'}",
-                       f"allow this client to publish and subscribe {topic}")  # fmt: skip
+        return Finding(
+            "broker queue",
+            Level.WARN,
+            f"could not be tried: {str(error) or 'no answer'}",
+            f"allow this client to publish and subscribe {topic}",
+        )
     text = f"keeps {kept:,} of {count:,} messages for a subscriber that is away"
     if kept < count:
         return Finding("broker queue", Level.WARN, text, "raise max_queued_messages; config/mosquitto.conf shows how")

@@ -61,9 +61,14 @@ class DriftStage:
     """`add` takes the rates of each frame, `close` ends a micro-batch, `azimuth` is asked for each output."""
 
     def __init__(
-        self, settings: DriftSettings, latitude_deg: float | None, saved: SavedDrift | None = None, *,
-        loaded_mono: float = 0.0, first_start: bool = True,
-    ) -> None:  # fmt: skip
+        self,
+        settings: DriftSettings,
+        latitude_deg: float | None,
+        saved: SavedDrift | None = None,
+        *,
+        loaded_mono: float = 0.0,
+        first_start: bool = True,
+    ) -> None:
         """`saved`: what is known from before, its age as at `loaded_mono`. `first_start`: nothing was ever kept."""
         self.settings, self.latitude_deg = settings, latitude_deg
         self.alignment: Alignment | None = None

@@ -335,11 +335,12 @@ def schemas() -> dict[str, Any]:
     for name, pattern, says in (
         ("status", "^(online|offline)$", "birth `online`, last will and farewell `offline`."),
         (
-            "instance", "^(online|offline) [0-9a-f]{8}$",
+            "instance",
+            "^(online|offline) [0-9a-f]{8}$",
             "which run of the service was the last to begin or to take leave (health's `broker.instance`): `online"
             " 5f0c2a91`. Two services of one tool notice each other by it.",
         ),
-    ):  # fmt: skip
+    ):
         found[name] = TypeAdapter(Annotated[str, Field(pattern=pattern)]).json_schema()
         found[name]["description"] = f"Retained plain text, not JSON: {says}"
     return found

@@ -234,9 +234,11 @@ class MessageFile:
     def count(self, until: int | None = None) -> tuple[int, int, int]:
         """Rows, bytes and the highest id, of all or of those up to an id."""
         where, values = ("", ()) if until is None else (" WHERE id <= ?", (until,))
-        rows, size, last = self._database().execute(
-            f"SELECT count(*), total(length(payload) + length(topic)), max(id) FROM outbox{where}", values
-        ).fetchone()  # fmt: skip
+        rows, size, last = (
+            self._database()
+            .execute(f"SELECT count(*), total(length(payload) + length(topic)), max(id) FROM outbox{where}", values)
+            .fetchone()
+        )
         late = [row for row in self._rows_in_log.values() if until is None or row.id <= until]
         highest = late[-1].id if late else int(last or 0)
         return int(rows) + len(late), int(size) + sum(row.size for row in late), highest
@@ -341,8 +343,11 @@ class MessageFile:
             self._database().execute("INSERT OR REPLACE INTO log VALUES (0, ?)", (moved,))
         log.error(
             "outbox: %s is damaged (%s); set aside as %s, a new one is begun with %d messages that could be read",
-            self._path, " ".join(str(error).split()), aside.name, saved,
-        )  # fmt: skip
+            self._path,
+            " ".join(str(error).split()),
+            aside.name,
+            saved,
+        )
 
     def _keep_old_numbers(self, numbers: dict[str, int]) -> None:
         if numbers:
@@ -364,9 +369,13 @@ def stored_row(found: tuple[object, ...]) -> Row | None:
     """A row as it was stored; None if it was damaged. Rows of an older version carry no checksum."""
     row_id, topic, seq, created_s, qos, payload, boot, boot_s, synced, checksum = found
     if not (
-        isinstance(row_id, int) and isinstance(topic, str) and isinstance(seq, int) and isinstance(payload, bytes)
-        and isinstance(created_s, float) and isinstance(qos, int)
-    ):  # fmt: skip
+        isinstance(row_id, int)
+        and isinstance(topic, str)
+        and isinstance(seq, int)
+        and isinstance(payload, bytes)
+        and isinstance(created_s, float)
+        and isinstance(qos, int)
+    ):
         return None
     if checksum is None:
         return Row(row_id, topic, seq, created_s, qos, payload, "", 0.0, False)

@@ -159,9 +159,13 @@ class BenchPage:
             return _said("Refused", "That is not the token of this session.", 403)
         answer = RedirectResponse("/", status_code=303)
         answer.set_cookie(
-            COOKIE, self._access.cookie(), max_age=COOKIE_MAX_AGE_S, httponly=True, samesite="strict",
+            COOKIE,
+            self._access.cookie(),
+            max_age=COOKIE_MAX_AGE_S,
+            httponly=True,
+            samesite="strict",
             secure=self._settings.tls is not None,
-        )  # fmt: skip
+        )
         return answer
 
     async def _login(self, request: Request) -> Response:

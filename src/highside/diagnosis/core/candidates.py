@@ -264,7 +264,9 @@ def shadows(state: ChainState, force: Array) -> list[Candidate]:
         add("direction of approach", np.asarray(state.direction), linear)
     numbers, first = np.unique(state.ring, return_index=True)
     if numbers.size > CANDIDATES.rings and CANDIDATES.least_a_ring * numbers.size <= state.n:
-        rings = {f"ring at {np.degrees(state.inc_rad[i]):g} deg": np.asarray(state.ring == k, dtype=float)
-                 for k, i in zip(numbers, first, strict=True)}  # fmt: skip
+        rings = {
+            f"ring at {np.degrees(state.inc_rad[i]):g} deg": np.asarray(state.ring == k, dtype=float)
+            for k, i in zip(numbers, first, strict=True)
+        }
         add("one", np.ones(state.n), rings)
     return found

@@ -38,9 +38,8 @@ def located_by_cause(diagnosis: Diagnosis, model: ForwardModel, state: ChainStat
     if state.n > CAUSES.most_rows:
         state = state.rows(slice(None, None, -(-state.n // CAUSES.most_rows)))
     places = [
-        _by_cause(claim, place, model, state)
-        for claim, place in zip(diagnosis.claims, diagnosis.location, strict=True)
-    ]  # fmt: skip
+        _by_cause(claim, place, model, state) for claim, place in zip(diagnosis.claims, diagnosis.location, strict=True)
+    ]
     return replace(diagnosis, location=tuple(places))
 
 

@@ -83,9 +83,7 @@ def conclude(scene: Scene[N], judged: Judged[N], suspicion: Suspicion[N], versio
     if verdict in ("named", "named_plus") and scene.method.refusal and _worse(proof):
         verdict = "partial"
 
-    resembles = tuple(
-        scene.variant(m).label or scene.candidates[m.candidate].id for m in members
-    )  # fmt: skip
+    resembles = tuple(scene.variant(m).label or scene.candidates[m.candidate].id for m in members)
     told = verdict in ("named", "named_plus")
     claims = tuple(_claim(scene, judged, m, r, fit) for m, r in zip(members, rivalries, strict=True)) if told else ()
     location = _located(scene, judged, members, share) if told else _located_whole(scene, judged, members, after, loud)
@@ -107,9 +105,18 @@ def conclude(scene: Scene[N], judged: Judged[N], suspicion: Suspicion[N], versio
         "scan_threshold_log10_p": judged.scan_threshold,
     }
     diagnosis = Diagnosis(
-        verdict, location, claims, proof, (), remainder, tuple(lacking), smallest,
-        noise, scene.seed, version,
-    )  # fmt: skip
+        verdict,
+        location,
+        claims,
+        proof,
+        (),
+        remainder,
+        tuple(lacking),
+        smallest,
+        noise,
+        scene.seed,
+        version,
+    )
     return scene.completed(diagnosis), scene.picture(fit if named else None)
 
 
@@ -185,10 +192,12 @@ def _verdict(
         return "unknown"
     if fit.outside_gate:
         return "implausible_fit"
-    margin = np.array([
-        -np.inf if c.named else CONCLUSION.ring_margin if c.id.startswith(RING) else scene.policy.shadow_margin
-        for c in candidates
-    ])  # fmt: skip
+    margin = np.array(
+        [
+            -np.inf if c.named else CONCLUSION.ring_margin if c.id.startswith(RING) else scene.policy.shadow_margin
+            for c in candidates
+        ]
+    )
     for r in rivalries:
         if np.any(r.delta_bic < margin):
             # an interaction without a name explains it as well

@@ -135,9 +135,7 @@ class Likelihoods:
         norm = np.sum(tested**2, axis=2)
         gained = np.einsum("sfn,sn->sf", tested, left) ** 2 / np.where(norm > 1e-12, norm, np.inf)
         gained = np.concatenate([np.zeros_like(energy), gained], axis=1) if include_none else gained
-        return np.asarray(
-            freedom * np.log(np.maximum(energy - gained, 1e-30) / freedom) + self._logdet[:, None]
-        )  # fmt: skip
+        return np.asarray(freedom * np.log(np.maximum(energy - gained, 1e-30) / freedom) + self._logdet[:, None])
 
     def with_block(self, columns: Array, block: Array) -> Array:
         """-2 log likelihood (settings,) with columns (K, n) projected off and a block of columns (B, n) fitted."""
@@ -163,8 +161,11 @@ def memory_of(tried: Sequence[tuple[float, float]], minus2l: Array) -> Memory:
     """The memory that -2 log likelihoods (settings,) ask for; the first setting is white noise."""
     at = int(np.argmin(minus2l))
     length, share = tried[at]
-    allowed = [q for (one, q), value in zip(tried, minus2l, strict=True)
-               if one == length and value <= minus2l[at] + INTERVALS.chi2_95]  # fmt: skip
+    allowed = [
+        q
+        for (one, q), value in zip(tried, minus2l, strict=True)
+        if one == length and value <= minus2l[at] + INTERVALS.chi2_95
+    ]
     return Memory(float(minus2l[0] - minus2l[at]), share, length, max([*allowed, share]))
 
 
@@ -267,9 +268,10 @@ def slow_effects(
         scores, gain, evidence = scored(claimed)
         taken = {c.effect.candidate for c in claimed}
         passing = [
-            s for s, name in zip(scores, ids, strict=True)
+            s
+            for s, name in zip(scores, ids, strict=True)
             if s.effect.candidate not in taken and limits.passes(name, s.log_p, s.remaining, evidence, s.score)
-        ]  # fmt: skip
+        ]
         if turn == 0:
             near = [s for s in scores if s.log_p > MEMORY.near_log_p]
         admitted += passing

@@ -183,10 +183,14 @@ def next_poses(
     if not np.ptp(state.direction):
         direction = np.full(direction.size, float(state.direction[0]))
     new = ChainState.build(
-        np.radians(inc), np.radians(tf), t_s=np.full(inc.size, float(state.t_s[-1])), direction=direction,
-        temp_c=float(state.temp_c[-1]), vibration_rms_g=float(state.vibration_rms_g[-1]),
+        np.radians(inc),
+        np.radians(tf),
+        t_s=np.full(inc.size, float(state.t_s[-1])),
+        direction=direction,
+        temp_c=float(state.temp_c[-1]),
+        vibration_rms_g=float(state.vibration_rms_g[-1]),
         gravity_mps2=state.gravity_mps2,
-    )  # fmt: skip
+    )
     candidate, shape, amplitude = claim
     assert candidate.effect is not None
 

@@ -56,9 +56,7 @@ class Selector:
         """All candidates after base and members."""
         which = frozenset(members)
         if which not in self.known:
-            self.known[which] = standing(
-                self.pool, self.space_with(members), self.residual, self.freedom, self.size
-            )  # fmt: skip
+            self.known[which] = standing(self.pool, self.space_with(members), self.residual, self.freedom, self.size)
         return self.known[which]
 
     def select(self) -> list[Member]:

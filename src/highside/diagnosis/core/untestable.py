@@ -22,8 +22,11 @@ def one_sided(effect: Effect, state: ChainState) -> bool:
 def what_splits(effect: Effect, rivals: Sequence[Effect]) -> str:
     """What tells an effect from its rivals: as the library has it with the rival, else with the effect, of those pairs
     of which one knows the other."""
-    known = [e if effect.id in e.confused_with else effect for e in rivals
-             if e.id in effect.confused_with or effect.id in e.confused_with]  # fmt: skip
+    known = [
+        e if effect.id in e.confused_with else effect
+        for e in rivals
+        if e.id in effect.confused_with or effect.id in e.confused_with
+    ]
     return "; ".join(dict.fromkeys(e.splitter for e in known)) or effect.splitter
 
 

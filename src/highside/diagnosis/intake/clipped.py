@@ -82,9 +82,14 @@ def with_clipping(diagnosis: Diagnosis, found: Intake, axes: Sequence[tuple[int,
         next_manoeuvre="; ".join(f.remedy for f in faults),
     )
     share = max(share for share, _ in found.clipped.values())
-    where = Location(tuple(CHANNELS[c] for c in found.clipped), "reading_g", tuple(
-        (limit, limit) for _, limit in found.clipped.values()
-    ), None, share, p)  # fmt: skip
+    where = Location(
+        tuple(CHANNELS[c] for c in found.clipped),
+        "reading_g",
+        tuple((limit, limit) for _, limit in found.clipped.values()),
+        None,
+        share,
+        p,
+    )
     if diagnosis.verdict not in ("nothing_left_out", "named", "named_plus"):
         remainder = replace(diagnosis.remainder, hints=(*diagnosis.remainder.hints, "some readings are clipped"))
         return replace(diagnosis, remainder=remainder)

@@ -109,9 +109,20 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
         bases = bases_of(session, aligned.state.reading.shape[1])
         rich = plainly_asked(rich_columns(base, candidates, bases), base, residual, candidates)
         return cls(
-            candidates, blind, free, seed, session, model, seen, base, residual, rich,
-            scatter(session, residual, rich), bases, about,
-        )  # fmt: skip
+            candidates,
+            blind,
+            free,
+            seed,
+            session,
+            model,
+            seen,
+            base,
+            residual,
+            rich,
+            scatter(session, residual, rich),
+            bases,
+            about,
+        )
 
     def _nearest(self, start: ForwardModel) -> Shapes | None:
         """One effect more to take everything about: of those that are plainly asked for, the one that comes nearest as
@@ -246,9 +257,10 @@ class MagnitudeScene(Scene[MagnitudeNoise]):
         assert isinstance(channel, Likelihoods)
         fits = channel.without(self.base[:0, 0])
         walks = [
-            share for (length, share), fit in zip(channel.settings, fits, strict=True)
+            share
+            for (length, share), fit in zip(channel.settings, fits, strict=True)
             if np.isinf(length) and fit <= fits.min() + INTERVALS.chi2_95
-        ]  # fmt: skip
+        ]
         return self._remembering(np.inf, max(walks)) if walks else noise
 
     def _finer(self, members: Sequence[Member]) -> MagnitudeScene:

@@ -74,9 +74,15 @@ class MagnitudeSession:
         """The chain's state where gravity points along `direction` (3, n)."""
         inc, tf = attitude_of(direction)
         return ChainState.build(
-            inc, tf, t_s=self.t_s, temp_c=self.temp_c, vibration_rms_g=self.vibration_rms_g,
-            pose=self.group.astype(np.int64), row_seconds=self.row_seconds, gravity_mps2=self.gravity_mps2,
-        )  # fmt: skip
+            inc,
+            tf,
+            t_s=self.t_s,
+            temp_c=self.temp_c,
+            vibration_rms_g=self.vibration_rms_g,
+            pose=self.group.astype(np.int64),
+            row_seconds=self.row_seconds,
+            gravity_mps2=self.gravity_mps2,
+        )
 
 
 def magnitude_session(columns: Mapping[str, Array], accel_g: Array, *, gravity_mps2: float) -> MagnitudeSession | str:

@@ -186,9 +186,7 @@ def _components(residual: Array, tangents: Array) -> tuple[Array, float, float]:
         left = np.einsum("nij,nj->ni", inverse, rows)
         by_cov = inverse - left[:, :, None] * left[:, None, :]
         by_angle = [np.einsum("ni,nij,nj->", t, by_cov, t) for t in tangents.transpose(0, 2, 1)]
-        gradient = 2 * np.array([
-            *(np.einsum("nii->i", by_cov) * sigma**2), by_angle[0] * inc**2, by_angle[1] * tf**2
-        ])  # fmt: skip
+        gradient = 2 * np.array([*(np.einsum("nii->i", by_cov) * sigma**2), by_angle[0] * inc**2, by_angle[1] * tf**2])
         return float(np.sum(np.linalg.slogdet(cov)[1]) + np.sum(left * rows)), gradient
 
     without = float(2 * residual.shape[1] * np.log(plain).sum() + residual.size)

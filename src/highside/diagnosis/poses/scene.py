@@ -163,9 +163,14 @@ class PoseScene(Scene[PoseNoise]):
         rivals = [(self.candidates[k], self.variant(r.best[k]).shape) for k in r.same if k != member.candidate]
         amplitude = np.array([fit.parameters[candidate.id][name].value for name in candidate.amplitudes])
         advice = next_poses(
-            self.model, self.session.state, self.free,
-            (candidate, self.variant(member).shape, amplitude), rivals, self.base, 1.0 / self.noise.sigma,
-        )  # fmt: skip
+            self.model,
+            self.session.state,
+            self.free,
+            (candidate, self.variant(member).shape, amplitude),
+            rivals,
+            self.base,
+            1.0 / self.noise.sigma,
+        )
         if advice.after < max(2 * advice.before, RIVALS.same_class_evidence):
             return candidate.effect.splitter
         words = ", ".join(f"({inc:g}, {tf:g}{', from the other side' if d < 0 else ''})" for inc, tf, d in advice.poses)
@@ -210,9 +215,12 @@ class PoseScene(Scene[PoseNoise]):
 def _learned(session: PoseSession, residual: Array, rich: Array, tangents: Array, method: Method) -> PoseNoise:
     """The noise of what the rich model does not explain."""
     return noise_model.estimate(
-        residual, rich, tangents if method.colour else np.zeros_like(tangents),
-        scatter=session.scatter, uneven=method.colour,
-    )  # fmt: skip
+        residual,
+        rich,
+        tangents if method.colour else np.zeros_like(tangents),
+        scatter=session.scatter,
+        uneven=method.colour,
+    )
 
 
 def _rich(base: Array, candidates: Sequence[Candidate], session: PoseSession, force: Array) -> Array:

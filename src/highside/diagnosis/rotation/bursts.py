@@ -101,7 +101,5 @@ def with_burst(diagnosis: Diagnosis, burst: Burst | None, t_s: Array, channels: 
     hz = burst.frequency * (t_s.size - 1) / float(t_s[-1] - t_s[0])
     place = Location(names, "t_s", (ends,), None, 1.0, burst.p)
     words = f"a vibration of {hz:.3g} Hz comes and goes on {', '.join(names)}"
-    remainder = replace(
-        diagnosis.remainder, location=(place,), hints=(words, *diagnosis.remainder.hints), p=burst.p
-    )  # fmt: skip
+    remainder = replace(diagnosis.remainder, location=(place,), hints=(words, *diagnosis.remainder.hints), p=burst.p)
     return replace(diagnosis, verdict="unknown", location=(place,), remainder=remainder)

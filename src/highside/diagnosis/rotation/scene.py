@@ -81,10 +81,24 @@ class RotationScene(RowsScene):
         grams, segments = accumulate(design, noise, residual)
         chance, rest = chance_of(design, noise, residual, grams, segments)
         return cls(
-            design.candidates, design.blind, free, seed, session, design, residual, noise, grams, segments, chance,
-            rest, some, frozenset(sketch.names) if sketch is not None and np.any(bend) else frozenset(),
-            model=model, method=method, bend=bend,
-        )  # fmt: skip
+            design.candidates,
+            design.blind,
+            free,
+            seed,
+            session,
+            design,
+            residual,
+            noise,
+            grams,
+            segments,
+            chance,
+            rest,
+            some,
+            frozenset(sketch.names) if sketch is not None and np.any(bend) else frozenset(),
+            model=model,
+            method=method,
+            bend=bend,
+        )
 
     @property
     def policy(self) -> ScenePolicy:
@@ -167,9 +181,13 @@ class RotationScene(RowsScene):
         rivals = [(self.candidates[k], self.variant(r.best[k]).shape) for k in r.same if k != member.candidate]
         amplitude = np.array([fit.parameters[candidate.id][name].value for name in candidate.amplitudes])
         advice = next_rates(
-            self.model, self.session, self.free, (candidate, self.variant(member).shape, amplitude), rivals,
+            self.model,
+            self.session,
+            self.free,
+            (candidate, self.variant(member).shape, amplitude),
+            rivals,
             1.0 / self.noise.sigma,
-        )  # fmt: skip
+        )
         otherwise = what_splits(candidate.effect, [c.effect for c, _ in rivals if c.effect is not None])
         if advice.after < max(2 * advice.before, RIVALS.same_class_evidence):
             return otherwise

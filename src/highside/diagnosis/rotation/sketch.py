@@ -82,7 +82,5 @@ def sketched_bend(
 
     A bend is small beside its effect, so sizes need be known no better than that.
     """
-    near = joint_fit(
-        model, some.seen, free, sketch.candidates, sketch.members, some.noise, some.noise.freedom
-    )  # fmt: skip
+    near = joint_fit(model, some.seen, free, sketch.candidates, sketch.members, some.noise, some.noise.freedom)
     return 0.0 if near.bend is None else bend_of(model, near, seen, free, sketch.candidates, sketch.members)

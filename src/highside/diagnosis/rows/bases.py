@@ -88,15 +88,23 @@ def rotation_groups(state: ChainState) -> list[Group]:
     if varied:
         found.append(Group("rotor_rate_dps", rate_dps, lambda rows: _powers(speed(rows)), slow=True))
         found.append(
-            Group("rotor_rate_dps x tf_ref_deg", rate_dps, lambda rows: [
-                f(speed(rows)) * part for f in (_same, np.square, np.abs, np.sign) for part in rows.harmonics(1, 1)
-            ])
-        )  # fmt: skip
+            Group(
+                "rotor_rate_dps x tf_ref_deg",
+                rate_dps,
+                lambda rows: [
+                    f(speed(rows)) * part for f in (_same, np.square, np.abs, np.sign) for part in rows.harmonics(1, 1)
+                ],
+            )
+        )
         found.append(
-            Group("rotor_rate_dps x 2 tf_ref_deg", rate_dps, lambda rows: [
-                f(speed(rows)) * part for f in (_same, np.square, np.sign) for part in rows.harmonics(2, 3)
-            ])
-        )  # fmt: skip
+            Group(
+                "rotor_rate_dps x 2 tf_ref_deg",
+                rate_dps,
+                lambda rows: [
+                    f(speed(rows)) * part for f in (_same, np.square, np.sign) for part in rows.harmonics(2, 3)
+                ],
+            )
+        )
     accel = np.asarray(state.rotor_accel_radps2, dtype=float)
     if np.ptp(accel) > BASES.ramps * top:
         most = float(np.abs(accel).max())
@@ -116,23 +124,29 @@ def rotation_groups(state: ChainState) -> list[Group]:
 
         found.append(Group("vibration_rms_g", vibration, shaken, slow=True))
         found.append(
-            Group("vibration_rms_g x tf_ref_deg", vibration, lambda rows: [
-                shaken(rows)[1] * part for part in rows.harmonics(1, 2)
-            ])
-        )  # fmt: skip
+            Group(
+                "vibration_rms_g x tf_ref_deg",
+                vibration,
+                lambda rows: [shaken(rows)[1] * part for part in rows.harmonics(1, 2)],
+            )
+        )
     if np.ptp(state.temp_c) > BASES.warm_span_c:
         warm = _warmth(state)
         found.append(Group("temp_c", np.asarray(state.temp_c), lambda rows: _cubic(warm(rows)), slow=True))
         found.append(
-            Group("temp_c x tf_ref_deg", np.asarray(state.temp_c), lambda rows: [
-                warm(rows) * part for part in rows.harmonics(1, 4)
-            ])
-        )  # fmt: skip
+            Group(
+                "temp_c x tf_ref_deg",
+                np.asarray(state.temp_c),
+                lambda rows: [warm(rows) * part for part in rows.harmonics(1, 4)],
+            )
+        )
         found.append(
-            Group("temp_c^2 x tf_ref_deg", np.asarray(state.temp_c), lambda rows: [
-                warm(rows) ** 2 * part for part in rows.harmonics(1, 2)
-            ])
-        )  # fmt: skip
+            Group(
+                "temp_c^2 x tf_ref_deg",
+                np.asarray(state.temp_c),
+                lambda rows: [warm(rows) ** 2 * part for part in rows.harmonics(1, 2)],
+            )
+        )
 
     def waves(rows: Rows) -> list[Array]:
         u = (rows.state.t_s - start) / length
@@ -140,10 +154,12 @@ def rotation_groups(state: ChainState) -> list[Group]:
 
     found.append(Group("t_s", np.asarray(state.t_s), waves, slow=True))
     found.append(
-        Group("t_s x tf_ref_deg", np.asarray(state.t_s), lambda rows: [
-            (2 * (rows.state.t_s - start) / length - 1) * part for part in rows.harmonics(1, 3)
-        ])
-    )  # fmt: skip
+        Group(
+            "t_s x tf_ref_deg",
+            np.asarray(state.t_s),
+            lambda rows: [(2 * (rows.state.t_s - start) / length - 1) * part for part in rows.harmonics(1, 3)],
+        )
+    )
     return found
 
 
@@ -240,8 +256,10 @@ def _of_turn(first: int, last: int) -> Recipe:
 
 
 _AT_MANY_INCLINATIONS: tuple[tuple[tuple[str, ...], Recipe], ...] = (
-    (LINEAR, _linear), (SQUARE, _square), (CUBIC, _cubes)
-)  # fmt: skip
+    (LINEAR, _linear),
+    (SQUARE, _square),
+    (CUBIC, _cubes),
+)
 _AT_ONE_INCLINATION: tuple[tuple[tuple[str, ...], Recipe], ...] = (
     (("x", "y"), _of_turn(1, 1)),
     (("cos 2T", "sin 2T", "cos 3T", "sin 3T"), _of_turn(2, 3)),

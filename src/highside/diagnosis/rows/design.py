@@ -65,9 +65,13 @@ def _telling(state: ChainState) -> Ints:
     """Rows at which every effect shows that shows at all: evenly spread, and where each covariate is extreme."""
     rows = [np.linspace(0, state.n - 1, DESIGN.probe).astype(np.intp)]
     for along in (
-        state.inc_rad, state.temp_c, state.rotor_rate_radps, state.rotor_accel_radps2, state.inc_rate_radps,
+        state.inc_rad,
+        state.temp_c,
+        state.rotor_rate_radps,
+        state.rotor_accel_radps2,
+        state.inc_rate_radps,
         state.vibration_rms_g,
-    ):  # fmt: skip
+    ):
         order = np.argsort(along, kind="stable")
         rows += [order[: DESIGN.extremes], order[-DESIGN.extremes :]]
     return np.unique(np.concatenate(rows))
@@ -226,7 +230,7 @@ class Design:
                         variants.append(Variant({}, numbers, f"{words} on {self.session.channels[c]}"))
             self.candidates.append(
                 Candidate(f"shadow:{group.name}:{group.labels[0]}", None, ("a",), tuple(variants), family)
-            )  # fmt: skip
+            )
 
     def _shapes(self, effect: Effect) -> list[dict[str, float]]:
         length = float(np.ptp(self.session.state.t_s))

@@ -338,12 +338,14 @@ class HeldOutRows:
         which = tuple(tuple(keys) for keys in groups)
         if which not in self._sums:
             self._sums[which] = [
-                np.stack([
-                    sum((gram.parts[key] for key in keys if key in gram.parts), np.zeros_like(gram.total))
-                    for keys in which
-                ])
+                np.stack(
+                    [
+                        sum((gram.parts[key] for key in keys if key in gram.parts), np.zeros_like(gram.total))
+                        for keys in which
+                    ]
+                )
                 for gram in self._grams
-            ]  # fmt: skip
+            ]
         return self._sums[which]
 
     def scored(self, fold: Fold) -> float:

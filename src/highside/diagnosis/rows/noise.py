@@ -96,10 +96,14 @@ class _Learning:
         """Filtered readings beyond the functions, window by window; the rank; and `others` (d, n) treated alike."""
         lead = polynomial.size - 1
         led = [min(lead, part.start) for part in self.parts]
-        turned = [filtered(polynomial, f[:, f.shape[1] - (p.stop - p.start) - n :], n)
-                  for f, p, n in zip(self.functions, self.parts, led, strict=True)]  # fmt: skip
-        target = [filtered(polynomial, r[None, r.size - (p.stop - p.start) - n :], n)
-                  for r, p, n in zip(self.readings, self.parts, led, strict=True)]  # fmt: skip
+        turned = [
+            filtered(polynomial, f[:, f.shape[1] - (p.stop - p.start) - n :], n)
+            for f, p, n in zip(self.functions, self.parts, led, strict=True)
+        ]
+        target = [
+            filtered(polynomial, r[None, r.size - (p.stop - p.start) - n :], n)
+            for r, p, n in zip(self.readings, self.parts, led, strict=True)
+        ]
         if self.parts[0].start == 0:
             # the first rows lack what came before them
             for one in (turned[0], target[0]):

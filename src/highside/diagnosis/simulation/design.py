@@ -131,9 +131,10 @@ class SimulationDesign(Design):
             "time": {n: u * s for n, s in zip(session.names, scaled, strict=True)},
             "prediction": {
                 f"{session.names[i]} {session.names[j]}": scaled[i] * scaled[j]
-                for i in range(len(scaled)) for j in range(i, len(scaled))
+                for i in range(len(scaled))
+                for j in range(i, len(scaled))
             },
-        }  # fmt: skip
+        }
         for name, terms in tables.items():
             variants = []
             for c in range(len(session.names)):

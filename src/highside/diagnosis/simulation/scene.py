@@ -84,9 +84,19 @@ class SimulationScene(RowsScene):
         grams, segments = accumulate(design, noise, residual)
         chance, rest = chance_of(design, noise, residual, grams, segments)
         return cls(
-            design.candidates, design.blind, free, seed, session, design, residual, noise, grams,
-            segments, chance, rest,
-        )  # fmt: skip
+            design.candidates,
+            design.blind,
+            free,
+            seed,
+            session,
+            design,
+            residual,
+            noise,
+            grams,
+            segments,
+            chance,
+            rest,
+        )
 
     @cached_property
     def _plain(self) -> JudgedRows:

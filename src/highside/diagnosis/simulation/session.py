@@ -70,9 +70,18 @@ class SimulationSession(RotationSession):
     def seen(self, about: Mapping[str, tuple[float, ...]]) -> Channels:
         """The channels as effects see them; `about`: where those that are not linear are taken."""
         return Channels(
-            self.names, self.units, self.readings, self.predicted, self.state.t_s, self.step_s, self.rates, self.speed,
-            self.state.temp_c if self.warm else None, self.alignment.same_clock, about,
-        )  # fmt: skip
+            self.names,
+            self.units,
+            self.readings,
+            self.predicted,
+            self.state.t_s,
+            self.step_s,
+            self.rates,
+            self.speed,
+            self.state.temp_c if self.warm else None,
+            self.alignment.same_clock,
+            about,
+        )
 
     @property
     def warm(self) -> bool:
@@ -150,11 +159,18 @@ def simulation_session(columns: Mapping[str, Array], predicted: Mapping[str, Arr
     nothing = np.zeros(grid.size)
     state = ChainState.build(
         nothing, nothing, t_s=grid, temp_c=temp, row_seconds=1 / grid_hz, vibration_rms_g=_activity(model, rates)
-    )  # fmt: skip
+    )
     return SimulationSession(
-        measured, state, lost if lost.any() else None, names, model, rates,
-        covariates.get(SPEED), found, SIMULATION_SESSIONS.band * grid_hz,
-    )  # fmt: skip
+        measured,
+        state,
+        lost if lost.any() else None,
+        names,
+        model,
+        rates,
+        covariates.get(SPEED),
+        found,
+        SIMULATION_SESSIONS.band * grid_hz,
+    )
 
 
 def _refuse_copies(names: tuple[str, ...], measured: Array, model: Array) -> None:

@@ -306,9 +306,9 @@ def _proof(table: Table, base: Fitted, best: Fitted, picture: SummaryPicture, ma
     rows = np.flatnonzero(cells.any(axis=1))
 
     def held_out(fitted: Fitted) -> Array:
-        return np.array([
-            np.mean((left_out_row(table, fitted, int(r))[0] / picture.sigma[r])[cells[r]] ** 2) for r in rows
-        ])  # fmt: skip
+        return np.array(
+            [np.mean((left_out_row(table, fitted, int(r))[0] / picture.sigma[r])[cells[r]] ** 2) for r in rows]
+        )
 
     before, after = held_out(base), held_out(best) if best.options else held_out(base)
     relative = (before - after) / before.mean()

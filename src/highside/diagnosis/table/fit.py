@@ -57,9 +57,7 @@ def options_of(sessions: Sessions, clean: Array, candidate: Candidate) -> list[O
         kept = [k for k, sees in zip(which, seen, strict=True) if sees]
         if kept and len(kept) <= TABLE_FITS.max_amplitudes:
             names = tuple(candidate.amplitudes[k] for k in kept)
-            found.append(
-                Option(candidate.id, tuple(variant.shape.items()), names, unit[seen], moved[seen], shapes)
-            )  # fmt: skip
+            found.append(Option(candidate.id, tuple(variant.shape.items()), names, unit[seen], moved[seen], shapes))
     unique = {(o.shape, o.amplitudes): o for o in found}
     return list(unique.values())
 
@@ -98,11 +96,16 @@ class Table:
         errors = errors_in_common(sessions, model, size)
         own = not len(errors)
         return cls(
-            sessions, told, sessions.corrected(clean), through(sessions, clean, np.concatenate([base, errors])),
-            np.concatenate([np.full(len(base), TABLE_FITS.wide), np.ones(len(errors))]), noise_g,
+            sessions,
+            told,
+            sessions.corrected(clean),
+            through(sessions, clean, np.concatenate([base, errors])),
+            np.concatenate([np.full(len(base), TABLE_FITS.wide), np.ones(len(errors))]),
+            noise_g,
             draw(sessions, model, TABLE_FITS.fit_draws, seed, size, own=own),
-            draw(sessions, model, TABLE_FITS.chance_draws, seed + 1, size, own=own), np.ones(len(told), dtype=bool),
-        )  # fmt: skip
+            draw(sessions, model, TABLE_FITS.chance_draws, seed + 1, size, own=own),
+            np.ones(len(told), dtype=bool),
+        )
 
     @property
     def mask(self) -> NDArray[np.bool_]:
@@ -327,9 +330,16 @@ def _finished(table: Table, linear: Linear, options: tuple[Option, ...], theta: 
     score = deviance + price + 2.0 * float(np.sum(np.log1p((extra / TABLE_FITS.heavy) ** 2)))
     score += float(np.sum((theta[: len(table.base)] / table.known) ** 2))
     return Fitted(
-        options, theta[:-1], float(np.exp(theta[-1])), tau, deviance, float(score), said.cells.mean(axis=0), chance,
+        options,
+        theta[:-1],
+        float(np.exp(theta[-1])),
+        tau,
+        deviance,
+        float(score),
+        said.cells.mean(axis=0),
+        chance,
         slope,
-    )  # fmt: skip
+    )
 
 
 def rechanced(table: Table, fitted: Fitted) -> Fitted:

@@ -262,8 +262,11 @@ def _likely_sets(explained: Explained, report: Progress) -> list[list[_Mode]]:
     order = ranked()[: POSTERIOR.most_sets]
     share = np.exp([max(m.log_mass for m in every[key]) for key in order])
     share = np.cumsum(share / share.sum())
-    return [sorted(every[key], key=lambda m: -m.log_mass)
-            for key, s in zip(order, share, strict=True) if s < POSTERIOR.kept or key == order[0]]  # fmt: skip
+    return [
+        sorted(every[key], key=lambda m: -m.log_mass)
+        for key, s in zip(order, share, strict=True)
+        if s < POSTERIOR.kept or key == order[0]
+    ]
 
 
 def _helpful(explained: Explained, parent: Fitted) -> list[Option]:
@@ -271,9 +274,10 @@ def _helpful(explained: Explained, parent: Fitted) -> list[Option]:
     table = explained.scene.table
     options = [o for o in explained.scene.options if o.effect not in parent.effects]
     linear = Linear(
-        table.sessions, table.start,
+        table.sessions,
+        table.start,
         np.concatenate([table.base, *(o.field for o in parent.options), *(o.field for o in options)]),
-    )  # fmt: skip
+    )
     sizes = [len(o.amplitudes) for o in options]
     values = np.append(parent.values, np.zeros(sum(sizes)))
     said = tell(linear, values, parent.noise_g, table.draws)
@@ -416,6 +420,4 @@ def _drawn(explained: Explained, fitted: Fitted, at: Array, own: Array) -> Drawn
     values = replace(fitted, values=at[:-1])
     model = instrument(scene.model, scene.base_names, scene.base_units, values, range(len(fitted.options)))
     moved = np.tensordot(at[base : base + len(own)], own, 1) if len(own) else np.zeros((3, 0))
-    return Drawn(
-        model, table.noise_g or float(np.exp(at[-1])), moved, tuple(o.effect for o in fitted.options)
-    )  # fmt: skip
+    return Drawn(model, table.noise_g or float(np.exp(at[-1])), moved, tuple(o.effect for o in fitted.options))

@@ -154,15 +154,21 @@ def metrics_of(figures: Figures) -> Iterator[Metric]:
     yield counters("surveys_refused_total", "Refused surveys by reason.", "reason", health.surveys.get("reasons", {}))
     yield gauge("survey_g_error_mg", "Gtotal of the last survey minus the site's.", health.surveys["trend"]["last_mg"])
     yield many(
-        GaugeMetricFamily, "vibration_rms_g", "Shaking during the last second, rms.",
+        GaugeMetricFamily,
+        "vibration_rms_g",
+        "Shaking during the last second, rms.",
         [({"axis": axis}, value) for axis, value in zip("xyz", health.vibration["rms_g"], strict=True)],
-    )  # fmt: skip
+    )
     yield many(
-        GaugeMetricFamily, "vibration_peak_g", "Greatest peak of the last second.",
+        GaugeMetricFamily,
+        "vibration_peak_g",
+        "Greatest peak of the last second.",
         [({"axis": axis}, value) for axis, value in zip("xyz", health.vibration["peak_g"], strict=True)],
-    )  # fmt: skip
+    )
     yield many(
-        CounterMetricFamily, "vibration_seconds_total", "Seconds at or above a level of rms.",
+        CounterMetricFamily,
+        "vibration_seconds_total",
+        "Seconds at or above a level of rms.",
         [
             ({"axis": axis, "level_g": f"{level:g}"}, seconds)
             for axis in "xyz"
@@ -170,15 +176,17 @@ def metrics_of(figures: Figures) -> Iterator[Metric]:
                 health.vibration["rms_levels_g"], health.vibration["seconds_at_level"][axis], strict=True
             )
         ],
-    )  # fmt: skip
+    )
     yield many(
-        CounterMetricFamily, "shocks_total", "Shocks at or above a level.",
+        CounterMetricFamily,
+        "shocks_total",
+        "Shocks at or above a level.",
         [
             ({"axis": axis, "level_g": f"{level:g}"}, count)
             for axis in "xyz"
             for level, count in zip(health.vibration["shock_levels_g"], health.vibration["shocks"][axis], strict=True)
         ],
-    )  # fmt: skip
+    )
     outbox = health.outbox
     yield counter("outbox_produced_total", "Messages made.", outbox.produced)
     yield counter("outbox_acknowledged_total", "Messages that the broker has.", outbox.acknowledged)
@@ -193,13 +201,17 @@ def metrics_of(figures: Figures) -> Iterator[Metric]:
     yield counter("commands_failed_total", "Commands that ended in a fault.", health.broker.commands_failed)
     yield gauge("loop_lag_p999_seconds", "Stalls of the event loop, 99.9 %.", health.loop.get("lag_p999_ms", 0.0) / 1e3)
     yield many(
-        GaugeMetricFamily, "alarm", "1 for each alarm that stands.",
+        GaugeMetricFamily,
+        "alarm",
+        "1 for each alarm that stands.",
         [({"name": alarm}, 1.0) for alarm in health.alarms] or [({"name": "none"}, 0.0)],
-    )  # fmt: skip
+    )
     yield many(
-        GaugeMetricFamily, "calibration_info", "The calibration in force.",
+        GaugeMetricFamily,
+        "calibration_info",
+        "The calibration in force.",
         [({"cal_id": str(health.calibration.get("cal_id"))}, 1.0)],
-    )  # fmt: skip
+    )
 
 
 def _surveys(health: HealthMessage) -> dict[str, int]:
