@@ -25,6 +25,8 @@ from highside.diagnosis.rows.session import rotation_session
 from highside.diagnosis.simulation.intake import check_prediction
 from highside.diagnosis.simulation.session import SimulationSession, simulation_session
 from highside.errors import InputError
+from highside.physics.effects.gyro_bias import EFFECT as GYRO_BIAS
+from highside.physics.effects.gyro_scale import EFFECT as GYRO_SCALE
 from highside.physics.forward import ForwardModel
 from highside.physics.plan import Site
 
@@ -35,7 +37,7 @@ Columns = Mapping[str, Array]
 ACCELEROMETERS = ("ax_g", "ay_g", "az_g")
 GYROS = ("gx_dps", "gy_dps", "gz_dps")
 REFERENCES = frozenset({"inc_ref_deg", "tf_ref_deg", "rotor_deg"})
-GYRO_FREE = ("gyro_bias", "gyro_scale")
+GYRO_FREE = (GYRO_BIAS.id, GYRO_SCALE.id)
 """What is refitted beside the model's own free effects where gyros were recorded."""
 TURNING_SHARE = 0.5
 """Share of rows in which the reference turns, from which a recording without stops is one of rotation."""
