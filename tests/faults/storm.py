@@ -116,8 +116,9 @@ class Storm:
         except AssertionError:
             health, tool = health_of(self._subscriber), self._tool
             raise AssertionError(
-                f"{what}: not told within 30 s; the tool sent {tool.frame_bytes} + {tool.noise_bytes} bytes, of which its end"
-                f" of the line dropped {tool.wire.unheard} as nobody had the port open; the daemon says {health['codec']}, {health['link']}, {health['broker']}"
+                f"{what}: not told within 30 s; the tool sent {tool.frame_bytes} + {tool.noise_bytes} bytes, of which"
+                f" its end of the line dropped {tool.wire.unheard} as nobody had the port open; the daemon says"
+                f" {health['codec']}, {health['link']}, {health['broker']}"
             ) from None
 
     def noise(self) -> None:
