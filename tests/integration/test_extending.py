@@ -225,6 +225,11 @@ def test_detect_finds_the_codec_of_the_recipe(rig_sensors: Path) -> None:
         ("CODEC = 7\n", "it is no subclass of highside.codec.registry.CodecTable"),
         ("import sys\nsys.exit(3)\n", "SystemExit: 3"),
         ("from highside.codec.vn100 import CODEC\n", "its field `name` must be Literal['broken']"),
+        (
+            "from typing import Literal\nfrom highside.codec.registry import CodecTable\n"
+            "class CODEC(CodecTable):\n    name: Literal['broken']\n",
+            "it has no method `build` that makes the decoder",
+        ),
     ],
 )
 def test_broken_package_is_one_line_and_stops_only_those_who_use_it(tmp_path: Path, text: str, says: str) -> None:

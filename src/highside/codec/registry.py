@@ -12,7 +12,9 @@ column that is recorded and otherwise left alone. `axes` says which of the maker
 from __future__ import annotations
 
 import importlib
+import inspect
 import pkgutil
+from abc import abstractmethod
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -65,9 +67,9 @@ class CodecTable(BaseModel):
         """Whether it reads what the tool itself sends, over a serial line or a CAN bus."""
         return False
 
+    @abstractmethod
     def build(self) -> ByteCodec | CanCodec:
         """A fresh decoder. Raises InputError where a file that it needs is not good."""
-        raise NotImplementedError(f"{type(self).__name__} builds no decoder")
 
 
 @cache
@@ -141,6 +143,8 @@ def _unfit(plugin: Plugin, tables: Mapping[str, type[CodecTable]]) -> str:
         return "it is no subclass of highside.codec.registry.CodecTable"
     if get_args(table.model_fields["name"].annotation) != (plugin.name,):
         return f"its field `name` must be Literal[{plugin.name!r}]"
+    if inspect.isabstract(table):
+        return "it has no method `build` that makes the decoder"
     if plugin.name in tables:
         return "there is a codec of this name already"
     return ""
