@@ -9,15 +9,9 @@ BIN := $(VENV)/bin
 demo: $(VENV)/.run
 	$(BIN)/highside demo
 
-## test: set up everything the tests need and run all checks and tests; those of live parts, which judge times, run alone
+## test: set up everything the tests need and run all checks and tests; those that judge a pace or a delay run alone
 test: packages $(VENV)/.test check
-	@$(BIN)/python -m pytest tests/guest > $(VENV)/guests.log 2>&1 & guests=$$!; \
-	echo "the guests run meanwhile: $(VENV)/guests.log"; \
-	$(BIN)/python -m pytest tests --ignore=tests/guest --ignore=tests/integration --ignore=tests/faults; alone=$$?; \
-	wait $$guests; guests=$$?; cat $(VENV)/guests.log; \
-	$(BIN)/python -m pytest tests/integration tests/faults; live=$$?; \
-	echo "exit status: computing $$alone, guests $$guests, live $$live"; \
-	test $$alone -eq 0 -a $$guests -eq 0 -a $$live -eq 0
+	@.ci/suites $(BIN)/python $(VENV)/logs
 
 ## check: style, types, the contracts between the layers, and that what is imported is declared
 check: $(VENV)/.test
@@ -60,13 +54,15 @@ evidence: $(VENV)/.test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.balance_coverage 54
 	$(BIN)/python -m studies.drift_scenarios --only "S1r elevation 0" --seeds 1 --no-rivals --efficiency 60 --consistency 100 --false-stops-h 10
 	$(BIN)/python -m studies.drift_limit
-	$(BIN)/python -m pytest -q -s tests/integration/test_soak.py tests/integration/test_mqtt_faults.py tests/integration/test_mqtt_sigkill.py
+	HIGHSIDE_SOAK_S=60 $(BIN)/python -m pytest -q -s tests/integration/test_soak.py tests/integration/test_mqtt_faults.py tests/integration/test_mqtt_sigkill.py
 
-## faults: the fault scenarios at their own numbers (about an hour), measured into docs/faults.md; FAULTS="--scenario 4"
+## faults: the fault scenarios at their own numbers (about two hours), measured into docs/faults.md; FAULTS="--scenario 4".
+## What held is kept in KEEP: interrupted, or with the million of damaged inputs not reached, it goes on when called again
 FAULTS ?=
+KEEP ?= $(VENV)/faults
 .PHONY: faults
 faults: packages $(VENV)/.test
-	$(BIN)/python tests/faults/run.py --write $(FAULTS)
+	$(BIN)/python tests/faults/run.py --write --keep $(KEEP) $(FAULTS)
 
 ## blind: the sealed decks (hours), seeded by the commit that last changed the engine; BLIND="--seed mine --small" for a look
 BLIND ?=
@@ -84,6 +80,13 @@ blind: $(VENV)/.test
 	  $(SCORE) --rivals --only $$kind/poses || exit 1; \
 	  $(SCORE) --rivals --only $$kind/rotation --every 12 || exit 1; \
 	done
+
+## open-world: laws that no library holds, with second sessions (hours), seeded as `blind` is; OPEN="--seed mine --every 20" for a look
+OPEN ?=
+.PHONY: open-world
+open-world: $(VENV)/.test
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.open_world.score $(OPEN)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.open_world.score $(OPEN) --groups law --rivals
 
 ## pictures: renew what the bench page is compared with in every state (look at each before it is committed)
 .PHONY: pictures

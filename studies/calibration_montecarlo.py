@@ -33,14 +33,8 @@ from highside.calibration.poses import PoseSet
 from highside.calibration.result import CalibrationResult
 from highside.calibration.sensor import SensorModel
 from highside.physics.gravity import gravity_direction
-from highside.physics.scenario import (
-    BALANCE_TOOLFACES_DEG,
-    PUBLISHED_INCLINATIONS_DEG,
-    PoseData,
-    Scenario,
-    pose_grid,
-    reference_scenario,
-)
+from highside.physics.plan import BALANCE_TOOLFACES_DEG, PUBLISHED_INCLINATIONS_DEG, pose_grid
+from studies.scenario import PoseData, Scenario, reference_scenario
 
 INCLINATIONS = np.deg2rad(np.array(PUBLISHED_INCLINATIONS_DEG))
 ASCENDING = np.sort(INCLINATIONS)

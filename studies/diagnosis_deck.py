@@ -25,8 +25,8 @@ from highside.diagnosis.poses.session import PoseSession
 from highside.physics import effects as library
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import gravity_direction
-from highside.physics.scenario import random_sensor
 from highside.physics.state import ChainState
+from studies.scenario import random_sensor
 
 from . import rotation_deck
 

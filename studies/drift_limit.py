@@ -15,7 +15,7 @@ Three figures in deg/h for each case (error at the end by the hours passed):
 All of them, as the filter, use the direction of a reading. "Length" is the batch bound if its length counted as well,
 which is exactly 1 g here and nowhere else.
 
-and `kinematic` on the same readings. What the optimum leaves is not the filter's to mend. "walk" is what the angle
+and `error_state_filter` on the same readings. What the optimum leaves no filter can correct. "walk" is what the angle
 random walk alone turns the azimuth by if all biases were known: no reading of gravity takes it back. Where a straight
 hole is asserted the readings do not bound anything: the assertion gives the azimuth.
 """
@@ -43,11 +43,11 @@ from highside.attitude.quaternion import (
     to_rotation_vector,
 )
 from highside.gyro.frames import to_body
-from highside.gyro.kinematic import kinematic
+from highside.gyro.recording_filter import error_state_filter
 from highside.papers.drift_bound import azimuth_bound
 from highside.papers.drift_scenarios import (
     DEG_PER_HOUR,
-    Experiment,
+    DriftExperiment,
     Triad,
     record,
     rotating_rod,
@@ -88,7 +88,7 @@ class Blocks:
     earth: Array
 
 
-def laid(e: Experiment, rest: Array | None) -> Blocks:
+def laid(e: DriftExperiment, rest: Array | None) -> Blocks:
     """The blocks of an experiment; `rest` (K, 2) s."""
     interval = float(np.median(np.diff(e.t_s)))
     n = round(1.0 / interval)
@@ -150,7 +150,7 @@ class Problem:
     `length`: that readings at rest are 1 g long is known, too.
     """
 
-    def __init__(self, e: Experiment, rest: Array | None, *, length: bool = False) -> None:
+    def __init__(self, e: DriftExperiment, rest: Array | None, *, length: bool = False) -> None:
         self.experiment, self.blocks = e, laid(e, rest)
         b, t = self.blocks, e.triad
         rates = _by_block(true_rates(e)[0], b)
@@ -274,7 +274,7 @@ def _rows(
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    experiment: Callable[[], Experiment]
+    experiment: Callable[[], DriftExperiment]
     aim: float
     """deg/h"""
     declared: bool = False
@@ -296,7 +296,7 @@ CASES = {
 }
 
 
-def walk_alone(e: Experiment, rest: Array | None) -> float:
+def walk_alone(e: DriftExperiment, rest: Array | None) -> float:
     """The recursion with every bias, scale and accelerometer known: only the angle random walk is left, deg/h."""
     known = replace(e, triad=replace(e.triad, rrw_dph_sqrt_h=0.0, accel_bias_g=1e-9, axial_scale_ppm=0.0))
     bound = azimuth_bound(known, azimuth_std_rad=AZIMUTH_STD_RAD, bias_std_dph=1e-6, scale_std=1e-12, rest=rest)
@@ -321,7 +321,7 @@ def measure(name: str, seeds: int) -> str:
         data = record(e, 2000 + seed)
         if problem is not None:
             best.append(np.degrees(problem.optimum_error_rad(to_body(data.rate), to_body(data.accel))) / e.hours)
-        result = kinematic(e.t_s, data.rate, data.accel, settings, rest=rest)
+        result = error_state_filter(e.t_s, data.rate, data.accel, settings, rest=rest)
         error = np.degrees(wrap_signed(np.asarray(result.azi_rad - e.psi)))
         own.append(error[e.t_s >= e.t_s[-1] - 10.0].mean() / e.hours)
     ours = float(np.sqrt(np.mean(np.square(own))))

@@ -25,14 +25,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.attitude.quaternion import conjugate, from_angles, multiply, to_tool
-from highside.gyro.filter import Settings, carried
-from highside.gyro.kinematic import kinematic
+from highside.gyro.filter import FilterSettings, carried
+from highside.gyro.recording_filter import error_state_filter
 from highside.papers import drift_rivals as rivals
 from highside.units import STANDARD_GRAVITY_MPS2
 
 Array = NDArray[np.float64]
 
-MEMS = Settings(
+MEMS = FilterSettings(
     bias_std_radps=float(np.radians(0.5)),
     arw=float(np.radians(0.02)),
     rrw=float(np.radians(0.001)),
@@ -87,8 +87,8 @@ def errors_deg(q: Array, trial: Trial) -> tuple[float, float]:
     return tuple(float(np.degrees(np.sqrt(np.mean(x**2)))) for x in (inclination, heading))  # type: ignore[return-value]
 
 
-def ours(trial: Trial, settings: Settings, *, smooth: bool = False) -> Array:
-    result = kinematic(
+def ours(trial: Trial, settings: FilterSettings, *, smooth: bool = False) -> Array:
+    result = error_state_filter(
         trial.t_s, to_tool(trial.rate), to_tool(trial.accel / STANDARD_GRAVITY_MPS2), settings, smooth=smooth
     )
     return from_angles(result.inc_rad - 0.5 * np.pi, result.tf_rad, result.azi_rad)
@@ -97,7 +97,7 @@ def ours(trial: Trial, settings: Settings, *, smooth: bool = False) -> Array:
 def found_bias(trial: Trial) -> Array:
     """(3,) what the filter says before the movement, rad/s."""
     i = int(np.argmax(trial.moving)) - 1
-    result = kinematic(
+    result = error_state_filter(
         trial.t_s[:i], to_tool(trial.rate[:, :i]), to_tool(trial.accel[:, :i] / STANDARD_GRAVITY_MPS2), MEMS
     )
     x, y, z = result.bias_radps[:, -1]
@@ -187,7 +187,7 @@ def vn100(folder: Path) -> Iterator[str]:
     # warming up, the bias walks by some hundredths of a degree per second in minutes
     settings = replace(MEMS, rrw=float(np.radians(3e-4)), accel_noise_g=5e-4)
     t, temperature = t[keep], table["Temp"][keep]
-    result = kinematic(t, rate, accel, settings, rest=np.array([[t[0], t[-1]]]), smooth=True)
+    result = error_state_filter(t, rate, accel, settings, rest=np.array([[t[0], t[-1]]]), smooth=True)
     yield "\n### VN-100 warming up at rest, 10 to 14.4 degC: gyro bias against temperature\n"
     yield "| axis | bias at 12 degC, deg/s | slope, deg/s per degC | scatter about the line | slope, second half |"
     yield "|---|---|---|---|---|"

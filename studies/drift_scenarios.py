@@ -22,18 +22,18 @@ from highside.attitude.angles import wrap_signed
 from highside.attitude.quaternion import to_angles
 from highside.gyro.blocks import Batch
 from highside.gyro.compiled import kernels
-from highside.gyro.filter import Settings
+from highside.gyro.complementary import complementary
+from highside.gyro.filter import FilterSettings
 from highside.gyro.frames import to_body
-from highside.gyro.gates import Gate, Motion, quiet_rows
-from highside.gyro.kinematic import kinematic
+from highside.gyro.gates import Gate, MotionState, quiet_rows
 from highside.gyro.literal import AzimuthPolicy, literal
-from highside.gyro.recursive import recursive
+from highside.gyro.recording_filter import error_state_filter
 from highside.papers.drift_bound import azimuth_bound
 from highside.papers.drift_rivals import Rival, installed
 from highside.papers.drift_scenarios import (
     LATITUDE_RAD,
     DriftData,
-    Experiment,
+    DriftExperiment,
     curved_hole,
     drilling,
     record,
@@ -49,10 +49,10 @@ Angles = tuple[Array, Array, Array]
 Method = Callable[[DriftData], Angles]
 
 PSI0 = float(np.radians(60.0))
-SETTINGS = Settings(latitude_rad=LATITUDE_RAD, azimuth_rad=PSI0)
+SETTINGS = FilterSettings(latitude_rad=LATITUDE_RAD, azimuth_rad=PSI0)
 REST: dict[str, Array] = {name: np.array([[0.0, 420.0]]) for name in ("turntable", "vibration table")}
 
-SCENARIOS: dict[str, Callable[[], Experiment]] = {
+SCENARIOS: dict[str, Callable[[], DriftExperiment]] = {
     "S1 turntable": turntable,
     "S2 vibration table": vibration_table,
     "S3 drilling": drilling,
@@ -74,12 +74,12 @@ def _rest(data: DriftData) -> Array:
     return REST.get(data.experiment.name, data.experiment.rest)
 
 
-def _kinematic(settings: Settings, *, stops: str) -> Method:
+def _kinematic(settings: FilterSettings, *, stops: str) -> Method:
     own = replace(settings, detect_stops=stops == "detected")
 
     def run(data: DriftData) -> Angles:
         rest = _rest(data) if stops == "declared" else None
-        return _ours(kinematic(data.experiment.t_s, data.rate, data.accel, own, rest=rest))
+        return _ours(error_state_filter(data.experiment.t_s, data.rate, data.accel, own, rest=rest))
 
     return run
 
@@ -109,7 +109,7 @@ def _recursive(*, hold: bool) -> Method:
     def run(data: DriftData) -> Angles:
         e = data.experiment
         rest = e.rest if e.name == "drilling" else None
-        return _ours(recursive(e.t_s, data.rate, data.accel, SETTINGS, hold=hold, rest=rest))
+        return _ours(complementary(e.t_s, data.rate, data.accel, SETTINGS, hold=hold, rest=rest))
 
     return run
 
@@ -146,7 +146,7 @@ def rivals() -> dict[str, Method]:
     return {name: _rival(run) for name, run in installed().items()}
 
 
-def drifts(angles: Angles, e: Experiment, *, align: bool) -> Array:
+def drifts(angles: Angles, e: DriftExperiment, *, align: bool) -> Array:
     """Elevation, toolface and azimuth drift in deg/h, and the greatest azimuth error in deg."""
     theta, phi, psi = (
         wrap_signed(np.asarray(ours - true)) for ours, true in zip(angles, (e.theta, e.phi, e.psi), strict=True)
@@ -190,7 +190,7 @@ def table(name: str, seeds: int, *, with_rivals: bool) -> Iterator[str]:
 
 def efficiency(seeds: int) -> Iterator[str]:
     """How near the filter comes to what is possible, on seeds that nothing was tuned on."""
-    cases: dict[str, tuple[Experiment, Array | None]] = {
+    cases: dict[str, tuple[DriftExperiment, Array | None]] = {
         "turning table, 0 deg": (rotating_table(0.0, rate_hz=20.0), None),
         "turning table, 30 deg": (rotating_table(30.0, rate_hz=20.0), None),
         "turning table, 60 deg": (rotating_table(60.0, rate_hz=20.0), None),
@@ -208,7 +208,7 @@ def efficiency(seeds: int) -> Iterator[str]:
         ends, stated = [], 0.0
         for seed in range(seeds):
             data = record(experiment, 1000 + seed)
-            result = kinematic(experiment.t_s, data.rate, data.accel, settings, rest=rest)
+            result = error_state_filter(experiment.t_s, data.rate, data.accel, settings, rest=rest)
             ends.append(drifts(_ours(result), experiment, align=False)[2])
             stated = float(np.degrees(result.azi_std_rad[-1])) / experiment.hours
         rms = float(np.sqrt(np.mean(np.square(ends))))
@@ -219,7 +219,7 @@ def efficiency(seeds: int) -> Iterator[str]:
 
 def consistency(runs: int) -> Iterator[str]:
     """Share of runs whose azimuth and biases end within three sigma; starts and latitude wrong within their priors."""
-    cases: dict[str, tuple[Experiment, Array | None]] = {
+    cases: dict[str, tuple[DriftExperiment, Array | None]] = {
         "rest 120 of 900 s": (turntable(900.0, 20.0), np.array([[0.0, 120.0]])),
         "turning at 30 deg": (rotating_table(30.0, 900.0, 20.0), None),
         "curved hole": (curved_hole(rate_hz=20.0), np.array([[0.0, 300.0]])),
@@ -240,7 +240,7 @@ def consistency(runs: int) -> Iterator[str]:
                 detect_stops=False,
             )
             data = record(experiment, seed)
-            result = kinematic(experiment.t_s, data.rate, data.accel, settings, rest=rest)
+            result = error_state_filter(experiment.t_s, data.rate, data.accel, settings, rest=rest)
             error = abs(wrap_signed(float(result.azi_rad[-1] - experiment.psi[-1])))
             azimuth += error < 3 * result.azi_std_rad[-1]
             bias += bool(np.all(np.abs(result.bias_radps[:, -1] - data.bias_end) < 3 * result.bias_std_radps[:, -1]))
@@ -260,7 +260,7 @@ def false_stops(hours: float) -> Iterator[str]:
             gate = Gate()
             blocks = Batch.of(experiment.t_s, to_body(data.rate), to_body(data.accel)).blocks()
             verdicts = [gate.verdict(block) for block in blocks]
-            false += sum(verdict is Motion.STILL for verdict in verdicts[52:])
+            false += sum(verdict is MotionState.STILL for verdict in verdicts[52:])
         yield f"| {level:g} | {false} |"
 
 

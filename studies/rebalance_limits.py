@@ -17,9 +17,10 @@ import math
 import numpy as np
 
 from highside.arrays import Array
-from highside.calibration.correction import LinearCorrection
-from highside.calibration.rebalance import Rebalancer
-from highside.calibration.result import Zone, linear_parameters
+from highside.calibration.linear_correction import LinearCorrection
+from highside.calibration.linear_errors import linear_parameters
+from highside.calibration.rolling_bias import RollingBias
+from highside.calibration.zone import Zone
 from highside.physics.gravity import gravity_direction
 
 RATE_HZ = 100.0
@@ -50,7 +51,7 @@ def measure(sessions: int) -> dict[int, tuple[float, float, float, float]]:
     squares: dict[int, list[tuple[float, float]]] = {n: [] for n in AVERAGED}
     for seed in range(sessions):
         rng = np.random.default_rng([seed, 12])
-        rebalancer = Rebalancer()
+        rebalancer = RollingBias()
         for k, row in enumerate(frames(rng, FRAMES).T.tolist()):
             rebalancer.add(k / RATE_HZ, *row)
         if rebalancer.offset is None:

@@ -20,8 +20,8 @@ from highside.physics import effects as library
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import gravity_direction
 from highside.physics.plan import Profile, RotationPlan, Session, Site
-from highside.physics.scenario import random_sensor
 from highside.physics.state import ChainState
+from studies.scenario import random_sensor
 
 Array = NDArray[np.float64]
 

@@ -27,13 +27,13 @@ from highside.arrays import Array
 from highside.attitude.block import attitude_std_block
 from highside.calibration.balance import balance
 from highside.calibration.conventional import DEFAULT_OFFSET_STD_G, conventional
-from highside.calibration.correction import LinearCorrection
 from highside.calibration.joint import joint
+from highside.calibration.linear_correction import LinearCorrection
+from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.poses import PoseSet
-from highside.calibration.result import BenchAccuracy
 from highside.calibration.schedule import ScheduledCorrection
 from highside.physics.forward import ForwardModel
-from highside.physics.scenario import reference_scenario
+from studies.scenario import reference_scenario
 
 PLACES_DEG = (0.2, 0.4, 0.612, 0.9, 1.0, 1.6, 2.0, 2.5, 4.0, 7.0, 10.0, 20.0, 25.0, 37.0, 50.0, 68.0, 82.0, 90.0, 100.0)
 """0.612 is the centre of a zone; 0.9, 1.6, 2.5, 4.0, 10, 25 and 37 lie in blends; 90 and 100 beyond balance zones."""

@@ -16,14 +16,14 @@ import sys
 import numpy as np
 
 from highside.bench.session import outcome, plans
-from highside.bench.session.plans import Criterion, Kind, Limits, Plan
-from highside.bench.session.snapshot import State
+from highside.bench.session.plans import Criterion, Limits, SessionKind, SessionPlan
+from highside.bench.session.snapshot import SessionState
 from tests.session.rehearsal import Rehearsal, random_sensor
 
 EIGHTHS = tuple(45.0 * k for k in range(8))
 LIMITS = Limits(std_error_g=4e-5, min_hold_s=1.0, max_hold_s=3.0, soak_s=15.0)
 HAND = Limits(std_error_g=4e-5, min_hold_s=1.5, max_hold_s=6.0, prior_offset_g=0.05, prior_matrix=0.05)
-PLANS: dict[str, Plan] = {
+PLANS: dict[str, SessionPlan] = {
     "balance at 30 deg": plans.balance_plan([30.0], LIMITS),
     "balance at 1.2, 10, 45 deg": plans.balance_plan([1.2, 10.0, 45.0], LIMITS),
     "conventional 3": plans.conventional_plan(3, LIMITS),
@@ -49,17 +49,17 @@ PLANS: dict[str, Plan] = {
 }
 
 
-def one(plan: Plan, seed: int) -> tuple[bool, bool, float, float]:
+def one(plan: SessionPlan, seed: int) -> tuple[bool, bool, float, float]:
     """Accepted, within, and the two errors in units of what is stated."""
     tilt = tuple(np.random.default_rng([seed, 3]).normal(0.0, 0.02, 2).tolist())
     options = {"tilt_deg": tilt, "settle_s": 0.5, "turn_rate_dps": 120.0, "oven_tau_s": 10.0}
     options |= {"offset_per_c": tuple(np.random.default_rng([seed, 4]).normal(0.0, 1e-5, 3).tolist())}
-    if plan.kind is Kind.TURNTABLE:
+    if plan.kind is SessionKind.TURNTABLE:
         options["encoder_deg"] = tuple(map(tuple, np.random.default_rng([seed, 6]).normal(0.0, 0.02, (3, 2)).tolist()))
     rehearsal = Rehearsal(
         plan, seed=seed, rate_hz=20.0, sensor=random_sensor(seed), gyros=False, bench_options=options
     ).run(limit_s=20_000.0, look_s=0.4)
-    if rehearsal.state is not State.ACCEPTED:
+    if rehearsal.state is not SessionState.ACCEPTED:
         return False, False, np.nan, np.nan
     record, solved = rehearsal.session.record, rehearsal.session.solved
     assert record is not None and solved is not None and solved.solution is not None

@@ -23,15 +23,10 @@ from highside.calibration.joint import joint
 from highside.calibration.poses import PoseSet
 from highside.calibration.refinement import refine
 from highside.physics.effect import Effect, LinearEffect, Parameter, Stage
-from highside.physics.scenario import (
-    BALANCE_TOOLFACES_DEG,
-    PUBLISHED_INCLINATIONS_DEG,
-    DirectionSine,
-    MultiSine,
-    reference_scenario,
-)
+from highside.physics.plan import BALANCE_TOOLFACES_DEG, PUBLISHED_INCLINATIONS_DEG
 from highside.physics.state import ChainState
 from highside.physics.structure import DIRECTION, OWN_LOAD
+from studies.scenario import DirectionSine, MultiSine, reference_scenario
 
 OTHER_DEG = (20.0, 52.0, 68.0, 82.0, 100.0)
 PLACES_DEG = (*sorted(PUBLISHED_INCLINATIONS_DEG), *OTHER_DEG)

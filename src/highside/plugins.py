@@ -6,7 +6,7 @@ A package names what it adds in its own metadata,
     witmotion = "rig_sensors.witmotion:CODEC"
 
 and every command finds it, with nothing edited here. A package that cannot be loaded must not stop those who do not
-use it: it is left out with one line that says why, and only what asks for it by name is refused.
+use it: it is omitted with one line that says why, and only what requests it by name is refused.
 """
 
 from __future__ import annotations
@@ -46,6 +46,6 @@ def plugins(group: str) -> tuple[Plugin, ...]:
         try:
             found.append(Plugin(point.name, source, point.load()))
         except (Exception, SystemExit) as error:
-            # it is another's code, run at import: whatever it raises is the reason why it is left out
+            # it is another's code, run at import: whatever it raises is the reason why it is omitted
             found.append(Plugin(point.name, source, None, f"{type(error).__name__}: {one_line(str(error))}"))
     return tuple(found)

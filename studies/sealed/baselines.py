@@ -21,9 +21,9 @@ from highside.config.model import Model
 from highside.diagnosis.core.candidates import Candidate
 from highside.diagnosis.core.held_out import pose_folds
 from highside.diagnosis.core.regression import outside, span
-from highside.diagnosis.poses.scene import PoseScene
+from highside.diagnosis.poses.problem import PoseProblem
 from highside.diagnosis.poses.session import pose_session
-from highside.diagnosis.rotation.scene import RotationScene
+from highside.diagnosis.rotation.problem import RotationProblem
 from highside.diagnosis.rows.session import rotation_session
 
 from . import deck
@@ -54,12 +54,12 @@ def _problem(case: deck.Case) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[
     free = tuple(knows.sensor.free)
     if case.design == "poses":
         session = pose_session(case.columns, accel, **place)
-        scene = PoseScene.of(session, knows.forward(), free, 1)
-        sigma = scene.noise.sigma[:, None]
+        problem = PoseProblem.of(session, knows.forward(), free, 1)
+        sigma = problem.noise.sigma[:, None]
         n = session.n
-        base, target = (scene.base / sigma).reshape(-1, 3 * n), (scene.residual / sigma).reshape(-1)
+        base, target = (problem.base / sigma).reshape(-1, 3 * n), (problem.residual / sigma).reshape(-1)
         owner, parts = [], []
-        for candidate, variant in _whole(scene.candidates):
+        for candidate, variant in _whole(problem.candidates):
             parts.append((variant / sigma).reshape(-1, 3 * n))
             owner += [candidate] * len(variant)
         every, folds = np.concatenate(parts), pose_folds(n, FOLDS)
@@ -68,23 +68,23 @@ def _problem(case: deck.Case) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[
         if "gx_dps" in case.columns:
             gyro = np.radians(np.stack([case.columns[f"g{axis}_dps"] for axis in "xyz"]))
         turning = rotation_session(case.columns, accel, gyro, **place)
-        scene_r = RotationScene.of(turning, knows.forward(), free, 1)
+        problem_r = RotationProblem.of(turning, knows.forward(), free, 1)
         channels = len(turning.channels)
-        functions = scene_r.design.functions(slice(0, turning.n), scene_r.residual)
-        level = scene_r.residual.std(axis=1)
+        functions = problem_r.design.functions(slice(0, turning.n), problem_r.residual)
+        level = problem_r.residual.std(axis=1)
 
         def made(numbers: np.ndarray) -> np.ndarray:
             out = np.zeros((numbers.size, channels, turning.n))
             for k, number in enumerate(numbers):
-                for c, place_of in enumerate(scene_r.design.where[number] if number >= 0 else ()):
+                for c, place_of in enumerate(problem_r.design.where[number] if number >= 0 else ()):
                     if place_of >= 0:
                         out[k, c] = functions[c][place_of] / level[c]
             return out.reshape(numbers.size, -1)
 
-        base = made(np.asarray(scene_r.design.base))
+        base = made(np.asarray(problem_r.design.base))
         target = np.concatenate([functions[c][-1] / level[c] for c in range(channels)])
         owner, parts = [], []
-        for candidate, numbers in _whole(scene_r.candidates):
+        for candidate, numbers in _whole(problem_r.candidates):
             parts.append(made(np.asarray(numbers, dtype=np.intp)))
             owner += [candidate] * len(numbers)
         every = np.concatenate(parts)

@@ -20,7 +20,7 @@ import numpy as np
 from highside.attitude import compiled
 from highside.calibration.balance import balance
 from highside.calibration.conventional import conventional
-from highside.calibration.correction import LinearCorrection
+from highside.calibration.linear_correction import LinearCorrection
 from highside.calibration.poses import PoseSet
 from highside.calibration.schedule import ScheduledCorrection
 from highside.physics.gravity import gravity_direction

@@ -14,8 +14,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from highside.codec import can_dbc, tool, tool_can, vn100
-from highside.codec.delimited import Column, DelimitedCodec, Layout
+from highside.codec.delimited import DelimitedCodec, DelimitedCodecConfig
 from highside.codec.frame import ByteCodec
+
+
+def layout_of(fields: dict[str, dict[str, float]], **settings: object) -> DelimitedCodecConfig:
+    return DelimitedCodecConfig.model_validate({"name": "delimited", "fields": fields} | settings)
+
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 READ_BYTES = 4096
@@ -52,14 +57,17 @@ def measurements() -> Iterator[tuple[str, float, int]]:
     yield "tool, all contents (46 bytes)", cpu_us(through(tool.ToolCodec, full)), 2003
     sensor = b"".join(vn100.encode(tuple(float(k) for k in range(29)), i * 10) for i in range(N // 4))
     yield "vn100 with time lines", cpu_us(through(vn100.Vn100Codec, sensor)), 800
-    layout = Layout({"ax_g": Column(1), "ay_g": Column(2), "az_g": Column(3)})
+    layout = layout_of({"ax_g": {"column": 1}, "ay_g": {"column": 2}, "az_g": {"column": 3}})
     lines = b"\n" + b"".join(b"%d,0.123456,-0.23456,0.98765\n" % i for i in range(N))
     yield "delimited, three numbers", cpu_us(through(lambda: DelimitedCodec(layout), lines)), 2880
     own = can_dbc.compile_dbc((ROOT / "config" / "highside.dbc").read_text())
     parts = [part for i in range(N // 4) for part in tool_can.encode(i, i * 1e-3, a, gyro_dps=w)]
     yield "dbc, the tool's own messages, per CAN frame", cpu_us(lambda: _can(tool_can.ToolCanCodec(own), parts)), 9009
     car = can_dbc.compile_dbc((ROOT / "config" / "comma2k19.dbc").read_text())
-    fields = {"gz_dps": can_dbc.Source("KINEMATICS", "YAW_RATE"), "ay_g": can_dbc.Source("KINEMATICS", "ACCEL_Y")}
+    fields = {
+        "gz_dps": can_dbc.SignalSource("KINEMATICS", "YAW_RATE"),
+        "ay_g": can_dbc.SignalSource("KINEMATICS", "ACCEL_Y"),
+    }
     mine = [part._replace(can_id=0x24) for part in parts]
     yield "dbc, two signals of a message", cpu_us(lambda: _can(can_dbc.SignalCodec(car, fields), mine)), 9009
     yield "dbc, messages of others", cpu_us(lambda: _can(can_dbc.SignalCodec(car, fields), parts)), 9009

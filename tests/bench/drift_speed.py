@@ -19,14 +19,14 @@ import numpy as np
 
 from highside.config.drift import DriftSettings
 from highside.gyro.compiled import kernels
-from highside.gyro.filter import KinematicFilter, Settings
+from highside.gyro.filter import ErrorStateFilter, FilterSettings
 from highside.gyro.frames import to_body
-from highside.gyro.kinematic import kinematic
+from highside.gyro.recording_filter import error_state_filter
 from highside.papers import drift_rivals
 from highside.papers.drift_scenarios import LATITUDE_RAD, drilling, record, rotating_table
 from highside.service.drift_stage import DriftStage
 
-SETTINGS = Settings(latitude_rad=LATITUDE_RAD, azimuth_rad=float(np.radians(60.0)))
+SETTINGS = FilterSettings(latitude_rad=LATITUDE_RAD, azimuth_rad=float(np.radians(60.0)))
 
 
 def seconds(run: Callable[[], object]) -> float:
@@ -46,7 +46,7 @@ def main() -> None:
     rates, readings = to_body(data.rate), to_body(data.accel)
 
     def ours() -> object:
-        return kinematic(experiment.t_s, data.rate, data.accel, SETTINGS, rest=experiment.rest)
+        return error_state_filter(experiment.t_s, data.rate, data.accel, SETTINGS, rest=experiment.rest)
 
     ours()
     methods: dict[str, Callable[[], object]] = {"kinematic, compiled": ours, "kinematic, numpy": ours}
@@ -56,7 +56,7 @@ def main() -> None:
     for _ in range(runs):
         for name, run in methods.items():
             if name.endswith("numpy"):
-                with mock.patch("highside.gyro.kinematic.kernels", return_value=None):
+                with mock.patch("highside.gyro.recording_filter.kernels", return_value=None):
                     spent[name].append(seconds(run))
             else:
                 spent[name].append(seconds(run))
@@ -70,7 +70,7 @@ def main() -> None:
     fast = rotating_table(30.0, 60.0, 1000.0)
     quick = record(fast, 0)
     samples = list(zip(fast.t_s.tolist(), to_body(quick.rate).T.tolist(), to_body(quick.accel).T.tolist(), strict=True))
-    engine = KinematicFilter(SETTINGS)
+    engine = ErrorStateFilter(SETTINGS)
 
     def online() -> None:
         for t, w, a in samples:

@@ -18,14 +18,14 @@ import numpy as np
 
 from highside.papers.reproduce_rotation import measure_times
 from highside.papers.rotation_scenarios import B, draw
-from highside.rotation import Method, OnlineFit
+from highside.rotation import CurveMethod, OnlineFit
 
 
 def measure(repeats: int) -> dict[str, Any]:
     """Least, median and 95 % of each, ratios, and microseconds of an online update."""
     one = draw(B, 0, 0)
     times = measure_times(one, quick=repeats, slow=max(2, repeats // 8))
-    first, second = times[Method.SINE].fit.min(), times[Method.HARMONICS2].evaluate.min()
+    first, second = times[CurveMethod.SINE].fit.min(), times[CurveMethod.HARMONICS2].evaluate.min()
     methods = {
         method.value: {
             "fit_ms": [round(1e3 * float(q), 3) for q in np.quantile(t.fit, [0, 0.5, 0.95])],

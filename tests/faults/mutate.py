@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import copy
 import gzip
-import json
 import random
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 NUMBER = re.compile(rb"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
@@ -116,40 +115,73 @@ def damaged_gzip(data: bytes, rng: random.Random) -> bytes:
     return damaged(gzip.compress(data, 1, mtime=0), rng)
 
 
-def damaged_document(document: Any, rng: random.Random) -> Any:
-    """A copy with one to three values replaced, taken away, doubled, or put under another name."""
-    out = json.loads(json.dumps(document))
-    for _ in range(rng.randrange(1, 4)):
-        places = list(_places(out))
-        if not places:
-            return copy.deepcopy(rng.choice(VALUES))
-        holder, key = rng.choice(places)
+Path = tuple[Any, ...]
+"""keys and indices from the top of a document to one of its values"""
+
+
+class Document:
+    """A document of which damaged versions are made. What they have in common is shared: only what holds a changed
+    value is copied, and where the values stand is found once."""
+
+    def __init__(self, sound: Any) -> None:
+        self._sound = sound
+        self._paths = list(_paths(sound))
+
+    def damaged(self, rng: random.Random) -> Any:
+        """One to three values replaced, taken away, doubled, or put under another name; to be read, not changed."""
+        out = self._sound
+        for _ in range(rng.randrange(1, 4)):
+            out = self._damaged_once(out, rng)
+        return out
+
+    def _damaged_once(self, document: Any, rng: random.Random) -> Any:
+        path = next((path for path in (rng.choice(self._paths) for _ in range(8)) if _there(document, path)), None)
+        if path is None:
+            return rng.choice(VALUES)
+        out, holder = _copied(document, path)
+        key = path[-1]
         act = rng.randrange(5)
         if act == 0:
             del holder[key]
         elif act == 1 and isinstance(holder, list):
-            holder.insert(key, json.loads(json.dumps(holder[key])))
+            holder.insert(key, holder[key])
         elif act == 1:
             holder[rng.choice(("x", "", "\ud800", str(key) + "_"))] = holder.pop(key)
         elif act == 2:
-            other, name = rng.choice(places)
-            holder[key] = json.loads(json.dumps(other[name])) if _there(other, name) else None
+            other = rng.choice(self._paths)
+            # of the sound one: a value can never be put into itself
+            holder[key] = _at(self._sound, other)
         else:
-            # a copy: a value that stands in two places could be put into itself
-            holder[key] = copy.deepcopy(rng.choice(VALUES))
-    return out
+            holder[key] = rng.choice(VALUES)
+        return out
 
 
-def _there(holder: Any, key: Any) -> bool:
-    return key < len(holder) if isinstance(holder, list) else key in holder
+def _paths(value: Any, above: Path = ()) -> Iterator[Path]:
+    keys = list(value) if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ()
+    for key in keys:
+        yield (*above, key)
+        yield from _paths(value[key], (*above, key))
 
 
-def _places(value: Any, most: int = 3000) -> list[tuple[Any, Any]]:
-    found: list[tuple[Any, Any]] = []
-    waiting = [value]
-    while waiting and len(found) < most:
-        one = waiting.pop()
-        keys = list(one) if isinstance(one, dict) else list(range(len(one))) if isinstance(one, list) else []
-        found += [(one, key) for key in keys]
-        waiting += [one[key] for key in keys if isinstance(one[key], dict | list)]
-    return found
+def _at(document: Any, path: Path) -> Any:
+    for key in path:
+        document = document[key]
+    return document
+
+
+def _there(document: Any, path: Path) -> bool:
+    for key in path:
+        in_list = isinstance(document, list) and isinstance(key, int) and key < len(document)
+        if not in_list and not (isinstance(document, dict) and key in document):
+            return False
+        document = document[key]
+    return True
+
+
+def _copied(document: Any, path: Path) -> tuple[Any, Any]:
+    """The document with copies of all that is on the way to a value, and the copy that holds it."""
+    out = holder = copy.copy(document)
+    for key in path[:-1]:
+        holder[key] = copy.copy(holder[key])
+        holder = holder[key]
+    return out, holder

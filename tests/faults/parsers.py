@@ -18,13 +18,13 @@ from pathlib import Path
 from typing import Any
 
 import seeds
-from mutate import damaged, damaged_document, damaged_gzip
+from mutate import Document, damaged, damaged_gzip
 
 from highside.bench.mqtt import FAILED, SessionMqtt
 from highside.bench.session.commands import Origin
 from highside.bench.session.driver import SessionDriver
 from highside.bench.session.journal import read_journal
-from highside.bench.session.snapshot import Command, Reply, State
+from highside.bench.session.snapshot import Command, Reply, SessionState
 from highside.calibration.record import correction_from_record
 from highside.codec.can_dbc import compile_dbc
 from highside.config.bench import load_bench
@@ -66,7 +66,8 @@ def of(*inputs: bytes, damage: Callable[[bytes, random.Random], bytes] = damaged
 
 def of_document(document: Any, write: Callable[[Any], bytes]) -> Make:
     """Damage by the structure of a document, written again as its owner would write it."""
-    return lambda rng: write(damaged_document(document, rng))
+    made = Document(document)
+    return lambda rng: write(made.damaged(rng))
 
 
 def _signed_again(document: Any) -> bytes:
@@ -233,11 +234,13 @@ class _Driver(SessionDriver):
         return _Now()
 
     async def command(self, command: Command, origin: Origin = Origin.HERE) -> Reply:
-        return Reply(request_id=command.request_id, accepted=True, text=command.operator, state=State.IDLE, seq=1)
+        return Reply(
+            request_id=command.request_id, accepted=True, text=command.operator, state=SessionState.IDLE, seq=1
+        )
 
 
 class _Now:
-    state, seq = State.IDLE, 1
+    state, seq = SessionState.IDLE, 1
 
 
 def _at_once(work: Coroutine[Any, Any, Any]) -> Any:

@@ -39,6 +39,9 @@ class Row:
     held: bool = False
     command: str = ""
     seconds: float = 0.0
+    complete: bool = True
+    """whether all that is asked was run; if not, the next run goes on with it"""
+    date: str = ""
 
     def markdown(self) -> str:
         held = "yes" if self.held else "**no**"
@@ -253,6 +256,10 @@ def books(checks: Checks, health: dict[str, Any], tool: Tool) -> None:
     }
     for name, (told, sent) in pairs.items():
         checks.ask(told == sent, f"{name}: the daemon says {told}, the tool {sent}")
+    checks.ask(
+        not tool.wire.unheard,
+        f"{tool.wire.unheard} bytes were sent while nobody had the port open, by the tool's books",
+    )
     checks.ask(all(health["balance"].values()), f"balance {health['balance']}")
     checks.ask(health["recorder"]["balanced"], f"recorder {health['recorder']}")
     checks.say(

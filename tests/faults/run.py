@@ -3,6 +3,7 @@
     python tests/faults/run.py                               all, at their numbers; the table goes into docs/faults.md
     python tests/faults/run.py --scenario 4 --number 1000    one of them
     python tests/faults/run.py --short                       small numbers
+    python tests/faults/run.py --keep DIR                    what held stays in DIR: called again it goes on from there
 
 Scenarios that need the whole daemon are in scenarios.py and storm.py; for the others the tests of the project are run,
 with the number in the environment where there is one. Some run beside one another where they do not disturb each other:
@@ -20,7 +21,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).resolve().parent)]
@@ -66,7 +67,8 @@ class Tests:
     long: int = 0
     short: int = 0
     lane: int = 1
-    extra: dict[str, str] = field(default_factory=dict)
+    rounds: int = 1
+    """the number is divided among as many runs, one after the other: what a guest cannot do in its time at once"""
 
     def run(self, number: int | None, *, short: bool) -> Row:
         chosen = number if number is not None else (self.short if short else self.long)
@@ -80,7 +82,7 @@ class Tests:
             [*command, *self.nodes.split()], cwd=ROOT, env=env, capture_output=True, text=True, check=False
         )
         lines = [line.strip(" .") for line in done.stdout.splitlines() if line.strip(" .=")]
-        told = [line for line in lines if self._is_figure(line)][-3:]
+        told = [line for line in lines[:-1] if self._is_figure(line)][-3:]
         summary = lines[-1].strip("= ") if lines else "no output"
         measured = "; ".join([*told, summary]).replace("|", "/")
         run = f"{chosen:,}" if self.variable else "as asked"
@@ -89,15 +91,22 @@ class Tests:
     @staticmethod
     def _is_figure(line: str) -> bool:
         """What a test printed of itself, and not what pytest says."""
-        return any(c.isdigit() for c in line) and " " in line and not line.startswith(("tests/", "SKIPPED", "FAILED"))
+        return (
+            any(c.isdigit() for c in line) and " " in line and not line.startswith(("/", "tests/", "SKIPPED", "FAILED"))
+        )
+
+
+KEEP = "HIGHSIDE_FAULTS_KEEP"
+"""variable of the environment: the folder of `--keep`, for what keeps books of its own there"""
 
 
 def fuzz(number: int, _folder: Path, *, strict: bool) -> Row:
     """26: damaged inputs for every parser."""
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "tests" / "faults" / "fuzz.py"), "--inputs", str(number), "--seconds",
-         "120" if strict else "1"], capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    command = [sys.executable, str(ROOT / "tests" / "faults" / "fuzz.py"), "--inputs", str(number)]
+    command += ["--seconds", "120" if strict else "1"]
+    if keep := os.environ.get(KEEP):
+        command += ["--counts", str(Path(keep) / "fuzz")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     rows = [line.split("|")[1:-1] for line in done.stdout.splitlines()[2:] if line.startswith("|")]
     counts = [int(cells[1].replace(",", "")) for cells in rows]
     escaped = sum(int(cells[4].replace(",", "")) for cells in rows)
@@ -106,6 +115,7 @@ def fuzz(number: int, _folder: Path, *, strict: bool) -> Row:
     row.run = f"{sum(counts):,} in all; {full} of {len(counts)} parsers at {number:,}, the least {min(counts):,}"
     row.measured = f"{escaped} escaped; stopped after 120 s a parser" if strict else f"{escaped} escaped"
     row.held = done.returncode == 0 and bool(rows)
+    row.complete = full == len(counts)
     return row
 
 
@@ -121,7 +131,7 @@ ALL: tuple[Live | Tests, ...] = (
           f"{INTEGRATION}/test_link_serial.py {INTEGRATION}/test_places.py"),
     Tests("7, 16", "CAN down and up; I/O errors, read-only on the daemon", "1,000 times; alarm <= 5 s",
           "tests/guest/test_guests.py -k can_suite", "HIGHSIDE_CAN_CYCLES",
-          1000, 20, lane=2),
+          1000, 20, lane=2, rounds=5),
     Tests("8, 9", "loss, gaps, wraps counted exactly", "exact",
           "tests/unit/test_monitor.py tests/unit/test_codec_tool.py"),
     Live("11", scenarios.broker_away, 600, 6, lane=1),
@@ -161,22 +171,65 @@ def one(job: Live | Tests, number: int | None, *, short: bool) -> Row:
         name = job.name if isinstance(job, Tests) else job.function.__name__
         said = " ".join(str(error).split())[:300].replace("|", "/")
         row = Row(job.key, name, asked, "not finished", f"{type(error).__name__}: {said}")
-    row.seconds = time.monotonic() - begun
+    row.seconds, row.date = time.monotonic() - begun, time.strftime("%Y-%m-%d")
     return row
 
 
-def all_of(jobs: list[Live | Tests], number: int | None, *, short: bool) -> list[Row]:
+class Kept:
+    """Rows that held, each in a file of a folder, so that a run that was interrupted goes on; without one, none."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = folder
+
+    def row(self, name: str, run: Callable[[], Row]) -> Row:
+        """That of an earlier run, or this one's."""
+        place = None if self._folder is None else self._folder / f"{name}.json"
+        if place is not None and place.exists():
+            return Row(**json.loads(place.read_text()))
+        row = run()
+        if place is not None and row.held and row.complete:
+            beside = place.with_suffix(".new")
+            beside.write_text(row.json())
+            beside.replace(place)
+        return row
+
+
+def together(rounds: list[Row], asked: str) -> Row:
+    """One row of several runs of the same: it held if each did."""
+    first = rounds[0]
+    if len(rounds) == 1:
+        return first
+    return replace(
+        first,
+        run=f"{asked} in {len(rounds)} runs",
+        measured="; ".join(f"run {number}: {row.measured}" for number, row in enumerate(rounds, 1)),
+        held=all(row.held for row in rounds),
+        seconds=sum(row.seconds for row in rounds),
+        date=rounds[-1].date,
+    )
+
+
+def all_of(jobs: list[Live | Tests], number: int | None, *, short: bool, kept: Kept) -> list[Row]:
     """The lanes beside each other, in processes of their own; lane 2, which computes, when the others are done."""
     rows: dict[int, Row] = {}
+
+    def in_a_process(job: Live | Tests, count: int) -> Row:
+        command = [sys.executable, __file__, "--index", str(ALL.index(job)), "--json", "--number", str(count)]
+        done = subprocess.run(command + ["--short"] * short, capture_output=True, text=True, check=False)
+        return Row(**json.loads(done.stdout.splitlines()[-1]))
 
     def lane(which: int) -> None:
         for place, job in enumerate(jobs):
             if job.lane != which:
                 continue
-            command = [sys.executable, __file__, "--index", str(ALL.index(job)), "--json"]
-            command += ["--short"] * short + ([] if number is None else ["--number", str(number)])
-            done = subprocess.run(command, capture_output=True, text=True, check=False)
-            rows[place] = Row(**json.loads(done.stdout.splitlines()[-1]))
+            count = number if number is not None else (job.short if short else job.long)
+            parts = job.rounds if isinstance(job, Tests) and count > 1 and not short else 1
+            name = f"{ALL.index(job):02}-{count}"
+            done = [
+                kept.row(f"{name}-{part}", lambda job=job, each=-(-count // parts): in_a_process(job, each))  # type: ignore[misc]
+                for part in range(parts)
+            ]
+            rows[place] = together(done, f"{count:,}")
             print(rows[place].markdown(), flush=True)
 
     print(HEAD, flush=True)
@@ -196,11 +249,10 @@ def write(rows: list[Row]) -> None:
     old, after = rest.split(END)
     lines = {tuple(line.split(" | ")[:2]): line for line in old.splitlines() if line.startswith("| ")}
     lines.pop(tuple(HEAD.splitlines()[0].split(" | ")[:2]), None)
-    date = time.strftime("%Y-%m-%d")
     for row in rows:
         line = row.markdown()
         cells = line.split(" | ")
-        cells[3] = f"{cells[3]} ({date})"
+        cells[3] = f"{cells[3]} ({row.date or time.strftime('%Y-%m-%d')})"
         lines[tuple(cells[:2])] = " | ".join(cells)
     order = {job.key: place for place, job in reversed(list(enumerate(ALL)))}
     body = sorted(lines.values(), key=lambda line: order.get(line.split(" | ")[0].strip("| "), 99))
@@ -213,6 +265,7 @@ def main() -> int:
     arguments.add_argument("--number", type=int, help="how often, how many or how long, instead of its own number")
     arguments.add_argument("--short", action="store_true", help="small numbers, bounds for a busy machine")
     arguments.add_argument("--write", action="store_true", help=f"put the rows into {TABLE.relative_to(ROOT)}")
+    arguments.add_argument("--keep", type=Path, help="folder of what has held: called again, it goes on from there")
     arguments.add_argument("--index", type=int, help=argparse.SUPPRESS)
     arguments.add_argument("--json", action="store_true", help=argparse.SUPPRESS)
     asked = arguments.parse_args()
@@ -224,7 +277,13 @@ def main() -> int:
         arguments.error(f"no scenario {', '.join(sorted(unknown))}; there are: {', '.join(job.key for job in ALL)}")
     if asked.number is not None and asked.number < 1:
         arguments.error("--number is at least 1")
-    rows = all_of(jobs, asked.number, short=asked.short)
+    if asked.keep is not None:
+        try:
+            asked.keep.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            arguments.error(f"--keep {asked.keep}: cannot be made a folder ({error.strerror}); name another place")
+        os.environ[KEEP] = str(asked.keep.resolve())
+    rows = all_of(jobs, asked.number, short=asked.short, kept=Kept(asked.keep))
     if asked.write:
         write(rows)
     return 0 if all(row.held for row in rows) else 1

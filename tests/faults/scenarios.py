@@ -22,9 +22,9 @@ from daemon import Subscriber, running, wait_for  # isort: skip
 
 from highside.service.messages import attitude_payload
 from highside.service.outbox import Outbox
-from highside.service.outputs import Attitude
+from highside.service.outputs import AttitudeOutput
 
-STILL = Attitude(
+STILL = AttitudeOutput(
     0.0, 0.0, 12.5, 0.01, 271.5, 0.2, 271.5, 0.0, 1.0001, 1e-4, "identity", "", ("uncalibrated",), 10, 0.1, 25.0
 )
 SEEN_S, BACK_S, AWAY_CPU = 0.05, 1.0, 0.02

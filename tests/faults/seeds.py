@@ -27,7 +27,7 @@ from highside.physics.gravity import gravity_direction  # noqa: E402
 from highside.recording.candump import format_candump  # noqa: E402
 from highside.recording.table import PoseTable, Recording  # noqa: E402
 from highside.recording.wire import encode_header, encode_record  # noqa: E402
-from highside.rotation import Compensation, FitOptions, Method, Samples, Validity, fit  # noqa: E402
+from highside.rotation import Compensation, CurveMethod, FitOptions, Samples, Validity, fit  # noqa: E402
 from highside.service.drift_stage import DriftStage  # noqa: E402
 from highside.service.saved_drift import DriftFile, Stamp  # noqa: E402
 
@@ -139,9 +139,9 @@ def compensation() -> bytes:
     error = 20.0 * np.sin(theta) + 0.1 * np.random.default_rng(1).standard_normal(180)
     samples = Samples.build(theta, error, 0.1 * (1.0 + np.floor(theta / 1.6)))
     curves = {
-        "inclination": fit(samples, Method.HARMONICS2, FitOptions(), held_out=False),
-        "toolface": fit(samples, Method.POLYNOMIAL9, FitOptions(rate_terms=1), held_out=False),
-        "heading": fit(samples, Method.NETWORK, FitOptions(), held_out=False),
+        "inclination": fit(samples, CurveMethod.HARMONICS2, FitOptions(), held_out=False),
+        "toolface": fit(samples, CurveMethod.POLYNOMIAL9, FitOptions(rate_terms=1), held_out=False),
+        "heading": fit(samples, CurveMethod.NETWORK, FitOptions(), held_out=False),
     }
     return Compensation(curves, Validity(40.0), "turns.csv", "0" * 64).to_json().encode()
 
@@ -226,7 +226,7 @@ def candump() -> bytes:
 
 def signed_again(content: dict[str, Any]) -> bytes:
     """A document whose id is the hash of what it says now: as whoever tampers with it would do."""
-    content.pop("id", None)
+    content = {name: value for name, value in content.items() if name != "id"}
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return json.dumps({"id": hashlib.sha256(text.encode()).hexdigest(), **content}).encode()
 

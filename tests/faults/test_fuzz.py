@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Iterator
+from pathlib import Path
 
 import fuzz
 import pytest
@@ -41,6 +43,24 @@ def test_what_is_sound_is_accepted_and_nothing_escapes_from_what_is_not(parsers:
     assert not tally.escaped, (dict(tally.escaped), {what: data[:300] for what, data in tally.examples.items()})
     # the damage is neither harmless nor nothing but noise
     assert tally.refused
+
+
+def test_books_that_are_kept_are_gone_on_with(tmp_path: Path) -> None:
+    """In two runs the same inputs as in one, none twice; an escape of the first is still told after the second."""
+    seen: list[bytes] = []
+
+    def parse(data: bytes) -> bool:
+        seen.append(data)
+        if len(seen) == 3:
+            raise KeyError("x")
+        return data[0] < 128
+
+    parser = Parser("made", lambda rng: rng.randbytes(4), parse, ())
+    fuzz.at_most(parser, 70, 5, 60.0, fuzz.Counts(tmp_path, 5))
+    tally = fuzz.at_most(parser, 200, 5, 60.0, fuzz.Counts(tmp_path, 5))
+    assert (tally.inputs, tally.escaped.total(), tally.balanced()) == (200, 1, True)
+    assert seen == [random.Random(f"5 made {number}").randbytes(4) for number in range(200)]
+    assert fuzz.at_most(parser, 200, 5, 60.0, fuzz.Counts(tmp_path, 5)).inputs == len(seen) == 200
 
 
 def test_an_exception_a_long_line_and_a_long_time_are_escapes(monkeypatch: pytest.MonkeyPatch) -> None:

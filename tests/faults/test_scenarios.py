@@ -12,7 +12,7 @@ import storm
 from broker import require_mosquitto
 from rig import Row
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(280)]
+pytestmark = [pytest.mark.slow, pytest.mark.timing, pytest.mark.timeout(280)]
 
 
 @pytest.mark.parametrize(
@@ -58,8 +58,41 @@ def test_a_row_that_was_measured_replaces_the_one_before(tmp_path: Path, monkeyp
     assert (lines[0], lines[-1]) == ("above", "below")
 
 
-def test_what_is_asked_wrongly_is_one_line(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    for arguments, says in ((["--scenario", "99"], "no scenario 99"), (["--number", "0"], "at least 1")):
+def test_a_run_that_was_interrupted_goes_on_with_what_did_not_hold(tmp_path: Path) -> None:
+    made: list[str] = []
+    (tmp_path / "kept").mkdir()
+
+    def row(name: str, held: bool, complete: bool = True) -> Row:
+        made.append(name)
+        return Row("4", name, "1", "1", "quick", held, complete=complete)
+
+    for _ in range(2):
+        kept = run.Kept(tmp_path / "kept")
+        assert kept.row("a", lambda: row("held", True)).name == "held"
+        kept.row("b", lambda: row("failed", False))
+        kept.row("c", lambda: row("in part", True, complete=False))
+    assert made == ["held", "failed", "in part", "failed", "in part"]
+
+
+def test_a_number_is_divided_among_runs_and_one_that_fails_is_a_failure() -> None:
+    good, bad = (
+        Row("7", "CAN", "1,000", "200", "2 passed", True, seconds=9.0),
+        Row("7", "CAN", "1,000", "200", "", False),
+    )
+    whole = run.together([good] * 5, "1,000")
+    assert (whole.held, whole.run, whole.seconds) == (True, "1,000 in 5 runs", 45.0)
+    assert not run.together([good, bad], "400").held
+
+
+def test_what_is_asked_wrongly_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("")
+    for arguments, says in (
+        (["--scenario", "99"], "no scenario 99"),
+        (["--number", "0"], "at least 1"),
+        (["--keep", str(tmp_path / "file")], "name another place"),
+    ):
         monkeypatch.setattr("sys.argv", ["run.py", *arguments])
         with pytest.raises(SystemExit) as left:
             run.main()

@@ -12,7 +12,8 @@ import pytest
 from highside.config.recorder import RecorderSettings
 from highside.link.base import Chunk
 from highside.recording.wire import read_segments
-from highside.service.recorder import DropReason, Recorder, RecorderState
+from highside.service.recorder import Recorder
+from highside.service.recorder_stats import DropReason, RecorderState
 
 
 @pytest.fixture

@@ -115,7 +115,7 @@ async def until(condition: Callable[[], bool], what: str, timeout_s: float = 10.
 
 @pytest.fixture
 def sender(vcan: str) -> Iterator[socket.socket]:
-    raw = open_socket(SocketCanSettings(vcan))
+    raw = open_socket(SocketCanSettings(interface=vcan))
     raw.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, b"")
     yield raw
     raw.close()
@@ -135,7 +135,7 @@ async def test_frames_of_every_kind_arrive_as_they_were_sent(vcan: str) -> None:
         CanFrame(0.0, 0.0, 0x125, bytes(range(64)), fd=True),
     ]
     memory = Memory()
-    async with supervised(memory, SocketCanSettings(vcan, fd=True)) as supervisor:
+    async with supervised(memory, SocketCanSettings(interface=vcan, fd=True)) as supervisor:
         await until(lambda: supervisor.stats.opens == 1, "open")
         wire = CanWire(vcan)
         wire.plug()
@@ -149,7 +149,7 @@ async def test_frames_carry_the_kernels_time_of_reception_not_the_time_of_readin
     vcan: str, sender: socket.socket
 ) -> None:
     memory = Memory()
-    async with supervised(memory, SocketCanSettings(vcan)) as supervisor:
+    async with supervised(memory, SocketCanSettings(interface=vcan)) as supervisor:
         await until(lambda: supervisor.stats.opens == 1, "open")
         stamps = []
         for n in range(5):
@@ -164,7 +164,7 @@ async def test_frames_carry_the_kernels_time_of_reception_not_the_time_of_readin
 
 async def test_the_filter_lets_only_the_wanted_identifiers_through(vcan: str, sender: socket.socket) -> None:
     memory = Memory()
-    async with supervised(memory, SocketCanSettings(vcan, can_ids=(0x123, 0x18FF50E5))) as supervisor:
+    async with supervised(memory, SocketCanSettings(interface=vcan, can_ids=(0x123, 0x18FF50E5))) as supervisor:
         await until(lambda: supervisor.stats.opens == 1, "open")
         wanted = [CanFrame(0, 0, 0x123, b"a"), CanFrame(0, 0, 0x18FF50E5, b"b", extended=True)]
         others = [CanFrame(0, 0, 0x124, b"c"), CanFrame(0, 0, 0x123, b"d", extended=True)]
@@ -178,7 +178,7 @@ async def test_the_filter_lets_only_the_wanted_identifiers_through(vcan: str, se
 async def test_down_and_up_again_is_reported_and_recovered(vcan: str) -> None:
     memory = Memory()
     detected, back = [], []
-    async with supervised(memory, SocketCanSettings(vcan)) as supervisor:
+    async with supervised(memory, SocketCanSettings(interface=vcan)) as supervisor:
         await until(lambda: supervisor.stats.opens == 1, "open")
         descriptors = open_descriptors()
         for cycle in range(CYCLES):
@@ -204,7 +204,7 @@ async def test_down_and_up_again_is_reported_and_recovered(vcan: str) -> None:
 
 async def test_an_interface_that_goes_down_without_traffic_is_noticed_by_the_health_check(vcan: str) -> None:
     """The kernel's one error is taken away first, as another reader of the socket would."""
-    transport = SocketCanTransport(SocketCanSettings(vcan, health_s=0.1))
+    transport = SocketCanTransport(SocketCanSettings(interface=vcan), health_s=0.1)
     await transport.open(lambda batch: None)
     assert transport._socket is not None
     asyncio.get_running_loop().remove_reader(transport._socket.fileno())
@@ -216,7 +216,7 @@ async def test_an_interface_that_goes_down_without_traffic_is_noticed_by_the_hea
 
 async def test_a_deleted_and_re_created_interface_gets_a_new_socket(vcan: str) -> None:
     memory = Memory()
-    async with supervised(memory, SocketCanSettings(vcan)) as supervisor:
+    async with supervised(memory, SocketCanSettings(interface=vcan)) as supervisor:
         await until(lambda: supervisor.stats.opens == 1, "open")
         for cycle in range(3):
             ip("del", vcan)
@@ -233,7 +233,7 @@ async def test_a_deleted_and_re_created_interface_gets_a_new_socket(vcan: str) -
 
 
 async def test_an_interface_replaced_between_two_looks_is_noticed_by_its_index(vcan: str) -> None:
-    transport = SocketCanTransport(SocketCanSettings(vcan, health_s=0.3))
+    transport = SocketCanTransport(SocketCanSettings(interface=vcan), health_s=0.3)
     await transport.open(lambda batch: None)
     assert transport._socket is not None
     asyncio.get_running_loop().remove_reader(transport._socket.fileno())
@@ -248,7 +248,7 @@ async def test_an_interface_replaced_between_two_looks_is_noticed_by_its_index(v
 async def test_absent_and_down_interfaces_are_refused_by_name_and_opened_when_they_come_up(vcan: str) -> None:
     ip("set", vcan, "down")
     memory = Memory()
-    async with supervised(memory, SocketCanSettings(vcan)) as supervisor:
+    async with supervised(memory, SocketCanSettings(interface=vcan)) as supervisor:
         await until(lambda: memory.last == (LinkState.DOWN, LinkReason.INTERFACE_DOWN), "down is seen at open")
         ip("del", vcan)
         await until(lambda: memory.last == (LinkState.DOWN, LinkReason.INTERFACE_GONE), "absent")
@@ -256,7 +256,7 @@ async def test_absent_and_down_interfaces_are_refused_by_name_and_opened_when_th
         ip("set", vcan, "up")
         await until(lambda: supervisor.stats.opens == 1, "opened")
     with pytest.raises(LinkError, match="vcan99") as refused:
-        open_socket(SocketCanSettings("vcan99"))
+        open_socket(SocketCanSettings(interface="vcan99"))
     assert refused.value.reason is LinkReason.INTERFACE_GONE
 
 
@@ -264,7 +264,7 @@ async def test_what_the_kernel_throws_away_is_counted_exactly(vcan: str, sender:
     """A small receive buffer and a loop that stalls: received + dropped = sent."""
     count = 3000
     memory = Memory()
-    async with supervised(memory, SocketCanSettings(vcan, receive_buffer_bytes=8192)) as supervisor:
+    async with supervised(memory, SocketCanSettings(interface=vcan, receive_buffer_bytes=8192)) as supervisor:
         await until(lambda: supervisor.stats.opens == 1, "open")
         for n in range(count):
             sender.send(pack(numbered(n)))
@@ -279,7 +279,7 @@ async def test_what_the_kernel_throws_away_is_counted_exactly(vcan: str, sender:
 
 async def test_with_the_enlarged_buffer_a_stall_of_200_ms_loses_nothing(vcan: str, sender: socket.socket) -> None:
     memory = Memory()
-    async with supervised(memory, SocketCanSettings(vcan)) as supervisor:
+    async with supervised(memory, SocketCanSettings(interface=vcan)) as supervisor:
         await until(lambda: supervisor.stats.opens == 1, "open")
         for n in range(5000):  # what a full bus brings in half a second; nothing is read meanwhile
             sender.send(pack(numbered(n)))
@@ -290,7 +290,7 @@ async def test_with_the_enlarged_buffer_a_stall_of_200_ms_loses_nothing(vcan: st
 
 
 def test_the_buffer_is_forced_beyond_the_limit_for_users(vcan: str) -> None:
-    with open_socket(SocketCanSettings(vcan)) as raw:
+    with open_socket(SocketCanSettings(interface=vcan)) as raw:
         assert enlarge_receive_buffer(raw, 4 * 1024 * 1024) >= 4 * 1024 * 1024
 
 
@@ -298,7 +298,7 @@ async def test_a_full_transmit_queue_delays_frames_and_loses_none(vcan: str) -> 
     """vcan itself has no queue; a token bucket in front of it refuses with ENOBUFS as a slow bus does."""
     run("tc", "qdisc", "add", "dev", vcan, "root", "tbf", "rate", "64kbit", "burst", "160", "limit", "320")
     memory = Memory()
-    async with supervised(memory, SocketCanSettings(vcan)) as supervisor:
+    async with supervised(memory, SocketCanSettings(interface=vcan)) as supervisor:
         await until(lambda: supervisor.stats.opens == 1, "open")
         wire = CanWire(vcan)
         wire.plug()
@@ -328,7 +328,7 @@ def test_sending_on_an_interface_that_is_down_or_gone_says_so(vcan: str, sender:
 async def test_error_frames_are_asked_for_and_bus_off_closes_the_link(vcan: str, sender: socket.socket) -> None:
     """vcan makes none by itself; a raw socket may send them, as drivers do."""
     memory = Memory()
-    async with supervised(memory, SocketCanSettings(vcan)) as supervisor:
+    async with supervised(memory, SocketCanSettings(interface=vcan)) as supervisor:
         await until(lambda: supervisor.stats.opens == 1, "open")
         warning = struct.pack("=IB3x8s", 0x20000004, 8, bytes([0, 8]) + bytes(6))
         sender.send(warning)
@@ -345,7 +345,7 @@ async def test_the_simulated_tool_on_a_bus_is_decoded_completely_and_detected(vc
     assert isinstance(codec, ToolCanCodec)
     device = SimulatedDevice(DeviceSettings(rate_hz=100.0), CanWire(vcan), encode_can)
     memory = Memory()
-    async with supervised(memory, SocketCanSettings(vcan)) as supervisor:
+    async with supervised(memory, SocketCanSettings(interface=vcan)) as supervisor:
         await until(lambda: supervisor.stats.opens == 1, "open")
         device.start()
         finding = await asyncio.to_thread(probe_can, vcan, [codec_from_name("dbc")], 0.7)
@@ -365,7 +365,7 @@ async def test_a_candump_recording_is_replayed_into_the_bus_at_its_own_pace(vcan
     path = tmp_path / "bus.log"
     path.write_text("".join(format_candump(frame, "can0") for frame in recorded))
     memory = Memory()
-    async with supervised(memory, SocketCanSettings(vcan)) as supervisor:
+    async with supervised(memory, SocketCanSettings(interface=vcan)) as supervisor:
         await until(lambda: supervisor.stats.opens == 1, "open")
         wire = CanWire(vcan)
         wire.plug()

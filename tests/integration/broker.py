@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import os
+import secrets
 import shutil
 import signal
 import socket
@@ -30,11 +31,18 @@ def require_mosquitto() -> str:
     return MOSQUITTO
 
 
+PORTS = range(12_000, 30_000)
+"""Below those that the kernel gives to outgoing connections (`ip_local_port_range`, from 32768 on): between the moment
+that a port is found free and its use, a connection of another test must not get it."""
+
+
 def free_port() -> int:
     """A TCP port of the loopback that nobody uses at the moment."""
-    with socket.socket() as sock:
-        sock.bind(("127.0.0.1", 0))
-        return int(sock.getsockname()[1])
+    while True:
+        port = secrets.choice(PORTS)
+        with socket.socket() as sock, contextlib.suppress(OSError):
+            sock.bind(("127.0.0.1", port))
+            return port
 
 
 def shipped_config(project_root: Path, folder: Path, port: int, passwords: dict[str, str]) -> Path:

@@ -14,7 +14,7 @@ from pydantic import SecretStr
 
 from highside.bench.session.reasons import Fault, Rejection
 from highside.bench.session.snapshot import (
-    Attitude,
+    AttitudeState,
     Capture,
     ClosureState,
     Command,
@@ -27,11 +27,11 @@ from highside.bench.session.snapshot import (
     PoseState,
     Reply,
     ResultState,
+    SessionState,
     Snapshot,
-    State,
-    Stillness,
+    StillnessState,
     Target,
-    Uncertainty,
+    UncertaintyState,
     VerdictRow,
     VerdictState,
 )
@@ -39,7 +39,7 @@ from highside.config.web import WebTable
 
 RECORD, BEFORE = "3fa9" * 16, "77c1" * 16
 MEASURING = [CommandName.REDO, CommandName.SKIP, CommandName.UNDO, CommandName.PAUSE, CommandName.ABORT]
-U = Uncertainty(
+U = UncertaintyState(
     inc_deg=[1.0, 5.0, 15.0, 30.0, 60.0, 90.0], inc_std_deg=[0.0016, 0.0015, 0.0013, 0.0011, 0.0009, 0.0008],
     tf_std_deg=[0.09, 0.018, 0.006, 0.003, 0.0017, 0.0015], rms_inc_std_deg=0.0011, rms_tf_std_deg=0.0021,
 )  # fmt: skip
@@ -61,16 +61,16 @@ def rows(done: int, **other: PoseRow) -> list[PoseRow]:
     return [other.get(f"pose_{r.pose}", r) for r in made]
 
 
-def shown(name: str, state: State, prompt: str, done: int, **more: object) -> Snapshot:
+def shown(name: str, state: SessionState, prompt: str, done: int, **more: object) -> Snapshot:
     """Where the tool is on its way to the next pose, unless `more` says otherwise."""
     asked = row(min(done + 1, 12))
     base = Snapshot(
         seq=1, session=name, tool="tool-7", serial="0042", state=state, prompt=prompt,
         plan=PlanState(kind="joint", title="joint, 12 poses", method="joint", poses=12, done=done, skipped=0),
         target=Target(pose=asked.pose, inc_deg=asked.inc_deg or 0.0, tf_deg=asked.tf_deg or 0.0),
-        attitude=Attitude(inc_deg=41.37, tf_deg=118.42, g_total=0.99987),
+        attitude=AttitudeState(inc_deg=41.37, tf_deg=118.42, g_total=0.99987),
         deviation=Deviation(inc_deg=3.63, tf_deg=16.58, angle_deg=11.9, tolerance_deg=0.61),
-        stillness=Stillness(value=14.2, still=False, noise_g=(2e-4, 2e-4, 2e-4), trace_step_s=0.25,
+        stillness=StillnessState(value=14.2, still=False, noise_g=(2e-4, 2e-4, 2e-4), trace_step_s=0.25,
                             trace=[0.8, 0.7, 1.2, 9.0, 30.0, 25.0, 18.0, 14.2]),
         capture=None, temp_c=25.3, poses=rows(done), uncertainty=U if done > 5 else None, closures=[], faults=[],
         last_rejection=None, operator="A. Technician", allowed=MEASURING, result=None, elapsed_s=754.0,
@@ -106,68 +106,78 @@ PAGES = {
     s.session: s
     for s in (
         shown(
-            "idle", State.IDLE, "Clamp the tool, check that the table is level, then choose Start (joint, 12 poses).",
+            "idle", SessionState.IDLE,
+            "Clamp the tool, check that the table is level, then choose Start (joint, 12 poses).",
             0, target=None, deviation=None, operator=None, elapsed_s=0.0,
             allowed=[CommandName.START, CommandName.ABORT],
         ),
-        shown("guiding", State.GUIDING, SET_6, 5),
+        shown("guiding", SessionState.GUIDING, SET_6, 5),
         shown(
-            "measuring", State.CAPTURING, "Hands off: measuring 6 (inclination 45, toolface 135).", 5,
-            attitude=Attitude(inc_deg=44.98, tf_deg=135.03, g_total=1.00012),
+            "measuring", SessionState.CAPTURING, "Hands off: measuring 6 (inclination 45, toolface 135).", 5,
+            attitude=AttitudeState(inc_deg=44.98, tf_deg=135.03, g_total=1.00012),
             deviation=Deviation(inc_deg=0.02, tf_deg=-0.03, angle_deg=0.03, tolerance_deg=0.61),
-            stillness=Stillness(value=0.6, still=True, noise_g=None, trace=[9.0, 2.0, 0.9, 0.6], trace_step_s=0.25),
+            stillness=StillnessState(value=0.6, still=True, noise_g=None,
+                                     trace=[9.0, 2.0, 0.9, 0.6], trace_step_s=0.25),
             capture=Capture(progress=0.62, elapsed_s=7.0, readings=700, std_error_g=7.1e-6, target_std_error_g=5e-6),
             allowed=[CommandName.CAPTURE, *MEASURING],
         ),
-        shown("done", State.SETTLING, "At the pose 9 (inclination 120, toolface 45): let it come to rest.", 8,
+        shown("done", SessionState.SETTLING, "At the pose 9 (inclination 120, toolface 45): let it come to rest.", 8,
               closures=[RING]),
         shown(
-            "again", State.GUIDING, "Set 3 (inclination 5, toolface 225) again: turn away from it first, then set it.",
+            "again", SessionState.GUIDING,
+            "Set 3 (inclination 5, toolface 225) again: turn away from it first, then set it.",
             8, target=Target(pose="3", inc_deg=5.0, tf_deg=225.0), poses=rows(8, pose_3=AGAIN), closures=[BAD_RING],
         ),
-        shown("skipped", State.GUIDING, "Set 8 (inclination 45, toolface 315): turn 17 deg clockwise.", 7,
+        shown("skipped", SessionState.GUIDING, "Set 8 (inclination 45, toolface 315): turn 17 deg clockwise.", 7,
               poses=rows(7, pose_2=row(2, PoseState.SKIPPED), pose_6=row(6, PoseState.SKIPPED))),
         shown(
-            "no-data", State.NO_DATA, Fault.LINK_DOWN.text, 5, last_rejection=Rejection.DATA_LOST.text, **NOWHERE,
+            "no-data", SessionState.NO_DATA,
+            Fault.LINK_DOWN.text, 5, last_rejection=Rejection.DATA_LOST.text, **NOWHERE,
             faults=[FaultState(code="link_down", text=Fault.LINK_DOWN.text, since_s=9.0, detail="ttyUSB0 is gone")],
             poses=rows(5, pose_6=row(6, PoseState.OPEN, Rejection.DATA_LOST.text)),
         ),
         shown(
-            "alarm", State.GUIDING, SET_6, 5,
+            "alarm", SessionState.GUIDING, SET_6, 5,
             last_rejection=Rejection.MOVED.text,
             faults=[
                 FaultState(code="lost_frames", text=Fault.LOST_FRAMES.text, since_s=9.0, detail="+0.31 s"),
                 FaultState(code="axes_suspect", text=Fault.AXES_SUSPECT.text, since_s=9.0, detail="x-zy"),
             ],
         ),
-        shown("paused", State.PAUSED, "Paused: choose Go on; what has been measured is kept.", 5,
+        shown("paused", SessionState.PAUSED, "Paused: choose Go on; what has been measured is kept.", 5,
               allowed=[CommandName.RESUME, CommandName.REDO, CommandName.UNDO, CommandName.ABORT]),
         shown(
-            "review", State.REVIEW, "All poses are taken and agree: I within 0.0011 deg (1 sigma); accept or reject.",
+            "review", SessionState.REVIEW,
+            "All poses are taken and agree: I within 0.0011 deg (1 sigma); accept or reject.",
             12, result=result(), closures=[RING], **OVER,
             allowed=[CommandName.ACCEPT, CommandName.REDO, CommandName.UNDO, CommandName.REJECT],
         ),
         shown(
-            "not-solved", State.REVIEW, "No calibration follows: the poses do not determine the scale of x. Measure"
+            "not-solved", SessionState.REVIEW,
+            "No calibration follows: the poses do not determine the scale of x. Measure"
             " the poses named again, or reject.", 12, poses=rows(12, pose_3=AGAIN), **OVER,
             result=result(inc_std_deg=None, tf_std_deg=None, refused=["The scale of x is not determined."]),
             allowed=[CommandName.REDO, CommandName.UNDO, CommandName.REJECT],
         ),
         shown(
-            "verdict", State.REVIEW, f"Calibration {RECORD[:12]}: 2 of 3 poses are within limits. Accept or reject.",
+            "verdict", SessionState.REVIEW,
+            f"Calibration {RECORD[:12]}: 2 of 3 poses are within limits. Accept or reject.",
             12, result=result(verdict=VERDICT, remarks=[]), allowed=[CommandName.ACCEPT, CommandName.REJECT], **OVER,
         ),
         shown(
-            "accepted", State.ACCEPTED, f"Done: calibration {RECORD[:12]} is kept. It is not in force until somebody"
+            "accepted", SessionState.ACCEPTED,
+            f"Done: calibration {RECORD[:12]} is kept. It is not in force until somebody"
             " puts it in force.", 12, result=result(record_id=RECORD), in_force=ForceState(present=BEFORE, before=None),
             closures=[RING], allowed=[CommandName.ACTIVATE], **OVER,
         ),
         shown(
-            "in-force", State.ACCEPTED, f"Calibration {RECORD[:12]} is in force: a running service takes it at its next"
+            "in-force", SessionState.ACCEPTED,
+            f"Calibration {RECORD[:12]} is in force: a running service takes it at its next"
             " reload.", 12, result=result(record_id=RECORD), in_force=ForceState(present=RECORD, before=None),
             closures=[RING], allowed=[], **OVER,
         ),
-        shown("aborted", State.ABORTED, "Aborted. The journal keeps what was measured.", 5, target=None, allowed=[],
+        shown("aborted", SessionState.ABORTED,
+              "Aborted. The journal keeps what was measured.", 5, target=None, allowed=[],
               **NOWHERE),
     )
 }  # fmt: skip

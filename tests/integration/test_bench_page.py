@@ -269,6 +269,7 @@ async def bench_past(bench: BenchProcess, done: int) -> None:
             await asyncio.sleep(0.1)
 
 
+@pytest.mark.timing
 async def test_viewers_who_do_not_read_disturb_nobody(tmp_path: Path) -> None:
     """Thirty viewers open the page and its socket and stop reading. Acquisition keeps its pace, nothing is lost."""
     async with bench_process(tmp_path, speed=1.0) as bench, chromium() as browser:

@@ -53,7 +53,7 @@ def test_it_beats_every_other_method_on_the_same_instruments() -> None:
 def test_without_the_tilt_pose_weights_make_toolface_worse_than_plain_least_squares() -> None:
     """Why the tilt is part of the model: the figure that the specification warns of."""
     from highside.calibration.joint import joint
-    from highside.calibration.result import BenchAccuracy
+    from highside.calibration.linear_errors import BenchAccuracy
 
     def level_bench(poses: object) -> CalibrationResult:
         return joint(poses, bench=BenchAccuracy(tilt_rad=1e-9), nonlinear="none", estimate_variances=False)  # type: ignore[arg-type]

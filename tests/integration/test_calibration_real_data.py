@@ -10,7 +10,8 @@ import pytest
 
 from highside.arrays import Array
 from highside.calibration.magnitude import leave_one_out_errors, magnitude
-from highside.calibration.poses import PoseSet, find_still_intervals, poses_from_intervals
+from highside.calibration.poses import PoseSet
+from highside.calibration.still_intervals import find_still_intervals, poses_from_intervals
 
 RATE_HZ = 100.0
 

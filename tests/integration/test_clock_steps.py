@@ -155,7 +155,10 @@ def test_a_clock_that_is_set_while_the_broker_is_away_loses_nothing(
     # old is what was measured more than 5 s before it was sent, whatever its wall time says
     assert found[0]["historical"]
     assert not found[max(found)]["historical"]
-    flags = [found[seq]["historical"] for seq in sorted(found)]
-    assert flags == sorted(flags, reverse=True), "historical first, then live"
+    # historical first, then live; while one that is almost 5 s old is handed out, a machine that is busy may let the
+    # next ones become older than that
+    live = min(seq for seq, message in found.items() if not message["historical"])
+    late = [seq for seq, message in found.items() if message["historical"] and seq > live]
+    assert all(found[seq]["t_device_s"] - found[live]["t_device_s"] < 2.0 for seq in late), (live, late)
     assert abs(found[0]["t"] - (time.time() + before_s)) < 120.0
     assert abs(found[max(found)]["t"] - (time.time() + then_s)) < 120.0

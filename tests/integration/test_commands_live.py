@@ -88,6 +88,7 @@ def test_no_message_deafens_the_service(tmp_path: Path, broker: Mosquitto, ear: 
         assert daemon.terminate() == 0
 
 
+@pytest.mark.timing
 def test_a_flood_of_wrong_commands_leaves_the_attitudes_alone(
     tmp_path: Path, broker: Mosquitto, mouth: mqtt.Client
 ) -> None:

@@ -23,7 +23,7 @@ from highside.codec.frame import CanFrame
 from highside.config.codecs import CODEC_NAMES, codec_from_file, codec_from_name
 from highside.recording.candump import format_candump, read_candump
 from highside.recording.table import read_recording
-from highside.recording.wire import SegmentWriter
+from tests.segments import SegmentWriter
 
 
 def decode(*arguments: object) -> subprocess.CompletedProcess[str]:

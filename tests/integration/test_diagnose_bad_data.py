@@ -132,8 +132,8 @@ def constant_channel(c: Columns, rng: np.random.Generator) -> Columns:
 
 
 FAULTS = [
-    wrong_unit, swapped_axis, inverted_axis, clipping, duplicated_frames, stuck_bit, dropped_frames, missing_values,
-    reversed_time, missing_column, constant_channel,
+    wrong_unit, swapped_axis, inverted_axis, clipping, duplicated_frames, stuck_bit, reversed_time, missing_column,
+    constant_channel,
 ]  # fmt: skip
 
 
@@ -146,6 +146,16 @@ def test_a_corrupted_recording_is_bad_data_for_the_right_reason(healthy: Columns
     assert found["intake"][0]["p"] < 1e-6
     assert found["claims"] == []
     assert (tmp_path / "out" / "report.html").stat().st_size > 0
+
+
+@pytest.mark.parametrize("lack", [dropped_frames, missing_values], ids=lambda lack: lack.__name__)
+def test_what_is_missing_does_no_harm_to_poses_and_spoils_a_rotation(
+    healthy: Columns, lack: Any, tmp_path: Path
+) -> None:
+    status, found = diagnosed(tmp_path, lack(dict(healthy), np.random.default_rng(3)))
+    assert (found["verdict"] == "bad_data") is ("pose" not in healthy)
+    assert status == (0 if "pose" in healthy else 1)
+    assert [f["check"] for f in found["intake"]] == [lack.__name__]
 
 
 def test_the_healthy_recording_passes(healthy: Columns, tmp_path: Path) -> None:

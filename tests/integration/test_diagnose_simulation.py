@@ -189,12 +189,36 @@ def test_an_effect_put_into_real_motion_is_named_alone(
     assert fitted["value"] == pytest.approx(truth[1], abs=max(4 * fitted["std"], 0.03 * truth[1]))
 
 
-def test_a_product_that_no_effect_makes_is_unknown(tmp_path: Path, broad: tuple[Columns, Columns]) -> None:
+def test_a_square_of_the_load_is_named(tmp_path: Path, broad: tuple[Columns, Columns]) -> None:
+    """The effects of the chain act on channels too: it was a product without a name."""
     predicted, force, _ = moving(broad)
     found, _ = diagnose(tmp_path, made(broad, force + 0.01 * force**2), predicted)
-    assert found["verdict"] == "unknown"
-    assert found["claims"] == []
-    assert any("follows prediction x" in hint for hint in found["remainder"]["hints"])
+    assert found["verdict"] in ("named", "named_plus")
+    assert list(claims(found)) == ["quadratic"]
+    for name in ("ax_g", "ay_g", "az_g"):
+        assert claims(found)["quadratic"]["parameters"][f"k2_{name}"]["value"] == pytest.approx(0.01, abs=3e-3)
+
+
+def test_a_product_that_no_effect_makes_is_given_no_name_of_the_library(
+    tmp_path: Path, broad: tuple[Columns, Columns]
+) -> None:
+    predicted, force, _ = moving(broad)
+    found, _ = diagnose(tmp_path, made(broad, force + 0.02 * force[[1, 2, 0]] * force[[2, 0, 1]]), predicted)
+    assert found["verdict"] in ("unknown", "law")
+    assert all(claim["effect"].startswith("law") for claim in found["claims"])
+
+
+@pytest.mark.parametrize("late_s", [0.05, 1.0])
+def test_a_real_recording_beside_a_prediction_that_is_early(
+    tmp_path: Path, broad: tuple[Columns, Columns], late_s: float
+) -> None:
+    """Whatever offset the files have of their own, it is larger by what was added."""
+    recorded, predicted = broad
+    found, said = diagnose(tmp_path, recorded, predicted | {"t_s": predicted["t_s"] - late_s})
+    # the recording and the tracking are 2.7 ms apart as they were published
+    assert claims(found)["time_offset"]["parameters"]["t0"]["value"] == pytest.approx(late_s + 2.7e-3, abs=1e-3)
+    assert "bandwidth_lag" not in claims(found)
+    assert "one clock: the recording lags by" in said
 
 
 @pytest.mark.parametrize("kind", ["wrong_unit", "inverted_axis", "swapped_axis", "constant_channel"])

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from highside.gyro.frames import to_body
-from highside.gyro.kinematic import kinematic
+from highside.gyro.recording_filter import error_state_filter
 from highside.papers.drift_bound import azimuth_bound
-from highside.papers.drift_scenarios import Experiment, drilling, record, rotating_rod, rotating_table, turntable
+from highside.papers.drift_scenarios import DriftExperiment, drilling, record, rotating_rod, rotating_table, turntable
 from studies import drift_limit as study
 
-CASES: dict[str, tuple[Experiment, bool]] = {
+CASES: dict[str, tuple[DriftExperiment, bool]] = {
     "turning, level": (rotating_table(0.0, 900.0, 20.0), False),
     "turning, 30 deg": (rotating_table(30.0, 900.0, 20.0), False),
     "standing": (turntable(900.0, 20.0), False),
@@ -42,7 +42,7 @@ def test_the_optimum_errs_by_the_bound_and_the_filter_by_little_more() -> None:
     for seed in range(50):
         data = record(e, seed)
         best.append(problem.optimum_error_rad(to_body(data.rate), to_body(data.accel)))
-        result = kinematic(e.t_s, data.rate, data.accel, settings)
+        result = error_state_filter(e.t_s, data.rate, data.accel, settings)
         own.append(float(result.azi_rad[-1] - e.psi[-1]))
     optimum, ours = (float(np.sqrt(np.mean(np.square(each)))) for each in (best, own))
     # fifty runs tell a standard deviation to 10 %

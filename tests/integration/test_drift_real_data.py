@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from highside.attitude.quaternion import conjugate, from_angles, multiply, to_tool
-from highside.gyro.filter import Settings, carried
-from highside.gyro.kinematic import kinematic
+from highside.gyro.filter import FilterSettings, carried
+from highside.gyro.recording_filter import error_state_filter
 from highside.gyro.result import AzimuthBasis
 
 G = 9.80665
-MEMS = Settings(
+MEMS = FilterSettings(
     bias_std_radps=float(np.radians(0.5)), arw=float(np.radians(0.02)), rrw=float(np.radians(0.001)),
     accel_noise_g=2e-3, accel_floor_g=0.03, azimuth_std_rad=0.01, scale_std=5e-3,
 )  # fmt: skip
@@ -39,7 +39,7 @@ def test_the_inclination_of_a_hand_held_sensor_and_the_bias_of_its_rest(
     rate, accel = (np.ascontiguousarray(z[name].astype(float).T) for name in ("imu_gyr", "imu_acc"))
     t = np.arange(rate.shape[1]) / float(z["fs"])
     moving, reference = z["movement"].astype(bool), z["opt_quat"].astype(float).T
-    result = kinematic(t, to_tool(rate), to_tool(accel / G), carried(MEMS) if by_hand else MEMS)
+    result = error_state_filter(t, to_tool(rate), to_tool(accel / G), carried(MEMS) if by_hand else MEMS)
     known = np.flatnonzero(~np.isnan(reference).any(axis=0) & moving)
     ours = from_angles(result.inc_rad - 0.5 * np.pi, result.tf_rad, result.azi_rad)
     e = multiply(ours[:, known], conjugate(reference[:, known]))
@@ -61,7 +61,7 @@ def test_the_bias_of_a_unit_that_warms_up_follows_its_temperature(shared_data: P
     accel = np.stack([table["AccX"], -table["AccY"], -table["AccZ"]])[:, keep] / G
     t, temperature = table["t_s"][keep], table["Temp"][keep]
     settings = replace(MEMS, rrw=float(np.radians(3e-4)), accel_noise_g=5e-4)
-    result = kinematic(t, rate, accel, settings, rest=np.array([[t[0], t[-1]]]), smooth=True)
+    result = error_state_filter(t, rate, accel, settings, rest=np.array([[t[0], t[-1]]]), smooth=True)
     settled = t > t[0] + 30.0
     for axis, slope in ((0, 0.0033), (2, 0.0105)):
         bias = np.degrees(result.bias_radps[axis, settled])

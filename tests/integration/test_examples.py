@@ -7,6 +7,7 @@ import shlex
 import shutil
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -39,14 +40,16 @@ TOGETHER = (
 """run one after the other, in one folder: each finds what those before it made"""
 
 
-def commands(command: object, path: tuple[str, ...] = ()) -> dict[str, object]:
-    if hasattr(command, "commands"):
-        return {
-            name: leaf
-            for word, below in command.commands.items()
-            for name, leaf in commands(below, (*path, word)).items()
-        }
-    return {" ".join(path): command}
+def commands(command: Any, path: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Those that do something, by name; a group that runs without a word behind it is one of them."""
+    found = {
+        name: leaf
+        for word, below in getattr(command, "commands", {}).items()
+        for name, leaf in commands(below, (*path, word)).items()
+    }
+    if path and (not found or command.invoke_without_command):
+        found[" ".join(path)] = command
+    return found
 
 
 ALL = commands(typer.main.get_command(app))

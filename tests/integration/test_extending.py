@@ -12,8 +12,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -242,13 +243,78 @@ def test_broken_package_is_one_line_and_stops_only_those_who_use_it(tmp_path: Pa
     config = configuration(tmp_path, "/dev/ttyUSB0", 1883, codec="tool")
     done = highside("check", config, path=into)
     assert done.returncode == 0, done.stderr
-    assert done.stderr == f"note: the codec 'broken' of the installed package broken-sensors 0.1 is left out: {says}\n"
+    assert done.stderr == f"note: the codec 'broken' of the installed package broken-sensors 0.1 is omitted: {says}\n"
     config = configuration(tmp_path, "/dev/ttyUSB0", 1883, codec="broken")
     for arguments in (("run", "--config", config), ("decode", config, "--codec", "broken", "-o", tmp_path / "x.csv")):
         done = highside(*arguments, path=into)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
         assert "codec" in done.stderr
         assert f"the codec 'broken' of the installed package broken-sensors 0.1 cannot be used: {says}" in done.stderr
+
+
+FAILING = """
+from typing import Literal
+from highside.codec.registry import CodecTable
+from highside.codec.tool import ToolCodec
+
+class Decoder(ToolCodec):
+    def receive(self, data, t_mono=0.0):
+        frames = super().receive(data, t_mono)
+        if b"\\xee\\xee\\xee" in data:
+            raise KeyError("no such\\npacket")
+        return frames
+
+class CODEC(CodecTable):
+    name: Literal["broken"]
+    def build(self):
+        return Decoder()
+"""
+
+
+def test_a_decoder_that_raises_costs_what_it_was_given_and_is_one_line(tmp_path: Path, broker: Mosquitto) -> None:
+    """In the service the link goes on, the books balance and an alarm stands; offline it is a refusal in one line."""
+    into = tmp_path / "installed"
+    info = into / "broken_sensors-0.1.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken-sensors\nVersion: 0.1\n")
+    (info / "entry_points.txt").write_text("[highside.codecs]\nbroken = broken_sensors:CODEC\n")
+    (into / "broken_sensors.py").write_text(FAILING)
+    subscriber, line = Subscriber(broker.port), Pty()
+    first, last = (
+        b"".join(encode(k, k / 100.0, (0.1, 0.2, 0.97)) for k in some) for some in (range(50), range(50, 99))
+    )
+    bad = b"\xee\xee\xee"
+
+    def told(condition: Callable[[dict[str, Any]], bool], what: str) -> dict[str, Any]:
+        return wait_for(lambda: (h := subscriber.latest("health")) and condition(h) and h, 30, what, daemon)
+
+    try:
+        config = configuration(tmp_path, line.path, broker.port, codec="broken")
+        with running(config, env=environment(into)) as daemon:
+            told(lambda health: health["link"]["opens"] == 1, "the link")
+            line.write_all(first)
+            told(lambda health: health["monitor"]["good"] == 50, "the frames before")
+            for count in range(1, 4):
+                line.write_all(bad)
+                told(lambda health, count=count: health["codec"]["faults"] == count, "the fault")
+            line.write_all(last)
+            health = told(lambda health: health["monitor"]["good"] == 99, "the frames behind")
+            assert daemon.terminate() == 0, daemon.log
+    finally:
+        line.close()
+        subscriber.close()
+    assert "decoder_failed" in health["alarms"]
+    assert health["balance"] == {"bytes": True, "frames": True, "messages": True}
+    assert (health["codec"]["bytes_junk"], health["codec"]["bytes_framed"]) == (9, len(first) + len(last))
+    assert "Traceback" not in daemon.log
+    (said,) = [text for text in daemon.log.splitlines() if "its decoder failed" in text]
+    assert "codec broken: its decoder failed (KeyError: 'no such\\npacket')" in said
+    wire = tmp_path / "wire.bin"
+    wire.write_bytes(first + bad)
+    done = highside("decode", wire, "--codec", "broken", "-o", tmp_path / "x.csv", path=into)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert "the decoder of codec 'broken' failed on it (KeyError" in done.stderr
+    assert not (tmp_path / "x.csv").exists()
 
 
 def test_channel_of_the_recipe_stands_in_the_messages(tmp_path: Path, broker: Mosquitto) -> None:
@@ -392,11 +458,11 @@ def test_broken_method_is_one_line_and_stops_only_those_who_use_it(tmp_path: Pat
     out = tmp_path / "record.json"
     done = highside("calibrate", "solve", poses, "--method", "conventional", "-o", out, path=into)
     assert done.returncode == 0, done.stderr
-    assert done.stderr == f"note: {named} is left out: ZeroDivisionError: division by zero\n"
+    assert done.stderr == f"note: {named} is omitted: ZeroDivisionError: division by zero\n"
     out.unlink()
     done = highside("calibrate", "solve", poses, "--method", "broken", "-o", out, path=into)
     assert (done.returncode, out.exists()) == (2, False)
     assert done.stderr.splitlines()[1:] == [
         "highside: --method: the method 'broken' of the installed package broken-methods 0.1 cannot be used:"
-        " ZeroDivisionError: division by zero; mend or remove that package"
+        " ZeroDivisionError: division by zero; fix or remove that package"
     ]

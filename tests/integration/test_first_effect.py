@@ -108,19 +108,22 @@ def highside(*arguments: str | Path, folder: Path, **more: str) -> subprocess.Co
 def test_an_effect_in_one_file_is_simulated_found_and_described(written: Path) -> None:
     (commands,) = (text for kind, text in recipe() if kind == "sh")
     said = run(commands, written, PATH=f"{Path(sys.executable).parent}:{os.environ['PATH']}")
-    assert said.startswith("named - The simulation leaves out: temperature_misalignment")
+    assert said.startswith("named - The simulation leaves out: temperature_cross_square")
     found = answer(written / "report")
     (claim,) = found["claims"]
-    for name, truth in (("mt_xy", 10e-6), ("mt_zx", -8e-6), ("mt_yz", 0.0)):
+    for name, truth in (("ct_xy", 15e-6), ("ct_zx", -12e-6), ("ct_yz", 0.0)):
         size = claim["parameters"][name]
         assert abs(size["value"] - truth) < 4 * size["std"]
-        assert size["unit"] == "rad/C"
+        assert size["unit"] == "1/g/C"
     library = (written / "library.md").read_text()
-    assert "### `temperature_misalignment`: Temperature coefficient of the misalignment" in library
+    assert "### `temperature_cross_square`: Temperature coefficient of the cross-axis square" in library
     assert "### `scale`" in library
     # and it is this effect that was needed
     without = highside("diagnose", "session.csv", "--model", "known.toml", "--out", "without", folder=written)
-    assert without.stdout.startswith("unknown")
+    assert without.stdout.startswith(("law", "unknown"))
+    unnamed = answer(written / "without")
+    assert all(claim["effect"].startswith("law") for claim in unnamed["claims"])
+    assert {channel for claim in unnamed["claims"] for channel in claim["channels"]} <= {"ax", "az"}
 
 
 def test_the_same_effect_in_an_installed_package_needs_no_option(written: Path, tmp_path: Path) -> None:
@@ -131,12 +134,12 @@ def test_the_same_effect_in_an_installed_package_needs_no_option(written: Path, 
     )  # fmt: skip
     page = highside("effects", folder=tmp_path, PYTHONPATH=str(tmp_path))
     assert page.returncode == 0 and page.stderr == ""
-    assert "### `temperature_misalignment`" in page.stdout
+    assert "### `temperature_cross_square`" in page.stdout
     # what cannot be loaded is left out with one line, and stops only who names it
-    code = tmp_path / "mine" / "temperature_misalignment.py"
+    code = tmp_path / "mine" / "temperature_cross_square.py"
     code.write_text(code.read_text().replace("import numpy as np", "import numpie as np"))
     page = highside("effects", folder=tmp_path, PYTHONPATH=str(tmp_path))
-    assert page.returncode == 0 and "temperature_misalignment" not in page.stdout
+    assert page.returncode == 0 and "temperature_cross_square" not in page.stdout
     assert len(page.stderr.splitlines()) == 1
     assert "rig-effects 1.0" in page.stderr and "numpie" in page.stderr
     asked = highside("simulate", written / "truth.toml", "-o", "x.csv", folder=tmp_path, PYTHONPATH=str(tmp_path))
@@ -147,14 +150,14 @@ def test_the_same_effect_in_an_installed_package_needs_no_option(written: Path, 
 @pytest.mark.parametrize(
     ("was", "becomes", "what"),
     [
-        ("EFFECT = TemperatureMisalignment()", "", "holds no EFFECT"),
-        ("EFFECT = TemperatureMisalignment()", "EFFECT = TemperatureMisalignment", "not an Effect"),
-        ("warm * x[j]", "warm * y[j]", "NameError"),
+        ("EFFECT = TemperatureCrossSquare()", "", "holds no EFFECT"),
+        ("EFFECT = TemperatureCrossSquare()", "EFFECT = TemperatureCrossSquare", "not an Effect"),
+        ("warm * x[j] ** 2", "warm * y[j] ** 2", "NameError"),
         ("Stage.THERMAL", "Stage.THERMIC", "THERMIC (line 24)"),
         ("def basis", "def bases", "abstract method"),
-        ('id = "temperature_misalignment"', 'id = "scale"', "one name"),
+        ('id = "temperature_cross_square"', 'id = "scale"', "one name"),
         ("class Temp", "clas Temp", "invalid syntax (line 21)"),
-        ('("misalignment", ', '("misalignmnt", ', "no other effect"),
+        ('("temperature_bias", ', '("temperature_bais", ', "no other effect"),
         ("groups = (*runs(6, 2)", "groups = (*runs(8, 2)", "there are 6, numbered from 0"),
         ("warm = state.temp_c", "raise SystemExit(0); warm = state.temp_c", "SystemExit"),
         ("PAIRS = [", "raise SystemExit(0)\nPAIRS = [", "SystemExit"),
@@ -163,16 +166,16 @@ def test_the_same_effect_in_an_installed_package_needs_no_option(written: Path, 
 def test_a_broken_file_is_one_line_with_its_name(
     written: Path, tmp_path: Path, was: str, becomes: str, what: str
 ) -> None:
-    text = (written / "mine" / "temperature_misalignment.py").read_text()
+    text = (written / "mine" / "temperature_cross_square.py").read_text()
     assert was in text
     own = tmp_path / "own"
     own.mkdir()
-    (own / "temperature_misalignment.py").write_text(text.replace(was, becomes))
+    (own / "temperature_cross_square.py").write_text(text.replace(was, becomes))
     for command in (["effects"], ["simulate", written / "truth.toml", "-o", "session.csv"]):
         done = highside(*command, folder=tmp_path, HIGHSIDE_EFFECTS=str(own))
         assert done.returncode == 2, done.stderr
         (line,) = done.stderr.splitlines()
-        assert "own/temperature_misalignment.py" in line and what in line
+        assert "own/temperature_cross_square.py" in line and what in line
         assert done.stdout == ""
     assert not (tmp_path / "session.csv").exists()
 
@@ -181,8 +184,8 @@ def test_folders_that_hold_nothing_or_what_there_is_already(written: Path, tmp_p
     empty, twice = tmp_path / "empty", tmp_path / "twice"
     empty.mkdir()
     twice.mkdir()
-    text = (written / "mine" / "temperature_misalignment.py").read_text()
-    (twice / "sag.py").write_text(text.replace('"temperature_misalignment"', '"sag"'))
+    text = (written / "mine" / "temperature_cross_square.py").read_text()
+    (twice / "sag.py").write_text(text.replace('"temperature_cross_square"', '"sag"'))
     for folder, what in ((empty, "holds no effect"), (tmp_path / "none", "is not a folder"), (twice, "'sag' already")):
         done = highside("effects", "--effects", folder, folder=tmp_path)
         assert done.returncode == 2

@@ -144,7 +144,7 @@ async def test_on_a_pty_it_is_unplugged_silenced_and_plugged_in_under_the_same_n
     settings = SupervisorSettings(backoff_initial_s=0.05, stale_after_s=0.3, reopen_after_s=30.0)
     running = asyncio.create_task(device.run())
     await until(lambda: wire.plugged, what="on")
-    async with supervised(lambda: SerialTransport(SerialSettings(device.address)), memory, settings):
+    async with supervised(lambda: SerialTransport(SerialSettings(port=device.address)), memory, settings):
         await until(lambda: memory.state is LinkState.UP, what="up")
         device.silence()
         await until(lambda: memory.state is LinkState.STALE, what="stale")
@@ -183,7 +183,7 @@ async def test_detect_finds_the_tool_on_its_port_and_names_the_others(tmp_path: 
     quiet, taken = PtyWire(tmp_path / "quiet"), PtyWire(tmp_path / "taken")
     quiet.plug()
     taken.plug()
-    owner = open_port(SerialSettings(taken.address))
+    owner = open_port(SerialSettings(port=taken.address))
     ports = [str(tmp_path / name) for name in ("tool", "quiet", "taken", "absent")]
     command = [*HIGHSIDE, "detect", "--seconds", "0.5", *(word for port in ports for word in ("--port", port))]
     try:
@@ -232,14 +232,17 @@ def test_detect_reports_noise_as_no_frame() -> None:
     assert "no valid frame" in finding.note
 
 
+@pytest.mark.timing
 async def test_python_cans_virtual_bus_brings_9000_frames_a_second_complete() -> None:
     """1,800 readings of 5 messages a second."""
     device = SimulatedDevice(
-        DeviceSettings(rate_hz=1800.0), PythonCanWire(PythonCanSettings("virtual", "load")), encode_can
+        DeviceSettings(rate_hz=1800.0),
+        PythonCanWire(PythonCanSettings(interface="virtual", channel="load")),
+        encode_can,
     )
     memory = Memory()
     async with supervised(
-        lambda: PythonCanTransport(PythonCanSettings("virtual", "load")), memory, QUICK
+        lambda: PythonCanTransport(PythonCanSettings(interface="virtual", channel="load")), memory, QUICK
     ) as supervisor:
         await until(lambda: supervisor.stats.opens == 1, what="open")
         start = time.monotonic()
@@ -270,10 +273,10 @@ async def test_a_python_can_bus_that_fails_is_reported_and_opened_again(monkeypa
 
     monkeypatch.setattr(VirtualBus, "_recv_internal", failing)
     memory = Memory()
-    wire = PythonCanWire(PythonCanSettings("virtual", "flaky"))
+    wire = PythonCanWire(PythonCanSettings(interface="virtual", channel="flaky"))
     wire.plug()
     async with supervised(
-        lambda: PythonCanTransport(PythonCanSettings("virtual", "flaky")), memory, QUICK
+        lambda: PythonCanTransport(PythonCanSettings(interface="virtual", channel="flaky")), memory, QUICK
     ) as supervisor:
         await until(lambda: supervisor.stats.opens == 1, what="open")
         wire.write_frames([CanFrame(0, 0, 0x55, b"one")])
@@ -292,7 +295,9 @@ async def test_a_python_can_bus_that_fails_is_reported_and_opened_again(monkeypa
 
 async def test_an_unknown_python_can_interface_is_a_wrong_configuration() -> None:
     memory = Memory()
-    async with supervised(lambda: PythonCanTransport(PythonCanSettings("nonsense", 0)), memory, QUICK):
+    async with supervised(
+        lambda: PythonCanTransport(PythonCanSettings(interface="nonsense", channel=0)), memory, QUICK
+    ):
         await until(lambda: memory.state is LinkState.DOWN, what="refused")
     assert memory.reason is LinkReason.CONFIG
     assert "nonsense" in memory.states[-1][3]

@@ -26,7 +26,7 @@ from highside.link.replay import ReplaySettings, ReplayTransport, events, play
 from highside.link.serial import SerialSettings, SerialTransport
 from highside.link.wire import PtyWire
 from highside.recording.candump import format_candump
-from highside.recording.wire import SegmentWriter
+from tests.segments import SegmentWriter
 
 NO_WATCHDOG = SupervisorSettings(stale_after_s=0.0)
 HIGHSIDE = [sys.executable, "-c", "from highside.cli.main import main; main()"]
@@ -69,7 +69,7 @@ async def replayed(path: Path, speed: float, byte_rate: float = 11520.0) -> tupl
     """Play to the end on a fast clock; what came, and how long it took by that clock."""
     clock = FastClock()
     memory = Stamped(clock)
-    settings = ReplaySettings(path, speed, byte_rate)
+    settings = ReplaySettings(path=path, speed=speed, byte_rate=byte_rate)
     await LinkSupervisor(lambda: ReplayTransport(settings, clock), memory, NO_WATCHDOG, clock).run()
     assert (memory.state, memory.reason) == (LinkState.ENDED, LinkReason.FINISHED)
     return memory, clock.now - 500.0
@@ -169,7 +169,7 @@ async def test_real_time_is_real(tmp_path: Path) -> None:
     path.write_text("".join(format_candump(CanFrame(0, 10 + n / 100, 1, b""), "can0") for n in range(51)))
     memory = Memory()
     start = time.monotonic()
-    await LinkSupervisor(lambda: ReplayTransport(ReplaySettings(path)), memory, NO_WATCHDOG).run()
+    await LinkSupervisor(lambda: ReplayTransport(ReplaySettings(path=path)), memory, NO_WATCHDOG).run()
     assert 0.499 < time.monotonic() - start < 3.0
     assert len(memory.frames) == 51
     assert memory.batches > 5
@@ -177,7 +177,7 @@ async def test_real_time_is_real(tmp_path: Path) -> None:
 
 async def test_a_missing_recording_is_named(tmp_path: Path) -> None:
     memory = Memory()
-    async with supervised(lambda: ReplayTransport(ReplaySettings(tmp_path / "gone.log")), memory, NO_WATCHDOG):
+    async with supervised(lambda: ReplayTransport(ReplaySettings(path=tmp_path / "gone.log")), memory, NO_WATCHDOG):
         await until(lambda: memory.state is LinkState.DOWN, what="refused")
     assert memory.reason is LinkReason.CONFIG
     assert "gone.log" in memory.states[-1][3]
@@ -190,7 +190,7 @@ async def test_a_recording_played_into_a_pty_arrives_byte_for_byte(shared_data: 
     wire = PtyWire()
     wire.plug()
     memory = Memory()
-    async with supervised(lambda: SerialTransport(SerialSettings(wire.address)), memory):
+    async with supervised(lambda: SerialTransport(SerialSettings(port=wire.address)), memory):
         await until(lambda: wire.listened_to, what="open")
         await asyncio.sleep(0.1)
         played = await asyncio.wait_for(play(events(path), wire, speed=0.0), 60.0)

@@ -17,10 +17,13 @@ import pytest
 from link_bench import Memory, supervised, until
 
 from highside.codec.tool import ToolCodec
+from highside.link import serial
 from highside.link.base import LinkError, LinkReason, LinkState, SupervisorSettings
 from highside.link.device import DeviceSettings, SimulatedDevice
 from highside.link.serial import SerialSettings, SerialTransport, open_port
 from highside.link.wire import PtyWire
+
+pytestmark = pytest.mark.timing
 
 CYCLES = 100
 
@@ -49,7 +52,7 @@ async def test_a_hundred_unplugs_are_seen_at_once_and_data_is_back_within_a_seco
     wire.plug()
     memory = Memory()
     detected, back = [], []
-    async with supervised(lambda: SerialTransport(SerialSettings(wire.address)), memory) as supervisor:
+    async with supervised(lambda: SerialTransport(SerialSettings(port=wire.address)), memory) as supervisor:
         for cycle in range(CYCLES):
             seen, start = len(memory.data), time.monotonic()
             while len(memory.data) == seen:
@@ -82,7 +85,8 @@ async def test_a_hundred_unplugs_are_seen_at_once_and_data_is_back_within_a_seco
         record_property(name, figure)
     print(figures)
     assert after[0] <= before[0], "descriptors leak"
-    assert after[1] <= before[1], "tasks leak"
+    # all looks may fall into one pause, which grows with the attempts and has two tasks; a leak would be of each cycle
+    assert after[1] <= before[1] + 2, "tasks leak"
     # opening runs in the loop's thread pool, which keeps a few threads for good
     assert after[2] <= before[2] + (os.cpu_count() or 1) + 4, "threads leak"
     assert statistics.median(detected) < 0.5
@@ -96,7 +100,7 @@ async def test_an_open_but_silent_device_is_stale_within_2_s_and_reopened_within
     wire = PtyWire(tmp_path / "tool")
     wire.plug()
     memory = Memory()
-    async with supervised(lambda: SerialTransport(SerialSettings(wire.address)), memory, settings) as supervisor:
+    async with supervised(lambda: SerialTransport(SerialSettings(port=wire.address)), memory, settings) as supervisor:
         await until(lambda: wire.listened_to, what="open")
         await asyncio.sleep(0.1)
         wire.write(b"hello")
@@ -121,7 +125,7 @@ async def test_a_device_that_never_speaks_is_not_called_up(tmp_path: Path) -> No
     wire = PtyWire(tmp_path / "tool")
     wire.plug()
     memory = Memory()
-    async with supervised(lambda: SerialTransport(SerialSettings(wire.address)), memory, settings) as supervisor:
+    async with supervised(lambda: SerialTransport(SerialSettings(port=wire.address)), memory, settings) as supervisor:
         await until(lambda: supervisor.stats.opens >= 3, what="tried again")
     assert LinkState.UP not in {state for _, state, _, _ in memory.states}
 
@@ -130,16 +134,16 @@ async def test_a_second_opener_is_refused_in_this_process_and_in_another(tmp_pat
     wire = PtyWire(tmp_path / "tool")
     wire.plug()
     memory = Memory()
-    async with supervised(lambda: SerialTransport(SerialSettings(wire.address)), memory):
+    async with supervised(lambda: SerialTransport(SerialSettings(port=wire.address)), memory):
         await until(lambda: wire.listened_to, what="open")
         with pytest.raises(LinkError) as refused:
-            open_port(SerialSettings(wire.address))
+            open_port(SerialSettings(port=wire.address))
         assert refused.value.reason is LinkReason.BUSY
         assert f"process {os.getpid()})" in refused.value.message
         script = (
             "import sys\nfrom highside.link.base import LinkError\n"
             "from highside.link.serial import SerialSettings, open_port\n"
-            "try:\n    open_port(SerialSettings(sys.argv[1]))\n"
+            "try:\n    open_port(SerialSettings(port=sys.argv[1]))\n"
             "except LinkError as error:\n    print(error.reason.value)\n"
         )
         other = await asyncio.to_thread(
@@ -154,19 +158,19 @@ async def test_a_second_opener_is_refused_in_this_process_and_in_another(tmp_pat
 def test_a_port_that_is_just_being_let_go_is_not_called_busy(tmp_path: Path) -> None:
     wire = PtyWire(tmp_path / "tool")
     wire.plug()
-    owner = open_port(SerialSettings(wire.address))
+    owner = open_port(SerialSettings(port=wire.address))
     # as a child that was forked while the port was open: the lock lives for as long as its copy of the descriptor
     with subprocess.Popen(["sleep", "0.2"], pass_fds=[owner.fileno()]):
         owner.close()
-        open_port(SerialSettings(wire.address)).close()
+        open_port(SerialSettings(port=wire.address)).close()
 
 
 async def test_a_busy_port_is_taken_over_when_its_owner_lets_go(tmp_path: Path) -> None:
     wire = PtyWire(tmp_path / "tool")
     wire.plug()
-    owner = open_port(SerialSettings(wire.address))
+    owner = open_port(SerialSettings(port=wire.address))
     memory = Memory()
-    async with supervised(lambda: SerialTransport(SerialSettings(wire.address)), memory) as supervisor:
+    async with supervised(lambda: SerialTransport(SerialSettings(port=wire.address)), memory) as supervisor:
         await until(lambda: memory.state is LinkState.DOWN, what="refused")
         assert memory.reason is LinkReason.BUSY
         owner.close()
@@ -180,7 +184,7 @@ async def test_a_device_that_returns_under_another_node_is_found_through_its_lin
     second.plug()
     link.symlink_to(first.address)
     memory = Memory()
-    async with supervised(lambda: SerialTransport(SerialSettings(str(link))), memory):
+    async with supervised(lambda: SerialTransport(SerialSettings(port=str(link))), memory):
         await until(lambda: first.listened_to, what="first open")
         first.write(b"one ")
         await until(lambda: memory.data == b"one ", what="first data")
@@ -201,18 +205,39 @@ async def test_a_link_that_moves_while_the_old_node_stays_open_is_followed(tmp_p
     second.plug()
     link.symlink_to(first.address)
     memory = Memory()
-    async with supervised(lambda: SerialTransport(SerialSettings(str(link))), memory):
+    async with supervised(lambda: SerialTransport(SerialSettings(port=str(link))), memory):
         await until(lambda: first.listened_to, what="first open")
         link.unlink()
         link.symlink_to(second.address)
         await until(lambda: second.listened_to and not first.listened_to, what="moved")
 
 
+async def test_a_link_that_appears_while_it_is_being_opened_leads_to_no_other_device(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The port was closed and opened again half a second later, and what the tool said meanwhile was lost."""
+    wire = PtyWire(tmp_path / "tty")
+
+    def plugged_in_at_last(settings: SerialSettings) -> serial.SerialPort:
+        wire.plug()
+        return open_port(settings)
+
+    monkeypatch.setattr(serial, "open_port", plugged_in_at_last)
+    transport = SerialTransport(SerialSettings(port=str(tmp_path / "tty")))
+    await transport.open(lambda batch: None)
+    try:
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(transport.wait_closed(), 3 * serial.WATCH_S)
+    finally:
+        await transport.close()
+        wire.remove()
+
+
 async def test_a_missing_port_is_named_and_opened_as_soon_as_it_appears(tmp_path: Path) -> None:
     wire = PtyWire(tmp_path / "tool")
     memory = Memory()
     patient = SupervisorSettings(backoff_initial_s=30.0, backoff_max_s=60.0)
-    async with supervised(lambda: SerialTransport(SerialSettings(wire.address)), memory, patient):
+    async with supervised(lambda: SerialTransport(SerialSettings(port=wire.address)), memory, patient):
         await until(lambda: memory.state is LinkState.DOWN, what="refused")
         assert memory.reason is LinkReason.NOT_FOUND
         assert str(tmp_path / "tool") in memory.states[-1][3]
@@ -229,7 +254,7 @@ def test_a_port_without_permission_says_so() -> None:
         "import os, sys\nimport serial\nfrom highside.link.base import LinkError\n"
         "from highside.link.serial import SerialSettings, open_port\n"
         "if os.geteuid() == 0:\n    os.setgroups([]); os.setgid(65534); os.setuid(65534)\n"
-        "try:\n    open_port(SerialSettings(sys.argv[1]))\n"
+        "try:\n    open_port(SerialSettings(port=sys.argv[1]))\n"
         "except LinkError as error:\n    print(error.reason.value, error)\n"
     )
     other = subprocess.run([sys.executable, "-c", script, wire.address], capture_output=True, text=True, timeout=60)
@@ -244,7 +269,7 @@ def test_a_port_without_permission_says_so() -> None:
 )
 def test_what_is_no_serial_port_is_refused_with_its_name(port: str, reason: LinkReason) -> None:
     with pytest.raises(LinkError, match=port) as refused:
-        open_port(SerialSettings(port))
+        open_port(SerialSettings(port=port))
     assert refused.value.reason is reason
 
 
@@ -252,7 +277,7 @@ async def test_4000_frames_a_second_arrive_complete_and_in_order() -> None:
     device = SimulatedDevice(DeviceSettings(rate_hz=4000.0, seed=5), PtyWire())
     device.plug()
     memory = Memory()
-    async with supervised(lambda: SerialTransport(SerialSettings(device.address)), memory):
+    async with supervised(lambda: SerialTransport(SerialSettings(port=device.address)), memory):
         await until(lambda: device.wire.listened_to, what="open")
         await asyncio.sleep(0.05)
         device.start()
@@ -295,7 +320,7 @@ async def test_a_terminal_server_that_closes_is_reported_and_connected_to_again(
     await server.start()
     memory = Memory()
     url = f"socket://127.0.0.1:{server.port}"
-    async with supervised(lambda: SerialTransport(SerialSettings(url)), memory):
+    async with supervised(lambda: SerialTransport(SerialSettings(port=url)), memory):
         await until(lambda: bool(server.clients), what="connected")
         await asyncio.sleep(0.1)
         server.clients[0].write(b"first ")
@@ -377,7 +402,7 @@ async def test_rfc2217_is_read_through_a_thread_and_survives_a_dropped_connectio
     memory = Memory()
     url = f"rfc2217://127.0.0.1:{server.port}"
     content = bytes(range(256)) * 4  # with the byte 255 that Telnet escapes
-    async with supervised(lambda: SerialTransport(SerialSettings(url)), memory) as supervisor:
+    async with supervised(lambda: SerialTransport(SerialSettings(port=url)), memory) as supervisor:
         await until(lambda: supervisor.stats.opens == 1, what="negotiated")
         await asyncio.to_thread(server.send, content)
         await until(lambda: len(memory.data) >= len(content), what="data")
@@ -397,7 +422,7 @@ def test_after_a_stall_no_more_is_read_at_once_than_others_can_wait_for() -> Non
     os.set_blocking(reader, False)
     os.write(writer, bytes(60_000))
     got: list[int] = []
-    transport = SerialTransport(SerialSettings("a pipe"))
+    transport = SerialTransport(SerialSettings(port="a pipe"))
     transport._fd, transport._deliver = reader, lambda batch: got.append(len(batch.data))
     for _ in range(4):
         transport._readable()

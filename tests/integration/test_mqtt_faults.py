@@ -24,20 +24,20 @@ import pytest
 from broker import Mosquitto, Proxy, Subscriber, free_port, shipped_config
 
 from highside.config.mqtt import MqttSettings
-from highside.service.messages import AttitudeMessage, attitude_payload
+from highside.service.messages import AttitudeMessage, BrokerHealth, attitude_payload
 from highside.service.outbox import Outbox, OutboxStats
-from highside.service.outputs import Attitude
-from highside.service.publisher import Publisher, PublisherStats
+from highside.service.outputs import AttitudeOutput
+from highside.service.publisher import Publisher
 
 TOOL = "rig7"
 PREFIX = f"highside/{TOOL}"
 TOPIC = f"{PREFIX}/attitude"
 RATE_HZ = 100.0
-ATTITUDE = Attitude(
+ATTITUDE = AttitudeOutput(
     0.0, 0.0, 12.5, 0.01, 271.5, 0.2, 271.5, 0.0, 1.0001, 1e-4, "identity", "", ("uncalibrated",), 10, 0.1, 25.0
 )
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timing]
 
 
 @dataclass
@@ -51,7 +51,7 @@ class Outcome:
     put_costs_s: list[float] = field(default_factory=list)
     delays_s: list[float] = field(default_factory=list)
     outbox: OutboxStats | None = None
-    publisher: PublisherStats | None = None
+    publisher: BrokerHealth | None = None
     extra: dict[str, Any] = field(default_factory=dict)
 
 

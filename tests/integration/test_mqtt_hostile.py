@@ -18,7 +18,7 @@ from broker import Mosquitto, Subscriber
 from highside.config.mqtt import MqttSettings
 from highside.service.messages import attitude_payload
 from highside.service.outbox import Outbox
-from highside.service.outputs import Attitude
+from highside.service.outputs import AttitudeOutput
 from highside.service.publisher import Publisher
 
 TOOL = "rig7"
@@ -26,7 +26,7 @@ PREFIX = f"highside/{TOOL}"
 TOPIC = f"{PREFIX}/attitude"
 COMMAND = f"{PREFIX}/drift/command"
 REPLY = f"{PREFIX}/drift/reply"
-ATTITUDE = Attitude(
+ATTITUDE = AttitudeOutput(
     0.0, 0.0, 12.5, 0.01, 271.5, 0.2, 271.5, 0.0, 1.0001, 1e-4, "identity", "", ("uncalibrated",), 10, 0.1, 25.0
 )
 
@@ -121,6 +121,7 @@ async def test_a_listener_that_ends_is_a_lost_connection(
         assert publisher.stats.failures == {"connection lost": 1}
 
 
+@pytest.mark.timing
 async def test_twenty_thousand_wrong_commands_do_not_reach_the_attitudes(tmp_path: Path, mosquitto: Mosquitto) -> None:
     outbox = make_outbox(tmp_path / "outbox.sqlite")
 
@@ -250,8 +251,9 @@ async def test_two_daemons_of_one_tool_do_not_fight(
         flips = len(watcher.statuses)
         async with sending(second, outboxes[1]):
             began = time.monotonic()
-            connected = 0
+            looks = connected = 0
             while time.monotonic() - began < 25.0:
+                looks += 1
                 connected += first.connected
                 await asyncio.sleep(0.01)
             flips = len(watcher.statuses) - flips
@@ -267,7 +269,7 @@ async def test_two_daemons_of_one_tool_do_not_fight(
             assert len(lines) <= 12
             # who was there first is the one that is there
             assert first.connected
-            assert connected > 2_000 * 0.9
+            assert connected > 0.72 * looks  # a busy machine has fewer looks
             assert set(watcher.instances) == {first.instance, second.instance}
     assert any("another client uses" in line for line in lines)
 

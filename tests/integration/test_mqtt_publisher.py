@@ -55,6 +55,7 @@ async def until(condition: Any, timeout_s: float, what: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timing
 async def test_a_long_backlog_drains_while_live_messages_stay_in_time(tmp_path: Path) -> None:
     backlog = 8_000
     outbox = make_outbox(tmp_path / "outbox.sqlite", max_memory_rows=backlog)
@@ -96,6 +97,7 @@ async def test_a_long_backlog_drains_while_live_messages_stay_in_time(tmp_path: 
     assert delays[int(0.99 * len(delays))] < 1.0
 
 
+@pytest.mark.timing
 async def test_leaving_says_offline_and_keeps_what_is_not_acknowledged(tmp_path: Path) -> None:
     outbox = make_outbox(tmp_path / "outbox.sqlite", max_memory_rows=50_000)
     outbox.start()
@@ -132,6 +134,7 @@ async def test_leaving_says_offline_and_keeps_what_is_not_acknowledged(tmp_path:
     again.stop(5.0)
 
 
+@pytest.mark.timing
 async def test_leaving_is_quick_without_a_broker(tmp_path: Path) -> None:
     outbox = make_outbox(tmp_path / "outbox.sqlite")
     outbox.start()
@@ -147,6 +150,7 @@ async def test_leaving_is_quick_without_a_broker(tmp_path: Path) -> None:
     assert outbox.stats.queued == 1
 
 
+@pytest.mark.timing
 async def test_leaving_is_quick_while_the_network_swallows_the_connect(tmp_path: Path) -> None:
     outbox = make_outbox(tmp_path / "outbox.sqlite")
     outbox.start()

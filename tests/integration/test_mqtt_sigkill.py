@@ -92,6 +92,7 @@ def waiting(path: Path) -> dict[int, int]:
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600 if KILLS > 30 else 300)
+@pytest.mark.timing
 async def test_a_kill_costs_one_commit_interval_at_most_and_no_number_is_used_twice(tmp_path: Path) -> None:
     rng = random.Random(20261121)
     path = tmp_path / "outbox.sqlite"

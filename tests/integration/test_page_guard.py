@@ -304,6 +304,7 @@ VIEWERS_S = float(os.environ.get("HIGHSIDE_VIEWERS_S", "10"))
 """60 for the whole scenario (`make faults`)."""
 
 
+@pytest.mark.timing
 async def test_a_hundred_viewers_who_do_not_read_half_open_and_slow(tmp_path: Path) -> None:
     """Each comes again when he is let go. No reading is lost, the session keeps its pace, the operator is answered, and
     the memory stays."""

@@ -164,12 +164,12 @@ def test_the_mean_toolface_of_a_triple_follows_from_the_means_of_inclination(run
 
 def test_the_same_holds_on_any_simulated_instrument() -> None:
     """The rule of the triples is geometry: it holds with the signs of `gravity_direction`, to second order."""
-    from highside.papers.balance_session import INCLINATIONS_DEG, Plan, cells_of, run_session
+    from highside.papers.balance_session import INCLINATIONS_DEG, BalancePlan, cells_of, run_session
     from highside.papers.balance_triples import BEFORE
     from highside.physics.forward import ForwardModel
 
     model = ForwardModel.of({"encoder_first_harmonic": {"c1": 2e-3, "s1": -1e-3}, "bias": {"b_x": 5e-4}})
-    cells = cells_of(run_session(Plan.of_the_paper(), model, 0.0, np.random.default_rng(1)).errors_deg())
+    cells = cells_of(run_session(BalancePlan.of_the_paper(), model, 0.0, np.random.default_rng(1)).errors_deg())
     row = INCLINATIONS_DEG.index(1.206)
     less = {m: cells[METHODS.index(m), row] - cells[METHODS.index("average"), row] for m in METHODS[1:5]}
     for triple, other in BEFORE.items():
@@ -186,7 +186,7 @@ def test_the_published_instrument_is_diagnosed(table1_alone: dict[str, Any]) -> 
     assert any("base_tilt" in names for names in classes)
     # the toolface that runs with cos I has several names
     assert any({"reference_twist", "cross_product"} <= names for names in classes)
-    assert any("a ring at" in claim["next_manoeuvre"] for claim in table1_alone["claims"])
+    assert any("a station at" in claim["next_manoeuvre"] for claim in table1_alone["claims"])
     assert table1_alone["fit"]["unit"] == "sigma"
     assert table1_alone["fit"]["heldout_rmse_after"] < 0.6 * table1_alone["fit"]["heldout_rmse_before"]
     assert table1_alone["fit"]["heldout_gain_low"] > 0

@@ -19,7 +19,7 @@ import pytest
 from highside.cli.main import main
 from highside.papers.rotation_scenarios import CHANNELS, B, draw
 from highside.recording.table import Recording, read_recording
-from highside.rotation import Compensation, Method, harmonics2
+from highside.rotation import Compensation, CurveMethod, harmonics2
 from highside.rotation.compensation import content_hash
 from highside.rotation.samples import Samples
 
@@ -68,7 +68,7 @@ def test_fit_writes_a_compensation_that_says_what_it_is(folder: Path, fitted: di
     assert set(compensation.curves) == set(CHANNELS)
     assert compensation.validity.inclination_deg == 30.0
     for name, curve in compensation.curves.items():
-        assert curve.method is Method.AUTO
+        assert curve.method is CurveMethod.AUTO
         assert curve.order >= 6
         assert curve.held_out is not None
         assert curve.held_out.turns == 3
@@ -267,7 +267,7 @@ def test_fit_and_compare_write_pages_with_plots(tmp_path: Path) -> None:
         assert (tags.counts["figure"], tags.counts.get("table", 0)) == (figures, tables)
         assert tags.links == []
         assert words in text
-        assert "Shaded: not seen" in text
+        assert "Shaded: not covered" in text
         assert "the compensation is a guess in there" in text
 
 

@@ -19,7 +19,7 @@ from highside.link.wire import PtyWire
 from highside.physics.motion import Leg, Motion, still
 from highside.physics.rotation_chain import Faults, azimuth_errors, inclination_toolface_errors
 from highside.recording.table import read_recording
-from highside.rotation import Compensation, Method, Samples, Validity, fit
+from highside.rotation import Compensation, CurveMethod, Samples, Validity, fit
 from highside.rotation.turntable import fit_turntable
 
 pytestmark = pytest.mark.slow
@@ -147,7 +147,7 @@ def heading_compensation(path: Path) -> Compensation:
     errors = {"inclination": inc, "toolface": tf, "heading": azimuth_errors(theta, np.radians(INC), TILTED)}
     noise = 0.05 * np.random.default_rng(2).standard_normal((3, 720))
     curves = {
-        name: fit(Samples.build(theta, np.degrees(error) * 60.0 + n), Method.AUTO)
+        name: fit(Samples.build(theta, np.degrees(error) * 60.0 + n), CurveMethod.AUTO)
         for (name, error), n in zip(errors.items(), noise, strict=True)
     }
     made = Compensation(curves, Validity(inclination_deg=INC), "turns.csv", "0" * 64)

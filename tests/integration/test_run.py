@@ -273,6 +273,7 @@ def not_let_run_s(pid: int) -> float:
 
 
 @pytest.mark.timeout(3600 if KILLS > 30 else 400)
+@pytest.mark.timing
 def test_killed_at_random_points_it_loses_at_most_one_commit_interval(tmp_path, broker):
     """Outbox sound, recording readable to its last complete record, no more lost than the commit interval.
 

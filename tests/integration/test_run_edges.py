@@ -23,7 +23,7 @@ from highside.config.settings import validate
 from highside.link.base import Chunk
 from highside.recording.files import write_whole
 from highside.service.app import Service
-from highside.service.outputs import Attitude
+from highside.service.outputs import AttitudeOutput
 
 pytestmark = pytest.mark.slow
 
@@ -221,7 +221,7 @@ def test_codec_broker_and_recorder_change_in_mid_stream_and_the_counters_balance
 
 
 def test_a_device_that_sends_no_time_is_paced_by_the_clock_of_arrival(tmp_path):
-    found: list[Attitude] = []
+    found: list[AttitudeOutput] = []
     tables = {
         "link": {"kind": "serial", "port": "/dev/x"},
         "codec": {"name": "vn100", "time_line": False},
@@ -233,7 +233,7 @@ def test_a_device_that_sends_no_time_is_paced_by_the_clock_of_arrival(tmp_path):
     for i in range(1000):
         # pairs arrive every 20 ms, with jitter: the step between two frames says nothing about the pace
         service.on_batch(Chunk(100.0 + i / 50.0 + rng.uniform(0.0, 0.004), 0.0, vn(2 * i) + vn(2 * i + 1)))
-    attitudes = [one for one in found if isinstance(one, Attitude)]
+    attitudes = [one for one in found if isinstance(one, AttitudeOutput)]
     assert 198 <= len(attitudes) <= 201
     assert 119.8 <= attitudes[-1].t_device_s <= 120.0
 

@@ -72,7 +72,7 @@ def test_a_bench_is_measured_with_one_tool_and_calibrates_the_next(tmp_path: Pat
 
 def test_what_is_no_turntable_is_said(tmp_path: Path) -> None:
     rows = {"t_s": np.arange(40.0), "inc_ref_deg": np.full(40, 30.0), "tf_ref_deg": np.arange(0.0, 360.0, 9.0)}
-    for inc_deg, status, words in ((30.0, 1, "one inclination cannot tell"), (33.0, 2, "3.00 deg from the bench")):
+    for inc_deg, status, words in ((30.0, 1, "one inclination cannot separate"), (33.0, 2, "3.00 deg from the bench")):
         Table(rows | {"inc_deg": np.full(40, inc_deg), "tf_deg": rows["tf_ref_deg"]}).write(tmp_path / "a.csv")
         done = highside("rotation", "turntable", "a.csv", "-o", "x.json", cwd=tmp_path)
         assert (done.returncode, done.stderr.count("\n")) == (status, 1)

@@ -20,12 +20,12 @@ from scipy.stats import beta, binom, chi2
 from highside.attitude.angles import difference
 from highside.bench.session.plans import Limits
 from highside.bench.setup import _plan
-from highside.calibration.bench_level import Source
+from highside.calibration.bench_level import LevelSource
 from highside.calibration.comparison import attitudes_set
+from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.poses import PoseSet
 from highside.calibration.record import CalibrationRecord, Environment, SolveRequest, build_record, solve_poses
-from highside.calibration.result import BenchAccuracy
-from highside.calibration.verification import Verdict, Verification, indicated, verify_poses
+from highside.calibration.verification import Conformity, Verification, indicated, verify_poses
 from highside.config.bench import VerificationPlan
 from highside.physics.gravity import bench_gravity, gravity_direction
 
@@ -171,7 +171,7 @@ def passing(which: str, sessions: int, kind: str | None = None, factor: float = 
         session(which, seed, as_it_was if kind is None else out_by(factor, which, kind, seed), tilt_deg).verdict
         for seed in range(sessions)
     ]
-    passed = sum(verdict is Verdict.PASS for verdict in found)
+    passed = sum(verdict is Conformity.PASS for verdict in found)
     what = "good tools" if kind is None else f"tools out by {factor:g} of a limit, {kind}"
     print(told(f"{what}, {which}, level to {tilt_deg:g} deg: pass", passed, sessions), dict(Counter(found)))
     return passed
@@ -185,8 +185,8 @@ def at_most(share: float, sessions: int) -> int:
 def test_good_tools_pass(which: str) -> None:
     assert SESSIONS - passing(which, SESSIONS) <= at_most(0.02, SESSIONS)
     found = [session(which, seed) for seed in range(SESSIONS)]
-    assert not any(one.verdict is Verdict.FAIL for one in found)
-    assert all(one.level.source is Source.REVERSED for one in found)
+    assert not any(one.verdict is Conformity.FAIL for one in found)
+    assert all(one.level.source is LevelSource.REVERSED for one in found)
 
 
 @pytest.mark.parametrize("which", DECIDED)
@@ -217,7 +217,7 @@ def test_from_one_side_nothing_is_decided_by_a_bench_that_may_lean_as_much_as_th
     """Neither "pass" nor "fail" for good tools, and the way out is said. By the pattern of 24 poses a constant error of
     I within three sigma of the stated tilt was taken for the bench's: every second tool passed that was out by 1.5."""
     found = [session("one side", seed) for seed in range(SESSIONS)]
-    assert {one.verdict for one in found} == {Verdict.UNDECIDED}
+    assert {one.verdict for one in found} == {Conformity.UNDECIDED}
     for one in found:
         assert "Set poses also with the table turned the other way" in one.text, one.text
 

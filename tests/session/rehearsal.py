@@ -12,13 +12,14 @@ from highside.bench.session.entries import Entry
 from highside.bench.session.force import Store
 from highside.bench.session.journal import Encoder, Header, read_journal
 from highside.bench.session.ledger import Ledger
-from highside.bench.session.plans import Plan
+from highside.bench.session.plans import SessionPlan
 from highside.bench.session.session import BenchSession
-from highside.bench.session.snapshot import Command, CommandName, State
+from highside.bench.session.snapshot import Command, CommandName, SessionState
 from highside.bench.session.view import View
-from highside.bench.simulated_bench import BenchSettings, SimulatedBench
-from highside.bench.simulated_operator import Habits, Mistake, SimulatedOperator
+from highside.bench.simulated_bench import SimulatedBench
+from highside.bench.simulated_operator import Habits, OperatorMistake, SimulatedOperator
 from highside.calibration.record import CalibrationRecord, Environment
+from highside.config.bench import SimulatedTurntable
 from highside.link.device import DeviceSettings
 from highside.physics.motion import still
 
@@ -67,7 +68,7 @@ def rehearse(
     while not session.state.ended and now - start < limit_s:
         frames = list(bench.frames(each))
         now = bench.time_s
-        if bench.heard:
+        if bench.plugged_in:
             session.readings(frames, now)
         session.tick(now)
         job = session.work()
@@ -95,9 +96,9 @@ def random_sensor(seed: int) -> tuple[tuple[tuple[float, ...], ...], tuple[float
 class Rehearsal:
     """One session with all that belongs to it."""
 
-    plan: Plan
+    plan: SessionPlan
     seed: int = 1
-    mistakes: Sequence[tuple[int, Mistake]] = ()
+    mistakes: Sequence[tuple[int, OperatorMistake]] = ()
     rate_hz: float = 50.0
     bench_options: dict[str, object] = field(default_factory=dict)
     sensor: tuple[tuple[tuple[float, ...], ...], tuple[float, ...]] | None = None
@@ -118,7 +119,7 @@ class Rehearsal:
             gyros=self.gyros,
         )
         options = {"tilt_deg": (0.02, -0.01), "seed": self.seed} | self.bench_options
-        self.bench = SimulatedBench(device, BenchSettings(**options), NoWire())  # type: ignore[arg-type]
+        self.bench = SimulatedBench(device, SimulatedTurntable(**options), NoWire())  # type: ignore[arg-type]
         self.bench.plug()
         environment = Environment("simulated")
         self.header = Header(
@@ -151,7 +152,7 @@ class Rehearsal:
         return b"".join(self.lines)
 
     @property
-    def state(self) -> State:
+    def state(self) -> SessionState:
         return self.session.state
 
     def errors_deg(self) -> tuple[float, float]:

@@ -21,7 +21,7 @@ from rehearsal import Rehearsal
 
 from highside.bench.journal_file import JournalFile, session_name
 from highside.bench.session import outcome, plans
-from highside.bench.session.entries import Taken
+from highside.bench.session.entries import TakenPose
 from highside.bench.session.journal import read_journal
 from highside.recording.calibration_store import CalibrationStore, read_record
 
@@ -147,7 +147,7 @@ def left_at(tmp_path: Path, poses: int, t_wall_s: float = 1_795_000_000.0) -> st
     file = JournalFile.create(directory, header)
     for entry in taken.entries:
         file.write(entry, t_wall_s)
-        if isinstance(entry, Taken):
+        if isinstance(entry, TakenPose):
             poses -= 1
         if not poses:
             break

@@ -12,12 +12,12 @@ from rehearsal import Rehearsal, command
 
 from highside.arrays import Array
 from highside.bench.session import plans
-from highside.bench.session.entries import Entry, Reopened, Skipped, Taken, Undone
+from highside.bench.session.entries import Entry, Reopened, Skipped, TakenPose, Undone
 from highside.bench.session.guidance import angle_between_deg
 from highside.bench.session.journal import read_journal
 from highside.bench.session.plans import Limits
 from highside.bench.session.session import StorageError
-from highside.bench.session.snapshot import CommandName, PoseState, State
+from highside.bench.session.snapshot import CommandName, PoseState, SessionState
 from highside.bench.session.view import View
 from highside.bench.simulated_operator import SimulatedOperator
 from highside.physics.gravity import gravity_direction
@@ -52,7 +52,7 @@ class RandomSession(RuleBasedStateMachine):
     def wait(self, seconds: float) -> None:
         for _ in range(round(seconds * 10)):
             frames = list(self.bench.frames(round(RATE_HZ / 10)))
-            if self.bench.heard:
+            if self.bench.plugged_in:
                 self.session.readings(frames, self.bench.time_s)
             self.session.tick(self.bench.time_s)
             job = self.session.work()
@@ -135,7 +135,7 @@ class RandomSession(RuleBasedStateMachine):
     @invariant()
     def no_moving_and_no_wrong_pose_is_taken(self) -> None:
         for entry in self.rehearsal.entries[self.seen :]:
-            if isinstance(entry, Taken):
+            if isinstance(entry, TakenPose):
                 span = np.arange(entry.readings.t_start_s, entry.readings.t_stop_s + 1e-6, 1.0 / RATE_HZ)
                 motion = self.bench.truth_block(span)
                 moved = [angle_between_deg(motion.gravity[:, 0], g) for g in motion.gravity.T]
@@ -178,7 +178,7 @@ class RandomSession(RuleBasedStateMachine):
                     command(CommandName.REDO, self.session.ledger.operator or "simulated", line.id), 0.0
                 )
         self.rehearsal.run(limit_s=900.0)
-        assert self.session.state is State.ACCEPTED, (self.session.state, self.view.snapshot().prompt)
+        assert self.session.state is SessionState.ACCEPTED, (self.session.state, self.view.snapshot().prompt)
         assert self.session.record is not None
         assert self.rehearsal.replayed()[2].id == self.session.record.id  # type: ignore[attr-defined]
 

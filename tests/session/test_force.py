@@ -13,7 +13,7 @@ from highside.bench.session import plans
 from highside.bench.session.entries import PutInForce
 from highside.bench.session.journal import StorageError, read_journal
 from highside.bench.session.plans import Limits
-from highside.bench.session.snapshot import Command, CommandName, Reply, State
+from highside.bench.session.snapshot import Command, CommandName, Reply, SessionState
 from highside.bench.session.view import View
 from highside.bench.store import BenchStore
 from highside.calibration.record import CalibrationRecord
@@ -102,9 +102,9 @@ def test_only_the_operator_who_holds_it_and_only_by_name(tmp_path: Path) -> None
 
 def test_not_before_it_is_accepted(tmp_path: Path) -> None:
     rehearsal = Rehearsal(PLAN, store=BenchStore(tmp_path, "7"))
-    for state in (State.IDLE, State.GUIDING, State.REVIEW):
+    for state in (SessionState.IDLE, SessionState.GUIDING, SessionState.REVIEW):
         look = rehearsal.operator.look
-        rehearsal.operator.look = lambda s, look=look: [] if s.state is State.REVIEW else look(s)  # type: ignore
+        rehearsal.operator.look = lambda s, look=look: [] if s.state is SessionState.REVIEW else look(s)  # type: ignore
         while rehearsal.session.state is not state:
             rehearsal.run(limit_s=0.5)
         for name in (CommandName.ACTIVATE, CommandName.ROLLBACK):
@@ -124,7 +124,7 @@ def test_what_the_store_refuses_is_said_in_a_line(wrong: str, tmp_path: Path, mo
     reply = bench.say(CommandName.ACTIVATE, bench.record.id)
     assert (reply.accepted, reply.reason) == (False, "store")
     assert len(reply.text.splitlines()) == 1 and len(reply.text) < 400, reply.text
-    assert bench.session.state is State.ACCEPTED
+    assert bench.session.state is SessionState.ACCEPTED
     assert not [e for e in bench.rehearsal.entries if isinstance(e, PutInForce)]
 
 

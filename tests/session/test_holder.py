@@ -14,7 +14,7 @@ from highside.bench.session.commands import Origin
 from highside.bench.session.journal import read_journal
 from highside.bench.session.plans import Limits
 from highside.bench.session.session import BenchSession
-from highside.bench.session.snapshot import Command, CommandName, Reply, State
+from highside.bench.session.snapshot import Command, CommandName, Reply, SessionState
 from highside.bench.session.view import View
 
 PLAN = plans.balance_plan([12.0], Limits(std_error_g=3e-5, min_hold_s=1.5, max_hold_s=4.0))
@@ -64,7 +64,7 @@ def test_at_the_bench_it_can_always_be_paused_and_taken_over(session: BenchSessi
     assert say(session, "start", Origin.BROKER, secret=SECRET).accepted
     assert say(session, "abort", Origin.HERE).reason == "held_by_other"
     assert say(session, "pause", Origin.HERE, operator="Bob").accepted
-    assert session.state is State.PAUSED
+    assert session.state is SessionState.PAUSED
     assert say(session, "resume", Origin.HERE, operator="Bob").accepted
     assert say(session, "pause", Origin.BROKER, secret=SECRET).reason == "held_by_other"
 

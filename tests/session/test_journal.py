@@ -16,12 +16,12 @@ from rehearsal import Rehearsal, command
 
 from highside.bench.journal_file import JournalFile, session_name, unfinished
 from highside.bench.session import plans
-from highside.bench.session.entries import Entry, Taken
+from highside.bench.session.entries import Entry, TakenPose
 from highside.bench.session.journal import encode_all, read_journal
 from highside.bench.session.plans import Limits
 from highside.bench.session.session import StorageError
-from highside.bench.session.snapshot import CommandName, State
-from highside.bench.simulated_operator import Mistake
+from highside.bench.session.snapshot import CommandName, SessionState
+from highside.bench.simulated_operator import OperatorMistake
 from highside.errors import InputError
 
 QUICK = Limits(std_error_g=3e-5, min_hold_s=1.5, max_hold_s=4.0)
@@ -30,9 +30,9 @@ PLAN = plans.balance_plan([12.0, 40.0], QUICK)
 
 @pytest.fixture(scope="module")
 def done() -> Rehearsal:
-    mistakes = [(1, Mistake.KNOCK), (2, Mistake.UNDO), (4, Mistake.UNPLUG)]
+    mistakes = [(1, OperatorMistake.SHOCK), (2, OperatorMistake.UNDO), (4, OperatorMistake.UNPLUG)]
     rehearsal = Rehearsal(PLAN, mistakes=mistakes).run()
-    assert rehearsal.state is State.ACCEPTED
+    assert rehearsal.state is SessionState.ACCEPTED
     return rehearsal
 
 
@@ -56,7 +56,7 @@ def test_what_is_written_reads_back_and_writes_the_same(done: Rehearsal) -> None
 
 def test_readings_are_raw(done: Rehearsal) -> None:
     """What the journal holds is what the sensor gave: matrix and offset of the sensor are in it."""
-    taken = [entry for entry in done.entries if isinstance(entry, Taken)]
+    taken = [entry for entry in done.entries if isinstance(entry, TakenPose)]
     matrix, offset = np.array(done.bench.settings.matrix), np.array(done.bench.settings.offset_g)
     for entry in taken:
         middle = 0.5 * (entry.readings.t_start_s + entry.readings.t_stop_s)
@@ -181,7 +181,7 @@ def test_while_the_disk_refuses_no_pose_is_taken_and_afterwards_all_are() -> Non
     assert not refused.accepted and refused.reason == "storage"
     full = False
     rehearsal.run()
-    assert rehearsal.state is State.ACCEPTED and rehearsal.within(2.0)
+    assert rehearsal.state is SessionState.ACCEPTED and rehearsal.within(2.0)
 
 
 def test_the_newest_unfinished_session_of_a_tool_is_found(tmp_path: Path, done: Rehearsal) -> None:

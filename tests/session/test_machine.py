@@ -14,40 +14,40 @@ from highside.bench.session.machine import (
     STAY,
     TABLE,
     Action,
-    Event,
     Go,
     Refuse,
+    SessionEvent,
     onward,
     outcome,
 )
 from highside.bench.session.reasons import Fault, Refusal, Rejection
-from highside.bench.session.snapshot import CommandName, State
+from highside.bench.session.snapshot import CommandName, SessionState
 
-PAIRS = list(itertools.product(State, Event))
+PAIRS = list(itertools.product(SessionState, SessionEvent))
 
 
 @pytest.mark.parametrize(("state", "event"), PAIRS)
-def test_every_event_has_a_defined_outcome_in_every_state(state: State, event: Event) -> None:
+def test_every_event_has_a_defined_outcome_in_every_state(state: SessionState, event: SessionEvent) -> None:
     result = outcome(state, event)
     assert isinstance(result, Go | Refuse)
     if isinstance(result, Refuse):
         assert event in COMMANDS, "an observation cannot be refused: it has happened"
         assert isinstance(result.reason, Refusal) and result.reason.text
     else:
-        assert result.to is None or result.to is ONWARD or isinstance(result.to, State)
+        assert result.to is None or result.to is ONWARD or isinstance(result.to, SessionState)
         assert isinstance(result.action, Action)
 
 
 def test_the_table_names_no_state_and_no_event_that_is_not_there() -> None:
-    assert set(TABLE) == set(State)
-    assert all(set(row) == set(Event) for row in TABLE.values())
-    assert len(PAIRS) == len(State) * len(Event) == sum(len(row) for row in TABLE.values())
+    assert set(TABLE) == set(SessionState)
+    assert all(set(row) == set(SessionEvent) for row in TABLE.values())
+    assert len(PAIRS) == len(SessionState) * len(SessionEvent) == sum(len(row) for row in TABLE.values())
 
 
 @pytest.mark.parametrize("name", CommandName)
 def test_every_command_is_an_event_and_is_of_use_somewhere(name: CommandName) -> None:
-    event = Event(name.value)
-    assert any(isinstance(outcome(state, event), Go) for state in State)
+    event = SessionEvent(name.value)
+    assert any(isinstance(outcome(state, event), Go) for state in SessionState)
 
 
 @pytest.mark.parametrize("action", [action for action in Action if action is not Action.NONE])
@@ -55,82 +55,90 @@ def test_every_action_is_reached(action: Action) -> None:
     assert any(isinstance(o, Go) and o.action is action for row in TABLE.values() for o in row.values())
 
 
-def successors(state: State) -> set[State]:
-    found: set[State] = set()
+def successors(state: SessionState) -> set[SessionState]:
+    found: set[SessionState] = set()
     for result in TABLE[state].values():
         if isinstance(result, Go) and result.to is not None:
             if result.to is ONWARD:
-                found |= {State.SOAKING, State.GUIDING, State.SOLVING, State.REVIEW}
+                found |= {SessionState.SOAKING, SessionState.GUIDING, SessionState.SOLVING, SessionState.REVIEW}
             else:
-                found.add(State(result.to))
+                found.add(SessionState(result.to))
     return found
 
 
-@pytest.mark.parametrize("start", [state for state in State if not state.ended])
-def test_from_every_state_every_end_can_be_reached(start: State) -> None:
+@pytest.mark.parametrize("start", [state for state in SessionState if not state.ended])
+def test_from_every_state_every_end_can_be_reached(start: SessionState) -> None:
     reached, todo = {start}, [start]
     while todo:
         for state in successors(todo.pop()) - reached:
             reached.add(state)
             todo.append(state)
-    assert {State.ACCEPTED, State.REJECTED, State.ABORTED} <= reached
+    assert {SessionState.ACCEPTED, SessionState.REJECTED, SessionState.ABORTED} <= reached
 
 
-@pytest.mark.parametrize("state", [state for state in State if state.ended])
-def test_nothing_leads_out_of_an_end(state: State) -> None:
+@pytest.mark.parametrize("state", [state for state in SessionState if state.ended])
+def test_nothing_leads_out_of_an_end(state: SessionState) -> None:
     assert successors(state) == set()
-    store = {Event.ACTIVATE, Event.ROLLBACK} if state is State.ACCEPTED else set()
+    store = {SessionEvent.ACTIVATE, SessionEvent.ROLLBACK} if state is SessionState.ACCEPTED else set()
     assert all(TABLE[state][event] == Go(None, Action.PUT_IN_FORCE) for event in store)
     assert all(TABLE[state][event] == NOT_NOW for event in COMMANDS - store)
-    assert all(TABLE[state][event] == STAY for event in set(Event) - COMMANDS)
+    assert all(TABLE[state][event] == STAY for event in set(SessionEvent) - COMMANDS)
 
 
 def test_only_operators_end_a_session_and_abort_is_always_open() -> None:
     for state, row in TABLE.items():
         for event, result in row.items():
-            if isinstance(result, Go) and isinstance(result.to, State) and result.to.ended:
+            if isinstance(result, Go) and isinstance(result.to, SessionState) and result.to.ended:
                 assert event in COMMANDS
         if not state.ended:
-            assert row[Event.ABORT] == Go(State.ABORTED, Action.END)
+            assert row[SessionEvent.ABORT] == Go(SessionState.ABORTED, Action.END)
 
 
 def test_a_pose_is_taken_only_after_its_check_and_a_hold_is_closed_only_when_full_or_told_to() -> None:
     takes = {
         (s, e) for s, row in TABLE.items() for e, o in row.items() if isinstance(o, Go) and o.action is Action.TAKE
     }
-    assert takes == {(State.CHECKING, Event.GOOD)}
-    into = {(s, e) for s, row in TABLE.items() for e, o in row.items() if isinstance(o, Go) and o.to is State.CHECKING}
-    assert into == {(State.CAPTURING, Event.FULL), (State.CAPTURING, Event.CAPTURE)}
+    assert takes == {(SessionState.CHECKING, SessionEvent.GOOD)}
+    into = {
+        (s, e)
+        for s, row in TABLE.items()
+        for e, o in row.items()
+        if isinstance(o, Go) and o.to is SessionState.CHECKING
+    }
+    assert into == {(SessionState.CAPTURING, SessionEvent.FULL), (SessionState.CAPTURING, SessionEvent.CAPTURE)}
 
 
-@pytest.mark.parametrize("event", [Event.AWAY, Event.AT_POSE, Event.BROKEN, Event.DATA_LOST, Event.UNSTEADY])
-def test_whatever_disturbs_a_hold_ends_it(event: Event) -> None:
-    result = outcome(State.CAPTURING, event)
-    assert isinstance(result, Go) and result.to not in (None, State.CAPTURING, State.CHECKING)
+@pytest.mark.parametrize(
+    "event",
+    [SessionEvent.AWAY, SessionEvent.AT_POSE, SessionEvent.BROKEN, SessionEvent.DATA_LOST, SessionEvent.UNSTEADY],
+)
+def test_whatever_disturbs_a_hold_ends_it(event: SessionEvent) -> None:
+    result = outcome(SessionState.CAPTURING, event)
+    assert isinstance(result, Go) and result.to not in (None, SessionState.CAPTURING, SessionState.CHECKING)
     assert result.action is Action.REFUSE_HOLD
 
 
 def test_waiting_long_never_leads_anywhere() -> None:
     for row in TABLE.values():
-        result = row[Event.LONG_WAIT]
+        result = row[SessionEvent.LONG_WAIT]
         assert isinstance(result, Go) and result.to is None
 
 
 def test_loss_of_data_is_survived_in_all_states_that_measure() -> None:
-    for state in {*LIVE, State.SOAKING}:
-        assert outcome(state, Event.DATA_LOST) == Go(State.NO_DATA, Action.REFUSE_HOLD)
-    assert outcome(State.NO_DATA, Event.DATA_BACK) == Go(ONWARD)
-    for state in (State.IDLE, State.REVIEW, State.PAUSED, State.SOLVING):
-        assert outcome(state, Event.DATA_LOST) == STAY
+    for state in {*LIVE, SessionState.SOAKING}:
+        assert outcome(state, SessionEvent.DATA_LOST) == Go(SessionState.NO_DATA, Action.REFUSE_HOLD)
+    assert outcome(SessionState.NO_DATA, SessionEvent.DATA_BACK) == Go(ONWARD)
+    for state in (SessionState.IDLE, SessionState.REVIEW, SessionState.PAUSED, SessionState.SOLVING):
+        assert outcome(state, SessionEvent.DATA_LOST) == STAY
 
 
 @pytest.mark.parametrize(("soak", "open_", "solved"), list(itertools.product((False, True), repeat=3)))
 def test_onward_is_decided_by_the_open_poses(soak: bool, open_: bool, solved: bool) -> None:
     state = onward(waits_for_temperature=soak, has_open=open_, solved=solved)
     if open_:
-        assert state is (State.SOAKING if soak else State.GUIDING)
+        assert state is (SessionState.SOAKING if soak else SessionState.GUIDING)
     else:
-        assert state is (State.REVIEW if solved else State.SOLVING)
+        assert state is (SessionState.REVIEW if solved else SessionState.SOLVING)
 
 
 @pytest.mark.parametrize("kind", [Rejection, Refusal, Fault])

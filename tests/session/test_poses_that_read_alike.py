@@ -10,11 +10,11 @@ import pytest
 from rehearsal import Rehearsal, command, random_sensor
 
 from highside.bench.session import checks, plans
-from highside.bench.session.entries import Refused, Reopened, Taken
+from highside.bench.session.entries import RefusedHold, Reopened, TakenPose
 from highside.bench.session.journal import read_journal
-from highside.bench.session.plans import Limits, Plan
+from highside.bench.session.plans import Limits, SessionPlan
 from highside.bench.session.reasons import Fault, Rejection
-from highside.bench.session.snapshot import CommandName, State
+from highside.bench.session.snapshot import CommandName, SessionState
 from highside.bench.setup import _plan
 from highside.bench.simulated_operator import Habits, SimulatedOperator
 from highside.calibration.poses import PoseSet
@@ -43,14 +43,14 @@ class Followed(Rehearsal):
 
     def write(self, entry: object) -> None:  # type: ignore[override]
         super().write(entry)  # type: ignore[arg-type]
-        if isinstance(entry, Taken):
+        if isinstance(entry, TakenPose):
             self.at.append((entry.pose, self.set))
 
     @property
-    def asked_again(self) -> list[Refused | Reopened]:
+    def asked_again(self) -> list[RefusedHold | Reopened]:
         """Poses that were taken, or complete, and contradict the others; a hold begun anew is none."""
         contradicts = (Rejection.OUTLIER, Rejection.CLOSURE, Rejection.LEFT_OUT)
-        found = (entry for entry in self.entries if isinstance(entry, Refused | Reopened))
+        found = (entry for entry in self.entries if isinstance(entry, RefusedHold | Reopened))
         return [entry for entry in found if entry.reason in contradicts]
 
 
@@ -63,7 +63,7 @@ def taken_where_set(done: Followed) -> bool:
 def test_a_good_verification_asks_for_no_pose_again(seed: int) -> None:
     """Most of these sessions asked again: pose 8 (45/140) had been taken at -45/320, right after pose 2."""
     done = Followed(DEFAULT, seed=seed, sensor=random_sensor(seed), rate_hz=25.0).run()
-    assert done.state is State.ACCEPTED
+    assert done.state is SessionState.ACCEPTED
     assert not done.asked_again, done.asked_again
     assert taken_where_set(done) and [pose for pose, _ in done.at] == [str(k + 1) for k in range(12)]
 
@@ -78,13 +78,13 @@ PLANS = {
 
 
 @pytest.mark.parametrize("plan", PLANS.values(), ids=PLANS)
-def test_each_is_measured_where_it_was_asked_for(plan: Plan) -> None:
+def test_each_is_measured_where_it_was_asked_for(plan: SessionPlan) -> None:
     done = Followed(plan, rate_hz=25.0).run()
-    assert done.state is State.ACCEPTED and not done.asked_again
+    assert done.state is SessionState.ACCEPTED and not done.asked_again
     assert len(done.at) == len(plan.poses) and taken_where_set(done)
 
 
-def started(plan: Plan) -> Rehearsal:
+def started(plan: SessionPlan) -> Rehearsal:
     rehearsal = Rehearsal(plan, rate_hz=25.0)
     rehearsal.session.command(command(CommandName.START), rehearsal.bench.time_s)
     return rehearsal
@@ -218,6 +218,6 @@ def test_a_session_with_a_knocked_pose_asks_for_it() -> None:
     done.bench.turn_to = turned  # type: ignore[method-assign,assignment]
     done.operator = SimulatedOperator(done.bench, Habits(seed=1))
     done.run()
-    assert done.state is State.ACCEPTED
+    assert done.state is SessionState.ACCEPTED
     asked = {(entry.pose, entry.reason) for entry in done.asked_again}
     assert ("8", Rejection.OUTLIER) in asked and len(asked) == 1

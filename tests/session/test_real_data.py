@@ -10,10 +10,10 @@ import pytest
 from rehearsal import WALL_S, command
 
 from highside.bench.session import outcome, plans
-from highside.bench.session.entries import Entry, Refused
+from highside.bench.session.entries import Entry, RefusedHold
 from highside.bench.session.journal import Encoder, Header, read_journal
 from highside.bench.session.session import BenchSession
-from highside.bench.session.snapshot import CommandName, State
+from highside.bench.session.snapshot import CommandName, SessionState
 from highside.calibration.magnitude import leave_one_out_errors
 from highside.calibration.record import Environment
 from highside.codec.frame import Frame
@@ -57,10 +57,10 @@ def test_every_pose_is_found_by_itself_and_the_ones_left_out_are_predicted(
     job = session.work()
     assert job is not None
     session.finish_work(job(), 0.0)
-    assert session.state is State.REVIEW
+    assert session.state is SessionState.REVIEW
     poses = session.ledger.pose_set()
     assert len(poses) == count
-    assert not [entry for entry in entries if isinstance(entry, Refused)]
+    assert not [entry for entry in entries if isinstance(entry, RefusedHold)]
     errors_mg = 1e3 * leave_one_out_errors(poses)
     rms = float(np.sqrt(np.mean(errors_mg**2)))
     print(f"{name}: {len(poses)} poses, left-out rms {rms:.3f} mg")

@@ -7,7 +7,6 @@ import os
 import random
 import signal
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,10 +14,10 @@ from rehearsal import Rehearsal
 
 from highside.bench.journal_file import JournalFile
 from highside.bench.session import outcome, plans
-from highside.bench.session.entries import Entry, Taken
+from highside.bench.session.entries import Entry, TakenPose
 from highside.bench.session.journal import read_journal
 from highside.bench.session.plans import Limits
-from highside.bench.session.snapshot import PoseState, State
+from highside.bench.session.snapshot import PoseState, SessionState
 from highside.bench.simulated_operator import SimulatedOperator
 
 KILLS = 100
@@ -43,7 +42,7 @@ def measure(directory: str, seed: int, acknowledged: int) -> None:
 
     def write(entry: Entry) -> None:
         file.write(entry, WALL_S)
-        if isinstance(entry, Taken):
+        if isinstance(entry, TakenPose):
             os.write(acknowledged, entry.pose.encode() + b" ")
 
     rehearsal.write = write  # type: ignore[method-assign]
@@ -92,7 +91,7 @@ def test_a_kill_loses_at_most_the_pose_in_progress_and_the_session_goes_on(tmp_p
         kept += len(on_disk)
         finished += ledger.ended is not None
         again = rehearsal_for(kill)
-        again.bench.settings = replace(again.bench.settings, seed=10_000 + kill)
+        again.bench.settings = again.bench.settings.model_copy(update={"seed": 10_000 + kill})
         again.write = lambda entry, file=file: file.write(entry, WALL_S)  # type: ignore[method-assign,misc]
         again.session = again.make_session(ledger)
         if ledger.began:
@@ -100,7 +99,7 @@ def test_a_kill_loses_at_most_the_pose_in_progress_and_the_session_goes_on(tmp_p
         again.operator = SimulatedOperator(again.bench, ids="later")
         again.run(look_s=0.2)
         file.close()
-        assert again.state is State.ACCEPTED
+        assert again.state is SessionState.ACCEPTED
         lines = again.session.ledger.lines
         assert all(lines[name].state is PoseState.DONE and lines[name].readings == r for name, r in readings.items())
         replayed, solved, record = outcome.replay(read_journal(path.read_bytes()))

@@ -12,8 +12,8 @@ from rehearsal import Rehearsal
 from highside.bench.session import plans, turntable
 from highside.bench.session.entries import Ended
 from highside.bench.session.journal import encode_all, read_journal
-from highside.bench.session.plans import Limits, Plan
-from highside.bench.session.snapshot import State
+from highside.bench.session.plans import Limits, SessionPlan
+from highside.bench.session.snapshot import SessionState
 from highside.bench.session.view import View
 from highside.bench.setup import header_of, turntable_path
 from highside.bench.store import keep_turntable
@@ -28,11 +28,11 @@ TURNS = plans.turntable_plan((20.0, 50.0, 90.0), 16, QUICK)
 JOINT = plans.joint_plan(16, QUICK, inclinations_deg=(-45, 5, 45, 90, 120), toolfaces_deg=(45.0, 135.0, 225.0, 315.0))
 
 
-def session(plan: Plan, seed: int = 1) -> Rehearsal:
+def session(plan: SessionPlan, seed: int = 1) -> Rehearsal:
     """On a bench whose encoder errs by up to 0.07 deg."""
     bench = {"encoder_deg": ENCODER_DEG, "settle_s": 0.5, "turn_rate_dps": 120.0}
     done = Rehearsal(plan, seed=seed, rate_hz=20.0, gyros=False, bench_options=bench).run(look_s=0.4)
-    assert done.state is State.ACCEPTED
+    assert done.state is SessionState.ACCEPTED
     return done
 
 
@@ -107,7 +107,7 @@ def test_later_sessions_on_that_bench_use_it_and_say_so(turned: Rehearsal, tmp_p
     assert header.environment.turntable == fitted(turned).id
     moved = [abs(pose.reference[1] - pose.tf_deg) for pose in header.plan.poses]
     assert 0.02 < max(moved) < 0.1
-    assert Plan.from_dict(header.plan.to_dict()) == header.plan
+    assert SessionPlan.from_dict(header.plan.to_dict()) == header.plan
     # another bench, another file, or told not to
     for other in (
         file(tmp_path, "joint", name="bench 2"),

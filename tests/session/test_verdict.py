@@ -13,8 +13,8 @@ from rehearsal import MATRIX, OFFSET_G, Rehearsal, command
 from highside.bench.session import outcome, plans
 from highside.bench.session.entries import Ended
 from highside.bench.session.journal import Encoder, encode_all, read_journal
-from highside.bench.session.plans import Criterion, Limits, Plan
-from highside.bench.session.snapshot import CommandName, State
+from highside.bench.session.plans import Criterion, Limits, SessionPlan
+from highside.bench.session.snapshot import CommandName, SessionState
 from highside.bench.session.view import View
 from highside.calibration.record import CalibrationRecord
 from highside.errors import InputError
@@ -31,15 +31,15 @@ def calibration() -> CalibrationRecord:
     return record
 
 
-def verification(limit_deg: float) -> Plan:
+def verification(limit_deg: float) -> SessionPlan:
     return plans.verification_plan(POSES, QUICK, Criterion(calibration().id, limit_deg, 20 * limit_deg))
 
 
-def roll(limit_deg: float) -> Plan:
+def roll(limit_deg: float) -> SessionPlan:
     return plans.roll_test_plan(60.0, 8, QUICK, Criterion(calibration().id, limit_deg, limit_g_total_g=2.5e-3))
 
 
-def judge(plan: Plan, offset_g: float = 0.0) -> Rehearsal:
+def judge(plan: SessionPlan, offset_g: float = 0.0) -> Rehearsal:
     """A session that judges the calibration with a sensor whose x offset has moved since."""
     sensor = (MATRIX, (OFFSET_G[0] + offset_g, *OFFSET_G[1:]))
     return Rehearsal(plan, sensor=sensor, judged=calibration(), seed=3).run()
@@ -52,19 +52,19 @@ def judge(plan: Plan, offset_g: float = 0.0) -> Rehearsal:
     ids=["as calibrated", "offset moved by 10 mg", "limit below what can be told"],
 )
 def test_a_session_ends_with_its_verdict(make: object, limit_deg: float, offset_g: float, says: str) -> None:
-    plan: Plan = make(limit_deg)  # type: ignore[operator]
-    if says == "undecided" and plan.kind is plans.Kind.ROLL_TEST:
+    plan: SessionPlan = make(limit_deg)  # type: ignore[operator]
+    if says == "undecided" and plan.kind is plans.SessionKind.ROLL_TEST:
         limit_deg = 0.015
         plan = roll(limit_deg)
     done = judge(plan, offset_g)
-    assert done.state is State.ACCEPTED and done.session.record is None
+    assert done.state is SessionState.ACCEPTED and done.session.record is None
     snapshot = View(done.session).snapshot()
     assert snapshot.plan.judges == calibration().id
     assert snapshot.result is not None and snapshot.result.verdict is not None
     verdict = snapshot.result.verdict
     assert (verdict.verdict, verdict.record, verdict.limit_inc_deg) == (says, calibration().id, limit_deg)
     assert calibration().id[:12] in snapshot.prompt and verdict.text in snapshot.prompt
-    assert len(verdict.rows) == (len(POSES) if plan.kind is plans.Kind.VERIFICATION else 2)
+    assert len(verdict.rows) == (len(POSES) if plan.kind is plans.SessionKind.VERIFICATION else 2)
     assert any(row.verdict == says for row in verdict.rows)
     # the journal alone tells the same
     ended = done.session.ledger.ended
@@ -107,9 +107,9 @@ def test_what_gives_no_verdict_is_not_accepted_but_says_why() -> None:
     for pose in plan.poses[4:]:
         assert session.command(command(CommandName.SKIP, pose=pose.id), 0.0).accepted
     look = rehearsal.operator.look
-    rehearsal.operator.look = lambda s: [] if s.state is State.REVIEW else look(s)  # type: ignore[method-assign]
+    rehearsal.operator.look = lambda s: [] if s.state is SessionState.REVIEW else look(s)  # type: ignore[method-assign]
     rehearsal.run(limit_s=300.0)
-    assert session.state is State.REVIEW
+    assert session.state is SessionState.REVIEW
     snapshot = View(session).snapshot()
     assert CommandName.ACCEPT not in snapshot.allowed and CommandName.REJECT in snapshot.allowed
     assert "4 different toolfaces" in snapshot.prompt and "No verdict follows" in snapshot.prompt
@@ -144,6 +144,6 @@ def test_the_running_uncertainty_is_that_of_the_result() -> None:
         assert job == snapshot.uncertainty
         for done, inc_std, _ in seen:
             assert done < len(plan.poses) and inc_std >= 0.9 * (stated[0] or 0.0)
-        if plan.kind is plans.Kind.JOINT:
+        if plan.kind is plans.SessionKind.JOINT:
             assert [done for done, _, _ in seen] == [5, 6, 7]
             assert np.all(np.diff([tf for _, _, tf in seen]) < 0.0), "it falls with each pose"

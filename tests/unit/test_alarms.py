@@ -11,7 +11,7 @@ import pytest
 from highside.service.alarms import ALARMS, DROPPING_STANDS_S, Dropping, Growing
 from highside.service.messages import schemas
 from highside.service.quiet_log import REASONS, QuietLog
-from highside.service.replies import BURST, RATE_PER_S, WAITING, Replies, Reply
+from highside.service.replies import BURST, RATE_PER_S, WAITING, QueuedReply, ReplyQueue
 
 log = logging.getLogger("test.quiet")
 
@@ -94,10 +94,10 @@ def test_every_alarm_has_its_meaning_and_the_schema_says_it() -> None:
 
 def test_answers_have_an_allowance_of_each_kind_and_never_pile_up() -> None:
     clock = Clock()
-    replies = Replies(clock)
-    taken = [replies.put(Reply("t", b"no"), done=False) for _ in range(1000)]
+    replies = ReplyQueue(clock)
+    taken = [replies.put(QueuedReply("t", b"no"), done=False) for _ in range(1000)]
     assert taken.count(True) == BURST
-    assert replies.put(Reply("t", b"yes"), done=True)
+    assert replies.put(QueuedReply("t", b"yes"), done=True)
     assert replies.dropped == 1000 - BURST
     waiting = 0
     while (first := replies.first) is not None:
@@ -105,12 +105,12 @@ def test_answers_have_an_allowance_of_each_kind_and_never_pile_up() -> None:
         replies.sent(first)
     assert waiting == replies.made == BURST + 1
     clock.now += 10.0
-    taken = [replies.put(Reply("t", b"no"), done=False) for _ in range(1000)]
+    taken = [replies.put(QueuedReply("t", b"no"), done=False) for _ in range(1000)]
     assert taken.count(True) == min(int(10.0 * RATE_PER_S), BURST)
     for _ in range(100):
         clock.now += 10.0
         for done in (True, False):
-            replies.put(Reply("t", b""), done=done)
+            replies.put(QueuedReply("t", b""), done=done)
     count = 0
     while (first := replies.first) is not None:
         count += 1

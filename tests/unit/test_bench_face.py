@@ -18,8 +18,8 @@ from highside.bench.session.snapshot import (
     PoseState,
     Reply,
     ResultState,
+    SessionState,
     Snapshot,
-    State,
     VerdictRow,
     VerdictState,
 )
@@ -30,7 +30,7 @@ RECORD, BEFORE = "ab" * 32, "cd" * 32
 
 def snapshot(verdict: VerdictState | None = None, *, record: str | None = RECORD) -> Snapshot:
     return Snapshot(
-        seq=1, session="s", tool="tool-7", state=State.ACCEPTED, prompt="Done.", target=None, attitude=None,
+        seq=1, session="s", tool="tool-7", state=SessionState.ACCEPTED, prompt="Done.", target=None, attitude=None,
         plan=PlanState(kind="joint", title="joint", method="joint", poses=4, done=4, skipped=0),
         deviation=None, stillness=None, capture=None, temp_c=None, poses=[], uncertainty=None, closures=[], faults=[],
         allowed=[CommandName.ACTIVATE, CommandName.ROLLBACK],
@@ -57,7 +57,7 @@ class Driver:
 
     async def command(self, command: Command) -> Reply:
         self.told.append(command)
-        return Reply(request_id=command.request_id, accepted=True, text="done", state=State.ACCEPTED, seq=2)
+        return Reply(request_id=command.request_id, accepted=True, text="done", state=SessionState.ACCEPTED, seq=2)
 
 
 def press(face: RichFace, keys: str) -> None:
@@ -166,4 +166,4 @@ class Once(Driver):
         yield self.shown
 
     async def command(self, command: Command) -> Reply:
-        return Reply(request_id="x", accepted=True, text=self.reply, state=State.ACCEPTED, seq=2)
+        return Reply(request_id="x", accepted=True, text=self.reply, state=SessionState.ACCEPTED, seq=2)

@@ -17,7 +17,7 @@ from pydantic import SecretStr
 
 from highside.bench.session.reasons import Fault, Refusal, Rejection
 from highside.bench.session.snapshot import (
-    Attitude,
+    AttitudeState,
     Capture,
     ClosureState,
     CommandName,
@@ -28,11 +28,11 @@ from highside.bench.session.snapshot import (
     PoseRow,
     PoseState,
     ResultState,
+    SessionState,
     Snapshot,
-    State,
-    Stillness,
+    StillnessState,
     Target,
-    Uncertainty,
+    UncertaintyState,
     VerdictRow,
     VerdictState,
     table_reads,
@@ -58,11 +58,11 @@ deviations = st.builds(
 )  # fmt: skip
 targets = st.builds(Target, pose=NAMES, inc_deg=ANGLES, tf_deg=ANGLES, temp_c=MAYBE)
 attitudes = st.builds(
-    Attitude, inc_deg=st.floats(0, 180), tf_deg=st.one_of(MAYBE, st.floats(0, 360)), g_total=st.floats(0.5, 1.5)
+    AttitudeState, inc_deg=st.floats(0, 180), tf_deg=st.one_of(MAYBE, st.floats(0, 360)), g_total=st.floats(0.5, 1.5)
 )
 stillnesses = st.builds(
-    Stillness, value=SIZES, limit=st.just(1.0), still=st.booleans(), noise_g=MAYBE, trace=st.lists(SIZES, max_size=30),
-    trace_step_s=st.just(0.5),
+    StillnessState, value=SIZES, limit=st.just(1.0), still=st.booleans(), noise_g=MAYBE,
+    trace=st.lists(SIZES, max_size=30), trace_step_s=st.just(0.5),
 )  # fmt: skip
 captures = st.builds(
     Capture, progress=st.floats(0, 1), elapsed_s=SIZES, readings=st.integers(0, 10**6),
@@ -77,10 +77,10 @@ rows = st.builds(
 
 
 @st.composite
-def uncertainties(draw: st.DrawFn) -> Uncertainty:
+def uncertainties(draw: st.DrawFn) -> UncertaintyState:
     count = draw(st.integers(0, 6))
     values = st.lists(st.floats(0, 104), min_size=count, max_size=count)
-    return Uncertainty(
+    return UncertaintyState(
         inc_deg=draw(values), inc_std_deg=draw(values), tf_std_deg=draw(values), rms_inc_std_deg=0.1, rms_tf_std_deg=0.2
     )
 
@@ -108,8 +108,8 @@ results = st.builds(
     refused=st.lists(NAMES, max_size=2), remarks=st.lists(NAMES, max_size=2),
 )  # fmt: skip
 snapshots = st.builds(
-    Snapshot, seq=st.just(1), session=NAMES, tool=NAMES, serial=st.one_of(MAYBE, NAMES), state=st.sampled_from(State),
-    back_to=MAYBE,
+    Snapshot, seq=st.just(1), session=NAMES, tool=NAMES, serial=st.one_of(MAYBE, NAMES),
+    state=st.sampled_from(SessionState), back_to=MAYBE,
     plan=st.builds(PlanState, kind=NAMES, title=NAMES, method=NAMES, poses=st.one_of(MAYBE, st.just(9)),
                    done=st.integers(0, 9), skipped=st.just(0), stage=st.just(0), stages=st.integers(1, 3),
                    stage_temp_c=MAYBE),
@@ -159,7 +159,7 @@ def assert_inside(drawn: ET.Element) -> None:
 
 
 def test_every_state_has_its_sign() -> None:
-    assert set(STATES) == set(State)
+    assert set(STATES) == set(SessionState)
 
 
 @given(st.floats(0, 180), st.floats(0, 180), st.floats(0.01, 20))
@@ -184,7 +184,7 @@ def test_the_dot_lies_opposite_to_what_is_missing() -> None:
 
 
 def test_a_table_turned_the_other_way_reads_as_its_scales_do() -> None:
-    at = Attitude(inc_deg=30.0, tf_deg=200.0, g_total=1.0)
+    at = AttitudeState(inc_deg=30.0, tf_deg=200.0, g_total=1.0)
     assert table_reads(at, Target(pose="1", inc_deg=-30.0, tf_deg=20.0)) == (-30.0, 20.0)
     assert table_reads(at, Target(pose="1", inc_deg=30.0, tf_deg=20.0)) == (30.0, 200.0)
     assert table_reads(at, None) == (30.0, 200.0)
@@ -192,7 +192,7 @@ def test_a_table_turned_the_other_way_reads_as_its_scales_do() -> None:
 
 @given(snapshots, attitudes)
 @settings(max_examples=60, deadline=None)
-def test_terminal_and_page_show_the_same_setting_in_every_state(shown: Snapshot, at: Attitude) -> None:
+def test_terminal_and_page_show_the_same_setting_in_every_state(shown: Snapshot, at: AttitudeState) -> None:
     """A negative inclination is the table turned the other way, also before the session has begun."""
     from rich.console import Console
 
@@ -289,9 +289,10 @@ def test_a_token_that_others_may_read_is_refused_with_the_remedy(tmp_path: Path,
 def shown(**changed: object) -> Snapshot:
     """A snapshot of a session that measures."""
     return Snapshot(
-        seq=1, session="s", tool="tool-7", state=State.GUIDING, prompt="Set 1.",
+        seq=1, session="s", tool="tool-7", state=SessionState.GUIDING, prompt="Set 1.",
         target=Target(pose="1", inc_deg=5.0, tf_deg=45.0),
-        attitude=Attitude(inc_deg=5.0, tf_deg=45.0, g_total=1.0), deviation=deviation(0.0, 0.0, 0.1), stillness=None,
+        attitude=AttitudeState(inc_deg=5.0, tf_deg=45.0, g_total=1.0), deviation=deviation(0.0, 0.0, 0.1),
+        stillness=None,
         plan=PlanState(kind="joint", title="joint", method="joint", poses=4, done=4, skipped=0), capture=None,
         temp_c=None, poses=[], uncertainty=None, closures=[], faults=[], operator="ann", allowed=[], result=None,
         last_rejection=None, elapsed_s=10.0,
@@ -303,7 +304,7 @@ def test_without_data_no_number_stands_and_every_sentence_stands_once() -> None:
     lost, link = Rejection.DATA_LOST.text, Fault.LINK_DOWN
     parts = parts_of(
         shown(
-            state=State.NO_DATA, prompt=link.text, attitude=None, deviation=None, last_rejection=lost,
+            state=SessionState.NO_DATA, prompt=link.text, attitude=None, deviation=None, last_rejection=lost,
             faults=[FaultState(code=link.value, text=link.text, since_s=1.0, detail="ttyUSB0 is gone")],
             poses=[PoseRow(pose="1", inc_deg=5.0, tf_deg=45.0, state=PoseState.OPEN, attempts=1, text=lost)],
         )
@@ -323,7 +324,7 @@ def test_what_the_page_says_fits_what_was_done() -> None:
     assert "Closure" not in parts_of(shown()).calibration, "a joint plan has no ring to wait for"
     ring = PlanState(kind="balance", title="balance", method="balance", poses=4, done=1, skipped=0)
     assert "after the first ring of four" in parts_of(shown(plan=ring)).calibration
-    u = Uncertainty(
+    u = UncertaintyState(
         inc_deg=[5.0, 45.0, 90.0], inc_std_deg=[0.002, 0.001, 0.001], tf_std_deg=[0.03, 0.004, 0.002],
         rms_inc_std_deg=0.0015, rms_tf_std_deg=0.0121,
     )  # fmt: skip
@@ -331,7 +332,7 @@ def test_what_the_page_says_fits_what_was_done() -> None:
         method="joint", record_id="ab" * 32, inc_std_deg=0.0015, tf_std_deg=0.0121, poses=4, retaken=0, refused=[]
     )
     done = shown(
-        state=State.ACCEPTED, plan=ring, result=result, uncertainty=u,
+        state=SessionState.ACCEPTED, plan=ring, result=result, uncertainty=u,
         in_force=ForceState(present="ab" * 32, before=None),
     )  # fmt: skip
     parts = parts_of(done)

@@ -10,11 +10,14 @@ import pytest
 from highside.arrays import Array
 from highside.calibration.balance import TRIPLES, balance, balance_matrix, closures_of, zone_limits
 from highside.calibration.conventional import conventional, least_squares, position_plan
+from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.poses import PoseSet
-from highside.calibration.result import BenchAccuracy, CalibrationRefused, CalibrationResult, Reason
+from highside.calibration.remark import CalibrationRefused, Reason
+from highside.calibration.result import CalibrationResult
 from highside.errors import InputError
 from highside.physics.gravity import gravity_direction
-from highside.physics.scenario import pose_grid, reference_scenario
+from highside.physics.plan import pose_grid
+from studies.scenario import reference_scenario
 
 QUADRANTS = (45.0, 135.0, 225.0, 315.0)
 # equation (10): readings of a real accelerometer in the three conventional poses, and its inverse

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from highside.arrays import Array
-from highside.calibration.poses import PoseSet, find_still_intervals, group_settings, poses_from_intervals
+from highside.calibration.poses import PoseSet, group_settings
+from highside.calibration.still_intervals import find_still_intervals, poses_from_intervals
 from highside.errors import InputError
 from highside.physics.gravity import gravity_direction
 

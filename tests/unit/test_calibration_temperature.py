@@ -10,11 +10,12 @@ import pytest
 from highside.arrays import Array
 from highside.calibration.magnitude import magnitude
 from highside.calibration.poses import PoseSet
-from highside.calibration.result import CalibrationRefused, CalibrationResult, Reason
+from highside.calibration.remark import CalibrationRefused, Reason
+from highside.calibration.result import CalibrationResult
 from highside.calibration.temperature import joint_over_temperature, legs
 from highside.errors import InputError
 from highside.physics.gravity import bench_gravity, gravity_direction
-from highside.physics.scenario import BALANCE_TOOLFACES_DEG, pose_grid
+from highside.physics.plan import BALANCE_TOOLFACES_DEG, pose_grid
 
 CYCLE_C = (25.0, 75.0, 125.0, 150.0, 125.0, 75.0, 25.0)
 REF_C, HALF_C = 87.5, 62.5

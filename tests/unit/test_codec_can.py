@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from highside.codec import tool_can
 from highside.codec.axes import AxisMap
-from highside.codec.can_dbc import Message, SignalCodec, Source, compile_dbc
+from highside.codec.can_dbc import Message, SignalCodec, SignalSource, compile_dbc
 from highside.codec.frame import CanFrame
 from highside.codec.tool_can import ToolCanCodec
 from highside.errors import InputError
@@ -186,11 +186,11 @@ FOREIGN = HEAD + (
     'BO_ 300 MUX: 8 A\n SG_ M M : 0|8@1+ (1,0) [0|0] "" A\n SG_ V m1 : 8|8@1+ (1,0) [0|0] "" A\n'
 )
 MAPPING = {
-    "ax_g": Source("ACC", "X", 1 / 9.80665),
-    "ay_g": Source("ACC", "Y", 1 / 9.80665),
-    "az_g": Source("ACC", "Z", 1 / 9.80665),
-    "gz_dps": Source("GYR", "RZ"),
-    "raw_z": Source("ACC", "Z"),
+    "ax_g": SignalSource("ACC", "X", 1 / 9.80665),
+    "ay_g": SignalSource("ACC", "Y", 1 / 9.80665),
+    "az_g": SignalSource("ACC", "Z", 1 / 9.80665),
+    "gz_dps": SignalSource("GYR", "RZ"),
+    "raw_z": SignalSource("ACC", "Z"),
 }
 
 
@@ -213,16 +213,18 @@ def test_foreign_signals_of_two_messages_make_one_frame_and_are_never_used_twice
 @pytest.mark.parametrize(
     ("fields", "emit_on", "says"),
     [
-        ({"ax_g": Source("NONE", "X")}, None, "no message 'NONE'; it has: ACC, GYR, MUX"),
-        ({"ax_g": Source("ACC", "Q")}, None, "no signal 'Q' within its 6 bytes; it has: X, Y, Z"),
-        ({"ax_g": Source("GYR", "LONG")}, None, "no signal 'LONG' within its 2 bytes; it has: RZ"),
-        ({"ax_g": Source("MUX", "V")}, None, "multiplexed"),
-        ({"ax_g": Source("ACC", "X"), "gz_dps": Source("GYR", "RZ")}, None, "name the last one: ACC, GYR"),
-        ({"ax_g": Source("ACC", "X")}, "GYR", "'GYR' is not mapped; allowed: ACC"),
+        ({"ax_g": SignalSource("NONE", "X")}, None, "no message 'NONE'; it has: ACC, GYR, MUX"),
+        ({"ax_g": SignalSource("ACC", "Q")}, None, "no signal 'Q' within its 6 bytes; it has: X, Y, Z"),
+        ({"ax_g": SignalSource("GYR", "LONG")}, None, "no signal 'LONG' within its 2 bytes; it has: RZ"),
+        ({"ax_g": SignalSource("MUX", "V")}, None, "multiplexed"),
+        ({"ax_g": SignalSource("ACC", "X"), "gz_dps": SignalSource("GYR", "RZ")}, None, "name the last one: ACC, GYR"),
+        ({"ax_g": SignalSource("ACC", "X")}, "GYR", "'GYR' is not mapped; allowed: ACC"),
         ({}, None, "map at least one signal"),
     ],
 )
-def test_a_wrong_mapping_is_refused_in_one_line(fields: dict[str, Source], emit_on: str | None, says: str) -> None:
+def test_a_wrong_mapping_is_refused_in_one_line(
+    fields: dict[str, SignalSource], emit_on: str | None, says: str
+) -> None:
     with pytest.raises(InputError, match=says) as caught:
         SignalCodec(compile_dbc(FOREIGN), fields, emit_on=emit_on, where="car.dbc")
     assert "\n" not in str(caught.value)

@@ -8,11 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from highside.codec.axes import AxisMap
-from highside.codec.delimited import Column, DelimitedCodec, Layout, TimeTerm
+from highside.codec.delimited import DelimitedCodec, DelimitedCodecConfig
 from highside.codec.frame import Frame
 
-ACCEL = {"ax_g": Column(1), "ay_g": Column(2), "az_g": Column(3)}
+
+def layout_of(fields: dict[str, dict[str, float]], **settings: object) -> DelimitedCodecConfig:
+    return DelimitedCodecConfig.model_validate({"name": "delimited", "fields": fields} | settings)
+
+
+ACCEL = {"ax_g": {"column": 1}, "ay_g": {"column": 2}, "az_g": {"column": 3}}
 
 
 def frames_of(codec: DelimitedCodec, data: bytes, size: int = 1 << 20) -> list[Frame]:
@@ -29,7 +33,7 @@ def frames_of(codec: DelimitedCodec, data: bytes, size: int = 1 << 20) -> list[F
 
 @pytest.mark.parametrize("size", [1, 2, 7, 1000])
 def test_lines_are_sorted_into_readings_bad_ignored_text_and_junk(size: int) -> None:
-    layout = Layout(ACCEL, columns=4, select=(0, "3"))
+    layout = layout_of(ACCEL, columns=4, select={"column": 0, "equals": "3"})
     codec = DelimitedCodec(layout)
     lines = {
         "text": [b"boot\r\n", b"3\r\n", b"GPZDA,1,2\r\n", b"\r\n"],
@@ -60,7 +64,7 @@ def test_lines_are_sorted_into_readings_bad_ignored_text_and_junk(size: int) -> 
 
 
 def test_the_end_of_a_line_cut_at_the_start_is_not_taken_for_a_reading() -> None:
-    codec = DelimitedCodec(Layout(ACCEL))
+    codec = DelimitedCodec(layout_of(ACCEL))
     # the end of "0,11,2,3"
     assert [f.ax for f in frames_of(codec, b"0,1,2,3\n0,11,2,3\n")] == [11.0]
     codec.receive(b"0,1")
@@ -69,7 +73,7 @@ def test_the_end_of_a_line_cut_at_the_start_is_not_taken_for_a_reading() -> None
 
 
 def test_nmea_checksums_are_checked_and_then_the_first_line_counts_too() -> None:
-    codec = DelimitedCodec(Layout(ACCEL, prefix="$ACC", checksum="nmea"))
+    codec = DelimitedCodec(layout_of(ACCEL, prefix="$ACC", checksum="nmea"))
     good = b"$ACC,1,2,3*"
     total = 0
     for byte in good[1:-1]:
@@ -82,8 +86,13 @@ def test_nmea_checksums_are_checked_and_then_the_first_line_counts_too() -> None
 
 
 def test_scale_offset_extra_columns_sequence_and_axes() -> None:
-    fields = {"ax_g": Column(1, 1e-3), "ay_g": Column(2, 1e-3), "temp_c": Column(3, 0.1, -40), "volts": Column(4, 2.0)}
-    codec = DelimitedCodec(Layout(fields, delimiter=";", seq_index=0, seq_modulus=256, axes=AxisMap.parse("y-xz")))
+    fields = {
+        "ax_g": {"column": 1, "scale": 1e-3},
+        "ay_g": {"column": 2, "scale": 1e-3},
+        "temp_c": {"column": 3, "scale": 0.1, "offset": -40},
+        "volts": {"column": 4, "scale": 2.0},
+    }
+    codec = DelimitedCodec(layout_of(fields, delimiter=";", seq_column=0, seq_modulus=256, axes="y-xz"))
     assert codec.extra_columns == ("volts",)
     assert codec.seq_modulus == 256
     (frame,) = frames_of(codec, b"\n17;500;-250;650;1.5\n")
@@ -94,7 +103,9 @@ def test_scale_offset_extra_columns_sequence_and_axes() -> None:
 
 
 def test_time_adds_up_and_goes_on_over_midnight() -> None:
-    layout = Layout(ACCEL, time=(TimeTerm(0), TimeTerm(4, 1.0, 5)), time_wrap_s=86400.0)
+    layout = layout_of(
+        ACCEL, time=({"column": 0}, {"column": 4, "scale": 1.0, "divide_by_column": 5}), time_wrap_s=86400.0
+    )
     codec = DelimitedCodec(layout)
     rows = [(86399, 900, 1000), (0, 100, 1000), (0, 200, 1000), (1, 0, 0), (2, 0, 1000)]
     data = b"\n" + b"".join(b"%d,1,2,3,%d,%d\n" % row for row in rows)
@@ -115,14 +126,19 @@ def test_time_adds_up_and_goes_on_over_midnight() -> None:
     )
 )
 def test_arbitrary_bytes_never_raise_and_chunks_make_no_difference(data: bytes) -> None:
-    layout = Layout(ACCEL, select=(0, "3"), time=(TimeTerm(0, 1.0, 1),), time_wrap_s=100.0)
+    layout = layout_of(
+        ACCEL,
+        select={"column": 0, "equals": "3"},
+        time=({"column": 0, "scale": 1.0, "divide_by_column": 1},),
+        time_wrap_s=100.0,
+    )
     whole, single = DelimitedCodec(layout), DelimitedCodec(layout)
     assert frames_of(whole, data) == frames_of(single, data, 1)
     assert whole.counts == single.counts
 
 
 def test_a_line_that_never_ends_needs_no_memory() -> None:
-    codec = DelimitedCodec(Layout(ACCEL))
+    codec = DelimitedCodec(layout_of(ACCEL))
     for _ in range(1000):
         codec.receive(b"1" * 100)
         assert codec.counts.bytes_pending <= 512
@@ -133,4 +149,4 @@ def test_numbers_survive_the_way_through_text() -> None:
     rng = random.Random(5)
     rows = [tuple(rng.uniform(-20, 20) for _ in range(3)) for _ in range(500)]
     data = b"\n" + b"".join(f"0,{x!r},{y!r},{z!r}\n".encode() for x, y, z in rows)
-    assert [f[3:6] for f in frames_of(DelimitedCodec(Layout(ACCEL)), data, 13)] == rows
+    assert [f[3:6] for f in frames_of(DelimitedCodec(layout_of(ACCEL)), data, 13)] == rows

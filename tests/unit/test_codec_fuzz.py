@@ -14,12 +14,17 @@ from pathlib import Path
 import pytest
 
 from highside.codec import tool, tool_can, vn100
-from highside.codec.can_dbc import SignalCodec, Source, compile_dbc
-from highside.codec.delimited import Column, DelimitedCodec, Layout, TimeTerm
+from highside.codec.can_dbc import SignalCodec, SignalSource, compile_dbc
+from highside.codec.delimited import DelimitedCodec, DelimitedCodecConfig
 from highside.codec.frame import CanFrame, Frame
 from highside.codec.tool import ToolCodec
 from highside.codec.tool_can import ToolCanCodec
 from highside.codec.vn100 import Vn100Codec
+
+
+def layout_of(fields: dict[str, dict[str, float]], **settings: object) -> DelimitedCodecConfig:
+    return DelimitedCodecConfig.model_validate({"name": "delimited", "fields": fields} | settings)
+
 
 INPUTS = int(os.environ.get("HIGHSIDE_FUZZ_INPUTS", "100000"))
 
@@ -151,11 +156,11 @@ def test_vn100_frames() -> None:
 @pytest.mark.slow
 def test_delimited_lines() -> None:
     rng = random.Random(33)
-    layout = Layout(
-        {"ax_g": Column(2), "ay_g": Column(3, 0.5), "az_g": Column(4), "volts": Column(5)},
+    layout = layout_of(
+        {"ax_g": {"column": 2}, "ay_g": {"column": 3, "scale": 0.5}, "az_g": {"column": 4}, "volts": {"column": 5}},
         columns=6,
-        select=(0, "3"),
-        time=(TimeTerm(1),),
+        select={"column": 0, "equals": "3"},
+        time=({"column": 1},),
         time_wrap_s=60.0,
         max_line_bytes=64,
     )
@@ -182,7 +187,7 @@ def test_can_frames(project_root: Path, kind: str) -> None:
         make: Callable[[], ToolCanCodec | SignalCodec] = lambda: ToolCanCodec(messages)  # noqa: E731
     else:
         messages = compile_dbc((project_root / "config" / "comma2k19.dbc").read_text())
-        make = lambda: SignalCodec(messages, {"gz_dps": Source("KINEMATICS", "YAW_RATE")})  # noqa: E731
+        make = lambda: SignalCodec(messages, {"gz_dps": SignalSource("KINEMATICS", "YAW_RATE")})  # noqa: E731
     own = [part for i in range(200) for part in tool_can.encode(i, i * 1e-3, (0, 0, 1), gyro_dps=(1, 2, 3))]
     if kind == "foreign":
         own = [part._replace(can_id=0x24) if part.can_id == 0x302 else part for part in own]

@@ -14,12 +14,12 @@ from highside.calibration.correction import (
     TEMPERATURE_OUTSIDE,
     TEMPERATURE_UNKNOWN,
     Covariance,
-    LinearCorrection,
     TemperatureTrust,
 )
-from highside.calibration.result import Parameters, TemperatureRange, Zone
+from highside.calibration.linear_correction import LinearCorrection
 from highside.calibration.sensor import CROSS_NAMES, CUBIC_NAMES, MATRIX_NAMES, OFFSET_NAMES, QUADRATIC_NAMES
 from highside.calibration.student import UPPER
+from highside.calibration.zone import Parameters, TemperatureRange, Zone
 from highside.errors import InputError
 from highside.physics.gravity import gravity_direction
 

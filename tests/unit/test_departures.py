@@ -7,8 +7,8 @@ import pytest
 
 from highside.calibration.departures import departures
 from highside.calibration.joint import joint
+from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.poses import PoseSet
-from highside.calibration.result import BenchAccuracy
 from highside.physics.gravity import gravity_direction
 
 BENCH = BenchAccuracy(pose_rad=float(np.deg2rad(0.0052)))

@@ -86,12 +86,18 @@ def test_a_wandering_bias_is_called_wander_and_not_given_a_cause(seed: int) -> N
     assert found.verdict in ("wander", "unknown")
 
 
-@pytest.mark.parametrize("name", ["temperature x z^2", "temperature x cos 3T", "bump at one toolface"])
-def test_what_the_library_does_not_have_is_refused_a_name(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "follows"),
+    [("temperature x z^2", "temp"), ("temperature x cos 3T", "tf"), ("bump at one toolface", "tf")],
+)
+def test_what_the_library_does_not_have_is_given_no_name_of_it_but_a_law(name: str, follows: str) -> None:
     found = deck.diagnosed(deck.outsider(STATE, name, 400.0, seed=21))
-    assert found.claims == ()
-    assert found.verdict in ("unknown", "partial")
-    assert found.remainder.hints or found.remainder.resembles
+    assert all(claim.effect.startswith("law:") for claim in found.claims)
+    assert found.verdict in ("law", "unknown", "partial")
+    if found.claims:
+        assert any(follows in claim.depends_on for claim in found.claims)
+    else:
+        assert found.remainder.hints or found.remainder.resembles
 
 
 def test_an_effect_that_one_inclination_cannot_show_is_said_to_be_untestable() -> None:
@@ -139,7 +145,7 @@ def test_the_answer_has_the_fields_of_the_schema_and_only_finite_numbers() -> No
     plain = deck.diagnosed(session).to_dict()
     assert list(plain) == [
         "schema", "verdict", "location", "claims", "fit", "intake", "remainder", "not_testable", "minimum_detectable",
-        "noise", "seed", "version",
+        "noise", "seed", "version", "coverage",
     ]  # fmt: skip
     assert plain["schema"] == "highside.diagnosis/1"
     json.loads(json.dumps(plain, allow_nan=False))

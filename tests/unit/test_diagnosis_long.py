@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from highside.diagnosis.core.exchange import beside_refits
-from highside.diagnosis.core.fit import Observed, base_fit, bend_of, joint_fit
-from highside.diagnosis.core.pool import Member
+from highside.diagnosis.core.candidate_set import Term
+from highside.diagnosis.core.fit import Observed, base_fit, joint_fit, second_order_of
+from highside.diagnosis.core.rival_refit import beside_refits
 from highside.diagnosis.core.rivals import Refitted, Rivalry
 from highside.diagnosis.engine import diagnose_rotation
-from highside.diagnosis.rotation.policy import SKETCH
-from highside.diagnosis.rotation.sketch import may_bend
+from highside.diagnosis.rotation.pilot import may_be_nonlinear
+from highside.diagnosis.rotation.policy import PILOT
 from highside.diagnosis.rows.design import Design
 from highside.diagnosis.rows.noise import plain
 from highside.diagnosis.rows.session import RotationSession
@@ -20,8 +20,8 @@ from highside.physics.effect import Effect
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 from highside.physics.plan import Profile, RotationPlan, Session, Site
-from highside.physics.scenario import random_sensor
 from highside.physics.state import ChainState
+from studies.scenario import random_sensor
 
 Array = NDArray[np.float64]
 FREE = ("bias", "scale", "misalignment")
@@ -73,17 +73,17 @@ def test_inner_products_and_bends_by_runs_are_those_of_the_whole() -> None:
     assert np.abs(residual - other).max() < 1e-12
     design = Design(session, model, FREE)
     names = [c.id for c in design.candidates]
-    members = [Member(names.index(name), 0) for name in STRONG]
+    terms = [Term(names.index(name), 0) for name in STRONG]
     noise = plain(np.full(3, 8e-5), session.n)
-    one, two = (joint_fit(model, seen, FREE, design.candidates, members, noise, 1e4) for seen in (whole, parts))
+    one, two = (joint_fit(model, seen, FREE, design.candidates, terms, noise, 1e4) for seen in (whole, parts))
     for name in STRONG:
         for key, value in one.parameters[name].items():
             assert two.parameters[name][key].value == pytest.approx(value.value, rel=1e-9)
             assert two.parameters[name][key].std == pytest.approx(value.std, rel=1e-6)
-    assert one.bend is not None
-    told = [bend_of(model, one, seen, FREE, design.candidates, members) for seen in (whole, parts)]
+    assert one.second_order is not None
+    told = [second_order_of(model, one, seen, FREE, design.candidates, terms) for seen in (whole, parts)]
     assert np.abs(told[0] - told[1]).max() < 1e-12
-    assert np.abs(told[0] - one.bend).max() < 1e-12
+    assert np.abs(told[0] - one.second_order).max() < 1e-12
 
 
 def test_some_functions_are_those_among_all() -> None:
@@ -119,9 +119,11 @@ def test_a_column_shows_on_a_channel_that_it_reaches_in_rare_ramps_alone() -> No
 
 def test_only_a_strong_effect_is_looked_for_in_some_rows_first() -> None:
     state = turning(160.0)
-    assert state.n > SKETCH.many_rows
-    assert may_bend(recording(STRONG, state), ForwardModel.of({}), FREE, 1)
-    assert not may_bend(recording({"lever_arm": {"r_x": 2e-5, "r_y": 1e-5}}, state), ForwardModel.of({}), FREE, 1)
+    assert state.n > PILOT.many_rows
+    assert may_be_nonlinear(recording(STRONG, state), ForwardModel.of({}), FREE, 1)
+    assert not may_be_nonlinear(
+        recording({"lever_arm": {"r_x": 2e-5, "r_y": 1e-5}}, state), ForwardModel.of({}), FREE, 1
+    )
 
 
 def test_strong_effects_of_a_long_recording_are_told_from_what_is_the_same_to_first_order() -> None:
@@ -145,7 +147,7 @@ def test_weak_effects_of_a_long_recording_keep_their_class() -> None:
 
 
 def test_a_full_fit_puts_a_rival_into_the_class_and_takes_it_out() -> None:
-    best = [Member(k, 0) for k in range(4)]
+    best = [Term(k, 0) for k in range(4)]
     found = Rivalry(np.array([0.0, 1.4, 50.0, 8.0]), best, (0, 1, 3))
     told = beside_refits(found, [Refitted(best[1], 400.0), Refitted(best[2], 2.0), Refitted(best[3], 9.0)])
     assert told.same == (0, 3, 2)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from highside.diagnosis.core.fit import JointFit, Observed
-from highside.diagnosis.core.result import Claim, Diagnosis, Fit, FittedParameter, Location, NotTestable
-from highside.diagnosis.core.scene import Picture, parts_of
+from highside.diagnosis.core.problem import ReportData, parts_of
+from highside.diagnosis.core.result import Claim, Curve, Diagnosis, Fit, FittedParameter, Location, NotTestable
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
@@ -18,16 +18,17 @@ from highside.physics.plan import RotationPlan, Session, Site
 from highside.report.diagnosis_figures import over_time, residuals
 from highside.report.diagnosis_page import _places, page_of
 from highside.report.diagnosis_words import axis_name, proof, rounded, shown, sizes
+from highside.report.misfit_waterfall import steps_of
 from highside.report.plots import plotting
 
 
-def picture(before: np.ndarray) -> Picture:
+def report_data(before: np.ndarray) -> ReportData:
     rates = tuple(2 * np.pi * np.array([-2.0, 0.5, 2.0]))
     state = Session(RotationPlan(62.0, rates, 8.0, 1.0, 50.0), Site()).rows().state
     rng = np.random.default_rng(1)
     noise = 1e-5 * rng.standard_normal((3, state.n))
     signal = np.array([before, before, 0 * before])[:, None] * np.cos(state.tf_rad) * state.rotor_rate_radps
-    return Picture(RotationSession(noise, state), noise + signal, noise)
+    return ReportData(RotationSession(noise, state), noise + signal, noise)
 
 
 @pytest.mark.parametrize(
@@ -42,14 +43,14 @@ def picture(before: np.ndarray) -> Picture:
 def test_a_residual_is_drawn_along_what_its_intervals_are_told_in(covariate: str, label: str) -> None:
     place = Location(("ax", "ay"), covariate, ((-720.0, -360.0),), None, 1.0, 1e-9)
     with plotting():
-        figures = residuals(picture(np.array(1e-5)), place)
+        figures = residuals(report_data(np.array(1e-5)), place)
         assert [f.axes[0].get_xlabel() for f in figures] == [label, label]
 
 
 def test_what_cancels_in_the_mean_is_drawn_as_rms() -> None:
     place = Location(("ax",), "rotor_rate_dps x tf_ref_deg", ((360.0, 720.0),), None, 1.0, 1e-9)
     with plotting():
-        axis = residuals(picture(np.array(1e-5)), place)[0].axes[0]
+        axis = residuals(report_data(np.array(1e-5)), place)[0].axes[0]
         assert [text.get_text() for text in axis.get_legend().get_texts()] == ["before (rms)"]
         rms = axis.get_lines()[1].get_ydata()
         assert rms[0] > 3 * rms[len(rms) // 2]
@@ -57,7 +58,7 @@ def test_what_cancels_in_the_mean_is_drawn_as_rms() -> None:
 
 def test_of_an_effect_its_own_residual_is_drawn_and_what_is_left_in_units_of_the_noise() -> None:
     """A lever arm of 100 mg must not be seen along temperature, nor hide what is left."""
-    one = picture(np.array(0.0))
+    one = report_data(np.array(0.0))
     state, n = one.session.state, one.before.shape[1]
     along = np.linspace(20.0, 40.0, n)
     large = 0.1 * np.sign(np.sin(np.arange(n) / 50.0)) * np.ones((3, 1))
@@ -89,7 +90,7 @@ def claim_of(effect: str) -> Claim:
 
 
 def test_no_picture_stands_twice_on_the_page() -> None:
-    one = picture(np.array(1e-5))
+    one = report_data(np.array(1e-5))
     place = Location(("ax", "ay"), "tf_ref_deg", ((0.0, 90.0),), 1, 0.5, 1e-9)
     twice = Diagnosis("partial", (place, replace(place, share_of_misfit=0.3)))
     assert len(_places(twice, one)) == 1
@@ -99,7 +100,42 @@ def test_no_picture_stands_twice_on_the_page() -> None:
     assert [effect for _, effect in _places(named, replace(one, parts=parts))] == ["lever_arm", "time_offset"]
     assert len(_places(named, one)) == 1, "where the parts are not known the two are one picture"
     drawn = re.findall(r"<figure>.*?</figure>", page_of(named, replace(one, parts=parts), "rec.csv"), re.S)
-    assert len(drawn) == len(set(drawn)) == 3
+    assert len(drawn) == len(set(drawn)) == 4
+
+
+def test_the_steps_of_the_misfit_go_down_from_the_simulation_to_what_is_left() -> None:
+    """Noise alone has no bar; claims share out what is explained in proportion to what each does."""
+    noise = report_data(np.array(0.0))
+    alone = steps_of(replace(noise, sigma=(1e-5,) * 3))
+    assert alone.names == () and alone.levels[0] < 2 * alone.floor
+    t = np.linspace(0.0, 1.0, noise.before.shape[1]) * np.ones((3, 1))
+    large, small = 3e-5 * np.sin(40 * t), 1e-5 * np.cos(300 * t)
+    parts = {"temperature_bias": small, "lever_arm": large}
+    steps = steps_of(replace(noise, before=noise.after + large + small, parts=parts, sigma=(1e-5,) * 3))
+    assert steps.names == ("lever_arm", "temperature_bias") and steps.unit == "ug"
+    assert steps.shares == pytest.approx((0.9, 0.1), abs=0.02)
+    assert steps.levels == pytest.approx((1e6 * np.sqrt(5e-10), 1e6 * np.sqrt(0.5e-10), 0.0), rel=0.06, abs=2.0)
+    assert steps.left <= 2 * steps.floor
+
+
+def test_channels_of_unlike_units_are_summed_in_units_of_their_noise() -> None:
+    one = report_data(np.array(0.0))
+    steps = steps_of(replace(one, channels=("ax", "yaw", "gx"), units=("g", "deg", "rad/s"), sigma=(1e-5,) * 3))
+    assert steps.unit == "times the noise of one row"
+
+
+def test_a_law_stands_on_the_page_in_words_with_its_curve_and_band() -> None:
+    one = report_data(np.array(1e-5))
+    curve = Curve((15.0, 25.0, 40.0), (0.0, 1e-4, -2e-4), (1e-5, 1e-6, 1e-5), "g")
+    law = replace(
+        claim_of("law:ax_temp"), place="offset", channels=("ax",), depends_on=("temp",), curve=curve,
+        range=((15.0, 40.0),), share=0.9, readings=("a loose lead",), confirm="vary temperature", shape_within=0.1,
+    )  # fmt: skip
+    page = page_of(Diagnosis("law", claims=(law,)), one, "rec.csv")
+    assert "<h1>The simulation omits an offset of ax that follows temperature (90%" in page
+    assert "a curve: -200 ug at its largest (+-20), over temperature 15 to 40 C" in page
+    assert "a loose lead" in page and "Another session confirms or refutes it: vary temperature." in page
+    assert "law:ax_temp" not in page.split("<details>")[0], "a name is in words before what is folded away"
 
 
 def test_the_proof_has_one_unit_of_averaging_in_a_sentence() -> None:
@@ -130,7 +166,7 @@ def test_what_each_effect_does_adds_up_to_what_the_claims_do() -> None:
 
 def test_a_page_says_what_was_not_tested_in_words_that_a_phone_can_show() -> None:
     lacking = NotTestable("sag", "it is absorbed", "other inclinations & a roll")
-    page = page_of(Diagnosis("nothing_left_out", not_testable=(lacking,)), picture(np.array(0.0)), "rec.csv")
+    page = page_of(Diagnosis("nothing_left_out", not_testable=(lacking,)), report_data(np.array(0.0)), "rec.csv")
     assert '<div class="wide told"><table>' in page
     assert re.search(r'data-name="what it needs">other inclinations &amp; a roll<', page)
     assert "Diagnosis of rec.csv" in page

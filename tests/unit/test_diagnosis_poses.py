@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from highside.diagnosis.poses.policy import POSE_NOISE
-from highside.diagnosis.poses.scene import PoseScene
+from highside.diagnosis.poses.problem import PoseProblem
 from highside.diagnosis.poses.session import PoseSession, pose_session
 from highside.physics.forward import ForwardModel
 from studies import diagnosis_deck as deck
@@ -41,7 +41,7 @@ def restless(seed: int, rows: int, unrest: np.ndarray) -> PoseSession:
 
 
 def size_of(session: PoseSession) -> np.ndarray:
-    return PoseScene.of(session, ForwardModel.of({}), deck.FREE, 1).noise.size
+    return PoseProblem.of(session, ForwardModel.of({}), deck.FREE, 1).noise.size
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -11,15 +11,15 @@ from highside.diagnosis.core.markov import LevelNoise, VectorNoise
 from highside.diagnosis.engine import diagnose_rotation
 from highside.diagnosis.rotation.lines import found_lines
 from highside.diagnosis.rows.design import Design, Line
-from highside.diagnosis.rows.gram import HeldOutRows, Space, Walks, accumulate
+from highside.diagnosis.rows.gram import HeldOutRows, RandomWalkGrams, Space, accumulate
 from highside.diagnosis.rows.noise import RotationNoise, estimate
 from highside.diagnosis.rows.session import RotationSession, rotation_session
 from highside.errors import InputError
 from highside.physics.forward import ForwardModel
 from highside.physics.noise import autoregressive
 from highside.physics.plan import Profile, RotationPlan, Session, Site
-from highside.physics.scenario import random_sensor
 from highside.physics.state import ChainState
+from studies.scenario import random_sensor
 
 Array = NDArray[np.float64]
 
@@ -130,7 +130,7 @@ class TestDesign:
         state = turning(vibration=())
         session = recording({}, state)
         design = Design(session, fitted(session)[0], FREE)
-        reasons = {blind.effect.id: blind.why for blind in design.blind}
+        reasons = {blind.effect.id: blind.why for blind in design.unobservable}
         assert "vibration" in reasons["vibration_rectification"]
         assert "gyros" in reasons["gyro_scale"]
 
@@ -180,7 +180,7 @@ class TestInnerProducts:
     def test_a_walk_of_no_size_changes_nothing(self, prepared: tuple[Design, RotationNoise, Array]) -> None:
         design, noise, residual = prepared
         gram = accumulate(design, noise, residual)[0][0]
-        assert np.allclose(Walks.of(gram).grams[0], gram.total, atol=1e-9 * np.max(np.abs(gram.total)))
+        assert np.allclose(RandomWalkGrams.of(gram).grams[0], gram.total, atol=1e-9 * np.max(np.abs(gram.total)))
 
 
 class TestNoise:
@@ -239,7 +239,7 @@ class TestVerdicts:
     def test_a_lever_arm_is_named_with_its_size(self) -> None:
         truth = {"r_x": 6e-5, "r_y": -4e-5}
         session = recording({"lever_arm": truth}, turning(), colour=0.5)
-        diagnosis, picture = diagnose_rotation(session, ForwardModel.of({}), FREE)
+        diagnosis, report_data = diagnose_rotation(session, ForwardModel.of({}), FREE)
         assert [claim.effect for claim in diagnosis.claims] == ["lever_arm"]
         assert "size_effect" in diagnosis.claims[0].equivalence_class
         for name, value in truth.items():
@@ -249,15 +249,17 @@ class TestVerdicts:
         assert diagnosis.location[0].covariate == "rotor_rate_dps"
         assert diagnosis.fit is not None
         assert (diagnosis.fit.heldout_gain_low or 0) > 0
-        assert picture.after.shape == session.readings.shape
+        assert report_data.after.shape == session.readings.shape
 
-    def test_what_the_library_lacks_is_not_named(self) -> None:
+    def test_what_the_library_lacks_is_a_law(self) -> None:
         state = turning(20.0)
         session = recording({}, state)
         session.readings[1] += 8e-5 * np.exp(-0.5 * ((np.mod(np.degrees(state.tf_rad), 360) - 130) / 20) ** 2)
         diagnosis, _ = diagnose_rotation(session, ForwardModel.of({}), FREE)
-        assert diagnosis.verdict in ("unknown", "partial")
-        assert not diagnosis.claims
+        assert diagnosis.verdict == "law"
+        # at one inclination an offset that follows toolface and a scale factor that does are the same
+        assert [(c.channels, c.depends_on) for c in diagnosis.claims] == [(("ay",), ("tf",))]
+        assert "law:offset_y_tf" in (diagnosis.claims[0].effect, *diagnosis.claims[0].equivalence_class)
         assert diagnosis.location[0].channels == ("ay",)
 
     def test_a_walk_is_no_slow_effect(self) -> None:
@@ -266,7 +268,7 @@ class TestVerdicts:
         session.readings[:] += 0.03 * SIGMA * np.cumsum(np.random.default_rng(5).standard_normal((3, state.n)), axis=1)
         diagnosis, _ = diagnose_rotation(session, ForwardModel.of({}), FREE)
         assert diagnosis.verdict == "wander"
-        assert diagnosis.noise["wanders"]
+        assert diagnosis.noise["random_walk"]
 
     def test_gyros_split_a_time_offset_from_a_lag(self) -> None:
         session = recording({"time_offset": {"t0": 3e-5}}, turning(), gyros=True)

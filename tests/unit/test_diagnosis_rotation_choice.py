@@ -12,13 +12,13 @@ from highside.diagnosis.engine import diagnose_rotation
 from highside.diagnosis.rotation.lines import found_lines
 from highside.diagnosis.rotation.means import Sectors, mean_errors
 from highside.diagnosis.rows.design import Design
-from highside.diagnosis.rows.gram import HeldOutRows, WalkingChannel, Walks, accumulate
+from highside.diagnosis.rows.gram import HeldOutRows, RandomWalkChannel, RandomWalkGrams, accumulate
 from highside.diagnosis.rows.noise import estimate
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.forward import ForwardModel
 from highside.physics.plan import Profile, RotationPlan, Session, Site
-from highside.physics.scenario import random_sensor
 from highside.physics.state import ChainState
+from studies.scenario import random_sensor
 
 Array = NDArray[np.float64]
 
@@ -107,8 +107,8 @@ def test_what_forgets_is_no_walk(rising: ChainState) -> None:
         grams, _ = accumulate(design, estimate(design, residual, 1, coloured=False), residual)
         base = np.unique(design.where[design.base])
         for gram in grams:
-            channel = WalkingChannel(Walks.of(gram), base[base >= 0])
-            assert channel.memory(np.empty(0, dtype=np.intp)).walks == walks
+            channel = RandomWalkChannel(RandomWalkGrams.of(gram), base[base >= 0])
+            assert channel.memory(np.empty(0, dtype=np.intp)).is_random_walk == walks
 
 
 @pytest.mark.parametrize("seed", range(5, 11))

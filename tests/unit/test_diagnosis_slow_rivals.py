@@ -8,17 +8,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.candidates import time_constants
 from highside.diagnosis.core.memory import Likelihoods, SlowEffect, SlowScore, slow_scores
 from highside.diagnosis.core.policy import RIVALS
-from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.rivals import Rivalry, beside_memory
 from highside.diagnosis.engine import diagnose_poses
 from highside.diagnosis.poses.session import PoseSession
 from highside.physics.effects import get
 from highside.physics.forward import ForwardModel
-from highside.physics.scenario import random_sensor
 from highside.physics.state import ChainState
+from studies.scenario import random_sensor
 
 N = 240
 T_S = 60.0 * np.arange(N)
@@ -50,8 +50,8 @@ def rivalry_of(seed: int, walk: float) -> tuple[Rivalry, float]:
     # of the lag the best of four, at what four tries cost
     decided = float(white[0] - (white[1:].min() + 2 * np.log(4.0)))
     scores, _, _ = slow_scores([channel], SLOW)
-    blank = Rivalry(np.full(2, np.inf), [Member(0, 0), Member(1, 0)], (1,))
-    return beside_memory(blank, scores, Member(1, 0), set()), decided
+    blank = Rivalry(np.full(2, np.inf), [Term(0, 0), Term(1, 0)], (1,))
+    return beside_memory(blank, scores, Term(1, 0), set()), decided
 
 
 def test_what_a_walk_makes_look_decisive_leaves_the_true_one_in_the_class() -> None:
@@ -71,8 +71,8 @@ def test_white_noise_still_decides_between_them() -> None:
 def test_a_rival_is_of_one_class_with_the_claim_until_it_costs_six_in_bic(behind: float, in_class: bool) -> None:
     """6 in BIC is a ratio of 20 in evidence (Kass and Raftery 1995: strong)."""
     scores = [SlowScore(SLOW[0], 9.0, 0.0, 50.0), SlowScore(SLOW[1], 9.0, 0.0, 50.0 - behind)]
-    blank = Rivalry(np.full(2, np.inf), [Member(0, 0), Member(1, 0)], (0,))
-    assert (1 in beside_memory(blank, scores, Member(0, 0), set()).same) is in_class
+    blank = Rivalry(np.full(2, np.inf), [Term(0, 0), Term(1, 0)], (0,))
+    assert (1 in beside_memory(blank, scores, Term(0, 0), set()).same) is in_class
 
 
 def test_a_walk_is_believed_from_the_gain_at_which_white_noise_hardly_ever_feigns_one() -> None:
@@ -85,18 +85,18 @@ def test_a_walk_is_believed_from_the_gain_at_which_white_noise_hardly_ever_feign
 
     def believed(channels: NDArray[np.float64]) -> float:
         found = [Likelihoods(one, np.ones(120), np.ones((1, 120)), t_s).memory(np.empty((0, 120))) for one in channels]
-        return float(np.mean([memory.walks for memory in found]))
+        return float(np.mean([memory.is_random_walk for memory in found]))
 
     assert believed(white) <= 0.01
     assert believed(walks) >= 0.65  # 3 % is a standard deviation of the share of 200
 
 
 def test_what_is_claimed_already_is_no_rival() -> None:
-    blank = Rivalry(np.array([40.0, 0.0]), [Member(0, 0), Member(1, 0)], (1,))
+    blank = Rivalry(np.array([40.0, 0.0]), [Term(0, 0), Term(1, 0)], (1,))
     rng = np.random.default_rng(1)
     channel = Likelihoods(rng.standard_normal(N) + 0.03 * SHAPES[0], np.ones(N), np.ones((1, N)), T_S)
     scores, _, _ = slow_scores([channel], SLOW)
-    found = beside_memory(blank, scores, Member(1, 0), {0})
+    found = beside_memory(blank, scores, Term(1, 0), {0})
     assert found.same == (1,)
     assert found.delta_bic[0] == pytest.approx(40.0)
 

@@ -11,13 +11,13 @@ from highside.attitude.angles import wrap_signed
 from highside.attitude.quaternion import conjugate as conj
 from highside.attitude.quaternion import from_angles, multiply, to_angles, to_rotation_vector, to_tool, up_direction
 from highside.gyro.compiled import kernels
-from highside.gyro.filter import KinematicFilter, Settings, carried
+from highside.gyro.filter import ErrorStateFilter, FilterSettings, carried
 from highside.gyro.frames import to_body
-from highside.gyro.kinematic import kinematic
+from highside.gyro.recording_filter import error_state_filter
 
 G = 9.80665
 RATE_HZ = 100.0
-NOISE = Settings(
+NOISE = FilterSettings(
     bias_std_radps=float(np.radians(0.5)),
     arw=float(np.radians(0.02)),
     rrw=float(np.radians(0.001)),
@@ -50,8 +50,8 @@ def _waved(seed: int, *, seconds: float = 120.0, still_s: float = 25.0) -> tuple
     return t, to_tool(rate), to_tool(reading), q
 
 
-def _tilt_deg(t: np.ndarray, rate: np.ndarray, accel: np.ndarray, q: np.ndarray, settings: Settings) -> float:
-    result = kinematic(t, rate, accel, settings)
+def _tilt_deg(t: np.ndarray, rate: np.ndarray, accel: np.ndarray, q: np.ndarray, settings: FilterSettings) -> float:
+    result = error_state_filter(t, rate, accel, settings)
     ours = from_angles(result.inc_rad - 0.5 * np.pi, result.tf_rad, result.azi_rad)
     e = multiply(ours, conj(q))[:, t > 30.0]
     return float(np.degrees(np.sqrt(np.mean((2.0 * np.arccos(np.clip(np.hypot(e[0], e[3]), 0.0, 1.0))) ** 2))))
@@ -74,17 +74,17 @@ def test_compiled_interpreted_and_online_are_the_same() -> None:
     t, rate, accel, _ = _waved(2, seconds=60.0)
     keep = ~((t > 40.0) & (t < 42.0))
     t, rate, accel = t[keep], rate[:, keep], accel[:, keep]
-    engine = KinematicFilter(HAND)
+    engine = ErrorStateFilter(HAND)
     for at, w, a in zip(t.tolist(), to_body(rate).T.tolist(), to_body(accel).T.tolist(), strict=True):
         engine.update(at, (w[0], w[1], w[2]), (a[0], a[1], a[2]))
     online = engine.finish()
     assert online is not None
     assert kernels(10**9) is not None, "the tests need numba (the extra fast)"
     for smooth in (False, True):
-        quick = kinematic(t, rate, accel, HAND, smooth=smooth)
+        quick = error_state_filter(t, rate, accel, HAND, smooth=smooth)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("highside.gyro.kinematic.kernels", lambda rows: None)
-            plain = kinematic(t, rate, accel, HAND, smooth=smooth)
+            patch.setattr("highside.gyro.recording_filter.kernels", lambda rows: None)
+            plain = error_state_filter(t, rate, accel, HAND, smooth=smooth)
         assert np.array_equal(quick.bias_radps, plain.bias_radps)
         assert np.abs(np.asarray(wrap_signed(quick.inc_rad - plain.inc_rad))).max() < 1e-12
         assert plain.inc_rad[-1] - 0.5 * np.pi == pytest.approx(to_angles(online.q[:, None])[0][0], abs=1e-12)
@@ -93,7 +93,7 @@ def test_compiled_interpreted_and_online_are_the_same() -> None:
 
 def test_smoothing_holds_the_tilt_better_still() -> None:
     t, rate, accel, q = _waved(3)
-    result = kinematic(t, rate, accel, HAND, smooth=True)
+    result = error_state_filter(t, rate, accel, HAND, smooth=True)
     ours = from_angles(result.inc_rad - 0.5 * np.pi, result.tf_rad, result.azi_rad)
     e = multiply(ours, conj(q))[:, t > 30.0]
     smoothed = np.degrees(np.sqrt(np.mean((2.0 * np.arccos(np.clip(np.hypot(e[0], e[3]), 0.0, 1.0))) ** 2)))

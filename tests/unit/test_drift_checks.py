@@ -9,7 +9,7 @@ from highside.errors import InputError
 from highside.gyro.checks import check_units, saturated_rows
 from highside.gyro.frames import DEG_PER_SQRT_HOUR
 from highside.papers.drift_scenarios import (
-    Experiment,
+    DriftExperiment,
     curved_hole,
     drilling,
     record,
@@ -32,7 +32,7 @@ MOTIONS = {
 }
 
 
-def _said(e: Experiment, rate: np.ndarray, accel: np.ndarray) -> str:
+def _said(e: DriftExperiment, rate: np.ndarray, accel: np.ndarray) -> str:
     """The refusal or the doubts."""
     try:
         return "; ".join(check_units(e.t_s, rate, accel, arw=ARW))
@@ -41,7 +41,7 @@ def _said(e: Experiment, rate: np.ndarray, accel: np.ndarray) -> str:
 
 
 @pytest.mark.parametrize("e", MOTIONS.values(), ids=MOTIONS.keys())
-def test_good_readings_are_not_doubted(e: Experiment) -> None:
+def test_good_readings_are_not_doubted(e: DriftExperiment) -> None:
     for seed in range(2):
         data = record(e, seed)
         assert check_units(e.t_s, data.rate, data.accel, arw=ARW) == ()

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 
 from highside.attitude.angles import wrap_signed
-from highside.gyro import error_state
+from highside.gyro import filter_state
 from highside.gyro.compiled import LOADED_LEAST_ROWS, kernels
-from highside.gyro.filter import KinematicFilter, Settings
+from highside.gyro.filter import ErrorStateFilter, FilterSettings
 from highside.gyro.frames import attitude, to_body
-from highside.gyro.gates import Motion
-from highside.gyro.kinematic import kinematic
+from highside.gyro.gates import MotionState
+from highside.gyro.recording_filter import error_state_filter
 from highside.gyro.result import AzimuthBasis, DriftResult
 from highside.papers.drift_bound import azimuth_bound
 from highside.papers.drift_scenarios import (
     LATITUDE_RAD,
     PERFECT,
     DriftData,
-    Experiment,
+    DriftExperiment,
     curved_hole,
     drilling,
     record,
@@ -37,18 +37,22 @@ def _compiled() -> None:
     kernels(10**9)
 
 
-SETTINGS = Settings(latitude_rad=LATITUDE_RAD, azimuth_rad=np.radians(60.0))
+SETTINGS = FilterSettings(latitude_rad=LATITUDE_RAD, azimuth_rad=np.radians(60.0))
 
 
 def _run(
-    experiment: Experiment, seed: int, *, rest: list[list[float]] | None = None, settings: Settings = SETTINGS
+    experiment: DriftExperiment,
+    seed: int,
+    *,
+    rest: list[list[float]] | None = None,
+    settings: FilterSettings = SETTINGS,
 ) -> tuple[DriftResult, DriftData]:
     data = record(experiment, seed)
     intervals = None if rest is None else np.array(rest)
-    return kinematic(experiment.t_s, data.rate, data.accel, settings, rest=intervals), data
+    return error_state_filter(experiment.t_s, data.rate, data.accel, settings, rest=intervals), data
 
 
-def _drifts_dph(result: DriftResult, e: Experiment) -> tuple[float, float, float]:
+def _drifts_dph(result: DriftResult, e: DriftExperiment) -> tuple[float, float, float]:
     """Mean error over the last ten seconds by the hours passed: inclination, toolface, azimuth."""
     last = e.t_s >= e.t_s[-1] - 10.0
     pairs = ((result.inc_rad, e.theta + np.pi / 2), (result.tf_rad, e.phi), (result.azi_rad, e.psi))
@@ -78,7 +82,7 @@ def test_without_the_latitude_the_earth_turns_the_azimuth_and_the_result_says_so
 def test_online_and_batch_are_equal_bit_for_bit() -> None:
     experiment = drilling(120.0, 50.0, leg_s=60.0, stop_s=20.0, start_s=30.0)
     result, data = _run(experiment, 1)
-    engine = KinematicFilter(SETTINGS)
+    engine = ErrorStateFilter(SETTINGS)
     online = []
     for i, (t, w, a) in enumerate(
         zip(experiment.t_s.tolist(), to_body(data.rate).T.tolist(), to_body(data.accel).T.tolist(), strict=True)
@@ -139,12 +143,12 @@ def test_drilling_stays_within_the_published_figures_in_five_of_six_seeds() -> N
     for seed in range(6):
         experiment = drilling()
         data = record(experiment, seed)
-        result = kinematic(experiment.t_s, data.rate, data.accel, SETTINGS, rest=experiment.rest)
+        result = error_state_filter(experiment.t_s, data.rate, data.accel, SETTINGS, rest=experiment.rest)
         inc, _, azi = _drifts_dph(result, experiment)
         within += inc <= 0.22 and azi <= 0.46
         declared.append(azi)
         assert AzimuthBasis.ZERO_RATE in result.basis
-        found = kinematic(experiment.t_s, data.rate, data.accel, SETTINGS)
+        found = error_state_filter(experiment.t_s, data.rate, data.accel, SETTINGS)
         detected.append(_drifts_dph(found, experiment)[2])
     assert within >= 5
     # stops found in the data instead of told
@@ -237,10 +241,10 @@ def test_compiled_and_interpreted_are_the_same_bits() -> None:
     assert t.size > LOADED_LEAST_ROWS
     assert kernels(10**9) is not None, "the tests need numba (the extra fast)"
     for smooth in (False, True):
-        quick = kinematic(t, data.rate[:, keep], data.accel[:, keep], SETTINGS, smooth=smooth)
+        quick = error_state_filter(t, data.rate[:, keep], data.accel[:, keep], SETTINGS, smooth=smooth)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("highside.gyro.kinematic.kernels", lambda rows: None)
-            plain = kinematic(t, data.rate[:, keep], data.accel[:, keep], SETTINGS, smooth=smooth)
+            patch.setattr("highside.gyro.recording_filter.kernels", lambda rows: None)
+            plain = error_state_filter(t, data.rate[:, keep], data.accel[:, keep], SETTINGS, smooth=smooth)
         assert np.array_equal(quick.bias_radps, plain.bias_radps)
         assert np.array_equal(quick.azi_std_rad, plain.azi_std_rad)
         assert quick.motion is not None
@@ -259,7 +263,7 @@ def test_smoothing_keeps_the_end_and_mends_what_lies_before() -> None:
     experiment = replace(experiment, rest=np.array([[0.0, 50.0], [1800.0, 1920.0]]))
     for seed in range(4):
         causal, data = _run(experiment, seed, rest=experiment.rest.tolist())
-        smooth = kinematic(experiment.t_s, data.rate, data.accel, SETTINGS, rest=experiment.rest, smooth=True)
+        smooth = error_state_filter(experiment.t_s, data.rate, data.accel, SETTINGS, rest=experiment.rest, smooth=True)
         assert smooth.azi_rad[-1] == pytest.approx(causal.azi_rad[-1], abs=1e-9)
         ends = slice(19, None, 20)
         assert np.all(smooth.azi_std_rad[ends] <= 1.01 * causal.azi_std_rad[ends])
@@ -280,7 +284,7 @@ def test_a_great_uncertainty_of_the_azimuth_is_not_measured_away_by_gravity() ->
 def test_an_alignment_changes_the_azimuth_alone() -> None:
     experiment = rotating_table(30.0, 100.0, 20.0)
     data = record(experiment, 1)
-    engine = KinematicFilter(replace(NO_STOPS, azimuth_rad=None))
+    engine = ErrorStateFilter(replace(NO_STOPS, azimuth_rad=None))
     samples = zip(experiment.t_s.tolist(), to_body(data.rate).T.tolist(), to_body(data.accel).T.tolist(), strict=True)
     for t, w, a in samples:
         engine.update(t, tuple(w), tuple(a))
@@ -296,7 +300,7 @@ def test_an_alignment_changes_the_azimuth_alone() -> None:
     P = np.array(aligned.P)
     assert np.allclose(P, P.T, atol=0.0)
     assert np.linalg.eigvalsh(P).min() > -1e-15
-    row = np.array(error_state.azimuth_row(tuple(aligned.q.tolist())))
+    row = np.array(filter_state.azimuth_row(tuple(aligned.q.tolist())))
     # nothing else goes with the new azimuth's error
     assert np.abs(row @ P[:3, 3:]).max() < 1e-12
 
@@ -305,7 +309,7 @@ def test_a_gap_widens_the_azimuth_and_is_told() -> None:
     experiment = turntable(120.0, 50.0)
     data = record(experiment, 1)
     keep = (experiment.t_s < 60.0) | (experiment.t_s > 70.0)
-    result = kinematic(experiment.t_s[keep], data.rate[:, keep], data.accel[:, keep], NO_STOPS)
+    result = error_state_filter(experiment.t_s[keep], data.rate[:, keep], data.accel[:, keep], NO_STOPS)
     assert result.azi_std_rad[-1] > 5 * result.azi_std_rad[100]
     assert any("gap" in note for note in result.notes)
 
@@ -313,9 +317,9 @@ def test_a_gap_widens_the_azimuth_and_is_told() -> None:
 def test_rows_know_nothing_of_later_ones() -> None:
     experiment = drilling(120.0, 50.0, leg_s=60.0, stop_s=20.0, start_s=30.0)
     data = record(experiment, 1)
-    whole = kinematic(experiment.t_s, data.rate, data.accel, SETTINGS)
-    part = kinematic(experiment.t_s[:5500], data.rate[:, :5500], data.accel[:, :5500], SETTINGS)
+    whole = error_state_filter(experiment.t_s, data.rate, data.accel, SETTINGS)
+    part = error_state_filter(experiment.t_s[:5500], data.rate[:, :5500], data.accel[:, :5500], SETTINGS)
     assert np.array_equal(whole.azi_rad[:5500], part.azi_rad)
     assert np.array_equal(whole.bias_radps[:, :5500], part.bias_radps)
     assert whole.motion is not None
-    assert (whole.motion == Motion.STILL).any()
+    assert (whole.motion == MotionState.STILL).any()

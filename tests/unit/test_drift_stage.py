@@ -13,16 +13,16 @@ import pytest
 
 from highside.config.drift import DriftSettings
 from highside.errors import Refused
-from highside.gyro.filter import Settings as FilterSettings
-from highside.gyro.kinematic import kinematic
-from highside.gyro.recursive import recursive
+from highside.gyro.complementary import complementary
+from highside.gyro.filter import FilterSettings
+from highside.gyro.recording_filter import error_state_filter
 from highside.papers.drift_scenarios import DriftData, Triad, curved_hole, drilling, record, turntable
 from highside.service import saved_drift
 from highside.service.damage import DamageLog
 from highside.service.drift_keeper import DriftKeeper
 from highside.service.drift_stage import DriftStage
 from highside.service.messages import DriftCommand, DriftMessage, DriftReply
-from highside.service.saved_drift import Alignment, SavedDrift, Stamp
+from highside.service.saved_drift import HeadingAlignment, SavedDrift, Stamp
 
 LATITUDE = 35.2
 ALIGNED = DriftSettings(azimuth_deg=60.0, azimuth_std_deg=0.1)
@@ -54,7 +54,7 @@ def test_it_gives_what_highside_drift_gives() -> None:
     feed(stage, data)
     settings = ALIGNED.filter_settings(LATITUDE, first_start=True)
     assert settings == FilterSettings(latitude_rad=math.radians(LATITUDE), azimuth_rad=math.radians(60.0))
-    batch = kinematic(experiment.t_s, data.rate, data.accel, settings)
+    batch = error_state_filter(experiment.t_s, data.rate, data.accel, settings)
     azimuth = stage.azimuth(120.0)
     assert azimuth is not None
     assert azimuth.azi_deg is not None
@@ -171,7 +171,7 @@ def test_the_state_survives_a_restart(tmp_path: Path) -> None:
     feed(whole, data)
     assert error_deg(again, 205.0, 60.0)[0] == pytest.approx(error_deg(whole, 200.0, 60.0)[0], abs=0.02)
     assert error_deg(again, 205.0, 60.0)[1] == pytest.approx(error_deg(whole, 200.0, 60.0)[1], rel=0.1)
-    assert again.alignment == Alignment(azimuth_deg=60.0, std_deg=0.1, by="configuration", t=None)
+    assert again.alignment == HeadingAlignment(azimuth_deg=60.0, std_deg=0.1, by="configuration", t=None)
 
 
 def test_a_state_too_old_of_unknown_age_or_of_another_power_up_gives_no_azimuth(tmp_path: Path) -> None:
@@ -238,6 +238,27 @@ def test_a_declared_connection_measures_the_gyros_until_the_tool_turns_for_all_t
     assert not stage.message(0.0).connection
 
 
+def test_a_tool_that_moved_when_it_was_first_heard_says_that_no_stop_is_found() -> None:
+    data = record(drilling(200.0, 20.0, leg_s=100.0, start_s=60.0, turning_dps=60.0, stop_s=40.0), 1)
+    told = "the tool did not rest in the first 20 s, so that no stop is found"
+    rested, moved = DriftStage(ALIGNED, LATITUDE), DriftStage(ALIGNED, LATITUDE)
+    feed(rested, data, until_s=90.0)
+    assert not any(told in note for note in rested.message(0.0).notes)
+    feed(moved, data, after_s=70.0, until_s=85.0)
+    assert not any(told in note for note in moved.message(0.0).notes), "it is not known yet"
+    feed(moved, data, after_s=85.0, until_s=95.0)
+    (note,) = [note for note in moved.message(0.0).notes if told in note]
+    assert "the command connection" in note
+    # what the note asks for ends it
+    assert moved.restart() is None
+    feed(moved, data, after_s=105.0, until_s=139.0)
+    assert not any(told in note for note in moved.message(0.0).notes)
+    # asked to find none, it has nothing to say
+    silent = DriftStage(ALIGNED.model_copy(update={"detect_stops": False}), LATITUDE)
+    feed(silent, data, after_s=70.0, until_s=95.0)
+    assert not any(told in note for note in silent.message(0.0).notes)
+
+
 def test_gyros_in_the_wrong_unit_or_silent_or_at_their_range_are_told() -> None:
     turning = record(drilling(100.0, 20.0, leg_s=1e6, start_s=30.0, turning_dps=20.0, vibration_rms_g=0.01), 1)
     wrong = DriftStage(ALIGNED, LATITUDE)
@@ -299,7 +320,7 @@ def test_the_recursive_filter_can_be_chosen_and_is_the_one_of_highside_drift(hol
     settings = DriftSettings(azimuth_deg=60.0, azimuth_std_deg=0.1, method="recursive", straight_hole=hold)
     stage = DriftStage(settings, LATITUDE)
     feed(stage, data)
-    bulk = recursive(
+    bulk = complementary(
         experiment.t_s, data.rate, data.accel, settings.filter_settings(LATITUDE, first_start=True), hold=hold
     )
     azimuth, message = stage.azimuth(150.0), stage.message(0.0)

@@ -22,10 +22,10 @@ from highside.config.recorder import RecorderSettings
 from highside.link.base import Chunk
 from highside.recording.calibration_store import CalibrationStore
 from highside.recording.files import make_directory, write_whole
-from highside.recording.wire import SegmentWriter
 from highside.service.recorder import Recorder
 from highside.service.rig.surveys import SurveyLog
 from highside.service.rig.toolface import ToolfaceLog
+from tests.segments import SegmentWriter
 
 ROOT = Path(__file__).resolve().parents[2]
 NOW = 1_795_000_000.0

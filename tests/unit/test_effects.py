@@ -33,6 +33,11 @@ def rich_state(n: int = 60) -> ChainState:
         rotor_accel_radps2=rng.uniform(-5.0, 5.0, n),
         inc_rate_radps=rng.uniform(-0.2, 0.2, n),
         vibration_rms_g=rng.uniform(0.1, 2.0, n),
+        vibration_x_rms_g=rng.uniform(0.1, 1.0, n),
+        vibration_y_rms_g=rng.uniform(0.1, 1.0, n),
+        vibration_z_rms_g=rng.uniform(0.1, 1.0, n),
+        since_move_s=rng.uniform(1.0, 60.0, n),
+        stay_s=rng.uniform(0.0, 2.0, n),
         latitude_rad=0.7,
         azimuth_rad=0.4,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from highside.calibration.poses import labelled_intervals, poses_from_intervals
+from highside.calibration.still_intervals import labelled_intervals, poses_from_intervals
 from highside.errors import InputError
 
 NOISE_G = 35e-6

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -59,3 +61,16 @@ def test_noise_of_a_wrong_baud_rate_is_nothing(seed: int) -> None:
 
 def test_readable_text_without_numbers_is_no_codec() -> None:
     assert not score_bytes(b"booting, please wait\r\nready\r\n" * 50)[0].valid
+
+
+@pytest.mark.parametrize(("options", "named"), [(("--port", ""), "--port"), (("--baud", "0"), "--baud")])
+def test_a_port_or_rate_that_cannot_be_is_refused_in_one_line(options: tuple[str, str], named: str) -> None:
+    done = subprocess.run(
+        [str(Path(sys.executable).with_name("highside")), "detect", *options],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert named in done.stderr and done.stderr.count("\n") == 1

@@ -26,10 +26,10 @@ from highside.service.messages import (
     survey_dict,
     survey_payload,
 )
-from highside.service.outputs import Attitude, Survey
-from highside.service.rig.surveys import SurveyReason, Verdict
+from highside.service.outputs import AttitudeOutput, Survey
+from highside.service.rig.surveys import SurveyReason, SurveyVerdict
 
-ATTITUDE = Attitude(
+ATTITUDE = AttitudeOutput(
     t_device_s=1.0,
     t_mono=2.0,
     inc_deg=12.3456789,
@@ -53,8 +53,8 @@ stds = st.one_of(st.floats(0, 200), st.sampled_from([math.inf, math.nan]))
 
 
 @st.composite
-def attitudes(draw: st.DrawFn) -> Attitude:
-    return Attitude(
+def attitudes(draw: st.DrawFn) -> AttitudeOutput:
+    return AttitudeOutput(
         t_device_s=0.0,
         t_mono=0.0,
         inc_deg=draw(st.floats(0, 180)),
@@ -76,7 +76,7 @@ def attitudes(draw: st.DrawFn) -> Attitude:
 
 
 verdicts = st.builds(
-    Verdict,
+    SurveyVerdict,
     accepted=st.booleans(),
     reasons=st.lists(st.sampled_from(list(SurveyReason)), unique=True).map(tuple),
     g_error_mg=st.one_of(st.floats(-1e4, 1e4), st.just(math.nan)),
@@ -102,7 +102,7 @@ def as_model(model: type[AttitudeMessage] | type[SurveyMessage], payload: bytes)
     ),
 )
 def test_the_quick_way_writes_what_the_model_writes(
-    attitude: Attitude, seq: int, t: float, synced: bool, azimuth: Azimuth | None
+    attitude: AttitudeOutput, seq: int, t: float, synced: bool, azimuth: Azimuth | None
 ) -> None:
     attitude = replace(attitude, azimuth=azimuth)
     payload = attitude_payload(seq, t, t / 2, synced, attitude)
@@ -129,7 +129,9 @@ def test_the_quick_way_writes_what_the_model_writes(
 
 @settings(max_examples=100, deadline=None, derandomize=True)
 @given(attitude=attitudes(), duration_s=st.floats(0, 1e5), g_std=st.floats(0, 1), verdict=verdicts)
-def test_a_survey_carries_its_quality(attitude: Attitude, duration_s: float, g_std: float, verdict: Verdict) -> None:
+def test_a_survey_carries_its_quality(
+    attitude: AttitudeOutput, duration_s: float, g_std: float, verdict: SurveyVerdict
+) -> None:
     payload = survey_payload(3, 1e9, 5.0, True, Survey(attitude, duration_s, g_std, verdict))
     message = SurveyMessage.model_validate_json(payload, strict=True)
     assert json.loads(payload) == json.loads(message.model_dump_json(exclude_unset=True))

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from highside.errors import InputError
 from highside.service.clock import Moment
-from highside.service.outbox import Outbox, Row
+from highside.service.outbox import Outbox, StoredMessage
 
 TOPIC = "highside/t/attitude"
 NOW = 1_800_000_000.0
@@ -72,9 +72,9 @@ def until(condition: Callable[[], bool], what: str, timeout_s: float = 15.0) -> 
         time.sleep(0.002)
 
 
-def take_all(outbox: Outbox, n: int, *, timeout_s: float = 15.0) -> list[tuple[Row, bool]]:
+def take_all(outbox: Outbox, n: int, *, timeout_s: float = 15.0) -> list[tuple[StoredMessage, bool]]:
     """The next `n` messages, however long the thread needs to find them; not one more is waiting."""
-    found: list[tuple[Row, bool]] = []
+    found: list[tuple[StoredMessage, bool]] = []
     deadline = time.monotonic() + timeout_s
     while len(found) < n:
         taken = outbox.take()
@@ -464,7 +464,7 @@ def test_any_history_of_puts_acknowledgements_and_restarts_balances(
     outbox = make(path, commit_interval_s=0.001, **caps)
     outbox.start()
     outbox.begin_delivery(lambda: None)
-    flying: list[Row] = []
+    flying: list[StoredMessage] = []
     delivered: set[int] = set()
     produced = 0
     dropped_before = 0

@@ -12,16 +12,16 @@ import pytest
 
 from highside.service.outbox import Outbox, inspect
 from highside.service.outbox_file import MessageFile, log_path
-from highside.service.outbox_log import LOG_BYTES, PAGE, CommitLog, LogFull, Row, read_log
+from highside.service.outbox_log import LOG_BYTES, PAGE, CommitLog, LogFull, StoredMessage, read_log
 
 TOPIC = "highside/t/attitude"
 
 
-def row(number: int, size: int = 353) -> Row:
-    return Row(number, TOPIC, number, 1.8e9, 1, b"%07d" % number + b"x" * (size - 7), "bootboot", 100.0, True)
+def row(number: int, size: int = 353) -> StoredMessage:
+    return StoredMessage(number, TOPIC, number, 1.8e9, 1, b"%07d" % number + b"x" * (size - 7), "bootboot", 100.0, True)
 
 
-def rows(first: int, last: int, size: int = 353) -> list[Row]:
+def rows(first: int, last: int, size: int = 353) -> list[StoredMessage]:
     return [row(number, size) for number in range(first, last)]
 
 

@@ -6,14 +6,8 @@ import numpy as np
 import pytest
 
 from highside.physics.gravity import gravity_direction
-from highside.physics.scenario import (
-    PUBLISHED_INCLINATIONS_DEG,
-    pose_grid,
-    random_bench,
-    random_sensor,
-    reference_scenario,
-    true_gravity,
-)
+from highside.physics.plan import PUBLISHED_INCLINATIONS_DEG, pose_grid
+from studies.scenario import random_bench, random_sensor, reference_scenario, true_gravity
 
 
 def test_a_seed_gives_the_same_instrument_and_another_seed_another() -> None:

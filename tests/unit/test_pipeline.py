@@ -11,9 +11,9 @@ import pytest
 from highside.calibration.correction import IdentityCorrection
 from highside.codec.frame import Counts, Frame
 from highside.config.settings import MonitorSettings, PipelineSettings, RebalanceTable, SurveySettings, ToolSettings
-from highside.service.outputs import Attitude, Survey
+from highside.service.outputs import AttitudeOutput, Survey
 from highside.service.pipeline import Pipeline
-from highside.service.window import Row, window_statistics
+from highside.service.window import WindowReading, window_statistics
 
 RATE_HZ = 100.0
 
@@ -34,8 +34,8 @@ class ListCodec:
         return []
 
 
-def make(**changes: object) -> tuple[Pipeline, list[Attitude | Survey]]:
-    out: list[Attitude | Survey] = []
+def make(**changes: object) -> tuple[Pipeline, list[AttitudeOutput | Survey]]:
+    out: list[AttitudeOutput | Survey] = []
     pipeline = Pipeline(
         codec=ListCodec(),
         tool=changes.get("tool", ToolSettings()),
@@ -69,7 +69,7 @@ def test_one_attitude_each_output_period_on_the_grid_of_device_time():
     pipeline, out = make(pipeline=PipelineSettings(output_rate_hz=5))
     for f in frames(1000, lambda t: (30.0, 120.0)):
         pipeline.on_frame(f)
-    attitudes = [o for o in out if isinstance(o, Attitude)]
+    attitudes = [o for o in out if isinstance(o, AttitudeOutput)]
     # the first frame opens the grid, so 0.0 itself gives none
     assert [a.t_device_s for a in attitudes] == pytest.approx([0.2 * k for k in range(1, 50)])
     assert all(a.n == 20 for a in attitudes)
@@ -80,7 +80,7 @@ def test_stated_uncertainty_is_the_scatter_of_the_error():
     pipeline, out = make()
     for f in frames(20000, lambda t: (12.0, 200.0)):
         pipeline.on_frame(f)
-    attitudes = [o for o in out if isinstance(o, Attitude)]
+    attitudes = [o for o in out if isinstance(o, AttitudeOutput)]
     inc_z = np.array([(a.inc_deg - 12.0) / a.inc_std_deg for a in attitudes])
     tf_z = np.array([(a.tf_deg - 200.0) / a.tf_std_deg for a in attitudes])
     # 1999 windows of 10 readings; the larger of two estimates of the noise errs to the safe side
@@ -93,7 +93,7 @@ def test_a_turning_tool_has_the_attitude_of_the_middle_of_its_window_and_is_flag
     pipeline, out = make()
     for f in frames(600, lambda t: (45.0, (120.0 * t) % 360.0), noise_g=1e-4):
         pipeline.on_frame(f)
-    for a in [o for o in out if isinstance(o, Attitude)]:
+    for a in [o for o in out if isinstance(o, AttitudeOutput)]:
         middle = a.t_device_s - a.window_s / 2.0
         error = (a.tf_deg - 120.0 * middle + 180.0) % 360.0 - 180.0
         assert abs(error) < 0.05
@@ -122,7 +122,7 @@ def test_a_dead_converter_behind_a_living_counter_gives_no_survey_and_is_flagged
     for f in frames(2000, lambda t: (20.0, 90.0), noise_g=0.0):
         pipeline.on_frame(f)
     assert not [o for o in out if isinstance(o, Survey)]
-    assert all("frozen" in o.flags for o in out if isinstance(o, Attitude) and o.t_device_s > 3.0)
+    assert all("frozen" in o.flags for o in out if isinstance(o, AttitudeOutput) and o.t_device_s > 3.0)
 
 
 def test_a_slow_creep_is_never_a_survey():
@@ -156,7 +156,7 @@ def test_vertical_has_no_toolface_and_says_so():
     pipeline, out = make()
     for f in frames(5000, lambda t: (0.0, 0.0), noise_g=1e-4):
         pipeline.on_frame(f)
-    attitudes = [a for a in out if isinstance(a, Attitude)]
+    attitudes = [a for a in out if isinstance(a, AttitudeOutput)]
     flagged = [a for a in attitudes if "toolface_undefined" in a.flags]
     assert len(flagged) >= 0.9 * len(attitudes)
     assert all(a.tf_std_deg > 20.0 for a in flagged)
@@ -166,14 +166,14 @@ def test_a_shaken_or_wrongly_scaled_tool_is_flagged():
     pipeline, out = make()
     for f in frames(100, lambda t: (30.0, 0.0)):
         pipeline.on_frame(f._replace(ax=f.ax * 1.1, ay=f.ay * 1.1, az=f.az * 1.1))
-    assert all("g_total" in a.flags for a in out if isinstance(a, Attitude))
+    assert all("g_total" in a.flags for a in out if isinstance(a, AttitudeOutput))
 
 
 def test_averaging_may_be_longer_than_the_output_period():
     pipeline, out = make(pipeline=PipelineSettings(output_rate_hz=10, averaging_s=1.0))
     for f in frames(500, lambda t: (30.0, 10.0)):
         pipeline.on_frame(f)
-    attitudes = [o for o in out if isinstance(o, Attitude)]
+    attitudes = [o for o in out if isinstance(o, AttitudeOutput)]
     assert all(a.n == 100 for a in attitudes[10:])
     assert len(attitudes) == 49
 
@@ -186,13 +186,13 @@ def test_a_swapped_correction_is_used_from_the_next_output_on():
     pipeline.correction = IdentityCorrection(0.0, 0.0, cal_id="new")
     for f in stream[205:]:
         pipeline.on_frame(f)
-    ids = [a.cal_id for a in out if isinstance(a, Attitude)]
+    ids = [a.cal_id for a in out if isinstance(a, AttitudeOutput)]
     assert ids == ["none"] * 20 + ["new"] * 19
 
 
 def test_short_windows_use_the_running_estimate_of_the_noise():
     random_rows = random.Random(5)
-    rows = [Row(i * 0.01, (random_rows.gauss(0, 1), 0.0, 1.0), None) for i in range(4)]
+    rows = [WindowReading(i * 0.01, (random_rows.gauss(0, 1), 0.0, 1.0), None) for i in range(4)]
     window = window_statistics(rows, (1e-6, 1e-6, 1e-6))
     assert window.variance == pytest.approx((2.5e-7, 2.5e-7, 2.5e-7))
 
@@ -201,7 +201,7 @@ def test_the_scatter_about_a_line_is_the_variance_of_a_long_window():
     rng = np.random.default_rng(3)
     t = np.arange(4000) * 1e-3
     data = np.vstack([0.1 + 0.5 * t, 0.2 - 0.1 * t, 0.9 + 0 * t]) + 1e-3 * rng.standard_normal((3, t.size))
-    rows = [Row(float(ti), (*map(float, column),), None) for ti, column in zip(t, data.T, strict=True)]
+    rows = [WindowReading(float(ti), (*map(float, column),), None) for ti, column in zip(t, data.T, strict=True)]
     window = window_statistics(rows, (1e-9, 1e-9, 1e-9))
     assert np.sqrt(np.array(window.variance) * t.size) == pytest.approx([1e-3] * 3, rel=0.05)
     assert window.span == pytest.approx((0.5 * t[-1], -0.1 * t[-1], 0.0), abs=5e-4)
@@ -220,12 +220,12 @@ def test_the_offset_of_this_power_up_is_found_while_turning_and_taken_off_only_w
     errors = [
         (a.tf_deg - 120.0 * (a.t_device_s - a.window_s / 2) + 180.0) % 360.0 - 180.0
         for a in out
-        if isinstance(a, Attitude) and a.t_device_s > 12.0
+        if isinstance(a, AttitudeOutput) and a.t_device_s > 12.0
     ]
     rms = float(np.sqrt(np.mean(np.square(errors))))
     noise_limit = math.degrees(350e-6 / math.sqrt(10) / math.sin(math.radians(1.2)))
     if apply:
         assert rms < 1.3 * noise_limit
-        assert all("rebalanced" in o.flags for o in out if isinstance(o, Attitude) and o.t_device_s > 12.0)
+        assert all("rebalanced" in o.flags for o in out if isinstance(o, AttitudeOutput) and o.t_device_s > 12.0)
     else:
         assert rms > 2.0 * noise_limit

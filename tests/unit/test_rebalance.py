@@ -6,11 +6,18 @@ import math
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
-from highside.calibration.correction import LinearCorrection
-from highside.calibration.rebalance import Reason, Rebalancer, RebalanceSettings, State
-from highside.calibration.result import Zone, linear_parameters
-from highside.errors import InputError
+from highside.calibration.linear_correction import LinearCorrection
+from highside.calibration.linear_errors import linear_parameters
+from highside.calibration.rolling_bias import (
+    MAX_TURNS,
+    DeclineReason,
+    RollingBias,
+    RollingBiasSettings,
+    RollingBiasState,
+)
+from highside.calibration.zone import Zone
 from highside.physics.gravity import gravity_direction
 
 RATE_HZ = 100.0
@@ -48,8 +55,8 @@ def turning(
     return t, g
 
 
-def fed(t: np.ndarray, g: np.ndarray, settings: RebalanceSettings | None = None) -> Rebalancer:
-    out = Rebalancer(settings or RebalanceSettings())
+def fed(t: np.ndarray, g: np.ndarray, settings: RollingBiasSettings | None = None) -> RollingBias:
+    out = RollingBias(settings or RollingBiasSettings())
     for row in zip(t.tolist(), *g.tolist(), strict=True):
         out.add(*row)
     return out
@@ -144,7 +151,7 @@ def test_a_drifting_inclination_is_declined(inc_deg: float, drift: float) -> Non
     for seed in range(5):
         out = fed(*turning(12.0, inc_deg=inc_deg, drift_deg_s=drift, seed=seed))
         assert out.offset is None
-        assert out.reason is Reason.INCLINATION_DRIFTS
+        assert out.reason is DeclineReason.INCLINATION_DRIFTS
 
 
 def test_a_drift_too_small_to_decline_does_not_pass_for_an_offset() -> None:
@@ -161,7 +168,7 @@ def test_a_drift_too_small_to_decline_does_not_pass_for_an_offset() -> None:
 @pytest.mark.parametrize("turns", [0.3, 0.7, 0.95])
 def test_a_partial_turn_is_declined(turns: float) -> None:
     for seed in range(5):
-        out = Rebalancer()
+        out = RollingBias()
         states = []
         for row in zip(
             *(column.tolist() for column in np.vstack(turning(40.0, stop_after_turns=turns, seed=seed))), strict=True
@@ -169,14 +176,14 @@ def test_a_partial_turn_is_declined(turns: float) -> None:
             out.add(*row)
             states.append((out.state, out.reason))
         assert out.offset is None
-        assert (State.DECLINED, Reason.PARTIAL_TURN) in states
-        assert all(state is not State.READY for state, _ in states)
+        assert (RollingBiasState.DECLINED, DeclineReason.PARTIAL_TURN) in states
+        assert all(state is not RollingBiasState.READY for state, _ in states)
 
 
 def test_less_than_three_turns_are_not_enough() -> None:
     out = fed(*turning(8.5))
     assert out.offset is None
-    assert out.state is State.COLLECTING
+    assert out.state is RollingBiasState.COLLECTING
     assert out.turns_collected == 2
 
 
@@ -185,31 +192,31 @@ def test_rocking_to_and_fro_is_declined() -> None:
     g = gravity_direction(np.full(t.size, math.radians(3.0)), 2.0 * np.sin(t))
     out = fed(t, g + 1e-5)
     assert out.offset is None
-    assert out.reason is Reason.PARTIAL_TURN
+    assert out.reason is DeclineReason.PARTIAL_TURN
 
 
 def test_a_standing_tool_is_waiting_and_keeps_what_it_had() -> None:
     still = fed(*turning(60.0, stop_after_turns=0.0))
-    assert (still.state, still.reason, still.offset) == (State.WAITING, Reason.NOT_TURNING, None)
+    assert (still.state, still.reason, still.offset) == (RollingBiasState.WAITING, DeclineReason.NOT_TURNING, None)
     stopped = fed(*turning(80.0, stop_after_turns=4.0))
-    assert stopped.state is State.HELD
+    assert stopped.state is RollingBiasState.HELD
     assert stopped.offset is not None
     assert stopped.offset.turns == 4
     stopped.reset()
-    assert (stopped.state, stopped.offset) == (State.WAITING, None)
+    assert (stopped.state, stopped.offset) == (RollingBiasState.WAITING, None)
 
 
 def test_an_estimate_survives_a_bad_stretch_and_is_renewed_after_it() -> None:
     t, g = turning(60.0, seed=6)
     g[0, 2000:2600] += 0.2 * np.sin(np.arange(600.0))
-    out = Rebalancer()
+    out = RollingBias()
     declined = False
     for row in zip(t.tolist(), *g.tolist(), strict=True):
         out.add(*row)
-        declined |= out.state is State.DECLINED
+        declined |= out.state is RollingBiasState.DECLINED
         assert row[0] < 10.0 or out.offset is not None
     assert declined
-    assert out.state is State.READY
+    assert out.state is RollingBiasState.READY
     assert out.offset is not None
     assert out.offset.t_s > 50.0
     assert abs(out.offset.bx_g - BIAS[0]) < 5.0 * out.offset.std_g[0]
@@ -217,11 +224,11 @@ def test_an_estimate_survives_a_bad_stretch_and_is_renewed_after_it() -> None:
 
 def test_vibration_shocks_and_noise_are_declined_or_left_out() -> None:
     t, g = turning(12.0, seed=7)
-    shaken = Rebalancer()
+    shaken = RollingBias()
     for row in zip(t.tolist(), *g.tolist(), strict=True):
         shaken.add(*row, vibration_g=0.5)
-    assert (shaken.offset, shaken.reason) == (None, Reason.VIBRATION)
-    assert fed(*turning(12.0, noise_g=0.05, inc_deg=30.0)).reason is Reason.VIBRATION
+    assert (shaken.offset, shaken.reason) == (None, DeclineReason.VIBRATION)
+    assert fed(*turning(12.0, noise_g=0.05, inc_deg=30.0)).reason is DeclineReason.VIBRATION
     few = g.copy()
     few[0, 400::97] += 0.05  # one reading in a hundred, after the first turn
     offset = fed(t, few).offset
@@ -235,17 +242,17 @@ def test_vibration_shocks_and_noise_are_declined_or_left_out() -> None:
 @pytest.mark.parametrize(
     ("what", "reason"),
     [
-        ({"rpm": 1.5, "seconds": 80.0}, Reason.TOO_SLOW),
-        ({"rpm": 200.0, "seconds": 6.0}, Reason.TOO_FAST),
-        ({"inc_deg": 0.1, "seconds": 12.0, "bias": (0.0, 0.0)}, Reason.NEAR_VERTICAL),
-        ({"bias": (6e-3, 0.0), "inc_deg": 5.0, "seconds": 12.0}, Reason.RADIUS),
+        ({"rpm": 1.5, "seconds": 80.0}, DeclineReason.TOO_SLOW),
+        ({"rpm": 200.0, "seconds": 6.0}, DeclineReason.TOO_FAST),
+        ({"inc_deg": 0.1, "seconds": 12.0, "bias": (0.0, 0.0)}, DeclineReason.NEAR_VERTICAL),
+        ({"bias": (6e-3, 0.0), "inc_deg": 5.0, "seconds": 12.0}, DeclineReason.RADIUS),
     ],
     ids=["slow", "fast", "vertical", "large"],
 )
-def test_conditions_that_do_not_allow_an_estimate_are_named(what: dict[str, float], reason: Reason) -> None:
+def test_conditions_that_do_not_allow_an_estimate_are_named(what: dict[str, float], reason: DeclineReason) -> None:
     seconds = what.pop("seconds")
     t, g = turning(seconds, **what)  # type: ignore[arg-type]
-    out = Rebalancer()
+    out = RollingBias()
     reasons = set()
     for row in zip(t.tolist(), *g.tolist(), strict=True):
         out.add(*row)
@@ -256,20 +263,20 @@ def test_conditions_that_do_not_allow_an_estimate_are_named(what: dict[str, floa
 
 def test_a_circle_that_is_not_of_one_g_is_declined() -> None:
     t, g = turning(12.0, inc_deg=10.0)
-    assert fed(t, 1.02 * g).reason is Reason.RADIUS
+    assert fed(t, 1.02 * g).reason is DeclineReason.RADIUS
 
 
 def test_a_step_of_inclination_between_turns_is_declined() -> None:
     t, g = turning(12.0, inc_deg=5.0)
     _, other = turning(12.0, inc_deg=5.1)
     g[:, 450:] = other[:, 450:]
-    out = Rebalancer()
+    out = RollingBias()
     reasons = set()
     for row in zip(t[:930].tolist(), *g[:, :930].tolist(), strict=True):
         out.add(*row)
         reasons.add(out.reason)
     assert out.offset is None
-    assert reasons & {Reason.INCONSISTENT, Reason.INCLINATION_DRIFTS, Reason.VIBRATION}
+    assert reasons & {DeclineReason.INCONSISTENT, DeclineReason.INCLINATION_DRIFTS, DeclineReason.VIBRATION}
 
 
 def test_gaps_and_readings_that_are_no_numbers_begin_anew() -> None:
@@ -277,7 +284,7 @@ def test_gaps_and_readings_that_are_no_numbers_begin_anew() -> None:
     out = fed(t, g)
     assert out.turns_collected == 2
     out.add(t[-1] + 5.0, 0.02, 0.0, 1.0)
-    assert (out.turns_collected, out.reason) == (0, Reason.GAP)
+    assert (out.turns_collected, out.reason) == (0, DeclineReason.GAP)
     backwards = fed(t, g)
     backwards.add(0.0, 0.02, 0.0, 1.0)
     assert backwards.turns_collected == 0
@@ -289,7 +296,7 @@ def test_gaps_and_readings_that_are_no_numbers_begin_anew() -> None:
 def test_a_lever_arm_is_taken_off_and_its_uncertainty_stated() -> None:
     arm = (4.0, -2.0)
     seen = turning(30.0, lever_mm=arm, seed=8)
-    told = fed(*seen, RebalanceSettings(lever_mm=arm, lever_std_mm=0.5)).offset
+    told = fed(*seen, RollingBiasSettings(lever_mm=arm, lever_std_mm=0.5)).offset
     untold = fed(*seen).offset
     assert told is not None
     assert untold is not None
@@ -301,7 +308,7 @@ def test_a_lever_arm_is_taken_off_and_its_uncertainty_stated() -> None:
 
 def test_memory_stays_bounded_over_a_long_run() -> None:
     out = fed(*turning(200.0, rpm=60.0, inc_deg=3.0))
-    assert out.turns_collected == RebalanceSettings().max_turns
+    assert out.turns_collected == MAX_TURNS
     assert out.offset is not None
     assert out.offset.turns == 30
 
@@ -312,7 +319,7 @@ def test_wrapping_takes_off_the_offset_and_adds_its_covariance() -> None:
         Zone("global", None, 0.0, math.pi, linear_parameters(np.eye(3), np.zeros(3), covariance), 1.0)
     )
     out = fed(*turning(THREE_TURNS_S + 0.1))
-    assert Rebalancer().wrap(base) is base
+    assert RollingBias().wrap(base) is base
     offset = out.offset
     assert offset is not None
     one, other = base.correct((0.02, 0.01, 1.0)), out.wrap(base).correct((0.02, 0.01, 1.0))
@@ -326,8 +333,8 @@ def test_wrapping_takes_off_the_offset_and_adds_its_covariance() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"turns": 0}, {"turns": 40}, {"min_rate_rpm": 0.0}, {"lever_std_mm": -1.0}, {"min_inclination_deg": 0.0}]
+    "wrong", [{"turns": 0}, {"turns": 40}, {"min_rate_rpm": 0.0}, {"lever_std_mm": -1.0}, {"min_rate_rpm": 200.0}]
 )
 def test_settings_that_make_no_sense_are_refused(wrong: dict[str, float]) -> None:
-    with pytest.raises(InputError):
-        RebalanceSettings(**wrong)  # type: ignore[arg-type]
+    with pytest.raises(ValidationError):
+        RollingBiasSettings(**wrong)  # type: ignore[arg-type]

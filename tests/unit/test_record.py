@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from highside.calibration.correction import LinearCorrection
+from highside.calibration.linear_correction import LinearCorrection
 from highside.calibration.record import (
     CalibrationRecord,
     Environment,

@@ -19,7 +19,8 @@ from highside.link.base import Chunk
 from highside.recording.candump import read_candump
 from highside.recording.wire import MAX_RECORD_BYTES, read_segments
 from highside.service import recorder as recorder_module
-from highside.service.recorder import DropReason, Recorder, RecorderState
+from highside.service.recorder import Recorder
+from highside.service.recorder_stats import DropReason, RecorderState
 
 
 def chunk(number: int, size: int = 64) -> Chunk:

@@ -19,13 +19,13 @@ from highside.errors import InputError
 from highside.recording.candump import format_candump, parse_candump, read_candump
 from highside.recording.wire import (
     Record,
-    SegmentWriter,
     WireKind,
     detect_kind,
     encode_header,
     encode_record,
     read_segments,
 )
+from tests.segments import SegmentWriter
 
 META = {"tool": "t1", "codec": "tool"}
 
@@ -99,16 +99,16 @@ def test_a_torn_gzip_file_gives_what_it_holds(tmp_path: Path) -> None:
     assert found == some_records(200)[: len(found)]
 
 
-def test_what_a_killed_process_wrote_is_readable(tmp_path: Path) -> None:
+def test_what_a_killed_process_wrote_is_readable(tmp_path: Path, project_root: Path) -> None:
     path = tmp_path / "a.hsw"
     code = (
-        "import sys; from pathlib import Path; from highside.recording.wire import SegmentWriter\n"
+        "import sys; from pathlib import Path; from tests.segments import SegmentWriter\n"
         "w = SegmentWriter(Path(sys.argv[1]), {}); i = 0\n"
         "while True:\n"
         "    w.append(b'%08d' % i * 9, t_wall=i, t_mono=i); i += 1\n"
         "    if i == 1000: print('on', flush=True)\n"
     )
-    process = subprocess.Popen([sys.executable, "-c", code, str(path)], stdout=subprocess.PIPE)
+    process = subprocess.Popen([sys.executable, "-c", code, str(path)], stdout=subprocess.PIPE, cwd=project_root)
     assert process.stdout is not None
     assert process.stdout.readline() == b"on\n"
     process.send_signal(signal.SIGKILL)

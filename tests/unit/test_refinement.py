@@ -9,16 +9,17 @@ import pytest
 
 from highside.arrays import Array
 from highside.calibration.conventional import least_squares
-from highside.calibration.correction import LinearCorrection
 from highside.calibration.joint import joint
+from highside.calibration.linear_correction import LinearCorrection
 from highside.calibration.poses import PoseSet
 from highside.calibration.refinement import refine
-from highside.calibration.result import CalibrationResult, Reason
+from highside.calibration.remark import Reason
+from highside.calibration.result import CalibrationResult
 from highside.physics import structure
 from highside.physics.effect import Effect
 from highside.physics.gravity import gravity_direction
-from highside.physics.scenario import DirectionSine, MultiSine, Scenario, reference_scenario
 from highside.physics.state import ChainState
+from studies.scenario import DirectionSine, MultiSine, Scenario, reference_scenario
 
 TWELVE = tuple(15.0 + 30.0 * k for k in range(12))
 INC, TF = (

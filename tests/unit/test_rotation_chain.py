@@ -5,22 +5,67 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from highside.arrays import AnyArray
+from highside.attitude.angles import wrap_signed
 from highside.attitude.quaternion import direction_cosines, to_body
 from highside.errors import InputError
 from highside.gyro.frames import quaternion
 from highside.physics.forward import ForwardModel
-from highside.physics.gravity import attitude_of, gravity_direction
+from highside.physics.gravity import attitude_of, gravity_direction, rotate_x, rotate_y, rotate_z, rotation_matrix
 from highside.physics.rotation_chain import (
     Faults,
-    attitude_errors,
     azimuth_errors,
     inclination_toolface_errors,
     package_turn,
+    rotor_faults,
 )
 from highside.physics.state import ChainState
 
 MINUTE = np.radians(1.0 / 60.0)
 THETA = np.arange(720) * (2 * np.pi / 720)
+
+
+def attitude_errors(
+    theta_rad: AnyArray,
+    faults: Faults = (),
+    *,
+    axis_tilt_rad: tuple[float, float] = (0.0, 0.0),
+    roll_rad: float = 0.0,
+    pitch_rad: float = 0.0,
+    heading_rad: float = 0.0,
+) -> AnyArray:
+    """Errors of roll, pitch and heading, (3, N) rad, decoded - true, at rotor angles (N,) as the encoder reads them.
+
+    `axis_tilt_rad`: rotation of the rotor's axis about the case's x and y. Raises InputError for an effect that does
+    not act on a rotor.
+    """
+    theta = np.asarray(theta_rad, dtype=float)
+    pose, _, mounting = rotor_faults(theta, np.zeros_like(theta), faults)
+    tilt = rotation_matrix(np.array([*axis_tilt_rad, 0.0]))
+    case = _from_angles(roll_rad, pitch_rad, heading_rad)
+    # columns of D(t)^T M^T D0(t): what the unit vectors of the case become
+    columns = []
+    for axis in np.eye(3):
+        rotor = mounting.T @ rotate_z(theta, axis[:, None])
+        turned = rotate_y(-pose[0], rotate_x(-pose[1], rotate_z(-theta - pose[2], rotor)))
+        columns.append(case @ tilt @ turned)
+    decoded = _angles(np.stack(columns, axis=1))
+    true = np.array([roll_rad, pitch_rad, heading_rad])[:, None]
+    return np.asarray(wrap_signed(decoded - true))
+
+
+def _from_angles(roll_rad: float, pitch_rad: float, heading_rad: float) -> AnyArray:
+    """C = Rz(heading) Ry(pitch) Rx(roll), (3, 3)."""
+    identity = np.eye(3)
+    return rotate_z(np.asarray(heading_rad), rotate_y(np.asarray(pitch_rad), rotate_x(np.asarray(roll_rad), identity)))
+
+
+def _angles(C: AnyArray) -> AnyArray:
+    """Roll, pitch, heading (3, N) of matrices (3, 3, N)."""
+    roll = np.arctan2(C[2, 1], C[2, 2])
+    pitch = np.arctan2(-C[2, 0], np.hypot(C[2, 1], C[2, 2]))
+    heading = np.arctan2(C[1, 0], C[0, 0])
+    return np.stack([roll, pitch, heading])
 
 
 def harmonics(error: np.ndarray) -> np.ndarray:

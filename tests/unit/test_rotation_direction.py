@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from highside.papers.rotation_scenarios import A, draw
-from highside.rotation import Compensation, FitOptions, Method, Samples, Validity, fit
-from highside.rotation.direction import DirectionDifference, Motion, direction_difference, directions
+from highside.rotation import Compensation, CurveMethod, FitOptions, Samples, Validity, fit
+from highside.rotation.direction import DirectionDifference, RotorMotion, direction_difference, directions
 from highside.rotation.fourier import LARGEST_ORDER, UTMOST_ORDER
 
 Floats = NDArray[np.float64]
@@ -42,7 +42,7 @@ def recorded(
     return Samples.build(theta, y + NOISE * rng.standard_normal(theta.size))
 
 
-def found_in(samples: Samples, method: Method = Method.HARMONICS2) -> DirectionDifference:
+def found_in(samples: Samples, method: CurveMethod = CurveMethod.HARMONICS2) -> DirectionDifference:
     found = direction_difference(samples, fit(samples, method, held_out=False))
     assert found is not None
     return found
@@ -84,7 +84,7 @@ def test_one_direction_or_too_few_turns_give_no_answer() -> None:
     forwards = np.arange(5 * ROWS) / ROWS * 2 * np.pi
     for theta in (forwards, back_and_forth(1)):
         samples = recorded(0, theta, play=0.1)
-        assert direction_difference(samples, fit(samples, Method.AUTO, held_out=False)) is None
+        assert direction_difference(samples, fit(samples, CurveMethod.AUTO, held_out=False)) is None
 
 
 def test_without_noise_a_difference_is_found_and_none_is_not() -> None:
@@ -124,7 +124,7 @@ def test_a_rotor_that_stands_often_hides_no_difference(kind: str) -> None:
         assert (found.forward_turns, found.backward_turns) == (4, 4)
         assert found.found is (play > 0.0)
         assert abs(found.constant - play) < 0.03
-        motion = Motion.of(np.arange(samples.theta_rad.size) / 100.0, samples.theta_rad)
+        motion = RotorMotion.of(np.arange(samples.theta_rad.size) / 100.0, samples.theta_rad)
         assert motion.forward_turns == pytest.approx(4.0, abs=0.05), "a flicker is no travel"
         assert motion.least_dps is not None and motion.least_dps > 100.0
 
@@ -137,10 +137,10 @@ def test_errors_that_are_all_zero_are_no_difference() -> None:
 
 def test_motion_is_kept_with_a_compensation_and_old_ones_keep_their_ids() -> None:
     theta = back_and_forth(2)
-    motion = Motion.of(np.arange(theta.size) * 0.01, theta)
+    motion = RotorMotion.of(np.arange(theta.size) * 0.01, theta)
     assert motion.forward_turns == pytest.approx(motion.backward_turns, rel=0.02)
     assert motion.least_dps == pytest.approx(150.0, rel=0.01) == motion.greatest_dps
-    curve = fit(recorded(0, theta), Method.SINE, held_out=False)
+    curve = fit(recorded(0, theta), CurveMethod.SINE, held_out=False)
     made = Compensation({"roll": curve}, Validity(), "turns.csv", "0" * 64, motion)
     again = Compensation.from_json(made.to_json())
     assert again.motion == motion and again.id == made.id
@@ -152,14 +152,14 @@ def test_motion_is_kept_with_a_compensation_and_old_ones_keep_their_ids() -> Non
 def test_what_a_fit_never_saw_is_said() -> None:
     turn = np.arange(0.0, 4 * np.pi, 0.02)
     t = np.arange(turn.size) * 0.02
-    forward = Motion.of(t, turn)
-    assert forward.never_seen_here(Motion.of(t, np.mod(turn, 2 * np.pi))) == []
-    assert forward.never_seen_here(Motion.of(t, 1.3 * turn)) == []
-    (said,) = forward.never_seen_here(Motion.of(t, -turn))
+    forward = RotorMotion.of(t, turn)
+    assert forward.never_seen_here(RotorMotion.of(t, np.mod(turn, 2 * np.pi))) == []
+    assert forward.never_seen_here(RotorMotion.of(t, 1.3 * turn)) == []
+    (said,) = forward.never_seen_here(RotorMotion.of(t, -turn))
     assert "backwards" in said
-    (said,) = forward.never_seen_here(Motion.of(t, 3.0 * turn))
+    (said,) = forward.never_seen_here(RotorMotion.of(t, 3.0 * turn))
     assert "deg/s" in said
-    assert len(forward.never_seen_here(Motion.of(t, -0.2 * turn))) == 2
+    assert len(forward.never_seen_here(RotorMotion.of(t, -0.2 * turn))) == 2
 
 
 # --- orders at the top of their range --------------------------------------------------------------------------
@@ -169,7 +169,7 @@ def test_an_order_at_the_top_of_its_range_is_raised_where_unseen_turns_gain() ->
     theta = np.arange(4 * 720) / 720 * 2 * np.pi
     truth = sum(np.cos(k * theta + k) / k for k in range(1, 21))
     samples = Samples.build(theta, truth + 0.01 * np.random.default_rng(1).standard_normal(theta.size))
-    curve = fit(samples, Method.AUTO)
+    curve = fit(samples, CurveMethod.AUTO)
     assert 20 <= curve.order <= 22
     assert np.abs(curve(theta) - truth).max() < 0.01
     assert any("beyond the usual range" in remark for remark in curve.remarks)
@@ -183,7 +183,7 @@ def test_wobble_that_does_not_come_back_raises_nothing_and_is_explained() -> Non
     own = sum(
         0.05 * rng.standard_normal(4)[turn] * np.cos(k * theta + rng.uniform(0, 6, 4)[turn]) for k in range(9, 30)
     )
-    curve = fit(Samples.build(theta, samples.error + own), Method.AUTO)
+    curve = fit(Samples.build(theta, samples.error + own), CurveMethod.AUTO)
     assert curve.order <= LARGEST_ORDER
     if curve.order == LARGEST_ORDER:
         assert any("does not come back" in remark for remark in curve.remarks)
@@ -192,13 +192,15 @@ def test_wobble_that_does_not_come_back_raises_nothing_and_is_explained() -> Non
 def test_more_structure_than_can_be_tried_is_said() -> None:
     theta = np.arange(3 * 1440) / 1440 * 2 * np.pi
     saw = np.mod(theta, 2 * np.pi) / np.pi - 1.0
-    curve = fit(Samples.build(theta, saw + 1e-4 * np.random.default_rng(1).standard_normal(theta.size)), Method.AUTO)
+    curve = fit(
+        Samples.build(theta, saw + 1e-4 * np.random.default_rng(1).standard_normal(theta.size)), CurveMethod.AUTO
+    )
     assert curve.order == UTMOST_ORDER
     assert any("highest that can be tried" in remark for remark in curve.remarks)
 
 
 def test_an_order_that_the_rows_limit_is_explained() -> None:
     theta = np.arange(40) / 40 * 2 * np.pi
-    curve = fit(Samples.build(theta, np.mod(theta, 2 * np.pi)), Method.AUTO, FitOptions())
+    curve = fit(Samples.build(theta, np.mod(theta, 2 * np.pi)), CurveMethod.AUTO, FitOptions())
     assert curve.order < LARGEST_ORDER
     assert any("these rows can carry" in remark for remark in curve.remarks)

@@ -15,32 +15,32 @@ from highside.codec.frame import Frame
 from highside.codec.tool import ToolCodec
 from highside.config.drift import DriftSettings
 from highside.errors import Refused
-from highside.gyro.kinematic import kinematic
+from highside.gyro.recording_filter import error_state_filter
 from highside.link.device import DeviceSettings, SimulatedDevice, encode
 from highside.link.wire import PtyWire
 from highside.papers.rotation_scenarios import A, draw
 from highside.physics.gravity import gravity_direction
 from highside.physics.motion import Leg, Motion
 from highside.physics.rotation_chain import Faults, azimuth_errors
-from highside.rotation import Compensation, Curve, FitOptions, Method, NetworkInput, Samples, Validity, fit
+from highside.rotation import Compensation, Curve, CurveMethod, FitOptions, NetworkInput, Samples, Validity, fit
 from highside.rotation.live import ROTATION_GAP, ROTATION_OUTSIDE, ROTOR_UNKNOWN, LiveCompensation, point
 from highside.rotation.recorded import attitudes as attitudes_of
 from highside.rotation.recorded import azimuths
 from highside.service.drift_stage import Azimuth
-from highside.service.outputs import Attitude, Survey
+from highside.service.outputs import AttitudeOutput, Survey
 
 ONE = draw(A, 0, 0)
 RATE = 0.1 * (1.0 + np.floor(ONE.theta_rad / 1.6))
 SAMPLES = Samples.build(ONE.theta_rad, ONE.error, RATE)
 OPTIONS = [
-    (Method.SINE, FitOptions()),
-    (Method.HARMONICS2, FitOptions()),
-    (Method.POLYNOMIAL9, FitOptions()),
-    (Method.POLYNOMIAL9, FitOptions(rate_terms=2)),
-    (Method.AUTO, FitOptions()),
-    (Method.AUTO, FitOptions(rate_terms=1)),
-    (Method.NETWORK, FitOptions()),
-    (Method.NETWORK, FitOptions(network_input=NetworkInput.PERIODIC)),
+    (CurveMethod.SINE, FitOptions()),
+    (CurveMethod.HARMONICS2, FitOptions()),
+    (CurveMethod.POLYNOMIAL9, FitOptions()),
+    (CurveMethod.POLYNOMIAL9, FitOptions(rate_terms=2)),
+    (CurveMethod.AUTO, FitOptions()),
+    (CurveMethod.AUTO, FitOptions(rate_terms=1)),
+    (CurveMethod.NETWORK, FitOptions()),
+    (CurveMethod.NETWORK, FitOptions(network_input=NetworkInput.PERIODIC)),
 ]
 CURVES = [fit(SAMPLES, method, options, held_out=False) for method, options in OPTIONS]
 
@@ -65,7 +65,7 @@ def compensation(
     theta = np.linspace(0.0, (1.5 if gap else 2.0) * np.pi, 720, endpoint=False)
     noise = 1e-3 * np.random.default_rng(1).standard_normal(720)
     curves = {
-        name: fit(Samples.build(theta, error(theta) + noise), Method.AUTO, held_out=False)
+        name: fit(Samples.build(theta, error(theta) + noise), CurveMethod.AUTO, held_out=False)
         for name, error in samples.items()
     }
     return Compensation(curves, Validity(inclination_deg), "made", "0" * 64)
@@ -96,12 +96,12 @@ def stream(seconds: float, inc_deg: float = 40.0, rate_dps: float = 120.0, rotor
     return frames
 
 
-def attitudes(frames: list[Frame], live: LiveCompensation | None) -> list[Attitude]:
+def attitudes(frames: list[Frame], live: LiveCompensation | None) -> list[AttitudeOutput]:
     pipeline, out = make()
     pipeline.rotation = live
     for frame in frames:
         pipeline.on_frame(frame)
-    return [one for one in out if isinstance(one, Attitude)]
+    return [one for one in out if isinstance(one, AttitudeOutput)]
 
 
 def test_a_turning_tool_is_compensated_by_the_angles_of_its_window() -> None:
@@ -197,14 +197,14 @@ class Compass:
         return Azimuth((200.0 + float(of_heading(self.theta)) / 60.0) % 360.0, 0.3, ("rotation",))
 
 
-def headings(frames: list[Frame], made: Compensation | None) -> tuple[list[Attitude], Compass]:
+def headings(frames: list[Frame], made: Compensation | None) -> tuple[list[AttitudeOutput], Compass]:
     pipeline, out = make()
     compass = Compass()
     pipeline.drift = compass  # type: ignore[assignment]
     pipeline.rotation = None if made is None else LiveCompensation(made)
     for frame in frames:
         pipeline.on_frame(frame._replace(gx=0.0, gy=0.0, gz=0.0))
-    return [one for one in out if isinstance(one, Attitude)], compass
+    return [one for one in out if isinstance(one, AttitudeOutput)], compass
 
 
 def test_the_azimuth_is_compensated_by_the_angle_of_its_own_reading() -> None:
@@ -312,7 +312,7 @@ def followed_deg(faults: Faults) -> tuple[np.ndarray, np.ndarray]:
     rate = np.radians(np.array([[f.gx, f.gy, f.gz] for f in frames]).T)
     true = np.degrees(azimuth_errors(theta, math.radians(30.0), faults))
     begin = DriftSettings(azimuth_deg=200.0 + true[0], azimuth_std_deg=0.1).filter_settings(35.2, first_start=True)
-    return np.degrees(kinematic(t, rate, accel, begin).azi_rad) - 200.0, true
+    return np.degrees(error_state_filter(t, rate, accel, begin).azi_rad) - 200.0, true
 
 
 def test_the_azimuth_of_a_package_held_askew_goes_round_with_the_rotor() -> None:
@@ -345,7 +345,7 @@ def test_another_compensation_takes_over_between_two_frames() -> None:
     for frame in frames[105:]:
         pipeline.on_frame(frame)
     plain = attitudes(frames, None)
-    changed = [one for one in out if isinstance(one, Attitude)]
+    changed = [one for one in out if isinstance(one, AttitudeOutput)]
     assert len(changed) == len(plain)
     for one, other in zip(changed, plain, strict=True):
         assert one.comp_id == (first.id if one.t_device_s < 1.05 else none.id)

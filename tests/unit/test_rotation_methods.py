@@ -11,7 +11,7 @@ from highside.errors import InputError, Refused
 from highside.papers.rotation_scenarios import SCENARIOS, A, B, Draw, Scenario, draw
 from highside.rotation import (
     Curve,
-    Method,
+    CurveMethod,
     NetworkInput,
     Samples,
     auto,
@@ -45,14 +45,14 @@ def mean_abs(curve: Curve, one: Draw) -> float:
 
 
 @cache
-def curves(scenario: str, method: Method) -> dict[tuple[int, int], tuple[Curve, Draw]]:
+def curves(scenario: str, method: CurveMethod) -> dict[tuple[int, int], tuple[Curve, Draw]]:
     """Every seed and channel, fitted once for all tests."""
     drawn = {(seed, channel): draw(SCENARIOS[scenario], seed, channel) for seed in SEEDS for channel in CHANNELS}
     return {key: (fit(samples_of(one), method), one) for key, one in drawn.items()}
 
 
 @cache
-def table(scenario: str, method: Method) -> np.ndarray:
+def table(scenario: str, method: CurveMethod) -> np.ndarray:
     """Mean absolute error left, (seeds, channels)."""
     made = curves(scenario, method)
     return np.array([[mean_abs(*made[seed, channel]) for channel in CHANNELS] for seed in SEEDS])
@@ -115,37 +115,37 @@ def test_evaluation_by_horner_is_the_sum_written_out() -> None:
 
 
 def test_method_one_leaves_at_most_what_the_paper_says() -> None:
-    made = curves("A", Method.SINE)
+    made = curves("A", CurveMethod.SINE)
     for seed in SEEDS:
         worst = max(float(np.abs(one.error - curve(THETA)).max()) for curve, one in (made[seed, c] for c in CHANNELS))
         assert 0.018 <= worst <= 0.024
 
 
 @pytest.mark.parametrize("scenario", ["A", "B"])
-@pytest.mark.parametrize("method", [Method.HARMONICS2, Method.POLYNOMIAL9, Method.NETWORK])
-def test_methods_two_to_four_are_sixty_percent_better(scenario: str, method: Method) -> None:
-    better = 1.0 - table(scenario, method) / table(scenario, Method.SINE)
+@pytest.mark.parametrize("method", [CurveMethod.HARMONICS2, CurveMethod.POLYNOMIAL9, CurveMethod.NETWORK])
+def test_methods_two_to_four_are_sixty_percent_better(scenario: str, method: CurveMethod) -> None:
+    better = 1.0 - table(scenario, method) / table(scenario, CurveMethod.SINE)
     assert better.mean(axis=0).min() >= 0.60
 
 
 def test_methods_two_and_four_are_about_equal_where_noise_dominates_only() -> None:
-    two, four = table("A", Method.HARMONICS2).mean(axis=0), table("A", Method.NETWORK).mean(axis=0)
+    two, four = table("A", CurveMethod.HARMONICS2).mean(axis=0), table("A", CurveMethod.NETWORK).mean(axis=0)
     assert np.all(np.abs(two - four) <= 0.20 * two)
-    two, four = table("B", Method.HARMONICS2).mean(axis=0), table("B", Method.NETWORK).mean(axis=0)
+    two, four = table("B", CurveMethod.HARMONICS2).mean(axis=0), table("B", CurveMethod.NETWORK).mean(axis=0)
     assert np.all(four < 0.5 * two)
 
 
 def test_mean_absolute_errors_are_those_of_the_specification() -> None:
     expected = {
-        ("A", Method.SINE): (0.00903, 0.00870, 0.00930),
-        ("A", Method.HARMONICS2): (0.00162, 0.00163, 0.00160),
-        ("A", Method.POLYNOMIAL9): (0.00150, 0.00147, 0.00148),
-        ("A", Method.NETWORK): (0.00143, 0.00143, 0.00143),
-        ("A", Method.AUTO): (0.00143, 0.00143, 0.00143),
-        ("B", Method.SINE): (0.00825, 0.00798, 0.00853),
-        ("B", Method.HARMONICS2): (0.00262, 0.00268, 0.00248),
-        ("B", Method.POLYNOMIAL9): (0.00161, 0.00140, 0.00148),
-        ("B", Method.AUTO): (0.00079, 0.00079, 0.00079),
+        ("A", CurveMethod.SINE): (0.00903, 0.00870, 0.00930),
+        ("A", CurveMethod.HARMONICS2): (0.00162, 0.00163, 0.00160),
+        ("A", CurveMethod.POLYNOMIAL9): (0.00150, 0.00147, 0.00148),
+        ("A", CurveMethod.NETWORK): (0.00143, 0.00143, 0.00143),
+        ("A", CurveMethod.AUTO): (0.00143, 0.00143, 0.00143),
+        ("B", CurveMethod.SINE): (0.00825, 0.00798, 0.00853),
+        ("B", CurveMethod.HARMONICS2): (0.00262, 0.00268, 0.00248),
+        ("B", CurveMethod.POLYNOMIAL9): (0.00161, 0.00140, 0.00148),
+        ("B", CurveMethod.AUTO): (0.00079, 0.00079, 0.00079),
     }
     for (scenario, method), figures in expected.items():
         assert np.allclose(table(scenario, method).mean(axis=0), figures, rtol=0.03), (scenario, method)
@@ -155,7 +155,7 @@ def test_mean_absolute_errors_are_those_of_the_specification() -> None:
 
 
 def test_auto_is_four_times_nearer_to_the_truth_than_two_harmonics_and_no_worse_than_the_network() -> None:
-    ours, second, net = (curves("B", m) for m in (Method.AUTO, Method.HARMONICS2, Method.NETWORK))
+    ours, second, net = (curves("B", m) for m in (CurveMethod.AUTO, CurveMethod.HARMONICS2, CurveMethod.NETWORK))
     for key in ours:
         assert rms_to_truth(*ours[key]) <= 0.25 * rms_to_truth(*second[key])
         assert rms_to_truth(*ours[key]) <= rms_to_truth(*net[key])
@@ -163,7 +163,7 @@ def test_auto_is_four_times_nearer_to_the_truth_than_two_harmonics_and_no_worse_
 
 def test_auto_is_no_worse_than_the_network_with_periodic_input_either() -> None:
     for seed in SEEDS:
-        auto_curve, one = curves("B", Method.AUTO)[seed, 0]
+        auto_curve, one = curves("B", CurveMethod.AUTO)[seed, 0]
         net = network(samples_of(one), network_input=NetworkInput.PERIODIC, iterations=100)
         assert rms_to_truth(auto_curve, one) <= 1.05 * rms_to_truth(net, one)
 
@@ -171,15 +171,15 @@ def test_auto_is_no_worse_than_the_network_with_periodic_input_either() -> None:
 def test_the_order_found_is_the_one_that_is_there() -> None:
     found = [auto(samples_of(draw(PURE, seed, 0))).order for seed in range(10)]
     assert sum(order == 2 for order in found) >= 9
-    assert all(6 <= curve.order <= 9 for curve, _ in curves("A", Method.AUTO).values())
-    assert all(curve.order == 8 for curve, _ in curves("B", Method.AUTO).values())
+    assert all(6 <= curve.order <= 9 for curve, _ in curves("A", CurveMethod.AUTO).values())
+    assert all(curve.order == 8 for curve, _ in curves("B", CurveMethod.AUTO).values())
 
 
 def test_the_covariance_of_auto_tells_its_error() -> None:
     # over all draws: error over stated standard deviation at a fixed angle, with variance near one
     at = np.array([1.0])
     for scenario in ("A", "B"):
-        made = curves(scenario, Method.AUTO).values()
+        made = curves(scenario, CurveMethod.AUTO).values()
         ratio = [((curve(at) - one.true_at(at)) / curve.std(at))[0] for curve, one in made]
         assert 0.5 < float(np.std(ratio)) < 2.0
 
@@ -358,15 +358,15 @@ def test_a_reversing_rotor_has_no_square_of_the_rate() -> None:
     for curve in (auto(samples, rate_terms=2), polynomial9(samples, rate_terms=2)):
         assert curve.rate is not None
         assert curve.rate.powers == (1,)
-        assert any("rate term 2 left out" in remark for remark in curve.remarks)
+        assert any("rate term 2 omitted" in remark for remark in curve.remarks)
 
 
 def test_a_constant_rate_is_refused_where_rate_terms_are_asked_for() -> None:
     samples, _ = rate_runs("constant")
     with pytest.raises(Refused, match="rate is constant"):
-        fit(samples, Method.POLYNOMIAL9, held_out=False, options=_rate_terms(2))
+        fit(samples, CurveMethod.POLYNOMIAL9, held_out=False, options=_rate_terms(2))
     with pytest.raises(InputError, match="harmonics2 has no rate terms"):
-        fit(samples, Method.HARMONICS2, held_out=False, options=_rate_terms(1))
+        fit(samples, CurveMethod.HARMONICS2, held_out=False, options=_rate_terms(1))
     with pytest.raises(InputError, match="need the rotor rate"):
         polynomial9(Samples.build(samples.theta_rad, samples.error), rate_terms=1)
 
@@ -382,11 +382,11 @@ def _rate_terms(count: int):  # type: ignore[no-untyped-def]
 
 def test_the_held_out_error_is_of_whole_turns() -> None:
     one = draw(B, 0, 0, rows=6000, turns=3.0)
-    curve = fit(samples_of(one), Method.AUTO)
+    curve = fit(samples_of(one), CurveMethod.AUTO)
     assert curve.held_out is not None
     assert curve.held_out.turns == 3
     assert curve.held_out.rms == pytest.approx(B.noise, rel=0.1)
-    assert fit(samples_of(draw(B, 0, 0)), Method.AUTO).held_out is None
+    assert fit(samples_of(draw(B, 0, 0)), CurveMethod.AUTO).held_out is None
 
 
 def test_the_held_out_error_sees_what_does_not_repeat() -> None:
@@ -394,7 +394,7 @@ def test_the_held_out_error_sees_what_does_not_repeat() -> None:
     one = draw(B, 0, 0, rows=6000, turns=6.0)
     turn = (one.theta_rad / (2 * np.pi)).astype(int)
     own = np.random.default_rng(2).normal(0.0, 0.01, 6)[turn] * np.sin(one.theta_rad)
-    curve = fit(Samples.build(one.theta_rad, one.error + own), Method.AUTO)
+    curve = fit(Samples.build(one.theta_rad, one.error + own), CurveMethod.AUTO)
     assert curve.held_out is not None
     assert curve.held_out.rms > 3.0 * B.noise
 
@@ -409,8 +409,10 @@ def test_turns_are_counted_forward_and_back_and_across_the_seam() -> None:
     assert Samples.build(shuffled, np.sin(shuffled)).whole_revolutions == ()
 
 
-@pytest.mark.parametrize("method", [Method.SINE, Method.HARMONICS2, Method.POLYNOMIAL9, Method.NETWORK, Method.AUTO])
-def test_less_than_half_a_turn_is_refused_by_every_method(method: Method) -> None:
+@pytest.mark.parametrize(
+    "method", [CurveMethod.SINE, CurveMethod.HARMONICS2, CurveMethod.POLYNOMIAL9, CurveMethod.NETWORK, CurveMethod.AUTO]
+)
+def test_less_than_half_a_turn_is_refused_by_every_method(method: CurveMethod) -> None:
     theta = np.linspace(0.0, 2.5, 500)
     with pytest.raises(Refused, match="143 deg of the turn are covered"):
         fit(Samples.build(theta, np.sin(theta)), method)

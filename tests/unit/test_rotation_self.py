@@ -13,7 +13,7 @@ from highside.errors import Refused
 from highside.physics.gravity import gravity_direction
 from highside.physics.rotation_chain import Faults, inclination_toolface_errors
 from highside.rotation.bases import fourier_rows
-from highside.rotation.self_reference import GyroDoubt, Part, SelfErrors, self_errors
+from highside.rotation.self_reference import ErrorPart, GyroDoubt, SelfErrors, self_errors
 from highside.rotation.self_turntable import self_turntable
 
 ARCMIN = 10800.0 / math.pi
@@ -47,7 +47,7 @@ class Made:
     accel: np.ndarray
     gyro: np.ndarray
     theta: np.ndarray
-    true: dict[Part, tuple[np.ndarray, np.ndarray]]
+    true: dict[ErrorPart, tuple[np.ndarray, np.ndarray]]
 
 
 def made(run: Run) -> Made:
@@ -80,11 +80,11 @@ def made(run: Run) -> Made:
     felt = sensor @ gravity_direction(inc, tf) + np.array([[3e-4], [-2e-4], [1e-4]])
     felt_inc, felt_tf = attitude_block(felt)
     own = felt_inc - inc, np.angle(np.exp(1j * (felt_tf - tf)))
-    true = {Part.SENSOR: own, Part.ROTOR: (d_inc, d_tf), Part.DECODED: (own[0] + d_inc, own[1] + d_tf)}
+    true = {ErrorPart.SENSOR: own, ErrorPart.ROTOR: (d_inc, d_tf), ErrorPart.DECODED: (own[0] + d_inc, own[1] + d_tf)}
     return Made(t, felt + 1e-4 * rng.standard_normal((3, count)), gyro, theta, true)
 
 
-def harmonics_off(one: Made, part: Part) -> dict[str, tuple[np.ndarray, np.ndarray, float]]:
+def harmonics_off(one: Made, part: ErrorPart) -> dict[str, tuple[np.ndarray, np.ndarray, float]]:
     """By channel: errors of the harmonics' coefficients (arcmin), their stated deviations, amplitude of the truth."""
     curves = self_errors(one.t_s, one.accel, one.gyro, one.theta, part).curves(DOUBT)
     out = {}
@@ -97,39 +97,39 @@ def harmonics_off(one: Made, part: Part) -> dict[str, tuple[np.ndarray, np.ndarr
     return out
 
 
-@pytest.mark.parametrize("part", list(Part))
-def test_all_harmonics_are_found_within_what_is_stated(part: Part) -> None:
+@pytest.mark.parametrize("part", list(ErrorPart))
+def test_all_harmonics_are_found_within_what_is_stated(part: ErrorPart) -> None:
     pulls: list[np.ndarray] = []
     for seed in range(5):
         for off, std, size in harmonics_off(made(Run(seed=seed)), part).values():
             pulls.append(off / std)
             assert np.abs(off[2:]).max() < 0.1 * size
-            if part is Part.DECODED:
+            if part is ErrorPart.DECODED:
                 assert np.abs(off).max() < 0.03
     assert 0.5 < float(np.sqrt(np.mean(np.concatenate(pulls) ** 2))) < 1.6
 
 
 def test_a_case_that_moves_slowly_changes_nothing() -> None:
-    for part in Part:
+    for part in ErrorPart:
         for off, _, _ in harmonics_off(made(Run(case_dps=0.02, misalignment_arcmin=0.0, bias_dph=0.0)), part).values():
             assert np.abs(off).max() < 0.1
 
 
 def test_misaligned_gyros_go_into_the_first_harmonic_of_sensor_and_rotor_alone() -> None:
     bad = made(Run(misalignment_arcmin=20.0, bias_dph=0.0))
-    for part in (Part.SENSOR, Part.ROTOR):
+    for part in (ErrorPart.SENSOR, ErrorPart.ROTOR):
         off, _std, _ = harmonics_off(bad, part)["inclination"]
         assert np.hypot(*off[:2]) > 3.0
         assert np.abs(off[2:]).max() < 0.1
-    off, _, _ = harmonics_off(bad, Part.DECODED)["inclination"]
+    off, _, _ = harmonics_off(bad, ErrorPart.DECODED)["inclination"]
     assert np.abs(off).max() < 0.03
 
 
 def test_a_case_that_sways_with_the_rotor_is_taken_for_an_error_except_by_the_gyros() -> None:
     swaying = made(Run(sway_arcmin=2.0, misalignment_arcmin=0.0, bias_dph=0.0))
-    off, _, _ = harmonics_off(swaying, Part.DECODED)["toolface"]
+    off, _, _ = harmonics_off(swaying, ErrorPart.DECODED)["toolface"]
     assert abs(abs(off[0]) - 2.0) < 0.05
-    off, _, _ = harmonics_off(swaying, Part.SENSOR)["toolface"]
+    off, _, _ = harmonics_off(swaying, ErrorPart.SENSOR)["toolface"]
     assert np.abs(off).max() < 0.15
 
 
@@ -138,23 +138,23 @@ def test_the_constant_is_not_made_up() -> None:
     curves = self_errors(one.t_s, one.accel, None, one.theta).curves()
     for curve in curves.values():
         assert curve.parameters[0] == 0.0
-        assert any("constant cannot be seen" in remark for remark in curve.remarks)
+        assert any("constant is unobservable" in remark for remark in curve.remarks)
 
 
 def test_gaps_in_time_part_the_recording() -> None:
     one = made(Run(turns=24))
     kept = (one.t_s < 28.0) | (one.t_s > 40.0)
-    errors = self_errors(one.t_s[kept], one.accel[:, kept], one.gyro[:, kept], one.theta[kept], Part.SENSOR)
+    errors = self_errors(one.t_s[kept], one.accel[:, kept], one.gyro[:, kept], one.theta[kept], ErrorPart.SENSOR)
     curve = errors.curves(DOUBT)["inclination"]
     rows = fourier_rows(one.theta, curve.order)
-    exact = np.linalg.lstsq(rows.T, ARCMIN * one.true[Part.SENSOR][0], rcond=None)[0]
+    exact = np.linalg.lstsq(rows.T, ARCMIN * one.true[ErrorPart.SENSOR][0], rcond=None)[0]
     assert np.abs((curve.parameters - exact)[3:]).max() < 0.1
 
 
 def test_what_cannot_be_told_is_refused() -> None:
     one = made(Run(turns=4))
     with pytest.raises(Refused, match="needs gyros"):
-        self_errors(one.t_s, one.accel, None, one.theta, Part.SENSOR)
+        self_errors(one.t_s, one.accel, None, one.theta, ErrorPart.SENSOR)
     short = slice(0, 600)
     with pytest.raises(Refused, match="no 3 turns"):
         self_errors(one.t_s[short], one.accel[:, short], None, one.theta[short])
@@ -166,7 +166,7 @@ def test_what_cannot_be_told_is_refused() -> None:
         self_errors(upright.t_s, upright.accel, None, upright.theta)
 
 
-def errors_at(inc_deg: float, part: Part = Part.ROTOR, seed: int = 0) -> SelfErrors:
+def errors_at(inc_deg: float, part: ErrorPart = ErrorPart.ROTOR, seed: int = 0) -> SelfErrors:
     one = made(Run(inc_deg=inc_deg, seed=seed))
     return self_errors(one.t_s, one.accel, one.gyro, one.theta, part)
 
@@ -193,12 +193,12 @@ def test_turns_at_two_inclinations_measure_the_turntable_for_all_others(seed: in
         assert np.std(ARCMIN * d_tf) > 0.8
     for curve in curves.values():
         assert curve.parameters[0] == 0.0
-        assert any("constant cannot be seen" in remark for remark in curve.remarks)
+        assert any("constant is unobservable" in remark for remark in curve.remarks)
         assert any("first harmonic is uncertain" in remark for remark in curve.remarks)
 
 
 def test_one_inclination_or_the_sensors_own_errors_make_no_turntable() -> None:
-    with pytest.raises(Refused, match="one inclination cannot tell the encoder"):
+    with pytest.raises(Refused, match="one inclination cannot separate the encoder"):
         self_turntable([errors_at(50.0), errors_at(50.5, seed=1)], DOUBT)
     with pytest.raises(Refused, match="'sensor' is no error of a turntable"):
-        self_turntable([errors_at(25.0, Part.SENSOR), errors_at(70.0, Part.SENSOR)], DOUBT)
+        self_turntable([errors_at(25.0, ErrorPart.SENSOR), errors_at(70.0, ErrorPart.SENSOR)], DOUBT)

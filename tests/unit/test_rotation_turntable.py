@@ -70,7 +70,7 @@ def test_the_parts_are_told_apart() -> None:
 
 def test_one_inclination_is_refused_and_so_is_the_vertical() -> None:
     zero = np.zeros(ROWS)
-    with pytest.raises(Refused, match="one inclination cannot tell"):
+    with pytest.raises(Refused, match="one inclination cannot separate"):
         fit_turntable(THETA, np.full(ROWS, 0.7), zero, zero)
     with pytest.raises(InputError, match="within three degrees of vertical"):
         fit_turntable(THETA, np.full(ROWS, 0.01), zero, zero)

@@ -13,16 +13,14 @@ from hypothesis import strategies as st
 from highside.attitude import attitude, attitude_with_std
 from highside.calibration.balance import balance
 from highside.calibration.conventional import conventional
-from highside.calibration.correction import (
-    OUTSIDE_ZONE,
-    TEMPERATURE_OUTSIDE,
-    LinearCorrection,
-    TemperatureTrust,
-)
+from highside.calibration.correction import OUTSIDE_ZONE, TEMPERATURE_OUTSIDE, TemperatureTrust
+from highside.calibration.inclination_windows import InclinationWindow, key_of_inclination, windows
+from highside.calibration.linear_correction import LinearCorrection
+from highside.calibration.linear_errors import BenchAccuracy, linear_parameters
 from highside.calibration.poses import PoseSet
-from highside.calibration.result import BenchAccuracy, Parameters, TemperatureRange, linear_parameters
-from highside.calibration.schedule import ScheduledCorrection, Window, key_of, key_of_inclination, windows
+from highside.calibration.schedule import ScheduledCorrection, key_of
 from highside.calibration.student import UPPER
+from highside.calibration.zone import Parameters, TemperatureRange
 from highside.errors import InputError
 from highside.physics.gravity import bench_gravity, gravity_direction
 
@@ -336,7 +334,7 @@ def test_the_key_orders_readings_as_inclination_does(inc: float, tf: float, size
 
 
 def test_window_weights_are_the_same_one_by_one_and_in_arrays() -> None:
-    window = Window(0.3, 0.1, 0.6, 0.2, 0.3)
+    window = InclinationWindow(0.3, 0.1, 0.6, 0.2, 0.3)
     keys = np.linspace(-0.1, 1.0, 500)
     assert np.allclose(window.weights(keys), [window.weight(float(k)) for k in keys], rtol=0, atol=1e-15)
     assert window.weight(0.1) == window.weight(0.6) == 0.0

@@ -13,7 +13,7 @@ from highside.calibration.joint import joint
 from highside.calibration.poses import PoseSet
 from highside.calibration.result import CalibrationResult
 from highside.calibration.student import UPPER, six_of, widened, widening, with_widening
-from highside.physics.scenario import reference_scenario
+from studies.scenario import reference_scenario
 
 Z = 1.96
 

@@ -20,7 +20,7 @@ from highside.codec.tool import ToolCodec
 from highside.config.rig import AcceptSettings, SiteSettings
 from highside.config.settings import MonitorSettings, PipelineSettings, RebalanceTable, SurveySettings, ToolSettings
 from highside.physics.motion import Leg, Motion
-from highside.service.outputs import Attitude, Survey
+from highside.service.outputs import AttitudeOutput, Survey
 from highside.service.pipeline import Pipeline
 from highside.service.rig import surveys
 from highside.service.rig.surveys import (
@@ -33,7 +33,7 @@ from highside.service.rig.surveys import (
     trend_of,
 )
 
-GOOD = Attitude(0.0, 0.0, 30.0, 0.01, 45.0, 0.02, 45.0, 0.0, 1.0, 2e-5, "c", "global", (), 100, 10.0, 60.0)
+GOOD = AttitudeOutput(0.0, 0.0, 30.0, 0.01, 45.0, 0.02, 45.0, 0.0, 1.0, 2e-5, "c", "global", (), 100, 10.0, 60.0)
 SITE = expected_gravity(SiteSettings(gravity_mps2=9.81, gravity_std_mps2=0.0001), 9.81, 0.0001)
 
 

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from highside.calibration.bench_level import BenchLevel
+from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.poses import PoseSet
 from highside.calibration.record import (
     CalibrationRecord,
@@ -19,12 +20,11 @@ from highside.calibration.record import (
     build_record,
     solve_poses,
 )
-from highside.calibration.result import BenchAccuracy
 from highside.calibration.roll_test import RollTest, roll_test
 from highside.calibration.verification import (
-    Judged,
-    Verdict,
+    Conformity,
     Verification,
+    VerifiedQuantity,
     judge,
     verify_poses,
 )
@@ -91,26 +91,26 @@ def verified(found: PoseSet, **more: Any) -> Verification:
 @given(st.floats(-5, 5), st.floats(0, 1), st.floats(1e-3, 3))
 def test_a_verdict_is_one_of_three_and_never_contradicts_the_error(error: float, std: float, limit: float) -> None:
     found = judge(error, std, limit)
-    if found.verdict is Verdict.PASS:
+    if found.verdict is Conformity.PASS:
         assert abs(error) + 2 * std <= limit
-    elif found.verdict is Verdict.FAIL:
+    elif found.verdict is Conformity.FAIL:
         assert abs(error) - 2 * std > limit
     else:
         assert abs(abs(error) - limit) <= 2 * std * (1 + 1e-12)
-    assert Judged.from_dict(found.to_dict()) == found
+    assert VerifiedQuantity.from_dict(found.to_dict()) == found
 
 
 def test_a_tool_exactly_at_the_limit_passes_by_mistake_in_at_most_2_3_percent() -> None:
     rng = np.random.default_rng(3)
     measured = 0.1 + 0.02 * rng.standard_normal(20_000)
     verdicts = [judge(float(value), 0.02, 0.1).verdict for value in measured]
-    for verdict in (Verdict.PASS, Verdict.FAIL):
+    for verdict in (Conformity.PASS, Conformity.FAIL):
         assert 0.018 < verdicts.count(verdict) / len(verdicts) < 0.028
 
 
 def test_a_good_calibration_passes_and_its_errors_are_of_the_size_it_states() -> None:
     found = verified(poses())
-    assert found.verdict is Verdict.PASS
+    assert found.verdict is Conformity.PASS
     assert found.consistent
     assert len(found.poses) == 9
     assert all(pose.inc is not None and abs(pose.inc.error) < 0.02 for pose in found.poses)
@@ -119,21 +119,21 @@ def test_a_good_calibration_passes_and_its_errors_are_of_the_size_it_states() ->
 
 def test_an_offset_that_changed_since_fails_and_is_not_as_stated() -> None:
     found = verified(poses(offset=B + np.array([0.0, 0.0, 4e-3])))
-    assert found.verdict is Verdict.FAIL
+    assert found.verdict is Conformity.FAIL
     assert not found.consistent
     at_90 = [pose for pose in found.poses if pose.inc_ref_deg > 89]
-    assert all(pose.verdict is Verdict.FAIL for pose in at_90), "4 mg along the axis is 0.23 deg of I at 90 deg"
+    assert all(pose.verdict is Conformity.FAIL for pose in at_90), "4 mg along the axis is 0.23 deg of I at 90 deg"
 
 
 def test_an_error_near_the_limit_is_undecided_not_passed() -> None:
     found = verified(poses(), bench=BenchAccuracy(tilt_rad=math.radians(0.06), pose_rad=math.radians(0.0052)))
-    assert found.verdict is Verdict.UNDECIDED, "a tilt of 0.06 deg cannot show that I is within 0.1"
+    assert found.verdict is Conformity.UNDECIDED, "a tilt of 0.06 deg cannot show that I is within 0.1"
     assert "Undecided" in found.text
 
 
 def test_a_table_turned_the_other_way_is_the_opposite_toolface() -> None:
     turned = verified(poses(inc=-INC, tf=TF))
-    assert turned.verdict is Verdict.PASS
+    assert turned.verdict is Conformity.PASS
     assert all(pose.inc_ref_deg > 0 for pose in turned.poses)
 
 
@@ -145,17 +145,17 @@ def test_toolface_is_not_judged_at_the_vertical() -> None:
 
 def test_the_chucks_zero_is_taken_off_only_when_asked() -> None:
     clamped = poses(clamp_deg=1.5)
-    assert verified(clamped).verdict is Verdict.FAIL
+    assert verified(clamped).verdict is Conformity.FAIL
     free = verified(clamped, free_toolface_zero=True)
-    assert free.verdict is Verdict.PASS
+    assert free.verdict is Conformity.PASS
     assert free.toolface_zero_deg == pytest.approx(1.5, abs=0.02)
 
 
 def test_a_pose_outside_of_the_zones_is_not_covered_and_nothing_passes() -> None:
     local = record("balance", (5.0,))
     found = verify_poses(local, poses(), limit_inc_deg=0.5, limit_tf_deg=2.0, bench=LEVEL)
-    assert {pose.verdict for pose in found.poses if pose.inc_ref_deg > 40} == {Verdict.NOT_COVERED}
-    assert found.verdict is not Verdict.PASS
+    assert {pose.verdict for pose in found.poses if pose.inc_ref_deg > 40} == {Conformity.NOT_COVERED}
+    assert found.verdict is not Conformity.PASS
     assert all(pose.inc_deg is None for pose in found.poses if pose.inc_ref_deg > 40)
 
 
@@ -175,7 +175,7 @@ def roll(found: PoseSet, inc: float = 0.05, g: float = 1e-3) -> RollTest:
 
 def test_a_good_tool_passes_the_roll_test() -> None:
     found = roll(rolled())
-    assert found.verdict is Verdict.PASS
+    assert found.verdict is Conformity.PASS
     assert found.toolfaces == 8
     assert found.mean_inc_deg == pytest.approx(88.0, abs=0.01)
     assert found.mean_g_total == pytest.approx(1.0, abs=1e-4)
@@ -183,7 +183,7 @@ def test_a_good_tool_passes_the_roll_test() -> None:
 
 def test_an_offset_across_the_axis_shows_as_the_first_harmonic_of_gtotal() -> None:
     found = roll(rolled(offset=B + np.array([3e-3, 0.0, 0.0])))
-    assert found.verdict is Verdict.FAIL
+    assert found.verdict is Conformity.FAIL
     assert found.g_first == pytest.approx(3e-3, rel=0.05)
     assert found.g_first > 10 * found.g_second
 
@@ -206,8 +206,8 @@ def test_the_guard_band_of_the_roll_test_keeps_its_probability() -> None:
     perfect = record(noise=0.0)
     found = [roll_test(perfect, rolled(seed=k), limit_inc_deg=1e-9, limit_g_total_g=1e-12) for k in range(400)]
     for failed in (
-        sum(one.inc.verdict is Verdict.FAIL for one in found) / len(found),
-        sum(one.g_total.verdict is Verdict.FAIL for one in found) / len(found),
+        sum(one.inc.verdict is Conformity.FAIL for one in found) / len(found),
+        sum(one.g_total.verdict is Conformity.FAIL for one in found) / len(found),
     ):
         assert 0.02 < failed < 0.09, "one in twenty"
 
@@ -244,13 +244,13 @@ def wrong_alike_everywhere(size_deg: float, *, reversed_too: bool, stated_deg: f
 def test_a_tool_that_is_wrong_alike_everywhere_does_not_pass_as_a_leaning_bench(size_deg: float) -> None:
     """From one side the two look the same: more lean than was stated is not taken for the bench's without a word."""
     found = wrong_alike_everywhere(size_deg, reversed_too=False)
-    assert found.verdict is Verdict.UNDECIDED
+    assert found.verdict is Conformity.UNDECIDED
     assert "more than was said of this bench" in found.text and "turned the other way" in found.text
     # with poses from both sides it is the tool
-    assert wrong_alike_everywhere(size_deg, reversed_too=True).verdict is Verdict.FAIL
+    assert wrong_alike_everywhere(size_deg, reversed_too=True).verdict is Conformity.FAIL
     # a bench of which it was said that it may lean so much: all of that counts in U
     vague = wrong_alike_everywhere(size_deg, reversed_too=False, stated_deg=1.0)
-    assert vague.verdict is Verdict.UNDECIDED and vague.poses[0].inc_budget.level == pytest.approx(1.0)
+    assert vague.verdict is Conformity.UNDECIDED and vague.poses[0].inc_budget.level == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("size_deg", [0.0, 0.05, 0.1, 0.14, -0.14])
@@ -258,12 +258,16 @@ def test_what_the_stated_tilt_can_hide_is_in_u(size_deg: float) -> None:
     """Within three sigma of the stated tilt (0.05 deg) an error of I alike at all poses was taken off as the bench's,
     and passed against a limit of 0.1."""
     found = wrong_alike_everywhere(size_deg, reversed_too=False)
-    assert found.verdict is Verdict.UNDECIDED
+    assert found.verdict is Conformity.UNDECIDED
     assert found.text.startswith("Undecided from one side") and "turned the other way" in found.text
     both = wrong_alike_everywhere(size_deg, reversed_too=True)
-    assert both.verdict is {0.0: Verdict.PASS, 0.05: Verdict.PASS, 0.1: Verdict.UNDECIDED}.get(size_deg, Verdict.FAIL)
+    assert both.verdict is {
+        0.0: Conformity.PASS,
+        0.05: Conformity.PASS,
+        0.1: Conformity.UNDECIDED,
+    }.get(size_deg, Conformity.FAIL)
     level = wrong_alike_everywhere(size_deg, reversed_too=False, stated_deg=0.01)
-    assert (level.verdict is Verdict.PASS) is (size_deg == 0.0)
+    assert (level.verdict is Conformity.PASS) is (size_deg == 0.0)
 
 
 def test_a_known_tilt_is_taken_off_on_both_sides_of_the_vertical() -> None:
@@ -288,6 +292,6 @@ def test_a_known_tilt_is_taken_off_on_both_sides_of_the_vertical() -> None:
         std=NOISE,
     )
     limits: dict[str, Any] = {"limit_inc_deg": 0.1, "limit_tf_deg": 0.5, "bench": LEVEL}
-    assert verify_poses(RECORD, at, **limits).verdict is Verdict.FAIL, "the tilt is not known"
+    assert verify_poses(RECORD, at, **limits).verdict is Conformity.FAIL, "the tilt is not known"
     tilt = BenchLevel(math.radians(0.2), math.radians(-0.1), 1e-5, 1e-5)
-    assert verify_poses(RECORD, at, **limits, tilt=tilt).verdict is Verdict.PASS
+    assert verify_poses(RECORD, at, **limits, tilt=tilt).verdict is Conformity.PASS

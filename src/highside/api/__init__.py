@@ -4,6 +4,7 @@
     calibration   `find_poses`, `calibrate`, `Calibration` (and `Calibration.correct`)
     simulation    `simulate`, `predict`
     diagnosis     `diagnose`, `diagnose_table`, `Diagnosis`
+    learning      `confirm` (a law on another session), `new_effect` (a law as an effect of one's own)
     drift         `drift`: attitude and azimuth by gyros and gravity
     rotation      `fit_rotation`, `compensate`, `compare_rotation`: errors that repeat with the rotor angle
     turntable     `fit_turntable`, `fit_self`: a bench's own encoder and axis
@@ -17,8 +18,10 @@ have `.plot()` (extra `plot`). Errors are `InputError` (what came in is not in o
 from __future__ import annotations
 
 from highside.api.calibration import Calibration, CorrectedReadings, calibrate, find_poses
+from highside.api.confirmation import Confirmation, confirm
 from highside.api.diagnosis import Diagnosis, diagnose, diagnose_table
 from highside.api.gyro import Drift, drift
+from highside.api.learning import new_effect
 from highside.api.recording import read
 from highside.api.rotation import CompensatedRecording, FitOfRotation, compare_rotation, compensate, fit_rotation
 from highside.api.simulation import Simulation, predict, simulate
@@ -32,6 +35,7 @@ __all__ = [
     "Calibration",
     "CompensatedRecording",
     "Compensation",
+    "Confirmation",
     "CorrectedReadings",
     "Diagnosis",
     "Drift",
@@ -49,6 +53,7 @@ __all__ = [
     "calibrate",
     "compare_rotation",
     "compensate",
+    "confirm",
     "diagnose",
     "diagnose_table",
     "drift",
@@ -56,6 +61,7 @@ __all__ = [
     "fit_rotation",
     "fit_self",
     "fit_turntable",
+    "new_effect",
     "predict",
     "read",
     "simulate",

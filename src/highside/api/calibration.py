@@ -25,7 +25,7 @@ from highside.calibration.record import (
     solve_poses,
     verify,
 )
-from highside.calibration.result import Remark
+from highside.calibration.remark import Remark
 from highside.calibration.signature import SigningKey
 from highside.calibration.summary import summary
 from highside.errors import InputError
@@ -49,7 +49,7 @@ GRAVITY_MPS2 = (9.7, 9.9)
 
 
 class FoundPoses(NamedTuple):
-    """A pose table in the kind that was asked, and what was left out and why."""
+    """A pose table in the requested kind, and what was omitted and why."""
 
     poses: Any
     left_out: list[str]
@@ -75,7 +75,7 @@ def find_poses(recording: Any, *, min_s: float = 1.5, window_s: float = 0.5) -> 
 
 
 def poses_of(recording: Any, *, min_s: float, window_s: float) -> FoundPoses:
-    """As `find_poses`, with what was left out and why."""
+    """As `find_poses`, with what was omitted and why."""
     taken = take(recording, Recording)
     table = taken.table
     a = table.accel()
@@ -171,7 +171,7 @@ def _remarks(solution: Solution) -> tuple[Remark, ...]:
 
 
 class CorrectedReadings(NamedTuple):
-    """Readings with what a calibration says of them, in the kind that came in, and what must be told with them."""
+    """Readings with what a calibration says of them, in the kind that came in, and what must be reported with them."""
 
     data: Any
     applied: Applied

@@ -14,21 +14,24 @@ from highside import __version__
 from highside.api.bench import ModelLike, model_of
 from highside.arrays import Array
 from highside.config.model import Model, as_toml
+from highside.diagnosis.beside_laws import laws_of
 from highside.diagnosis.core.method import WHOLE, Method
+from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import Claim, Finding, Fit, Location, Remainder, Verdict
 from highside.diagnosis.core.result import Diagnosis as Found
-from highside.diagnosis.core.scene import Picture
 from highside.diagnosis.recording import Request, diagnose_columns
+from highside.diagnosis.simulation.alignment import Align
 from highside.diagnosis.table.chain import CELLS, CORRECTIONS, Procedure
-from highside.diagnosis.table.engine import SummaryPicture, diagnose_summary
+from highside.diagnosis.table.engine import SummaryReportData, diagnose_summary
 from highside.errors import InputError
 from highside.physics.noise import std_of_average
 from highside.recording.files import write_whole
 from highside.recording.frames import Columns, File, FrameT, take
 from highside.recording.shown import figure_of, html_table
-from highside.recording.table import PoseTable, Recording, SummaryTable, Table
+from highside.recording.table import Recording, SummaryTable, Table
+from highside.report.diagnosis_claims import claim_size
 from highside.report.diagnosis_page import page_of
-from highside.report.diagnosis_words import VERDICTS, sizes
+from highside.report.diagnosis_words import VERDICTS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,8 +40,8 @@ __all__ = ["Diagnosis", "diagnose", "diagnose_table", "rows_of"]
 
 MINUTE_S = 60.0
 """the poses of a table without times are taken to be so far apart"""
-SAYS_SOMETHING = frozenset({"named", "named_plus", "nothing_left_out"})
-"""verdicts of which a model can be made: names, or that none is missing"""
+SAYS_SOMETHING = frozenset({"named", "named_plus", "law", "nothing_left_out"})
+"""verdicts of which a model can be made: names, laws, or that none is missing"""
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class Diagnosis:
 
     found: Found
     """the answer as `diagnosis.json` has it"""
-    picture: Picture | SummaryPicture | None
+    report_data: ReportData | SummaryReportData | None
     """the residuals that a report draws; None for data that could not be judged"""
     before: Model
     """the model against which it was diagnosed"""
@@ -63,7 +66,8 @@ class Diagnosis:
 
     @property
     def claims(self) -> tuple[Claim, ...]:
-        """The effects that were left out of the model, with sizes, intervals and what they cannot be told from."""
+        """The effects that were left out of the model, with sizes, intervals and what they cannot be distinguished
+        from."""
         return self.found.claims
 
     @property
@@ -73,7 +77,7 @@ class Diagnosis:
 
     @property
     def fit(self) -> Fit | None:
-        """How much the claims improve the fit, on data that it had not seen too."""
+        """How much the claims improve the fit, on data that it was not fitted to too."""
         return self.found.fit
 
     @property
@@ -92,7 +96,7 @@ class Diagnosis:
 
     def html(self) -> str:
         """The report as one HTML page; without figures where matplotlib (extra `plot`) is not installed."""
-        return page_of(self.found, self.picture, self.source)
+        return page_of(self.found, self.report_data, self.source)
 
     def model(self) -> Model | None:
         """The model with the claimed effects at their fitted values; None where the verdict names nothing.
@@ -106,8 +110,10 @@ class Diagnosis:
         claimed = {
             claim.effect: known.get(claim.effect, {}) | {name: p.value for name, p in claim.parameters.items()}
             for claim in self.claims
+            if claim.law is None
         }
-        return self.before.with_effects(claimed) if claimed else self.before
+        made = self.before.with_effects(claimed) if claimed else self.before
+        return made.with_laws(laws_of(self.found)) if laws_of(self.found) else made
 
     def model_toml(self) -> str | None:
         """The file of `model`, for `diagnose` and `predict` of the next recording; None where the verdict names
@@ -128,7 +134,7 @@ class Diagnosis:
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the verdict and the claims."""
-        rows = [[claim.effect, sizes(claim), f"{claim.p_familywise:.2g}"] for claim in self.claims]
+        rows = [[claim.effect, claim_size(claim), f"{claim.p_familywise:.2g}"] for claim in self.claims]
         said = f"{self.verdict} - {VERDICTS[self.verdict]}"
         said += "".join(f"; {finding.check}: {finding.remedy}" for finding in self.intake)
         return html_table(["left out", "size", "p"], rows, said)
@@ -138,13 +144,15 @@ class Diagnosis:
 
         Raises InputError where matplotlib (extra `plot`) is not installed, or where nothing could be judged.
         """
-        if not isinstance(self.picture, Picture):
-            raise InputError("there are no residuals to draw", remedy="see html()" if self.picture else self.verdict)
-        figure = figure_of(len(self.picture.channels))
+        if not isinstance(self.report_data, ReportData):
+            raise InputError(
+                "there are no residuals to draw", remedy="see html()" if self.report_data else self.verdict
+            )
+        figure = figure_of(len(self.report_data.channels))
         for channel, axis in enumerate(figure.axes):
-            axis.plot(self.picture.before[channel], ".", markersize=2, label="before")
-            axis.plot(self.picture.after[channel], ".", markersize=2, label="with the claims")
-            axis.set(ylabel=f"{self.picture.channels[channel]}, residual", xlabel="row")
+            axis.plot(self.report_data.before[channel], ".", markersize=2, label="before")
+            axis.plot(self.report_data.after[channel], ".", markersize=2, label="with the claims")
+            axis.set(ylabel=f"{self.report_data.channels[channel]}, residual", xlabel="row")
             axis.legend(loc="best", fontsize="small")
         return figure
 
@@ -154,6 +162,7 @@ def diagnose(
     model: ModelLike | None = None,
     *,
     simulation: File | Columns | FrameT | None = None,
+    align: Align = "auto",
     first_s: float | None = None,
     last_s: float | None = None,
     seed: int = 1,
@@ -164,7 +173,8 @@ def diagnose(
     `recording`: a file, DataFrame, dict of arrays or Recording of N rows (`t_s` in s, `ax_g, ay_g, az_g` in g, a
     reference: `inc_ref_deg` with `tf_ref_deg` or `rotor_deg`), or a pose table. `model`: a model file, its tables or a
     `Model`: what the simulation knows; None: nothing beside the sensor. `simulation`: another program's output in the
-    place of the model's prediction, with columns of the same names on times of its own. `first_s`, `last_s` cut a
+    place of the model's prediction, with columns of the same names on times of its own; `align`: "none" where both are
+    of one clock, "offset" where each has its own zero of time, "auto" by the spans. `first_s`, `last_s` cut a
     stretch out, s. The same `seed` gives the same answer; `method` leaves parts of the procedure out, for studies.
 
     The verdict `bad_data` is an answer too. Raises InputError for a recording or a model that is not in order.
@@ -183,6 +193,7 @@ def diagnose(
             axes=list(zip(axes.order, axes.signs, strict=True)),
             reference=knows.reference.kind if "kind" in knows.reference.model_fields_set else None,
             predicted=None if predicted is None else predicted.columns,
+            align=align,
             free_of_prediction=sensor.free if "free" in sensor.model_fields_set else (),
             seed=seed,
             version=__version__,
@@ -191,7 +202,7 @@ def diagnose(
             predicted_where=None if predicted is None else predicted.source or "simulation",
         )
     )
-    return Diagnosis(answer.diagnosis, answer.picture, knows, _name(rows), answer.notes)
+    return Diagnosis(answer.diagnosis, answer.report_data, knows, _name(rows), answer.notes)
 
 
 def rows_of(
@@ -202,8 +213,8 @@ def rows_of(
     `first_s` and `last_s` cut a stretch out of it, s. Raises InputError.
     """
     table = take(recording, Table).table
-    if "t_s" not in table.columns and table.has("inc_ref_deg", "tf_ref_deg", "ax", "ay", "az"):
-        table = _of_poses(PoseTable(table.columns, table.texts, table.order, table.source))
+    if "ax_g" not in table.columns and table.has("ax", "ay", "az"):
+        table = _of_poses(table)
     rows = Recording(table.columns, table.texts, table.order, table.source)
     if first_s is None and last_s is None:
         return rows
@@ -219,17 +230,18 @@ def rows_of(
     return rows.select(keep)
 
 
-def _of_poses(poses: PoseTable) -> Table:
-    mean = poses.accel()
-    inc, tf = poses.reference_deg()
+def _of_poses(poses: Table) -> Table:
+    """A table of averages as a recording; its angles may lack, where only |g| is known."""
+    mean = poses.complete("ax", "ay", "az")
     columns: dict[str, Array] = {
         "t_s": np.multiply(MINUTE_S, np.arange(poses.n, dtype=np.float64)),
         **dict(zip(("ax_g", "ay_g", "az_g"), mean, strict=True)),
-        "inc_ref_deg": inc,
-        "tf_ref_deg": tf,
         "pose": np.arange(poses.n, dtype=np.float64),
     }
-    columns |= {name: poses.columns[name] for name in ("temp_c", "direction", "t_s") if name in poses.columns}
+    if poses.has("inc_ref_deg", "tf_ref_deg"):
+        columns |= dict(zip(("inc_ref_deg", "tf_ref_deg"), poses.complete("inc_ref_deg", "tf_ref_deg"), strict=True))
+    kept = ("temp_c", "direction", "t_s", "n", "std_ax", "std_ay", "std_az")
+    columns |= {name: poses.columns[name] for name in kept if name in poses.columns}
     return Table(columns, source=poses.source)
 
 
@@ -290,4 +302,4 @@ def diagnose_table(
         )
     except InputError as error:
         raise InputError(error.what, where=read.source, field=error.field, remedy=error.remedy) from None
-    return Diagnosis(found.diagnosis, found.picture, knows, _name(read))
+    return Diagnosis(found.diagnosis, found.report_data, knows, _name(read))

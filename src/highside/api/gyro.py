@@ -12,7 +12,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.errors import InputError
 from highside.gyro.checks import check_units, saturated_rows
-from highside.gyro.filter import Settings
+from highside.gyro.filter import FilterSettings
 from highside.gyro.filter import carried as settings_of_carried
 from highside.gyro.follow import METHODS, FollowOptions, MethodName, PolicyName, columns_deg, follow
 from highside.gyro.frames import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
@@ -121,12 +121,13 @@ def drift(
 
     `recording` (a file, DataFrame, dict of arrays or Recording of N rows) needs `t_s` in s, `ax_g, ay_g, az_g` in g and
     `gx_dps, gy_dps, gz_dps` in deg/s. `method`: "kinematic" (an error-state filter with zero-rate updates; causal
-    unless `smooth`), "recursive" (a PI loop), "literal" and "literal_block" (the paper's equations; `azimuth_policy`
-    "hold", "prev" or "gyro"), or "none" (the gyro alone). `latitude_deg` for the Earth's rotation; `azimuth_deg` and
-    `azimuth_std_deg` at the start, clockwise from true north; `rest`: when the tool stood, pairs of s (else stops are
-    detected); `straight_hole` asserts that the azimuth stays; `carried`: the sensor is moved by hand. `gyro_arw` is the
-    angle random walk in deg/sqrt(h), `gyro_rrw` the rate random walk in deg/h/sqrt(h), `gyro_bias_std` the bias to be
-    expected at power-up in deg/h. Raises InputError for a recording or an argument that is not in order.
+    unless `smooth`), "recursive" (a Mahony complementary filter), "literal" and "literal_block" (the paper's equations;
+    `azimuth_policy` "hold", "prev" or "gyro"), or "none" (the gyro alone). `latitude_deg` for the Earth's rotation;
+    `azimuth_deg` and `azimuth_std_deg` at the start, clockwise from true north; `rest`: when the tool stood, pairs of s
+    (else stops are detected); `straight_hole` asserts that the azimuth stays; `carried`: the sensor is moved by hand.
+    `gyro_arw` is the angle random walk in deg/sqrt(h), `gyro_rrw` the rate random walk in deg/h/sqrt(h),
+    `gyro_bias_std` the bias to be expected at power-up in deg/h. Raises InputError for a recording or an argument that
+    is not in order.
     """
     _require_meaning(
         method, azimuth_policy=azimuth_policy is not None, straight_hole=straight_hole, smooth=smooth, carried=carried
@@ -139,7 +140,7 @@ def drift(
             raise InputError(
                 f"{begin:g}-{end:g} lies outside of the recording ({t_s[0]:g} to {t_s[-1]:g} s)", field="rest"
             )
-    settings = Settings(
+    settings = FilterSettings(
         latitude_rad=None if latitude_deg is None else math.radians(latitude_deg),
         azimuth_rad=None if azimuth_deg is None else math.radians(azimuth_deg),
         azimuth_std_rad=math.radians(azimuth_std_deg),

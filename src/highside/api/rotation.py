@@ -14,13 +14,13 @@ from highside.errors import InputError
 from highside.recording.frames import Columns, File, FrameT, source_of, take
 from highside.recording.shown import figure_of, html_table
 from highside.recording.table import Recording
-from highside.rotation import Compensation, Curve, FitOptions, Method, NetworkInput, Samples, Validity, fit
-from highside.rotation.compare import Comparison
+from highside.rotation import Compensation, Curve, CurveMethod, FitOptions, NetworkInput, Samples, Validity, fit
+from highside.rotation.compare import CurveComparison
 from highside.rotation.compare import compare as compare_methods
 from highside.rotation.direction import DirectionDifference, direction_difference
 from highside.rotation.recording import (
     CHANNELS,
-    Compensated,
+    CompensatedColumns,
     check_rotor,
     compensated,
     described,
@@ -56,7 +56,7 @@ class FitOfRotation:
         }
 
     def remarks(self) -> list[tuple[str, str]]:
-        """(channel, sentence) of what must be told."""
+        """(channel, sentence) of what must be reported."""
         lines: list[tuple[str, str]] = []
         for name, curve in self.compensation.curves.items():
             found = self.direction[name]
@@ -100,7 +100,7 @@ def fit_rotation(
     table = read_rotation(recording)
     options = FitOptions(rate_terms, NetworkInput(network_input), seed)
     samples = _samples(table, with_rate=rate_terms > 0)
-    curves = {channel: fit(one, Method(method), options) for channel, one in samples.items()}
+    curves = {channel: fit(one, CurveMethod(method), options) for channel, one in samples.items()}
     name, digest = source_of(recording, table)
     validity = Validity(inclination_deg, roll_deg, pitch_deg)
     made = Compensation(curves, validity, name, digest, motion_of(table.columns))
@@ -116,7 +116,7 @@ class CompensatedRecording(Generic[DataT]):
     """In the kind that came in, with `d_roll_comp_arcmin, ...` = measured - fitted, and of attitudes
     `inc_comp_deg, tf_comp_deg, azi_comp_deg` (with `*_comp_std_deg`)"""
     compensation: Compensation
-    done: Compensated
+    done: CompensatedColumns
     """by channel the mean absolute error before and after; by quantity the rows compensated and why others were not"""
     warnings: tuple[str, ...]
     """where the recording lies beyond what the compensation was fitted to"""
@@ -190,20 +190,20 @@ def compare_rotation(
     rate_terms: int = 0,
     network_input: Literal["scaled", "periodic"] = "scaled",
     seed: int = 0,
-) -> dict[str, tuple[Samples, Comparison, DirectionDifference | None]]:
+) -> dict[str, tuple[Samples, CurveComparison, DirectionDifference | None]]:
     """Fit all methods to the same rows of each error `d_roll_arcmin, ...` of a recording over its `rotor_deg`.
 
     Arguments as those of `fit_rotation`: `recording`, `rate_terms`, `network_input`, `seed`. By channel the rows, a
-    score a method (what it leaves of these rows and of whole turns it had not seen, arcmin; or why it was refused), and
+    score a method (what it leaves of these rows and of whole turns it did not use, arcmin; or why it was refused), and
     whether the error differs by the direction of turn (None: one direction only). Raises InputError for a recording
     that is not in order.
     """
     table = read_rotation(recording)
     options = FitOptions(rate_terms, NetworkInput(network_input), seed)
-    found: dict[str, tuple[Samples, Comparison, DirectionDifference | None]] = {}
+    found: dict[str, tuple[Samples, CurveComparison, DirectionDifference | None]] = {}
     for channel, samples in _samples(table, with_rate=rate_terms > 0).items():
         comparison = compare_methods(samples, options=options)
-        best = comparison.scores.get(Method.AUTO) or next(iter(comparison.scores.values()), None)
+        best = comparison.scores.get(CurveMethod.AUTO) or next(iter(comparison.scores.values()), None)
         found[channel] = samples, comparison, None if best is None else direction_difference(samples, best.curve)
     return found
 

@@ -17,6 +17,8 @@ from highside.codec.axes import AxisMap
 from highside.config.model import MAX_ROWS, Model
 from highside.errors import InputError
 from highside.physics import effects
+from highside.physics.covariates import COVARIATES
+from highside.physics.law import PREFIX
 from highside.physics.simulation import Simulated
 from highside.physics.simulation import simulate as run
 from highside.physics.state import ChainState
@@ -32,6 +34,7 @@ __all__ = ["Simulation", "predict", "simulate"]
 ACCELEROMETERS = ("ax_g", "ay_g", "az_g")
 GYROS = ("gx_dps", "gy_dps", "gz_dps")
 POSE_MEANS = ("ax", "ay", "az")
+VIBRATIONS = ("vibration_rms_g", "vibration_x_rms_g", "vibration_y_rms_g", "vibration_z_rms_g")
 PREDICTED = (*ACCELEROMETERS, *POSE_MEANS, *GYROS)
 POSE_SPACING_S = 60.0
 """the poses of a table without times are taken to be so far apart"""
@@ -106,7 +109,7 @@ def predict(model: ModelLike, recording: Any) -> Any:
     there. A pose table will do as well. The answer is of the kind that came in: `ax_g, ay_g, az_g` in g (`ax, ay, az`
     of a pose table) and, where gyros were recorded, `gx_dps, gy_dps, gz_dps` in deg/s, in the maker's axes; the other
     columns stay. Rows whose reference, time or a covariate is missing have no prediction. What is random (noise,
-    wander) and what only a link does (lost rows, quantisation) is left out: this is the mean of what would be read.
+    wander) and what only a link does (lost rows, quantisation) is omitted: this is the mean of what would be read.
     Raises InputError for a model or a recording that is not in order.
     """
     knows = model_of(model)
@@ -115,7 +118,7 @@ def predict(model: ModelLike, recording: Any) -> Any:
     taken = take(recording, Readings)
     table = taken.table
     means = "t_s" not in table.columns and table.has(*POSE_MEANS)
-    state, rows = _state(table, knows, means=means)
+    state, rows = state_of(table, knows, means=means)
     forward = knows.forward()
     columns = _spread(_makers(forward.predict(state), knows.tool.map), POSE_MEANS if means else ACCELEROMETERS, rows)
     if any(table.has(name) for name in GYROS):
@@ -126,13 +129,16 @@ def predict(model: ModelLike, recording: Any) -> Any:
     return taken.with_columns(columns)
 
 
-def _state(table: Table, knows: Model, *, means: bool) -> tuple[ChainState, NDArray[np.bool_]]:
+def state_of(table: Table, knows: Model, *, means: bool = False) -> tuple[ChainState, NDArray[np.bool_]]:
     """What the recording says of the tool at the rows that say it all, and which rows (N,) these are."""
-    used = ("inc_ref_deg", "tf_ref_deg", "temp_c", "direction", "rotor_rate_dps", "vibration_rms_g")
+    used = ("inc_ref_deg", "tf_ref_deg", "temp_c", "direction", "rotor_rate_dps", *VIBRATIONS)
     names = [name for name in used if name in table.columns]
     if "tf_ref_deg" not in table.columns and "rotor_deg" in table.columns:
         names.append("rotor_deg")
-    columns = {name: table.columns[name] for name in names}
+    # what a law depends on beside these is a column of the recording's own
+    own = {name for law in knows.known_laws for name in law.depends_on if name not in COVARIATES}
+    table.require(*sorted(own))
+    columns = {name: table.columns[name] for name in [*names, *sorted(own)]}
     if means:
         number = np.arange(table.n, dtype=np.float64)
         columns |= {"t_s": np.multiply(POSE_SPACING_S, number), "pose": number}
@@ -167,6 +173,8 @@ def _spread(values: Array, names: tuple[str, ...], rows: NDArray[np.bool_]) -> d
 
 def _sizes(effect_id: str, values: dict[str, float]) -> list[float]:
     """The values that give an effect its size."""
+    if effect_id.startswith(PREFIX):
+        return list(values.values())
     effect = effects.get(effect_id)
     return [values[effect.parameters[k].name] for k in effect.amplitudes]
 
@@ -186,8 +194,7 @@ def _columns(done: Simulated, axes: AxisMap, noise_g: float | None) -> dict[str,
     if done.held.any():
         columns["pose"] = np.where(done.held, state.pose.astype(float), np.nan)
     columns["direction"] = state.direction
-    if np.any(state.vibration_rms_g):
-        columns["vibration_rms_g"] = state.vibration_rms_g
+    columns |= {name: getattr(state, name) for name in VIBRATIONS if np.any(getattr(state, name))}
     if noise_g is not None:
         columns["noise_g"] = np.full(state.n, noise_g)
     columns["seq"] = done.seq.astype(float)
@@ -216,7 +223,8 @@ def _truth(
     done: Simulated, knows: Model, parameters: dict[str, dict[str, float]], seed: int, name: str
 ) -> dict[str, Any]:
     """What a judge needs: the parameters with units, and where the tool truly was at each pose."""
-    units = {effect_id: {p.name: p.unit for p in effects.get(effect_id).parameters} for effect_id in parameters}
+    forward = knows.forward()
+    units = {effect_id: {p.name: p.unit for p in forward.effect(effect_id).parameters} for effect_id in parameters}
     truth: dict[str, Any] = {
         "schema": "highside.truth/1",
         "version": __version__,

@@ -22,7 +22,7 @@ from highside.recording.frames import Columns, File, FrameT, source_of, take
 from highside.recording.table import Recording, Table
 from highside.rotation import Compensation, Validity
 from highside.rotation.recording import shape_of
-from highside.rotation.self_reference import GyroDoubt, Part, SelfErrors, self_errors
+from highside.rotation.self_reference import ErrorPart, GyroDoubt, SelfErrors, self_errors
 from highside.rotation.self_turntable import self_turntable
 from highside.rotation.turntable import TurntableCurve
 from highside.rotation.turntable import fit_turntable as fit_curves
@@ -87,7 +87,7 @@ def fit_turntable(recording: File | Columns | FrameT, *, largest_order: int = 8)
                 f"{worst:.2f} deg from the bench in a row: no error of a turntable",
                 where=where,
                 field=name,
-                remedy="leave out rows in motion and rows of another fixture",
+                remedy="omit rows in motion and rows of another fixture",
             )
     try:
         found = fit_curves(np.radians(angle[rows]), np.radians(inc_ref[rows]), d_tf, d_inc, largest_order)
@@ -194,7 +194,7 @@ def _errors(table: Recording, of: str, calibration: CalibrationRecord | File | N
         raise Refused(f"{where}: {int(rows.sum())} rows in which rotor angle and readings are all known")
     try:
         return self_errors(
-            t_s[rows], a[:, rows], None if rates is None else rates[:, rows], np.radians(angle[rows]), Part(of)
+            t_s[rows], a[:, rows], None if rates is None else rates[:, rows], np.radians(angle[rows]), ErrorPart(of)
         )
     except Refused as problem:
         raise Refused(f"{where}: {problem}") from None

@@ -4,7 +4,7 @@ Numpy does one operation on a whole block, then the next; a compiled loop does a
 registers. The formulas are the plain functions that the rest of the package calls (`shared` makes them known to the
 compiler), so that there is one of each; without numba the numpy blocks of `attitude.block` do the same work.
 
-No "fast math": the compiler may neither reorder nor leave out a check for NaN, so that a reading gives the same bits
+No "fast math": the compiler may neither reorder nor omit a check for NaN, so that a reading gives the same bits
 whatever stands next to it. The two arc tangents are the rational function of `attitude.block` (the C library's is a
 call for each value); multiplied out it has one division and no subtraction.
 """

@@ -2,7 +2,7 @@
 
 `q` turns the tool's body frame b (y down-hole, z towards the high side at toolface 0, x to its right) into the
 navigation frame n (East, North, Up). `direction_cosines(q)` maps n-vectors to b-vectors, so its last column is the
-direction of Up (what an accelerometer at rest reports, in g) seen from the tool. Three angles describe q:
+direction of Up (what an accelerometer at rest reports, in g) resolved in the tool frame. Three angles describe q:
 
     theta  elevation of the tool's down-hole axis above the horizontal, [-90, 90] deg (I = 90 deg + theta)
     phi    toolface, rotation about the tool axis

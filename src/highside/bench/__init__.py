@@ -7,4 +7,4 @@ session. A face (the terminal, the page, MQTT in `bench.mqtt`) holds a `SessionD
 from __future__ import annotations
 
 __all__ = ["driver", "journal_file", "mqtt", "session", "setup", "simulated_bench", "simulated_operator", "store"]
-"""the ways in: modules, loaded when they are asked for"""
+"""the ways in: modules, loaded on request"""

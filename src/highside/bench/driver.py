@@ -2,7 +2,7 @@
 
 One event loop; readings go from the link through codec and monitor into the session, which is synchronous and quick.
 What is slow runs in a thread (solving). Commands are done one after the other, as they come; a command is on the disk
-before its reply. Faces read snapshots: one is made when it is asked for and something has changed, and shared.
+before its reply. Faces read snapshots: one is made on request and something has changed, and shared.
 
 The store gets the record when the session is accepted; after a crash in between, going on with the journal makes the
 same record again, with the same id.
@@ -24,7 +24,7 @@ from highside.bench.session.entries import Entry, Noted
 from highside.bench.session.journal import StorageError
 from highside.bench.session.reasons import Refusal
 from highside.bench.session.session import BenchSession
-from highside.bench.session.snapshot import Command, Reply, Snapshot, Uncertainty
+from highside.bench.session.snapshot import Command, Reply, Snapshot, UncertaintyState
 from highside.bench.session.view import View
 from highside.bench.setup import header_of, simulated_bench, turntable_path
 from highside.bench.simulated_bench import SimulatedBench
@@ -248,7 +248,7 @@ class BenchDriver:
             async with asyncio.timeout(TICK_S):
                 await self._changed.wait()
 
-    async def _look_ahead(self, job: Callable[[], Uncertainty | None]) -> None:
+    async def _look_ahead(self, job: Callable[[], UncertaintyState | None]) -> None:
         """How good the calibration is by now; acquisition goes on meanwhile."""
         self.session.finish_look_ahead(await asyncio.to_thread(job))
         self._changed.set()
@@ -256,7 +256,7 @@ class BenchDriver:
     def _transport_factory(self) -> Callable[[], Transport]:
         bench, link = self.bench, self.settings.link
         if bench is not None:
-            # the port's name is asked for anew at each attempt: after an unplug it may be another
+            # the port's name is requested anew at each attempt: after an unplug it may be another
             return lambda: SerialLink(kind="serial", port=bench.address or "unplugged").transport()
         assert link is not None, "one of the two is configured"
         return link.transport

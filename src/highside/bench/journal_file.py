@@ -1,6 +1,6 @@
 """The journal of a session on the disk: one file a session, appended, flushed line by line, never rewritten.
 
-A line is handed over in one write and flushed to the disk before anybody is told that it happened. A write that fails
+A line is handed over in one write and flushed to the disk before anybody is notified of it. A write that fails
 leaves the file as it was (a torn line is cut off again). The file is locked while a session goes on in it, so that two
 processes cannot. Going on cuts off what the end of the last process tore.
 """
@@ -150,7 +150,7 @@ class Found:
 
 
 def sessions(directory: Path, tool_id: str, is_stored: Callable[[str], bool]) -> Iterator[Found]:
-    """The sessions of a tool, the newest first, each read when it is asked for."""
+    """The sessions of a tool, the newest first, each read on request."""
     if not directory.is_dir():
         return
     paths = [path for path in directory.glob(f"*{SUFFIX}") if (m := _NAME.match(path.name)) and m["tool"] == tool_id]

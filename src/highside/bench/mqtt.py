@@ -134,7 +134,7 @@ class SessionMqtt:
             )
 
     async def _obey(self, payload: bytes, *, retained: bool) -> Reply | None:
-        """Do what a message asks for, or say why not; None: one wrong message too many, it is only counted."""
+        """Do what a message requests, or say why not; None: one wrong message too many, it is only counted."""
         if retained:
             text = "A retained command is not obeyed: nobody knows how old it is. Publish it without retain."
             return self._refused(payload, RETAINED, text)

@@ -11,8 +11,8 @@ from highside.bench.session import plans
 from highside.bench.session.journal import Header
 from highside.bench.session.turntable import at_true_settings
 from highside.bench.session.verdict import require_judgeable
-from highside.bench.simulated_bench import BenchSettings, SimulatedBench
-from highside.bench.simulated_operator import Habits, Mistake
+from highside.bench.simulated_bench import SimulatedBench
+from highside.bench.simulated_operator import Habits, OperatorMistake
 from highside.calibration.record import CalibrationRecord, Environment, verify
 from highside.config import bench as config
 from highside.errors import InputError
@@ -25,8 +25,8 @@ from highside.recording.table import Table
 from highside.rotation.compensation import Compensation
 
 
-def plan_of(settings: config.BenchFile) -> plans.Plan:
-    """The plan that the file asks for. Raises InputError for one that cannot be."""
+def plan_of(settings: config.BenchFile) -> plans.SessionPlan:
+    """The plan that the file requests. Raises InputError for one that cannot be."""
     limits = plans.Limits(pose_sigma_deg=settings.bench.pose_sigma_deg)
     plan = _plan(settings.plan, limits)
     given = {name: value for name, value in settings.session.model_dump().items() if value is not None}
@@ -34,7 +34,7 @@ def plan_of(settings: config.BenchFile) -> plans.Plan:
     return replace(plan, limits=replace(plan.limits, **changed)) if changed else plan
 
 
-def _plan(plan: config.PlanConfig, limits: plans.Limits) -> plans.Plan:
+def _plan(plan: config.PlanConfig, limits: plans.Limits) -> plans.SessionPlan:
     match plan:
         case config.BalancePlan():
             made = plans.balance_plan(plan.inclinations_deg, limits, triples=plan.triples)
@@ -96,7 +96,7 @@ def judged_by(settings: config.BenchFile) -> tuple[CalibrationRecord, plans.Crit
 
 
 class _Settings(Table):
-    """A table of poses to set: only the bench's settings are asked for."""
+    """A table of poses to set: only the bench's settings are requested."""
 
     mandatory = ("inc_ref_deg", "tf_ref_deg")
     known = ("inc_ref_deg", "tf_ref_deg")
@@ -143,8 +143,8 @@ def header_of(settings: config.BenchFile, name: str, t_wall_s: float, operator: 
     """The first line of a new journal."""
     bench, judged, plan = settings.bench, judged_by(settings), plan_of(settings)
     table = None
-    if plan.kind is plans.Kind.TURNTABLE:
-        turntable_path(settings)  # it has to be kept somewhere: better said now than after seventy poses
+    if plan.kind is plans.SessionKind.TURNTABLE:
+        turntable_path(settings)  # it has to be kept somewhere: better refused now than after seventy poses
     else:
         table = turntable_of(settings)
     if table is not None and plan.reference == "pose" and plan.poses:
@@ -181,31 +181,19 @@ def simulated_bench(table: config.SimulatedTable, *, attempt: int = 0) -> Simula
         seed=table.seed + 1_000_003 * attempt,
         speed=table.speed,
     )
-    bench = BenchSettings(
-        tilt_deg=table.tilt_deg,
-        pose_sigma_deg=table.pose_sigma_deg,
-        overshoot_deg=table.overshoot_deg,
-        shake_g=table.shake_g,
-        turn_rate_dps=table.turn_rate_dps,
-        temp_c=table.temp_c,
-        oven_tau_s=table.oven_tau_s,
-        offset_per_c=table.offset_per_c,
-        encoder_deg=table.encoder_deg,
-        axes=table.axes,
-        seed=table.seed,
-    )
-    return SimulatedBench(device, bench, PtyWire())
+    return SimulatedBench(device, table, PtyWire())
 
 
 def habits_of(table: config.SimulatedTable) -> Habits:
     """The operator of `--auto`. Raises InputError for a mistake that nobody makes."""
     found = []
     for number, name in table.mistakes.items():
-        if not number.isdigit() or name not in set(Mistake):
+        try:
+            found.append((int(number), OperatorMistake(name)))
+        except ValueError:
             raise InputError(
                 f"{number} = {name!r}",
                 field="simulated.mistakes",
-                remedy=f"a number of a pose and one of {', '.join(Mistake)}",
-            )
-        found.append((int(number), Mistake(name)))
+                remedy=f"a number of a pose and one of {', '.join(OperatorMistake)}",
+            ) from None
     return Habits(mistakes=tuple(found), seed=table.seed)

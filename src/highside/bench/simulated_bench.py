@@ -1,9 +1,10 @@
-"""The simulated bench: a tool with a sensor of known faults, clamped to a turntable that can be told where to turn.
+"""The simulated bench: a tool with a sensor of known faults, clamped to a turntable that can be commanded where to
+turn.
 
 Like a real bench it is not level (`tilt_deg`), sets each pose with an error of its own (`pose_sigma_deg`, part of it
 common to all settings of one inclination or one toolface), overshoots and comes back, shakes a little after a move, and
 may drift in temperature towards what its oven is set to, with the sensor's offset following. Its operator may do worse:
-set a pose wrong, knock the table, pull the plug. The tool speaks through its wire as any other; nothing but the wire
+set a pose wrong, strike the table, pull the plug. The tool speaks through its wire as any other; nothing but the wire
 connects it to who listens.
 
 `DeviceSettings.speed` runs its clock faster than the wall's: a session of minutes in seconds, all else unchanged.
@@ -13,38 +14,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from highside.arrays import Array
 from highside.codec.axes import AxisMap
 from highside.codec.frame import Frame
+from highside.config.bench import SimulatedTurntable
 from highside.link.device import CanEncoder, DeviceSettings, SimulatedDevice
 from highside.link.wire import Wire
 from highside.physics.motion import Leg, Motion
 
-
-@dataclass(frozen=True, slots=True)
-class BenchSettings:
-    """The bench's faults (one standard deviation where random). `axes`: how the readings come out, a signed permutation
-    such as "yxz" (the accelerometers' mapping is wrong); temperatures in deg C, `offset_per_c` in g per deg C."""
-
-    tilt_deg: tuple[float, float] = (0.0, 0.0)
-    pose_sigma_deg: float = 0.0052
-    ring_share: float = 0.5
-    """share of the variance of a setting that repeats with the ring (inclination) or station (toolface)"""
-    overshoot_deg: float = 0.6
-    settle_s: float = 1.0
-    shake_g: float = 0.002
-    turn_rate_dps: float = 45.0
-    temp_c: float = 25.0
-    oven_tau_s: float = 60.0
-    offset_per_c: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    encoder_deg: tuple[tuple[float, float], ...] = ()
-    """what the toolface encoder reads too little: amplitudes of cosine and sine of the 1st, 2nd, ... harmonic"""
-    axes: str = "xyz"
-    seed: int = 1
+RING_SHARE = 0.5
+"""Share of the variance of a setting that repeats with the ring (inclination) or station (toolface)."""
 
 
 class SimulatedBench(SimulatedDevice):
@@ -53,13 +35,13 @@ class SimulatedBench(SimulatedDevice):
     def __init__(
         self,
         device: DeviceSettings,
-        bench: BenchSettings,
+        bench: SimulatedTurntable,
         wire: Wire,
         can_encoder: CanEncoder | None = None,
     ) -> None:
         super().__init__(device, wire, can_encoder)
         self.bench = bench
-        self.heard = False
+        self.plugged_in = False
         """whether the plug is in"""
         self._pose_rng = np.random.default_rng([bench.seed, 77])
         self._common: dict[tuple[str, int], float] = {}
@@ -67,15 +49,15 @@ class SimulatedBench(SimulatedDevice):
         self._oven_from = (0.0, bench.temp_c)
         self._axes = AxisMap.parse(bench.axes, allow_mirror=True)
 
-    # what it can be told
+    # commands
 
     def plug(self) -> None:
         super().plug()
-        self.heard = True
+        self.plugged_in = True
 
     def unplug(self) -> None:
         super().unplug()
-        self.heard = False
+        self.plugged_in = False
 
     def turn_to(
         self, inclination_deg: float, toolface_deg: float, *, wrong_inc_deg: float = 0.0, wrong_tf_deg: float = 0.0
@@ -84,7 +66,6 @@ class SimulatedBench(SimulatedDevice):
 
         `wrong_*`: how far off the operator sets it.
         """
-        bench = self.bench
         inc = inclination_deg + wrong_inc_deg + self._setting_error("inc", inclination_deg)
         tf = toolface_deg + wrong_tf_deg + self._setting_error("tf", toolface_deg % 360.0)
         tf += self._encoder_error(toolface_deg + wrong_tf_deg)
@@ -93,9 +74,9 @@ class SimulatedBench(SimulatedDevice):
             start = self.time_s
             legs, duration = self._legs(start, true_inc, true_tf)
             self._track.then(start, legs)
-        return start + duration + bench.settle_s
+        return start + duration + self.bench.settle_s
 
-    def knock(self, size_g: float = 0.05, seconds: float = 0.5) -> None:
+    def shock(self, size_g: float = 0.05, seconds: float = 0.5) -> None:
         """Shake the tool where it is."""
         self.tremble(size_g, seconds)
 
@@ -142,8 +123,8 @@ class SimulatedBench(SimulatedDevice):
             # drawn by the setting itself, so that a session gone on with meets the same bench
             rng = np.random.default_rng([bench.seed, 101, what == "inc", key[1] % 2**32])
             self._common[key] = float(rng.standard_normal())
-        common = self._common[key] * math.sqrt(bench.ring_share)
-        own = float(self._pose_rng.standard_normal()) * math.sqrt(1.0 - bench.ring_share)
+        common = self._common[key] * math.sqrt(RING_SHARE)
+        own = float(self._pose_rng.standard_normal()) * math.sqrt(1.0 - RING_SHARE)
         return bench.pose_sigma_deg * (common + own)
 
     def _encoder_error(self, reading_deg: float) -> float:

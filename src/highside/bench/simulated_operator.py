@@ -12,7 +12,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from highside.bench.session.snapshot import Command, CommandName, PoseState, Snapshot, State
+from highside.bench.session.snapshot import Command, CommandName, PoseState, SessionState, Snapshot
 from highside.bench.simulated_bench import SimulatedBench
 
 REST_S = 4.0
@@ -21,13 +21,13 @@ HAND_S = 14.0
 """By hand: long enough in one attitude, whatever the session says."""
 
 
-class Mistake(StrEnum):
+class OperatorMistake(StrEnum):
     """What can go wrong with one pose."""
 
     WRONG_TF = "wrong_tf"
-    """toolface set 5 deg off, kept until asked again"""
-    KNOCK = "knock"
-    """a knock in mid-hold"""
+    """toolface set 5 deg off, kept until requested again"""
+    SHOCK = "shock"
+    """a shock in mid-hold"""
     TREMOR = "tremor"
     """shaking for some seconds in mid-hold"""
     MOVE = "move"
@@ -39,6 +39,11 @@ class Mistake(StrEnum):
     PAUSE = "pause"
     UNDO = "undo"
 
+    @classmethod
+    def _missing_(cls, value: object) -> OperatorMistake | None:
+        # the word of older files
+        return cls.SHOCK if value == "knock" else None
+
 
 @dataclass(frozen=True, slots=True)
 class Habits:
@@ -46,7 +51,7 @@ class Habits:
     a bench."""
 
     name: str = "simulated"
-    mistakes: tuple[tuple[int, Mistake], ...] = ()
+    mistakes: tuple[tuple[int, OperatorMistake], ...] = ()
     hand_poses: int = 20
     seed: int = 1
 
@@ -66,28 +71,28 @@ class SimulatedOperator:
         self._settings = 0
         self._oven: float | None = None
         self._plug_back_s: float | None = None
-        self._spoil: Mistake | None = None
+        self._spoil: OperatorMistake | None = None
 
     def look(self, snapshot: Snapshot) -> list[Command]:
         """What the operator does about it."""
         self._mend()
         match snapshot.state:
-            case State.IDLE:
+            case SessionState.IDLE:
                 return [self._say(CommandName.START)]
-            case State.PAUSED:
+            case SessionState.PAUSED:
                 return [self._say(CommandName.RESUME)]
-            case State.SOAKING:
+            case SessionState.SOAKING:
                 wanted = snapshot.plan.stage_temp_c
                 if wanted is not None and wanted != self._oven:
                     self._oven = wanted
                     self.bench.set_oven(wanted)
-            case State.GUIDING | State.SETTLING:
+            case SessionState.GUIDING | SessionState.SETTLING:
                 if snapshot.plan.poses is None:
                     return self._by_hand(snapshot)
                 self._set_pose(snapshot)
-            case State.CAPTURING:
+            case SessionState.CAPTURING:
                 return self._meddle(snapshot)
-            case State.REVIEW:
+            case SessionState.REVIEW:
                 accept = CommandName.ACCEPT in snapshot.allowed
                 return [self._say(CommandName.ACCEPT if accept else CommandName.REJECT)]
             case _:
@@ -107,7 +112,7 @@ class SimulatedOperator:
         if self._set is not None and self._set[0] == target.pose and not self._away:
             if now < self._set[1] + REST_S:
                 return
-            # at rest, and still asked for: away and back again
+            # at rest, and still requested: away and back again
             self._away = True
             self._set = (target.pose, self.bench.turn_to(target.inc_deg, target.tf_deg + 30.0) + 1.0)
             return
@@ -115,9 +120,9 @@ class SimulatedOperator:
         mistake = self._mistakes.pop(self._settings, None)
         self._settings += 1
         inc, tf, wrong = target.inc_deg, target.tf_deg, 0.0
-        if mistake is Mistake.WRONG_TF:
+        if mistake is OperatorMistake.WRONG_TF:
             wrong = 5.0
-        elif mistake is Mistake.REPEAT:
+        elif mistake is OperatorMistake.REPEAT:
             done = [pose for pose in snapshot.poses if pose.state is PoseState.DONE and pose.inc_deg is not None]
             if done and done[0].tf_deg is not None and done[0].inc_deg is not None:
                 inc, tf = done[0].inc_deg, done[0].tf_deg
@@ -135,20 +140,20 @@ class SimulatedOperator:
             return []
         mistake, self._spoil = self._spoil, None
         match mistake:
-            case Mistake.KNOCK:
+            case OperatorMistake.SHOCK:
                 self.bench.tremble(0.05, 0.5)
-            case Mistake.TREMOR:
+            case OperatorMistake.TREMOR:
                 self.bench.tremble(0.002, 6.0)
-            case Mistake.MOVE:
+            case OperatorMistake.MOVE:
                 target = snapshot.target
                 if target is not None:
                     self._set = (target.pose, self.bench.turn_to(target.inc_deg, target.tf_deg + 20.0))
-            case Mistake.UNPLUG:
+            case OperatorMistake.UNPLUG:
                 self.bench.unplug()
                 self._plug_back_s = self.bench.time_s + 20.0
-            case Mistake.PAUSE:
+            case OperatorMistake.PAUSE:
                 return [self._say(CommandName.PAUSE)]
-            case Mistake.UNDO:
+            case OperatorMistake.UNDO:
                 return [self._say(CommandName.UNDO)] if CommandName.UNDO in snapshot.allowed else []
             case _:
                 pass

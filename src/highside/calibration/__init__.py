@@ -17,14 +17,14 @@ __all__ = [
     "magnitude",
     "pose_table",
     "poses",
-    "rebalance",
     "record",
     "result",
     "roll_test",
+    "rolling_bias",
     "schedule",
     "signature",
     "summary",
     "temperature",
     "verification",
 ]
-"""the ways in: modules, loaded when they are asked for"""
+"""the ways in: modules, loaded when they are requested"""

@@ -19,9 +19,11 @@ from typing import Literal
 import numpy as np
 
 from highside.arrays import Array
+from highside.attitude.scalar import UNIFORM_ANGLE_STD_RAD
 from highside.calibration.forward import BASE_NAMES, Variances, linearise, pose_parts, prior_mean, prior_std, whiten
+from highside.calibration.linear_errors import NOMINAL_BENCH, BenchAccuracy
 from highside.calibration.poses import PoseSet, group_settings
-from highside.calibration.result import NOMINAL_BENCH, UNIFORM_ANGLE_STD_RAD, BenchAccuracy, angle_std
+from highside.calibration.result import angle_std
 from highside.calibration.sensor import sensor_columns, sensor_of
 from highside.physics.gravity import gravity_direction
 from highside.physics.state import ChainState
@@ -37,7 +39,7 @@ USE_INC_RAD = np.deg2rad(np.array([1.0, 5.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0]
 
 
 @dataclass(frozen=True, slots=True)
-class PoseAdvice:
+class NextPose:
     """A pose to measure: the bench's settings, and the rms standard deviation (rad) over the inclinations of use that
     the calibration alone would have with it, and has without it."""
 
@@ -123,14 +125,14 @@ def next_best_poses(
     inc_candidates_rad: Array = CANDIDATE_INC_RAD,
     tf_candidates_rad: Array = CANDIDATE_TF_RAD,
     use_inc_rad: Array = USE_INC_RAD,
-) -> list[PoseAdvice]:
+) -> list[NextPose]:
     """The `count` poses to add to those measured, greedily, best first.
 
     The bench's travel is given by the candidates (no negative inclinations for a table that cannot turn the other
     way)."""
     inc, tf = poses.reference() if isinstance(poses, PoseSet) else poses
     grid_inc, grid_tf = (x.ravel() for x in np.meshgrid(inc_candidates_rad, tf_candidates_rad, indexing="ij"))
-    out: list[PoseAdvice] = []
+    out: list[NextPose] = []
     variances = split_equally(bench)
 
     def score(F: Array) -> tuple[float, float]:
@@ -145,7 +147,7 @@ def next_best_poses(
             trials.append(score(F))
         best = min(range(len(trials)), key=lambda k: trials[k][0])
         after = trials[best][1]
-        out.append(PoseAdvice(float(grid_inc[best]), float(grid_tf[best]), before, after))
+        out.append(NextPose(float(grid_inc[best]), float(grid_tf[best]), before, after))
         inc, tf, before = np.append(inc, grid_inc[best]), np.append(tf, grid_tf[best]), after
     return out
 

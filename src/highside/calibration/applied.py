@@ -11,7 +11,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.attitude.angles import wrap_positive
 from highside.attitude.block import attitude_block, attitude_std_block
-from highside.calibration.correction import LinearCorrection
+from highside.calibration.linear_correction import LinearCorrection
 from highside.calibration.record import CalibrationRecord, correction_from_record
 from highside.calibration.schedule import ScheduledCorrection
 from highside.errors import InputError

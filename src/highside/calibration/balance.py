@@ -9,7 +9,7 @@ the method must say:
   Ic)`;
 - at Ic = 90 deg the third row of W is zero. S may still be invertible, and the corrected gz is then identically zero,
   which looks like perfect inclination and is none: refused;
-- it takes up errors of the bench too, so that agreement with the bench is not accuracy in the field.
+- it absorbs errors of the bench too, so that agreement with the bench is not accuracy in the field.
 
 *Closure*: for an affine sensor on a perfect rig `S1 - S2 + S3 - S4 = 0`.
 """
@@ -22,20 +22,17 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.calibration.conventional import DEFAULT_OFFSET_STD_G, MAX_CONDITION
-from highside.calibration.poses import SAME_TEMPERATURE_C, Indices, PoseSet, group_settings
-from highside.calibration.result import (
+from highside.calibration.linear_errors import (
     NOMINAL_BENCH,
     BenchAccuracy,
-    CalibrationRefused,
-    CalibrationResult,
-    Closure,
-    PoseFit,
-    Reason,
-    Remark,
-    Zone,
     linear_covariance,
     linear_parameters,
+    stated_variance,
 )
+from highside.calibration.poses import SAME_TEMPERATURE_C, Indices, PoseSet, group_settings
+from highside.calibration.remark import CalibrationRefused, Reason, Remark
+from highside.calibration.result import CalibrationResult, Closure, PoseFit
+from highside.calibration.zone import Zone
 from highside.physics.gravity import gravity_direction, gravity_jacobians
 
 TRIPLES: dict[str, tuple[int, int, int]] = {
@@ -72,7 +69,7 @@ def balance(
 
     `triples`: "1-2-3", "2-3-4", "3-4-1", "4-1-2" (by quadrant), "average" or "least-squares" (all poses of the ring).
     `offset_g` (3,): the zero offset, subtracted first (0 if None), known to `offset_std_g`. A ring that cannot be
-    solved is left out with a remark marked `refused`. Raises CalibrationRefused where none can.
+    solved is omitted with a remark marked `refused`. Raises CalibrationRefused where none can.
     """
     if triples not in TOPOLOGIES:
         raise ValueError(f"{triples!r} is none of {', '.join(TOPOLOGIES)}")
@@ -107,11 +104,7 @@ def balance(
     remarks += closure_remarks(closures)
     if not poses.std_known:
         remarks.append(Remark(Reason.NOISE_ASSUMED, "the pose table states no noise; 50 ug a reading is assumed"))
-    studentised = np.zeros(len(poses))
-    index = {name: i for i, name in enumerate(poses.ids)}
-    for closure in closures:
-        for name in closure.poses:  # one redundancy a ring: its four poses share the closure's departure
-            studentised[index[name]] = np.sqrt(closure.chi2 / 3.0)
+    studentised = _departures(poses, closures)
     return CalibrationResult(
         method="balance",
         options={"triples": triples, "offset": "given" if offset_g is not None else "zero"},
@@ -119,13 +112,19 @@ def balance(
         zones=tuple(zones),
         poses=PoseFit(poses.ids, residual, studentised, used),
         closures=tuple(closures),
-        variance={
-            "reading_g": float(np.sqrt(np.mean(poses.noise_of_one() ** 2))),
-            "pose_inc_rad": bench.pose_rad,
-            "pose_tf_rad": bench.pose_rad,
-        },
+        variance=stated_variance(poses, bench),
         remarks=tuple(remarks),
     )
+
+
+def _departures(poses: PoseSet, closures: list[Closure]) -> Array:
+    """Departure of each pose (N,) in standard deviations: the four of a ring have one redundancy and share it."""
+    out = np.zeros(len(poses))
+    index = {name: i for i, name in enumerate(poses.ids)}
+    for closure in closures:
+        for name in closure.poses:
+            out[index[name]] = np.sqrt(closure.chi2 / 3.0)
+    return out
 
 
 def balance_matrix(S: Array, W: Array, triples: str = "average") -> Array:
@@ -292,7 +291,7 @@ def _require_invertible(center: float) -> None:
     if center < 0:
         raise CalibrationRefused(
             Reason.SINGULAR,
-            f"the reversed ring at {inc_deg:.3f} deg is of use to the joint method only; left out of balance",
+            f"the reversed ring at {inc_deg:.3f} deg is of use to the joint method only; omitted from balance",
         )
     if abs(np.cos(center)) < HORIZONTAL_COS:
         raise CalibrationRefused(

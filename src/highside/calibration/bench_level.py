@@ -9,7 +9,7 @@ wrong with the tool:
 - *Rings.* Offsets, scales and axes of a triad that have changed (twelve numbers, all free) cannot make the pattern of a
   tilt at all of many attitudes. What they leave free of it shows a lean, provided that they describe the errors at all:
   where the errors do not fit (chi-square), or too few comparisons are left over to see that, this is not used. But a
-  tool that is wrong alike everywhere makes the same pattern: from one side a lean that is seen is never proof of the
+  tool that is wrong alike everywhere makes the same pattern: from one side an observed lean is never proof of the
   bench's, so it is taken off for no verdict but "undecided". All that a bench may lean by what was stated counts in U.
 
 Errors of one setting of the bench and of reading noise are independent from pose to pose; a scatter larger than stated
@@ -39,18 +39,18 @@ FIT_P = 1e-3
 """Errors that a change of offsets, scales and axes makes with a smaller probability are of another kind."""
 FIT_SPARE = 20
 """So many comparisons beyond what is fitted see errors of another kind of the size that matters: with the 62 that 44
-poses leave, a third harmonic of 0.1 deg is seen in all of 300 simulated sessions."""
+poses leave, a third harmonic of 0.1 deg is detected in all of 300 simulated sessions."""
 ROUNDS = 3
 """Of the fit by rings: its second step is below 1e-6 deg for tilts of a degree at 5 deg of inclination."""
 TILT_STEP_RAD = 1e-6
 CONTRADICTS_SIGMAS = 4.0
 """What is said of a bench beforehand is wrong where the poses say otherwise by more than this."""
 UNPROVEN_SIGMAS = 3.0
-"""A lean seen from one side that is larger than this, by what was said, is shown and nothing is decided: of benches as
-level as stated one in 200 is beyond it (two tilts), and a good tool there must not fail."""
+"""A lean observed from one side that is larger than this, by what was stated, is shown and nothing is decided: of
+benches as level as stated one in 200 is beyond it (two tilts), and a good tool there must not fail."""
 
 
-class Source(StrEnum):
+class LevelSource(StrEnum):
     """Where the level of a bench is known from."""
 
     STATED = "stated"
@@ -60,15 +60,15 @@ class Source(StrEnum):
     REVERSED = "reversed"
     """from poses set with the table turned the other way"""
     RINGS = "rings"
-    """seen in the pattern over many attitudes, and beyond what was said: the bench's, or the tool's"""
+    """observed in the pattern over many attitudes, and beyond what was stated: the bench's, or the tool's"""
 
     @property
     def text(self) -> str:
         return {
-            Source.STATED: "as stated",
-            Source.RECORD: "as the record found it",
-            Source.REVERSED: "by poses with the table turned the other way",
-            Source.RINGS: "by the pattern over all poses",
+            LevelSource.STATED: "as stated",
+            LevelSource.RECORD: "as the record found it",
+            LevelSource.REVERSED: "by poses with the table turned the other way",
+            LevelSource.RINGS: "by the pattern over all poses",
         }[self]
 
 
@@ -80,11 +80,11 @@ class BenchLevel:
     y_rad: float
     x_std_rad: float
     y_std_rad: float
-    source: Source = Source.RECORD
+    source: LevelSource = LevelSource.RECORD
 
     @classmethod
     def stated(cls, tilt_rad: float) -> BenchLevel:
-        return cls(0.0, 0.0, tilt_rad, tilt_rad, Source.STATED)
+        return cls(0.0, 0.0, tilt_rad, tilt_rad, LevelSource.STATED)
 
     @property
     def worst_std_rad(self) -> float:
@@ -93,7 +93,7 @@ class BenchLevel:
     @property
     def unproven(self) -> bool:
         """Whether this is a lean that was not expected and could as well be an error of the tool."""
-        return self.source is Source.RINGS
+        return self.source is LevelSource.RINGS
 
     def contradicts(self, other: BenchLevel, sigmas: float = CONTRADICTS_SIGMAS) -> bool:
         """Whether two answers differ by more than they allow for."""
@@ -107,7 +107,7 @@ class BenchLevel:
 
 
 @dataclass(frozen=True, slots=True)
-class Compared:
+class ReferenceComparison:
     """N poses: the bench's settings, the standard deviations of the comparison but for its tilts, and the errors found
     (None before anything is measured: then the answers have standard deviations alone). All (N,) in rad; an error that
     is not a number was not found."""
@@ -125,20 +125,22 @@ class Compared:
         return found, found & (np.abs(np.sin(self.inc_set)) > math.sin(VERTICAL_RAD))
 
 
-def best_level(poses: Compared, said: BenchLevel) -> BenchLevel:
-    """What was `said` of the bench, or what reversed poses tell where that is surer or contradicts it; else a lean seen
-    from one side that is more than what was said (`unproven`).
+def best_level(poses: ReferenceComparison, stated_level: BenchLevel) -> BenchLevel:
+    """The stated level of the bench, or that measured by reversed poses where it is more certain or contradicts the
+    stated one; else a lean observed from one side that is more than was stated (`unproven`).
 
     A bench may lean more than was stated, or have been moved since its record was made.
     """
-    told = from_reversed(poses)
-    if told is not None and (told.worst_std_rad < said.worst_std_rad or told.contradicts(said)):
-        return told
-    seen = from_rings(poses)
-    return seen if seen is not None and seen.contradicts(said, UNPROVEN_SIGMAS) else said
+    measured = from_reversed(poses)
+    if measured is not None and (
+        measured.worst_std_rad < stated_level.worst_std_rad or measured.contradicts(stated_level)
+    ):
+        return measured
+    fitted = from_rings(poses)
+    return fitted if fitted is not None and fitted.contradicts(stated_level, UNPROVEN_SIGMAS) else stated_level
 
 
-def from_reversed(poses: Compared) -> BenchLevel | None:
+def from_reversed(poses: ReferenceComparison) -> BenchLevel | None:
     """By reversed poses; None where there are none."""
     inc_ok, tf_ok = poses.usable()
     sine = np.abs(np.sin(poses.inc_set))
@@ -146,11 +148,11 @@ def from_reversed(poses: Compared) -> BenchLevel | None:
     y = _half_differences(poses, tf_ok, poses.tf_error, poses.tf_std, sine)
     if x is None or y is None:
         return None
-    return BenchLevel(x[0], y[0], x[1], y[1], Source.REVERSED)
+    return BenchLevel(x[0], y[0], x[1], y[1], LevelSource.REVERSED)
 
 
 def _half_differences(
-    poses: Compared, use: Mask, error: Array | None, std: Array, size: Array
+    poses: ReferenceComparison, use: Mask, error: Array | None, std: Array, size: Array
 ) -> tuple[float, float] | None:
     """Weighted mean of half the differences over the attitudes set on both sides, times `size`, and its standard
     deviation."""
@@ -162,8 +164,10 @@ def _half_differences(
         variances.append(scale**2 * sum(parts) / 4.0)
         # about the first of them: two toolfaces may be half a turn off
         first = 0.0 if error is None else float(error[both[0]])
-        told = [0.0 if error is None else float(np.mean(_turned(error[side] - first))) for side in (ahead, reversed_)]
-        values.append(scale * (told[0] - told[1]) / 2.0)
+        measured = [
+            0.0 if error is None else float(np.mean(_turned(error[side] - first))) for side in (ahead, reversed_)
+        ]
+        values.append(scale * (measured[0] - measured[1]) / 2.0)
     if not values:
         return None
     weights = 1.0 / np.array(variances)
@@ -176,7 +180,7 @@ def _turned(angle: Array) -> Array:
     return np.asarray(np.mod(angle + np.pi, 2.0 * np.pi) - np.pi)
 
 
-def _attitudes_on_both_sides(poses: Compared, use: Mask) -> list[tuple[Array, Array]]:
+def _attitudes_on_both_sides(poses: ReferenceComparison, use: Mask) -> list[tuple[Array, Array]]:
     """Indices of the poses of one attitude, by the side of the table, where there are some on both."""
     directions = gravity_direction(*attitudes_set(poses.inc_set, poses.tf_set))
     groups: list[list[int]] = []
@@ -194,9 +198,9 @@ def _attitudes_on_both_sides(poses: Compared, use: Mask) -> list[tuple[Array, Ar
     return [(ahead.astype(int), back.astype(int)) for ahead, back in sides if ahead.size and back.size]
 
 
-def from_rings(poses: Compared) -> BenchLevel | None:
+def from_rings(poses: ReferenceComparison) -> BenchLevel | None:
     """By the pattern over all poses, whatever offsets, scales and axes of the tool have become; None where that is not
-    to be told (see the module)."""
+    to be estimated (see the module)."""
     inc_ok, tf_ok = poses.usable()
     std = np.concatenate([poses.inc_std[inc_ok], poses.tf_std[tf_ok]])
     spare = std.size - 12 - 2
@@ -216,7 +220,7 @@ def from_rings(poses: Compared) -> BenchLevel | None:
         cov = np.linalg.inv(normal)
         x_std, y_std = np.sqrt(np.diag(cov)).tolist()
         if poses.inc_error is None or poses.tf_error is None:
-            return BenchLevel(0.0, 0.0, x_std, y_std, Source.RINGS)
+            return BenchLevel(0.0, 0.0, x_std, y_std, LevelSource.RINGS)
         shift_inc, shift_tf = leaning(poses.inc_set, poses.tf_set, *x)
         tf_error = poses.tf_error[tf_ok] - shift_tf[tf_ok]
         # about their middle: a tool clamped half a turn off has errors near +-180 deg
@@ -231,7 +235,7 @@ def from_rings(poses: Compared) -> BenchLevel | None:
     if law.sf(chi2, spare) < FIT_P:
         return None
     wider = math.sqrt(max(1.0, chi2 / spare))
-    return BenchLevel(float(x[0]), float(x[1]), wider * x_std, wider * y_std, Source.RINGS)
+    return BenchLevel(float(x[0]), float(x[1]), wider * x_std, wider * y_std, LevelSource.RINGS)
 
 
 def leaning(inc_set: Array, tf_set: Array, tilt_x_rad: float, tilt_y_rad: float) -> tuple[Array, Array]:
@@ -243,7 +247,7 @@ def leaning(inc_set: Array, tf_set: Array, tilt_x_rad: float, tilt_y_rad: float)
     return inc - level_inc, np.where(upright, 0.0, _turned(tf - level_tf))
 
 
-def _tilt_rows(poses: Compared, tilt: Array) -> tuple[Array, Array]:
+def _tilt_rows(poses: ReferenceComparison, tilt: Array) -> tuple[Array, Array]:
     """What (tx, ty) do to I and to T at each pose of a bench that leans by `tilt`: two (N, 2)."""
     steps = [np.array([TILT_STEP_RAD, 0.0]), np.array([0.0, TILT_STEP_RAD])]
     ways = [[leaning(poses.inc_set, poses.tf_set, *(tilt + sign * step)) for sign in (1.0, -1.0)] for step in steps]
@@ -251,7 +255,7 @@ def _tilt_rows(poses: Compared, tilt: Array) -> tuple[Array, Array]:
     return np.column_stack(inc), np.column_stack(tf)
 
 
-def _tool_rows(poses: Compared, tilt: Array) -> tuple[Array, Array]:
+def _tool_rows(poses: ReferenceComparison, tilt: Array) -> tuple[Array, Array]:
     """What a change of each element of [A | b] does to I and to T at each pose: two (N, 12)."""
     g = bench_gravity(poses.inc_set, poses.tf_set, *tilt)
     inc, tf = attitude_of(g)

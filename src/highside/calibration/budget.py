@@ -13,15 +13,15 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from highside.arrays import Array
-from highside.calibration.bench_level import VERTICAL_RAD, BenchLevel, Compared, Source, best_level
-from highside.calibration.result import BenchAccuracy
+from highside.calibration.bench_level import VERTICAL_RAD, BenchLevel, LevelSource, ReferenceComparison, best_level
+from highside.calibration.linear_errors import BenchAccuracy
 
 K = 2.0
 """Coverage factor of the guard band."""
 
 
 @dataclass(frozen=True, slots=True)
-class Budget:
+class ComparisonBudget:
     """What the uncertainty of one comparison is made of: standard deviations, deg."""
 
     noise: float
@@ -47,8 +47,8 @@ class Width:
     pose: str
     u_deg: float
     limit_deg: float
-    budget: Budget
-    level: Source
+    budget: ComparisonBudget
+    level: LevelSource
 
     @property
     def hopeless(self) -> bool:
@@ -77,7 +77,7 @@ class Width:
                 return "State how well the bench sets a pose (pose_sigma_deg), or use a better bench."
             case "zero":
                 return "Let the zero of the clamping be estimated (free_toolface_zero), or state it better."
-            case _ if self.level is Source.STATED:
+            case _ if self.level is LevelSource.STATED:
                 return f"{more}, state how level the bench is (tilt_sigma_deg), or same_bench: as the record found it."
             case _:
                 return f"{more}, more of them where there are some."
@@ -112,19 +112,21 @@ def narrowest(
 
 def compared(
     inc_set: Array, tf_set: Array, noise: tuple[Array, Array], pose_rad: float, errors: tuple[Array, Array] | None
-) -> Compared:
-    """The poses as the level of the bench is told from them."""
+) -> ReferenceComparison:
+    """The poses as the level of the bench is estimated from them."""
     inc_error, tf_error = (None, None) if errors is None else errors
-    return Compared(inc_set, tf_set, np.hypot(noise[0], pose_rad), np.hypot(noise[1], pose_rad), inc_error, tf_error)
+    return ReferenceComparison(
+        inc_set, tf_set, np.hypot(noise[0], pose_rad), np.hypot(noise[1], pose_rad), inc_error, tf_error
+    )
 
 
 def budgets(
-    poses: Compared, noise: tuple[Array, Array], pose_rad: float, level: BenchLevel, zero_std_rad: float
-) -> tuple[list[Budget], list[Budget]]:
+    poses: ReferenceComparison, noise: tuple[Array, Array], pose_rad: float, level: BenchLevel, zero_std_rad: float
+) -> tuple[list[ComparisonBudget], list[ComparisonBudget]]:
     """What the uncertainties of I and of T at each pose are made of, deg."""
     sine = np.abs(np.sin(poses.inc_set))
     across = level.y_std_rad / np.where(sine > math.sin(VERTICAL_RAD), sine, 1.0)
     setting, zero = math.degrees(pose_rad), math.degrees(zero_std_rad)
-    inc = [Budget(one, setting, math.degrees(level.x_std_rad)) for one in np.rad2deg(noise[0]).tolist()]
+    inc = [ComparisonBudget(one, setting, math.degrees(level.x_std_rad)) for one in np.rad2deg(noise[0]).tolist()]
     both = zip(np.rad2deg(noise[1]).tolist(), np.rad2deg(across).tolist(), strict=True)
-    return inc, [Budget(one, setting, leaning, zero) for one, leaning in both]
+    return inc, [ComparisonBudget(one, setting, leaning, zero) for one, leaning in both]

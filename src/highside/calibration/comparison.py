@@ -1,7 +1,7 @@
 """All methods on one pose table, side by side: what each leaves at the poses, and what it states beyond them.
 
 The errors at the poses are those of readings that took part in the solution, against the bench: they show whether a
-method describes the session, not how accurate it is (a method that has swallowed an error of the bench agrees with it
+method describes the session, not how accurate it is (a method that has absorbed an error of the bench agrees with it
 best). The stated uncertainty is that against gravity. A method that refuses says why in `refused`.
 """
 
@@ -19,7 +19,8 @@ from highside.calibration.method import NO_FALLBACK, Solution, SolveRequest
 from highside.calibration.methods import all_methods
 from highside.calibration.poses import PoseSet
 from highside.calibration.record import PoseColumns, pose_set, solve_poses
-from highside.calibration.result import CalibrationResult, Zone
+from highside.calibration.result import CalibrationResult
+from highside.calibration.zone import Zone
 from highside.errors import HighsideError
 from highside.physics.gravity import gravity_direction
 
@@ -47,7 +48,7 @@ class Errors:
 
 
 @dataclass(frozen=True, slots=True)
-class Uncertainty:
+class CalibrationUncertainty:
     """Standard deviations of I and T (deg) by the calibration alone at K inclinations: the largest over toolface. Not a
     number where the calibration does not hold."""
 
@@ -64,11 +65,11 @@ class MethodOutcome:
     solution: Solution | None
     refused: str
     errors: Errors | None
-    uncertainty: Uncertainty | None
+    uncertainty: CalibrationUncertainty | None
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class MethodComparison:
     """Before any calibration, and after each."""
 
     poses: PoseSet
@@ -85,7 +86,7 @@ def compare(
     *,
     solved: Solution | None = None,
     inclinations_deg: Sequence[float] = INCLINATIONS_DEG,
-) -> Comparison:
+) -> MethodComparison:
     """Solve a pose table by all methods. `solved`: the solution of `request`, if it is known already.
 
     Raises InputError for a pose table that is none, or has no reference attitudes.
@@ -95,15 +96,15 @@ def compare(
     outcomes = []
     for method in all_methods():
         own = method == request.method
-        asked = request if own else replace(request, method=method, fallback=NO_FALLBACK)
+        own_request = request if own else replace(request, method=method, fallback=NO_FALLBACK)
         try:
-            solution = solved if own and solved is not None else solve_poses(columns, asked)
+            solution = solved if own and solved is not None else solve_poses(columns, own_request)
         except HighsideError as error:
             outcomes.append(MethodOutcome(method, None, str(error), None, None))
             continue
         errors = errors_at(solution, poses)
         outcomes.append(MethodOutcome(method, solution, "", errors, uncertainty_over(solution, inclinations_deg)))
-    return Comparison(poses, _errors(poses.a, inc_ref, tf_ref), tuple(outcomes))
+    return MethodComparison(poses, _errors(poses.a, inc_ref, tf_ref), tuple(outcomes))
 
 
 def attitudes_set(inc: Array, tf: Array) -> tuple[Array, Array]:
@@ -154,7 +155,7 @@ def errors_at(solution: Solution, poses: PoseSet) -> Errors:
     return Errors(inc_deg, tf_deg)
 
 
-def uncertainty_over(solution: Solution, inclinations_deg: Sequence[float]) -> Uncertainty:
+def uncertainty_over(solution: Solution, inclinations_deg: Sequence[float]) -> CalibrationUncertainty:
     """The stated uncertainty over inclination."""
     inc_std, tf_std = np.full(len(inclinations_deg), np.nan), np.full(len(inclinations_deg), np.nan)
     for k, inc_deg in enumerate(inclinations_deg):
@@ -164,7 +165,7 @@ def uncertainty_over(solution: Solution, inclinations_deg: Sequence[float]) -> U
         result, zone = held
         by_inc, by_tf = result.predict_std(np.deg2rad(inc_deg), TOOLFACES_RAD, 0.0, zone=zone)
         inc_std[k], tf_std[k] = np.rad2deg(by_inc.max()), np.rad2deg(by_tf.max())
-    return Uncertainty(np.array(inclinations_deg, dtype=float), inc_std, tf_std)
+    return CalibrationUncertainty(np.array(inclinations_deg, dtype=float), inc_std, tf_std)
 
 
 def g_total_std(solution: Solution, inc_rad: float) -> float | None:

@@ -8,22 +8,22 @@ repeatability do to the result is in the stated covariance.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from highside.arrays import Array
-from highside.calibration.poses import PoseSet
-from highside.calibration.result import (
+from highside.calibration.linear_errors import (
     NOMINAL_BENCH,
     BenchAccuracy,
-    CalibrationRefused,
-    CalibrationResult,
-    PoseFit,
-    Reason,
-    Remark,
-    Zone,
     linear_covariance,
     linear_parameters,
+    stated_variance,
 )
+from highside.calibration.poses import PoseSet
+from highside.calibration.remark import CalibrationRefused, Reason, Remark
+from highside.calibration.result import CalibrationResult, PoseFit
+from highside.calibration.zone import Zone
 from highside.physics.gravity import gravity_direction, gravity_jacobians
 
 MAX_CONDITION = 1e3
@@ -76,28 +76,10 @@ def conventional(
             Reason.TOO_FEW_POSES, f"{count} poses cannot give the nine elements of a matrix; measure at least three"
         )
     remarks: list[Remark] = []
-    full = np.vstack([W, np.ones(count)])
-    condition = _condition(full) if count >= 4 else np.inf
-    offset_seen = condition <= MAX_CONDITION
-    if offset_seen:
-        pinv: Array = np.asarray(np.linalg.pinv(full), dtype=np.float64)
-        estimate = poses.a @ pinv
-        A, b = estimate[:, :3], estimate[:, 3]
-        weights, offset_weights = pinv[:, :3], pinv[:, 3]
-        parameters_count = 4
-    else:
-        condition = _condition(W)
-        if condition > MAX_CONDITION:
-            raise CalibrationRefused(
-                Reason.SINGULAR,
-                f"the {count} poses do not span three directions (condition {condition:.3g}); "
-                "add poses that bring each axis along gravity",
-            )
-        b = np.zeros(3) if offset_g is None else np.asarray(offset_g, dtype=float)
-        pinv = np.asarray(np.linalg.pinv(W), dtype=np.float64)
-        A = (poses.a - b[:, None]) @ pinv
-        weights, offset_weights = pinv, None
-        parameters_count = 3
+    estimate = _estimate(poses, W, offset_g)
+    A, b, design = estimate.A, estimate.b, estimate.design
+    offset_estimated = estimate.offset_weights is not None
+    if not offset_estimated:
         remarks.append(
             Remark(
                 Reason.OFFSET_NOT_OBSERVABLE,
@@ -109,41 +91,64 @@ def conventional(
     if not poses.std_known:
         remarks.append(Remark(Reason.NOISE_ASSUMED, "the pose table states no noise; 50 ug a reading is assumed"))
     residual = poses.a - A @ W - b[:, None]
-    covariance = linear_covariance(weights, A, poses, bench, offset_std_g, offset_weights)
-    zone = Zone("global", None, 0.0, float(np.pi), linear_parameters(A, b, covariance), float(condition))
+    covariance = linear_covariance(estimate.weights, A, poses, bench, offset_std_g, estimate.offset_weights)
+    zone = Zone("global", None, 0.0, float(np.pi), linear_parameters(A, b, covariance), estimate.condition)
+    redundant = count > len(design)
+    away = _studentised(residual, design, A, poses, bench) if redundant else np.zeros(count)
     return CalibrationResult(
         method=method,
-        options={"positions": float(count), "offset": "estimated" if offset_seen else "assumed"},
+        options={"positions": float(count), "offset": "estimated" if offset_estimated else "assumed"},
         frame="bench",
         zones=(zone,),
-        poses=PoseFit(
-            poses.ids,
-            residual,
-            _studentised(residual, full if offset_seen else W, A, poses, bench),
-            np.ones(count, bool),
-        )
-        if count > parameters_count
-        else PoseFit(poses.ids, residual, np.zeros(count), np.ones(count, bool)),
-        variance={
-            "reading_g": float(np.sqrt(np.mean(poses.noise_of_one() ** 2))),
-            "pose_inc_rad": bench.pose_rad,
-            "pose_tf_rad": bench.pose_rad,
-        },
+        poses=PoseFit(poses.ids, residual, away, np.ones(count, bool)),
+        variance=stated_variance(poses, bench),
         remarks=tuple(remarks),
     )
+
+
+class _Estimate(NamedTuple):
+    """Matrix and offset with what made them: `weights` (N, 3), those of the offset where it is estimated, the rows of
+    the design (3 or 4, N) and their condition number."""
+
+    A: Array
+    b: Array
+    weights: Array
+    offset_weights: Array | None
+    design: Array
+    condition: float
+
+
+def _estimate(poses: PoseSet, W: Array, offset_g: Array | None) -> _Estimate:
+    """A and b where the poses determine both, else A with the offset as given. Raises CalibrationRefused."""
+    count = len(poses)
+    full = np.vstack([W, np.ones(count)])
+    condition = _condition(full) if count >= 4 else np.inf
+    if condition <= MAX_CONDITION:
+        pinv: Array = np.asarray(np.linalg.pinv(full), dtype=np.float64)
+        both = poses.a @ pinv
+        return _Estimate(both[:, :3], both[:, 3], pinv[:, :3], pinv[:, 3], full, float(condition))
+    condition = _condition(W)
+    if condition > MAX_CONDITION:
+        raise CalibrationRefused(
+            Reason.SINGULAR,
+            f"the {count} poses do not span three directions (condition {condition:.3g}); "
+            "add poses that bring each axis along gravity",
+        )
+    b = np.zeros(3) if offset_g is None else np.asarray(offset_g, dtype=float)
+    pinv = np.asarray(np.linalg.pinv(W), dtype=np.float64)
+    return _Estimate((poses.a - b[:, None]) @ pinv, b, pinv, None, W, float(condition))
 
 
 def least_squares(poses: PoseSet, *, bench: BenchAccuracy = NOMINAL_BENCH) -> CalibrationResult:
     """Plain twelve-parameter least squares over any poses: no weights, no bench.
 
-    Raises CalibrationRefused where matrix and offset cannot be told apart.
+    Raises CalibrationRefused where matrix and offset cannot be separated.
     """
     result = conventional(poses, bench=bench, method="least-squares")
     if result.options["offset"] != "estimated":
         raise CalibrationRefused(
             Reason.UNOBSERVABLE,
-            "matrix and offset cannot be told apart from these poses; "
-            "add poses at a second, very different inclination",
+            "matrix and offset cannot be separated from these poses; add poses at a second, very different inclination",
         )
     return result
 
@@ -154,7 +159,7 @@ def _condition(rows: Array) -> float:
 
 
 def _studentised(residual: Array, rows: Array, A: Array, poses: PoseSet, bench: BenchAccuracy) -> Array:
-    """Residual of each pose over its standard deviation, the pose itself left out (largest of the three axes)."""
+    """Residual of each pose over its standard deviation, the pose itself omitted (largest of the three axes)."""
     inc, tf = poses.reference()
     by_inc, by_tf = (A @ d for d in gravity_jacobians(inc, tf))
     variance = poses.noise_of_mean() ** 2 + bench.pose_rad**2 * (by_inc**2 + by_tf**2)

@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from highside.arrays import Array
-from highside.calibration.result import TILT_NAMES, BenchAccuracy
+from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.sensor import (
     CROSS_NAMES,
     CUBIC_NAMES,
@@ -26,6 +26,7 @@ from highside.calibration.sensor import (
     is_sensor_parameter,
     nominal,
 )
+from highside.calibration.zone import TILT_NAMES
 from highside.physics import effects as library
 from highside.physics import structure
 from highside.physics.effect import Effect, LinearEffect, Modulated
@@ -173,7 +174,7 @@ def linearise(
     inclination (3, N) and by toolface (3, N).
 
     `u` (N,): reduced temperature, `leg` (N,): +1 on the way up in temperature, -1 on the way down; needed only where
-    `names` ask for them."""
+    `names` require them."""
     values = theta - prior_mean(names)
     pairs: list[tuple[Effect, Array]] = []
     for term in _terms(names):

@@ -22,8 +22,10 @@ from numpy.typing import NDArray
 from highside.arrays import Array
 from highside.calibration.forward import GROUPS
 from highside.calibration.poses import PoseSet
-from highside.calibration.result import CalibrationRefused, CalibrationResult, Parameters, PoseFit, Reason, Remark, Zone
+from highside.calibration.remark import CalibrationRefused, Reason, Remark
+from highside.calibration.result import CalibrationResult, PoseFit
 from highside.calibration.sensor import MATRIX_NAMES, OFFSET_NAMES, SensorModel, sensor_columns, sensor_of
+from highside.calibration.zone import Parameters, Zone
 from highside.physics.effect import AXES
 
 Gauge = Literal["symmetric", "upper"]
@@ -45,13 +47,13 @@ def magnitude(
     gauge: Gauge = "symmetric",
     mounting_std_rad: float = DEFAULT_MOUNTING_STD_RAD,
     nonlinear: Literal["auto", "none"] = "auto",
-    leave_out_bad: bool = True,
+    reject_outlying: bool = True,
 ) -> CalibrationResult:
     """Solve for matrix (in a gauge) and offset from N still poses of any attitude, all of them if they agree.
 
     `mounting_std_rad`: how far the triad may be rotated against the tool, about each axis; it enters the covariance,
     since |g| does not show it. Quadratic terms are admitted only if the evidence favours them and if they predict
-    poses left out better. Raises CalibrationRefused for too few poses, or poses that do not cover the sphere.
+    omitted poses better. Raises CalibrationRefused for too few poses, or poses that do not cover the sphere.
     """
     if len(poses) < MIN_POSES:
         raise CalibrationRefused(
@@ -61,14 +63,14 @@ def magnitude(
         )
     used = np.ones(len(poses), dtype=bool)
     fit = _fit(poses, used, gauge, ())
-    if leave_out_bad:
+    if reject_outlying:
         used, fit = _leave_out_bad(poses, used, gauge, fit)
     _require_coverage(fit, poses)
     log_bayes = 0.0
     if nonlinear == "auto" and int(used.sum()) >= MIN_POSES + 3:
         wide = _fit(poses, used, gauge, GROUPS["quadratic"])
         log_bayes = _log_bayes(wide, 3)
-        if log_bayes > ADMIT_LOG_BAYES and _left_out_rms(wide, used) < _left_out_rms(fit, used):
+        if log_bayes > ADMIT_LOG_BAYES and _held_out_rms(wide, used) < _held_out_rms(fit, used):
             fit = wide
     return _result(poses, used, gauge, fit, mounting_std_rad, log_bayes)
 
@@ -86,7 +88,7 @@ def leave_one_out_errors(poses: PoseSet, *, gauge: Gauge = "symmetric", nonlinea
 
 
 @dataclass(frozen=True, slots=True)
-class _Fit:
+class _MagnitudeFit:
     names: tuple[str, ...]
     theta: Array
     """(P,) all parameters, gauge applied"""
@@ -124,7 +126,7 @@ def _expansion(gauge: Gauge, extra: tuple[str, ...]) -> Array:
     return out
 
 
-def _fit(poses: PoseSet, used: NDArray[np.bool_], gauge: Gauge, extra: tuple[str, ...]) -> _Fit:
+def _fit(poses: PoseSet, used: NDArray[np.bool_], gauge: Gauge, extra: tuple[str, ...]) -> _MagnitudeFit:
     """Gauss-Newton on `|g| - 1` with weights; a few passes over tau."""
     names = MATRIX_NAMES + OFFSET_NAMES + extra
     expand = _expansion(gauge, extra)
@@ -161,7 +163,7 @@ def _fit(poses: PoseSet, used: NDArray[np.bool_], gauge: Gauge, extra: tuple[str
         dtype=np.float64,
     )
     leverage = np.einsum("nf,fg,ng->n", jacobian, covariance, jacobian) / variance
-    return _Fit(
+    return _MagnitudeFit(
         names,
         expand @ free,
         covariance,
@@ -209,20 +211,22 @@ def _tau(residual: Array, jacobian: Array, reading_var: Array, away: Array, prio
     return float(np.exp(log_tau))
 
 
-def _studentised(fit: _Fit, used: NDArray[np.bool_]) -> Array:
+def _studentised(fit: _MagnitudeFit, used: NDArray[np.bool_]) -> Array:
     """Departure (N,) of each pose from what the others predict, in standard deviations."""
     inside = np.abs(fit.residual) / (fit.std * np.sqrt(np.maximum(1.0 - fit.leverage, 1e-9)))
     outside = np.abs(fit.residual) / (fit.std * np.sqrt(1.0 + fit.leverage))
     return np.where(used, inside, outside)
 
 
-def _left_out_rms(fit: _Fit, used: NDArray[np.bool_]) -> float:
+def _held_out_rms(fit: _MagnitudeFit, used: NDArray[np.bool_]) -> float:
     left_out = fit.residual[used] / np.maximum(1.0 - fit.leverage[used], 1e-9)
     return float(np.sqrt(np.mean(left_out**2)))
 
 
-def _leave_out_bad(poses: PoseSet, used: NDArray[np.bool_], gauge: Gauge, fit: _Fit) -> tuple[NDArray[np.bool_], _Fit]:
-    """Leave out poses that the others contradict, one at a time. tau is estimated with the suspect left out, so that a
+def _leave_out_bad(
+    poses: PoseSet, used: NDArray[np.bool_], gauge: Gauge, fit: _MagnitudeFit
+) -> tuple[NDArray[np.bool_], _MagnitudeFit]:
+    """Reject poses that the others contradict, one at a time. tau is estimated without the suspect, so that a
     bad pose cannot hide behind the scatter that it makes itself."""
     limit = max(1, len(poses) // 5)
     used = used.copy()
@@ -237,19 +241,19 @@ def _leave_out_bad(poses: PoseSet, used: NDArray[np.bool_], gauge: Gauge, fit: _
     return used, fit
 
 
-def _require_coverage(fit: _Fit, poses: PoseSet) -> None:
+def _require_coverage(fit: _MagnitudeFit, poses: PoseSet) -> None:
     """Refuse attitudes that leave a parameter where its prior put it."""
     share = np.sqrt(np.diag(fit.free_covariance)) / fit.prior
     if np.max(share) > 0.5:
         direction = AXES[int(np.argmin(np.ptp(poses.a, axis=1)))]
         raise CalibrationRefused(
             Reason.UNOBSERVABLE,
-            "the attitudes do not cover the sphere: offset and scale cannot be told apart; "
+            "the attitudes do not cover the sphere: offset and scale cannot be separated; "
             f"add poses with the {direction} axis up, and down",
         )
 
 
-def _log_bayes(fit: _Fit, count: int) -> float:
+def _log_bayes(fit: _MagnitudeFit, count: int) -> float:
     """Log Bayes factor (Savage-Dickey) for the last `count` parameters."""
     theta = fit.free[-count:]
     covariance = fit.free_covariance[-count:, -count:]
@@ -258,11 +262,11 @@ def _log_bayes(fit: _Fit, count: int) -> float:
 
 
 def _result(
-    poses: PoseSet, used: NDArray[np.bool_], gauge: Gauge, fit: _Fit, mounting_std_rad: float, log_bayes: float
+    poses: PoseSet, used: NDArray[np.bool_], gauge: Gauge, fit: _MagnitudeFit, mounting_std_rad: float, log_bayes: float
 ) -> CalibrationResult:
     covariance = fit.expand @ fit.free_covariance @ fit.expand.T
     A = sensor_of(fit.names, fit.theta).A
-    for i, j in ((0, 1), (0, 2), (1, 2)):  # an unseen rotation of the triad about each axis
+    for i, j in ((0, 1), (0, 2), (1, 2)):  # an unobservable rotation of the triad about each axis
         rotation = np.zeros((3, 3))
         rotation[i, j], rotation[j, i] = 1.0, -1.0
         turned = np.zeros(len(fit.names))
@@ -279,7 +283,7 @@ def _result(
     remarks += [
         Remark(
             Reason.BAD_POSE,
-            f"{poses.label(int(i))} lies {away[i]:.3g} standard deviations from what the other poses predict; left out",
+            f"{poses.label(int(i))} lies {away[i]:.3g} standard deviations from what the other poses predict; rejected",
             (poses.ids[int(i)],),
             refused=True,
         )
@@ -302,7 +306,7 @@ def _result(
             "gauge": gauge,
             "admitted": "quadratic" if len(fit.names) > 12 else "none",
             "log_bayes_quadratic": log_bayes,
-            "left_out_rms_g": _left_out_rms(fit, used),
+            "held_out_rms_g": _held_out_rms(fit, used),
             "mounting_std_deg": float(np.rad2deg(mounting_std_rad)),
         },
         frame="gravity",

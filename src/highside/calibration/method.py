@@ -1,4 +1,4 @@
-"""What a calibration method is: how it is asked, what it answers, and what it says of itself.
+"""What a calibration method is: its request, its solution, and its description.
 
 A method is one file, in `calibration/methods` or in another installed package, that holds one `Method`. Records, the
 command, comparisons, certificates and figures take its name, its words and its colour from there.
@@ -10,8 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.poses import PoseSet
-from highside.calibration.result import BenchAccuracy, CalibrationResult
+from highside.calibration.result import CalibrationResult
 
 NO_FALLBACK = "none"
 """`SolveRequest.fallback`: nothing corrects between and beyond the zones."""
@@ -19,7 +20,7 @@ NO_FALLBACK = "none"
 
 @dataclass(frozen=True, slots=True)
 class SolveRequest:
-    """What was asked of the solver: all that decides its answer beside the poses."""
+    """The request to the solver: all that decides its solution beside the poses."""
 
     method: str
     triples: str = "average"
@@ -54,7 +55,7 @@ class Method:
     name: str
     """as records and commands call it; `CalibrationResult.method` says the same"""
     described: str
-    """in a certificate: "conventional positions"; `{triples}` stands for the poses of a ring that were asked for"""
+    """in a certificate: "conventional positions"; `{triples}` stands for the poses of a ring that were requested"""
     colour: str
     """in figures that show several methods, `#rrggbb`"""
     solve: Callable[[PoseSet, SolveRequest, BenchAccuracy], Solution]

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.calibration.forward import StructureSize, Variances, linearise, pose_parts, prior_mean, prior_std, whiten
+from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.poses import Indices, PoseSet
-from highside.calibration.result import BenchAccuracy
 from highside.calibration.student import widened
 from highside.physics.gravity import gravity_direction
 from highside.physics.state import ChainState
@@ -36,7 +36,7 @@ class ThermalTerms:
 
 
 @dataclass(frozen=True, slots=True)
-class Session:
+class PoseProblem:
     """What of a session does not change between solutions: N poses with R rings and S stations."""
 
     poses: PoseSet
@@ -55,7 +55,7 @@ class Session:
     @classmethod
     def of(
         cls, poses: PoseSet, bench: BenchAccuracy, toolface_zero_rad: float, thermal: ThermalTerms | None = None
-    ) -> Session:
+    ) -> PoseProblem:
         inc, tf = poses.reference()
         return cls(
             poses=poses,
@@ -78,7 +78,7 @@ def _indicator(groups: Indices) -> Array:
     return np.asarray(groups[:, None] == np.arange(int(groups.max()) + 1), dtype=float)
 
 
-def initial_variances(session: Session, bench: BenchAccuracy) -> Variances:
+def initial_variances(session: PoseProblem, bench: BenchAccuracy) -> Variances:
     half = 0.5 * bench.pose_rad**2
     return Variances(half, half, half, half)
 
@@ -96,7 +96,7 @@ class Equations:
 
     @classmethod
     def of(
-        cls, session: Session, design: Array, by_inc: Array, by_tf: Array, y: Array, used: NDArray[np.bool_]
+        cls, session: PoseProblem, design: Array, by_inc: Array, by_tf: Array, y: Array, used: NDArray[np.bool_]
     ) -> Equations:
         """From the derivatives (3, N, P), (3, N), (3, N) of the readings and the linearised readings `y` (3, N)."""
         count, size = y.shape[1], design.shape[2]
@@ -115,7 +115,7 @@ class Equations:
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class MixedModelFit:
     """A solution: parameters `theta` (P,) with their covariance, and what is needed to judge its poses."""
 
     names: tuple[str, ...]
@@ -147,7 +147,7 @@ class Fit:
         return self.theta[[self.names.index(name) for name in names]]
 
 
-def rough_start(session: Session, names: tuple[str, ...]) -> Array:
+def rough_start(session: PoseProblem, names: tuple[str, ...]) -> Array:
     """Where to linearise first: matrix and offset by plain least squares, drawn a little to the nominal sensor."""
     rows = np.vstack([gravity_direction(session.state.inc_rad, session.state.tf_rad), np.ones(len(session.poses))])
     nominal = np.eye(3, 4)
@@ -159,7 +159,9 @@ def rough_start(session: Session, names: tuple[str, ...]) -> Array:
     return theta
 
 
-def solve(session: Session, names: tuple[str, ...], variances: Variances, used: NDArray[np.bool_], at: Array) -> Fit:
+def solve(
+    session: PoseProblem, names: tuple[str, ...], variances: Variances, used: NDArray[np.bool_], at: Array
+) -> MixedModelFit:
     """One Gauss-Newton step from `at` with given variances: penalised generalised least squares."""
     reading, design, by_inc, by_tf = session.linearise(names, at)
     prior, mean = prior_std(names, session.bench, session.structure), prior_mean(names)
@@ -167,7 +169,7 @@ def solve(session: Session, names: tuple[str, ...], variances: Variances, used: 
     equations = Equations.of(session, design, by_inc, by_tf, y, used)
     system = evaluate(session, equations, prior, variances)
     size = len(names)
-    return Fit(
+    return MixedModelFit(
         names=names,
         theta=mean + system.solution[:size],
         covariance=system.inverse[:size, :size],
@@ -197,7 +199,7 @@ class System:
     """`log|V| + y' V^-1 y` but for a constant"""
 
 
-def whitened(session: Session, equations: Equations, variances: Variances) -> tuple[Array, Array, Array, float]:
+def whitened(session: PoseProblem, equations: Equations, variances: Variances) -> tuple[Array, Array, Array, float]:
     """Design, rings and stations (N, 3, P + R + S), directions of dI, dT and of the three axes' noise (N, 3, 5), and
     readings (3 N,), each pose by its own covariance, zero where not used; the logarithm of the determinant."""
     stacked, parts, used, size = equations.stacked, equations.parts, equations.used, equations.size
@@ -215,7 +217,7 @@ def whitened(session: Session, equations: Equations, variances: Variances) -> tu
     return columns, white[:, :, size : size + 5], yw, log_det
 
 
-def evaluate(session: Session, equations: Equations, prior: Array, variances: Variances) -> System:
+def evaluate(session: PoseProblem, equations: Equations, prior: Array, variances: Variances) -> System:
     """The system of the equations at given variances, the parameters' priors `prior` (P,) in it."""
     columns, pose_columns, yw, log_det = whitened(session, equations, variances)
     count = columns.shape[0]
@@ -237,7 +239,7 @@ def evaluate(session: Session, equations: Equations, prior: Array, variances: Va
     )
 
 
-def _penalty(prior: Array, variances: Variances, session: Session) -> Array:
+def _penalty(prior: Array, variances: Variances, session: PoseProblem) -> Array:
     return np.concatenate(
         [
             1.0 / prior**2,
@@ -247,7 +249,7 @@ def _penalty(prior: Array, variances: Variances, session: Session) -> Array:
     )
 
 
-def reml_variances(session: Session, fit: Fit, start: Variances, bench: BenchAccuracy) -> Variances:
+def reml_variances(session: PoseProblem, fit: MixedModelFit, start: Variances, bench: BenchAccuracy) -> Variances:
     """Restricted maximum likelihood of the variance components: minimises `log|V| + y' V^-1 y`, V with the parameters'
     priors in it (which accounts for their number), plus `_variance_penalty`."""
     prior = VariancePrior.of(session, bench)
@@ -304,7 +306,7 @@ class VariancePrior:
     reading: float
 
     @classmethod
-    def of(cls, session: Session, bench: BenchAccuracy) -> VariancePrior:
+    def of(cls, session: PoseProblem, bench: BenchAccuracy) -> VariancePrior:
         """What is known of the variances of a session beforehand."""
         return cls(bench.pose_rad**2, _READING_PRIOR_KNOWN if session.poses.std_known else _READING_PRIOR_ASSUMED)
 
@@ -332,7 +334,7 @@ class VariancePrior:
         return np.array(gradient), np.array(curvature)
 
 
-def _information(session: Session, system: System, size: int, v: Array) -> tuple[Array, Array, Array]:
+def _information(session: PoseProblem, system: System, size: int, v: Array) -> tuple[Array, Array, Array]:
     """Gradient and average-information matrix of `deviance` by the logarithms of the variances `v` (5,).
 
     With P the projected inverse of V and Z the columns that share a variance: `d/dv = tr(Z' P Z) - |Z' P y|^2`; the
@@ -371,7 +373,7 @@ def _information(session: Session, system: System, size: int, v: Array) -> tuple
 
 
 def covariance_with_variances(
-    session: Session, fit: Fit, variances: Variances, bench: BenchAccuracy
+    session: PoseProblem, fit: MixedModelFit, variances: Variances, bench: BenchAccuracy
 ) -> tuple[Array, Array]:
     """Covariance (P, P) of the parameters, the variance components being estimated and not known, and its widening.
 
@@ -403,7 +405,9 @@ def covariance_with_variances(
     return widened(fit.covariance, W, by_variance, np.stack([part @ part.T for part in parts]))
 
 
-def covariance_over_ring_errors(session: Session, fit: Fit, bench: BenchAccuracy, variances: Variances) -> Array:
+def covariance_over_ring_errors(
+    session: PoseProblem, fit: MixedModelFit, bench: BenchAccuracy, variances: Variances
+) -> Array:
     """Covariance (P, P) of the parameters about `fit.theta`, over what errors a ring may have in common.
 
     Two rings hold a single difference of theirs: where it happens to be small the most likely variance is next to
@@ -425,7 +429,7 @@ def covariance_over_ring_errors(session: Session, fit: Fit, bench: BenchAccuracy
     return np.asarray(np.tensordot(weight / weight.sum(), np.stack(second), 1), dtype=np.float64)
 
 
-def studentised(fit: Fit, used: NDArray[np.bool_]) -> Array:
+def studentised(fit: MixedModelFit, used: NDArray[np.bool_]) -> Array:
     """How many standard deviations each pose used lies from what all the others predict (N,); 0 for those not used.
 
     In whitened form the residual e of a pose with hat block H has the leave-one-out square `e' (1 - H)^-1 e`,

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from highside.arrays import Array
-from highside.calibration.poses import PoseSet, find_still_intervals, labelled_intervals, poses_from_intervals
+from highside.calibration.poses import PoseSet
 from highside.calibration.record import RecordError, RecordReason
+from highside.calibration.still_intervals import find_still_intervals, labelled_intervals, poses_from_intervals
 from highside.errors import InputError, Refused
 
 __all__ = ["StillPoses", "require_g", "solver_columns", "still_poses", "tool_of_session"]
@@ -37,7 +38,7 @@ SOLVER_COLUMNS = (
 
 
 class StillPoses(NamedTuple):
-    """The still intervals of a recording as the columns of a pose table, each (K,), and what was left out and why."""
+    """The still intervals of a recording as the columns of a pose table, each (K,), and what was omitted and why."""
 
     columns: dict[str, Array]
     left_out: list[str]

@@ -22,13 +22,16 @@ from enum import StrEnum
 from typing import Any
 
 from highside import __version__
-from highside.calibration.correction import OUTSIDE_ZONE, Correction, LinearCorrection, TemperatureTrust
+from highside.calibration.correction import OUTSIDE_ZONE, Correction, TemperatureTrust
+from highside.calibration.linear_correction import LinearCorrection
+from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.method import Solution, SolveRequest
 from highside.calibration.methods import all_methods, get
 from highside.calibration.poses import PoseSet
-from highside.calibration.result import SHARED_NAMES, BenchAccuracy, CalibrationResult
+from highside.calibration.result import CalibrationResult
 from highside.calibration.schedule import ScheduledCorrection
 from highside.calibration.signature import RECORD, Signature, SignatureError, SigningKey, TrustedKeys, UnknownKeyError
+from highside.calibration.zone import SHARED_NAMES
 from highside.errors import InputError, Refused
 from highside.reading import MALFORMED, parse_json
 

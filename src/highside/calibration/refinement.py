@@ -22,11 +22,12 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.calibration.forward import BASE_NAMES, GROUPS, StructureSize, Variances, prior_mean, prior_std
-from highside.calibration.joint import BAD_POSE_SIGMA, departure, leave_out_bad, result_of
+from highside.calibration.joint_result import result_of
+from highside.calibration.linear_errors import NOMINAL_BENCH, BenchAccuracy
 from highside.calibration.mixed_model import (
     Equations,
-    Fit,
-    Session,
+    MixedModelFit,
+    PoseProblem,
     VariancePrior,
     covariance_with_variances,
     evaluate,
@@ -35,8 +36,10 @@ from highside.calibration.mixed_model import (
     solve,
     whitened,
 )
+from highside.calibration.pose_rejection import BAD_POSE_SIGMA, departure, reject_outlying
 from highside.calibration.poses import PoseSet
-from highside.calibration.result import NOMINAL_BENCH, BenchAccuracy, CalibrationResult, Reason
+from highside.calibration.remark import Reason
+from highside.calibration.result import CalibrationResult
 from highside.calibration.sensor import DIRECTION_NAMES, OWN_LOAD_NAMES
 from highside.calibration.student import widened
 
@@ -44,7 +47,7 @@ ADMIT_LOG_LIKELIHOOD = 8.0
 """Gain in log likelihood for four numbers before structure is believed."""
 MIN_POSES = 20
 NEGLIGIBLE_SHARE = 1e-6
-"""Coefficients with a smaller share of the variance of all are left out of the result."""
+"""Coefficients with a smaller share of the variance of all are omitted from the result."""
 
 _NOTHING_G = 1e-9
 _IRRELEVANT_G = 1e-8
@@ -72,7 +75,7 @@ def refine(result: CalibrationResult, poses: PoseSet, *, bench: BenchAccuracy = 
     names = result.main.parameters.names
     if len(poses) < MIN_POSES or not set(names) <= _KNOWN:
         return untouched  # few poses, or terms in temperature
-    session = Session.of(poses, bench, result.toolface_zero_rad)
+    session = PoseProblem.of(poses, bench, result.toolface_zero_rad)
     used = result.poses.used
     stated = initial_variances(session, bench)
     at = result.main.parameters.block(names)
@@ -99,7 +102,7 @@ def refine(result: CalibrationResult, poses: PoseSet, *, bench: BenchAccuracy = 
     # what departed from a model without structure may fit one with it
     used = used | (departure(session, fit, variances, used) <= BAD_POSE_SIGMA)
     fit = solve(session, kept, variances, used, fit.theta)
-    used, fit = leave_out_bad(session, fit, variances, used)
+    used, fit = reject_outlying(session, fit, variances, used)
     away = departure(session, fit, variances, used)
     refined = result_of(
         session,
@@ -136,8 +139,8 @@ def _worth_keeping(names: tuple[str, ...], size: StructureSize) -> tuple[str, ..
 
 
 def _with_sizes(
-    session: Session,
-    fit: Fit,
+    session: PoseProblem,
+    fit: MixedModelFit,
     variances: Variances,
     size: StructureSize,
     likelihood: _Likelihood,
@@ -183,7 +186,7 @@ def _with_sizes(
 class _Likelihood:
     """Marginal likelihood of sizes and lengths; twice its negative logarithm, but for a constant."""
 
-    def __init__(self, session: Session, fit: Fit, bench: BenchAccuracy, used: NDArray[np.bool_]) -> None:
+    def __init__(self, session: PoseProblem, fit: MixedModelFit, bench: BenchAccuracy, used: NDArray[np.bool_]) -> None:
         self._session, self._bench, self._plain = session, bench, fit
         self._prior = VariancePrior.of(session, bench)
         self._names = fit.names + OWN_LOAD_NAMES + DIRECTION_NAMES

@@ -18,7 +18,7 @@ from highside.attitude.angles import wrap_positive
 from highside.calibration.budget import K
 from highside.calibration.poses import PoseSet
 from highside.calibration.record import CalibrationRecord
-from highside.calibration.verification import Judged, Verdict, indicated, judge, worst
+from highside.calibration.verification import Conformity, VerifiedQuantity, indicated, judge, worst
 from highside.errors import InputError, Refused
 
 ROLL_MIN_TOOLFACES = 8
@@ -42,15 +42,15 @@ class RollTest:
     toolfaces: int
     mean_inc_deg: float
     mean_g_total: float
-    inc: Judged
-    g_total: Judged
+    inc: VerifiedQuantity
+    g_total: VerifiedQuantity
     inc_first_deg: float
     inc_second_deg: float
     g_first: float
     g_second: float
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> Conformity:
         return worst([self.inc.verdict, self.g_total.verdict])
 
     @property
@@ -61,9 +61,9 @@ class RollTest:
             f" mg (limit {1e3 * self.g_total.limit:g}) over {self.toolfaces} toolfaces"
         )
         match self.verdict:
-            case Verdict.PASS:
+            case Conformity.PASS:
                 return f"Pass: {what}."
-            case Verdict.FAIL:
+            case Conformity.FAIL:
                 return f"Fail: {what}."
             case _:
                 return f"Undecided: {what}; too near for the noise. Average longer."
@@ -138,9 +138,9 @@ def roll_test(
     )
 
 
-def _range(value: float, std: float, q: float, limit: float) -> Judged:
+def _range(value: float, std: float, q: float, limit: float) -> VerifiedQuantity:
     judged = judge(value, q * std / K, limit)
-    return Judged(value, std, limit, judged.verdict)
+    return VerifiedQuantity(value, std, limit, judged.verdict)
 
 
 def _range_quantile(count: int) -> float:

@@ -32,7 +32,7 @@ one): then the right side is stated.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -42,130 +42,16 @@ from numpy.typing import NDArray
 from highside.arrays import Array
 from highside.attitude import compiled
 from highside.attitude.block import attitude_by, checked, share_out
-from highside.calibration.correction import (
-    ZERO_COVARIANCE,
-    BlockCorrected,
-    Corrected,
-    Covariance,
-    LinearCorrection,
-    Vector,
-    carry,
-    refused,
-)
-from highside.calibration.result import SHARED_NAMES, TILT_NAMES, Zone
+from highside.calibration.correction import ZERO_COVARIANCE, BlockCorrected, Corrected, Covariance, Vector, refused
+from highside.calibration.inclination_windows import InclinationWindow, windows
+from highside.calibration.linear_correction import LinearCorrection, carry
+from highside.calibration.schedule_blocks import AffineBlocks, affine_matrix, keys_into
 from highside.calibration.schedule_loop import WHOLE, key_of, scheduled_loop, window_weight
 from highside.calibration.student import UPPER, widening, widening_block
+from highside.calibration.zone import SHARED_NAMES, TILT_NAMES
 from highside.errors import InputError
 
 Value = TypeVar("Value", Array, float, Array | float, Array | float | None)
-
-TAPER = 0.5
-"""Share of a zone's half-width, at either edge, over which its weight falls from one to zero."""
-
-_EDGE_OF_RANGE = 1e-9
-_PIECE = 32768
-"""Readings that are blended at a time. Fewer fit the cache better, but make two threads wait for each other."""
-_PRODUCT = 4096
-"""Columns a matrix product: the BLAS library starts threads of its own for larger ones (12 rows), against ours."""
-
-
-@dataclass(frozen=True, slots=True)
-class Window:
-    """The weight of one zone by the key of a reading (`key_of`): 0 outside of `low` to `high`, 1 at its own `center`.
-
-    The weight rises from `low` to
-    `low + rise` and falls from `high - fall` to `high`; a width of 0 means that there is no edge on that side (the
-    zone reaches to 0 or 180 deg).
-    """
-
-    center: float
-    low: float
-    high: float
-    rise: float
-    fall: float
-
-    def weight(self, key: float) -> float:
-        """Weight at one key."""
-        return window_weight(key, *self.edges)
-
-    @property
-    def edges(self) -> tuple[float, float, float, float]:
-        """`low`, `high` and the slopes at either edge (0: no edge), for `window_weight`."""
-        rise = 1.0 / self.rise if self.rise > 0.0 else 0.0
-        return self.low, self.high, rise, 1.0 / self.fall if self.fall > 0.0 else 0.0
-
-    def weights(
-        self,
-        key: Array,
-        out: Array | None = None,
-        work: Array | None = None,
-        bounds: tuple[float, float] = (0.0, 2.0),
-    ) -> Array:
-        """Weights at keys (N,); `out` and `work` (N,) may be given. NaN may become 1.
-
-        `bounds` of the keys, where known, spare the sides of the window that do not matter.
-        """
-        least, most = bounds
-        x = np.empty_like(key) if out is None else out
-        other = np.empty_like(key) if work is None else work
-        rises = self.rise > 0.0 and least < self.low + self.rise
-        falls = self.fall > 0.0 and most > self.high - self.fall
-        if rises:
-            np.subtract(key, self.low, out=x)
-            np.multiply(x, 1.0 / self.rise, out=x)
-        if falls:
-            side = other if rises else x
-            np.subtract(self.high, key, out=side)
-            np.multiply(side, 1.0 / self.fall, out=side)
-            if rises:
-                np.minimum(x, side, out=x)
-        if not rises and not falls:
-            x.fill(1.0)
-            return x
-        if not self.low <= least or not most <= self.high or (rises and falls):
-            np.clip(x, 0.0, 1.0, out=x)
-        elif (rises and most > self.low + self.rise) or (falls and least < self.high - self.fall):
-            np.minimum(x, 1.0, out=x)
-        np.multiply(x, -2.0, out=other)
-        np.add(other, 3.0, out=other)
-        np.multiply(other, x, out=other)
-        return np.multiply(other, x, out=x)
-
-    def touches(self, least: float, most: float) -> bool:
-        """Whether the weight is more than zero anywhere in a range."""
-        return not (self.rise > 0.0 and most <= self.low) and not (self.fall > 0.0 and least >= self.high)
-
-    def is_full(self, least: float, most: float) -> bool:
-        """Whether the weight is one everywhere in a range."""
-        rises = self.rise > 0.0 and least < self.low + self.rise
-        return not rises and not (self.fall > 0.0 and most > self.high - self.fall)
-
-
-def key_of_inclination(inc_rad: float) -> float:
-    """`key_of` a vector at an inclination in [0, pi]."""
-    s2 = math.sin(inc_rad) ** 2
-    return s2 if inc_rad <= 0.5 * math.pi else 2.0 - s2
-
-
-def windows(zones: Sequence[Zone]) -> tuple[Window, ...]:
-    """The windows of zones sorted by inclination.
-
-    Between two neighbours one falls while the other rises, the sum being one where both reach far enough.
-    """
-    spans = [(key_of_inclination(zone.inc_min_rad), key_of_inclination(zone.inc_max_rad)) for zone in zones]
-    centers = [key_of_inclination(abs(zone.inc_center_rad or 0.0)) for zone in zones]
-    out = []
-    for k, ((low, high), center) in enumerate(zip(spans, centers, strict=True)):
-        rise = 0.0 if zones[k].inc_min_rad <= _EDGE_OF_RANGE else TAPER * (center - low)
-        fall = 0.0 if zones[k].inc_max_rad >= math.pi - _EDGE_OF_RANGE else TAPER * (high - center)
-        if k > 0 and spans[k - 1][1] > low:
-            low = max(low, centers[k - 1])
-            rise = center - low
-        if k + 1 < len(zones) and spans[k + 1][0] < high:
-            high = min(high, centers[k + 1])
-            fall = high - center
-        out.append(Window(center, low, high, rise, fall))
-    return tuple(out)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +66,7 @@ class ScheduledCorrection:
     cal_id: str = "none"
     guide: LinearCorrection | None = None
     _guide: LinearCorrection | None = field(init=False, repr=False, compare=False)
-    _windows: tuple[Window, ...] = field(init=False, repr=False, compare=False)
+    _windows: tuple[InclinationWindow, ...] = field(init=False, repr=False, compare=False)
     _edges: tuple[tuple[float, float, float, float], ...] = field(init=False, repr=False, compare=False)
     _unknown: bool = field(init=False, repr=False, compare=False)
     """whether a part does not say what it has in common with the others"""
@@ -316,7 +202,7 @@ class ScheduledCorrection:
         """Each correction with the readings (rows) that it takes part in, and its weight there."""
         guided = a if self._guide is None else self._guide.correct_block(a, temp_c)
         key = np.empty(a.shape[1])
-        _keys(guided, key, np.empty_like(key))
+        keys_into(guided, key, np.empty_like(key))
         parts: list[LinearCorrection] = list(self.zones)
         weights = [window.weights(key) for window in self._windows]
         total = np.sum(weights, axis=0) if weights else np.zeros_like(key)
@@ -357,7 +243,7 @@ class ScheduledCorrection:
 
         def prepare() -> Callable[[int, int, Array], None]:
             if self._is_affine:
-                filler = _AffineBlocks(self, a)
+                filler = AffineBlocks(a, self._windows, self.zones, self.fallback, self._guide)
                 return filler.fill
 
             def fill(low: int, high: int, out: Array) -> None:
@@ -377,141 +263,18 @@ class ScheduledCorrection:
         """What `scheduled_loop` wants: matrices, windows, centres, guide, fallback, and whether there is one."""
         none, never = np.zeros((3, 4)), (math.inf, -math.inf, 1.0, 1.0)
         return (
-            np.vstack([none, *(_matrix(part) for part in self.zones), none]),
+            np.vstack([none, *(affine_matrix(part) for part in self.zones), none]),
             np.array([never, *self._edges, never]),
             np.array([w.center for w in self._windows]),
-            np.eye(3, 4) if self._guide is None else _matrix(self._guide),
-            none if self.fallback is None else _matrix(self.fallback),
+            np.eye(3, 4) if self._guide is None else affine_matrix(self._guide),
+            none if self.fallback is None else affine_matrix(self.fallback),
             self.fallback is not None,
         )
-
-
-class _AffineBlocks:
-    """Corrects blocks of readings by a schedule of affine corrections; one of it a thread, for it keeps its arrays.
-
-    A blend is taken as `base + sum w (part - base)`. The matrices of guide, base and differences are one product, made
-    on the assumption that a piece needs the corrections that the one before it needed.
-    """
-
-    def __init__(self, schedule: ScheduledCorrection, a: Array) -> None:
-        self._a = a
-        self._windows = schedule._windows
-        self._parts = [_matrix(part) for part in schedule.zones]
-        self._fallback = None if schedule.fallback is None else _matrix(schedule.fallback)
-        self._guide = np.eye(3, 4) if schedule._guide is None else _matrix(schedule._guide)
-        self._products = np.empty((12, _PIECE))
-        self._key, self._w, self._work, self._total = np.empty((4, _PIECE))
-        self._raw = np.ones((4, _PIECE))  # readings, and a row of ones that the offsets multiply
-        self._held: tuple[int | None, tuple[int, ...]] | None = None
-        self._stack = self._guide
-
-    def fill(self, low: int, high: int, out: Array) -> None:
-        """Corrected vectors of the readings `low` to `high` into `out` (3, high - low)."""
-        for at in range(low, high, _PIECE):
-            upto = min(at + _PIECE, high)
-            self._fill(self._a[:, at:upto], out[:, at - low : upto - low])
-
-    def _fill(self, readings: Array, out: Array) -> None:
-        n = readings.shape[1]
-        raw = self._raw[:, :n]
-        raw[:3] = readings
-        rows = self._products[: len(self._stack), :n]
-        _affine(self._stack, raw, rows)
-        key, w, work, total = self._key[:n], self._w[:n], self._work[:n], self._total[:n]
-        _keys(rows[:3], key, work)
-        least, most = float(key.min()), float(key.max())
-        if math.isnan(least):
-            least, most = 0.0, 2.0
-        active = tuple(k for k, window in enumerate(self._windows) if window.touches(least, most))
-        one = len(active) == 1 and self._windows[active[0]].is_full(least, most)
-        pair = len(active) == 2 and self._sum_to_one(active[0], least, most)
-        if one or pair or (self._fallback is None and len(active) == 2):
-            base, others = active[-1], active[:-1]
-        elif self._fallback is not None and len(active) <= 2:
-            base, others = None, active
-        else:
-            self._blend(active, raw, key, out)
-            return
-        if self._held != (base, others):
-            self._prepare(base, others)
-            rows = self._products[: len(self._stack), :n]
-            _affine(self._stack, raw, rows)
-        if not others:
-            out[:] = rows[3:6]
-            return
-        for place, k in enumerate(others):
-            self._windows[k].weights(key, w, work, (least, most))
-            if base is not None and not pair:
-                # two zones that share the weight, but do not sum to one
-                np.add(self._windows[base].weights(key, total, work, (least, most)), w, out=total)
-                np.divide(w, total, out=w)  # 0/0 is NaN: neither holds
-            difference = rows[6 + 3 * place : 9 + 3 * place]
-            np.multiply(difference, w, out=difference)
-            np.add(difference, out if place else rows[3:6], out=out)
-
-    def _prepare(self, base: int | None, others: tuple[int, ...]) -> None:
-        """Stack guide, base (None: the fallback) and the differences of the others from it."""
-        self._held = (base, others)
-        matrix = self._fallback if base is None else self._parts[base]
-        assert matrix is not None
-        self._stack = np.vstack([self._guide, matrix, *(self._parts[k] - matrix for k in others)])
-
-    def _blend(self, active: tuple[int, ...], raw: Array, key: Array, out: Array) -> None:
-        """Any number of corrections; without a fallback the weights are made to sum to one."""
-        n = raw.shape[1]
-        g, w, work, total = self._products[:3, :n], self._w[:n], self._work[:n], self._total[:n]
-        if self._fallback is not None:
-            _affine(self._fallback, raw, out)
-        else:
-            out.fill(0.0)
-            total.fill(0.0)
-        for k in active:
-            _affine(self._parts[k] if self._fallback is None else self._parts[k] - self._fallback, raw, g)
-            self._windows[k].weights(key, w, work)
-            np.multiply(g, w, out=g)
-            np.add(out, g, out=out)
-            if self._fallback is None:
-                np.add(total, w, out=total)
-        if self._fallback is None:
-            np.divide(out, total, out=out)  # 0/0 is NaN: no correction holds
-
-    def _sum_to_one(self, k: int, least: float, most: float) -> bool:
-        """Whether in this range the weights of windows k and k + 1 sum to one."""
-        if k + 1 >= len(self._windows):
-            return False
-        one, other = self._windows[k], self._windows[k + 1]
-        meet = one.high == other.center and other.low == one.center and one.fall == other.rise
-        return meet and least >= one.center and most <= other.center
 
 
 def _outer(e: Array) -> Array:
     """Covariance (6, N) of errors `e` (K, 3, N) of K independent sources."""
     return np.stack([np.sum(e[:, j] * e[:, k], axis=0) for j, k in UPPER])
-
-
-def _matrix(part: LinearCorrection) -> Array:
-    """C and -C b side by side, (3, 4)."""
-    k = part.coefficients(None)
-    return np.column_stack([np.array(k.c).reshape(3, 3), -np.array(k.o)])
-
-
-def _affine(matrix: Array, raw: Array, out: Array) -> None:
-    for at in range(0, raw.shape[1], _PRODUCT):
-        np.matmul(matrix, raw[:, at : at + _PRODUCT], out=out[:, at : at + _PRODUCT])
-
-
-def _keys(g: Array, out: Array, work: Array) -> None:
-    """`key_of` vectors (3, N) into `out` (N,)."""
-    np.multiply(g[0], g[0], out=out)
-    np.multiply(g[1], g[1], out=work)
-    np.add(out, work, out=out)
-    np.multiply(g[2], g[2], out=work)
-    np.add(work, out, out=work)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        np.divide(out, work, out=out)
-    if not g[2].min() >= 0.0:  # NaN too: one must not hide the others
-        below = g[2] < 0.0
-        out[below] = 2.0 - out[below]
 
 
 def _of_rows(value: Value, rows: NDArray[np.intp]) -> Value:

@@ -19,18 +19,13 @@ import numpy as np
 from highside.arrays import Array
 from highside.calibration.forward import HYSTERESIS_NAMES
 from highside.calibration.joint import Selection, deviance_of, joint
+from highside.calibration.linear_errors import NOMINAL_BENCH, BenchAccuracy
 from highside.calibration.mixed_model import ThermalTerms
 from highside.calibration.poses import SAME_TEMPERATURE_C, PoseSet, group_settings
-from highside.calibration.result import (
-    NOMINAL_BENCH,
-    BenchAccuracy,
-    CalibrationResult,
-    Reason,
-    Remark,
-    TemperatureRange,
-    Zone,
-)
+from highside.calibration.remark import Reason, Remark
+from highside.calibration.result import CalibrationResult
 from highside.calibration.sensor import MATRIX_NAMES, OFFSET_NAMES
+from highside.calibration.zone import TemperatureRange, Zone
 from highside.errors import InputError
 
 MIN_SPAN_C = 10.0

@@ -24,18 +24,19 @@ import numpy as np
 from highside.arrays import Array
 from highside.attitude.angles import difference
 from highside.attitude.block import attitude_block, attitude_std_block
-from highside.calibration.bench_level import VERTICAL_RAD, BenchLevel, Mask, Source, best_level, leaning
-from highside.calibration.budget import Budget, K, Width, budgets, compared
+from highside.attitude.scalar import UNIFORM_ANGLE_STD_RAD
+from highside.calibration.bench_level import VERTICAL_RAD, BenchLevel, LevelSource, Mask, best_level, leaning
+from highside.calibration.budget import ComparisonBudget, K, Width, budgets, compared
 from highside.calibration.comparison import attitudes_set
-from highside.calibration.correction import LinearCorrection
+from highside.calibration.linear_correction import LinearCorrection
+from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.poses import PoseSet
 from highside.calibration.record import CalibrationRecord, correction_from_record
-from highside.calibration.result import UNIFORM_ANGLE_STD_RAD, BenchAccuracy
 from highside.calibration.schedule import ScheduledCorrection
 from highside.errors import InputError
 
 
-class Verdict(StrEnum):
+class Conformity(StrEnum):
     """The answer to a comparison with a limit."""
 
     PASS = "pass"
@@ -47,7 +48,7 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class VerifiedQuantity:
     """One comparison: the error, its standard uncertainty, the limit on its size (same unit), and the verdict.
 
     `sigmas`: the error in standard deviations of what was to be expected, the calibration's own uncertainty included.
@@ -56,7 +57,7 @@ class Judged:
     error: float
     std: float
     limit: float
-    verdict: Verdict
+    verdict: Conformity
     sigmas: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
@@ -69,19 +70,19 @@ class Judged:
         }
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Judged:
-        return cls(data["error"], data["std"], data["limit"], Verdict(data["verdict"]), data["sigmas"])
+    def from_dict(cls, data: Mapping[str, Any]) -> VerifiedQuantity:
+        return cls(data["error"], data["std"], data["limit"], Conformity(data["verdict"]), data["sigmas"])
 
 
-def judge(error: float, std: float, limit: float, expected_std: float | None = None) -> Judged:
+def judge(error: float, std: float, limit: float, expected_std: float | None = None) -> VerifiedQuantity:
     """Guarded acceptance (see the module). `expected_std`: of the error if the calibration is as good as it says."""
     size, guard = abs(error), K * std
-    verdict = Verdict.UNDECIDED
+    verdict = Conformity.UNDECIDED
     if size + guard <= limit:
-        verdict = Verdict.PASS
+        verdict = Conformity.PASS
     elif size - guard > limit:
-        verdict = Verdict.FAIL
-    return Judged(error, std, limit, verdict, error / expected_std if expected_std else None)
+        verdict = Conformity.FAIL
+    return VerifiedQuantity(error, std, limit, verdict, error / expected_std if expected_std else None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,16 +95,16 @@ class VerifiedPose:
     tf_ref_deg: float
     inc_deg: float | None
     tf_deg: float | None
-    inc: Judged | None
-    tf: Judged | None
+    inc: VerifiedQuantity | None
+    tf: VerifiedQuantity | None
     zone: str
-    inc_budget: Budget
-    tf_budget: Budget
+    inc_budget: ComparisonBudget
+    tf_budget: ComparisonBudget
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> Conformity:
         if self.inc is None:
-            return Verdict.NOT_COVERED
+            return Conformity.NOT_COVERED
         return worst([j.verdict for j in (self.inc, self.tf) if j is not None])
 
     def to_dict(self) -> dict[str, Any]:
@@ -140,9 +141,9 @@ class Verification:
     """whether what was taken off as the bench's lean is more than was said, and could as well be the tool's error"""
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> Conformity:
         found = worst([pose.verdict for pose in self.poses])
-        return Verdict.UNDECIDED if found is Verdict.PASS and self.unproven else found
+        return Conformity.UNDECIDED if found is Conformity.PASS and self.unproven else found
 
     @property
     def consistent(self) -> bool:
@@ -154,18 +155,20 @@ class Verification:
     def text(self) -> str:
         """The verdict as a sentence."""
         count = len(self.poses)
-        tally = {verdict: sum(pose.verdict is verdict for pose in self.poses) for verdict in Verdict}
+        tally = {verdict: sum(pose.verdict is verdict for pose in self.poses) for verdict in Conformity}
         match self.verdict:
-            case Verdict.PASS:
+            case Conformity.PASS:
                 return f"Pass: all {count} poses are within the limits, uncertainty included."
-            case Verdict.FAIL:
-                return f"Fail: {tally[Verdict.FAIL]} of {count} poses are beyond a limit by more than the uncertainty."
-            case Verdict.NOT_COVERED:
+            case Conformity.FAIL:
                 return (
-                    f"Undecided: the calibration does not hold at {tally[Verdict.NOT_COVERED]} of {count} poses. Verify"
-                    " within its zones, or calibrate there."
+                    f"Fail: {tally[Conformity.FAIL]} of {count} poses are beyond a limit by more than the uncertainty."
                 )
-            case _ if not tally[Verdict.UNDECIDED]:
+            case Conformity.NOT_COVERED:
+                return (
+                    f"Undecided: the calibration does not hold at {tally[Conformity.NOT_COVERED]} of {count} poses."
+                    " Verify within its zones, or calibrate there."
+                )
+            case _ if not tally[Conformity.UNDECIDED]:
                 return (
                     f"Undecided: the poses show a lean of {math.degrees(self.level.x_rad):+.3f} and"
                     f" {math.degrees(self.level.y_rad):+.3f} deg, more than was said of this bench; a tool that is"
@@ -179,19 +182,19 @@ class Verification:
                 )
             case _:
                 return (
-                    f"Undecided: {tally[Verdict.UNDECIDED]} of {count} poses are too near a limit for the uncertainty"
-                    f" of this comparison. {self.widest.text}"
+                    f"Undecided: {tally[Conformity.UNDECIDED]} of {count} poses are too near a limit for the"
+                    f" uncertainty of this comparison. {self.widest.text}"
                 )
 
     @property
     def one_sided(self) -> bool:
         """Whether it is the level of the bench, as stated, that leaves most undecided: reversed poses would tell."""
-        return self.widest.budget.largest == "level" and self.level.source is Source.STATED
+        return self.widest.budget.largest == "level" and self.level.source is LevelSource.STATED
 
     @property
     def widest(self) -> Width:
         """The comparison, among those undecided (or all), whose U takes the largest share of its limit."""
-        poses = [pose for pose in self.poses if pose.verdict is Verdict.UNDECIDED] or list(self.poses)
+        poses = [pose for pose in self.poses if pose.verdict is Conformity.UNDECIDED] or list(self.poses)
         found = [
             Width(name, pose.pose, K * budget.std, limit, budget, self.level.source)
             for pose in poses
@@ -224,10 +227,15 @@ class Verification:
         }
 
 
-_ORDER = (Verdict.PASS, Verdict.NOT_COVERED, Verdict.UNDECIDED, Verdict.FAIL)
+_ORDER = (
+    Conformity.PASS,
+    Conformity.NOT_COVERED,
+    Conformity.UNDECIDED,
+    Conformity.FAIL,
+)
 
 
-def worst(verdicts: list[Verdict]) -> Verdict:
+def worst(verdicts: list[Conformity]) -> Conformity:
     """The verdict of several together."""
     return max(verdicts, key=_ORDER.index)
 
@@ -285,15 +293,13 @@ def verify_poses(
     toolface_zero_std_deg: float = 0.0,
     free_toolface_zero: bool = False,
 ) -> Verification:
-    """Judge a calibration at N poses whose attitudes the bench tells.
+    """Test a calibration at N poses whose attitudes the bench gives.
 
-    The bench is level within `bench.tilt_rad`, or leans as `tilt` says, unless the poses themselves tell it better or
-    otherwise (`bench_level.best_level`); what is known of it is taken off, and counts with its own uncertainty.
+    The bench is level within `bench.tilt_rad`, or leans by `tilt`, unless the poses determine it better or contradict
+    it (`bench_level.best_level`); what is known of it is taken off, and counts with its own uncertainty.
     `free_toolface_zero`: the zero of this clamping is estimated and taken off. Raises InputError.
     """
-    for name, limit in (("--limit-inc-deg", limit_inc_deg), ("--limit-tf-deg", limit_tf_deg)):
-        if not (math.isfinite(limit) and limit > 0.0):
-            raise InputError(f"{limit:g} is no limit", field=name, remedy="give a positive number of degrees")
+    _require_limits(limit_inc_deg, limit_tf_deg)
     inc_set, tf_set = poses.reference()
     inc_ref, tf_ref = attitudes_set(inc_set, tf_set)
     found = indicated(record, poses)
@@ -322,20 +328,12 @@ def verify_poses(
                 wide = min(float(tf_std[i]), UNIFORM_ANGLE_STD_RAD)
                 expected = math.hypot(wide, found.tf_cal[i])
                 tf_judged = _judge_angle(tf_error[i], wide, limit_tf_deg, expected)
-        rows.append(
-            VerifiedPose(
-                pose=name,
-                inc_ref_deg=math.degrees(inc_ref[i]),
-                tf_ref_deg=math.degrees(tf_ref[i]),
-                inc_deg=math.degrees(found.inc[i]) if covered[i] else None,
-                tf_deg=math.degrees(found.tf[i]) if covered[i] and has_tf[i] else None,
-                inc=inc_judged,
-                tf=tf_judged,
-                zone=found.zone[i],
-                inc_budget=inc_budgets[i],
-                tf_budget=tf_budgets[i],
-            )
-        )
+        set_deg = math.degrees(inc_ref[i]), math.degrees(tf_ref[i])
+        inc_deg = math.degrees(found.inc[i]) if covered[i] else None
+        tf_deg = math.degrees(found.tf[i]) if covered[i] and has_tf[i] else None
+        both = inc_judged, tf_judged
+        zone, inc_budget, tf_budget = found.zone[i], inc_budgets[i], tf_budgets[i]
+        rows.append(VerifiedPose(name, *set_deg, inc_deg, tf_deg, *both, zone, inc_budget, tf_budget))
     return Verification(
         record.id,
         tuple(rows),
@@ -348,6 +346,13 @@ def verify_poses(
     )
 
 
+def _require_limits(limit_inc_deg: float, limit_tf_deg: float) -> None:
+    """Raises InputError for a limit that is none."""
+    for name, limit in (("--limit-inc-deg", limit_inc_deg), ("--limit-tf-deg", limit_tf_deg)):
+        if not (math.isfinite(limit) and limit > 0.0):
+            raise InputError(f"{limit:g} is no limit", field=name, remedy="give a positive number of degrees")
+
+
 def _zero(tf_error: Array, tf_std: Array, use: Mask) -> float:
     """The zero of the toolfaces: their weighted mean error. Raises InputError for too few."""
     if np.count_nonzero(use) < 3:
@@ -358,5 +363,5 @@ def _zero(tf_error: Array, tf_std: Array, use: Mask) -> float:
     return first + float(np.sum(weight * difference(tf_error[use], first)) / np.sum(weight))
 
 
-def _judge_angle(error: float, std: float, limit_deg: float, expected: float) -> Judged:
+def _judge_angle(error: float, std: float, limit_deg: float, expected: float) -> VerifiedQuantity:
     return judge(math.degrees(error), math.degrees(std), limit_deg, math.degrees(expected))

@@ -59,7 +59,7 @@ def bench(
     """
     from highside.bench.driver import BenchDriver
     from highside.bench.session.outcome import verdict_of
-    from highside.bench.session.snapshot import State
+    from highside.bench.session.snapshot import SessionState
     from highside.config.bench import load_bench
     from highside.service.logs import start_logging
 
@@ -99,7 +99,7 @@ def bench(
         echo_json(json.dumps(summary(driver)))
     elif driver.stored is not None:
         echo(f"record {driver.stored}")
-    if driver.session.state is not State.ACCEPTED or verdict not in (None, "pass"):
+    if driver.session.state is not SessionState.ACCEPTED or verdict not in (None, "pass"):
         raise typer.Exit(1)
 
 

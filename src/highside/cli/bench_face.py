@@ -83,14 +83,14 @@ class PlainFace(_Face):
 
     async def run(self) -> None:
         reader = asyncio.create_task(self._words()) if self.listen else None
-        said, printed_s = None, -PLAIN_EVERY_S
+        printed, printed_s = None, -PLAIN_EVERY_S
         try:
             async for newest in self.driver.subscribe(5.0):
                 snapshot = for_terminal(newest)
                 poses = tuple((row.pose, row.state, row.attempts) for row in snapshot.poses)
                 key = (snapshot.state, snapshot.target, poses, tuple(f.code for f in snapshot.faults))
-                if key != said or snapshot.elapsed_s - printed_s >= PLAIN_EVERY_S:
-                    said, printed_s = key, snapshot.elapsed_s
+                if key != printed or snapshot.elapsed_s - printed_s >= PLAIN_EVERY_S:
+                    printed, printed_s = key, snapshot.elapsed_s
                     self._print(snapshot)
         finally:
             if reader is not None:
@@ -144,7 +144,7 @@ class PlainFace(_Face):
 class RichFace(_Face):
     """The live picture; single keys in. `F` and `B`, which put calibrations in force, are pressed twice."""
 
-    _asked: tuple[CommandName, str | None] | None = None
+    _unconfirmed: tuple[CommandName, str | None] | None = None
     _live: Live | None = None
     _note = ""
 
@@ -195,10 +195,10 @@ class RichFace(_Face):
         """The record meant, where a key that puts one in force is pressed for the second time."""
         snapshot = self.driver.snapshot()
         after = snapshot.meant(name)
-        asked, self._asked = self._asked, (name, after)
-        if after is None or name not in snapshot.allowed or asked != self._asked:
+        earlier, self._unconfirmed = self._unconfirmed, (name, after)
+        if after is None or name not in snapshot.allowed or earlier != self._unconfirmed:
             return None
-        self._asked = None
+        self._unconfirmed = None
         return after
 
 
@@ -319,7 +319,7 @@ SHOWN = 16
 
 
 def _poses(snapshot: Snapshot) -> Table:
-    """The poses round the one asked for; all of them are on the page and in the journal."""
+    """The poses round the one requested; all of them are on the page and in the journal."""
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False)

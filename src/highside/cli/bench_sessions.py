@@ -68,7 +68,7 @@ def _plain(one: Found) -> dict[str, object]:
 def go_on_instead(settings: BenchFile, config: Path, *, ask: bool) -> str | None:
     """The unfinished session to go on with instead of a new one, by its name; None: begin anew.
 
-    Asked on a terminal; elsewhere it is only said that there is one, and how to go on with it.
+    Asked on a terminal; elsewhere it is only reported that there is one, and how to go on with it.
     """
     from highside.bench.driver import kept_by
     from highside.bench.journal_file import to_offer
@@ -77,10 +77,10 @@ def go_on_instead(settings: BenchFile, config: Path, *, ask: bool) -> str | None
     if found is None:
         return None
     begun = "" if found.t_wall_s is None else f" of {_local(found.t_wall_s)}"
-    told = printable(f"session {found.name}{begun} ({found.plan}) has {found.progress}")
+    summary = printable(f"session {found.name}{begun} ({found.plan}) has {found.progress}")
     if ask:
-        return found.name if typer.confirm(f"{told}: go on?", default=True, err=True) else None
-    echo(f"{told} and is left as it is; a new one begins. Go on with it: {_command(config, found.name)}", err=True)
+        return found.name if typer.confirm(f"{summary}: go on?", default=True, err=True) else None
+    echo(f"{summary} and is left as it is; a new one begins. Go on with it: {_command(config, found.name)}", err=True)
     return None
 
 

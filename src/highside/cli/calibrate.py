@@ -12,7 +12,7 @@ import typer
 
 from highside.cli import bench, bench_sessions, certificate, verification
 from highside.cli.options import as_options
-from highside.cli.say import echo, echo_json, say_left_out
+from highside.cli.say import echo, echo_json, report_omitted
 from highside.errors import InputError, Refused
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def poses(
         return
     echo(f"{output}: {found.poses.n} poses, {int(found.poses['n'].sum())} of {table.n} readings")
     for line in found.left_out:
-        echo(f"left out: {line}", err=True)
+        echo(f"omitted: {line}", err=True)
 
 
 @app.command()
@@ -120,7 +120,7 @@ def solve(
     from highside.api.calibration import calibrate
     from highside.calibration.methods import faults
 
-    say_left_out("calibration method", faults())
+    report_omitted("calibration method", faults())
     private = None
     if key is not None:
         from highside.cli.keys import signing_key

@@ -40,6 +40,9 @@ def certificate(
     from highside.report.certificate import certificate as make
     from highside.report.certificate_conformity import verdict_lines
     from highside.report.certificate_inputs import Inputs
+    from highside.report.plots import need_plots
+
+    need_plots()  # before the work: the sheets are drawn
 
     private = None
     if key is not None:

@@ -2,7 +2,7 @@
 
 The time of a row is the device's own. A wire whose frames carry no time at all is given the times of arrival, in
 seconds from the start of the file, where the recording has them (segments, candump); raw bytes have none. Where only
-some frames lack the device's time (the line with it was damaged), their rows are left out and counted: a time is never
+some frames lack the device's time (the line with it was damaged), their rows are omitted and counted: a time is never
 made up, and two clocks are never mixed.
 """
 
@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from highside.cli.say import echo, echo_json, say_left_out
+from highside.cli.say import echo, echo_json, report_omitted
 
 if TYPE_CHECKING:
     from highside.codec.frame import ByteCodec, CanCodec, Counts, Frame
+    from highside.codec.registry import CodecTable
     from highside.recording.table import Recording
 
 _CHUNK_BYTES = 1 << 16
@@ -51,9 +52,9 @@ def decode(
     from highside.recording.table import from_frames, write_recording
 
     settings = codec_from_name(codec) if config is None else codec_from_file(config, codec)
-    say_left_out("codec", faults())
+    report_omitted("codec", faults())
     decoder = settings.build()
-    decoded = _decode_can(file, decoder) if settings.carries == "can" else _decode_bytes(file, decoder)
+    decoded = _decoded(file, decoder, settings)
     frames, times, source = _timed(decoded)
     summary = {
         "file": str(file),
@@ -91,13 +92,31 @@ def decode_recording(file: Path, codec: str | None, config: Path | None) -> Reco
         raise InputError("is missing", field="--codec", remedy="name the codec of the wire recording")
     settings = codec_from_name(codec) if config is None else codec_from_file(config, codec)
     decoder = settings.build()
-    decoded = _decode_can(file, decoder) if settings.carries == "can" else _decode_bytes(file, decoder)
+    decoded = _decoded(file, decoder, settings)
     frames, times, _ = _timed(decoded)
     if not frames:
         raise Refused(f"{file}: codec {codec!r} found no frame with a time in it; see `highside decode`")
     recording = from_frames(frames, times, decoder.extra_columns)
     recording.source = str(file)
     return recording
+
+
+def _decoded(file: Path, decoder: ByteCodec | CanCodec, settings: CodecTable) -> _Decoded:
+    """All frames of a file. Raises InputError, too, where a decoder of another package fails on what it is given."""
+    from highside.errors import HighsideError, InputError
+    from highside.printable import one_line
+
+    try:
+        return _decode_can(file, decoder) if settings.carries == "can" else _decode_bytes(file, decoder)
+    except (HighsideError, OSError, MemoryError):
+        raise
+    except Exception as error:
+        said = one_line(f"{type(error).__name__}: {error}")[:300]
+        raise InputError(
+            f"the decoder of codec {settings.name!r} failed on it ({said})",
+            where=str(file),
+            remedy="give this line and the file to the maker of the codec",
+        ) from error
 
 
 def _decode_bytes(path: Path, codec: ByteCodec | CanCodec) -> _Decoded:
@@ -176,7 +195,7 @@ def _for_people(path: Path, decoded: _Decoded, counts: Counts, rows: int, source
     ]
     missing = len(decoded.frames) - rows
     if missing and rows:
-        lines.append(f"  {missing} frames without the device's time were left out")
+        lines.append(f"  {missing} frames without the device's time were omitted")
     if decoded.torn_bytes:
         lines.append(f"  {decoded.torn_bytes} bytes at the end of the file are torn and were not read")
     if decoded.bad_lines:

@@ -14,7 +14,7 @@ from highside.cli.say import echo, echo_json
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from highside.service.demo import Snapshot
+    from highside.service.demo import DemoState
 
 LINE_EVERY_S = 1.0
 
@@ -41,7 +41,7 @@ def demo(
     else:
         printed_s = 0.0
 
-        def line(snapshot: Snapshot) -> None:
+        def line(snapshot: DemoState) -> None:
             nonlocal printed_s
             if snapshot.elapsed_s - printed_s >= LINE_EVERY_S and snapshot.latest is not None:
                 printed_s = snapshot.elapsed_s
@@ -58,13 +58,13 @@ def demo(
         )
 
 
-def _rms_text(snapshot: Snapshot) -> str:
+def _rms_text(snapshot: DemoState) -> str:
     summary = snapshot.summary()
     inc, tf = summary["inc_error_rms_deg"], summary["tf_error_rms_deg"]
     return "no attitude" if inc is None else f"rms error I {inc:.4f} deg, T {tf:.4f} deg"
 
 
-def one_line(snapshot: Snapshot) -> str:
+def one_line(snapshot: DemoState) -> str:
     """The state as a line, for consoles that cannot draw."""
     latest = snapshot.latest or {}
     return (
@@ -81,7 +81,7 @@ def _angle(payload: dict[str, object], name: str) -> str:
     return f"{value:8.3f} ± {std:.3f} deg"
 
 
-def live_table(snapshot: Snapshot) -> Table:
+def live_table(snapshot: DemoState) -> Table:
     """The live picture: attitude with uncertainty beside the truth, rates, counts, health."""
     from rich.table import Table
 

@@ -7,18 +7,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from highside.cli.say import echo, echo_json, say_left_out
+from highside.cli.say import echo, echo_json, report_omitted
 
 if TYPE_CHECKING:
     from highside.codec.registry import CodecTable
-    from highside.link.detect import Finding
+    from highside.link.detect import PortFinding
 
 
 def detect(
     ports: Annotated[
         list[str] | None, typer.Option("--port", help="Listen on this port (or URL) only; may be repeated.")
     ] = None,
-    bauds: Annotated[list[int] | None, typer.Option("--baud", help="Try this rate only; may be repeated.")] = None,
+    bauds: Annotated[
+        list[int] | None, typer.Option("--baud", min=1, max=12_000_000, help="Try this rate only; may be repeated.")
+    ] = None,
     seconds: Annotated[float, typer.Option("--seconds", min=0.1, max=60.0, help="Time to listen at each rate.")] = 1.0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as one JSON array.")] = False,
 ) -> None:
@@ -26,15 +28,17 @@ def detect(
     from concurrent.futures import ThreadPoolExecutor
 
     from highside.codec.registry import faults
-    from highside.errors import Refused
+    from highside.errors import InputError, Refused
     from highside.link.detect import BAUDS, can_interfaces, probe_can, probe_serial, serial_ports
 
+    if ports is not None and "" in ports:
+        raise InputError("is empty", field="--port", remedy="name a device such as /dev/ttyUSB0, or leave it out")
     known_can = can_interfaces()
     interfaces = known_can if ports is None else [port for port in ports if port in known_can]
     lines = serial_ports() if ports is None else [port for port in ports if port not in known_can]
     rates = tuple(bauds) if bauds else BAUDS
     codecs = _can_codecs() if interfaces else []
-    say_left_out("codec", faults())
+    report_omitted("codec", faults())
     with ThreadPoolExecutor(max_workers=16) as pool:
         # all at once: most ports are silent, and waiting for one after the other would take minutes
         work = [pool.submit(probe_serial, line, rates, seconds) for line in lines]
@@ -70,7 +74,7 @@ def _can_codecs() -> list[CodecTable]:
     return found
 
 
-def _table(findings: list[Finding]) -> None:
+def _table(findings: list[PortFinding]) -> None:
     from rich.console import Console
     from rich.table import Table
 
@@ -98,7 +102,7 @@ def _table(findings: list[Finding]) -> None:
     Console().print(table)
 
 
-def _configuration(finding: Finding) -> str:
+def _configuration(finding: PortFinding) -> str:
     """The tables for the configuration file."""
     if finding.kind == "socketcan":
         link = f'[link]\nkind = "socketcan"\ninterface = "{finding.port}"'

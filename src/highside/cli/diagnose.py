@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -40,6 +40,14 @@ def diagnose(
     simulation: Annotated[
         Path | None, typer.Option("--simulation", help="Another program's output (CSV) as the prediction.")
     ] = None,
+    align: Annotated[
+        Literal["none", "offset", "auto"],
+        typer.Option(
+            "--align",
+            help="With --simulation: none, both files are of one clock; offset, each has its own zero of time; auto, "
+            "one clock where the spans coincide.",
+        ),
+    ] = "auto",
     write_model: Annotated[
         Path | None, typer.Option("--write-model", help="Write the model with what was found (TOML).")
     ] = None,
@@ -56,8 +64,9 @@ def diagnose(
     from highside.cli.diagnose_progress import progress_on_terminal
     from highside.errors import InputError
     from highside.recording.files import write_whole
+    from highside.report.diagnosis_claims import claim_size
     from highside.report.diagnosis_page import NO_FIGURES
-    from highside.report.diagnosis_words import VERDICTS, blame, sizes
+    from highside.report.diagnosis_words import VERDICTS, blame, tested
     from highside.report.plots import can_plot
 
     source = recording or summary
@@ -69,6 +78,8 @@ def diagnose(
             field="--simulation",
             remedy="leave --summary and --write-model out: what the other program lacks is for that program to take up",
         )
+    if align != "auto" and simulation is None:
+        raise InputError("goes with --simulation alone", field="--align", remedy="give the other program's output too")
     # what goes with an error table or another program's output needs no model: nothing is known then, beside the sensor
     bare = simulation is not None or summary is not None
     for name, value in (("--model", model), ("--out", out)):
@@ -103,18 +114,22 @@ def diagnose(
             with as_options(**{"first_s, last_s": "--from, --to"}):
                 rows = api.rows_of(rows, first_s=first_s, last_s=last_s)
             progress(0.0, f"{rows.n} rows")
-            made = api.diagnose(rows, knows, simulation=simulation, seed=seed, method=Method.without(without))
+            made = api.diagnose(
+                rows, knows, simulation=simulation, align=align, seed=seed, method=Method.without(without)
+            )
     for note in made.notes:
         echo(note)
     diagnosis = made.found
     told = made.model_toml() if write_model is not None else None
     made.save(out)
     named = ", ".join(claim.effect for claim in diagnosis.claims)
-    echo(f"{diagnosis.verdict} - {VERDICTS[diagnosis.verdict]}{': ' + named if named else ''}")
+    echo(f"{diagnosis.verdict} - {VERDICTS[diagnosis.verdict]}{': ' + named if named else ''}{tested(diagnosis)}")
     for claim in diagnosis.claims:
-        echo(f"{claim.effect}: {sizes(claim)}")
+        echo(f"{claim.effect}: {claim_size(claim)}")
     if blame(diagnosis):
         echo(f"to blame: {blame(diagnosis)}")
+    for hint in diagnosis.remainder.hints if not diagnosis.claims else ():
+        echo(f"  {hint}")
     for finding in diagnosis.intake:
         echo(f"{finding.check} ({', '.join(finding.channels)}): {finding.remedy}")
     if not can_plot():

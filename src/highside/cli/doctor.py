@@ -35,11 +35,11 @@ def doctor(
     from highside.config.settings import load
     from highside.printable import printable
     from highside.service.doctor import examine
-    from highside.service.findings import Finding, Level
+    from highside.service.findings import CheckResult, Level
 
     settings = load(config, overrides)
     settings.codec.build()
-    findings: list[Finding] = []
+    findings: list[CheckResult] = []
 
     async def collect() -> None:
         findings.extend([finding async for finding in examine(settings, queue_messages=queue)])

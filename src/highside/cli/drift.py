@@ -13,7 +13,7 @@ from highside.cli.say import echo
 from highside.errors import InputError
 
 
-class Method(StrEnum):
+class DriftMethod(StrEnum):
     LITERAL = "literal"
     LITERAL_BLOCK = "literal_block"
     RECURSIVE = "recursive"
@@ -21,7 +21,7 @@ class Method(StrEnum):
     NONE = "none"
 
 
-class Policy(StrEnum):
+class AzimuthOption(StrEnum):
     GYRO = "gyro"
     PREV = "prev"
     HOLD = "hold"
@@ -30,12 +30,12 @@ class Policy(StrEnum):
 def drift(
     recording: Annotated[Path, typer.Argument(help="Recording with accelerometers and gyros (CSV, .gz).")],
     method: Annotated[
-        Method,
+        DriftMethod,
         typer.Option(
             "--method",
             help="literal: the paper's equations 7-12, gravity believed where its gate sees no vibration. "
-            "literal_block: their average over each stop. recursive: PI loop with derived gains. kinematic: error-"
-            "state filter with zero-rate updates. none: the gyro alone.",
+            "literal_block: their average over each stop. recursive: Mahony (PI) complementary filter with "
+            "derived gains. kinematic: error-state Kalman filter with zero-rate updates. none: the gyro alone.",
         ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Attitude and bias for each row (CSV, .gz).")],
@@ -50,10 +50,10 @@ def drift(
     ] = 0.1,
     rest: Annotated[
         str | None,
-        typer.Option("--rest", help="When the tool stood, s: 0-420,1800-1920. Without it stops are detected."),
+        typer.Option("--rest", help="When the tool was at rest, s: 0-420,1800-1920. Without it stops are detected."),
     ] = None,
     azimuth_policy: Annotated[
-        Policy | None,
+        AzimuthOption | None,
         typer.Option(
             "--azimuth-policy",
             help="literal and literal_block (default hold). gyro: azimuth uncorrected. prev: nothing turns about the "

@@ -17,6 +17,8 @@ EXAMPLES: dict[str, str] = {
     "check": "config/bench-simulated.toml",
     "schema": "",
     "effects": "",
+    "effects new": "--from report/diagnosis.json --id my_effect -o effects",
+    "confirm": "found.toml session2.csv.gz",
     "diagnose": "session.csv.gz --model config/model-known.toml --out report",
     "drift": "run.csv.gz --method kinematic --latitude-deg 52 -o drift.csv",
     "calibrate bench": "--config config/bench-simulated.toml --web",
@@ -50,15 +52,18 @@ EXAMPLES: dict[str, str] = {
 
 def attach(app: typer.Typer) -> None:
     """Put the examples below the help of all commands of `app` and its groups."""
-    for group, prefix in [
-        (app, ""),
-        *((_typer(g), f"{g.name or _typer(g).info.name} ") for g in app.registered_groups),
-    ]:
-        for command in group.registered_commands:
+    groups = [(group, str(group.name or _typer(group).info.name)) for group in app.registered_groups]
+    for group, name in groups:
+        group.epilog = _example(name) or group.epilog  # a group that does something by itself
+    for commands, prefix in [(app, ""), *((_typer(group), f"{name} ") for group, name in groups)]:
+        for command in commands.registered_commands:
             name = command.name or getattr(command.callback, "__name__", "").replace("_", "-")
-            arguments = EXAMPLES.get(prefix + name)
-            if arguments is not None:
-                command.epilog = f"Example: `highside {prefix}{name} {arguments}".rstrip() + "`"
+            command.epilog = _example(prefix + name) or command.epilog
+
+
+def _example(command: str) -> str | None:
+    arguments = EXAMPLES.get(command)
+    return None if arguments is None else f"Example: `highside {command} {arguments}".rstrip() + "`"
 
 
 def _typer(group: typer.models.TyperInfo) -> typer.Typer:

@@ -29,7 +29,7 @@ TrustedOption = Annotated[Path, typer.Option("--trusted", help="File of trusted 
 def new(
     file: Annotated[Path, typer.Argument(help="Private key to write; the public one goes to FILE.pub.")],
     name: Annotated[str, typer.Option("--name", help="Who signs with it, as readers shall see it.")],
-    passphrase: Annotated[bool, typer.Option("--passphrase", help="Lock it with a passphrase (asked for).")] = False,
+    passphrase: Annotated[bool, typer.Option("--passphrase", help="Lock it with a passphrase (prompted for).")] = False,
 ) -> None:
     """Make a key. The private one stays with the laboratory; the public line goes to whoever shall trust it."""
     from highside.calibration.signature import new_key

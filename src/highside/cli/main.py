@@ -15,6 +15,7 @@ import typer
 from highside import __version__
 from highside.cli import (
     calibrate,
+    confirm,
     decode,
     demo,
     detect,
@@ -72,6 +73,7 @@ def _top(
         allow_bytes(size(max_bytes))
 
 
+app.command()(confirm.confirm)
 app.command()(decode.decode)
 app.command()(demo.demo)
 app.command()(detect.detect)
@@ -85,7 +87,7 @@ app.add_typer(reproduce.app)
 app.add_typer(rotation.app)
 app.command()(run.run)
 app.command()(simulate.simulate)
-app.command()(effects.effects)
+app.add_typer(effects.app)
 app.command()(export.export)
 app.add_typer(keys.app)
 app.add_typer(toolface.app)
@@ -103,13 +105,13 @@ leaves of its errors only; their common root is therefore found from a leaf, wha
 
 def _usage(error: Any) -> int:
     """Say in one line what is wrong with the command line (typer would draw a box of five); the exit status."""
-    asked = getattr(error, "ctx", None)
-    said = one_line(error.format_message())
+    context = getattr(error, "ctx", None)
+    text = one_line(error.format_message())
     if type(error).__name__ == "NoArgsIsHelpError":
         # a group without a command: its help is printed already
-        said = "no command given; choose one of those above"
-    remedy = f" (see {asked.command_path} --help)" if asked is not None else ""
-    echo(f"highside: {said}{remedy}", err=True)
+        text = "no command given; choose one of those above"
+    remedy = f" (see {context.command_path} --help)" if context is not None else ""
+    echo(f"highside: {text}{remedy}", err=True)
     return int(error.exit_code)
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from highside.cli.own_effects import EffectFolders, take_in
 from highside.cli.say import echo
 
 
@@ -16,11 +17,13 @@ def predict(
         Path, typer.Argument(metavar="REC", help="Recording or pose table (CSV) with inc_ref_deg, tf_ref_deg.")
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="The same columns, the readings as predicted.")],
+    effects: EffectFolders = None,
 ) -> None:
-    """Write what the model says each row reads, noise left out: the recording with its readings replaced."""
+    """Write what the model says each row reads, noise omitted: the recording with its readings replaced."""
     from highside.api.simulation import PREDICTED
     from highside.api.simulation import predict as run
 
+    take_in(effects)
     made = run(model, recording)
     made.write(output)
     names = [name for name in PREDICTED if made.has(name)]

@@ -16,7 +16,7 @@ from highside.cli.say import echo, echo_json
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from highside.link.replay import Event, Played
+    from highside.link.replay import Played, RecordedEvent
     from highside.link.wire import CanWire, PtyWire
 
 
@@ -93,7 +93,7 @@ def _wire(to: str, link: Path | None) -> PtyWire | CanWire:
     return CanWire(interface)
 
 
-async def _play(timeline: Iterator[Event], wire: PtyWire | CanWire, speed: float, played: Played) -> None:
+async def _play(timeline: Iterator[RecordedEvent], wire: PtyWire | CanWire, speed: float, played: Played) -> None:
     from highside.link.replay import play
 
     task = asyncio.current_task()

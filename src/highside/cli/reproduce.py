@@ -52,7 +52,8 @@ def balance(
     """
     from highside.cli.diagnose_progress import progress_on_terminal
     from highside.papers import balance_triples, published_instrument
-    from highside.papers.reproduce_balance import as_dict, reproduce
+    from highside.papers.reproduce_balance import reproduce
+    from highside.papers.reproduce_balance_json import as_dict
     from highside.report.plots import need_plots
 
     folder = output if output is not None or as_json else Path("reproduce-balance")
@@ -74,7 +75,7 @@ def balance(
     echo("The published instrument, from table 1 alone")
     for line in published_instrument.in_words(instrument):
         echo(f"  {line}")
-    echo("\nTables 2 to 6, not seen by the fit")
+    echo("\nTables 2 to 6, not used by the fit")
     echo(f"  {published_instrument.coverage_in_words(instrument)}")
     for table, *words in published_instrument.verdicts(instrument):
         columns = zip(published_instrument.TITLES.values(), words, strict=True)

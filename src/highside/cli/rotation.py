@@ -153,7 +153,7 @@ def compare(
     html: PageOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Fit all methods to the same rows: what each leaves, on whole turns it had not seen too, and relative to sine."""
+    """Fit all methods to the same rows: residuals, errors on whole turns not used by the fit, both relative to sine."""
     from highside.api.rotation import compare_rotation
 
     found = compare_rotation(recording, rate_terms=rate_terms, network_input=network_input.value, seed=seed)
@@ -199,5 +199,5 @@ def compare(
             )
         for name, why in one["refused"].items():
             echo(f"  {name}: {why}", err=True)
-        told = found[channel][2]
-        echo("  one direction of rotation only" if told is None else f"  {told.sentence}")
+        by_direction = found[channel][2]
+        echo("  one direction of rotation only" if by_direction is None else f"  {by_direction.sentence}")

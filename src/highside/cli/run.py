@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from highside.cli.say import echo, echo_json, say_left_out
+from highside.cli.say import echo, echo_json, report_omitted
 
 if TYPE_CHECKING:
     from highside.config.settings import Settings
@@ -31,7 +31,7 @@ def run(config: ConfigOption, overrides: SetOption = None) -> None:
     from highside.service.logs import start_logging
 
     settings = load(config, overrides)
-    say_left_out("codec", faults())
+    report_omitted("codec", faults())
     start_logging(settings.service.log_level)
 
     async def serve() -> None:
@@ -66,7 +66,7 @@ def check(
     from highside.service.broker_client import check_secrets
     from highside.service.in_force import compensation_of
 
-    say_left_out("codec", faults())
+    report_omitted("codec", faults())
     if "plan" in read_toml(config):
         _check_bench(config, overrides, as_json)
         return
@@ -120,7 +120,7 @@ def _check_bench(config: Path, overrides: list[str] | None, as_json: bool) -> No
 
 
 def _calibration_of(settings: Settings, config: Path) -> str:
-    """The calibration that would be in force. A tool that was never calibrated is told so and may run.
+    """The calibration that would be in force. A tool that was never calibrated is reported and may run.
 
     Raises RecordError for one that is refused, InputError naming the field for a place where there is none.
     """
@@ -130,7 +130,7 @@ def _calibration_of(settings: Settings, config: Path) -> str:
     from highside.service.known_time import known_now
 
     try:
-        # that its age cannot be told is said by a warning of the log
+        # that its age cannot be determined is a warning of the log
         return configured_calibration(settings, known_now(settings)).correction.cal_id
     except RecordError as error:
         if error.reason is not RecordReason.NONE_ACTIVE:
@@ -146,7 +146,7 @@ def _calibration_of(settings: Settings, config: Path) -> str:
         if error.where == str(calibration.trusted_keys):
             field = "calibration.trusted_keys"
         what = f"{error.where}: {error.what}" if error.where is not None else error.what
-        remedy = error.remedy or "mend the path"
+        remedy = error.remedy or "fix the path"
         raise InputError(what, where=str(config), field=field, remedy=remedy) from None
 
 
@@ -160,7 +160,7 @@ def schema(
         from highside.codec.registry import faults
         from highside.config.settings import Settings
 
-        say_left_out("codec", faults())
+        report_omitted("codec", faults())
         echo_json(json.dumps(Settings.model_json_schema(), indent=2))
         return
     from highside.service.messages import schemas

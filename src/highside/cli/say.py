@@ -24,10 +24,10 @@ def echo_json(document: str) -> None:
     typer.echo("".join(c if c.isprintable() or c in "\n\t" else _escaped(c) for c in document))
 
 
-def say_left_out(kind: str, faults: Mapping[str, Plugin]) -> None:
+def report_omitted(kind: str, faults: Mapping[str, Plugin]) -> None:
     """A line on stderr for each `kind` ("codec") that another package adds and that cannot be used."""
     for plugin in faults.values():
-        echo(f"note: the {kind} {plugin} is left out: {plugin.fault}", err=True)
+        echo(f"note: the {kind} {plugin} is omitted: {plugin.fault}", err=True)
 
 
 def _escaped(character: str) -> str:

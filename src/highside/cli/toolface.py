@@ -1,4 +1,5 @@
-"""`highside toolface set | show`: the offset from the sensor's scribe line to the bend, with author and time."""
+"""`highside toolface set | show`: the offset from the sensor's scribe line to the motor's bend, with author and
+time."""
 
 from __future__ import annotations
 
@@ -13,13 +14,17 @@ from highside.cli.run import ConfigOption, SetOption
 from highside.cli.say import echo, echo_json
 
 app = typer.Typer(
-    name="toolface", no_args_is_help=True, help="The offset from the sensor's scribe line to the bend, and its history."
+    name="toolface",
+    no_args_is_help=True,
+    help="The offset from the sensor's scribe line to the motor's bend, and its history.",
 )
 
 
 @app.command("set")
 def set_offset(
-    offset: Annotated[float, typer.Argument(help="Degrees, clockwise looking down-hole, from the scribe to the bend.")],
+    offset: Annotated[
+        float, typer.Argument(help="Degrees, clockwise looking down-hole, from the scribe line to the motor's bend.")
+    ],
     config: ConfigOption,
     author: Annotated[str, typer.Option("--author", help="Who sets it.")],
     note: Annotated[str, typer.Option("--note", help="Why, or how it was measured.")] = "",

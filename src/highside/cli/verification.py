@@ -15,7 +15,7 @@ from highside.errors import InputError
 if TYPE_CHECKING:
     from highside.calibration.poses import PoseSet
     from highside.calibration.roll_test import RollTest
-    from highside.calibration.verification import Judged, Verification
+    from highside.calibration.verification import Verification, VerifiedQuantity
 
 
 def verify(
@@ -52,9 +52,9 @@ def verify(
 
     Exit 0: pass; 1: fail or undecided.
     """
-    from highside.calibration.result import BenchAccuracy
+    from highside.calibration.linear_errors import BenchAccuracy
     from highside.calibration.roll_test import roll_test
-    from highside.calibration.verification import Verdict, tilt_of, verify_poses
+    from highside.calibration.verification import Conformity, tilt_of, verify_poses
     from highside.recording.calibration_store import read_record
     from highside.recording.files import write_whole
 
@@ -104,17 +104,17 @@ def verify(
         echo_json(json.dumps(plain, allow_nan=False))
     else:
         echo("\n".join(lines(found)))
-    if found.verdict is not Verdict.PASS:
+    if found.verdict is not Conformity.PASS:
         raise typer.Exit(1)
 
 
 def _require_attainable(found: Verification) -> None:
     """Raises InputError for a limit that no error at all could pass; a tool that fails it fails nevertheless, and where
     poses from the other side would help the verdict says so."""
-    from highside.calibration.verification import Verdict
+    from highside.calibration.verification import Conformity
 
     width = found.widest
-    if found.verdict is Verdict.UNDECIDED and width.hopeless and not found.one_sided:
+    if found.verdict is Conformity.UNDECIDED and width.hopeless and not found.one_sided:
         field = "--limit-inc-deg" if width.name == "I" else "--limit-tf-deg"
         raise InputError(f"no tool could pass: {width.text}", field=field)
 
@@ -179,5 +179,5 @@ def _level(found: Verification) -> str:
     return f"level of the bench, {level.source.text}: {tilts} (1 sigma){otherwise}"
 
 
-def _cell(one: Judged | None) -> str:
+def _cell(one: VerifiedQuantity | None) -> str:
     return "-".center(26) if one is None else f"{one.error:+9.4f} ± {2 * one.std:6.4f} ({one.limit:g})".ljust(26)

@@ -7,4 +7,4 @@ each wire format is one file.
 from __future__ import annotations
 
 __all__ = ["axes", "clock", "frame", "registry", "stream"]
-"""the ways in: modules, loaded when they are asked for"""
+"""the ways in: modules, loaded on request"""

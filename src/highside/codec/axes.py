@@ -3,7 +3,7 @@
 A map is written as three signed letters: which maker's axis gives the tool's x, y and z. `"xyz"` changes nothing,
 `"-yxz"` reads tool x = -maker y, tool y = maker x, tool z = maker z. The tool frame is right-handed with z along the
 tool axis up-hole; a map that turns a right-handed sensor into a left-handed tool (a mirror) is refused unless it is
-asked for, because it makes every toolface run backwards and passes every test of |g|.
+requested, because it makes every toolface run backwards and passes every test of |g|.
 """
 
 from __future__ import annotations

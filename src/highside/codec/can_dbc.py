@@ -70,7 +70,7 @@ def compile_dbc(text: str, *, where: str = "DBC") -> dict[str, Message]:
     except Exception as error:
         # the library raises errors of its own, of its parser and of the language, all for the same reason
         what = str(error) or type(error).__name__
-        raise InputError(f"is not a readable DBC file: {what}", where=where, remedy="mend the file") from None
+        raise InputError(f"is not a readable DBC file: {what}", where=where, remedy="fix the file") from None
 
 
 def _compile(message: Any) -> Message:
@@ -132,7 +132,7 @@ def _extractor(
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class SignalSource:
     """Where a quantity comes from: a signal of a message, times `scale` plus `offset` (the DBC's own come first)."""
 
     message: str
@@ -165,7 +165,7 @@ class SignalCodec:
     def __init__(
         self,
         messages: Mapping[str, Message],
-        fields: Mapping[str, Source],
+        fields: Mapping[str, SignalSource],
         *,
         emit_on: str | None = None,
         axes: AxisMap | None = None,

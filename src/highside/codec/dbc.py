@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from highside.codec import can_dbc
 from highside.codec.frame import CanCodec
@@ -13,14 +13,13 @@ from highside.codec.registry import CodecTable, only_measured
 from highside.codec.tool_can import ToolCanCodec
 from highside.errors import InputError
 from highside.reading import read_bytes
+from highside.reading.config_table import ConfigTable
 
 TOOL_DBC = "highside.dbc"
 
 
-class SignalConfig(BaseModel):
+class SignalConfig(ConfigTable):
     """A quantity on a CAN bus: a signal in the DBC file's unit, times `scale`, plus `offset`."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     signal: str = Field(pattern=r"^[^.\s]+\.[^.\s]+$", description="MESSAGE.SIGNAL as named in the DBC file.")
     scale: float = Field(default=1.0, allow_inf_nan=False, description="Unit of the Recording per unit of the DBC.")
@@ -66,7 +65,7 @@ class DbcCodecConfig(CodecTable):
         sources = {}
         for name, field in self.fields.items():
             message, _, signal = field.signal.partition(".")
-            sources[name] = can_dbc.Source(message, signal, field.scale, field.offset)
+            sources[name] = can_dbc.SignalSource(message, signal, field.scale, field.offset)
         return can_dbc.SignalCodec(messages, sources, emit_on=self.emit_on, axes=self.axis_map(), where=where)
 
 

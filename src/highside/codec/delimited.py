@@ -1,8 +1,9 @@
 """Lines of delimited text, set up by parameters: which lines are readings, which column is what.
 
 A line ends with a line feed. It is
-- a reading (`framed`), if it has the columns asked for, every one that is used is a plain decimal number, it passes the
-  checksum where one is asked for, and it is selected (its `select` column holds the text asked for);
+- a reading (`framed`), if it has the configured columns, every one that is used is a plain decimal number, it passes
+the
+  checksum where one is configured, and it is selected (its `select` column holds the configured text);
 - bad, if it is selected but is damaged: too few or too many columns, a cell that is not a number, a wrong checksum;
 - ignored, if it is a line of the same form that is not selected (another sensor on the same line);
 - text, if it is readable and has another form (boot text, NMEA sentences, a line without any delimiter);
@@ -17,62 +18,83 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from functools import reduce
 from operator import xor
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from highside.codec.axes import AxisMap
 from highside.codec.frame import FRAME_COLUMNS, NAN, Counts, Frame
 from highside.codec.registry import CodecTable, only_measured
+from highside.reading.config_table import ConfigTable
 
 _NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?\s*")
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
-    """A quantity: the number in column `index` (from 0) times `scale` plus `offset`."""
+class ColumnConfig(ConfigTable):
+    """A quantity in a line of text: the number in a column, times `scale`, plus `offset`."""
 
-    index: int
-    scale: float = 1.0
-    offset: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class TimeTerm:
-    """A part of the device's time: column `index` times `scale`, divided by column `divisor_index` if given, in s."""
-
-    index: int
-    scale: float = 1.0
-    divisor_index: int | None = None
+    column: int = Field(ge=0, le=255, description="Number of the column, from 0.")
+    scale: float = Field(default=1.0, allow_inf_nan=False, description="Unit of the Recording per count.")
+    offset: float = Field(default=0.0, allow_inf_nan=False, description="Added after scaling.")
 
 
-@dataclass(frozen=True, slots=True)
-class Layout:
-    """What the lines look like.
+class TimeConfig(ConfigTable):
+    """A part of the device's time; all parts are added up."""
 
-    `columns` is the number of cells in a reading (None: at least as many as are used). `fields` gives the columns of a
-    Recording (`ax_g`, `temp_c`, ...; other names become extra columns). `time` are terms that add up to seconds;
-    `time_wrap_s` is the period after which their sum starts again (86,400 for a second of the day). `select` is the
-    column and its text that a reading has; `prefix` a text with which its line begins (removed before the line is
-    cut). `checksum="nmea"` expects `*HH` at the end: the XOR of all characters before the `*`, but for a leading `$`.
-    """
+    column: int = Field(ge=0, le=255, description="Number of the column, from 0.")
+    scale: float = Field(default=1.0, allow_inf_nan=False, description="Seconds per count.")
+    divide_by_column: int | None = Field(default=None, ge=0, le=255, description="Column to divide by, if any.")
 
-    fields: Mapping[str, Column]
-    delimiter: str = ","
-    prefix: str = ""
-    columns: int | None = None
-    select: tuple[int, str] | None = None
-    time: tuple[TimeTerm, ...] = ()
-    time_wrap_s: float | None = None
-    seq_index: int | None = None
-    seq_modulus: int | None = None
-    checksum: str | None = None
-    max_line_bytes: int = 512
-    axes: AxisMap = field(default_factory=AxisMap)
+
+class SelectConfig(ConfigTable):
+    """Which lines are ours."""
+
+    column: int = Field(ge=0, le=255, description="Number of the column, from 0.")
+    equals: str = Field(description="The text in that column.")
+
+
+class DelimitedCodecConfig(CodecTable):
+    """Lines of delimited text. `fields` gives the columns of a Recording (`ax_g`, `temp_c`, ...) and any others."""
+
+    name: Literal["delimited"]
+    delimiter: str = Field(default=",", min_length=1, max_length=4, description="What stands between two columns.")
+    prefix: str = Field(default="", max_length=64, description="A reading begins with this; removed before cutting.")
+    columns: int | None = Field(default=None, ge=2, le=256, description="Exact number of columns of a reading.")
+    select: SelectConfig | None = Field(default=None, description="Take only lines with this text in this column.")
+    time: tuple[TimeConfig, ...] = Field(default=(), description="Columns that add up to the device's time in s.")
+    time_wrap_s: float | None = Field(default=None, gt=0, description="The device's time starts anew after this.")
+    seq_column: int | None = Field(default=None, ge=0, le=255, description="Column of the device's frame counter.")
+    seq_modulus: int | None = Field(default=None, ge=2, description="Period of that counter.")
+    checksum: Literal["nmea"] | None = Field(
+        default=None, description="`*HH` at the end of a line: the XOR of all before the `*`, but for a leading `$`."
+    )
+    max_line_bytes: int = Field(default=512, ge=16, le=65536, description="A longer line is junk.")
+    fields: dict[str, ColumnConfig] = Field(min_length=1, description="Quantity -> column, scale, offset.")
+
+    @field_validator("fields")
+    @classmethod
+    def _fields(cls, fields: dict[str, ColumnConfig]) -> dict[str, ColumnConfig]:
+        only_measured(fields)
+        return fields
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if (self.seq_column is None) != (self.seq_modulus is None):
+            raise ValueError("give seq_column and seq_modulus together")
+        used = {f"fields.{name}": column.column for name, column in self.fields.items()}
+        used |= {f"time[{i}]": max(t.column, t.divide_by_column or 0) for i, t in enumerate(self.time)}
+        if self.seq_column is not None:
+            used["seq_column"] = self.seq_column
+        if self.select is not None:
+            used["select"] = self.select.column
+        for name, index in used.items():
+            if self.columns is not None and index >= self.columns:
+                raise ValueError(f"{name}: column {index} is beyond the {self.columns} columns (counted from 0)")
+        return self
+
+    def build(self) -> DelimitedCodec:
+        return DelimitedCodec(self)
 
 
 class DelimitedCodec:
@@ -80,18 +102,21 @@ class DelimitedCodec:
 
     name = "delimited"
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: DelimitedCodecConfig) -> None:
         self.counts = Counts()
         self.seq_modulus = layout.seq_modulus
         self.extra_columns = tuple(name for name in layout.fields if name not in FRAME_COLUMNS)
         self._layout = layout
-        self._known = [layout.fields.get(name) for name in FRAME_COLUMNS]
-        self._extra = [layout.fields[name] for name in self.extra_columns]
-        used = [column.index for column in layout.fields.values()]
-        used += [index for term in layout.time for index in (term.index, term.divisor_index) if index is not None]
-        used += [index for index in (layout.seq_index, layout.select and layout.select[0]) if index is not None]
+        where = {name: (column.column, column.scale, column.offset) for name, column in layout.fields.items()}
+        self._known = [where.get(name) for name in FRAME_COLUMNS]
+        self._extra = [where[name] for name in self.extra_columns]
+        used = [column.column for column in layout.fields.values()]
+        used += [index for term in layout.time for index in (term.column, term.divide_by_column) if index is not None]
+        used += [] if layout.seq_column is None else [layout.seq_column]
+        used += [] if layout.select is None else [layout.select.column]
         self._needed = max(used) + 1
-        self._axes = None if layout.axes.identity else layout.axes
+        axes = layout.axis_map()
+        self._axes = None if axes.identity else axes
         self._tail = b""
         self._too_long = False
         self._in_step = layout.checksum is not None
@@ -126,7 +151,7 @@ class DelimitedCodec:
         self._in_step = self._layout.checksum is not None
 
     def flush(self) -> list[Frame]:
-        # a line without its end may lack digits: it is not believed
+        # a line without its end may lack digits: it is not used
         self.reset()
         return []
 
@@ -183,8 +208,8 @@ class DelimitedCodec:
             return "text", None
         whole = len(cells) == layout.columns if layout.columns is not None else len(cells) >= self._needed
         if layout.select is not None:
-            index, wanted = layout.select
-            if index >= len(cells) or cells[index].strip() != wanted:
+            index = layout.select.column
+            if index >= len(cells) or cells[index].strip() != layout.select.equals:
                 return ("ignored" if whole and summed else "text"), None
         if not whole or not summed:
             return "bad", None
@@ -196,7 +221,7 @@ class DelimitedCodec:
         try:
             known = [_value(cells, column) for column in self._known]
             extra = tuple(_required(cells, column) for column in self._extra)
-            seq = _whole(cells[layout.seq_index]) if layout.seq_index is not None else None
+            seq = _whole(cells[layout.seq_column]) if layout.seq_column is not None else None
             t_s = self._time(cells) if layout.time else None
         except (ValueError, ZeroDivisionError, OverflowError):
             return None
@@ -224,8 +249,8 @@ class DelimitedCodec:
         """Device time in s, unwrapped. Only a line that is good in everything else may move the clock."""
         t = 0.0
         for term in self._layout.time:
-            part = _number(cells[term.index]) * term.scale
-            t += part / _number(cells[term.divisor_index]) if term.divisor_index is not None else part
+            part = _number(cells[term.column]) * term.scale
+            t += part / _number(cells[term.divide_by_column]) if term.divide_by_column is not None else part
         if not math.isfinite(t):
             raise ValueError("time is not finite")
         wrap = self._layout.time_wrap_s
@@ -255,96 +280,13 @@ def _whole(cell: str) -> int:
     return int(value)
 
 
-def _required(cells: list[str], column: Column) -> float:
-    return _number(cells[column.index]) * column.scale + column.offset
+def _required(cells: list[str], where: tuple[int, float, float]) -> float:
+    column, scale, offset = where
+    return _number(cells[column]) * scale + offset
 
 
-def _value(cells: list[str], column: Column | None) -> float | None:
-    return None if column is None else _required(cells, column)
-
-
-class ColumnConfig(BaseModel):
-    """A quantity in a line of text: the number in a column, times `scale`, plus `offset`."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    column: int = Field(ge=0, le=255, description="Number of the column, from 0.")
-    scale: float = Field(default=1.0, allow_inf_nan=False, description="Unit of the Recording per count.")
-    offset: float = Field(default=0.0, allow_inf_nan=False, description="Added after scaling.")
-
-
-class TimeConfig(BaseModel):
-    """A part of the device's time; all parts are added up."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    column: int = Field(ge=0, le=255, description="Number of the column, from 0.")
-    scale: float = Field(default=1.0, allow_inf_nan=False, description="Seconds per count.")
-    divide_by_column: int | None = Field(default=None, ge=0, le=255, description="Column to divide by, if any.")
-
-
-class SelectConfig(BaseModel):
-    """Which lines are ours."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    column: int = Field(ge=0, le=255, description="Number of the column, from 0.")
-    equals: str = Field(description="The text in that column.")
-
-
-class DelimitedCodecConfig(CodecTable):
-    """Lines of delimited text."""
-
-    name: Literal["delimited"]
-    delimiter: str = Field(default=",", min_length=1, max_length=4, description="What stands between two columns.")
-    prefix: str = Field(default="", max_length=64, description="A reading begins with this; removed before cutting.")
-    columns: int | None = Field(default=None, ge=2, le=256, description="Exact number of columns of a reading.")
-    select: SelectConfig | None = Field(default=None, description="Take only lines with this text in this column.")
-    time: tuple[TimeConfig, ...] = Field(default=(), description="Columns that add up to the device's time in s.")
-    time_wrap_s: float | None = Field(default=None, gt=0, description="The device's time starts anew after this.")
-    seq_column: int | None = Field(default=None, ge=0, le=255, description="Column of the device's frame counter.")
-    seq_modulus: int | None = Field(default=None, ge=2, description="Period of that counter.")
-    checksum: Literal["nmea"] | None = Field(default=None, description="`*HH` at the end of a line.")
-    max_line_bytes: int = Field(default=512, ge=16, le=65536, description="A longer line is junk.")
-    fields: dict[str, ColumnConfig] = Field(min_length=1, description="Quantity -> column, scale, offset.")
-
-    @field_validator("fields")
-    @classmethod
-    def _fields(cls, fields: dict[str, ColumnConfig]) -> dict[str, ColumnConfig]:
-        only_measured(fields)
-        return fields
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        if (self.seq_column is None) != (self.seq_modulus is None):
-            raise ValueError("give seq_column and seq_modulus together")
-        used = {f"fields.{name}": column.column for name, column in self.fields.items()}
-        used |= {f"time[{i}]": max(t.column, t.divide_by_column or 0) for i, t in enumerate(self.time)}
-        if self.seq_column is not None:
-            used["seq_column"] = self.seq_column
-        if self.select is not None:
-            used["select"] = self.select.column
-        for name, index in used.items():
-            if self.columns is not None and index >= self.columns:
-                raise ValueError(f"{name}: column {index} is beyond the {self.columns} columns (counted from 0)")
-        return self
-
-    def build(self) -> DelimitedCodec:
-        layout = Layout(
-            fields={n: Column(c.column, c.scale, c.offset) for n, c in self.fields.items()},
-            delimiter=self.delimiter,
-            prefix=self.prefix,
-            columns=self.columns,
-            select=None if self.select is None else (self.select.column, self.select.equals),
-            time=tuple(TimeTerm(t.column, t.scale, t.divide_by_column) for t in self.time),
-            time_wrap_s=self.time_wrap_s,
-            seq_index=self.seq_column,
-            seq_modulus=self.seq_modulus,
-            checksum=self.checksum,
-            max_line_bytes=self.max_line_bytes,
-            axes=self.axis_map(),
-        )
-        return DelimitedCodec(layout)
+def _value(cells: list[str], where: tuple[int, float, float] | None) -> float | None:
+    return None if where is None else _required(cells, where)
 
 
 CODEC = DelimitedCodecConfig

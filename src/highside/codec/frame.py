@@ -56,6 +56,9 @@ ADDED_COLUMNS = (
     "pose",
     "direction",
     "vibration_rms_g",
+    "vibration_x_rms_g",
+    "vibration_y_rms_g",
+    "vibration_z_rms_g",
     "noise_g",
     "seq",
 )
@@ -83,7 +86,7 @@ class Counts:
 
     A frame is good when a reading is whole with it, so there are as many good frames as readings. At any time
     `bytes_in == bytes_framed + bytes_bad + bytes_text + bytes_ignored + bytes_junk + bytes_pending` and
-    `frames == frames_good + frames_bad`. (Duplicates are told by the monitor, which knows the order of frames.)
+    `frames == frames_good + frames_bad`. (Duplicates are found by the monitor, which knows the order of frames.)
     """
 
     bytes_in: int = 0
@@ -142,7 +145,7 @@ class ByteCodec(Protocol):
         """The link was re-opened: what is pending will never be completed and becomes junk. Counts are kept."""
 
     def flush(self) -> list[Frame]:
-        """The input has ended: return what can still be said, count the rest; nothing stays pending."""
+        """The input has ended: return what can still be returned, count the rest; nothing stays pending."""
 
 
 class CanCodec(Protocol):

@@ -20,7 +20,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 from pydantic.fields import FieldInfo
 
 import highside.codec
@@ -28,16 +28,15 @@ from highside.codec.axes import AxisMap
 from highside.codec.frame import ADDED_COLUMNS, FRAME_COLUMNS, ByteCodec, CanCodec
 from highside.errors import InputError
 from highside.plugins import Plugin, plugins
+from highside.reading.config_table import ConfigTable
 
 GROUP = "highside.codecs"
 """Entry points of this group are codecs."""
 _NOT_MEASURED = frozenset({"t_s", *ADDED_COLUMNS})
 
 
-class CodecTable(BaseModel):
+class CodecTable(ConfigTable):
     """What all codecs have. A subclass gives `name` as the Literal of its name, its own fields, and `build`."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     carries: ClassVar[Literal["bytes", "can"]] = "bytes"
     """what the decoder takes: a `ByteCodec` or a `CanCodec`"""

@@ -7,4 +7,4 @@ says beside the record; the others are tables of these. Every mistake is one lin
 from __future__ import annotations
 
 __all__ = ["bench", "certificate", "codecs", "drift", "links", "model", "mqtt", "recorder", "rig", "settings", "web"]
-"""the ways in: modules, loaded when they are asked for"""
+"""the ways in: modules, loaded on request"""

@@ -22,9 +22,10 @@ from highside.config.codecs import CodecConfig
 from highside.config.links import LinkConfig
 from highside.config.mistakes import input_error
 from highside.config.mqtt import MqttSettings
-from highside.config.settings import Table, ToolSettings, anchor_paths, parse_overrides, read_toml
+from highside.config.settings import ToolSettings, anchor_paths, parse_overrides, read_toml
 from highside.config.web import WebTable
 from highside.errors import InputError
+from highside.reading.config_table import ConfigTable
 
 
 def _a_method(name: str) -> str:
@@ -50,7 +51,7 @@ Toolface = Annotated[float, Field(ge=-360, le=360)]
 Celsius = Annotated[float, Field(ge=-100, le=400)]
 
 
-class BalancePlan(Table):
+class BalancePlan(ConfigTable):
     """Four toolfaces (45, 135, 225, 315 deg) at each inclination."""
 
     kind: Literal["balance"]
@@ -59,14 +60,14 @@ class BalancePlan(Table):
     fallback: Fallback = NO_FALLBACK
 
 
-class ConventionalPlan(Table):
+class ConventionalPlan(ConfigTable):
     """Every axis in turn along gravity."""
 
     kind: Literal["conventional"]
     positions: Literal[3, 6, 8, 12, 24] = 12
 
 
-class JointPlan(Table):
+class JointPlan(ConfigTable):
     """Poses chosen by advice, solved with the bench's own errors."""
 
     kind: Literal["joint"]
@@ -77,7 +78,7 @@ class JointPlan(Table):
     toolfaces_deg: tuple[Toolface, ...] | None = Field(default=None, description="Absent: every 45 deg.")
 
 
-class TurntablePlan(Table):
+class TurntablePlan(ConfigTable):
     """Full turns in equal steps: the bench's own encoder and axis, fitted and kept for later sessions on it."""
 
     kind: Literal["turntable"]
@@ -85,7 +86,7 @@ class TurntablePlan(Table):
     stations: int = Field(default=24, ge=8, le=360, description="Steps of a turn.")
 
 
-class OvenPlan(Table):
+class OvenPlan(ConfigTable):
     """The poses repeated at each step of temperature, when it is steady."""
 
     kind: Literal["oven"]
@@ -94,7 +95,7 @@ class OvenPlan(Table):
     toolfaces_deg: tuple[Toolface, ...] = (45.0, 135.0, 225.0, 315.0)
 
 
-class HeatedRollPlan(Table):
+class HeatedRollPlan(ConfigTable):
     """The tool rolled at one inclination while it warms or cools."""
 
     kind: Literal["heated_roll"]
@@ -103,7 +104,7 @@ class HeatedRollPlan(Table):
     toolfaces_deg: tuple[Toolface, ...] = (0.0, 90.0, 180.0, 270.0)
 
 
-class CustomPlan(Table):
+class CustomPlan(ConfigTable):
     """Poses from a table (CSV with inc_ref_deg, tf_ref_deg)."""
 
     kind: Literal["custom"]
@@ -111,14 +112,14 @@ class CustomPlan(Table):
     method: MethodName = JOINT.name
 
 
-class UnguidedPlan(Table):
+class UnguidedPlan(ConfigTable):
     """No bench: attitudes by hand, found by themselves, calibrated by |g|."""
 
     kind: Literal["unguided"]
     min_poses: int = Field(default=12, ge=10, le=1000)
 
 
-class _JudgingPlan(Table):
+class _JudgingPlan(ConfigTable):
     """Which calibration is judged."""
 
     record: str = Field(
@@ -172,7 +173,7 @@ PlanConfig = Annotated[
 ]
 
 
-class SessionTable(Table):
+class SessionTable(ConfigTable):
     """When a pose is good enough, and what is known of the sensor beforehand. Absent fields: as the plan has them."""
 
     std_error_g: float | None = Field(default=None, gt=0, description="A hold ends when its mean is this certain.")
@@ -189,7 +190,7 @@ class SessionTable(Table):
     remind_s: float | None = Field(default=None, gt=0)
 
 
-class BenchTable(Table):
+class BenchTable(ConfigTable):
     """What the record must say of the bench."""
 
     name: str | None = Field(default=None, max_length=100)
@@ -203,7 +204,7 @@ class BenchTable(Table):
     use_turntable: bool = Field(default=True, description="Take it off the settings, where there is one.")
 
 
-class StoreTable(Table):
+class StoreTable(ConfigTable):
     """Where things are kept; relative names start at the directory of the file, the defaults are the user's own."""
 
     directory: Path = Field(default_factory=places.calibrations, description="The calibration store.")
@@ -217,38 +218,47 @@ class StoreTable(Table):
     )
 
 
-class SimulatedTable(Table):
-    """A bench inside the process: sensor, table and hands. The tool still speaks through a pty."""
+class SimulatedTurntable(ConfigTable):
+    """The faults of a simulated bench (one standard deviation where random); temperatures in deg C."""
 
-    rate_hz: float = Field(default=100.0, ge=5, le=2000)
-    speed: float = Field(default=1.0, gt=0, le=500, description="How much faster than the clock it runs.")
-    seed: int = Field(default=1, ge=0)
-    matrix: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]] = (
-        (0.9991, 0.0038, -0.0007),
-        (-0.0019, 0.9989, 0.0001),
-        (0.0009, 0.0003, 0.9982),
+    offset_per_c: tuple[float, float, float] = Field(
+        default=(0.0, 0.0, 0.0), description="Offset of the sensor, g per deg C."
     )
-    offset_g: tuple[float, float, float] = (0.0012, -0.0008, 0.0015)
-    offset_per_c: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    noise_density_g: float = Field(default=20e-6, ge=0, description="g per root hertz.")
     temp_c: Celsius = 25.0
     oven_tau_s: float = Field(default=60.0, gt=0)
-    tilt_deg: tuple[float, float] = (0.02, -0.01)
+    tilt_deg: tuple[float, float] = (0.0, 0.0)
     pose_sigma_deg: float = Field(default=0.0052, ge=0)
     overshoot_deg: float = Field(default=0.6, ge=0, le=10)
+    settle_s: float = Field(default=1.0, ge=0, le=60, description="Time to come to rest after a move.")
     shake_g: float = Field(default=0.002, ge=0, le=0.5)
     turn_rate_dps: float = Field(default=45.0, gt=0, le=360)
     encoder_deg: tuple[tuple[float, float], ...] = Field(
         default=(), description="Error of the toolface encoder: cosine and sine of the 1st, 2nd, ... harmonic, deg."
     )
     axes: str = Field(default="xyz", description="Order in which the axes come out: a wrong mapping, if not xyz.")
+    seed: int = Field(default=1, ge=0)
+
+
+class SimulatedTable(SimulatedTurntable):
+    """A bench inside the process: sensor, table and hands. The tool still speaks through a pty."""
+
+    rate_hz: float = Field(default=100.0, ge=5, le=2000)
+    speed: float = Field(default=1.0, gt=0, le=500, description="How much faster than the clock it runs.")
+    matrix: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]] = (
+        (0.9991, 0.0038, -0.0007),
+        (-0.0019, 0.9989, 0.0001),
+        (0.0009, 0.0003, 0.9982),
+    )
+    offset_g: tuple[float, float, float] = (0.0012, -0.0008, 0.0015)
+    noise_density_g: float = Field(default=20e-6, ge=0, description="g per root hertz.")
+    tilt_deg: tuple[float, float] = (0.02, -0.01)
     mistakes: dict[str, str] = Field(
         default_factory=dict,
-        description="What the operator of --auto does wrong at the n-th pose set: wrong_tf, knock, tremor, move, ...",
+        description="What the operator of --auto does wrong at the n-th pose set: wrong_tf, shock, tremor, move, ...",
     )
 
 
-class BenchFile(Table):
+class BenchFile(ConfigTable):
     """The whole file."""
 
     tool: ToolSettings = ToolSettings()

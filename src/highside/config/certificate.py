@@ -13,14 +13,15 @@ from typing import Annotated, Any, Self
 from pydantic import Field, ValidationError, model_validator
 
 from highside.config.mistakes import input_error
-from highside.config.settings import Table, read_toml
+from highside.config.settings import read_toml
+from highside.reading.config_table import ConfigTable
 
 Line = Annotated[str, Field(min_length=1, max_length=200)]
 Note = Annotated[str, Field(min_length=1, max_length=2000)]
 Positive = Annotated[float, Field(gt=0)]
 
 
-class IssueTable(Table):
+class IssueTable(ConfigTable):
     """Who issues the certificate, to whom, under which number."""
 
     number: Line | None = Field(default=None, description="Number of the certificate; absent: made from the record.")
@@ -32,7 +33,7 @@ class IssueTable(Table):
     role: Line | None = None
 
 
-class ItemTable(Table):
+class ItemTable(ConfigTable):
     """The item, beyond tool and serial number."""
 
     description: Line = "Directional sensor, triaxial accelerometer"
@@ -41,7 +42,7 @@ class ItemTable(Table):
     condition: Note | None = Field(default=None, description="Condition on receipt.")
 
 
-class ReferenceTable(Table):
+class ReferenceInstrument(ConfigTable):
     """An instrument that the result rests on."""
 
     description: Line
@@ -50,20 +51,20 @@ class ReferenceTable(Table):
     valid_until: date | None = None
 
 
-class BenchReference(ReferenceTable):
+class BenchReference(ReferenceInstrument):
     """The turntable."""
 
     inc_expanded_deg: Positive | None = Field(default=None, description="U (k = 2) of a setting of inclination.")
     tf_expanded_deg: Positive | None = Field(default=None, description="U (k = 2) of a setting of toolface.")
 
 
-class Thermometer(ReferenceTable):
+class Thermometer(ReferenceInstrument):
     """The thermometer."""
 
     expanded_c: Positive | None = Field(default=None, description="U (k = 2) of a temperature.")
 
 
-class EnvironmentTable(Table):
+class EnvironmentTable(ConfigTable):
     """The room."""
 
     temp_c: tuple[float, float] | None = Field(default=None, description="Lowest and highest.")
@@ -72,8 +73,8 @@ class EnvironmentTable(Table):
     remark: Note | None = None
 
 
-class UseTable(Table):
-    """How the item is used, where the uncertainty of an indication depends on it. Absent: left out, and said so."""
+class UseTable(ConfigTable):
+    """How the item is used, where the uncertainty of an indication depends on it. Absent: omitted, and stated so."""
 
     readings: int = Field(default=1, ge=1, description="Readings averaged for one indication.")
     toolface_zero_deg: Positive | None = Field(default=None, description="Standard deviation of the toolface zero.")
@@ -89,7 +90,7 @@ class UseTable(Table):
     )
 
 
-class DecisionTable(Table):
+class DecisionTable(ConfigTable):
     """Limits of error that the item is judged by."""
 
     limit_inc_deg: Positive
@@ -97,14 +98,14 @@ class DecisionTable(Table):
     agreed_with: Line | None = Field(default=None, description="Who agreed to limits and decision rule.")
 
 
-class NextTable(Table):
+class NextTable(ConfigTable):
     """A date of the next calibration is the customer's."""
 
     next_calibration: date
     agreed_with: Line = Field(description="Who of the customer agreed to it.")
 
 
-class CertificateFields(Table):
+class CertificateFields(ConfigTable):
     """The whole file; every table may be absent."""
 
     issue: IssueTable = IssueTable()

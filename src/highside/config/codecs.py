@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from highside.codec.registry import CodecTable, codecs, faults, needed, path_fields
-from highside.config.mistakes import UNKNOWN, Mistake, told_together
+from highside.config.mistakes import UNKNOWN, Mistake, reported_together
 from highside.errors import InputError
 from highside.reading import parse_toml, read_bytes
 
@@ -40,7 +40,7 @@ def _known(name: str) -> type[CodecTable]:
     if name in faults():
         broken = faults()[name]
         raise InputError(
-            f"the codec {broken} cannot be used: {broken.fault}", field="--codec", remedy="mend or remove that package"
+            f"the codec {broken} cannot be used: {broken.fault}", field="--codec", remedy="fix or remove that package"
         )
     if name not in CODEC_NAMES:
         raise InputError(f"no codec {name!r}", field="--codec", remedy=f"allowed: {', '.join(CODEC_NAMES)}")
@@ -52,7 +52,7 @@ def codec_from_name(name: str) -> CodecConfig:
     missing = needed(_known(name))
     if missing:
         raise InputError(
-            f"codec {name!r} must be told its {', '.join(missing)}",
+            f"codec {name!r} needs {', '.join(missing)}",
             field="--config",
             remedy="give a TOML file with a [codec] table; config/multi_imu-mapping.toml is an example",
         )
@@ -86,7 +86,7 @@ def codec_from_file(path: Path, name: str) -> CodecConfig:
 
 def _one_line(error: ValidationError, where: str) -> InputError:
     """All of pydantic's errors, as the user knows the file."""
-    return told_together([_mistake(detail) for detail in error.errors(include_url=False)], where)
+    return reported_together([_mistake(detail) for detail in error.errors(include_url=False)], where)
 
 
 def _mistake(detail: ErrorDetails) -> Mistake:
@@ -100,5 +100,5 @@ def _mistake(detail: ErrorDetails) -> Mistake:
     elif detail["type"] == "missing":
         what, remedy = "is missing", "add it"
     elif detail["type"] == "extra_forbidden":
-        what, remedy = UNKNOWN, "remove it or mend its spelling"
+        what, remedy = UNKNOWN, "remove it or correct its spelling"
     return Mistake(".".join(["codec", *keys]), what, remedy)

@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from highside.gyro.filter import Settings as FilterSettings
+from highside.gyro.filter import FilterSettings
 from highside.gyro.frames import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from highside.gyro.literal import AzimuthPolicy
+from highside.reading.config_table import ConfigTable
 
 
-class DriftSettings(BaseModel):
+class DriftSettings(ConfigTable):
     """The table `[drift]`. It takes effect for tools whose frames carry gyros."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     enabled: bool = True
     method: Literal["kinematic", "literal", "literal_block", "recursive"] = Field(
@@ -39,7 +38,7 @@ class DriftSettings(BaseModel):
     )
     azimuth_std_deg: float = Field(default=0.5, ge=0, le=90, description="Its standard deviation.")
     straight_hole: bool = Field(
-        default=False, description="Assert that the azimuth stays that of the alignment: a real change is not seen."
+        default=False, description="Assert that the azimuth stays that of the alignment: a real change is not detected."
     )
     detect_stops: bool = Field(default=True, description="Measure the gyros at stops found in the data.")
     gyro_arw: float = Field(default=0.1, gt=0, le=100, description="Angle random walk, deg/sqrt(h).")

@@ -14,7 +14,7 @@ from highside.errors import InputError
 
 ENVIRONMENT_PREFIX = "HIGHSIDE__"
 """Two underscores: HIGHSIDE_DEBUG and the like are no settings of the service."""
-MOST_TOLD = 8
+MOST_REPORTED = 8
 """mistakes in one line; more are counted"""
 
 
@@ -27,18 +27,18 @@ class Mistake(NamedTuple):
     where: str | None = None
 
 
-def told_together(mistakes: Sequence[Mistake], where: str) -> InputError:
+def reported_together(mistakes: Sequence[Mistake], where: str) -> InputError:
     """One line for all mistakes; names that are not known come first: a name misspelt is also a name missing."""
     first, *others = sorted(mistakes, key=lambda mistake: mistake.what != UNKNOWN)
     source = first.where or where
-    remedy, told = first.remedy, {first.remedy, ""}
-    for other in others[: MOST_TOLD - 1]:
+    remedy, remedies = first.remedy, {first.remedy, ""}
+    for other in others[: MOST_REPORTED - 1]:
         place = other.where or where
-        said = ": ".join(part for part in (place if place != source else "", other.field, other.what) if part)
-        remedy += f" | also {said}" if other.remedy in told else f" | also {said}; {other.remedy}"
-        told |= {other.remedy}
-    if len(others) >= MOST_TOLD:
-        remedy += f" | and {len(others) - MOST_TOLD + 1} more"
+        text = ": ".join(part for part in (place if place != source else "", other.field, other.what) if part)
+        remedy += f" | also {text}" if other.remedy in remedies else f" | also {text}; {other.remedy}"
+        remedies |= {other.remedy}
+    if len(others) >= MOST_REPORTED:
+        remedy += f" | and {len(others) - MOST_REPORTED + 1} more"
     return InputError(first.what, where=source, field=first.field or None, remedy=remedy.strip() or None)
 
 
@@ -51,7 +51,7 @@ def input_error(error: ValidationError, where: str, overrides: dict[str, Any], r
     for detail in error.errors(include_url=False):
         field, what, remedy = _explain(detail, root)
         mistakes.append(Mistake(field, what, remedy, _source(field, overrides)))
-    return told_together(mistakes, where)
+    return reported_together(mistakes, where)
 
 
 def _source(field: str, overrides: dict[str, Any]) -> str | None:

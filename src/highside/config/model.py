@@ -6,6 +6,7 @@
     [motion]     kind = "poses" | "turns" | "rotation" | "legs"   (for `highside simulate`)
     [site]       gravity_mps2, latitude_deg, azimuth_deg
     [reference]  kind = "pose" | "magnitude" | "simulation"
+    [[laws]]     what was learnt without a name (`highside.physics.law`)
 
 All keys are optional. A parameter of an effect is written in its own unit, or with a suffix that says another
 (`tilt_x_deg`, `r_x_mm`, `b_x_mg`, `density_ug`); three parameters `b_x, b_y, b_z` may be written as one `b`, a number
@@ -15,59 +16,33 @@ or a list of three. A value outside of an effect's plausible range is refused un
 from __future__ import annotations
 
 import difflib
-import itertools
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 from pydantic_core import ErrorDetails
 
 from highside.codec.axes import AxisMap
-from highside.config.mistakes import UNKNOWN, Mistake, told_together
+from highside.config.mistakes import UNKNOWN, Mistake, reported_together
+from highside.config.model_effects import EffectsTable, SensorTable, known_effect
+from highside.config.model_motion import KINDS, LegTable, Motion
 from highside.config.settings import read_toml
 from highside.errors import InputError
-from highside.physics import effects as library
-from highside.physics.effect import AXES, Effect
-from highside.physics.effects.misalignment import EFFECT as MISALIGNMENT
+from highside.physics.effect import AXES
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import normal_gravity_mps2
-from highside.physics.motion import Leg
-from highside.physics.plan import LegPlan, Plan, Pose, PosePlan, Profile, RotationPlan, Session, Site, full_turns, rings
+from highside.physics.law import Law, effect_of
+from highside.physics.plan import Session, Site
+from highside.reading.config_table import ConfigTable
 from highside.units import STANDARD_GRAVITY_MPS2
-
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Inclination = Annotated[float, Field(ge=-180, le=180)]
-Triple = tuple[Finite, Finite, Finite]
-
-UNITS: dict[str, dict[str, float]] = {
-    "rad": {"deg": math.radians(1), "arcmin": math.radians(1 / 60), "arcsec": math.radians(1 / 3600), "mrad": 1e-3},
-    "g": {"mg": 1e-3, "ug": 1e-6},
-    "g/sqrt(Hz)": {"mg": 1e-3, "ug": 1e-6},
-    "g/C": {"mg": 1e-3, "ug": 1e-6},
-    "m": {"mm": 1e-3},
-    "s": {"ms": 1e-3},
-    "1": {"ppm": 1e-6},
-    "1/C": {"ppm": 1e-6},
-    "rad/s": {"dps": math.radians(1), "dph": math.radians(1 / 3600)},
-    "rad/s/g": {"dps": math.radians(1), "dph": math.radians(1 / 3600)},
-    "rad/s/sqrt(Hz)": {"dps": math.radians(1)},
-}
-"""Suffixes that a parameter of a unit may carry in the file, and what one of them is in that unit."""
 
 MAX_ROWS = 20_000_000
 
 
-class Table(BaseModel):
-    """A table of the file: unknown fields are refused, values are fixed once read."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class ToolTable(Table):
+class ToolTable(ConfigTable):
     """Which way the maker's axes point."""
 
     axes: str = Field(default="xyz", description="Which maker's axis gives the tool's x, y and z, as in a codec.")
@@ -86,237 +61,12 @@ class ToolTable(Table):
         return AxisMap.parse(self.axes)
 
 
-class SensorTable(Table):
-    """What is known of the triad: a short way to write the effects `bias`, `scale`, `misalignment`, `reading_noise`."""
-
-    noise_g: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
-        default=None, description="Standard deviation of one row in g."
-    )
-    bias_g: Triple | None = None
-    scale: Triple | None = Field(default=None, description="Deviation of each scale factor from 1.")
-    misalignment_deg: tuple[Finite, Finite, Finite, Finite, Finite, Finite] | None = Field(
-        default=None, description="Share of axis j in axis i, as an angle, in the order xy, xz, yx, yz, zx, zy."
-    )
-    free: tuple[str, ...] = Field(
-        default=("bias", "scale", "misalignment"), description="Effects that may be refitted."
-    )
-
-    @field_validator("free")
-    @classmethod
-    def _known(cls, ids: tuple[str, ...]) -> tuple[str, ...]:
-        for effect_id in ids:
-            _effect(effect_id)
-        return ids
-
-    def effects(self) -> dict[str, dict[str, float]]:
-        """The effects that this table stands for; the noise apart."""
-        result: dict[str, dict[str, float]] = {}
-        if self.bias_g is not None:
-            result["bias"] = {f"b_{axis}": value for axis, value in zip(AXES, self.bias_g, strict=True)}
-        if self.scale is not None:
-            result["scale"] = {f"s_{axis}": value for axis, value in zip(AXES, self.scale, strict=True)}
-        if self.misalignment_deg is not None:
-            names = [parameter.name for parameter in MISALIGNMENT.parameters]
-            angles = [math.radians(value) for value in self.misalignment_deg]
-            result["misalignment"] = dict(zip(names, angles, strict=True))
-        return result
-
-
-class EffectsTable(BaseModel):
-    """Which effects the simulation has, and their parameters (one table for each effect)."""
-
-    model_config = ConfigDict(extra="allow", frozen=True)
-
-    included: tuple[str, ...] = ()
-    implausible: bool = Field(default=False, description="Accept parameters outside of their plausible range.")
-
-    @model_validator(mode="after")
-    def _tables(self) -> Self:
-        for effect_id in self.included:
-            _effect(effect_id)
-        if len(set(self.included)) != len(self.included):
-            twice = next(effect_id for effect_id in self.included if self.included.count(effect_id) > 1)
-            raise ValueError(f"included names '{twice}' twice")
-        for name, table in (self.model_extra or {}).items():
-            if not isinstance(table, Mapping):
-                raise ValueError(f"'{name}' is not a known field; allowed: included, implausible and tables of effects")
-            effect = _effect(name)
-            if name not in self.included:
-                raise ValueError(f"the table of '{name}' has no use: add '{name}' to included, or remove the table")
-            values = _parameters(effect, table)
-            outside = effect.outside_gate(effect.vector(values))
-            if outside and not self.implausible:
-                parameter = next(p for p in effect.parameters if p.name == outside[0])
-                low, high = parameter.gate
-                raise ValueError(
-                    f"{name}.{parameter.name} = {values.get(parameter.name)} {parameter.unit} is not plausible; the"
-                    f" range is {low:g} to {high:g} (implausible = true accepts it)"
-                )
-        return self
-
-    def values(self) -> dict[str, dict[str, float]]:
-        """{effect id: {parameter: value in the library's unit}} of the effects included."""
-        tables = self.model_extra or {}
-        return {effect_id: _parameters(_effect(effect_id), tables.get(effect_id, {})) for effect_id in self.included}
-
-
-class _Motion(Table):
-    """What all kinds of motion have."""
-
-    temperatures_c: tuple[Finite, ...] = Field(default=(), description="Temperatures, joined by straight lines.")
-    temperature_times_s: tuple[Finite, ...] = Field(default=(), description="Their times; evenly spread where absent.")
-    gyros: bool = Field(default=False, description="Write gyro channels even if no effect of gyros is included.")
-
-    @model_validator(mode="after")
-    def _profile(self) -> Self:
-        times = self.temperature_times_s
-        if times and len(times) != len(self.temperatures_c):
-            raise ValueError("temperature_times_s and temperatures_c must have the same length")
-        if any(later <= earlier for earlier, later in itertools.pairwise(times)):
-            raise ValueError("temperature_times_s must rise")
-        return self
-
-    @property
-    def temperature(self) -> Profile | None:
-        return Profile(self.temperatures_c, self.temperature_times_s) if self.temperatures_c else None
-
-    @property
-    def vibration(self) -> Profile | None:
-        return None
-
-
-class _Stops(_Motion):
-    hold_s: Positive = Field(default=10.0, description="How long a pose is held.")
-    row_s: Positive = Field(default=1.0, description="Averaging time of one row.")
-    move_s: Annotated[float, Field(ge=0)] = Field(default=20.0, description="Time to reach a pose.")
-    record_moves: bool = Field(default=False, description="Also write the rows on the way from pose to pose.")
-    plateaus_c: tuple[Finite, ...] = Field(default=(), description="Repeat the whole session at each temperature.")
-    soak_s: Annotated[float, Field(ge=0)] = Field(default=3600.0, description="Time for the oven to change.")
-    vibration_rms_g: tuple[Annotated[float, Field(ge=0)], ...] = Field(
-        default=(), description="Spread evenly over time."
-    )
-
-    @property
-    def vibration(self) -> Profile | None:
-        return Profile(self.vibration_rms_g) if self.vibration_rms_g else None
-
-    def _plan(self, poses: tuple[Pose, ...], hold_s: float) -> PosePlan:
-        return PosePlan(poses, hold_s, self.row_s, self.move_s, self.record_moves, self.plateaus_c, self.soak_s)
-
-
-class PosesMotion(_Stops):
-    """A stepped session: rings (inclinations times toolfaces) and single poses."""
-
-    kind: Literal["poses"]
-    inclinations_deg: tuple[Inclination, ...] = ()
-    toolfaces_deg: tuple[Finite, ...] = ()
-    poses: tuple[tuple[Inclination, Finite] | tuple[Inclination, Finite, Literal[-1, 1]], ...] = Field(
-        default=(), description="Further poses [inclination, toolface] or [inclination, toolface, direction]."
-    )
-    returns: bool = Field(default=False, description="Each ring a second time backwards, from the other side.")
-    closure_every: int = Field(default=0, ge=0, description="Return to the first pose after so many poses; 0: never.")
-
-    @model_validator(mode="after")
-    def _some(self) -> Self:
-        if bool(self.inclinations_deg) != bool(self.toolfaces_deg):
-            raise ValueError("inclinations_deg and toolfaces_deg go together: give both or none")
-        if not self.inclinations_deg and not self.poses:
-            raise ValueError("has no poses: give inclinations_deg and toolfaces_deg, or poses")
-        return self
-
-    def plan(self) -> Plan:
-        on_rings = (
-            rings(self.inclinations_deg, self.toolfaces_deg, returns=self.returns, closure_every=self.closure_every)
-            if self.inclinations_deg
-            else ()
-        )
-        return self._plan((*on_rings, *(Pose(*pose) for pose in self.poses)), self.hold_s)
-
-
-class TurnsMotion(_Stops):
-    """Full turns: stations from 0 to 360 deg inclusive at each inclination, some readings at each."""
-
-    kind: Literal["turns"]
-    inclinations_deg: Annotated[tuple[Inclination, ...], Field(min_length=1)]
-    stations: int = Field(default=73, ge=2)
-    readings: int = Field(default=4, ge=1)
-
-    def plan(self) -> Plan:
-        return self._plan(full_turns(self.inclinations_deg, self.stations), self.readings * self.row_s)
-
-
-class RotationMotion(_Motion):
-    """Continuous rotation at one inclination, in steps of the rate."""
-
-    kind: Literal["rotation"]
-    inclination_deg: Inclination = 60.0
-    toolface_deg: Finite = 0.0
-    rates_hz: tuple[Finite, ...] = ()
-    rates_dps: tuple[Finite, ...] = ()
-    hold_s: Positive = 20.0
-    ramp_s: Annotated[float, Field(ge=0)] = 2.0
-    sample_hz: Positive = 50.0
-    vibration_rms_g: tuple[Annotated[float, Field(ge=0)], ...] = Field(default=(), description="One for each rate.")
-
-    @model_validator(mode="after")
-    def _rates(self) -> Self:
-        if bool(self.rates_hz) == bool(self.rates_dps):
-            raise ValueError("give either rates_hz or rates_dps")
-        if len(self.vibration_rms_g) not in (0, 1, len(self.rates_hz or self.rates_dps)):
-            raise ValueError("vibration_rms_g needs one value, or one for each rate")
-        return self
-
-    def plan(self) -> Plan:
-        rates = [2 * math.pi * rate for rate in self.rates_hz] or [math.radians(rate) for rate in self.rates_dps]
-        return RotationPlan(
-            self.inclination_deg,
-            tuple(rates),
-            self.hold_s,
-            self.ramp_s,
-            self.sample_hz,
-            self.toolface_deg,
-            self.vibration_rms_g,
-        )
-
-
-class LegTable(Table):
-    """A piece of a drilling leg."""
-
-    duration_s: Positive
-    inclination_to_deg: Annotated[float, Field(ge=0, le=180)] | None = None
-    turn_deg: Finite = 0.0
-    vibration_g: Annotated[float, Field(ge=0)] = 0.0
-
-
-class LegsMotion(_Motion):
-    """A programme of legs: standing, turning, inclining, shaking."""
-
-    kind: Literal["legs"]
-    legs: Annotated[tuple[LegTable, ...], Field(min_length=1)]
-    inclination_deg: Annotated[float, Field(ge=0, le=180)] = 5.0
-    toolface_deg: Finite = 0.0
-    sample_hz: Positive = 50.0
-
-    def plan(self) -> Plan:
-        legs = tuple(Leg(leg.duration_s, leg.inclination_to_deg, leg.turn_deg, leg.vibration_g) for leg in self.legs)
-        return LegPlan(legs, self.inclination_deg, self.toolface_deg, self.sample_hz)
-
-
-KINDS: dict[str, type[BaseModel]] = {
-    "poses": PosesMotion,
-    "turns": TurnsMotion,
-    "rotation": RotationMotion,
-    "legs": LegsMotion,
-}
-Motion = Annotated[PosesMotion | TurnsMotion | RotationMotion | LegsMotion, Field(discriminator="kind")]
-
-
-class SiteTable(Table):
+class SiteTable(ConfigTable):
     """Where it stands. Gravity not given follows from the latitude, or is the standard value."""
 
     gravity_mps2: Annotated[float, Field(ge=9.7, le=9.9)] | None = None
     latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
-    azimuth_deg: Finite = Field(default=0.0, description="Azimuth of the hole's down direction.")
+    azimuth_deg: float = Field(default=0.0, description="Azimuth of the hole's down direction.")
 
     @property
     def site(self) -> Site:
@@ -327,13 +77,13 @@ class SiteTable(Table):
         return Site(gravity, latitude, math.radians(self.azimuth_deg))
 
 
-class ReferenceTable(Table):
+class ReferenceTable(ConfigTable):
     """What says where the tool was."""
 
     kind: Literal["pose", "magnitude", "simulation"] = "pose"
 
 
-class Model(Table):
+class Model(ConfigTable):
     """What a simulation knows of a tool, its bench, its site and its motion: the model file, each table a field."""
 
     tool: ToolTable = ToolTable()
@@ -342,13 +92,33 @@ class Model(Table):
     motion: Motion | None = None
     site: SiteTable = SiteTable()
     reference: ReferenceTable = ReferenceTable()
+    laws: tuple[dict[str, Any], ...] = Field(
+        default=(), description="Laws that were learnt: place, channels, axes, coefficients of each."
+    )
+
+    @field_validator("laws")
+    @classmethod
+    def _laws(cls, tables: tuple[dict[str, Any], ...]) -> tuple[dict[str, Any], ...]:
+        slugs: list[str] = []
+        for table in tables:
+            try:
+                law = Law.from_dict(table)
+                if law.at.stage is not None:
+                    effect_of(law)
+            except InputError as error:
+                raise ValueError(str(error)) from None
+            slugs.append(law.slug)
+        twice = [slug for slug in slugs if slugs.count(slug) > 1]
+        if twice:
+            raise ValueError(f"two laws are called '{twice[0]}': give one another slug")
+        return tables
 
     @model_validator(mode="after")
     def _once(self) -> Self:
         for effect_id in self.sensor.effects():
             if effect_id in self.effects.included:
                 raise ValueError(f"'{effect_id}' is given both in [sensor] and in [effects]: keep one")
-            effect = _effect(effect_id)
+            effect = known_effect(effect_id)
             outside = effect.outside_gate(effect.vector(self.sensor.effects()[effect_id]))
             if outside and not self.effects.implausible:
                 parameter = next(p for p in effect.parameters if p.name == outside[0])
@@ -364,13 +134,25 @@ class Model(Table):
         """The forward model of the file.
 
         `sensor.noise_g` is the scatter of a row, so it becomes a noise density only with the averaging time of a row;
-        without `row_seconds` it is left out.
+        without `row_seconds` it is omitted.
         """
         effects = {**self.sensor.effects(), **self.effects.values()}
         if self.sensor.noise_g and row_seconds is not None:
             density = self.sensor.noise_g * math.sqrt(2 * row_seconds)
             effects["reading_noise"] = {f"density_{axis}": density for axis in AXES}
-        return ForwardModel.of(effects)
+        in_chain = [law for law in self.known_laws if law.at.stage is not None]
+        return ForwardModel.of(effects).with_laws(in_chain)
+
+    @property
+    def known_laws(self) -> tuple[Law, ...]:
+        """The laws of the file."""
+        return tuple(Law.from_dict(table) for table in self.laws)
+
+    def with_laws(self, laws: Sequence[Law]) -> Model:
+        """With these laws in place of those of the same slugs."""
+        added = {law.slug for law in laws}
+        kept = tuple(table for table in self.laws if table["slug"] not in added)
+        return self.model_copy(update={"laws": (*kept, *(law.to_dict() for law in laws))})
 
     def with_effects(self, effects: Mapping[str, Mapping[str, float]]) -> Model:
         """With these effects (parameters in the library's units) in place of those of the same ids.
@@ -398,16 +180,19 @@ class Model(Table):
 
 
 def as_toml(model: Model) -> str:
-    """The model as a file that `load_model` reads back equal; what has its default is left out."""
+    """The model as a file that `load_model` reads back equal; what has its default is omitted."""
     tables = model.model_dump(mode="json", exclude_defaults=True)
     if model.motion is not None:
         tables["motion"] = {"kind": model.motion.kind, **tables["motion"]}
     lines: list[str] = []
+    laws = tables.pop("laws", ())
     for name, table in tables.items():
         inner = {key: value for key, value in table.items() if isinstance(value, dict)}
         lines += [f"[{name}]", *(f"{key} = {_toml(v)}" for key, v in table.items() if key not in inner), ""]
         for key, values in inner.items():
             lines += [f"[{name}.{key}]", *(f"{k} = {_toml(v)}" for k, v in values.items()), ""]
+    for law in laws:
+        lines += ["[[laws]]", *(f"{key} = {_toml(v)}" for key, v in law.items()), ""]
     return "\n".join(lines)
 
 
@@ -434,54 +219,8 @@ def parse_model(tables: Mapping[str, Any], *, where: str) -> Model:
         raise _one_line(error, where) from None
 
 
-def _effect(effect_id: str) -> Effect:
-    """The effect of the library, or a ValueError (for pydantic) that names the nearest."""
-    try:
-        return library.get(effect_id)
-    except InputError as error:
-        raise ValueError(f"{error.what}; {error.remedy}") from None
-
-
-def _parameters(effect: Effect, table: Mapping[str, Any]) -> dict[str, float]:
-    """Values in the library's units from a table that may use suffixes of units and vectors of three."""
-    known = {parameter.name: parameter for parameter in effect.parameters}
-    values: dict[str, float] = {}
-
-    def put(name: str, value: object, factor: float, written: str) -> None:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise ValueError(f"{effect.id}.{written} must be a finite number (given {value!r})")
-        if name in values:
-            raise ValueError(f"{effect.id}.{name} is given twice")
-        values[name] = float(value) * factor
-
-    for written, value in table.items():
-        stem, factor = _without_suffix(written, known)
-        if stem in known:
-            put(stem, value, factor, written)
-        elif all(f"{stem}_{axis}" in known for axis in AXES):
-            three = value if isinstance(value, list | tuple) else [value] * 3
-            if len(three) != 3:
-                raise ValueError(f"{effect.id}.{written} needs one number or three (x, y, z)")
-            for axis, one in zip(AXES, three, strict=True):
-                put(f"{stem}_{axis}", one, factor, written)
-        else:
-            near = difflib.get_close_matches(written, known, n=1)
-            remedy = f"did you mean {near[0]}?" if near else f"it has: {', '.join(known)}"
-            raise ValueError(f"the effect '{effect.id}' has no parameter '{written}'; {remedy}")
-    return values
-
-
-def _without_suffix(written: str, known: Mapping[str, Any]) -> tuple[str, float]:
-    """Name and factor of a parameter as written: `tilt_x_deg` -> (`tilt_x`, pi/180)."""
-    stem, _, suffix = written.rpartition("_")
-    for name in (stem, f"{stem}_x"):
-        if written not in known and name in known and suffix in UNITS.get(known[name].unit, {}):
-            return stem, UNITS[known[name].unit][suffix]
-    return written, 1.0
-
-
 def _one_line(error: ValidationError, where: str) -> InputError:
-    return told_together([_mistake(detail) for detail in error.errors(include_url=False)], where)
+    return reported_together([_mistake(detail) for detail in error.errors(include_url=False)], where)
 
 
 def _mistake(detail: ErrorDetails) -> Mistake:

@@ -6,19 +6,18 @@ import os
 from pathlib import Path
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, SecretStr, model_validator
+from pydantic import Field, SecretStr, model_validator
 
 from highside.errors import InputError
 from highside.reading import SECRET_MAX, read_named
+from highside.reading.config_table import ConfigTable
 
 CREDENTIAL_NAME = "mqtt_password"
 """Name of the systemd credential that is used when no `password_file` is given."""
 
 
-class TlsSettings(BaseModel):
+class TlsSettings(ConfigTable):
     """The table `[mqtt.tls]`; present, even if empty: the connection is encrypted and the broker's name checked."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     ca: Path | None = Field(default=None, description="Certificates that are trusted; the system's where absent.")
     cert: Path | None = Field(default=None, description="Our own certificate (PEM).")
@@ -31,10 +30,8 @@ class TlsSettings(BaseModel):
         return self
 
 
-class OutboxSettings(BaseModel):
+class OutboxSettings(ConfigTable):
     """The table `[mqtt.outbox]`: what is kept on disk until the broker has it. Beyond a cap the oldest is dropped."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     max_rows: int = Field(default=2_000_000, ge=100, description="Messages kept.")
     max_bytes: int = Field(
@@ -48,10 +45,8 @@ class OutboxSettings(BaseModel):
     )
 
 
-class MqttSettings(BaseModel):
+class MqttSettings(ConfigTable):
     """The whole table."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     host: str = Field(default="127.0.0.1", min_length=1, description="Broker; for `unix` the path of its socket.")
     port: int = Field(default=1883, ge=1, le=65_535)

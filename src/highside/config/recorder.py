@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from highside.reading.config_table import ConfigTable
 
 MEBIBYTE = 1 << 20
 
 
-class RecorderSettings(BaseModel):
+class RecorderSettings(ConfigTable):
     """Wire-level recording below the state directory. The defaults keep 1 GiB: 3 h of a full serial line."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     enabled: bool = Field(default=True, description="Whether the wire is recorded.")
     segment_max_bytes: int = Field(

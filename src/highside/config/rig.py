@@ -7,16 +7,14 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from highside.reading.config_table import ConfigTable
 
 Level = Annotated[float, Field(gt=0, le=100_000)]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class SiteSettings(_Table):
+class SiteSettings(ConfigTable):
     """The table `[site]`: gravity and latitude where the tool works."""
 
     gravity_mps2: float | None = Field(
@@ -28,7 +26,7 @@ class SiteSettings(_Table):
     )
 
 
-class ToolfaceSettings(_Table):
+class ToolfaceSettings(ConfigTable):
     """The table `[toolface]`: toolface as the rig means it. The offset itself is set by `highside toolface`."""
 
     low_inclination_deg: float = Field(
@@ -36,7 +34,7 @@ class ToolfaceSettings(_Table):
     )
 
 
-class AcceptSettings(_Table):
+class AcceptSettings(ConfigTable):
     """The table `[survey.accept]`: what a survey must keep to be accepted."""
 
     g_total_mg: float = Field(
@@ -57,7 +55,7 @@ class AcceptSettings(_Table):
         return self
 
 
-class VibrationSettings(_Table):
+class VibrationSettings(ConfigTable):
     """The table `[vibration]`: shock and vibration counted from the raw stream, gravity and turning taken off."""
 
     corner_hz: float = Field(default=5.0, gt=0, le=1000, description="What is slower is gravity and turning.")
@@ -94,7 +92,7 @@ WitsValue = Literal[
 ]
 
 
-class WitsItem(_Table):
+class WitsItem(ConfigTable):
     """One item of a record."""
 
     code: str = Field(pattern=r"^[0-9]{4}$", description="Record type and item, four digits.")
@@ -115,14 +113,14 @@ DEFAULT_ITEMS = (
 )
 
 
-class _Wits(_Table):
+class _Wits(ConfigTable):
     interval_s: float = Field(default=5.0, ge=0.1, le=3600, description="Seconds between two records.")
     items: tuple[WitsItem, ...] = Field(default=DEFAULT_ITEMS, min_length=1, description="What a record holds.")
     depth_codes: tuple[str, ...] = Field(
         default=("0110", "0108"), description="Items in which the rig tells us the depth, first wins."
     )
     greeting: tuple[tuple[str, str], ...] = Field(
-        default=(), description='Items sent once to a new peer, as some rigs ask for: [["1984", "..."]].'
+        default=(), description='Items sent once to a new peer, as some rigs request: [["1984", "..."]].'
     )
     stale_after_s: float = Field(default=30.0, gt=0, description="Older readings are not sent any more.")
 
@@ -163,14 +161,14 @@ class WitsClient(_Wits):
 WitsConfig = Annotated[WitsSerial | WitsServer | WitsClient, Field(discriminator="kind")]
 
 
-class MetricsSettings(_Table):
+class MetricsSettings(ConfigTable):
     """The table `[metrics]`: figures for Prometheus; present, even if empty: they are served."""
 
     host: str = Field(default="127.0.0.1", min_length=1, description="Address listened on; loopback unless given.")
     port: int = Field(default=9479, ge=0, le=65_535)
 
 
-class HomeAssistantSettings(_Table):
+class HomeAssistantSettings(ConfigTable):
     """The table `[home_assistant]`; present, even if empty: the tool announces itself."""
 
     prefix: str = Field(default="homeassistant", pattern=r"^[A-Za-z0-9_/-]+$", description="Discovery prefix.")

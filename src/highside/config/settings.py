@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
-from highside.calibration.rebalance import RebalanceSettings
+from highside.calibration.rolling_bias import RollingBiasSettings
 from highside.codec.registry import codecs, path_fields
 from highside.config.codecs import CodecConfig
 from highside.config.drift import DriftSettings
@@ -34,15 +36,10 @@ from highside.config.rig import (
 )
 from highside.errors import InputError
 from highside.reading import parse_toml, read_bytes
+from highside.reading.config_table import ConfigTable
 
 
-class Table(BaseModel):
-    """A table of the file: unknown fields are refused, values are fixed once read."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class ToolSettings(Table):
+class ToolSettings(ConfigTable):
     """Which tool this is."""
 
     id: str = Field(
@@ -58,7 +55,7 @@ class ToolSettings(Table):
     )
 
 
-class PipelineSettings(Table):
+class PipelineSettings(ConfigTable):
     """How readings become attitudes."""
 
     output_rate_hz: float = Field(
@@ -79,7 +76,7 @@ class PipelineSettings(Table):
         return self.averaging_s or min(1.0 / self.output_rate_hz, 60.0)
 
 
-class MonitorSettings(Table):
+class MonitorSettings(ConfigTable):
     """What makes a frame unusable or suspicious."""
 
     range_g: float = Field(
@@ -88,7 +85,7 @@ class MonitorSettings(Table):
     stuck_frames: int = Field(default=200, ge=10, description="Equal readings in a row after which an axis is stuck.")
 
 
-class SurveySettings(Table):
+class SurveySettings(ConfigTable):
     """When a still tool gives a survey."""
 
     enabled: bool = True
@@ -101,7 +98,7 @@ class SurveySettings(Table):
     accept: AcceptSettings = AcceptSettings()
 
 
-class CalibrationSettings(Table):
+class CalibrationSettings(ConfigTable):
     """Which calibration corrects the readings."""
 
     record: Path | None = Field(default=None, description="A calibration record (JSON).")
@@ -119,7 +116,7 @@ class CalibrationSettings(Table):
         return self
 
 
-class RotationSettings(Table):
+class RotationSettings(ConfigTable):
     """Errors that repeat with the rotor angle, taken off inclination, toolface and azimuth."""
 
     compensation: Path | None = Field(
@@ -127,31 +124,14 @@ class RotationSettings(Table):
     )
 
 
-class RebalanceTable(Table):
-    """The in-run re-balance: the cross-axis offset of this power-up, from the circle that a turning tool draws."""
+class RebalanceTable(RollingBiasSettings):
+    """The rolling bias correction: the cross-axis offset of this power-up, from the circle that a turning tool
+    draws."""
 
     apply: bool = Field(default=False, description="Take the offset off the output; else it is only reported.")
-    turns: int = Field(default=3, ge=1, le=30, description="Revolutions needed for an estimate.")
-    min_rate_rpm: float = Field(default=3.0, gt=0)
-    max_rate_rpm: float = Field(default=120.0, gt=0)
-    max_drift_deg: float = Field(default=0.02, gt=0, description="Largest change of inclination over the revolutions.")
-    max_offset_g: float = Field(default=5e-3, gt=0, description="A larger offset is not a turn-on bias.")
-    lever_mm: tuple[float, float] = Field(default=(0.0, 0.0), description="Sensor off the axis of rotation, x and y.")
-    lever_std_mm: float = Field(default=0.0, ge=0)
-
-    @model_validator(mode="after")
-    def _buildable(self) -> Self:
-        try:
-            self.build()
-        except InputError as error:
-            raise ValueError(str(error)) from None
-        return self
-
-    def build(self) -> RebalanceSettings:
-        return RebalanceSettings(**self.model_dump(exclude={"apply"}))
 
 
-class ServiceSettings(Table):
+class ServiceSettings(ConfigTable):
     """The daemon itself."""
 
     state_dir: Path | None = Field(
@@ -161,6 +141,20 @@ class ServiceSettings(Table):
     )
     health_interval_s: float = Field(default=5.0, gt=0.05, le=3600)
     log_level: Literal["debug", "info", "warning", "error"] = "info"
+
+
+@dataclass(frozen=True, slots=True)
+class _Given:
+    """What `validate` was given beside the overrides."""
+
+    tables: dict[str, Any] = field(default_factory=dict)
+    """the parsed file, lowest in precedence"""
+    environment: bool = True
+
+
+_GIVEN: ContextVar[_Given] = ContextVar("given", default=_Given())  # noqa: B039 - nobody changes the empty one
+"""Of the validation under way. The library asks the class for its sources; a class for each file would do, but to make
+one takes longer than all else of a validation."""
 
 
 class Settings(BaseSettings):
@@ -173,10 +167,6 @@ class Settings(BaseSettings):
         env_nested_delimiter="__",
         nested_model_default_partial_update=False,
     )
-
-    file_tables: ClassVar[dict[str, Any]] = {}
-    """the parsed file, lowest in precedence; set by `validate`"""
-    reads_environment: ClassVar[bool] = True
 
     tool: ToolSettings = ToolSettings()
     link: LinkConfig
@@ -207,9 +197,9 @@ class Settings(BaseSettings):
         dotenv_settings: PydanticBaseSettingsSource,
         file_secret_settings: PydanticBaseSettingsSource,
     ) -> tuple[PydanticBaseSettingsSource, ...]:
-        file = _FileSource(settings_cls)
-        reads_environment = settings_cls.reads_environment  # type: ignore[attr-defined]
-        return (init_settings, env_settings, file) if reads_environment else (init_settings, file)
+        given = _GIVEN.get()
+        file = _FileSource(settings_cls, given.tables)
+        return (init_settings, env_settings, file) if given.environment else (init_settings, file)
 
     @model_validator(mode="after")
     def _codec_fits_link(self) -> Self:
@@ -227,13 +217,17 @@ class Settings(BaseSettings):
 
 
 class _FileSource(PydanticBaseSettingsSource):
-    """The parsed TOML file, handed over through the class that `load` makes for one file."""
+    """The parsed TOML file."""
+
+    def __init__(self, settings_cls: type[BaseSettings], tables: dict[str, Any]) -> None:
+        super().__init__(settings_cls)
+        self._tables = tables
 
     def get_field_value(self, field: Any, field_name: str) -> tuple[Any, str, bool]:
         return None, field_name, False
 
     def __call__(self) -> dict[str, Any]:
-        return self.settings_cls.file_tables  # type: ignore[attr-defined, no-any-return]
+        return self._tables
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -278,22 +272,20 @@ def validate(
     tables: dict[str, Any], *, where: str, overrides: list[str] | None = None, environment: bool = True
 ) -> Settings:
     """Validate tables as `load` does; `where` names their source in errors."""
-
-    class FileSettings(Settings):
-        file_tables: ClassVar[dict[str, Any]] = tables
-        reads_environment: ClassVar[bool] = environment
-
     given = parse_overrides(overrides or [])
     if environment:
         _known_environment(where)
+    token = _GIVEN.set(_Given(tables, environment))
     try:
-        return FileSettings(**given)
+        return Settings(**given)
     except ValidationError as error:
         raise input_error(error, where, given, Settings) from None
     except InputError:
         raise
     except ValueError as error:
-        raise InputError(" ".join(str(error).split()), where=where, remedy="mend the environment variable") from None
+        raise InputError(" ".join(str(error).split()), where=where, remedy="fix the environment variable") from None
+    finally:
+        _GIVEN.reset(token)
 
 
 def _known_environment(where: str) -> None:

@@ -11,9 +11,9 @@ from typing import Annotated
 
 from pydantic import Field, SecretStr
 
-from highside.config.settings import Table
 from highside.errors import InputError
 from highside.reading import CERTIFICATES_MAX, SECRET_MAX, read_named
+from highside.reading.config_table import ConfigTable
 
 TOKEN_MIN = 16
 
@@ -21,7 +21,7 @@ TOKEN_MIN = 16
 Host = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.:%\[\]-]{1,253}$")]
 
 
-class WebTls(Table):
+class WebTls(ConfigTable):
     """The table `[web.tls]`: the page by https."""
 
     certificate: Path = Field(description="Certificate (PEM), with those between it and the root below it.")
@@ -71,7 +71,7 @@ class WebTls(Table):
         return made
 
 
-class WebTable(Table):
+class WebTable(ConfigTable):
     """The bench page. Without a token anybody who reaches it may look; commands need the token."""
 
     host: str = Field(default="127.0.0.1", min_length=1, description="Address to listen on; 0.0.0.0: all.")
@@ -81,7 +81,7 @@ class WebTable(Table):
     )
     allowed_hosts: tuple[Host, ...] = Field(
         default=(),
-        description="Names and addresses under which the page may be asked for, beside this machine's own.",
+        description="Names and addresses under which the page may be requested, beside this machine's own.",
     )
     tls: WebTls | None = None
     viewers: int = Field(default=50, ge=1, le=500, description="Who may look on at once, beside those with the token.")

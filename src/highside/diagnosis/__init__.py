@@ -2,7 +2,7 @@
 
 The way in is `recording.diagnose_columns`: a table of the kinds of reference, each from the columns of a recording to
 its session, and so to `engine`: `diagnose_poses`, `diagnose_rotation`, `diagnose_magnitudes`, `diagnose_simulation`.
-Each prepares a `Scene` of its kind and hands it to the one procedure; the answer is a `core.result.Diagnosis`. Rooms:
+Each prepares a `Problem` of its kind and hands it to the one procedure; the answer is a `core.result.Diagnosis`. Rooms:
 
     core         candidates, tests, choice, rivals, memory, fits, verdict: the same for all kinds
     rows         what is looked at row by row: columns in chunks, inner products, coloured noise
@@ -31,4 +31,4 @@ __all__ = [
     "simulation",
     "table",
 ]
-"""the ways in: modules, loaded when they are asked for"""
+"""the ways in: modules, loaded when they are used"""

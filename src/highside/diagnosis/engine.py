@@ -1,8 +1,9 @@
-"""The diagnosis of a recording with a known reference, from what it was prepared to (a `Scene`) to a verdict.
+"""The diagnosis of a recording with a known reference, from what it was prepared to (a `Problem`) to a verdict.
 
 1. base fit (the effects that may be refitted anyway), 2. noise from what no candidate explains, 3. scan of the residual
-outside of the base for places, 4. race of the candidates, 5. classes of what cannot be told apart, 6. joint refit with
-intervals and a check that the values are plausible, 7. proof on held-out blocks, 8. scan of the remainder, verdict.
+outside of the base for places, 4. race of the candidates, 5. classes of what cannot be distinguished, 6. joint refit
+with intervals and a check that the values are plausible, 7. proof on held-out blocks, 8. scan of the remainder,
+verdict.
 """
 
 from __future__ import annotations
@@ -12,30 +13,47 @@ from dataclasses import replace
 
 import numpy as np
 
-from highside.diagnosis.core.candidates import RING
-from highside.diagnosis.core.conclusion import conclude, is_loud
-from highside.diagnosis.core.exchange import exchanged, kept
-from highside.diagnosis.core.memory import Channel, beats_the_walk, slow_scores
+from highside.diagnosis.beside_laws import with_laws
+from highside.diagnosis.core.candidate_set import Term
+from highside.diagnosis.core.candidates import INCLINATION_STATION
+from highside.diagnosis.core.conclusion import conclude, is_significant
+from highside.diagnosis.core.fit import base_fit
+from highside.diagnosis.core.memory import Channel, beats_random_walk, slow_scores
 from highside.diagnosis.core.method import WHOLE, Method
 from highside.diagnosis.core.policy import FITS, PROCEDURE, RIVALS
-from highside.diagnosis.core.pool import Member
+from highside.diagnosis.core.problem import N, Problem, ReportData, SelectionState
 from highside.diagnosis.core.result import Diagnosis
-from highside.diagnosis.core.scene import Judged, N, Picture, Scene
+from highside.diagnosis.core.rival_refit import kept, with_best_rival, without_unneeded
 from highside.diagnosis.core.selection import Selector
-from highside.diagnosis.core.suspicion import Suspicion, slow_standing, suspect, suspected, unsuspecting
-from highside.diagnosis.magnitude.scene import MagnitudeScene
+from highside.diagnosis.core.serial_correlation import (
+    SerialCorrelation,
+    no_serial_correlation,
+    serial_correlation_beside,
+    serial_correlation_of,
+    slow_ranking,
+)
+from highside.diagnosis.law_channels import with_channel_laws
+from highside.diagnosis.law_sessions import ChainSession, MagnitudeLaws
+from highside.diagnosis.magnitude.problem import MagnitudeProblem
 from highside.diagnosis.magnitude.session import MagnitudeSession
-from highside.diagnosis.poses.scene import PoseScene
+from highside.diagnosis.poses.problem import PoseProblem
 from highside.diagnosis.poses.session import PoseSession
-from highside.diagnosis.rotation.policy import SKETCH
-from highside.diagnosis.rotation.scene import RotationScene
-from highside.diagnosis.rotation.sketch import Sketch, may_bend
+from highside.diagnosis.rotation.pilot import PilotFit, may_be_nonlinear
+from highside.diagnosis.rotation.policy import PILOT
+from highside.diagnosis.rotation.problem import RotationProblem
 from highside.diagnosis.rows.session import RotationSession
-from highside.diagnosis.simulation.scene import SimulationScene
+from highside.diagnosis.simulation.problem import SimulationProblem
 from highside.diagnosis.simulation.session import SimulationSession
 from highside.physics.forward import ForwardModel
 
-__all__ = ["Picture", "diagnose", "diagnose_magnitudes", "diagnose_poses", "diagnose_rotation", "diagnose_simulation"]
+__all__ = [
+    "ReportData",
+    "diagnose",
+    "diagnose_magnitudes",
+    "diagnose_poses",
+    "diagnose_rotation",
+    "diagnose_simulation",
+]
 
 
 def diagnose_poses(
@@ -46,9 +64,13 @@ def diagnose_poses(
     seed: int = 1,
     version: str = "",
     method: Method = WHOLE,
-) -> tuple[Diagnosis, Picture]:
+) -> tuple[Diagnosis, ReportData]:
     """Diagnose n poses against a model whose effects `free` may be refitted. The same seed gives the same answer."""
-    return diagnose(PoseScene.of(session, model, tuple(free), seed, method), version)
+    problem = PoseProblem.of(session, model, tuple(free), seed, method)
+    answer = diagnose(problem, version)
+    if not method.laws:
+        return answer
+    return with_laws(ChainSession.of_poses(session, free), problem.model, *answer)
 
 
 def diagnose_rotation(
@@ -59,195 +81,249 @@ def diagnose_rotation(
     seed: int = 1,
     version: str = "",
     method: Method = WHOLE,
-) -> tuple[Diagnosis, Picture]:
+) -> tuple[Diagnosis, ReportData]:
     """As `diagnose_poses`, for the n rows of a continuous rotation.
 
     Of a long one some rows are diagnosed first: strong effects show there, and what they do beyond first order is known
     before all rows are passed through.
     """
-    sketch = None
-    if session.n > SKETCH.many_rows and may_bend(session, model, free, seed):
-        rows = session.thinned(SKETCH.some_rows, seed)
-        some, judged, _ = _straight(RotationScene.of(rows, model, tuple(free), seed, method))
-        sketch = Sketch.of(rows, some, judged.members)
-    scene = RotationScene.of(session, model, tuple(free), seed, method, sketch)
-    return conclude(*_straight(scene, sketch.names if sketch else ()), version)
+    pilot = None
+    if session.n > PILOT.many_rows and may_be_nonlinear(session, model, free, seed):
+        rows = session.thinned(PILOT.pilot_rows, seed)
+        subsample, selection, _ = _relinearised_selection(RotationProblem.of(rows, model, tuple(free), seed, method))
+        pilot = PilotFit.of(rows, subsample, selection.terms)
+    problem = RotationProblem.of(session, model, tuple(free), seed, method, pilot)
+    answer = conclude(*_relinearised_selection(problem, pilot.names if pilot else ()), version)
+    if not method.laws:
+        return answer
+    return with_laws(ChainSession.of_rotation(session, free, problem.residual), problem.model, *answer)
 
 
 def diagnose_magnitudes(
     session: MagnitudeSession, model: ForwardModel, free: Sequence[str], *, seed: int = 1, version: str = ""
-) -> tuple[Diagnosis, Picture]:
+) -> tuple[Diagnosis, ReportData]:
     """As `diagnose_poses`, for n still readings of which only the magnitude is known."""
-    return diagnose(MagnitudeScene.of(session, model, tuple(free), seed), version)
+    problem = MagnitudeProblem.of(session, model, tuple(free), seed)
+    answer = diagnose(problem, version)
+    if answer[0].verdict == "not_testable":
+        return answer
+    base = base_fit(problem.model.without(*problem.about), problem.observed, free)[0]
+    return with_laws(MagnitudeLaws.of(session, problem.observed, free), base, *answer)
 
 
 def diagnose_simulation(
     session: SimulationSession, free: Sequence[str], *, seed: int = 1, version: str = ""
-) -> tuple[Diagnosis, Picture]:
+) -> tuple[Diagnosis, ReportData]:
     """Diagnose channels beside another program's prediction of them; `free` are ids of effects that are refitted."""
-    return diagnose(SimulationScene.beside(session, tuple(free), seed), version)
+    problem = SimulationProblem.beside(session, tuple(free), seed)
+    return with_channel_laws(problem, *diagnose(problem, version))
 
 
-def diagnose(scene: Scene[N], version: str = "") -> tuple[Diagnosis, Picture]:
+def diagnose(problem: Problem[N], version: str = "") -> tuple[Diagnosis, ReportData]:
     """Choose, compare, prove and tell."""
-    return conclude(*_straight(scene), version)
+    return conclude(*_relinearised_selection(problem), version)
 
 
-def _straight(scene: Scene[N], taken_out: Sequence[str] = ()) -> tuple[Scene[N], Judged[N], Suspicion[N]]:
-    """What is chosen, and the scene in which it was; of effects `taken_out` its bend is already.
+def _relinearised_selection(
+    problem: Problem[N], taken_out: Sequence[str] = ()
+) -> tuple[Problem[N], SelectionState[N], SerialCorrelation[N]]:
+    """What is chosen, and the problem in which it was; of effects `taken_out` its second-order part is already.
 
     Everything is chosen by what effects do to first order. Where those that are chosen do more than that, what they do
     beyond it at their fitted sizes is taken out of the readings, and it is chosen again: else the rest of a strong
     effect would be given a name of its own.
     """
-    judged, suspicion = _judged(scene)
-    judged = kept(scene, judged, taken_out)
-    if suspicion.wanders and not suspicion.claimed:
-        scene, judged, suspicion = _refined(scene, judged, suspicion)
+    selection, correlation = _selected(problem)
+    selection = kept(problem, selection, taken_out)
+    if correlation.random_walk and not correlation.claimed:
+        problem, selection, correlation = _refined(problem, selection, correlation)
     compared: set[int] = set()
-    for _ in range(PROCEDURE.bent):
-        named = [m for m in judged.members if scene.candidates[m.candidate].named]
-        fit = scene.fit(named, judged.noise) if named else None
-        judged = replace(judged, fit=fit)
-        bends = fit is not None and fit.beyond >= FITS.bends and scene.straightens
-        if fit is not None and bends and len(named) == len(judged.members) and _which(named) != compared:
-            judged = exchanged(scene, judged, fit)
-            compared = _which(judged.members)
-        bend = 0.0 if judged.fit is None or judged.fit.bend is None else judged.fit.bend
-        other = np.asarray(bend - scene.bend)
-        if not other.any() or np.sum(scene.noise.white(other) ** 2) < FITS.bends:
+    for _ in range(PROCEDURE.relinearisations):
+        named = [m for m in selection.terms if problem.candidates[m.candidate].named]
+        fit = problem.fit(named, selection.noise) if named else None
+        selection = replace(selection, fit=fit)
+        nonlinear = fit is not None and fit.beyond >= FITS.second_order and problem.relinearises
+        if fit is not None and nonlinear and len(named) == len(selection.terms) and _which(named) != compared:
+            selection = with_best_rival(problem, selection, fit)
+            compared = _which(selection.terms)
+        selection = without_unneeded(problem, selection)
+        second_order = (
+            0.0 if selection.fit is None or selection.fit.second_order is None else selection.fit.second_order
+        )
+        other = np.asarray(second_order - problem.second_order)
+        if not other.any() or np.sum(problem.noise.white(other) ** 2) < FITS.second_order:
             break
-        straight = scene.straightened(bend)
-        if straight is None:
+        relinearised = problem.relinearised(second_order)
+        if relinearised is None:
             break
-        scene = straight
-        taken_out = [scene.candidates[m.candidate].id for m in judged.members]
-        judged, suspicion = _judged(scene)
-        judged = kept(scene, judged, taken_out)
-    return scene, judged, suspicion
+        problem = relinearised
+        taken_out = [problem.candidates[m.candidate].id for m in selection.terms]
+        selection, correlation = _selected(problem)
+        selection = kept(problem, selection, taken_out)
+    return problem, selection, correlation
 
 
-def _which(members: Sequence[Member]) -> set[int]:
-    return {m.candidate for m in members}
+def _which(terms: Sequence[Term]) -> set[int]:
+    return {m.candidate for m in terms}
 
 
-def _judged(scene: Scene[N]) -> tuple[Judged[N], Suspicion[N]]:
+def _selected(problem: Problem[N]) -> tuple[SelectionState[N], SerialCorrelation[N]]:
     """What is chosen, and what was found of memory in the noise."""
-    judged = scene.judge(scene.noise)
-    channels = scene.likelihoods([])
-    slow = frozenset(i for i, c in enumerate(scene.candidates) if c.id in scene.slow_ids)
-    unnamed = frozenset(i for i, c in enumerate(scene.candidates) if not c.named)
-    rings = frozenset(i for i in unnamed if scene.candidates[i].id.startswith(RING))
-    # first what has a name and does not follow time, or one ring; then, beside that, whether anything slow beats a walk
-    first = _choose(scene, judged, channels, (slow | unnamed) - rings)
-    suspicion = suspected(scene, judged, first, slow, unnamed - rings) if scene.method.colour else unsuspecting(scene)
-    doubtful = suspicion.wanders or any(m.candidate in rings for m in first.members)
-    if doubtful and first.members and not (suspicion.claimed or suspicion.admitted):
+    selection = problem.prepare(problem.noise)
+    channels = problem.likelihoods([])
+    slow = frozenset(i for i, c in enumerate(problem.candidates) if c.id in problem.slow_ids)
+    unnamed = frozenset(i for i, c in enumerate(problem.candidates) if not c.named)
+    inclination_stations = frozenset(i for i in unnamed if problem.candidates[i].id.startswith(INCLINATION_STATION))
+    # first what has a name and does not follow time, or one inclination station; then, beside that, whether anything
+    # slow beats a random walk
+    first = _choose(problem, selection, channels, (slow | unnamed) - inclination_stations)
+    correlation = (
+        serial_correlation_beside(problem, selection, first, slow, unnamed - inclination_stations)
+        if problem.method.colour
+        else no_serial_correlation(problem)
+    )
+    doubtful = correlation.random_walk or any(m.candidate in inclination_stations for m in first.terms)
+    if doubtful and first.terms and not (correlation.claimed or correlation.admitted):
         # what was chosen may stand in place of something slow: once more beside what is chosen where that may be too
-        fast = [m for m in _choose(scene, judged, channels, unnamed - rings).members if m.candidate not in slow]
-        if fast != first.members:
-            again = suspect(scene, fast)
-            suspicion = again if again.claimed or again.admitted else suspicion
-    if suspicion.noise is not scene.noise:
-        judged = scene.judge(suspicion.noise)
-    fixed = tuple(Member(score.effect.candidate, score.effect.variant) for score in suspicion.claimed)
+        fast = [
+            m
+            for m in _choose(problem, selection, channels, unnamed - inclination_stations).terms
+            if m.candidate not in slow
+        ]
+        if fast != first.terms:
+            again = serial_correlation_of(problem, fast)
+            correlation = again if again.claimed or again.admitted else correlation
+    plain = _to_the_floor(problem, selection, channels, unnamed) if not correlation.claimed else None
+    if plain is not None:
+        return plain, no_serial_correlation(problem)
+    if correlation.noise is not problem.noise:
+        selection = problem.prepare(correlation.noise)
+    fixed = tuple(Term(score.effect.candidate, score.effect.variant) for score in correlation.claimed)
     barred = frozenset(
         i
-        for i, c in enumerate(scene.candidates)
-        if (i in slow and c.id not in suspicion.admitted) or (suspicion.wanders and c.id.startswith("shadow:time"))
+        for i, c in enumerate(problem.candidates)
+        if (i in slow and c.id not in correlation.admitted)
+        or (correlation.random_walk and c.id.startswith("interaction:time"))
     )
-    if not scene.method.refusal:
+    if not problem.method.refusal:
         barred |= unnamed
-    return _choose(scene, judged, channels, barred, fixed, slow), suspicion
+    return _choose(problem, selection, channels, barred, fixed, slow), correlation
 
 
-def _refined(scene: Scene[N], judged: Judged[N], suspicion: Suspicion[N]) -> tuple[Scene[N], Judged[N], Suspicion[N]]:
+def _to_the_floor(
+    problem: Problem[N], selection: SelectionState[N], channels: Sequence[Channel], unnamed: frozenset[int]
+) -> SelectionState[N] | None:
+    """What is chosen where anything slow may be, if that leaves no more than how well the readings repeat.
+
+    Against a random walk of any size a slow effect of three axes never wins. But few numbers take no random walk down
+    to a floor that is known without it.
+    """
+    if problem.remaining([]) is None:
+        return None
+    free = replace(selection.selector, banned=unnamed, fixed=())
+    terms = free.select()
+    effects = [problem.candidates[m.candidate].effect for m in terms if problem.candidates[m.candidate].slow]
+    # several functions of time together follow a random walk as well; the temperature goes its own way
+    if len(effects) != 1 and not (effects and all(e is not None and "temp_c" in e.needs for e in effects)):
+        return None
+    left = problem.remaining(terms)
+    if left is None or not left.explained:
+        return None
+    return replace(selection, selector=free, terms=terms, to_the_floor=True)
+
+
+def _refined(
+    problem: Problem[N], selection: SelectionState[N], correlation: SerialCorrelation[N]
+) -> tuple[Problem[N], SelectionState[N], SerialCorrelation[N]]:
     """The same, or what is chosen where a slow effect that comes near has the time constant that fits best.
 
-    Time constants are tried at a few values. Of a strong effect what lies between them is louder than the noise, and
-    wanders as slowly as a walk does.
+    Time constants are tried at a few values. Of a strong effect what lies between them is above the noise, and
+    varies as slowly as a random walk does.
     """
-    for near in suspicion.nearest[: PROCEDURE.refined]:
-        member = Member(near.effect.candidate, near.effect.variant)
-        bend = scene.fit([member], scene.noise).bend
-        straight = None if bend is None else scene.straightened(bend)
-        if straight is None:
+    for near in correlation.nearest[: PROCEDURE.refined]:
+        term = Term(near.effect.candidate, near.effect.variant)
+        second_order = problem.fit([term], problem.noise).second_order
+        relinearised = None if second_order is None else problem.relinearised(second_order)
+        if relinearised is None:
             continue
-        known = suspect(straight, [])
-        scores = slow_standing(straight, [], member.candidate)
-        own = max(one.score for one in scores if one.effect.candidate == member.candidate)
-        rival = max(one.score for one in scores if one.effect.candidate != member.candidate)
+        known = serial_correlation_of(relinearised, [])
+        scores = slow_ranking(relinearised, [], term.candidate)
+        own = max(one.score for one in scores if one.effect.candidate == term.candidate)
+        rival = max(one.score for one in scores if one.effect.candidate != term.candidate)
         believed = {one.effect.candidate for one in known.claimed}
-        found = member.candidate in believed or scene.candidates[member.candidate].id in known.admitted
+        found = term.candidate in believed or problem.candidates[term.candidate].id in known.admitted
         if found and own > rival + RIVALS.same_class_evidence:
-            return straight, *_judged(straight)
-    return scene, judged, suspicion
+            return relinearised, *_selected(relinearised)
+    return problem, selection, correlation
 
 
 def _as_a_slow_one(
-    scene: Scene[N], selector: Selector, members: Sequence[Member], member: Member, slow: frozenset[int]
+    problem: Problem[N], selector: Selector, terms: Sequence[Term], term: Term, slow: frozenset[int]
 ) -> bool:
-    """Whether a member is a case of slow effects of which none would be believed in its place."""
-    if not scene.policy.slow_beside_fast:
+    """Whether a term is a case of slow effects of which none would be believed in its place."""
+    if not problem.policy.slow_beside_fast:
         # of poses and hands nothing that is fast elsewhere runs like time
         return False
-    others = [m for m in members if m != member]
-    best = selector.standing(others).best
-    alike = {k for k in slow if selector.holds([*others, selector.pool.whole(best[k])], member)}
-    tested = [one for one in scene.slow() if one.candidate in alike]
+    others = [m for m in terms if m != term]
+    best = selector.ranking(others).best
+    alike = {k for k in slow if selector.holds([*others, selector.candidate_set.whole(best[k])], term)}
+    tested = [one for one in problem.slow() if one.candidate in alike]
     if not tested:
         return False
-    scores, _, evidence = slow_scores(scene.likelihoods(others), tested)
+    scores, _, evidence = slow_scores(problem.likelihoods(others), tested)
     return not any(
-        scene.policy.slow.passes(
-            scene.candidates[one.effect.candidate].id, one.log_p, one.remaining, evidence, one.score
+        problem.policy.slow.passes(
+            problem.candidates[one.effect.candidate].id, one.log_p, one.remaining, of_memory, one.score
         )
-        for one in scores
+        for one, of_memory in zip(scores, evidence.tolist(), strict=True)
     )
 
 
 def _choose(
-    scene: Scene[N],
-    judged: Judged[N],
+    problem: Problem[N],
+    selection: SelectionState[N],
     channels: Sequence[Channel],
     banned: frozenset[int],
-    fixed: tuple[Member, ...] = (),
+    fixed: tuple[Term, ...] = (),
     slow: frozenset[int] = frozenset(),
-) -> Judged[N]:
-    """Select among the candidates that are not banned; a named one that a walk explains as well is not believed.
+) -> SelectionState[N]:
+    """Select among the candidates that are not banned; a named one that a random walk explains as well is not believed.
 
-    A walk may run like an effect of attitude where the session goes through the rings in order. And what is here a case
-    of one of the `slow` is asked no less than they are.
+    A random walk may run like an effect of attitude where the session goes through the inclination stations in order.
+    And what is here a case of one of the `slow` is required no less than they are.
     """
-    selector = replace(judged.selector, banned=banned, fixed=fixed)
-    members = selector.select()
-    if is_loud(scene, replace(judged, selector=selector), members):
-        # something is there: two effects that cancel one another may each be too small to be seen alone
+    selector = replace(selection.selector, banned=banned, fixed=fixed)
+    terms = selector.select()
+    if is_significant(problem, replace(selection, selector=selector), terms):
+        # something is there: two effects that cancel one another may each be too small to be detected alone
         selector = replace(selector, opposed=True)
-        members = selector.select()
-    if not scene.method.colour:
-        return replace(judged, selector=selector, members=members)
+        terms = selector.select()
+    if not problem.method.colour:
+        return replace(selection, selector=selector, terms=terms)
 
-    def needed(some: Sequence[Member]) -> bool:
-        others = [o for o in members if o not in some]
-        dof = len(selector.space_with(members)) - len(selector.space_with(others))
-        rings = [m for m in some if not scene.candidates[m.candidate].named]
-        tries = float(np.prod([selector.pool.tries[m.candidate] for m in rings]))
-        certain = scene.policy.certain + (PROCEDURE.ring_certain if rings else 0.0)
-        return beats_the_walk(channels, scene.block(others), scene.block(some), dof, tries, certain)
+    def needed(subsample: Sequence[Term]) -> bool:
+        others = [o for o in terms if o not in subsample]
+        dof = len(selector.space_with(terms)) - len(selector.space_with(others))
+        inclination_stations = [m for m in subsample if not problem.candidates[m.candidate].named]
+        tries = float(np.prod([selector.candidate_set.tries[m.candidate] for m in inclination_stations]))
+        certain = problem.policy.certain + (PROCEDURE.station_certain if inclination_stations else 0.0)
+        return beats_random_walk(channels, problem.block(others), problem.block(subsample), dof, tries, certain)
 
     for _ in range(PROCEDURE.doubts):
         tested = [
             m
-            for m in members
-            if (scene.candidates[m.candidate].named or scene.candidates[m.candidate].id.startswith(RING))
-            and scene.candidates[m.candidate].id not in scene.slow_ids
+            for m in terms
+            if (
+                problem.candidates[m.candidate].named
+                or problem.candidates[m.candidate].id.startswith(INCLINATION_STATION)
+            )
+            and problem.candidates[m.candidate].id not in problem.slow_ids
         ]
-        doubted = [m for m in tested if not needed([m]) or _as_a_slow_one(scene, selector, members, m, slow)]
-        # beside the one a walk takes the other's place; what both do together it may not
+        doubted = [m for m in tested if not needed([m]) or _as_a_slow_one(problem, selector, terms, m, slow)]
+        # beside the one a random walk takes the other's place; what both do together it may not
         if not doubted or (len(doubted) > 1 and needed(doubted)):
             break
-        # what is chosen instead is asked the same
+        # what is chosen instead must pass the same test
         selector = replace(selector, banned=selector.banned | {m.candidate for m in doubted})
-        members = selector.select()
-    return replace(judged, selector=selector, members=members)
+        terms = selector.select()
+    return replace(selection, selector=selector, terms=terms)

@@ -14,17 +14,19 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.method import WHOLE, Method
-from highside.diagnosis.core.result import Diagnosis
-from highside.diagnosis.core.scene import Picture
+from highside.diagnosis.core.problem import ReportData
+from highside.diagnosis.core.result import Diagnosis, Finding
 from highside.diagnosis.engine import diagnose_magnitudes, diagnose_poses, diagnose_rotation, diagnose_simulation
-from highside.diagnosis.intake.checks import Intake, check
+from highside.diagnosis.intake.checks import Intake, check, missing_rows
 from highside.diagnosis.intake.clipped import with_clipping, without_clipped_poses, without_meaning
 from highside.diagnosis.magnitude.session import magnitude_session, nothing_testable
 from highside.diagnosis.poses.session import pose_session
 from highside.diagnosis.rows.session import rotation_session
+from highside.diagnosis.simulation.alignment import Align
 from highside.diagnosis.simulation.intake import check_prediction
 from highside.diagnosis.simulation.session import SimulationSession, simulation_session
 from highside.errors import InputError
+from highside.physics.effects.dropped_frames import EFFECT as DROPPED_FRAMES
 from highside.physics.effects.gyro_bias import EFFECT as GYRO_BIAS
 from highside.physics.effects.gyro_scale import EFFECT as GYRO_SCALE
 from highside.physics.forward import ForwardModel
@@ -62,6 +64,8 @@ class Request:
     """what the model says is known of the attitude: "pose", "magnitude", "simulation"; None where it says nothing"""
     predicted: Columns | None = None
     """columns (M,) of another program's prediction, on its own times"""
+    align: Align = "auto"
+    """whose clock the prediction's times are of"""
     free_of_prediction: tuple[str, ...] = ()
     """as `free`, beside a prediction: nothing unless the model says so"""
     seed: int = 1
@@ -78,10 +82,10 @@ class Request:
 
 @dataclass(frozen=True)
 class Answer:
-    """A diagnosis, what a report draws of it, and what must be told beside it."""
+    """A diagnosis, what a report draws of it, and what must be reported beside it."""
 
     diagnosis: Diagnosis
-    picture: Picture | None
+    report_data: ReportData | None
     notes: tuple[str, ...] = field(default=())
 
 
@@ -113,7 +117,26 @@ def _of_recording(request: Request, error: InputError) -> InputError:
     return InputError(error.what, where=request.where, field=error.field, remedy=error.remedy)
 
 
-def _checked_reference(request: Request) -> Intake:
+def _without_missing(request: Request, *needed: str) -> tuple[Request, tuple[Finding, ...]]:
+    """The request without the rows that lack a value, for averages; and what to say of them."""
+    lost, finding = missing_rows(request.columns, needed)
+    if finding is None:
+        return request, ()
+    columns = {name: column[~lost] for name, column in request.columns.items()}
+
+    def complete(*names: str) -> Array:
+        return np.stack([columns[name] for name in names])
+
+    return replace(request, columns=columns, complete=complete), (finding,)
+
+
+def _with_lacking(found: Intake, lacking: tuple[Finding, ...]) -> Intake:
+    """Rows that were left out are no frames that the link lost."""
+    kept = tuple(f for f in found.findings if not (lacking and f.check == DROPPED_FRAMES.id))
+    return replace(found, findings=(*kept, *lacking))
+
+
+def _checked_reference(request: Request, *, every_row: bool = True) -> Intake:
     """Intake of a recording with a reference attitude. Raises InputError where nothing is known of one."""
     if request.reference is None and not REFERENCES & set(request.columns):
         raise InputError(
@@ -123,7 +146,7 @@ def _checked_reference(request: Request) -> Intake:
             remedy="add these columns; or put [reference] kind = "
             '"magnitude" into the model if only |g| is known; or give another program\'s output with --simulation',
         )
-    return check(request.columns, ("inc_ref_deg", _toolface(request.columns)), request.axes)
+    return check(request.columns, ("inc_ref_deg", _toolface(request.columns)), request.axes, every_row=every_row)
 
 
 def _toolface(columns: Columns) -> str:
@@ -135,7 +158,9 @@ def _toolface(columns: Columns) -> str:
 
 def _poses(request: Request) -> Answer:
     """Stops at known attitudes."""
-    found = _checked_reference(request)
+    request, lacking = _without_missing(request, "inc_ref_deg", _toolface(request.columns))
+    found = _checked_reference(request, every_row=False)
+    found = _with_lacking(found, lacking)
     if found.spoiled:
         return _bad_data(request, found)
     raw = request.complete(*ACCELEROMETERS)
@@ -149,10 +174,11 @@ def _poses(request: Request) -> Answer:
         )
     except InputError as error:
         raise _of_recording(request, error) from None
-    diagnosis, picture = diagnose_poses(
+    diagnosis, report_data = diagnose_poses(
         session, request.forward, request.free, seed=request.seed, version=request.version, method=request.method
     )
-    return Answer(with_clipping(replace(diagnosis, intake=found.findings), found, request.axes), picture)
+    every = (*found.findings, *diagnosis.intake)
+    return Answer(with_clipping(replace(diagnosis, intake=every), found, request.axes), report_data)
 
 
 def _rotates(request: Request) -> bool:
@@ -186,10 +212,10 @@ def _rotation(request: Request) -> Answer:
     free = request.free
     if gyro is not None:
         free = (*free, *(name for name in GYRO_FREE if name not in free))
-    diagnosis, picture = diagnose_rotation(
+    diagnosis, report_data = diagnose_rotation(
         session, request.forward, free, seed=request.seed, version=request.version, method=request.method
     )
-    return Answer(with_clipping(replace(diagnosis, intake=found.findings), found, request.axes), picture)
+    return Answer(with_clipping(replace(diagnosis, intake=found.findings), found, request.axes), report_data)
 
 
 def _gyro(request: Request) -> Array | None:
@@ -201,17 +227,19 @@ def _gyro(request: Request) -> Array | None:
 
 def _magnitude(request: Request) -> Answer:
     """Still readings of which only |g| is known; without enough of them the verdict is `not_testable`."""
-    found = check(request.columns, (), request.axes, attitude=False)
+    request, lacking = _without_missing(request)
+    found = check(request.columns, (), request.axes, attitude=False, every_row=False)
+    found = _with_lacking(found, lacking)
     if found.spoiled:
         return _bad_data(request, found)
     accel = request.in_tool_axes(request.complete(*ACCELEROMETERS))
     session = magnitude_session(request.columns, accel, gravity_mps2=request.site.gravity_mps2)
     if isinstance(session, str):
         return Answer(nothing_testable(session, found.findings, request.seed, request.version), None)
-    diagnosis, picture = diagnose_magnitudes(
+    diagnosis, report_data = diagnose_magnitudes(
         session, request.forward, request.free, seed=request.seed, version=request.version
     )
-    return Answer(replace(diagnosis, intake=found.findings), picture)
+    return Answer(replace(diagnosis, intake=found.findings), report_data)
 
 
 def _beside(request: Request) -> Answer:
@@ -224,26 +252,34 @@ def _beside(request: Request) -> Answer:
             remedy="give its output with --simulation SIM.csv",
         )
     try:
-        session = simulation_session(request.columns, request.predicted)
+        session = simulation_session(request.columns, request.predicted, request.align)
     except InputError as error:
         raise InputError(error.what, where=request.predicted_where, field=error.field, remedy=error.remedy) from None
     found = check_prediction(session)
     if found:
         bad = Diagnosis("bad_data", intake=found, seed=request.seed, version=request.version)
         return Answer(bad, None, (_aligned(session),))
-    diagnosis, picture = diagnose_simulation(
+    diagnosis, report_data = diagnose_simulation(
         session, request.free_of_prediction, seed=request.seed, version=request.version
     )
-    return Answer(diagnosis, picture, (_aligned(session),))
+    return Answer(diagnosis, report_data, (_aligned(session),))
 
 
 def _aligned(session: SimulationSession) -> str:
     """What was compared, and how the two were brought together."""
     a = session.alignment
-    shift = f"shifted by {a.shift_s:.4g} s" if a.shift_s else f"lag {a.lag_s:.4f} s, left in"
+    if not a.same_clock:
+        how = f"each file has its own zero of time: the prediction was shifted by {a.shift_s:+.5g} s"
+    elif a.rate:
+        how = (
+            f"one clock: the recording lags by {a.lag_s:+.4g} s at the start, and the rate of the clock or of the "
+            f"motion is off by {a.rate:+.3%}"
+        )
+    else:
+        how = f"one clock: the recording lags by {a.lag_s:+.4g} s, which is left to be diagnosed"
     return (
         f"{', '.join(session.names)}: {session.n * session.step_s:.1f} s compared, {1 / session.step_s:.3g} rows/s, "
-        f"up to {session.band_hz:.3g} Hz; prediction {shift} (correlation {a.correlation:.3f})"
+        f"up to {session.band_hz:.3g} Hz; {how} (correlation {a.correlation:.3f})"
     )
 
 

@@ -1,4 +1,4 @@
-"""What can be seen of a recording before its gyros are believed: units, silence, saturation."""
+"""Checks of a recording before its gyros are believed: units, silence, saturation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from highside.gyro.frames import to_body
 
 _FLAT_ROWS = 5
 _LEAST_SATURATED_RADPS = math.radians(20.0)
-_SEEN_RAD = math.radians(2.0)
+_VISIBLE_RAD = math.radians(2.0)
 """a block turns visibly for gravity from here on"""
 _DOUBTFUL = 20.0
 """gyros with so much less or more noise than stated are doubted (rad/s for deg/s is 57)"""
@@ -65,10 +65,10 @@ def check_units(
         watch.add(block)
     if watch.verdict is not None:
         raise InputError(watch.verdict, where=where, field="gx_dps, gy_dps, gz_dps", remedy="give deg/s")
-    walks = [block.rate_noise * math.sqrt(block.seconds / block.n) for block in blocks if block.n > _FLAT_ROWS]
-    walks = [walk for walk in walks if walk > 0.0]
+    arws = [block.rate_noise * math.sqrt(block.seconds / block.n) for block in blocks if block.n > _FLAT_ROWS]
+    arws = [own_arw for own_arw in arws if own_arw > 0.0]
     # of the quietest moments: vibration is noise too
-    ratio = float(np.percentile(walks, 1)) / arw if walks and arw > 0.0 else 1.0
+    ratio = float(np.percentile(arws, 1)) / arw if arws and arw > 0.0 else 1.0
     if not 1.0 / _DOUBTFUL < ratio < _DOUBTFUL:
         doubts.append(
             f"the gyros' noise is {max(ratio, 1.0 / ratio):.0f} times {'less' if ratio < 1.0 else 'more'} than the "
@@ -86,7 +86,8 @@ def _middle(block: Block) -> Array:
 class UnitWatch:
     """Compares the turn of gravity from one block to the next with what the gyros say that it should be.
 
-    Least squares over all blocks in which either turns visibly: seen = factor * said, and how well they agree.
+    Least squares over all blocks in which either turns visibly: by_gravity = factor * by_gyros, and how well they
+    agree.
     """
 
     def __init__(self) -> None:
@@ -99,23 +100,23 @@ class UnitWatch:
         if before is None or block.gap_s > 0.0 or max(before.accel_std, block.accel_std) > 0.1:
             return
         g0, g1 = _middle(before), _middle(block)
-        seen = np.cross(g1, g0)
+        by_gravity = np.cross(g1, g0)
         rate = 0.5 * (before.rate + block.rate)
-        said = (rate - (rate @ g0) * g0) * 0.5 * (before.seconds + block.seconds)
-        turn, across = math.sqrt(float(seen @ seen)), math.sqrt(float(said @ said))
+        by_gyros = (rate - (rate @ g0) * g0) * 0.5 * (before.seconds + block.seconds)
+        turn, across = math.sqrt(float(by_gravity @ by_gravity)), math.sqrt(float(by_gyros @ by_gyros))
         whole = max(math.sqrt(float(each.rate @ each.rate)) * each.seconds for each in (before, block))
-        if max(turn, across) < _SEEN_RAD or turn > 1.0 or whole > 1.0:
-            # nothing to be seen, or so much that it may look like little
+        if max(turn, across) < _VISIBLE_RAD or turn > 1.0 or whole > 1.0:
+            # nothing to compare, or so much that it may look like little
             return
         self._turned += max(turn, across)
         self._seen2 += turn * turn
         self._said2 += across * across
-        self._both += float(seen @ said)
+        self._both += float(by_gravity @ by_gyros)
 
     @property
     def verdict(self) -> str | None:
         """What is wrong with the unit of the gyros; None where nothing is, or gravity has not turned enough to tell."""
-        if self._turned <= 10.0 * _SEEN_RAD or self._said2 <= 0.0:
+        if self._turned <= 10.0 * _VISIBLE_RAD or self._said2 <= 0.0:
             return None
         factor, agreement = self._both / self._said2, self._both / math.sqrt(self._seen2 * self._said2 or 1.0)
         if factor > 20.0 and agreement > 0.7:

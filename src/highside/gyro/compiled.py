@@ -1,10 +1,10 @@
 """Long recordings sample by sample in machine code: gathering into blocks, and the rows between their ends.
 
 Optional (extra `fast`): without numba, or for recordings whose interpretation takes less time than loading a compiler,
-`kernels` gives None and numpy does the same by other loops. The filter itself has one block a second to take and stays
-in numpy. `gather` and `follow` add the loops over samples to functions of `blocks` and `error_state`, compiled from the
-same source. IEEE arithmetic, nothing fused or reordered: the blocks are the same bits, rows between their ends differ
-by the last digit.
+`kernels` gives None and numpy does the same by other loops. The filter itself has one block a second to process and
+stays in numpy. `gather` and `follow` add the loops over samples to functions of `blocks` and `filter_state`, compiled
+from the same source. IEEE arithmetic, nothing fused or reordered: the blocks are the same bits, rows between their ends
+differ by the last digit.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.gyro import error_state
+from highside.gyro import filter_state
 from highside.gyro.blocks import EMPTY, MAX_GAP_S, SUMS, advance
-from highside.gyro.error_state import quaternion_exp, quaternion_product
+from highside.gyro.filter_state import quaternion_exp, quaternion_product
 
 LEAST_ROWS = 600_000
 """below, loading the compiled code (0.7 s, and 8 s to make it the first time) takes longer than doing without"""
@@ -144,14 +144,14 @@ def follow(
 
 
 _COMPILED = ("quaternion_product", "quaternion_exp")
-"""of `error_state`, called by `follow`"""
+"""of `filter_state`, called by `follow`"""
 
 
 def _digest(functions: list[Any], names: dict[str, Any]) -> str:
-    """A name for this version of these functions and of the constants that they see."""
+    """A name for this version of these functions and of the constants that they use."""
     codes = [(f.__code__.co_code.hex(), f.__code__.co_names, f.__code__.co_consts) for f in functions]
-    seen = sorted((name, value) for name, value in names.items() if isinstance(value, int | float | tuple))
-    return hashlib.sha256(repr((codes, seen)).encode()).hexdigest()[:12]
+    constants = sorted((name, value) for name, value in names.items() if isinstance(value, int | float | tuple))
+    return hashlib.sha256(repr((codes, constants)).encode()).hexdigest()[:12]
 
 
 @cache
@@ -160,7 +160,7 @@ def _compile() -> Kernels | None:
         return None
     import numba
 
-    names = dict(vars(error_state))
+    names = dict(vars(filter_state))
     source = _digest([names[name] for name in _COMPILED] + [advance, gather, follow], names)
 
     def compiled(function: Any, names: dict[str, Any]) -> Any:

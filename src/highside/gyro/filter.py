@@ -40,17 +40,17 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.attitude.quaternion import from_angles, from_rotation_vector, multiply, up_direction
-from highside.gyro import error_state
+from highside.gyro import filter_state, measurements, stop_test, time_update
 from highside.gyro.blocks import Block, Gatherer
 from highside.gyro.frames import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, EARTH_RATE_RADPS, earth_rate
-from highside.gyro.gates import Gate, Motion
+from highside.gyro.gates import Gate, MotionState
 from highside.gyro.result import AzimuthBasis
 
 _LEAST_COS = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class FilterSettings:
     """Priors and noise of the filter. Defaults are those of a tactical gyro (0.1 deg/sqrt(h), 0.1 deg/h/sqrt(h))."""
 
     latitude_rad: float | None = None
@@ -92,7 +92,7 @@ class Settings:
         return self.latitude_rad is not None and self.azimuth_rad is not None
 
 
-def carried(settings: Settings) -> Settings:
+def carried(settings: FilterSettings) -> FilterSettings:
     """The settings for a sensor that is carried or waved by hand, and not mounted in a tool.
 
     Velocities of a hand, gyros true to some parts in a thousand, accelerometers to 5 mg; blocks short enough to follow.
@@ -102,7 +102,7 @@ def carried(settings: Settings) -> Settings:
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class FilterEstimate:
     """The filter at the end of a block."""
 
     q: Array
@@ -113,7 +113,7 @@ class State:
     """(3,) g, body frame"""
     P: Array
     time_s: float
-    motion: Motion
+    motion: MotionState
     azimuth_std_rad: float
     still_s: float
     turned_rad: float
@@ -128,7 +128,7 @@ class State:
         return np.sqrt(np.diag(self.P)[3:6])
 
 
-def azimuth_std(variance: Array, moved_s: Array, shaken: Array, settings: Settings) -> Array:
+def azimuth_std(variance: Array, moved_s: Array, shaken: Array, settings: FilterSettings) -> Array:
     """Standard deviation of the azimuth: what the filter knows, and what it does not model."""
     # turning an unknown East-North part away is in the filter; the part about Up is integrated
     unmodelled = EARTH_RATE_RADPS if settings.latitude_rad is None else 0.0
@@ -138,7 +138,7 @@ def azimuth_std(variance: Array, moved_s: Array, shaken: Array, settings: Settin
     return np.asarray(np.minimum(total, math.pi / math.sqrt(3.0)))
 
 
-def azimuth_basis(settings: Settings, still_s: float, turned_rad: float) -> tuple[AzimuthBasis, ...]:
+def azimuth_basis(settings: FilterSettings, still_s: float, turned_rad: float) -> tuple[AzimuthBasis, ...]:
     """Where an azimuth comes from that was reached by these settings, so long a rest and so much of a turn."""
     found = []
     if settings.straight_hole_std_rad is not None:
@@ -150,10 +150,10 @@ def azimuth_basis(settings: Settings, still_s: float, turned_rad: float) -> tupl
     return tuple(found) or (AzimuthBasis.NOTHING,)
 
 
-def constants_of(settings: Settings) -> error_state.Constants:
+def constants_of(settings: FilterSettings) -> filter_state.Constants:
     """The settings as the arithmetic takes them."""
     east, north, up = earth_rate(settings.latitude_rad, azimuth_known=settings.azimuth_rad is not None).tolist()
-    return error_state.Constants(
+    return filter_state.Constants(
         earth_e=east,
         earth_n=north,
         earth_u=up,
@@ -170,14 +170,14 @@ def constants_of(settings: Settings) -> error_state.Constants:
     )
 
 
-def aligned(block: Block, settings: Settings) -> error_state.FilterState:
+def aligned(block: Block, settings: FilterSettings) -> filter_state.FilterState:
     """The first state: tilt from the block's mean gravity, azimuth from the settings."""
     s = settings
     g = block.accel / math.sqrt(float(block.accel @ block.accel))
     theta = math.asin(min(max(float(g[1]), -1.0), 1.0))
     phi = math.atan2(-float(g[0]), float(g[2]))
     psi = s.azimuth_rad or 0.0
-    P = np.zeros((error_state.STATES, error_state.STATES))
+    P = np.zeros((filter_state.STATES, filter_state.STATES))
     tilt_std = math.hypot(s.tilt_std_rad, max(block.accel_std, s.accel_noise_g) / math.sqrt(max(block.n, 1)))
     # elevation, toolface and azimuth are what is known independently; an error of the toolface is a rotation about the
     # tool axis and so, in part, about Up
@@ -194,7 +194,7 @@ def aligned(block: Block, settings: Settings) -> error_state.FilterState:
     P[3:6, 3:6] = bias_var * np.eye(3)
     P[6, 6] = s.scale_std**2
     P[7:, 7:] = (s.velocity_std_mps or s.accel_bias_std_g) ** 2 * np.eye(3)
-    return error_state.FilterState(
+    return filter_state.FilterState(
         q=from_angles(theta, phi, psi),
         bias=np.zeros(3),
         scale=np.zeros(1),
@@ -207,20 +207,20 @@ def aligned(block: Block, settings: Settings) -> error_state.FilterState:
     )
 
 
-class KinematicFilter:
+class ErrorStateFilter:
     """The filter; `step` takes one block, `update` single samples: the online form."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: FilterSettings) -> None:
         self.settings = settings
         self.constants = constants_of(settings)
-        self.memory: error_state.FilterState | None = None
+        self.estimate: filter_state.FilterState | None = None
         self.gate = Gate()
-        self.motion = Motion.VIBRATING
+        self.motion = MotionState.VIBRATING
         self.time_s = math.nan
         self._gatherer = Gatherer(settings.block_s)
 
     def gather(self, t_s: float, rate: tuple[float, float, float], accel: tuple[float, float, float]) -> Block | None:
-        """One sample in the *body* frame (rad/s, g); the block that it closed, which is for `take`."""
+        """One sample in the *body* frame (rad/s, g); the block that it closed, which is for `add_block`."""
         return self._gatherer.add(t_s, rate, accel)
 
     def update(
@@ -230,7 +230,7 @@ class KinematicFilter:
         accel: tuple[float, float, float],
         *,
         declared_still: bool = False,
-    ) -> State | None:
+    ) -> FilterEstimate | None:
         """One sample in the *body* frame (rad/s, g); the state if this sample closed a block.
 
         `declared_still` is the operator's word on the block that this sample closes.
@@ -238,47 +238,47 @@ class KinematicFilter:
         block = self._gatherer.add(t_s, rate, accel)
         return None if block is None else self.step(block, declared_still=declared_still)
 
-    def finish(self, *, declared_still: bool = False) -> State | None:
+    def finish(self, *, declared_still: bool = False) -> FilterEstimate | None:
         """Close the block under way (end of the data)."""
         block = self._gatherer.finish()
         return self.state if block is None else self.step(block, declared_still=declared_still)
 
-    def step(self, block: Block, *, declared_still: bool = False) -> State:
+    def step(self, block: Block, *, declared_still: bool = False) -> FilterEstimate:
         """Take a block in; returns the state at its end."""
-        self.take(block, declared_still=declared_still)
+        self.add_block(block, declared_still=declared_still)
         state = self.state
         if state is None:
             raise ValueError("the first block shows no gravity")
         return state
 
-    def take(self, block: Block, *, declared_still: bool = False) -> None:
+    def add_block(self, block: Block, *, declared_still: bool = False) -> None:
         """`step` without the state as an object."""
         verdict = int(self.gate.verdict(block, declared=declared_still))
         self.time_s = block.end_s
-        if self.memory is None:
+        if self.estimate is None:
             if not float(block.accel @ block.accel) > 0.25:
                 # no gravity to begin with
                 return
             # the first block gives the tilt: its motion is not integrated, its gravity is not used twice
-            self.memory = aligned(block, self.settings)
-            self.motion = Motion(verdict)
+            self.estimate = aligned(block, self.settings)
+            self.motion = MotionState(verdict)
             if declared_still:
-                error_state.zero_rate(block.vector, True, self.memory, self.constants)
+                measurements.zero_rate_update(block.vector, True, self.estimate, self.constants)
             return
-        z, m, c = block.vector, self.memory, self.constants
-        motion = error_state.motion_of(z, verdict, declared_still, m, c)
-        error_state.predict(z, motion, m, c)
-        error_state.correct(z, motion, declared_still, m, c)
-        self.motion = Motion(motion)
+        z, m, c = block.vector, self.estimate, self.constants
+        motion = stop_test.motion_of(z, verdict, declared_still, m, c)
+        time_update.predict(z, motion, m, c)
+        measurements.correct(z, motion, declared_still, m, c)
+        self.motion = MotionState(motion)
 
     @property
-    def state(self) -> State | None:
+    def state(self) -> FilterEstimate | None:
         """What is known at the end of the last block."""
-        m = self.memory
+        m = self.estimate
         if m is None:
             return None
         tally = m.tally
-        return State(
+        return FilterEstimate(
             q=m.q.copy(),
             bias=m.bias.copy(),
             scale=float(m.scale[0]),
@@ -287,10 +287,10 @@ class KinematicFilter:
             time_s=self.time_s,
             motion=self.motion,
             azimuth_std_rad=self.azimuth_std_rad,
-            still_s=float(tally[error_state.STILL_S]),
-            turned_rad=float(tally[error_state.TURNED]),
-            moved_s=float(tally[error_state.MOVED_S]),
-            gap_s=float(tally[error_state.GAP_S]),
+            still_s=float(tally[filter_state.STILL_S]),
+            turned_rad=float(tally[filter_state.TURNED]),
+            moved_s=float(tally[filter_state.MOVED_S]),
+            gap_s=float(tally[filter_state.GAP_S]),
             refused=refused(tally),
         )
 
@@ -298,27 +298,27 @@ class KinematicFilter:
     def azimuth_std_rad(self) -> float:
         """At the end of the last block. Raises ValueError before the first."""
         m = self._begun()
-        variance = np.array(error_state.azimuth_variance(m))
-        return float(azimuth_std(variance, m.tally[error_state.MOVED_S], m.tally[error_state.SHAKEN], self.settings))
+        variance = np.array(filter_state.azimuth_variance(m))
+        return float(azimuth_std(variance, m.tally[filter_state.MOVED_S], m.tally[filter_state.SHAKEN], self.settings))
 
-    def _begun(self) -> error_state.FilterState:
-        if self.memory is None:
+    def _begun(self) -> filter_state.FilterState:
+        if self.estimate is None:
             raise ValueError("no block is closed yet")
-        return self.memory
+        return self.estimate
 
     def attitude_now(self) -> Array:
         """Quaternion (4,) at the newest sample, predicted from the last closed block."""
         m = self._begun()
-        if self.motion is Motion.STILL:
+        if self.motion is MotionState.STILL:
             return m.q.copy()
         c, sums = self.constants, self._gatherer.sums
         t = sums[19]
-        turned = error_state.quaternion_exp(-c.earth_e * t, -c.earth_n * t, -c.earth_u * t)
-        raw = error_state.quaternion_product(
-            sums[:4], error_state.quaternion_exp(*error_state.turn_of_errors(m.bias, m.scale[0], np.array(sums)))
+        turned = filter_state.quaternion_exp(-c.earth_e * t, -c.earth_n * t, -c.earth_u * t)
+        raw = filter_state.quaternion_product(
+            sums[:4], filter_state.quaternion_exp(*filter_state.turn_of_errors(m.bias, m.scale[0], np.array(sums)))
         )
         return np.array(
-            error_state.quaternion_product(error_state.quaternion_product(turned, error_state.attitude_of(m)), raw)
+            filter_state.quaternion_product(filter_state.quaternion_product(turned, filter_state.attitude_of(m)), raw)
         )
 
     def know_azimuth(self, azimuth_rad: float, std_rad: float) -> None:
@@ -334,15 +334,15 @@ class KinematicFilter:
         (`biases_hold`). Raises ValueError before the first block.
         """
         m = self._begun()
-        q = error_state.attitude_of(m)
+        q = filter_state.attitude_of(m)
         # now, within a block that may turn
         a, b, c, d = self.attitude_now().tolist()
-        turn = azimuth_rad - error_state.azimuth_of((a, b, c, d))
+        turn = azimuth_rad - filter_state.azimuth_of((a, b, c, d))
         turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
-        error_state.set_attitude(m, error_state.quaternion_product(error_state.quaternion_exp(0.0, 0.0, -turn), q))
-        up, row = up_direction(m.q), error_state.azimuth_row(error_state.attitude_of(m))
+        filter_state.set_attitude(m, filter_state.quaternion_product(filter_state.quaternion_exp(0.0, 0.0, -turn), q))
+        up, row = up_direction(m.q), filter_state.azimuth_row(filter_state.attitude_of(m))
         # the part of dth that is an azimuth error, taken out of attitude and of what goes with it
-        T = np.eye(error_state.STATES)
+        T = np.eye(filter_state.STATES)
         T[:3, :3] += np.outer(up, row)
         P = T @ m.P @ T.T
         P[:3, :3] += std_rad**2 * np.outer(up, up)
@@ -352,14 +352,14 @@ class KinematicFilter:
             P[3:6, 3:6] += (wrong * level) ** 2 * np.eye(3)
         m.P[:] = 0.5 * (P + P.T)
         m.psi0[0] = azimuth_rad
-        m.tally[error_state.MOVED_S] = m.tally[error_state.SHAKEN] = 0.0
+        m.tally[filter_state.MOVED_S] = m.tally[filter_state.SHAKEN] = 0.0
         if self.settings.azimuth_rad is None:
             self.know_azimuth(azimuth_rad, std_rad)
 
 
 def refused(tally: Array) -> dict[str, int]:
     """Blocks in which a measurement was not believed."""
-    places = {"gravity": error_state.NO_GRAVITY, "zero rate": error_state.NO_RATE, "stop": error_state.NO_STOP}
+    places = {"gravity": filter_state.NO_GRAVITY, "zero rate": filter_state.NO_RATE, "stop": filter_state.NO_STOP}
     return {name: int(tally[place]) for name, place in places.items()}
 
 

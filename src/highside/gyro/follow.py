@@ -9,11 +9,11 @@ from typing import Literal, get_args
 import numpy as np
 
 from highside.arrays import Array
-from highside.gyro.filter import Settings
+from highside.gyro.complementary import complementary
+from highside.gyro.filter import FilterSettings
 from highside.gyro.gates import NO_REST_GATE, quiet_rows
-from highside.gyro.kinematic import kinematic
 from highside.gyro.literal import AzimuthPolicy, literal
-from highside.gyro.recursive import recursive
+from highside.gyro.recording_filter import error_state_filter
 from highside.gyro.result import DriftResult
 
 __all__ = ["METHODS", "STRAIGHT_HOLE_STD_DEG", "FollowOptions", "MethodName", "PolicyName", "columns_deg", "follow"]
@@ -27,7 +27,7 @@ STRAIGHT_HOLE_STD_DEG = 0.1
 
 @dataclass(frozen=True, slots=True)
 class FollowOptions:
-    """What a method may be told beside its settings: when the tool stood, (K, 2) s; what is asserted of the azimuth."""
+    """Options of a method beside its settings: when the tool was at rest, (K, 2) s; what is asserted of the azimuth."""
 
     rest: Array
     policy: PolicyName | None = None
@@ -36,16 +36,16 @@ class FollowOptions:
 
 
 def follow(
-    method: MethodName, t_s: Array, rate: Array, accel: Array, settings: Settings, options: FollowOptions
+    method: MethodName, t_s: Array, rate: Array, accel: Array, settings: FilterSettings, options: FollowOptions
 ) -> DriftResult:
     """Follow the attitude of N rows: times (N,) s, rates (3, N) rad/s and accelerations (3, N) g in the tool frame."""
     rest = options.rest if options.rest.size else None
     if method == "kinematic":
         std = math.radians(STRAIGHT_HOLE_STD_DEG) if options.straight_hole else None
         own = replace(settings, straight_hole_std_rad=std)
-        return kinematic(t_s, rate, accel, own, rest=rest, smooth=options.smooth)
+        return error_state_filter(t_s, rate, accel, own, rest=rest, smooth=options.smooth)
     if method == "recursive":
-        return recursive(t_s, rate, accel, settings, hold=options.straight_hole, rest=rest)
+        return complementary(t_s, rate, accel, settings, hold=options.straight_hole, rest=rest)
     quiet, still = quiet_rows(t_s, rate, accel, options.rest)
     result = literal(
         t_s,

@@ -10,9 +10,9 @@ are multiples of what the tool's own first still record showed. Entering takes `
 seconds, leaving `LEAVE` times and is immediate. Still means quiet, and a mean rate that stays within 0.05 deg/s of
 that of the still record.
 
-A mean rate that small may still be a real, slow turn (a curved hole), and a zero-rate update would then take all of
-it for gyro bias. `error_state.agrees` bounds that: it asks whether the rate seen since the stop began agrees with the
-bias as known before the stop. A declared stop is believed and not tested, unless the tool turns for all to see.
+A mean rate that small may still be a real, slow turn (a curved hole), and a zero-rate update would then take all of it
+for gyro bias. `stop_test.stop_agrees` bounds that: it asks whether the rate observed since the stop began agrees with
+the bias as known before the stop. A declared stop is believed and not tested, unless the tool turns for all to see.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from highside.gyro.blocks import Batch, Block
 from highside.gyro.frames import to_body
 
 
-class Motion(IntEnum):
+class MotionState(IntEnum):
     """Verdict on one block."""
 
     VIBRATING = 0
@@ -50,12 +50,17 @@ NO_REST = (
     f"the recording does not begin with {LEARN_S:g} s of rest, so that no stop is found in it and the azimuth rests on"
     " less; name the stops with --rest, or begin at rest"
 )
-"""What is to be told of stops where `Gate.still` stays unknown."""
+"""What is to be said of stops where `Gate.still` stays unknown."""
 NO_REST_GATE = (
     f": it does not begin with {LEARN_S:g} s of rest to compare with, so that all but rough vibration is believed; name"
     " the stops with --rest, or begin at rest"
 )
-"""The same of a method that asks for vibration only."""
+"""The same of a method that tests vibration only."""
+NO_REST_LIVE = (
+    f"the tool did not rest in the first {LEARN_S:g} s, so that no stop is found by itself and the azimuth rests on"
+    " less; declare one with the command connection, or restart (the command) while the tool rests"
+)
+"""The same of a tool that is followed live."""
 
 _ACCEL_BIAS_G = 0.01
 
@@ -90,7 +95,7 @@ class StillStatistics:
         rates = np.array([block.rate for block in blocks])
         rate = np.average(rates, axis=0, weights=weights)
         rate_std = float(np.average([float(block.rate_std.max()) for block in blocks], weights=weights))
-        wander = float(np.abs(rates - rate).max())
+        departure = float(np.abs(rates - rate).max())
         up = np.array([block.accel for block in blocks])
         up = up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-9)
         # a slow, even turn is as steady as rest, and would be taken for the gyros' bias: gravity shows it
@@ -100,7 +105,7 @@ class StillStatistics:
             norm_std > _PLAUSIBLE_NORM_STD_G
             or rate_std > _PLAUSIBLE_RATE_STD_RADPS
             or float(np.abs(rate).max()) > _PLAUSIBLE_RATE_RADPS
-            or wander > max(STILL_RATE_RADPS, 3.0 * rate_std)
+            or departure > max(STILL_RATE_RADPS, 3.0 * rate_std)
             or turned > max(STILL_RATE_RADPS * seconds, 6.0 * scatter)
         ):
             return None
@@ -120,12 +125,17 @@ class Gate:
         self._quiet = False
         self._quiet_s = 0.0
 
+    @property
+    def without_rest(self) -> bool:
+        """Whether the first record is over and showed no tool at rest."""
+        return self._learned and self.still is None
+
     def know(self, still: StillStatistics | None) -> None:
         """Take the thresholds of an earlier still record, if there was one."""
         if still is not None:
             self.still, self._learned, self._record = still, True, []
 
-    def verdict(self, block: Block, *, declared: bool = False) -> Motion:
+    def verdict(self, block: Block, *, declared: bool = False) -> MotionState:
         """What the tool did in this block. `declared`: the operator says that it stood."""
         if not self._learned:
             self._record.append(block)
@@ -136,16 +146,16 @@ class Gate:
                 self._record = []
         if declared:
             turns = self.still is not None and float(np.abs(block.rate - self.still.rate).max()) > VISIBLE_RATE_RADPS
-            return Motion.TURNING if turns else Motion.STILL
+            return MotionState.TURNING if turns else MotionState.STILL
         if self.still is None:
-            return Motion.VIBRATING if block.norm_std > _PLAUSIBLE_NORM_STD_G else Motion.TURNING
+            return MotionState.VIBRATING if block.norm_std > _PLAUSIBLE_NORM_STD_G else MotionState.TURNING
         self._follow(block, self.still)
         if not self._quiet:
-            return Motion.VIBRATING
+            return MotionState.VIBRATING
         if float(np.abs(block.rate - self.still.rate).max()) > STILL_RATE_RADPS:
             self._quiet_s = 0.0
-            return Motion.TURNING
-        return Motion.STILL if self._quiet_s >= DWELL_S else Motion.QUIET
+            return MotionState.TURNING
+        return MotionState.STILL if self._quiet_s >= DWELL_S else MotionState.QUIET
 
     def _follow(self, block: Block, still: StillStatistics) -> None:
         factor = LEAVE if self._quiet else ENTER
@@ -163,7 +173,7 @@ class Gate:
 
 def quiet_rows(t_s: Array, rate: Array, accel: Array, rest: Array) -> tuple[NDArray[np.bool_], StillStatistics | None]:
     """(N,) rows in which gravity may be believed, for the methods that know only yes and no; and what was learned of
-    the tool at rest, None where the beginning shows none or `rest` was asked instead. Tool frame.
+    the tool at rest, None where the beginning shows none or `rest` was requested instead. Tool frame.
 
     This is the paper's gate: in strong vibration the gyro alone carries the attitude, in quiet and at every stop
     gravity shows the drift. Within `rest` (K, 2) if it is given; else where the gate finds a row's own
@@ -179,6 +189,6 @@ def quiet_rows(t_s: Array, rate: Array, accel: Array, rest: Array) -> tuple[NDAr
     batch = Batch.of(t_s, to_body(rate), to_body(accel))
     gate = Gate()
     verdicts = [gate.verdict(block) for block in batch.blocks()]
-    believed = np.array([verdict > Motion.VIBRATING for verdict in verdicts])
+    believed = np.array([verdict > MotionState.VIBRATING for verdict in verdicts])
     before = np.concatenate([believed[:1], believed[:-1]])
     return np.asarray((believed & before)[batch.number], dtype=bool), gate.still

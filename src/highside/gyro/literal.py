@@ -138,7 +138,7 @@ class Literal:
             self.drift = w0
             return
         if not self._stop:
-            # the first step of a stop takes up the tilt of the whole leg: it is no drift
+            # the first step of a stop absorbs the tilt of the whole leg: it is no drift
             self._sum, self._count = [0.0, 0.0, 0.0], 0
             return
         for i in range(3):

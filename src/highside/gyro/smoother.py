@@ -23,7 +23,7 @@ from highside.attitude.quaternion import (
     to_rotation_vector,
     up_direction,
 )
-from highside.gyro import error_state
+from highside.gyro import error_state, filter_state, time_update
 from highside.units import STANDARD_GRAVITY_MPS2
 
 _RANK = 1e-13
@@ -66,7 +66,7 @@ def smoothed(blocks: Array, trace: error_state.Trace, *, carried: bool = False) 
         start = np.concatenate([dx[:3], bias[k] - trace.bias[k], [scale[k] - trace.scale[k]], np.zeros(3)])
         reached = multiply(trace.q_before[k + 1], from_rotation_vector((F @ start)[:3]))
         leap[k + 1] = to_rotation_vector(multiply(conjugate(reached), q[k + 1]))
-    rows = np.array([error_state.azimuth_row((a, b, c, d)) for a, b, c, d in q.tolist()])
+    rows = np.array([filter_state.azimuth_row((a, b, c, d)) for a, b, c, d in q.tolist()])
     done = trace._replace(
         q=q,
         bias=bias,
@@ -81,18 +81,18 @@ def smoothed(blocks: Array, trace: error_state.Trace, *, carried: bool = False) 
 
 def _transition(block: Array, trace: error_state.Trace, k: int, *, carried: bool) -> Array:
     """F over a block that begins with the state k."""
-    still, gap = trace.motion[k + 1] == error_state.STILL, block[31] > 0.0
+    still, gap = trace.motion[k + 1] == filter_state.STILL, block[31] > 0.0
     if still:
-        F = np.eye(error_state.STATES)
+        F = np.eye(filter_state.STATES)
     else:
-        turn = error_state.turn_of_errors(trace.bias[k], trace.scale[k], block)
-        F = error_state.transition(direction_cosines(multiply(block[:4], from_rotation_vector(turn))), block)
+        turn = filter_state.turn_of_errors(trace.bias[k], trace.scale[k], block)
+        F = time_update.transition(direction_cosines(multiply(block[:4], from_rotation_vector(turn))), block)
     if carried and (still or gap):
-        # `error_state.zero_velocity`: no velocity comes out of an earlier one
+        # `time_update.zero_velocity_update`: no velocity comes out of an earlier one
         F[7:, 7:] = 0.0
     elif carried:
         push = STANDARD_GRAVITY_MPS2 * block[19]
-        error_state.add_velocity(F, push, up_direction(trace.q_before[k + 1]))
+        time_update.add_velocity(F, push, up_direction(trace.q_before[k + 1]))
     return F
 
 

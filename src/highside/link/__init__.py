@@ -6,4 +6,4 @@ A `base.Transport` is one attempt; `base.LinkSupervisor` is the one owner of re-
 from __future__ import annotations
 
 __all__ = ["base", "detect", "device", "handover", "opened", "pythoncan", "replay", "serial", "socketcan", "wire"]
-"""the ways in: modules, loaded when they are asked for"""
+"""the ways in: modules, loaded on request"""

@@ -19,10 +19,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, Self
+
+from pydantic import Field, model_validator
 
 from highside.codec.frame import CanFrame
 from highside.errors import HighsideError
+from highside.reading.config_table import ConfigTable
 
 
 class LinkState(Enum):
@@ -143,20 +146,33 @@ class SystemClock:
         await asyncio.sleep(max(0.0, seconds))
 
 
-@dataclass(frozen=True, slots=True)
-class SupervisorSettings:
+class SupervisorSettings(ConfigTable):
     """When to try again and when to call a silent link stale.
 
     The pause before an attempt is `backoff_initial_s`, doubled for each earlier attempt that brought no data, at most
-    `backoff_max_s`, spread by +-`jitter` (a fraction) so that many tools do not knock at one server together. A device
-    that comes back is opened at once, whatever the pause. Silence is watched unless `stale_after_s` is 0.
+    `backoff_max_s`, spread by +-`jitter` (a fraction) so that many tools do not connect to one server together. A
+    device that comes back is opened at once, whatever the pause. Silence is watched unless `stale_after_s` is 0.
     """
 
-    backoff_initial_s: float = 0.1
-    backoff_max_s: float = 5.0
-    jitter: float = 0.2
-    stale_after_s: float = 1.8
-    reopen_after_s: float = 9.5
+    backoff_initial_s: float = Field(default=0.1, gt=0, le=60, description="Pause before the first new attempt.")
+    backoff_max_s: float = Field(default=5.0, gt=0, le=3600, description="Longest pause between two attempts.")
+    jitter: float = Field(
+        default=0.2, ge=0, le=1, description="Random share of each pause, so that tools do not all connect at once."
+    )
+    stale_after_s: float = Field(
+        default=1.8, ge=0, description="Silence after which the link is called stale; 0: never."
+    )
+    reopen_after_s: float = Field(
+        default=9.5, gt=0, description="Silence after which the link is closed and opened anew."
+    )
+
+    @model_validator(mode="after")
+    def _order(self) -> Self:
+        if self.backoff_max_s < self.backoff_initial_s:
+            raise ValueError("backoff_max_s must not be less than backoff_initial_s")
+        if self.reopen_after_s < self.stale_after_s:
+            raise ValueError("reopen_after_s must not be less than stale_after_s")
+        return self
 
 
 @dataclass(slots=True)
@@ -173,7 +189,7 @@ class LinkStats:
     batches: int = 0
     can_frames: int = 0
     error_frames: int = 0
-    """CAN error frames (told by the controller, not sent by a node); not in `can_frames`"""
+    """CAN error frames (reported by the controller, not sent by a node); not in `can_frames`"""
     kernel_drops: int = 0
     last_data_mono: float | None = None
 
@@ -341,7 +357,7 @@ class LinkSupervisor:
             self._sink_fault.set_exception(fault)
 
     def _set(self, state: LinkState, reason: LinkReason | None, message: str) -> None:
-        """Report a change of state or reason; the same news is not told twice."""
+        """Report a change of state or reason; the same news is not reported twice."""
         stats = self.stats
         changed = state is not stats.state or reason is not stats.reason or not stats.message
         stats.state, stats.reason, stats.message = state, reason, message

@@ -41,7 +41,7 @@ _CELL = re.compile(rb"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*")
 
 
 @dataclass(frozen=True, slots=True)
-class Score:
+class CodecScore:
     """How well a codec fits some bytes: good frames (or lines), and the share of the bytes that they make up."""
 
     codec: str
@@ -56,8 +56,8 @@ class Score:
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
-    """What was found on a port. `codec` is None where nothing fits; `note` says what was seen instead."""
+class PortFinding:
+    """What was found on a port. `codec` is None where nothing fits; `note` says what was found instead."""
 
     port: str
     kind: str
@@ -73,7 +73,7 @@ class Finding:
         return asdict(self)
 
 
-def score_bytes(data: bytes) -> list[Score]:
+def score_bytes(data: bytes) -> list[CodecScore]:
     """All codecs that need no set-up, the best first."""
     scores = []
     for name, table in detectable("bytes").items():
@@ -82,19 +82,19 @@ def score_bytes(data: bytes) -> list[Score]:
             codec.receive(data)
             codec.flush()
         except Exception as error:
-            # another package's decoder: what it fails on is not its language, and the others are still to be heard
-            scores.append(Score(name, 0, 0.0, f"failed: {type(error).__name__}: {one_line(str(error))}"))
+            # another package's decoder: what it fails on is not its language, and the others are still to be tried
+            scores.append(CodecScore(name, 0, 0.0, f"failed: {type(error).__name__}: {one_line(str(error))}"))
             continue
         counts = codec.counts
         # a frame cut off at the end is no fault of the codec
         share = counts.bytes_framed / max(len(data), 1)
         text = f", {counts.bytes_text} bytes of text between" if counts.bytes_text else ""
-        scores.append(Score(name, counts.frames_good, share, f"{counts.frames_bad} bad{text}"))
+        scores.append(CodecScore(name, counts.frames_good, share, f"{counts.frames_bad} bad{text}"))
     scores.append(_score_text(data))
     return sorted(scores, key=lambda score: (score.valid, score.share, score.frames), reverse=True)
 
 
-def _score_text(data: bytes) -> Score:
+def _score_text(data: bytes) -> CodecScore:
     """Delimited lines or NMEA sentences; the first and the last line may be cut off and do not count."""
     lines = [line.rstrip(b"\r") for line in data.split(b"\n")[1:-1]]
     whole = max(sum(len(line) + 1 for line in lines), 1)
@@ -104,8 +104,8 @@ def _score_text(data: bytes) -> Score:
     if len(sentences) >= MIN_FRAMES:
         kinds = Counter(match[1].split(b",")[0].decode("ascii") for match in sentences)
         detail = "NMEA sentences " + ", ".join(f"${kind}" for kind, _ in kinds.most_common(4))
-        return Score("delimited", len(sentences), sum(len(match[0]) + 2 for match in sentences) / whole, detail)
-    best = Score("delimited", 0, 0.0)
+        return CodecScore("delimited", len(sentences), sum(len(match[0]) + 2 for match in sentences) / whole, detail)
+    best = CodecScore("delimited", 0, 0.0)
     for delimiter in (b",", b";", b"\t", b" "):
         cut = [line.split(delimiter) for line in lines]
         # a reading has several cells, most of them numbers
@@ -117,7 +117,7 @@ def _score_text(data: bytes) -> Score:
         share = sum(len(delimiter.join(cells)) + 1 for cells in cut if len(cells) == width) / whole
         if share > best.share:
             name = {b",": "commas", b";": "semicolons", b"\t": "tabs", b" ": "blanks"}[delimiter]
-            best = Score("delimited", frames, min(share, 1.0), f"lines of {width} columns between {name}")
+            best = CodecScore("delimited", frames, min(share, 1.0), f"lines of {width} columns between {name}")
     return best
 
 
@@ -144,36 +144,36 @@ def can_interfaces() -> list[str]:
     return found
 
 
-def probe_serial(port: str, bauds: Sequence[int] = BAUDS, listen_s: float = 1.0) -> Finding:
+def probe_serial(port: str, bauds: Sequence[int] = BAUDS, listen_s: float = 1.0) -> PortFinding:
     """Listen on a port at each rate until one gives valid frames; blocking. Never raises for a port's sake."""
     try:
-        line = open_port(SerialSettings(port, bauds[0]))
+        line = open_port(SerialSettings(port=port, baud=bauds[0]))
     except LinkError as error:
-        return Finding(port, "serial", note=error.message)
-    best = Finding(port, "serial")
-    heard = silent = 0
+        return PortFinding(port, "serial", note=error.message)
+    best = PortFinding(port, "serial")
+    received = silent = 0
     try:
         for baud in bauds:
             line.baudrate = baud
             line.reset_input_buffer()
             data = _listen(line, listen_s)
-            heard += len(data)
+            received += len(data)
             silent = 0 if data else silent + 1
             score = score_bytes(data)[0]
             if score.valid:  # no other rate can give valid frames too
-                best = Finding(
+                best = PortFinding(
                     port, "serial", baud, score.codec, score.frames, len(data), round(score.share, 4), score.detail
                 )
                 break
-            if heard == 0 and silent >= SILENT_BAUDS:
+            if received == 0 and silent >= SILENT_BAUDS:
                 break
     except (OSError, ValueError, TypeError) as fault:
-        return Finding(port, "serial", note=f"cannot be read: {' '.join(str(fault).split())}")
+        return PortFinding(port, "serial", note=f"cannot be read: {' '.join(str(fault).split())}")
     finally:
         line.close()
     if best.codec is None:
-        note = f"{heard} bytes, no valid frame at any rate" if heard else "open, but silent"
-        return Finding(port, "serial", bytes=heard, note=note)
+        note = f"{received} bytes, no valid frame at any rate" if received else "open, but silent"
+        return PortFinding(port, "serial", bytes=received, note=note)
     return best
 
 
@@ -185,15 +185,15 @@ def _listen(line: object, listen_s: float) -> bytes:
     return bytes(data)
 
 
-def probe_can(interface: str, tables: Sequence[CodecTable], listen_s: float = 1.0) -> Finding:
-    """Listen on a CAN interface, and try these codecs on what is heard; blocking."""
+def probe_can(interface: str, tables: Sequence[CodecTable], listen_s: float = 1.0) -> PortFinding:
+    """Listen on a CAN interface, and try these codecs on what is received; blocking."""
     try:
         problem = interface_problem(interface)
         if problem is not None:
             raise problem
-        raw = open_socket(SocketCanSettings(interface))
+        raw = open_socket(SocketCanSettings(interface=interface))
     except LinkError as error:
-        return Finding(interface, "socketcan", note=error.message)
+        return PortFinding(interface, "socketcan", note=error.message)
     frames: list[CanFrame] = []
     end = time.monotonic() + listen_s
     try:
@@ -203,7 +203,7 @@ def probe_can(interface: str, tables: Sequence[CodecTable], listen_s: float = 1.
                 if frame is not None and not frame.error:
                     frames.append(frame)
     except OSError as fault:
-        return Finding(interface, "socketcan", note=f"cannot be read: {fault.strerror}")
+        return PortFinding(interface, "socketcan", note=f"cannot be read: {fault.strerror}")
     finally:
         raw.close()
     size = sum(len(frame.data) for frame in frames)
@@ -216,7 +216,7 @@ def probe_can(interface: str, tables: Sequence[CodecTable], listen_s: float = 1.
         if readings >= MIN_FRAMES:
             share = round(codec.counts.bytes_framed / size, 4)
             note = "the tool's own messages" if table.speaks_as_the_tool else ""
-            fits.append(Finding(interface, "socketcan", None, table.name, readings, size, share, note))
+            fits.append(PortFinding(interface, "socketcan", None, table.name, readings, size, share, note))
     if fits:
         return max(fits, key=lambda found: found.share)
     note = (
@@ -224,4 +224,4 @@ def probe_can(interface: str, tables: Sequence[CodecTable], listen_s: float = 1.
         if frames
         else "up, but silent"
     )
-    return Finding(interface, "socketcan", bytes=size, note=note)
+    return PortFinding(interface, "socketcan", bytes=size, note=note)

@@ -17,11 +17,11 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field, InstanceOf
 
 from highside.arrays import Array
 from highside.attitude.quaternion import direction_cosines, from_angles, to_tool
@@ -32,6 +32,7 @@ from highside.link.wire import Wire
 from highside.physics.gravity import EARTH_RATE_RADPS, gravity_direction
 from highside.physics.motion import Leg, Motion, MotionBlock, demo, still
 from highside.physics.rotation_chain import Faults, inclination_toolface_errors, package_turn
+from highside.reading.config_table import ConfigTable
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 MAX_CATCH_UP_S = 1.0
@@ -40,30 +41,35 @@ MAX_CATCH_UP_S = 1.0
 CanEncoder = Callable[[Frame], list[CanFrame]]
 
 
-@dataclass(frozen=True, slots=True)
-class DeviceSettings:
-    """A simulated tool. Noise densities are one-sided, per root hertz; the band is half the frame rate."""
+class SimulatedSensor(ConfigTable):
+    """The sensor of a simulated tool. Noise densities are one-sided; the band is half the frame rate."""
 
-    rate_hz: float = 100.0
-    motion: Motion = field(default_factory=demo)
-    matrix: tuple[tuple[float, float, float], ...] = IDENTITY
-    """raw = matrix @ true + offset"""
+    rate_hz: float = Field(default=100.0, gt=0, le=20_000)
+    seed: int = Field(default=1, ge=0)
+    matrix: tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]] = Field(
+        default=IDENTITY, description="raw = matrix @ true + offset"
+    )
     offset_g: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    noise_density_g: float = 20e-6
+    noise_density_g: float = Field(default=20e-6, ge=0, description="g per root hertz.")
     gyros: bool = True
     gyro_bias_dps: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    gyro_noise_density_dps: float = 0.005
-    latitude_deg: float | None = None
-    """where it is: its gyros then see the Earth turn"""
-    azimuth_deg: float = 0.0
-    """of the hole, held by every motion; clockwise from true north"""
+    gyro_noise_density_dps: float = Field(default=0.005, ge=0, description="deg/s per root hertz.")
+    latitude_deg: float | None = Field(
+        default=None, ge=-90, le=90, description="Where it is: its gyros then see the Earth turn."
+    )
+    azimuth_deg: float = Field(default=0.0, ge=0, le=360, description="Of the hole; held by every motion.")
     temp_c: float | None = 25.0
-    rotor_faults: Faults | None = None
-    """it sends angle and rate of a rotor that turns it, read by an encoder; the faults of that rotor (maybe none)"""
-    seed: int = 1
+
+
+class DeviceSettings(SimulatedSensor):
+    """A simulated tool: its sensor, how it is moved, and how it sends."""
+
+    motion: InstanceOf[Motion] = Field(default_factory=demo)
+    rotor_faults: InstanceOf[Faults] | None = Field(
+        default=None, description="Of the rotor that turns it, whose angle and rate it then sends too; maybe none."
+    )
     tick_s: float = 0.01
-    speed: float = 1.0
-    """how much faster than the wall's the tool's clock runs"""
+    speed: float = Field(default=1.0, description="How much faster than the wall's the tool's clock runs.")
 
     @property
     def noise_g(self) -> float:
@@ -80,7 +86,7 @@ class Truth(NamedTuple):
 
 
 class Track:
-    """The motions that the tool was told to make, one after the other, on one time base."""
+    """The motions that the tool was given, one after the other, on one time base."""
 
     def __init__(self, motion: Motion) -> None:
         self._starts: list[float] = [0.0]
@@ -158,7 +164,7 @@ class SimulatedDevice:
         with self._lock:
             return self._track.block(np.asarray(t_s, dtype=np.float64) + self._boots[boot] / self.settings.rate_hz)
 
-    # what it can be told
+    # commands
 
     def plug(self) -> None:
         with self._lock:

@@ -11,12 +11,15 @@ import asyncio
 import contextlib
 import threading
 import time
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
+
+from pydantic import Field
 
 from highside.codec.frame import CanFrame
 from highside.link.base import Deliver, LinkError, LinkReason
 from highside.link.handover import Handover
+from highside.link.socketcan import CanId
+from highside.reading.config_table import ConfigTable
 
 if TYPE_CHECKING:
     import can
@@ -25,16 +28,19 @@ POLL_S = 0.1
 FRAMES_PER_BATCH = 256
 
 
-@dataclass(frozen=True, slots=True)
-class PythonCanSettings:
+class PythonCanSettings(ConfigTable):
     """What `can.Bus` is given: `interface` and `channel` as python-can names them, further `options` as they are."""
 
-    interface: str
+    interface: str = Field(
+        min_length=1, description="python-can's name of the interface: pcan, kvaser, slcan, virtual, ..."
+    )
     channel: str | int | None = None
-    bitrate: int | None = None
+    bitrate: int | None = Field(default=None, gt=0)
     fd: bool = False
-    can_ids: tuple[int, ...] = ()
-    options: dict[str, str | int | float | bool] = field(default_factory=dict)
+    can_ids: tuple[CanId, ...] = ()
+    options: dict[str, str | int | float | bool] = Field(
+        default_factory=dict, description="Further arguments of can.Bus."
+    )
 
 
 class PythonCanTransport:

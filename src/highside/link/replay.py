@@ -18,11 +18,14 @@ from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
+from pydantic import Field
+
 from highside.codec.frame import CanFrame
 from highside.errors import InputError
 from highside.link.base import Chunk, Clock, Deliver, LinkError, LinkReason, SystemClock
 from highside.link.wire import Wire
 from highside.reading import open_binary
+from highside.reading.config_table import ConfigTable
 from highside.recording.candump import read_candump
 from highside.recording.wire import WireKind, detect_kind, read_segments
 
@@ -34,7 +37,7 @@ WAIT_S = 0.02
 PENDING_LIMIT = 16384
 
 
-class Event(NamedTuple):
+class RecordedEvent(NamedTuple):
     """Something that was recorded: `t_s` after the beginning of the recording, never less than the event before."""
 
     t_s: float
@@ -42,16 +45,15 @@ class Event(NamedTuple):
     content: bytes | CanFrame
 
 
-@dataclass(frozen=True, slots=True)
-class ReplaySettings:
-    """A recording and its pace. `byte_rate` (bytes/s) is for raw files only."""
+class ReplaySettings(ConfigTable):
+    """A recording and its pace."""
 
-    path: Path
-    speed: float = 1.0
-    byte_rate: float = 11520.0
+    path: Path = Field(description="A candump log, a recording of serial segments, or raw bytes; may be gzipped.")
+    speed: float = Field(default=1.0, ge=0, description="1: in real time, 2: twice as fast; 0: as fast as possible.")
+    byte_rate: float = Field(default=11520.0, gt=0, description="Bytes per second of a raw file, which has no times.")
 
 
-def events(path: Path, byte_rate: float = 11520.0) -> Iterator[Event]:
+def events(path: Path, byte_rate: float = 11520.0) -> Iterator[RecordedEvent]:
     """The events of a recording of any kind, in order. Raises InputError for what cannot be read."""
     kind = detect_kind(path)
     if kind is WireKind.RAW:
@@ -61,7 +63,7 @@ def events(path: Path, byte_rate: float = 11520.0) -> Iterator[Event]:
     return _in_order((record.t_mono, record.t_wall, record.data) for record in read_segments(path))
 
 
-def _in_order(recorded: Iterator[tuple[float, float, bytes | CanFrame]]) -> Iterator[Event]:
+def _in_order(recorded: Iterator[tuple[float, float, bytes | CanFrame]]) -> Iterator[RecordedEvent]:
     first: float | None = None
     t_s = 0.0
     for t, t_wall, content in recorded:
@@ -69,24 +71,26 @@ def _in_order(recorded: Iterator[tuple[float, float, bytes | CanFrame]]) -> Iter
             first = t
         # a clock that was set back while recording must not stop the replay
         t_s = max(t_s, t - first)
-        yield Event(t_s, t_wall, content)
+        yield RecordedEvent(t_s, t_wall, content)
 
 
-def _raw_events(path: Path, byte_rate: float) -> Iterator[Event]:
+def _raw_events(path: Path, byte_rate: float) -> Iterator[RecordedEvent]:
     piece = max(1, min(BYTES_PER_BATCH, round(byte_rate * RAW_TICK_S)))
     position = 0
     with open_binary(path) as file:
         while data := file.read(piece):
             # a piece is there when its last byte is
             position += len(data)
-            yield Event(position / byte_rate, position / byte_rate, data)
+            yield RecordedEvent(position / byte_rate, position / byte_rate, data)
 
 
-async def paced(timeline: Iterator[Event], speed: float, clock: Clock) -> AsyncGenerator[list[Event], None]:
+async def paced(
+    timeline: Iterator[RecordedEvent], speed: float, clock: Clock
+) -> AsyncGenerator[list[RecordedEvent], None]:
     """Lists of events, each when it is due; their `t_s` is replaced by the monotonic time at which they were due."""
     start = clock.monotonic()
     pace = speed or 1.0
-    batch: list[Event] = []
+    batch: list[RecordedEvent] = []
     size = 0
     for event in timeline:
         due = start + event.t_s / pace
@@ -104,7 +108,7 @@ async def paced(timeline: Iterator[Event], speed: float, clock: Clock) -> AsyncG
         yield batch
 
 
-def _deliver_batch(batch: list[Event], deliver: Deliver) -> None:
+def _deliver_batch(batch: list[RecordedEvent], deliver: Deliver) -> None:
     frames: list[CanFrame] = []
     parts: list[bytes] = []
     for event in batch:
@@ -137,7 +141,7 @@ class ReplayTransport:
             raise LinkError(LinkReason.CONFIG, str(error)) from error
         self._playing = asyncio.create_task(self._play(timeline, deliver))
 
-    async def _play(self, timeline: Iterator[Event], deliver: Deliver) -> LinkError:
+    async def _play(self, timeline: Iterator[RecordedEvent], deliver: Deliver) -> LinkError:
         count = 0
         try:
             async with contextlib.aclosing(paced(timeline, self._settings.speed, self._clock)) as due:
@@ -173,7 +177,11 @@ class Played:
 
 
 async def play(
-    timeline: Iterator[Event], wire: Wire, speed: float = 1.0, clock: Clock | None = None, played: Played | None = None
+    timeline: Iterator[RecordedEvent],
+    wire: Wire,
+    speed: float = 1.0,
+    clock: Clock | None = None,
+    played: Played | None = None,
 ) -> Played:
     """Write a recording to a wire that is plugged in: waits for a reader, then plays; waits until all has been taken.
 

@@ -1,7 +1,7 @@
 """Serial lines: opened by pyserial, read by the event loop.
 
 pyserial knows how to set up a port (baud rate, lock, low latency) and brings `socket://` and `rfc2217://` along; the
-loop reads the descriptor itself. Facts that shape this module: a port is not exclusive unless one asks for it; after an
+loop reads the descriptor itself. Facts that shape this module: a port is not exclusive unless one requests it; after an
 unplug the descriptor is readable for ever and gives b"" - that is the end of file, not "no data"; pyserial sets
 VMIN = 0, with which an empty line gives b"" too, so VMIN is set to 1; a device may return under another node, so a
 by-id link is resolved anew at each open and looked at while open. URLs without a descriptor get a thread and a bounded
@@ -18,12 +18,14 @@ import os
 import termios
 import threading
 import time
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+from pydantic import Field, field_validator
 
 from highside.link.base import Chunk, Deliver, LinkError, LinkReason
 from highside.link.handover import Handover
+from highside.reading.config_table import ConfigTable
 
 SerialPort = Any
 """one of pyserial's classes; what they have in common (`in_waiting`, `fileno`) is not in their common base"""
@@ -32,30 +34,39 @@ READ_SIZE = 16_384
 wait; the loop comes back for it."""
 SHORT_READ = 2048
 """A read that gives less has emptied the line (the kernel's line discipline hands out up to 4 KiB): no second one is
-made only to be told so."""
+made only to find that out."""
 LOOK_S = 0.05
 """how often an absent device is looked for; one stat() costs some microseconds"""
 WATCH_S = 0.5
 """how often the node of an open device is compared with the one that was opened"""
 THREAD_POLL_S = 0.2
 LETTING_GO_S = 0.5
-"""Seconds for which a port that is busy is tried again before that is said. A lock lives as long as its last
-descriptor: a process that has just been told to end, or one that was forked and has not become another program yet,
+"""Seconds for which a port that is busy is tried again before that is reported. A lock lives as long as its last
+descriptor: a process that has just been asked to end, or one that was forked and has not become another program yet,
 holds it for some milliseconds more; and the kernel itself says EAGAIN of a terminal that is being closed."""
 _BUSY = (errno.EAGAIN, errno.EBUSY)
 
 
-@dataclass(frozen=True, slots=True)
-class SerialSettings:
-    """A serial port or URL and its line settings; `parity` is one of N, E, O, M, S."""
+class SerialSettings(ConfigTable):
+    """A serial port or URL and its line settings."""
 
-    port: str
-    baud: int = 115200
-    bytesize: int = 8
-    parity: str = "N"
-    stopbits: float = 1
+    port: str = Field(
+        min_length=1,
+        description="Device (best /dev/serial/by-id/...), socket://host:port or rfc2217://host:port.",
+    )
+    baud: int = Field(default=115200, gt=0, le=12_000_000)
+    bytesize: Literal[5, 6, 7, 8] = 8
+    parity: Literal["N", "E", "O", "M", "S"] = "N"
+    stopbits: float = Field(default=1.0, description="1, 1.5 or 2.")
     xonxoff: bool = False
     rtscts: bool = False
+
+    @field_validator("stopbits")
+    @classmethod
+    def _stopbits_exist(cls, value: float) -> float:
+        if value not in (1.0, 1.5, 2.0):
+            raise ValueError("must be 1, 1.5 or 2")
+        return value
 
 
 class SerialTransport:
@@ -91,6 +102,9 @@ class SerialTransport:
         except (OSError, AttributeError):  # io.UnsupportedOperation is an OSError
             self._fd = -1
         if self._fd >= 0:
+            if not self._is_url:
+                # of what was opened: a link that appeared between the look at it and the opening is no other device
+                self._identity = _identity(self._fd)
             os.set_blocking(self._fd, False)
             loop.add_reader(self._fd, self._readable)
         else:
@@ -234,7 +248,7 @@ class SerialTransport:
 def open_port(settings: SerialSettings) -> SerialPort:
     """Open with pyserial, exclusively and with low latency; blocking. Raises LinkError with the reason.
 
-    The lock is `flock`, which other instances of this and every pyserial program that asks for exclusivity respect (it
+    The lock is `flock`, which other instances of this and every pyserial program that requests exclusivity respect (it
     works on a pty as well); on real devices TIOCEXCL is added, which keeps out programs that do not look at locks. Not
     on a pty: there the flag would outlive us. A busy port is tried again for `LETTING_GO_S`.
     """
@@ -318,10 +332,10 @@ def _close_port(port: SerialPort) -> None:
         port.close()
 
 
-def _identity(path: str) -> tuple[int, int] | None:
-    """Which device node a path leads to, through links; None when it leads nowhere."""
+def _identity(place: str | int) -> tuple[int, int] | None:
+    """Which device node a path (through links) or an open descriptor leads to; None when it leads nowhere."""
     try:
-        status = Path(path).stat()
+        status = os.stat(place)  # noqa: PTH116 - a descriptor, too
     except OSError:
         return None
     return status.st_ino, status.st_rdev

@@ -2,7 +2,7 @@
 
 The kernel keeps about 300 classic frames for a socket by default (35 ms of a full bus) and throws away the rest in
 silence: only the counter of SO_RXQ_OVFL tells, so it is switched on, and the buffer is enlarged. Frames carry the
-kernel's own time of reception (SO_TIMESTAMPNS), error frames are asked for, and each wake-up reads a bounded number.
+kernel's own time of reception (SO_TIMESTAMPNS), error frames are requested, and each wake-up reads a bounded number.
 
 An interface that goes down raises one error and is silent afterwards; one that is deleted raises one error and the
 socket stays deaf for ever, even if the interface comes back. Therefore every error closes the link, and twice a second
@@ -21,10 +21,13 @@ import socket
 import struct
 import sys
 import time
-from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field
 
 from highside.codec.frame import CanFrame
 from highside.link.base import Deliver, LinkError, LinkReason
+from highside.reading.config_table import ConfigTable
 
 # linux/can.h, linux/can/raw.h, asm-generic/socket.h
 CAN_EFF_FLAG = 0x80000000
@@ -49,22 +52,24 @@ HEALTH_S = 0.5
 LOOK_S = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class SocketCanSettings:
-    """A CAN interface. `can_ids` empty: all frames; an id above 0x7ff is an extended one."""
+CanId = Annotated[int, Field(ge=0, le=0x1FFFFFFF)]
 
-    interface: str
-    fd: bool = False
-    can_ids: tuple[int, ...] = ()
-    receive_buffer_bytes: int = 8 * 1024 * 1024
-    health_s: float = HEALTH_S
+
+class SocketCanSettings(ConfigTable):
+    """A CAN interface of the kernel."""
+
+    interface: str = Field(description="Its name, as `ip link` shows it.")
+    fd: bool = Field(default=False, description="Receive CAN FD frames too.")
+    can_ids: tuple[CanId, ...] = Field(default=(), description="Only these identifiers; above 0x7ff: extended ones.")
+    receive_buffer_bytes: int = Field(default=8 * 1024 * 1024, ge=4096, le=1 << 30)
 
 
 class SocketCanTransport:
     """One attempt at a SocketCAN interface; can send as well."""
 
-    def __init__(self, settings: SocketCanSettings) -> None:
+    def __init__(self, settings: SocketCanSettings, *, health_s: float = HEALTH_S) -> None:
         self._settings = settings
+        self._health_s = health_s
         self._socket: socket.socket | None = None
         self._index = 0
         self._deliver: Deliver | None = None
@@ -167,7 +172,7 @@ class SocketCanTransport:
 
     async def _watch_interface(self) -> None:
         while True:
-            await asyncio.sleep(self._settings.health_s)
+            await asyncio.sleep(self._health_s)
             problem = interface_problem(self._settings.interface, self._index)
             if problem is not None:
                 self._end(problem)

@@ -3,7 +3,7 @@
 A pty stands for a serial line, a CAN interface for a bus. Like real hardware they do not wait for a listener: what
 nobody reads is lost, and counted. What the kernel cannot take at the moment is kept for the next write, up to a bound.
 Unplugging a pty closes its master, which is what the reader of a real line sees when a USB adapter is pulled; plugging
-in again makes a new pty, under the same link if one was asked for.
+in again makes a new pty, under the same link if one was requested.
 """
 
 from __future__ import annotations
@@ -199,7 +199,7 @@ class CanWire:
     def plug(self) -> None:
         """Open the interface. Raises LinkError."""
         if self._socket is None:
-            self._socket = open_socket(SocketCanSettings(self._interface))
+            self._socket = open_socket(SocketCanSettings(interface=self._interface))
             # a writer reads nothing: an empty filter keeps its receive queue empty
             self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, b"")
 

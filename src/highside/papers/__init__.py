@@ -13,4 +13,4 @@ __all__ = [
     "reproduce_rotation",
     "rotation_scenarios",
 ]
-"""the ways in: modules, loaded when they are asked for"""
+"""the ways in: modules, loaded when they are requested"""

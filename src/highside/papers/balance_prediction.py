@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from highside.arrays import Array
 from highside.calibration.balance import TRIPLES
 from highside.diagnosis.table.posterior import Drawn
-from highside.papers.balance_session import COLUMNS, INCLINATIONS_DEG, METHODS, Plan, cells_of, run_session
+from highside.papers.balance_session import COLUMNS, INCLINATIONS_DEG, METHODS, BalancePlan, cells_of, run_session
 
 LEVEL = 0.95
 DRAWS = 300
@@ -36,7 +36,7 @@ WIDENED = {
 peak-to-peak is noise and pattern in one, so all those of an instrument go wrong together where an effect that is not
 named is made up by noise; a mean is spared that. Of the means set on 14 simulated instruments of
 `studies/balance_coverage.py`, of the peak-to-peaks the 95 % quantile over 58 of them; what is stated of these is of
-instruments that their width was not set on (each in turn left out)."""
+instruments that their width was not set on (each in turn omitted)."""
 ROUNDING_DEG = 0.5e-7
 """half of the last digit of the published tables"""
 AGREES_P = 0.05
@@ -70,7 +70,7 @@ class Ensemble:
 
 def run_ensemble(draws: Sequence[Drawn], seed: int) -> Ensemble:
     """Run the experiment on each draw. The same seed gives the same numbers."""
-    plan = Plan.of_the_paper()
+    plan = BalancePlan.of_the_paper()
     cells, inc, tf = [], [], []
     for k, drawn in enumerate(draws):
         session = run_session(plan, drawn.model, drawn.noise_g, np.random.default_rng([seed, k]), drawn.own_g)

@@ -21,7 +21,7 @@ from highside.calibration.poses import PoseSet
 from highside.physics.effect import Stage
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import gravity_direction
-from highside.physics.scenario import BALANCE_TOOLFACES_DEG, PUBLISHED_INCLINATIONS_DEG, pose_grid
+from highside.physics.plan import BALANCE_TOOLFACES_DEG, PUBLISHED_INCLINATIONS_DEG, pose_grid
 from highside.physics.state import ChainState
 
 INCLINATIONS_DEG = tuple(sorted(PUBLISHED_INCLINATIONS_DEG, reverse=True))
@@ -34,7 +34,7 @@ _THREE, _RINGS = 3, 4 * len(INCLINATIONS_DEG)
 
 
 @dataclass(frozen=True)
-class Plan:
+class BalancePlan:
     """All poses of the experiment: the three conventional ones, four on each ring, and the turns."""
 
     inc_rad: Array
@@ -42,7 +42,7 @@ class Plan:
     state: ChainState
 
     @classmethod
-    def of_the_paper(cls) -> Plan:
+    def of_the_paper(cls) -> BalancePlan:
         """The poses in the order conventional, rings, turns."""
         three_inc, three_tf = position_plan(3)
         ring_inc, ring_tf = pose_grid(INCLINATIONS_DEG, BALANCE_TOOLFACES_DEG)
@@ -52,10 +52,10 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Session:
+class BalanceRun:
     """One run of the experiment: `readings` (3, N, 4) in g of the plan's poses, and where the tool was, (N,) rad."""
 
-    plan: Plan
+    plan: BalancePlan
     readings: Array
     inc_true_rad: Array
     tf_true_rad: Array
@@ -105,8 +105,8 @@ class Session:
 
 
 def run_session(
-    plan: Plan, instrument: ForwardModel, noise_g: float, rng: np.random.Generator, own_g: Array | None = None
-) -> Session:
+    plan: BalancePlan, instrument: ForwardModel, noise_g: float, rng: np.random.Generator, own_g: Array | None = None
+) -> BalanceRun:
     """Run the experiment on an instrument (its random effects say how the bench stops).
 
     `own_g` (3, 3): what chance did to the three conventional poses, where that is known; drawn otherwise.
@@ -120,7 +120,7 @@ def run_session(
     if own_g is not None:
         noise[:, :_THREE] = own_g[:, :, None]
     inc, tf = attitude_block(np.asarray(chain.gravity))
-    return Session(plan, chain.reported[:, :, None] + noise, inc, tf)
+    return BalanceRun(plan, chain.reported[:, :, None] + noise, inc, tf)
 
 
 def cells_of(errors: tuple[Array, Array]) -> Array:

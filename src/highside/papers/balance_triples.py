@@ -1,7 +1,7 @@
 """What makes the mean toolface of a triple: the closure of its four poses, and a check of the paper's signs by itself.
 
 A matrix from three of a ring's four poses meets them exactly, so the closure `e = S1 - S2 + S3 - S4` of the four falls
-on the pose left out. Beside the average of the triples each has an affine field, of `r = e / 4` at the three poses and
+on the pose omitted. Beside the average of the triples each has an affine field, of `r = e / 4` at the three poses and
 -3 r at the fourth. Near vertical, where gx and gy alone count, its means over the turn are (times sin I for T, and
 1/sqrt 2 for all):
 
@@ -42,7 +42,7 @@ class MeanToolface:
 
 
 @dataclass(frozen=True)
-class Closure:
+class TripleClosure:
     """One component of the closure of a session (ug, of r = e / 4 along a diagonal of x and y): as the published means
     of the triples say, and as table 1 predicts it."""
 
@@ -64,7 +64,7 @@ class TripleEvidence:
     """What tables 2, 4, 5 and 6 say of the signs of T, and of the closures that set the means of the triples."""
 
     means: tuple[MeanToolface, ...]
-    closures: tuple[Closure, ...]
+    closures: tuple[TripleClosure, ...]
     arcs_deg: Mapping[float, float]
     """Mean T of 1-2-3 less that of the average, times sin I, by inclination"""
 
@@ -96,7 +96,7 @@ def evidence(published: Rows, ensemble: Ensemble) -> TripleEvidence:
     """From the published tables, and from what table 1 predicts of the same means."""
     average = {row["inc_ref_deg"]: row for row in published["table6"]}
     means: list[MeanToolface] = []
-    closures: list[Closure] = []
+    closures: list[TripleClosure] = []
     for table, inc_deg in (("table4", 1.206), ("table5", 0.612)):
         sin = float(np.sin(np.radians(inc_deg)))
         rows = {row["triple"]: row for row in published[table]}
@@ -111,8 +111,8 @@ def evidence(published: Rows, ensemble: Ensemble) -> TripleEvidence:
         for which, plus, minus in (("x + ry", "3-4-1", "1-2-3"), ("x - ry", "4-1-2", "2-3-4")):
             scale = sin / np.sqrt(2.0) * MICRO_G_PER_DEG
             low, middle, high = interval((predicted[plus] - predicted[minus]) * scale)
-            told = (rows[plus]["d_tf_mean_deg"] - rows[minus]["d_tf_mean_deg"]) * scale
-            closures.append(Closure(inc_deg, which, float(told), float(middle), float(low), float(high)))
+            printed = (rows[plus]["d_tf_mean_deg"] - rows[minus]["d_tf_mean_deg"]) * scale
+            closures.append(TripleClosure(inc_deg, which, float(printed), float(middle), float(low), float(high)))
     arcs = {
         row["inc_ref_deg"]: float(
             (row["d_tf_mean_deg"] - average[row["inc_ref_deg"]]["d_tf_mean_deg"])
@@ -128,7 +128,7 @@ def in_words(found: TripleEvidence, noise_g: float) -> list[str]:
     """Why the means of T of single triples come out as they do; every figure from the tables."""
     arcs = np.abs(list(found.arcs_deg.values()))
     outside = [c for c in found.closures if not c.covered]
-    told = "; ".join(
+    printed = "; ".join(
         f"r{c.which} at {c.inc_ref_deg:g} deg {c.published_ug:+.0f} ug, predicted {c.low_ug:+.0f} to {c.high_ug:+.0f}"
         for c in found.closures
     )
@@ -138,9 +138,9 @@ def in_words(found: TripleEvidence, noise_g: float) -> list[str]:
         f"{found.rms_deg:.5f} deg of arc (rms) with the signs used here, and would miss by "
         f"{found.rms_of_other_sign_deg:.5f} deg if T were counted the other way: it is no matter of convention, of a "
         "wrap or of a misprint.",
-        f"What sets these means is the closure of the four poses at that inclination: {told} (two sigma of a reading's "
-        f"noise of {noise_g * 1e6:.0f} ug are {noise_g * 1e6 / np.sqrt(2.0):.0f}). Table 1 holds the size of such a "
-        "term in its peak-to-peaks, its sign nowhere: the intervals hold both signs.",
+        f"What sets these means is the closure of the four poses at that inclination: {printed} (two sigma of a "
+        f"reading's noise of {noise_g * 1e6:.0f} ug are {noise_g * 1e6 / np.sqrt(2.0):.0f}). Table 1 holds the size of "
+        "such a term in its peak-to-peaks, its sign nowhere: the intervals hold both signs.",
     ]
     if outside:
         lines.append(

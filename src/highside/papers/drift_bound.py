@@ -27,7 +27,7 @@ from highside.attitude.quaternion import (
     multiply,
     to_rotation_vector,
 )
-from highside.papers.drift_scenarios import DEG_PER_HOUR, Experiment
+from highside.papers.drift_scenarios import DEG_PER_HOUR, DriftExperiment
 from highside.physics.gravity import EARTH_RATE_RADPS
 
 _WIDE_RAD = 0.05
@@ -36,7 +36,7 @@ _VERTICAL_COS = 0.05
 
 
 def azimuth_bound(
-    experiment: Experiment,
+    experiment: DriftExperiment,
     *,
     azimuth_std_rad: float = 1e-6,
     bias_std_dph: float = 20.0,
@@ -69,20 +69,7 @@ def azimuth_bound(
     for begin, end in np.zeros((0, 2)) if rest is None else rest:
         still[1:] |= (e.t_s[at[:-1]] >= begin - 1e-6) & (e.t_s[at[1:]] <= end + 1e-6)
 
-    P = np.zeros((10, 10))
-    # elevation, toolface and azimuth as rotations of the body: the azimuth is known, not the rotation about Up
-    theta, phi = float(e.theta[0]), float(e.phi[0])
-    axes = np.array(
-        [
-            [np.cos(phi), 0.0, np.sin(phi) * np.cos(theta)],
-            [0.0, 1.0, -np.sin(theta)],
-            [np.sin(phi), 0.0, -np.cos(phi) * np.cos(theta)],
-        ]
-    ) * np.array([_WIDE_RAD, _WIDE_RAD / max(np.cos(theta), _VERTICAL_COS), azimuth_std_rad])
-    P[:3, :3] = axes @ axes.T
-    P[3:6, 3:6] = (bias_std_dph * DEG_PER_HOUR) ** 2 * np.eye(3)
-    P[6, 6] = scale_std**2
-    P[7:, 7:] = triad.accel_bias_g**2 * np.eye(3)
+    P = _prior(e, azimuth_std_rad, bias_std_dph, scale_std)
     bound = np.empty(at.size)
     bound[0] = azimuth_std_rad
     for k in range(1, at.size):
@@ -105,6 +92,25 @@ def azimuth_bound(
         row = _azimuth_row(C)
         bound[k] = np.sqrt(row @ P[:3, :3] @ row)
     return bound
+
+
+def _prior(e: DriftExperiment, azimuth_std_rad: float, bias_std_dph: float, scale_std: float) -> Array:
+    """Covariance (10, 10) of what is known before the first reading."""
+    P = np.zeros((10, 10))
+    # elevation, toolface and azimuth as rotations of the body: the azimuth is known, not the rotation about Up
+    theta, phi = float(e.theta[0]), float(e.phi[0])
+    axes = np.array(
+        [
+            [np.cos(phi), 0.0, np.sin(phi) * np.cos(theta)],
+            [0.0, 1.0, -np.sin(theta)],
+            [np.sin(phi), 0.0, -np.cos(phi) * np.cos(theta)],
+        ]
+    ) * np.array([_WIDE_RAD, _WIDE_RAD / max(np.cos(theta), _VERTICAL_COS), azimuth_std_rad])
+    P[:3, :3] = axes @ axes.T
+    P[3:6, 3:6] = (bias_std_dph * DEG_PER_HOUR) ** 2 * np.eye(3)
+    P[6, 6] = scale_std**2
+    P[7:, 7:] = e.triad.accel_bias_g**2 * np.eye(3)
+    return P
 
 
 def _transition(turn: Array, dt: float) -> Array:

@@ -1,7 +1,7 @@
 """Well-kept attitude filters of others (extra `rivals`) on the same readings: vqf, ahrs, imufusion.
 
 They know neither the Earth's rotation nor an azimuth at the start; readings are given in the body frame and in the
-units that each asks for. All take +1 g as up. What is not installed is left out.
+units that each requires. All take +1 g as up. What is not installed is omitted.
 """
 
 from __future__ import annotations

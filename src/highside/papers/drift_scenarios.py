@@ -3,9 +3,9 @@
 Each is a true motion (elevation, toolface and azimuth against time), the rates that ideal gyros average over each
 sample interval on a rotating Earth, and the imperfections of a tactical triad: constant bias, rate random walk, angle
 random walk, a scale error along the tool axis, and under vibration white noise and the rectified bias. The three
-experiments of Yang and Yang (2017) are told by their text only: durations, the inclination of 45 deg, the stops every
-1800 s. Attitude, latitude, noise, vibration level and stop length are ours; the constant biases are chosen so that the
-uncorrected gyro ends at the published drift "before", which is therefore matched by construction.
+experiments of Yang and Yang (2017) are described by their text only: durations, the inclination of 45 deg, the stops
+every 1800 s. Attitude, latitude, noise, vibration level and stop length are ours; the constant biases are chosen so
+that the uncorrected gyro ends at the published drift "before", which is therefore matched by construction.
 
 Vectors leave this module in the tool frame of the product; angles inside are those of `attitude.quaternion`.
 """
@@ -58,7 +58,7 @@ PERFECT = Triad((0.0, 0.0, 0.0), 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Experiment:
+class DriftExperiment:
     """A true motion at N sample times. Angles rad; `vibrating` (N,); `rest` (K, 2) s, when the tool stands."""
 
     name: str
@@ -80,7 +80,7 @@ class Experiment:
 class DriftData:
     """What the tool recorded, tool frame: `rate` (3, N) rad/s, `accel` (3, N) g; and the biases at the end."""
 
-    experiment: Experiment
+    experiment: DriftExperiment
     rate: Array
     accel: Array
     bias_end: Array
@@ -121,26 +121,26 @@ def _times(seconds: float, rate_hz: float) -> Array:
 
 def _steady(
     name: str, seconds: float, angles_deg: tuple[float, float, float], triad: Triad, rest: Array, rate_hz: float
-) -> Experiment:
+) -> DriftExperiment:
     t = _times(seconds, rate_hz)
     theta, phi, psi = (np.full(t.size, np.radians(angle)) for angle in angles_deg)
-    return Experiment(name, t, theta, phi, psi, np.zeros(t.size, dtype=bool), rest, triad)
+    return DriftExperiment(name, t, theta, phi, psi, np.zeros(t.size, dtype=bool), rest, triad)
 
 
-def turntable(seconds: float = 3600.0, rate_hz: float = SAMPLE_RATE_HZ, triad: Triad | None = None) -> Experiment:
+def turntable(seconds: float = 3600.0, rate_hz: float = SAMPLE_RATE_HZ, triad: Triad | None = None) -> DriftExperiment:
     """S1: standing at elevation 30, toolface 20, azimuth 60 deg."""
     own = triad or Triad((23.415, -6.016, -4.085))
     return _steady("turntable", seconds, (30.0, 20.0, 60.0), own, np.array([[0.0, seconds]]), rate_hz)
 
 
-def vibration_table(seconds: float = 3600.0, rate_hz: float = SAMPLE_RATE_HZ) -> Experiment:
+def vibration_table(seconds: float = 3600.0, rate_hz: float = SAMPLE_RATE_HZ) -> DriftExperiment:
     """S2: standing at elevation 45 deg, shaken all the time by 0.5 g rms."""
     triad = Triad((24.049, -10.205, -0.616), vibration_rms_g=0.5, gyro_vibration_dps=0.025, rectification_dph_g2=0.3)
     still = _steady("vibration table", seconds, (45.0, 20.0, 60.0), triad, np.array([[0.0, seconds]]), rate_hz)
     return _shaken(still, np.ones(still.t_s.size, dtype=bool))
 
 
-def _shaken(experiment: Experiment, vibrating: NDArray[np.bool_]) -> Experiment:
+def _shaken(experiment: DriftExperiment, vibrating: NDArray[np.bool_]) -> DriftExperiment:
     return replace(experiment, vibrating=vibrating)
 
 
@@ -154,7 +154,7 @@ def drilling(
     turning_dps: float = 0.0,
     triad: Triad | None = None,
     vibration_rms_g: float = 1.0,
-) -> Experiment:
+) -> DriftExperiment:
     """S3: a still start, then a stop of `stop_s` every `leg_s` to add a pipe; 1 g rms of vibration between.
 
     `turning_dps`: the rod turns at this rate while drilling (60 deg/s are 10 turns a minute).
@@ -176,7 +176,7 @@ def drilling(
     return replace(_shaken(still, moving), phi=still.phi + turned)
 
 
-def rotating_rod(seconds: float = 10800.0, rate_hz: float = SAMPLE_RATE_HZ) -> Experiment:
+def rotating_rod(seconds: float = 10800.0, rate_hz: float = SAMPLE_RATE_HZ) -> DriftExperiment:
     """Drilling with the rod turning at 60 deg/s and a gyro scale error of 200 ppm along the tool axis."""
     triad = Triad(
         (22.319, -11.827, 3.567),
@@ -195,7 +195,7 @@ def rotating_table(
     *,
     rate_dps: float = 10.0,
     triad: Triad | None = None,
-) -> Experiment:
+) -> DriftExperiment:
     """S1r: turning about the tool axis at a constant rate, at this elevation, without vibration."""
     still = _steady("rotating table", seconds, (theta_deg, 20.0, 60.0), triad or Triad(), np.zeros((0, 2)), rate_hz)
     return replace(still, phi=still.phi + np.radians(rate_dps) * still.t_s)
@@ -208,7 +208,7 @@ def curved_hole(
     *,
     start_s: float = 300.0,
     triad: Triad | None = None,
-) -> Experiment:
+) -> DriftExperiment:
     """At rest for `start_s`, then the azimuth turns by `turn_deg` evenly over `seconds` at constant toolface."""
     still = _steady(
         "curved hole", start_s + seconds, (30.0, 20.0, 60.0), triad or Triad(), np.array([[0.0, start_s]]), rate_hz
@@ -217,7 +217,7 @@ def curved_hole(
     return replace(still, psi=still.psi + turned)
 
 
-def true_rates(experiment: Experiment) -> tuple[Array, Array]:
+def true_rates(experiment: DriftExperiment) -> tuple[Array, Array]:
     """Inertial rates averaged over the interval that ends with each sample (3, N) rad/s, and Up (3, N); body frame."""
     e = experiment
     q = from_angles(e.theta, e.phi, e.psi)
@@ -228,7 +228,7 @@ def true_rates(experiment: Experiment) -> tuple[Array, Array]:
     return np.concatenate([steps[:, :1], steps], axis=1), up_direction(q)
 
 
-def record(experiment: Experiment, seed: int) -> DriftData:
+def record(experiment: DriftExperiment, seed: int) -> DriftData:
     """The readings of one triad; the same seed gives the same numbers."""
     rng = np.random.default_rng(seed)
     e, triad = experiment, experiment.triad

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from highside.attitude.quaternion import conjugate, from_angles, multiply
-from highside.gyro.filter import Settings
-from highside.gyro.kinematic import kinematic
+from highside.gyro.filter import FilterSettings
+from highside.gyro.recording_filter import error_state_filter
 from highside.gyro.result import DriftResult
 from highside.papers.drift_bound import azimuth_bound
-from highside.papers.drift_scenarios import Experiment, Triad, record, rotating_table, turntable
+from highside.papers.drift_scenarios import DriftExperiment, Triad, record, rotating_table, turntable
 
 ELEVATIONS_DEG = (0.0, 1.0, 3.0, 10.0, 30.0, 45.0, 60.0, 75.0, 80.0, 85.0, 87.0, 89.0)
 RATE_HZ = 20.0
@@ -38,15 +38,15 @@ class Point:
     """One elevation; standard deviations of the rotation about the vertical after an hour, deg."""
 
     theta_deg: float
-    turning_bound_deg: float
-    turning_deg: float
+    rotating_bound_deg: float
+    rotating_deg: float
     """of the filter: rms over the seeds"""
-    turning_stated_deg: float
-    standing_bound_deg: float
+    rotating_stated_deg: float
+    at_rest_bound_deg: float
     seeds: int
 
 
-def about_up_deg(result: DriftResult, experiment: Experiment) -> float:
+def about_up_deg(result: DriftResult, experiment: DriftExperiment) -> float:
     """Error of the last row as a rotation about the vertical (minus that of the azimuth away from the vertical)."""
     e = experiment
     ours = from_angles(result.inc_rad[-1] - 0.5 * np.pi, result.tf_rad[-1], result.azi_rad[-1])
@@ -61,7 +61,7 @@ def sweep(seeds: int = 6, seconds: float = 3600.0, elevations: tuple[float, ...]
     for index, theta in enumerate(elevations):
         turning = rotating_table(theta, seconds, RATE_HZ)
         standing = _at(theta, seconds)
-        settings = Settings(
+        settings = FilterSettings(
             latitude_rad=turning.latitude_rad,
             azimuth_rad=float(turning.psi[0]),
             azimuth_std_rad=1e-5,
@@ -70,26 +70,26 @@ def sweep(seeds: int = 6, seconds: float = 3600.0, elevations: tuple[float, ...]
         errors, stated = [], 0.0
         for seed in range(seeds):
             data = record(turning, 1000 * index + seed)
-            result = kinematic(turning.t_s, data.rate, data.accel, settings)
+            result = error_state_filter(turning.t_s, data.rate, data.accel, settings)
             errors.append(about_up_deg(result, turning))
             stated = float(np.degrees(result.azi_std_rad[-1]))
         points.append(
             Point(
                 theta_deg=theta,
-                turning_bound_deg=float(np.degrees(azimuth_bound(turning)[-1])),
-                turning_deg=float(np.sqrt(np.mean(np.square(errors)))),
-                turning_stated_deg=stated,
-                standing_bound_deg=float(np.degrees(azimuth_bound(standing)[-1])),
+                rotating_bound_deg=float(np.degrees(azimuth_bound(turning)[-1])),
+                rotating_deg=float(np.sqrt(np.mean(np.square(errors)))),
+                rotating_stated_deg=stated,
+                at_rest_bound_deg=float(np.degrees(azimuth_bound(standing)[-1])),
                 seeds=seeds,
             )
         )
     return points
 
 
-def _at(theta_deg: float, seconds: float) -> Experiment:
+def _at(theta_deg: float, seconds: float) -> DriftExperiment:
     """The turntable of the first experiment, at another elevation."""
     level = turntable(seconds, RATE_HZ, Triad())
-    return Experiment(
+    return DriftExperiment(
         level.name,
         level.t_s,
         np.full(level.t_s.size, np.radians(theta_deg)),

@@ -52,8 +52,8 @@ SIMULATED = {
     },
     "covered_percent_as_drawn": 85.2,
 }
-"""The same question asked of simulated instruments that are known: share of their cells within the intervals (those of
-peak-to-peaks as widened by the other instruments, each in turn left out), and within those of the draws before they are
+"""The same computed for simulated instruments that are known: share of their cells within the intervals (those of
+peak-to-peaks as widened by the other instruments, each in turn omitted), and within those of the draws before they are
 widened. Of `studies/balance_coverage.py`."""
 
 
@@ -94,10 +94,10 @@ def from_table_1(
     report = progress or (lambda share, words: None)
     knows = Model()
     inc = np.array([row["inc_ref_deg"] for row in rows], dtype=float)
-    told = np.array([[np.nan if row[c] is None else float(row[c]) for c in CELLS] for row in rows])
+    printed = np.array([[np.nan if row[c] is None else float(row[c]) for c in CELLS] for row in rows])
     found = diagnose_summary(
         inc,
-        told,
+        printed,
         Procedure("conventional3"),
         knows.forward(),
         knows.sensor.free,
@@ -187,7 +187,7 @@ def coverage_in_words(instrument: PublishedInstrument) -> str:
     return (
         f"{count.covered} of {count.of} cells of tables 2 to 6 ({count.covered / count.of:.0%}) are within the "
         f"interval that table 1 gives them; {LEVEL:.0%} are expected. {by[0].upper()}{by[1:]}. "
-        f"Of {SIMULATED['instruments']} simulated instruments asked the same {share} of the cells were."
+        f"Of {SIMULATED['instruments']} simulated instruments treated the same way {share} of the cells were."
     )
 
 
@@ -202,7 +202,7 @@ def outside_in_words(instrument: PublishedInstrument) -> list[str]:
         lines.append(f"Not predicted of single triples: {names}. All of these are closures; see below.")
     lines += [
         f"Not predicted of the average: {TITLES[c.column]} at {c.inc_ref_deg:g} deg, {c.published:+.4f} deg "
-        f"({c.low:+.4f} to {c.high:+.4f}). A balance matrix takes up whatever its four poses have in common, so its "
+        f"({c.low:+.4f} to {c.high:+.4f}). A balance matrix absorbs whatever its four poses have in common, so its "
         "means are noise unless something moved between those poses and the turn."
         for c in out
         if c.correction == "average"
@@ -248,7 +248,7 @@ def add_to(page: Page, instrument: PublishedInstrument) -> None:
     )
     page.bullets(in_words(instrument))
     page.figure(
-        table_misfit(instrument.found.picture, diagnosis.location),
+        table_misfit(instrument.found.report_data, diagnosis.location),
         "Table 1: misfit of each cell in sigma before (orange) and after (blue) what was found is simulated; rows "
         "shaded where a named effect acts.",
     )

@@ -12,8 +12,9 @@ from highside.calibration.balance import TRIPLES
 from highside.papers import balance_triples, published_instrument
 from highside.papers.balance_prediction import Ensemble, interval
 from highside.papers.balance_session import COLUMNS, INCLINATIONS_DEG, STATIONS_DEG
+from highside.papers.balance_statements import statements
 from highside.papers.published_instrument import TITLES
-from highside.papers.reproduce_balance import LARGE_DEG, LEFT_OUT, SMALL_DEG, Reproduction, smooth, statements
+from highside.papers.reproduce_balance import LARGE_DEG, LEFT_OUT, SMALL_DEG, Reproduction, smooth
 from highside.report.document import Page
 from highside.report.plots import new_figure, plotting
 
@@ -91,7 +92,7 @@ def _page_of(found: Reproduction) -> str:
     )
     for name, title in _TITLES.items():
         page.table(*_table(found.tables[name]), caption=f"{title} (deg). {_NOTES.get(name, '')}".strip())
-    page.figure(_table6(found), "Table 6, which the fit has not seen: published (orange) and predicted (blue, band).")
+    page.figure(_table6(found), "Table 6, which the fit did not use: published (orange) and predicted (blue, band).")
     page.heading("Figures")
     _figures(page, found)
     page.heading("What is left, in percent of the conventional error")
@@ -102,7 +103,7 @@ def _page_of(found: Reproduction) -> str:
     page.heading("Against the bench and against the truth")
     page.paragraph(
         "Root mean square over each turn, middle of the instruments that table 1 allows. Only a simulation knows where "
-        "gravity truly was. The balance matrix agrees with the bench because it takes up the bench's own errors; the "
+        "gravity truly was. The balance matrix agrees with the bench because it absorbs the bench's own errors; the "
         "joint estimator tells sensor and bench apart."
     )
     for angle, name in (("inc", "Inclination"), ("tf", "Toolface")):
@@ -152,8 +153,8 @@ def _figures(page: Page, found: Reproduction) -> None:
 # --- tables
 
 
-def _cell(told: float | None, row: Mapping[str, Any], column: str, digits: int = 4) -> str:
-    words = "lost" if told is None else f"{told:.{digits}f}"
+def _cell(printed: float | None, row: Mapping[str, Any], column: str, digits: int = 4) -> str:
+    words = "lost" if printed is None else f"{printed:.{digits}f}"
     if row["predicted"] is None:
         return f"{words} (refused)"
     mark = "*" if row["covered"][column] is False else ""
@@ -242,8 +243,8 @@ def _against(axes: Axes, rows: Sequence[Mapping[str, Any]], column: str, shift: 
     at = np.arange(len(rows)) + shift
     middle, low, high = (np.array([r[k][column] for r in rows]) for k in ("predicted", "low", "high"))
     axes.errorbar(at, middle, [middle - low, high - middle], fmt="none", ecolor=PREDICTED, elinewidth=4, alpha=0.5)
-    told = np.array([np.nan if r["published"][column] is None else r["published"][column] for r in rows])
-    axes.plot(at, told, mark, color=PUBLISHED, markersize=4, label=label)
+    printed = np.array([np.nan if r["published"][column] is None else r["published"][column] for r in rows])
+    axes.plot(at, printed, mark, color=PUBLISHED, markersize=4, label=label)
     axes.set_xticks(np.arange(len(rows)), [f"{r['inc_ref_deg']:g}" for r in rows], rotation=60)
 
 
@@ -350,7 +351,7 @@ def _triples_caption(found: Reproduction, number: int, inc_deg: float) -> str:
     return (
         f"Figure {number}. The four triples at {inc_deg:g} deg: band of the stations' means, and three of the "
         "instruments that table 1 allows, noise taken out. The paper finds the toolface error largest in the "
-        f"quadrant left out (shaded); predicted is that for {said} (one in four by chance). Three poses are met "
+        f"quadrant omitted (shaded); predicted is that for {said} (one in four by chance). Three poses are met "
         "exactly; what the four do not agree on falls on the fourth."
     )
 
@@ -376,14 +377,14 @@ def _bars(found: Reproduction) -> Figure:
     ]
     for axes, (title, unit, rows) in zip(grid[0], parts, strict=True):
         at = np.arange(len(rows), dtype=float)
-        middle, low, high, told = (
+        middle, low, high, printed = (
             np.array([part[k] for _, part in rows]) for k in ("predicted", "low", "high", "published")
         )
         axes.bar(at, middle, 0.6, color=PREDICTED, alpha=0.35, label="predicted")
         axes.errorbar(
             at, middle, [middle - low, high - middle], fmt="none", ecolor=PREDICTED, elinewidth=1.5, capsize=3
         )
-        axes.plot(at, told, "o", color=PUBLISHED, label="published")
+        axes.plot(at, printed, "o", color=PUBLISHED, label="published")
         axes.set(ylabel=unit, ylim=(0, None))
         axes.set_title(title, pad=26)
         axes.set_xticks(at, [f"{inc:g}" for inc, _ in rows], rotation=60)

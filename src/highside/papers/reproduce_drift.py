@@ -17,18 +17,18 @@ import numpy as np
 from highside.arrays import Array
 from highside.attitude.angles import wrap_signed
 from highside.attitude.quaternion import to_angles, to_body
-from highside.gyro.filter import Settings
+from highside.gyro.complementary import complementary
+from highside.gyro.filter import FilterSettings
 from highside.gyro.gates import quiet_rows
-from highside.gyro.kinematic import kinematic
 from highside.gyro.literal import AzimuthPolicy, literal
-from highside.gyro.recursive import recursive
+from highside.gyro.recording_filter import error_state_filter
 from highside.gyro.result import DriftResult
 from highside.papers.drift_bound import azimuth_bound
 from highside.papers.drift_rivals import Rival, installed, missing
 from highside.papers.drift_scenarios import (
     LATITUDE_RAD,
     DriftData,
-    Experiment,
+    DriftExperiment,
     curved_hole,
     drilling,
     record,
@@ -79,7 +79,7 @@ ASSUMPTIONS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class MethodRow:
     """One method on one experiment; drifts in deg/h, errors in deg."""
 
     method: str
@@ -96,11 +96,11 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class ExperimentResult:
     """One experiment and its rows, the gyro alone first."""
 
-    experiment: Experiment
-    rows: tuple[Row, ...]
+    experiment: DriftExperiment
+    rows: tuple[MethodRow, ...]
     bound_dph: float
     """Cramer-Rao bound of the azimuth's drift with the rest declared as in the rows, deg/h"""
 
@@ -109,9 +109,9 @@ class Told:
 class Study:
     """Everything that the page tells."""
 
-    told: tuple[Told, ...]
+    results: tuple[ExperimentResult, ...]
     sweep: tuple[Point, ...]
-    curved: tuple[Row, ...]
+    curved: tuple[MethodRow, ...]
     missing: tuple[str, ...]
     """packages of others that are not installed"""
 
@@ -123,26 +123,26 @@ def run_study(shorten: float = 1.0, seed: int = SEED) -> Study:
     return Study(run_experiments(shorten, seed), tuple(points), _curved(seed, shorten), missing())
 
 
-def _curved(seed: int, shorten: float) -> tuple[Row, ...]:
+def _curved(seed: int, shorten: float) -> tuple[MethodRow, ...]:
     """A hole that turns by 5 deg: what the constraints make of it."""
     experiment = curved_hole(rate_hz=50.0, start_s=300.0 * shorten, seconds=600.0 * shorten)
     data = record(experiment, seed)
     t, w, a, psi0 = experiment.t_s, data.rate, data.accel, float(experiment.psi[0])
-    settings = Settings(latitude_rad=LATITUDE_RAD, azimuth_rad=psi0)
+    settings = FilterSettings(latitude_rad=LATITUDE_RAD, azimuth_rad=psi0)
     straight = replace(settings, straight_hole_std_rad=math.radians(0.1))
     rest = experiment.rest
     results = {
         "literal, policy prev": literal(t, w, a, policy=AzimuthPolicy.PREV, azimuth_rad=psi0, start_s=10.0),
         "literal, policy hold": literal(t, w, a, policy=AzimuthPolicy.HOLD, azimuth_rad=psi0, start_s=10.0),
-        "recursive, straight hole": recursive(t, w, a, settings, hold=True),
-        "kinematic, rest declared, straight hole": kinematic(t, w, a, straight, rest=rest),
-        "kinematic, rest declared": kinematic(t, w, a, settings, rest=rest),
-        "kinematic, stops detected": kinematic(t, w, a, settings),
+        "recursive, straight hole": complementary(t, w, a, settings, hold=True),
+        "kinematic, rest declared, straight hole": error_state_filter(t, w, a, straight, rest=rest),
+        "kinematic, rest declared": error_state_filter(t, w, a, settings, rest=rest),
+        "kinematic, stops detected": error_state_filter(t, w, a, settings),
     }
     return tuple(_row(name, result, data) for name, result in results.items())
 
 
-def run_experiments(shorten: float = 1.0, seed: int = SEED) -> tuple[Told, ...]:
+def run_experiments(shorten: float = 1.0, seed: int = SEED) -> tuple[ExperimentResult, ...]:
     """The paper's three experiments."""
     experiments = (
         turntable(3600.0 * shorten),
@@ -154,13 +154,13 @@ def run_experiments(shorten: float = 1.0, seed: int = SEED) -> tuple[Told, ...]:
             stop_s=max(120.0 * shorten, 5.0),
         ),
     )
-    return tuple(_told(experiment, seed, shorten) for experiment in experiments)
+    return tuple(_result_of(experiment, seed, shorten) for experiment in experiments)
 
 
-def _told(experiment: Experiment, seed: int, shorten: float) -> Told:
+def _result_of(experiment: DriftExperiment, seed: int, shorten: float) -> ExperimentResult:
     data = record(experiment, seed)
     psi0 = float(experiment.psi[0])
-    settings = Settings(latitude_rad=LATITUDE_RAD, azimuth_rad=psi0, detect_stops=False)
+    settings = FilterSettings(latitude_rad=LATITUDE_RAD, azimuth_rad=psi0, detect_stops=False)
     gated = experiment.name == "drilling"
     stops = experiment.rest if gated else None
     rest = experiment.rest if gated else np.array([[0.0, _REST_S * shorten]])
@@ -195,22 +195,22 @@ def _told(experiment: Experiment, seed: int, shorten: float) -> Told:
     straight = replace(settings, straight_hole_std_rad=math.radians(0.1))
     when = "at the stops" if gated else f"for the first {_REST_S * shorten:g} s"
     named += [
-        ("recursive, gravity alone", lambda: recursive(t, w, a, settings, rest=stops)),
-        ("recursive, straight hole", lambda: recursive(t, w, a, settings, hold=True, rest=stops)),
-        ("kinematic, gravity alone", lambda: kinematic(t, w, a, settings)),
-        (f"kinematic, rest declared {when}", lambda: kinematic(t, w, a, settings, rest=rest)),
-        (f"kinematic, rest {when}, straight hole", lambda: kinematic(t, w, a, straight, rest=rest)),
+        ("recursive, gravity alone", lambda: complementary(t, w, a, settings, rest=stops)),
+        ("recursive, straight hole", lambda: complementary(t, w, a, settings, hold=True, rest=stops)),
+        ("kinematic, gravity alone", lambda: error_state_filter(t, w, a, settings)),
+        (f"kinematic, rest declared {when}", lambda: error_state_filter(t, w, a, settings, rest=rest)),
+        (f"kinematic, rest {when}, straight hole", lambda: error_state_filter(t, w, a, straight, rest=rest)),
     ]
     if gated:
         found = replace(settings, detect_stops=True)
-        named.append(("kinematic, stops detected", lambda: kinematic(t, w, a, found)))
+        named.append(("kinematic, stops detected", lambda: error_state_filter(t, w, a, found)))
     rows = [_row(name, make(), data) for name, make in named]
-    rows += [_rival_row(name, run, data) for name, run in installed().items()]
+    rows += [_other_filter_row(name, run, data) for name, run in installed().items()]
     bound = float(np.degrees(azimuth_bound(experiment, rest=rest)[-1])) / experiment.hours
-    return Told(experiment, tuple(rows), bound)
+    return ExperimentResult(experiment, tuple(rows), bound)
 
 
-def _rival_row(name: str, run: Rival, data: DriftData) -> Row:
+def _other_filter_row(name: str, run: Rival, data: DriftData) -> MethodRow:
     """Another filter on the same readings."""
     e, rate_hz = data.experiment, 1.0 / float(np.median(np.diff(data.experiment.t_s)))
     rates, readings, t = to_body(data.rate), to_body(data.accel), e.t_s
@@ -225,19 +225,19 @@ def _rival_row(name: str, run: Rival, data: DriftData) -> Row:
     azi = np.asarray(wrap_signed(azi - azi[int(np.searchsorted(t, _ALIGNED_S))], 360.0))
     azi = np.where(t < _ALIGNED_S, 0.0, azi)
     inc, tf = np.degrees(theta - e.theta[at]), np.degrees(wrap_signed(phi - e.phi[at]))
-    return _told_row(name, t, inc, tf, azi, math.nan, "not stated", e, ours=False)
+    return _method_row(name, t, inc, tf, azi, math.nan, "not stated", e, ours=False)
 
 
-def _row(name: str, result: DriftResult, data: DriftData) -> Row:
+def _row(name: str, result: DriftResult, data: DriftData) -> MethodRow:
     e = data.experiment
     inc = np.degrees(result.inc_rad - (e.theta + 0.5 * np.pi))
     tf = np.degrees(wrap_signed(result.tf_rad - e.phi))
     azi = np.degrees(wrap_signed(result.azi_rad - e.psi))
     std = float(np.degrees(result.azi_std_rad[-1]))
-    return _told_row(name, e.t_s, inc, tf, azi, std, result.basis_words, e, ours=True)
+    return _method_row(name, e.t_s, inc, tf, azi, std, result.basis_words, e, ours=True)
 
 
-def _told_row(
+def _method_row(
     name: str,
     t: Array,
     inc: Array,
@@ -245,13 +245,13 @@ def _told_row(
     azi: Array,
     std: float,
     basis: str,
-    e: Experiment,
+    e: DriftExperiment,
     *,
     ours: bool,
-) -> Row:
+) -> MethodRow:
     last = t >= t[-1] - 10.0
     every = slice(None, None, max(1, t.size // _PLOTTED))
-    return Row(
+    return MethodRow(
         method=name,
         inc_dph=float(abs(inc[last].mean()) / e.hours),
         tf_dph=float(abs(tf[last].mean()) / e.hours),
@@ -283,14 +283,14 @@ def as_dict(study: Study) -> dict[str, Any]:
                 },
                 "methods": [_row_dict(row) for row in one.rows],
             }
-            for one in study.told
+            for one in study.results
         ],
         "curved_hole": {"turn_deg": 5.0, "methods": [_row_dict(row) for row in study.curved]},
         "inclination_sweep": {"why": list(WHY), "points": [asdict(point) for point in study.sweep]},
     }
 
 
-def _row_dict(row: Row) -> dict[str, Any]:
+def _row_dict(row: MethodRow) -> dict[str, Any]:
     return {
         "method": row.method,
         "ours": row.ours,

@@ -8,7 +8,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.papers.drift_sweep import WHY
-from highside.papers.reproduce_drift import ASSUMPTIONS, PAPER, Row, Study
+from highside.papers.reproduce_drift import ASSUMPTIONS, PAPER, ExperimentResult, MethodRow, Study
 from highside.report.document import Page
 from highside.report.plots import new_figure, plotting
 
@@ -33,36 +33,9 @@ def _page_of(study: Study) -> str:
     page.heading("What was assumed")
     page.bullets(ASSUMPTIONS)
     if study.missing:
-        page.paragraph(f"Not installed and left out: {', '.join(study.missing)}.", look="soft")
-    for one in study.told:
-        name = one.experiment.name
-        page.heading(name.capitalize())
-        page.table(
-            [
-                "",
-                "inclination",
-                "toolface",
-                "azimuth",
-                "max azimuth error",
-                "stated std",
-                "azimuth comes from",
-            ],
-            [*_published(name), *([*_cells(row)] for row in one.rows)],
-            "Drift in deg/h; greatest error and stated standard deviation at the end in deg. Before: the gyro alone, "
-            "whose bias was chosen to match the paper's before: by construction. "
-            f"Least azimuth drift that the rest and gravity allow on average: {one.bound_dph:.2f} deg/h.",
-            words=(6,),
-        )
-        ours = [row for row in one.rows if row.ours]
-        page.figure(
-            _figure(ours),
-            f"{name.capitalize()}, the methods of highside: errors over time, each point the median of {_POINTS_IN} of "
-            "the run; logarithmic beyond 0.1 deg.",
-        )
-        theirs = [row for row in one.rows if not row.ours]
-        if theirs:
-            beside = [ours[0], next(row for row in ours if row.method.startswith("kinematic, rest"))]
-            page.figure(_figure([*beside, *theirs]), f"{name.capitalize()}, filters of others beside two of these.")
+        page.paragraph(f"Not installed and omitted: {', '.join(study.missing)}.", look="soft")
+    for one in study.results:
+        _experiment(page, one)
     page.heading("A hole that turns by 5 deg")
     page.paragraph(
         "After five minutes of rest the azimuth turns by 5 deg in ten minutes. What asserts that it does not change "
@@ -82,10 +55,10 @@ def _page_of(study: Study) -> str:
             [
                 f"{p.theta_deg:g}",
                 _from_vertical(p.theta_deg),
-                f"{p.turning_bound_deg:.3f}",
-                f"{p.turning_deg:.3f}",
-                f"{p.turning_stated_deg:.3f}",
-                f"{p.standing_bound_deg:.2f}" if p.theta_deg < 88.0 else "no azimuth",
+                f"{p.rotating_bound_deg:.3f}",
+                f"{p.rotating_deg:.3f}",
+                f"{p.rotating_stated_deg:.3f}",
+                f"{p.at_rest_bound_deg:.2f}" if p.theta_deg < 88.0 else "no azimuth",
             ]
             for p in study.sweep
         ],
@@ -95,6 +68,38 @@ def _page_of(study: Study) -> str:
     )
     page.figure(_sweep_figure(study), "The same, beside N sqrt(t) / cos(theta).")
     return page.html()
+
+
+def _experiment(page: Page, one: ExperimentResult) -> None:
+    """Table and figures of one experiment."""
+    name = one.experiment.name
+    page.heading(name.capitalize())
+    page.table(
+        [
+            "",
+            "inclination",
+            "toolface",
+            "azimuth",
+            "max azimuth error",
+            "stated std",
+            "azimuth comes from",
+        ],
+        [*_published(name), *([*_cells(row)] for row in one.rows)],
+        "Drift in deg/h; greatest error and stated standard deviation at the end in deg. Before: the gyro alone, "
+        "whose bias was chosen to match the paper's before: by construction. "
+        f"Least azimuth drift that the rest and gravity allow on average: {one.bound_dph:.2f} deg/h.",
+        words=(6,),
+    )
+    ours = [row for row in one.rows if row.ours]
+    page.figure(
+        _figure(ours),
+        f"{name.capitalize()}, the methods of highside: errors over time, each point the median of {_POINTS_IN} of "
+        "the run; logarithmic beyond 0.1 deg.",
+    )
+    theirs = [row for row in one.rows if not row.ours]
+    if theirs:
+        beside = [ours[0], next(row for row in ours if row.method.startswith("kinematic, rest"))]
+        page.figure(_figure([*beside, *theirs]), f"{name.capitalize()}, filters of others beside two of these.")
 
 
 def _published(name: str) -> list[list[str]]:
@@ -114,16 +119,16 @@ def _from_vertical(theta_deg: float) -> str:
     return " or ".join(dict.fromkeys(f"{90 + side * theta_deg:g}" for side in (-1, 1)))
 
 
-def _std(row: Row) -> str:
+def _std(row: MethodRow) -> str:
     return "none" if row.azi_std_deg is None else f"{row.azi_std_deg:.2f}"
 
 
-def _cells(row: Row) -> list[str]:
+def _cells(row: MethodRow) -> list[str]:
     drifts = [f"{value:.3f}" for value in (row.inc_dph, row.tf_dph, row.azi_dph)]
     return [row.method, *drifts, f"{row.azi_max_deg:.2f}", _std(row), row.basis]
 
 
-def _figure(rows: list[Row]) -> Any:
+def _figure(rows: list[MethodRow]) -> Any:
     figure, axes = new_figure(1, 2, height=4.0)
     left, right = axes[0]
     for index, row in enumerate(rows):
@@ -153,12 +158,12 @@ def _sweep_figure(study: Study) -> Any:
     ax = axes[0][0]
     theta = [point.theta_deg for point in study.sweep]
     at_rest = [point for point in study.sweep if point.theta_deg < 88.0]
-    ax.plot(theta, [point.turning_bound_deg for point in study.sweep], label="turning: Cramer-Rao bound")
-    ax.plot(theta, [point.turning_deg for point in study.sweep], "o", label="turning: filter, rms of the seeds")
-    ax.plot(theta, [point.turning_stated_deg for point in study.sweep], "x", label="turning: filter, stated")
-    ax.plot([p.theta_deg for p in at_rest], [p.standing_bound_deg for p in at_rest], "--", label="at rest: bound")
+    ax.plot(theta, [point.rotating_bound_deg for point in study.sweep], label="turning: Cramer-Rao bound")
+    ax.plot(theta, [point.rotating_deg for point in study.sweep], "o", label="turning: filter, rms of the seeds")
+    ax.plot(theta, [point.rotating_stated_deg for point in study.sweep], "x", label="turning: filter, stated")
+    ax.plot([p.theta_deg for p in at_rest], [p.at_rest_bound_deg for p in at_rest], "--", label="at rest: bound")
     fine = np.linspace(0.0, 86.0, 200)
-    ax.plot(fine, study.sweep[0].turning_bound_deg / np.cos(np.radians(fine)), ":", label="N sqrt(t) / cos(theta)")
+    ax.plot(fine, study.sweep[0].rotating_bound_deg / np.cos(np.radians(fine)), ":", label="N sqrt(t) / cos(theta)")
     ax.set_yscale("log")
     ax.set_xlabel("elevation of the tool axis, deg (90: vertical)")
     ax.set_ylabel("deg after an hour")

@@ -21,8 +21,8 @@ from highside.papers.rotation_scenarios import CHANNELS, SCENARIOS, Draw, draw
 from highside.report.document import Page
 from highside.report.plots import new_figure, plotting
 from highside.report.rotation_page import COLOURS, NAMES
-from highside.rotation import Curve, Method, Samples, fit
-from highside.rotation.compare import METHODS, Score, score
+from highside.rotation import Curve, CurveMethod, Samples, fit
+from highside.rotation.compare import METHODS, CurveScore, score
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,7 +36,7 @@ QUICK_REPEATS, SLOW_REPEATS = 40, 5
 class Case:
     """One method on one channel of one seed."""
 
-    score: Score
+    score: CurveScore
     rms_to_truth: float
 
 
@@ -53,8 +53,8 @@ class Experiment:
     """`cases[scenario][method][seed, channel]`, and the times on one draw."""
 
     drawn: Mapping[str, Mapping[tuple[int, int], Draw]]
-    cases: Mapping[str, Mapping[Method, Mapping[tuple[int, int], Case]]]
-    times: Mapping[Method, Times]
+    cases: Mapping[str, Mapping[CurveMethod, Mapping[tuple[int, int], Case]]]
+    times: Mapping[CurveMethod, Times]
 
 
 def run_experiment(seeds: Sequence[int] = SEEDS) -> Experiment:
@@ -70,13 +70,13 @@ def run_experiment(seeds: Sequence[int] = SEEDS) -> Experiment:
     return Experiment(drawn, cases, measure_times(drawn["A"][seeds[0], 0]))
 
 
-def _case(method: Method, one: Draw) -> Case:
+def _case(method: CurveMethod, one: Draw) -> Case:
     samples = Samples.build(one.theta_rad, one.error)
     curve = fit(samples, method, held_out=False)
     return Case(score(curve, samples), float(np.sqrt(np.mean((curve(one.theta_rad) - one.truth) ** 2))))
 
 
-def measure_times(one: Draw, *, quick: int = QUICK_REPEATS, slow: int = SLOW_REPEATS) -> dict[Method, Times]:
+def measure_times(one: Draw, *, quick: int = QUICK_REPEATS, slow: int = SLOW_REPEATS) -> dict[CurveMethod, Times]:
     """Single calls of fit and evaluation of every method, in turn, so that a busy machine disturbs all alike."""
 
     def seconds(call: Callable[[], object]) -> float:
@@ -84,22 +84,22 @@ def measure_times(one: Draw, *, quick: int = QUICK_REPEATS, slow: int = SLOW_REP
         call()
         return time.perf_counter() - start
 
-    def fitted(method: Method) -> Curve:
+    def fitted(method: CurveMethod) -> Curve:
         # building the samples (checks, coverage) is part of a fit
         return fit(Samples.build(one.theta_rad, one.error), method, held_out=False)
 
     curves = {method: fitted(method) for method in METHODS}
-    fits: dict[Method, list[float]] = {method: [] for method in METHODS}
-    evaluations: dict[Method, list[float]] = {method: [] for method in METHODS}
+    fits: dict[CurveMethod, list[float]] = {method: [] for method in METHODS}
+    evaluations: dict[CurveMethod, list[float]] = {method: [] for method in METHODS}
     for turn in range(quick):
         for method in METHODS:
             evaluations[method].append(seconds(lambda method=method: curves[method](one.theta_rad)))  # type: ignore[misc]
-            if method is not Method.NETWORK or turn < slow:
+            if method is not CurveMethod.NETWORK or turn < slow:
                 fits[method].append(seconds(lambda method=method: fitted(method)))  # type: ignore[misc]
     return {method: Times(np.array(fits[method]), np.array(evaluations[method])) for method in METHODS}
 
 
-def _mean(experiment: Experiment, scenario: str, method: Method, value: Callable[[Case], float]) -> float:
+def _mean(experiment: Experiment, scenario: str, method: CurveMethod, value: Callable[[Case], float]) -> float:
     return float(np.mean([value(case) for case in experiment.cases[scenario][method].values()]))
 
 
@@ -133,10 +133,10 @@ def relative(experiment: Experiment) -> list[dict[str, Any]]:
             "method": method.value,
             "better_than_sine": 1.0
             - _mean(experiment, scenario, method, lambda case: case.score.mean_abs)
-            / _mean(experiment, scenario, Method.SINE, lambda case: case.score.mean_abs),
+            / _mean(experiment, scenario, CurveMethod.SINE, lambda case: case.score.mean_abs),
             "better_than_sine_to_truth": 1.0
             - _mean(experiment, scenario, method, lambda case: case.rms_to_truth)
-            / _mean(experiment, scenario, Method.SINE, lambda case: case.rms_to_truth),
+            / _mean(experiment, scenario, CurveMethod.SINE, lambda case: case.rms_to_truth),
         }
         for scenario in experiment.cases
         for method in METHODS
@@ -145,7 +145,7 @@ def relative(experiment: Experiment) -> list[dict[str, Any]]:
 
 def timings(experiment: Experiment) -> list[dict[str, Any]]:
     """Table 3: milliseconds (least, median, 95 %) and ratios of the least times to those of method 1."""
-    first = experiment.times[Method.SINE]
+    first = experiment.times[CurveMethod.SINE]
     rows = []
     for method, times in experiment.times.items():
         row: dict[str, Any] = {"method": method.value}
@@ -162,13 +162,15 @@ def timings(experiment: Experiment) -> list[dict[str, Any]]:
 
 def statements(experiment: Experiment) -> list[dict[str, Any]]:
     """What the paper says, what these rotors show, and whether it holds."""
-    worst = {s: max(case.score.largest for case in experiment.cases[s][Method.SINE].values()) for s in experiment.cases}
+    worst = {
+        s: max(case.score.largest for case in experiment.cases[s][CurveMethod.SINE].values()) for s in experiment.cases
+    }
     better = {(row["scenario"], row["method"]): row["better_than_sine"] for row in relative(experiment)}
-    later = [Method.HARMONICS2.value, Method.POLYNOMIAL9.value, Method.NETWORK.value]
+    later = [CurveMethod.HARMONICS2.value, CurveMethod.POLYNOMIAL9.value, CurveMethod.NETWORK.value]
     least = min(better[s, m] for s in experiment.cases for m in later)
     spread = {
-        s: max(_mean(experiment, s, Method(m), lambda c: c.score.mean_abs) for m in later)
-        / min(_mean(experiment, s, Method(m), lambda c: c.score.mean_abs) for m in later)
+        s: max(_mean(experiment, s, CurveMethod(m), lambda c: c.score.mean_abs) for m in later)
+        / min(_mean(experiment, s, CurveMethod(m), lambda c: c.score.mean_abs) for m in later)
         for s in experiment.cases
     }
     time_rows = {row["method"]: row for row in timings(experiment)}
@@ -200,15 +202,16 @@ def statements(experiment: Experiment) -> list[dict[str, Any]]:
             "topic": "Time to fit",
             "paper_says": "1 fastest, 2 and 3 a little slower, 4 slowest",
             "ours": ", ".join(f"{name} {ratio:.1f}" for name, ratio in fit_ratio.items()) + " (times method 1)",
-            "holds": fit_ratio[Method.NETWORK.value] > 10 * fit_ratio[Method.POLYNOMIAL9.value],
+            "holds": fit_ratio[CurveMethod.NETWORK.value] > 10 * fit_ratio[CurveMethod.POLYNOMIAL9.value],
             "reason": "training is iterative; a trained network evaluates in "
-            f"{time_rows[Method.NETWORK.value]['evaluate_ratio']:.1f} times the time of method 1",
+            f"{time_rows[CurveMethod.NETWORK.value]['evaluate_ratio']:.1f} times the time of method 1",
         },
         {
             "topic": "Recommended",
             "paper_says": "methods 2 and 3",
-            "ours": f"error against the true curve, rotor B: 2 {truth[Method.HARMONICS2]:.5f}',"
-            f" 3 {truth[Method.POLYNOMIAL9]:.5f}', 4 {truth[Method.NETWORK]:.5f}', auto {truth[Method.AUTO]:.5f}'",
+            "ours": f"error against the true curve, rotor B: 2 {truth[CurveMethod.HARMONICS2]:.5f}',"
+            f" 3 {truth[CurveMethod.POLYNOMIAL9]:.5f}', 4 {truth[CurveMethod.NETWORK]:.5f}',"
+            f" auto {truth[CurveMethod.AUTO]:.5f}'",
             "holds": False,
             "reason": "a Fourier series that chooses its order costs milliseconds and is nearest to the truth; a "
             "polynomial also jumps at the seam and runs away in a gap",
@@ -255,63 +258,7 @@ def page_of(experiment: Experiment) -> str:
         )
         page.figure(_times(experiment), "Figure 10. Times of single calls for 6,000 rows.")
         page.heading("Tables")
-        page.table(
-            ["rotor", "method", "channel", "mean", "std", "mean |e|", "largest", "rms to truth"],
-            [
-                [r["scenario"], NAMES[Method(r["method"])], r["channel"]]
-                + [
-                    f"{round(r[name], 5) + 0.0:.5f}"  # no minus before nothing
-                    for name in (
-                        "mean_arcmin",
-                        "std_arcmin",
-                        "mean_abs_arcmin",
-                        "largest_arcmin",
-                        "rms_to_truth_arcmin",
-                    )
-                ]
-                for r in statistics(experiment)
-            ],
-            caption="Table 1. What is left, arcminutes",
-            words=(1, 2),
-        )
-        page.table(
-            ["rotor", "method", "mean |e|, better by", "against truth, better by"],
-            [
-                [
-                    r["scenario"],
-                    NAMES[Method(r["method"])],
-                    f"{100 * r['better_than_sine']:.1f} %",
-                    f"{100 * r['better_than_sine_to_truth']:.1f} %",
-                ]
-                for r in relative(experiment)
-            ],
-            caption="Table 2. Relative to method 1",
-            words=(1,),
-        )
-        page.table(
-            [
-                "method",
-                "fit, ms: least",
-                "median",
-                "95 %",
-                "times method 1",
-                "evaluate, ms: least",
-                "median",
-                "95 %",
-                "times method 1",
-            ],
-            [
-                [
-                    NAMES[Method(r["method"])],
-                    *(f"{ms:.2f}" for ms in r["fit_ms"]),
-                    f"{r['fit_ratio']:.1f}",
-                    *(f"{ms:.3f}" for ms in r["evaluate_ms"]),
-                    f"{r['evaluate_ratio']:.2f}",
-                ]
-                for r in timings(experiment)
-            ],
-            caption="Table 3. Times on this machine",
-        )
+        _tables(page, experiment)
         return page.html()
 
 
@@ -387,3 +334,64 @@ def _times(experiment: Experiment) -> Figure:
         axis.set_xscale("log")
         axis.set(title=name, xlabel="ms")
     return figure
+
+
+def _tables(page: Page, experiment: Experiment) -> None:
+    """Tables 1 to 3: what is left, relative to method 1, and times."""
+    page.table(
+        ["rotor", "method", "channel", "mean", "std", "mean |e|", "largest", "rms to truth"],
+        [
+            [r["scenario"], NAMES[CurveMethod(r["method"])], r["channel"]]
+            + [
+                f"{round(r[name], 5) + 0.0:.5f}"  # no minus before nothing
+                for name in (
+                    "mean_arcmin",
+                    "std_arcmin",
+                    "mean_abs_arcmin",
+                    "largest_arcmin",
+                    "rms_to_truth_arcmin",
+                )
+            ]
+            for r in statistics(experiment)
+        ],
+        caption="Table 1. What is left, arcminutes",
+        words=(1, 2),
+    )
+    page.table(
+        ["rotor", "method", "mean |e|, better by", "against truth, better by"],
+        [
+            [
+                r["scenario"],
+                NAMES[CurveMethod(r["method"])],
+                f"{100 * r['better_than_sine']:.1f} %",
+                f"{100 * r['better_than_sine_to_truth']:.1f} %",
+            ]
+            for r in relative(experiment)
+        ],
+        caption="Table 2. Relative to method 1",
+        words=(1,),
+    )
+    page.table(
+        [
+            "method",
+            "fit, ms: least",
+            "median",
+            "95 %",
+            "times method 1",
+            "evaluate, ms: least",
+            "median",
+            "95 %",
+            "times method 1",
+        ],
+        [
+            [
+                NAMES[CurveMethod(r["method"])],
+                *(f"{ms:.2f}" for ms in r["fit_ms"]),
+                f"{r['fit_ratio']:.1f}",
+                *(f"{ms:.3f}" for ms in r["evaluate_ms"]),
+                f"{r['evaluate_ratio']:.2f}",
+            ]
+            for r in timings(experiment)
+        ],
+        caption="Table 3. Times on this machine",
+    )

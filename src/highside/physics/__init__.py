@@ -15,8 +15,7 @@ __all__ = [
     "noise",
     "plan",
     "rotation_chain",
-    "scenario",
     "simulation",
     "state",
 ]
-"""the ways in: modules, loaded when they are asked for"""
+"""the ways in: modules, loaded when they are requested"""

@@ -4,7 +4,8 @@ No forward model is at hand, only its output s on each channel. So what an effec
 the rows, each with a parameter of its own:
 
     offset b; gain k s; cross-coupling m s_d; drift d t; temperature c (T - mean), k s (T - mean)
-    sampled at t - t0: -t0 ds/dt; first-order lag: (H_tau - 1) s; lever arm: w x (w x r) + a x r; travel: k v w
+    sampled at t - t0 - eps t: -(t0 + eps t) ds/dt; first-order lag: (H_tau - 1) s
+    lever arm: w x (w x r) + a x r; travel: k v w
 
 The effects are those of the library: each says in `on_channels` what it does to which channels, if anything.
 """
@@ -41,13 +42,17 @@ class ChannelTerm:
 
     `columns`, each (K, C, n), are one set, or one for each value tried of what is not linear. Terms are tried in the
     order of `place` (family, kind of channel, place within). `relinearised`: the columns are what the values in
-    `Channels.about` do, in proportion, and are made anew about those that are fitted.
+    `Channels.about` do, in proportion, and are made anew about those that are fitted. `tangents` (K, C, n), where there
+    are any: what a small change of those values does, by which they are fitted. `adjusted`: no finding here, but fitted
+    beside all that is.
     """
 
     parameters: tuple[Parameter, ...]
     columns: tuple[AnyArray, ...]
     place: tuple[int, int, int]
     relinearised: bool = False
+    tangents: AnyArray | None = None
+    adjusted: bool = False
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,8 @@ class Channels:
 
     What else was recorded: `rates` {axis: (n,) rad/s}, `speed` (n,) m/s, `temp_c` (n,) C if it changes. `same_clock`:
     nothing was shifted to lay the two over one another. `about`: of effects that are not linear the values at which
-    columns are wanted, by id.
+    columns are wanted, by id. `predicted` is what the prediction says with the clock so moved, `slope` (C, n) its
+    change per second, and `at(later_s)` what it says an equal time, or (n,) times, earlier than stamped.
     """
 
     names: tuple[str, ...]
@@ -70,6 +76,8 @@ class Channels:
     temp_c: AnyArray | None = None
     same_clock: bool = True
     about: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    slope: AnyArray = field(default_factory=lambda: np.empty((0, 0)))
+    at: Callable[[AnyArray], AnyArray] = field(default=lambda later_s: np.empty((0, 0)))
 
     @property
     def n(self) -> int:
@@ -171,14 +179,6 @@ class OnChannels(LinearEffect):
 def lagged(values: AnyArray, step_s: float, tau: float) -> AnyArray:
     """(n,) what a first-order lag changes, for each second of its time constant."""
     return np.asarray((_through(values, step_s, lambda w: 1 / (1 + 1j * w * tau)) - values) / tau)
-
-
-def delayed(predicted: AnyArray, step_s: float, delay_s: float) -> AnyArray:
-    """(C, n) change of the prediction for each second of delay, at that delay."""
-    if abs(delay_s) < 1e-9:
-        return np.stack([_through(s, step_s, lambda w: -1j * w) for s in predicted])
-    late = np.stack([_through(s, step_s, lambda w: np.exp(-1j * w * delay_s)) for s in predicted])
-    return np.asarray((late - predicted) / delay_s)
 
 
 def _through(values: AnyArray, step_s: float, response: Callable[[Any], Any]) -> AnyArray:

@@ -164,7 +164,7 @@ class Effect(ABC):
     next_order_of: str = ""
     """id of the effect of which this is the next order: judged by what it adds to that, believed where that is"""
     channel_story: str = ""
-    """the story where it is told of channels beside another program's output, if that is another one"""
+    """the story for channels beside another program's output, if that is another one"""
     channel_needs: str = ""
     """what such a comparison lacks, in words, if the effect cannot act there"""
 

@@ -56,6 +56,8 @@ def _entry(effect: Effect) -> list[str]:
         lines += _parameters(effect)
     if isinstance(effect, RandomEffect):
         lines += [f"Disturbs the stage: {effect.draws_at.value}.", ""]
+    if effect.needs:
+        lines += [f"Shows where these are recorded and vary: {', '.join(f'`{n}`' for n in effect.needs)}.", ""]
     if effect.confused_with:
         rivals = ", ".join(f"`{rival}`" for rival in effect.confused_with)
         lines += [f"Confused with {rivals}. What splits them: {effect.splitter}.", ""]

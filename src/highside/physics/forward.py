@@ -23,6 +23,7 @@ from highside.errors import InputError
 from highside.physics import effects as library
 from highside.physics.effect import Effect, RandomEffect, RecordEffect, Stage
 from highside.physics.gravity import attitude_of, rotate_x, rotate_y, rotate_z, rotation_matrix, unit
+from highside.physics.law import Law, LawEffect
 from highside.physics.state import ChainState
 
 Draws = Mapping[Stage, AnyArray]
@@ -111,12 +112,23 @@ class ForwardModel:
         own = next((p for effect, p in self.effects if effect.id == effect_id), None)
         return library.get(effect_id).vector() if own is None else own
 
+    @property
+    def laws(self) -> tuple[Law, ...]:
+        """The laws of the model."""
+        return tuple(effect.law for effect, _ in self.effects if isinstance(effect, LawEffect))
+
     # -- changing (a new value)
 
     def with_effects(self, effects: Mapping[str, Mapping[str, float]]) -> ForwardModel:
         """With these effects added, or with other parameters where they are already there."""
         kept = tuple((effect, p) for effect, p in self.effects if effect.id not in effects)
         return ForwardModel((*kept, *((self.effect(name), self.effect(name).vector(v)) for name, v in effects.items())))
+
+    def with_laws(self, laws: Iterable[Law]) -> ForwardModel:
+        """With these laws added, as they were learnt; one of the same id is replaced."""
+        added = tuple((LawEffect(law), np.array([1.0])) for law in laws)
+        ids = [effect.id for effect, _ in added]
+        return ForwardModel((*((e, p) for e, p in self.effects if e.id not in ids), *added))
 
     def without(self, *effect_ids: str) -> ForwardModel:
         """Without these effects."""
@@ -178,7 +190,7 @@ class ForwardModel:
     def simulate(self, state: ChainState, rng: np.random.Generator) -> AnyArray:
         """Reported gravity direction, (3, N) in g, with one realisation of everything random, as it is written down.
 
-        The rows that a link loses or repeats are told by `recorded_rows`.
+        The rows that a link loses or repeats are given by `recorded_rows`.
         """
         return self.recorded(state, self.chain(state, self.draw(state, rng)).reported, rng)
 
@@ -278,7 +290,7 @@ class ForwardModel:
         """dm/d(free parameters), (P, 3, N), in the order of `free_names(free)`.
 
         Effects that are not part of the model are taken at their defaults (nothing): their columns are then what the
-        model leaves out.
+        model omits.
         """
         names = _split(self.free_names(free))
         chain = self.chain(state)

@@ -107,7 +107,7 @@ def gravity_jacobians(inc_rad: AnyArray, tf_rad: AnyArray) -> tuple[AnyArray, An
 def normal_gravity_mps2(latitude_rad: float, height_m: float = 0.0) -> float:
     """Gravity of the WGS84 ellipsoid: Somigliana's closed formula, height to second order (TR8350.2, eq. 4-3).
 
-    What it leaves out (anomalies of rock and relief) is typically 0.3 mm/s2 (30 mGal) one sigma: see
+    What it omits (anomalies of rock and relief) is typically 0.3 mm/s2 (30 mGal) one sigma: see
     `normal_gravity_std_mps2`.
     """
     s2 = np.sin(latitude_rad) ** 2

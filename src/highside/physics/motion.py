@@ -14,7 +14,7 @@ and, since a direction fixed in space obeys dG/dt = -w x G in the tool frame, th
 
     w = [I' sin T, -I' cos T, -T']
 
-(the toolface grows clockwise looking down-hole, that is about -z; the hole's azimuth is held; earth rate is left out).
+(the toolface grows clockwise looking down-hole, that is about -z; the hole's azimuth is held; earth rate is omitted).
 """
 
 from __future__ import annotations

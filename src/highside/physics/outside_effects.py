@@ -26,7 +26,7 @@ from highside.printable import one_line
 GROUP = "highside.effects"
 MOST_SHAPES = 1000
 """Combinations of shapes that an effect may ask to have tried. Each is a column an amplitude in memory and in the race:
-the library's largest (a step anywhere) asks for 60; a thousand take a minute of poses."""
+the library's largest (a step anywhere) requires 60; a thousand take a minute of poses."""
 EPOCHS = 60
 """Times of onset that are tried, at most."""
 WORDS = ("title", "formula", "story")
@@ -40,7 +40,7 @@ def effects_of_folder(folder: Path) -> list[tuple[str, Effect]]:
     files = sorted(path for path in folder.glob("*.py") if not path.name.startswith("_"))
     if not files:
         raise InputError("holds no effect", where=str(folder), field="--effects", remedy="put NAME.py files into it")
-    return [(str(path), _loaded(path)) for path in files]
+    return [(str(path), effect_of_file(path)) for path in files]
 
 
 @cache
@@ -59,14 +59,17 @@ def effects_of_packages() -> tuple[tuple[Plugin, Effect | None], ...]:
     return tuple(found)
 
 
-def _loaded(path: Path) -> Effect:
+def effect_of_file(path: Path) -> Effect:
+    """The effect of one file, checked and tried out. Raises InputError (file, what)."""
     spec = importlib.util.spec_from_file_location(f"highside_effect_{path.stem}", path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
-        raise InputError(f"cannot be loaded: {_told(error, path)}", where=str(path), remedy="mend the file") from None
+        raise InputError(
+            f"cannot be loaded: {_described(error, path)}", where=str(path), remedy="fix the file"
+        ) from None
     if not hasattr(module, "EFFECT"):
         raise InputError(
             "holds no EFFECT", where=str(path), remedy="end it with EFFECT = YourEffect(), or begin its name with _"
@@ -76,7 +79,7 @@ def _loaded(path: Path) -> Effect:
     return effect
 
 
-def _told(error: BaseException, path: Path) -> str:
+def _described(error: BaseException, path: Path) -> str:
     """An error of a file in one line, with the line of the file that it comes from."""
     if isinstance(error, SyntaxError):
         return f"{error.msg} (line {error.lineno})"
@@ -235,6 +238,11 @@ def _some_rows() -> ChainState:
         rotor_accel_radps2=np.cos(k / 7),
         inc_rate_radps=0.01 * np.cos(k / 5),
         vibration_rms_g=0.2 + 0.1 * np.sin(k / 3),
+        vibration_x_rms_g=0.1 + 0.05 * np.sin(k / 3),
+        vibration_y_rms_g=0.1 + 0.05 * np.cos(k / 5),
+        vibration_z_rms_g=0.1 + 0.05 * np.sin(k / 11),
+        since_move_s=5.0 + k % 7,
+        stay_s=1.0,
         latitude_rad=0.7,
         azimuth_rad=0.4,
     )

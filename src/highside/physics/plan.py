@@ -17,6 +17,11 @@ from highside.physics.motion import Leg, Motion
 from highside.physics.state import ChainState
 from highside.units import STANDARD_GRAVITY_MPS2
 
+PUBLISHED_INCLINATIONS_DEG = (0.612, 1.206, 1.998, 3.006, 5.004, 14.994, 30.006, 45.0, 59.994, 75.006, 90.0)
+"""inclination stations of the tables of the balance-correction paper"""
+BALANCE_TOOLFACES_DEG = (45.0, 135.0, 225.0, 315.0)
+"""one toolface in each quadrant, as a balance correction needs them"""
+
 
 class Pose(NamedTuple):
     """A stop. `direction` is the side from which the toolface is approached."""
@@ -26,7 +31,7 @@ class Pose(NamedTuple):
     direction: float = 1.0
 
 
-class Rows(NamedTuple):
+class SessionRows(NamedTuple):
     """The rows of a session: their state, and a mask (N,) of those taken while the tool stood at a pose."""
 
     state: ChainState
@@ -82,7 +87,7 @@ class PosePlan:
         seconds = self.hold_s + (self.move_s if self.record_moves else 0.0)
         return len(self.poses) * max(1, len(self.plateaus_c)) * (seconds / self.row_s + 2)
 
-    def rows(self, site: Site) -> Rows:
+    def rows(self, site: Site) -> SessionRows:
         held_rows, move_rows = max(1, round(self.hold_s / self.row_s)), round(self.move_s / self.row_s)
         poses = np.array(self.poses * max(1, len(self.plateaus_c)), dtype=float)
         count, per_plateau = len(poses), len(self.poses)
@@ -134,9 +139,10 @@ class PosePlan:
             rotor_accel_radps2=motion[1],
             inc_rate_radps=motion[2],
             pose=angles[3].astype(np.int64),
+            since_move_s=np.maximum(times[order] - start[angles[3].astype(int)], 0.0),
             row_seconds=self.row_seconds,
         )
-        return Rows(_placed(state, site), held)
+        return SessionRows(_placed(state, site), held)
 
 
 @dataclass(frozen=True)
@@ -163,7 +169,7 @@ class RotationPlan:
         steps = len(self.rates_radps)
         return (steps * self.hold_s + (steps - 1) * self.ramp_s) * self.sample_hz
 
-    def rows(self, site: Site) -> Rows:
+    def rows(self, site: Site) -> SessionRows:
         rates = np.array(self.rates_radps)
         n = rates.size
         lengths = np.array([self.hold_s, self.ramp_s] * n)[:-1]
@@ -189,7 +195,7 @@ class RotationPlan:
             pose=np.zeros(t.size, dtype=np.int64),
             row_seconds=self.row_seconds,
         )
-        return Rows(_placed(state, site), np.zeros(t.size, dtype=bool))
+        return SessionRows(_placed(state, site), np.zeros(t.size, dtype=bool))
 
 
 @dataclass(frozen=True)
@@ -211,7 +217,7 @@ class LegPlan:
         """Number of rows, to rounding; known before any is made."""
         return sum(leg.duration_s for leg in self.legs) * self.sample_hz
 
-    def rows(self, site: Site) -> Rows:
+    def rows(self, site: Site) -> SessionRows:
         motion = Motion(self.legs, self.inclination_deg, self.toolface_deg, repeat=False)
         t = np.arange(round(motion.duration_s * self.sample_hz)) / self.sample_hz
         block = motion.block(t)
@@ -229,7 +235,7 @@ class LegPlan:
             pose=np.zeros(t.size, dtype=np.int64),
             row_seconds=self.row_seconds,
         )
-        return Rows(_placed(state, site), np.zeros(t.size, dtype=bool))
+        return SessionRows(_placed(state, site), np.zeros(t.size, dtype=bool))
 
 
 Plan = PosePlan | RotationPlan | LegPlan
@@ -244,14 +250,14 @@ class Session:
     temperature: Profile | None = None
     vibration: Profile | None = None
 
-    def rows(self) -> Rows:
+    def rows(self) -> SessionRows:
         """The rows of the session; a given profile of temperature or vibration replaces what the plan says of it."""
         state, held = self.plan.rows(self.site)
         if self.temperature is not None:
             state = replace(state, temp_c=self.temperature.at(state.t_s))
         if self.vibration is not None:
             state = replace(state, vibration_rms_g=self.vibration.at(state.t_s))
-        return Rows(state, held)
+        return SessionRows(state, held)
 
 
 def rings(
@@ -290,3 +296,9 @@ def full_turns(inclinations_deg: Sequence[float], stations: int = 73) -> tuple[P
 def _placed(state: ChainState, site: Site) -> ChainState:
     """The rows at their place on the Earth."""
     return replace(state, gravity_mps2=site.gravity_mps2, latitude_rad=site.latitude_rad, azimuth_rad=site.azimuth_rad)
+
+
+def pose_grid(inclinations_deg: Sequence[float], toolfaces_deg: Sequence[float]) -> tuple[AnyArray, AnyArray]:
+    """All combinations, ring by ring: (N,) inclinations and (N,) toolfaces in rad."""
+    inc, tf = np.meshgrid(np.radians(inclinations_deg), np.radians(toolfaces_deg), indexing="ij")
+    return inc.ravel(), tf.ravel()

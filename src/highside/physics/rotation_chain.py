@@ -37,35 +37,6 @@ Faults = Sequence[tuple[str, Mapping[str, float]]]
 """effects by id with their parameters; one id may come several times (wobble at several harmonics)"""
 
 
-def attitude_errors(
-    theta_rad: AnyArray,
-    faults: Faults = (),
-    *,
-    axis_tilt_rad: tuple[float, float] = (0.0, 0.0),
-    roll_rad: float = 0.0,
-    pitch_rad: float = 0.0,
-    heading_rad: float = 0.0,
-) -> AnyArray:
-    """Errors of roll, pitch and heading, (3, N) rad, decoded - true, at rotor angles (N,) as the encoder reads them.
-
-    `axis_tilt_rad`: rotation of the rotor's axis about the case's x and y. Raises InputError for an effect that does
-    not act on a rotor.
-    """
-    theta = np.asarray(theta_rad, dtype=float)
-    pose, _, mounting = _faults(theta, np.zeros_like(theta), faults)
-    tilt = rotation_matrix(np.array([*axis_tilt_rad, 0.0]))
-    case = _from_angles(roll_rad, pitch_rad, heading_rad)
-    # columns of D(t)^T M^T D0(t): what the unit vectors of the case become
-    columns = []
-    for axis in np.eye(3):
-        rotor = mounting.T @ rotate_z(theta, axis[:, None])
-        turned = rotate_y(-pose[0], rotate_x(-pose[1], rotate_z(-theta - pose[2], rotor)))
-        columns.append(case @ tilt @ turned)
-    decoded = _angles(np.stack(columns, axis=1))
-    true = np.array([roll_rad, pitch_rad, heading_rad])[:, None]
-    return np.asarray(wrap_signed(decoded - true))
-
-
 def inclination_toolface_errors(
     theta_rad: AnyArray, inc_rad: AnyArray | float, faults: Faults = ()
 ) -> tuple[AnyArray, AnyArray]:
@@ -77,7 +48,7 @@ def inclination_toolface_errors(
     """
     theta = np.asarray(theta_rad, dtype=float)
     inc = np.full_like(theta, inc_rad)
-    pose, vertical, mounting = _faults(theta, inc, faults)
+    pose, vertical, mounting = rotor_faults(theta, inc, faults)
     in_rotor = rotate_z(theta + pose[2], rotate_x(pose[1], rotate_y(inc + pose[0], vertical)))
     felt_inc, felt_tf = attitude_of(mounting @ in_rotor)
     return felt_inc - inc, np.asarray(wrap_signed(felt_tf - theta))
@@ -88,11 +59,11 @@ def package_turn(theta_rad: AnyArray, inc_rad: AnyArray | float, faults: Faults 
 
     It maps vectors of the perfect package's frame, at rotor angles (N,) and inclination(s) as the bench reads them,
     into the real one's: gravity, the Earth's rotation, rates. A base that is not level (stage GRAVITY) tilts the
-    vertical against the bench, not the package in it, and is left out.
+    vertical against the bench, not the package in it, and is omitted.
     """
     theta = np.asarray(theta_rad, dtype=float)
     inc = np.full_like(theta, inc_rad)
-    pose, _, mounting = _faults(theta, inc, faults)
+    pose, _, mounting = rotor_faults(theta, inc, faults)
     columns = []
     for axis in np.eye(3):
         in_bench = rotate_y(-inc, rotate_z(-theta, np.repeat(axis[:, None], theta.size, axis=1)))
@@ -105,7 +76,7 @@ def azimuth_errors(theta_rad: AnyArray, inc_rad: AnyArray | float, faults: Fault
     """(N,) rad: azimuth of the package's axis minus that of the hole, at rotor angles (N,) and inclination(s)."""
     theta = np.asarray(theta_rad, dtype=float)
     inc = np.full_like(theta, inc_rad)
-    # the package's axis in the perfect package's frame is the last row of the turn; seen from the hole's high side
+    # the package's axis in the perfect package's frame is the last row of the turn; counted from the hole's high side
     axis = rotate_z(-theta, package_turn(theta, inc, faults)[2])
     # y points to the left of the high side, looking along the hole's azimuth: an axis that leans there points down-hole
     # to the right
@@ -113,7 +84,7 @@ def azimuth_errors(theta_rad: AnyArray, inc_rad: AnyArray | float, faults: Fault
     return np.asarray(np.arctan2(axis[1], level))
 
 
-def _faults(theta: AnyArray, inc: AnyArray, faults: Faults) -> tuple[AnyArray, AnyArray, AnyArray]:
+def rotor_faults(theta: AnyArray, inc: AnyArray, faults: Faults) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Pose increments (3, N), vertical in the bench's frame (3, 1), mounting (3, 3): the faults summed by stage."""
     state = ChainState.build(inc, theta)
     pose, vertical, mounting = np.zeros((3, theta.size)), np.array([[0.0], [0.0], [1.0]]), np.zeros(3)
@@ -131,17 +102,3 @@ def _faults(theta: AnyArray, inc: AnyArray, faults: Faults) -> tuple[AnyArray, A
                 f"effect '{name}' does not act on a rotor", remedy="use effects of the bench or of mounting"
             )
     return pose, unit(vertical), rotation_matrix(mounting)
-
-
-def _from_angles(roll_rad: float, pitch_rad: float, heading_rad: float) -> AnyArray:
-    """C = Rz(heading) Ry(pitch) Rx(roll), (3, 3)."""
-    identity = np.eye(3)
-    return rotate_z(np.asarray(heading_rad), rotate_y(np.asarray(pitch_rad), rotate_x(np.asarray(roll_rad), identity)))
-
-
-def _angles(C: AnyArray) -> AnyArray:
-    """Roll, pitch, heading (3, N) of matrices (3, 3, N)."""
-    roll = np.arctan2(C[2, 1], C[2, 2])
-    pitch = np.arctan2(-C[2, 0], np.hypot(C[2, 1], C[2, 2]))
-    heading = np.arctan2(C[1, 0], C[0, 0])
-    return np.stack([roll, pitch, heading])

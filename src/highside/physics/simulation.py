@@ -39,7 +39,7 @@ class Simulated:
 def simulate(model: ForwardModel, session: Session, seed: int, *, gyros: bool = False) -> Simulated:
     """Run a session. The same arguments give the same numbers, bit for bit.
 
-    Gyros are simulated if asked for or if the model holds an effect that acts on them.
+    Gyros are simulated if requested or if the model holds an effect that acts on them.
     """
     rng = np.random.default_rng(seed)
     state, held = session.rows()

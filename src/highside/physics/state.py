@@ -2,13 +2,13 @@
 
 `ChainState` is a struct of arrays for N rows. The angles are those that the bench *reads* (its encoders): effects of
 the bench turn them into where the tool truly is. Quantities that a recording lacks stay at their neutral value, and an
-effect that needs them then has no influence (and cannot be seen).
+effect that needs them then has no influence (and cannot be detected).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Self
 
@@ -21,6 +21,13 @@ from highside.units import STANDARD_GRAVITY_MPS2
 
 Ints = NDArray[np.int64]
 
+_OWN_COLUMNS = (
+    "t_s seq pose direction temp_c vibration_rms_g noise_g n ax_g ay_g az_g ax ay az std_ax std_ay std_az "
+    "gx_dps gy_dps gz_dps inc_ref_deg tf_ref_deg rotor_deg rotor_rate_dps"
+)
+KNOWN_COLUMNS = frozenset(_OWN_COLUMNS.split(" "))
+"""Columns of a Recording that have a meaning of their own; any other numeric one is kept in `ChainState.extra`."""
+
 
 @dataclass(frozen=True)
 class ChainState:
@@ -28,6 +35,8 @@ class ChainState:
 
     `direction` is +1 or -1, the side from which the toolface was approached; `pose` counts the stops of a stepped
     session (continuous motion is one pose: the bench does not stop anew); `row_seconds` is the averaging time of a row.
+    `since_move_s` is the time since the bench stopped at the pose, in the middle of the `stay_s` seconds that a row
+    averages (0 for a single reading).
     """
 
     t_s: AnyArray
@@ -40,10 +49,17 @@ class ChainState:
     inc_rate_radps: AnyArray
     vibration_rms_g: AnyArray
     pose: Ints
+    vibration_x_rms_g: AnyArray
+    vibration_y_rms_g: AnyArray
+    vibration_z_rms_g: AnyArray
+    since_move_s: AnyArray
+    stay_s: AnyArray
     row_seconds: float = 1.0
     gravity_mps2: float = STANDARD_GRAVITY_MPS2
     latitude_rad: float = 0.0
     azimuth_rad: float = 0.0
+    extra: Mapping[str, AnyArray] = field(default_factory=dict)
+    """(N,) further columns of the recording by their names: what a law may depend on"""
 
     @classmethod
     @cache
@@ -64,11 +80,17 @@ class ChainState:
         rotor_accel_radps2: AnyArray | float = 0.0,
         inc_rate_radps: AnyArray | float = 0.0,
         vibration_rms_g: AnyArray | float = 0.0,
+        vibration_x_rms_g: AnyArray | float = 0.0,
+        vibration_y_rms_g: AnyArray | float = 0.0,
+        vibration_z_rms_g: AnyArray | float = 0.0,
+        since_move_s: AnyArray | float = 0.0,
+        stay_s: AnyArray | float = 0.0,
         pose: Ints | None = None,
         row_seconds: float = 1.0,
         gravity_mps2: float = STANDARD_GRAVITY_MPS2,
         latitude_rad: float = 0.0,
         azimuth_rad: float = 0.0,
+        extra: Mapping[str, AnyArray] | None = None,
     ) -> Self:
         """Scalars are spread over the rows; `t_s` defaults to one row each `row_seconds`, `pose` to one pose a row."""
         inc, tf = np.broadcast_arrays(np.asarray(inc_rad, dtype=float), np.asarray(tf_rad, dtype=float))
@@ -88,10 +110,16 @@ class ChainState:
             inc_rate_radps=rows(inc_rate_radps),
             vibration_rms_g=rows(vibration_rms_g),
             pose=np.arange(n) if pose is None else np.asarray(pose, dtype=np.int64),
+            vibration_x_rms_g=rows(vibration_x_rms_g),
+            vibration_y_rms_g=rows(vibration_y_rms_g),
+            vibration_z_rms_g=rows(vibration_z_rms_g),
+            since_move_s=rows(since_move_s),
+            stay_s=rows(stay_s),
             row_seconds=row_seconds,
             gravity_mps2=gravity_mps2,
             latitude_rad=latitude_rad,
             azimuth_rad=azimuth_rad,
+            extra=dict(extra or {}),
         )
 
     @classmethod
@@ -125,7 +153,8 @@ class ChainState:
             rate = np.radians(columns["rotor_rate_dps"])
         else:
             rate = np.gradient(tf, t_s) if moves else still
-        standing = np.nan_to_num(np.asarray(columns["pose"], dtype=float), nan=-1.0) if "pose" in columns else None
+        pose_number = np.nan_to_num(np.asarray(columns["pose"], dtype=float), nan=-1.0) if "pose" in columns else None
+        pose = np.zeros(t_s.size, dtype=np.int64) if pose_number is None else pose_number.astype(np.int64)
         return cls.build(
             inc,
             tf,
@@ -136,11 +165,16 @@ class ChainState:
             rotor_accel_radps2=np.gradient(rate, t_s) if moves else still,
             inc_rate_radps=np.gradient(inc, t_s) if moves else still,
             vibration_rms_g=columns.get("vibration_rms_g", 0.0),
-            pose=np.zeros(t_s.size, dtype=np.int64) if standing is None else standing.astype(np.int64),
+            vibration_x_rms_g=columns.get("vibration_x_rms_g", 0.0),
+            vibration_y_rms_g=columns.get("vibration_y_rms_g", 0.0),
+            vibration_z_rms_g=columns.get("vibration_z_rms_g", 0.0),
+            since_move_s=still if pose_number is None else since_stop(t_s, pose),
+            pose=pose,
             row_seconds=float(np.median(np.diff(t_s))) if t_s.size > 1 else 1.0,
             gravity_mps2=gravity_mps2,
             latitude_rad=latitude_rad,
             azimuth_rad=azimuth_rad,
+            extra={name: values for name, values in columns.items() if name not in KNOWN_COLUMNS},
         )
 
     @cached_property
@@ -196,6 +230,18 @@ class ChainState:
                     "inc_rate_radps",
                     "vibration_rms_g",
                     "pose",
+                    "vibration_x_rms_g",
+                    "vibration_y_rms_g",
+                    "vibration_z_rms_g",
+                    "since_move_s",
+                    "stay_s",
                 )
             },
+            extra={name: values[index] for name, values in self.extra.items()},
         )
+
+
+def since_stop(t_s: AnyArray, pose: Ints) -> AnyArray:
+    """(N,) s since the first row of the pose that each row belongs to."""
+    new = np.concatenate([[True], np.diff(pose) != 0]) if t_s.size else np.zeros(0, dtype=bool)
+    return np.asarray(t_s - t_s[np.flatnonzero(new)][np.cumsum(new) - 1])

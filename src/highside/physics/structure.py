@@ -10,7 +10,7 @@ any other parameters, each with a prior variance that the size and the length of
   harmonics of degree 2 and more (degree 0 is an offset, degree 1 the matrix), as polynomials in f; prior variances fall
   with degree n as exp(-n (n + 1) l^2 / 2), the heat kernel of length l (rad).
 
-These are no effects of the library: nothing in physics names them, and the evidence must ask for them.
+These are no effects of the library: nothing in physics names them, and the evidence must require them.
 """
 
 from __future__ import annotations

@@ -78,4 +78,4 @@ def _bounded(number: str) -> bool:
 
 
 def _bad(what: str, text: str, position: int, where: str) -> InputError:
-    return InputError(what, where=at_line(where, text.count("\n", 0, position) + 1), remedy="mend that line")
+    return InputError(what, where=at_line(where, text.count("\n", 0, position) + 1), remedy="correct that line")

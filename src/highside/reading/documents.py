@@ -104,13 +104,13 @@ def parse_toml(data: bytes | str, *, where: str | None = None, max_bytes: int = 
     try:
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"is not valid TOML: {error}", where=where, remedy="mend that line") from None
+        raise InputError(f"is not valid TOML: {error}", where=where, remedy="correct that line") from None
     except RecursionError:
         raise InputError("is not valid TOML: nested too deep", where=where, remedy="take brackets away") from None
     except ValueError as error:
         # of `int` for a number of thousands of digits
         what = "it has a number of thousands of digits" if "digits" in str(error) else str(error)
-        raise InputError(f"is not valid TOML: {what}", where=where, remedy="mend that number") from None
+        raise InputError(f"is not valid TOML: {what}", where=where, remedy="correct that number") from None
     _usable_tables(tables, where)
     return tables
 
@@ -162,6 +162,8 @@ def _no_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def _not_too_deep(value: Any) -> None:
     level = [value] if isinstance(value, dict | list) else []
     for _ in range(MAX_DEPTH):
+        if not level:
+            return
         level = [
             inner
             for one in level
@@ -191,7 +193,7 @@ def _no_endless_key(text: str, where: str | None) -> None:
                 raise InputError(
                     f"is not valid TOML: a key of more than {MAX_KEY_PARTS} parts",
                     where=at_line(where, number),
-                    remedy="mend that line",
+                    remedy="correct that line",
                 )
 
 
@@ -214,4 +216,4 @@ def _usable_tables(tables: dict[str, Any], where: str | None) -> None:
         elif isinstance(value, str) and "\0" in value:
             what = "holds a NUL character"
         if what is not None:
-            raise InputError(what, where=where, field=name, remedy="mend that field")
+            raise InputError(what, where=where, field=name, remedy="correct that field")

@@ -25,7 +25,7 @@ def parse_message(model: type[Model], data: bytes, *, max_bytes: int = MAX_DOCUM
 
 
 def text_member(data: bytes, name: str, longest: int = 64) -> str:
-    """A member of a message that is otherwise wrong (its id, for the answer), as far as it can be told; else empty."""
+    """A member of a message that is otherwise wrong (its id, for the answer), as far as it is readable; else empty."""
     try:
         found = parse_json(data)
         value = found.get(name) if isinstance(found, dict) else None

@@ -27,7 +27,7 @@ def csv_header(line: str, *, where: str) -> tuple[str, ...]:
     try:
         names = tuple(name.strip() for name in next(csv.reader([line]), []))
     except csv.Error as error:
-        raise InputError(f"the header is not readable as CSV: {error}", where=at, remedy="mend that line") from None
+        raise InputError(f"the header is not readable as CSV: {error}", where=at, remedy="correct that line") from None
     if not all(names) or not names:
         raise InputError("the header has a column without a name", where=at)
     double = sorted(name for name, count in Counter(names).items() if count > 1)

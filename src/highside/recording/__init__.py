@@ -7,4 +7,4 @@
 from __future__ import annotations
 
 __all__ = ["calibration_store", "candump", "export", "files", "frames", "keys", "shown", "table", "wire"]
-"""the ways in: modules, loaded when they are asked for"""
+"""the ways in: modules, loaded on request"""

@@ -30,7 +30,7 @@ from highside.calibration.record import (
     to_utc,
     verify,
 )
-from highside.calibration.result import Reason
+from highside.calibration.remark import Reason
 from highside.calibration.signature import TrustedKeys
 from highside.errors import InputError
 from highside.reading import MALFORMED, parse_json, read_bytes

@@ -2,7 +2,7 @@
 
     (1436509052.249713) can0 044#2A366C2B        standard identifier: three hexadecimal digits
     (1436509052.249713) can0 18FF50E5#0102       extended identifier: eight
-    (1436509052.249713) can0 123#R4              remote frame that asks for four bytes
+    (1436509052.249713) can0 123#R4              remote frame that requests four bytes
     (1436509052.249713) can0 20000088#00...      error frame: eight digits with the error flag 0x20000000
     (1436509052.249713) can0 123##1112233        CAN FD: `##`, a digit of flags, data
 Newer versions add ` R` or ` T` (received or sent), which is passed over.
@@ -64,7 +64,7 @@ def looks_like_candump(start: bytes) -> bool:
 class CandumpReader:
     """Iterates the frames of a file (plain or gzipped).
 
-    A last line without its line feed is torn: it may lack digits and is not believed. `torn_bytes` and `bad_lines`
+    A last line without its line feed is torn: it may lack digits and is not used. `torn_bytes` and `bad_lines`
     (lines in between that are no candump lines) are known after the last frame. `channel` takes one interface only.
     """
 

@@ -32,8 +32,8 @@ __all__ = [
     "Columns",
     "File",
     "FrameT",
+    "GivenTable",
     "Interchange",
-    "Taken",
     "arrow_stream",
     "as_arrow",
     "as_pandas",
@@ -67,7 +67,7 @@ FrameT = TypeVar("FrameT", bound=ArrowStream | Interchange)
 
 
 @dataclass(frozen=True, slots=True)
-class Taken(Generic[TableT]):
+class GivenTable(Generic[TableT]):
     """A table that came from somewhere, and the way to give an answer back in the same kind."""
 
     table: TableT
@@ -100,17 +100,17 @@ class Taken(Generic[TableT]):
         return nw.from_dict(made, backend=self._given.implementation).to_native()
 
 
-def take(data: File | Columns | ArrowStream | Interchange, kind: type[TableT]) -> Taken[TableT]:
+def take(data: File | Columns | ArrowStream | Interchange, kind: type[TableT]) -> GivenTable[TableT]:
     """Take a file, a Table, a dict of arrays or a DataFrame as a Table of this kind.
 
     Raises InputError for a file or table that is not in order (it names column and row), and for what is no table.
     """
     if isinstance(data, str | os.PathLike):
-        return Taken(kind.read(Path(data)), None)
+        return GivenTable(kind.read(Path(data)), None)
     if isinstance(data, Table):
-        return Taken(kind(data.columns, data.texts, data.order, data.source), None)
+        return GivenTable(kind(data.columns, data.texts, data.order, data.source), None)
     if isinstance(data, Mapping):
-        return Taken(_of_mapping(data, kind), data)
+        return GivenTable(_of_mapping(data, kind), data)
     frame = _frame(data)
     columns: dict[str, Column] = {}
     texts: dict[str, tuple[str, ...]] = {}
@@ -121,7 +121,7 @@ def take(data: File | Columns | ArrowStream | Interchange, kind: type[TableT]) -
         elif values is not None:
             columns[name] = values
     _require_finite(columns, kind)
-    return Taken(kind(columns, texts), frame)
+    return GivenTable(kind(columns, texts), frame)
 
 
 def source_of(data: object, table: Table) -> tuple[str, str]:

@@ -34,17 +34,17 @@ def html_of(table: Table) -> str:
     cells = [[str(row), *(_cell(table, name, row) for name in table.order)] for row in rows]
     if not whole:
         cells.insert(ENDS_SHOWN, ["..."] * (len(table.order) + 1))
-    said = f"{type(table).__name__}: {n} {table.rows_are}, {len(table.order)} columns"
+    caption = f"{type(table).__name__}: {n} {table.rows_are}, {len(table.order)} columns"
     if table.source is not None:
-        said += f", of {table.source}"
-    return html_table(["", *table.order], cells, said)
+        caption += f", of {table.source}"
+    return html_table(["", *table.order], cells, caption)
 
 
-def html_table(header: Sequence[str], rows: Iterable[Sequence[str]], said: str = "") -> str:
+def html_table(header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> str:
     """A plain HTML table, everything escaped, with a line below it."""
     head = "".join(f"<th>{escape(name)}</th>" for name in header)
     body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    below = f"<p>{escape(said)}</p>" if said else ""
+    below = f"<p>{escape(caption)}</p>" if caption else ""
     return f"<div><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{below}</div>"
 
 

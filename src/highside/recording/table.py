@@ -299,7 +299,7 @@ def write_poses(path: Path, poses: PoseTable) -> None:
 
 
 def from_frames(frames: Sequence[Frame], t_s: Iterable[float], extra_columns: Sequence[str] = ()) -> Recording:
-    """A Recording of decoded frames and their times. Columns of which no frame holds anything are left out."""
+    """A Recording of decoded frames and their times. Columns of which no frame holds anything are omitted."""
     columns: dict[str, Column] = {"t_s": np.fromiter(t_s, np.float64, len(frames))}
     values: dict[str, list[float | None]] = {
         column: [getattr(frame, name) for frame in frames] for column, name in FRAME_COLUMNS.items()

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import gzip
 import json
-import os
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
@@ -64,39 +63,6 @@ def encode_record(record: tuple[float, float, bytes]) -> bytes:
         raise ValueError(f"a record holds at most {MAX_RECORD_BYTES} bytes")
     content = _HEAD.pack(len(data), t_wall, t_mono) + data
     return content + _CRC.pack(zlib.crc32(content))
-
-
-class SegmentWriter:
-    """Appends records to a new file. Every `append` hands its bytes to the kernel; `sync` asks for the disk."""
-
-    def __init__(self, path: Path, meta: Mapping[str, Any]) -> None:
-        self._file = path.open("xb", buffering=0)
-        self._size = 0
-        self._write(encode_header(meta))
-
-    def append(self, data: bytes, *, t_wall: float, t_mono: float) -> int:
-        """Returns the number of bytes that the file grew by. Raises OSError; then the file is as it was before."""
-        record = encode_record((t_mono, t_wall, data))
-        self._write(record)
-        return len(record)
-
-    def _write(self, data: bytes) -> None:
-        view = memoryview(data)
-        try:
-            while view:
-                view = view[self._file.write(view) or 0 :]
-        except OSError:
-            # a record behind a torn one could not be found again
-            self._file.truncate(self._size)
-            self._file.seek(self._size)
-            raise
-        self._size += len(data)
-
-    def sync(self) -> None:
-        os.fsync(self._file.fileno())
-
-    def close(self) -> None:
-        self._file.close()
 
 
 class SegmentReader:

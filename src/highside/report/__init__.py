@@ -3,4 +3,4 @@
 from __future__ import annotations
 
 __all__ = ["certificate", "diagnosis_page", "rotation_page", "session_page"]
-"""the ways in: modules, loaded when they are asked for"""
+"""the ways in: modules, loaded when they are requested"""

@@ -1,7 +1,7 @@
 """Is it the bench or the sensor? What a session's poses say about both, beyond the calibration itself.
 
 Two looks at the same poses. The joint calibration estimates the bench's tilt and how well its settings repeat. And the
-engine of `highside diagnose` asks which effects of the library the plain affine sensor on a perfect bench leaves out:
+engine of `highside diagnose` asks which effects of the library the plain affine sensor on a perfect bench omits:
 effects of the pose or of the vertical belong to the bench, those of the triad or of temperature to the sensor.
 """
 
@@ -16,7 +16,7 @@ from highside import __version__
 from highside.calibration.method import Solution
 from highside.calibration.record import PoseColumns
 from highside.diagnosis.core.result import Diagnosis
-from highside.diagnosis.engine import Picture, diagnose_poses
+from highside.diagnosis.engine import ReportData, diagnose_poses
 from highside.diagnosis.poses.policy import POSE_SESSIONS
 from highside.diagnosis.poses.session import PoseSession
 from highside.errors import HighsideError
@@ -46,7 +46,7 @@ _WHERE = {
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class ErrorOrigin:
     """One thing found: `where` is bench, sensor, clamping, motion, acquisition or noise."""
 
     where: str
@@ -55,19 +55,19 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """The answer, one sentence, and what it rests on. `diagnosis` None: it could not be asked, and `why_not` says."""
+    """The answer, one sentence, and what it rests on. `diagnosis` None: not possible, for `why_not`."""
 
     answer: str
-    findings: tuple[Finding, ...]
+    findings: tuple[ErrorOrigin, ...]
     diagnosis: Diagnosis | None
-    picture: Picture | None
+    report_data: ReportData | None
     why_not: str = ""
 
 
 def bench_or_sensor(columns: PoseColumns, joint: Solution | None, *, gravity_mps2: float | None = None) -> Findings:
     """Look at the poses of a session. `joint`: their joint calibration, if there is one."""
     found = [] if joint is None else bench_findings(joint)
-    diagnosis, picture, why_not = _diagnose(columns, gravity_mps2)
+    diagnosis, report_data, why_not = _diagnose(columns, gravity_mps2)
     if diagnosis is not None:
         effects = all_effects()
         for claim in diagnosis.claims:
@@ -76,12 +76,12 @@ def bench_or_sensor(columns: PoseColumns, joint: Solution | None, *, gravity_mps
             effect = effects[claim.effect]
             sizes = ", ".join(f"{name} = {p.value:.3g} ± {p.std:.1g} {p.unit}" for name, p in claim.parameters.items())
             alike = [name for name in claim.equivalence_class if name != claim.effect]
-            told = f"; cannot be told from {', '.join(alike)} here" if alike else ""
-            found.append(Finding(_WHERE[effect.stage], f"{effect.title}: {sizes}{told}"))
-    return Findings(_answer(found, diagnosis, why_not), tuple(found), diagnosis, picture, why_not)
+            alternatives = f"; cannot be distinguished from {', '.join(alike)} here" if alike else ""
+            found.append(ErrorOrigin(_WHERE[effect.stage], f"{effect.title}: {sizes}{alternatives}"))
+    return Findings(_answer(found, diagnosis, why_not), tuple(found), diagnosis, report_data, why_not)
 
 
-def bench_findings(joint: Solution) -> list[Finding]:
+def bench_findings(joint: Solution) -> list[ErrorOrigin]:
     """Tilt and repeatability of the bench as the joint calibration estimates them."""
     result = joint.result
     parameters = result.main.parameters
@@ -91,7 +91,7 @@ def bench_findings(joint: Solution) -> list[Finding]:
             continue
         value, std = math.degrees(parameters.get(name)), math.degrees(parameters.std(name))
         if abs(value) > SIGNIFICANT * std:
-            out.append(Finding("bench", f"it is not level: tilt {value:+.4f} ± {std:.4f} deg {words}; taken off"))
+            out.append(ErrorOrigin("bench", f"it is not level: tilt {value:+.4f} ± {std:.4f} deg {words}; taken off"))
     spread = {
         "ring_inc_rad": "settings of inclination (common to a ring)",
         "station_tf_rad": "settings of toolface (the encoder, station by station)",
@@ -101,11 +101,11 @@ def bench_findings(joint: Solution) -> list[Finding]:
     for name, words in spread.items():
         value = math.degrees(float(result.variance.get(name, 0.0)))
         if value > 0.01:
-            out.append(Finding("bench", f"{words} scatter by {value:.4f} deg (one standard deviation)"))
+            out.append(ErrorOrigin("bench", f"{words} scatter by {value:.4f} deg (one standard deviation)"))
     return out
 
 
-def _diagnose(columns: PoseColumns, gravity_mps2: float | None) -> tuple[Diagnosis | None, Picture | None, str]:
+def _diagnose(columns: PoseColumns, gravity_mps2: float | None) -> tuple[Diagnosis | None, ReportData | None, str]:
     if "inc_ref_deg" not in columns:
         return None, None, "the poses have no reference attitude"
     count = len(columns["ax"])
@@ -127,19 +127,19 @@ def _diagnose(columns: PoseColumns, gravity_mps2: float | None) -> tuple[Diagnos
         mean = np.stack([np.asarray(columns[name], dtype=float) for name in ("ax", "ay", "az")])
         readings = np.asarray(columns.get("n", [1.0] * count), dtype=float)
         session = PoseSession(mean, readings, state)
-        diagnosis, picture = diagnose_poses(session, ForwardModel.of({}), FREE, version=__version__)
+        diagnosis, report_data = diagnose_poses(session, ForwardModel.of({}), FREE, version=__version__)
     except HighsideError as error:
         return None, None, str(error)
-    return diagnosis, picture, ""
+    return diagnosis, report_data, ""
 
 
-def _answer(found: list[Finding], diagnosis: Diagnosis | None, why_not: str) -> str:
+def _answer(found: list[ErrorOrigin], diagnosis: Diagnosis | None, why_not: str) -> str:
     places = {finding.where for finding in found}
     if diagnosis is None:
-        asked = f" Effects were not searched for: {why_not}."
+        not_searched = f" Effects were not searched for: {why_not}."
         return (
             "The bench: see what the calibration found of it." if "bench" in places else "Nothing stands out."
-        ) + asked
+        ) + not_searched
     if places == {"bench"}:
         return "It is the bench: what was found beyond the plain sensor belongs to it."
     if places == {"sensor"}:

@@ -15,7 +15,7 @@ from highside.calibration.comparison import INCLINATIONS_DEG, compare, uncertain
 from highside.calibration.method import Solution
 from highside.calibration.methods.joint import METHOD as JOINT
 from highside.report.bench_or_sensor import bench_or_sensor
-from highside.report.certificate_budget import Budget, budget_at
+from highside.report.certificate_budget import UncertaintyBudget, budget_at
 from highside.report.certificate_conformity import conformity
 from highside.report.certificate_evidence import (
     findings as write_findings,
@@ -159,7 +159,7 @@ def _assumptions(inputs: Inputs) -> list[str]:
     if use.turn_on_g is None:
         out.append("The offset is that of the power-up during which it was calibrated; its scatter was not stated.")
     if use.toolface_zero_deg is None:
-        out.append("Toolface counts from the zero of the clamping; its relation to the tool's scribe line is left out.")
+        out.append("Toolface counts from the zero of the clamping; its relation to the tool's scribe line is omitted.")
     span = record.result.main.temperature
     if span is not None and record.result.main.max_power():
         out.append(f"The temperature is within {span.min_c:.1f} and {span.max_c:.1f} °C, where it was calibrated.")
@@ -201,16 +201,16 @@ def _covered(inputs: Inputs) -> list[float]:
     return [inc for inc in INCLINATIONS_DEG if budget_at(inputs.record, inputs.fields, inc) is not None]
 
 
-def _source_row(budget: Budget, k: int) -> list[str]:
+def _source_row(budget: UncertaintyBudget, k: int) -> list[str]:
     s = budget.sources[k]
     return [s.name, s.kind, s.value, s.distribution, s.divisor, number(s.inc_deg), number(s.tf_deg)]
 
 
-def _combined(budget: Budget) -> list[str]:
+def _combined(budget: UncertaintyBudget) -> list[str]:
     return ["combined standard uncertainty", "", "", "", "", number(budget.inc_deg), number(budget.tf_deg)]
 
 
-def _expanded(budget: Budget) -> list[str]:
+def _expanded(budget: UncertaintyBudget) -> list[str]:
     inc, tf = budget.expanded
     return ["expanded uncertainty U (k = 2)", "", "", "", "", number(inc), number(tf)]
 

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from highside.attitude.scalar import UNIFORM_ANGLE_STD_RAD
 from highside.calibration.comparison import holds_at, uncertainty_over
 from highside.calibration.method import Solution
 from highside.calibration.record import CalibrationRecord
-from highside.calibration.result import UNIFORM_ANGLE_STD_RAD
 from highside.config.certificate import CertificateFields
 from highside.physics.gravity import gravity_direction
 
@@ -27,7 +27,7 @@ UNIFORM_DEG = math.degrees(UNIFORM_ANGLE_STD_RAD)
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class BudgetLine:
     """One line of the budget: standard uncertainty of the source and what it contributes to I and T, in degrees.
 
     `value`: as known, in words with its unit; `distribution`: of that value; `divisor`: from value to standard
@@ -46,11 +46,11 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True)
-class Budget:
+class UncertaintyBudget:
     """All sources at one inclination."""
 
     inclination_deg: float
-    sources: tuple[Source, ...]
+    sources: tuple[BudgetLine, ...]
 
     @property
     def inc_deg(self) -> float:
@@ -81,7 +81,7 @@ def freedom_of(record: CalibrationRecord) -> float:
     return float(max(3 * used - held, 1))
 
 
-def budget_at(record: CalibrationRecord, fields: CertificateFields, inclination_deg: float) -> Budget | None:
+def budget_at(record: CalibrationRecord, fields: CertificateFields, inclination_deg: float) -> UncertaintyBudget | None:
     """The budget at one inclination; None where the calibration does not hold."""
     solution = Solution(record.result, record.fallback, record.guide)
     inc = math.radians(inclination_deg)
@@ -90,25 +90,9 @@ def budget_at(record: CalibrationRecord, fields: CertificateFields, inclination_
         return None
     result, _ = held
     stated = uncertainty_over(solution, (inclination_deg,))
-    to_inc, to_tf = math.degrees(1.0), math.degrees(1.0) / max(math.sin(inc), 1e-12)
-    use = fields.use
-
-    def of_vector(
-        name: str,
-        kind: str,
-        value: str,
-        distribution: str,
-        divisor: str,
-        std_g: float,
-        note: str = "",
-        freedom: float = math.inf,
-    ) -> Source:
-        tf = min(std_g * to_tf, UNIFORM_DEG)
-        return Source(name, kind, value, distribution, divisor, std_g * to_inc, tf, freedom, note)
-
-    noise = result.reading_noise_g
+    noise, use = result.reading_noise_g, fields.use
     sources = [
-        Source(
+        BudgetLine(
             "Parameters of the correction",
             "A",
             f"covariance of {result.main.parameters.estimated} parameters",
@@ -119,21 +103,61 @@ def budget_at(record: CalibrationRecord, fields: CertificateFields, inclination_
             freedom_of(record),
             _inside(record),
         ),
-        of_vector(
+        _of_vector(
+            inc,
             "Noise of the indication",
             "A",
             f"{1e6 * noise:.1f} ug, mean of {use.readings}",
             "normal",
             f"√{use.readings}",
             noise / math.sqrt(use.readings),
-            "of a reading at rest, as seen in the poses",
+            "of a reading at rest, as measured in the poses",
         ),
     ]
-    bench = fields.bench
+    sources += [*_lines_of_bench(fields), *_lines_of_use(fields, inc)]
+    if fields.thermometer is not None and fields.thermometer.expanded_c is not None:
+        sources.append(_thermometer(record, fields, inc, fields.thermometer.expanded_c))
+    gravity = record.content["environment"]["gravity_std_mps2"]
+    if gravity is not None:
+        sources.append(
+            BudgetLine(
+                "Local gravity",
+                "B",
+                f"{gravity:g} m/s²",
+                "normal",
+                "1",
+                0.0,
+                0.0,
+                math.inf,
+                "I and T follow from directions: sensitivity 0",
+            )
+        )
+    return UncertaintyBudget(inclination_deg, tuple(sources))
+
+
+def _of_vector(
+    inc: float,
+    name: str,
+    kind: str,
+    value: str,
+    distribution: str,
+    divisor: str,
+    std_g: float,
+    note: str = "",
+) -> BudgetLine:
+    """A source that acts on the vector of gravity by `std_g` in each axis, at inclination `inc` (rad)."""
+    tf = min(std_g * math.degrees(1.0) / max(math.sin(inc), 1e-12), UNIFORM_DEG)
+    return BudgetLine(name, kind, value, distribution, divisor, std_g * math.degrees(1.0), tf, math.inf, note)
+
+
+def _lines_of_bench(fields: CertificateFields) -> list[BudgetLine]:
+    """The bench's own calibration and the toolface zero of the clamping, where they are stated."""
+    bench, use = fields.bench, fields.use
+    sources: list[BudgetLine] = []
     if bench is not None and (bench.inc_expanded_deg or bench.tf_expanded_deg):
         inc_u, tf_u = bench.inc_expanded_deg or 0.0, bench.tf_expanded_deg or 0.0
         sources.append(
-            Source(
+            BudgetLine(
                 "Calibration of the bench",
                 "B",
                 f"U = {inc_u:g} deg (I), {tf_u:g} deg (T)",
@@ -148,39 +172,35 @@ def budget_at(record: CalibrationRecord, fields: CertificateFields, inclination_
     if use.toolface_zero_deg is not None:
         value = f"{use.toolface_zero_deg:g} deg"
         sources.append(
-            Source("Toolface zero of the clamping", "B", value, "normal", "1", 0.0, use.toolface_zero_deg, math.inf)
+            BudgetLine("Toolface zero of the clamping", "B", value, "normal", "1", 0.0, use.toolface_zero_deg, math.inf)
         )
+    return sources
+
+
+def _lines_of_use(fields: CertificateFields, inc: float) -> list[BudgetLine]:
+    """What the conditions of use add at inclination `inc` (rad): power-ups, resolution, temperature."""
+    use = fields.use
+    sources: list[BudgetLine] = []
     if use.turn_on_g is not None:
         sources.append(
-            of_vector(
-                "Offset from power-up to power-up", "B", f"{1e6 * use.turn_on_g:.0f} ug", "normal", "1", use.turn_on_g
+            _of_vector(
+                inc,
+                "Offset from power-up to power-up",
+                "B",
+                f"{1e6 * use.turn_on_g:.0f} ug",
+                "normal",
+                "1",
+                use.turn_on_g,
             )
         )
     if use.step_g is not None:
         step = use.step_g / (2.0 * math.sqrt(3.0))
-        sources.append(of_vector("Resolution", "B", f"{1e6 * use.step_g:.2f} ug", "rectangular", "2√3", step))
+        sources.append(_of_vector(inc, "Resolution", "B", f"{1e6 * use.step_g:.2f} ug", "rectangular", "2√3", step))
     if use.offset_g_per_c is not None and use.temp_half_width_c is not None:
         half = use.offset_g_per_c * use.temp_half_width_c
         value = f"{1e6 * use.offset_g_per_c:.1f} ug/°C, ±{use.temp_half_width_c:g} °C"
-        sources.append(of_vector("Temperature of use", "B", value, "rectangular", "√3", half / math.sqrt(3.0)))
-    if fields.thermometer is not None and fields.thermometer.expanded_c is not None:
-        sources.append(_thermometer(record, fields, inc, fields.thermometer.expanded_c))
-    gravity = record.content["environment"]["gravity_std_mps2"]
-    if gravity is not None:
-        sources.append(
-            Source(
-                "Local gravity",
-                "B",
-                f"{gravity:g} m/s²",
-                "normal",
-                "1",
-                0.0,
-                0.0,
-                math.inf,
-                "I and T follow from directions: sensitivity 0",
-            )
-        )
-    return Budget(inclination_deg, tuple(sources))
+        sources.append(_of_vector(inc, "Temperature of use", "B", value, "rectangular", "√3", half / math.sqrt(3.0)))
+    return sources
 
 
 def _inside(record: CalibrationRecord) -> str:
@@ -190,7 +210,7 @@ def _inside(record: CalibrationRecord) -> str:
     return "holds reading noise of the poses, scatter of the bench's settings, and its tilt (0.05 deg, not estimated)"
 
 
-def _thermometer(record: CalibrationRecord, fields: CertificateFields, inc: float, expanded_c: float) -> Source:
+def _thermometer(record: CalibrationRecord, fields: CertificateFields, inc: float, expanded_c: float) -> BudgetLine:
     """What an error of the thermometer does: through the polynomials of the record, or the stated coefficient."""
     u = expanded_c / 2.0
     main = record.result.main
@@ -211,4 +231,4 @@ def _thermometer(record: CalibrationRecord, fields: CertificateFields, inc: floa
     else:
         note = "the record does not depend on temperature: sensitivity 0"
     tf_deg = min(math.degrees(u * slope) / max(math.sin(inc), 1e-12), UNIFORM_DEG)
-    return Source("Thermometer", "B", value, "normal", "2", math.degrees(u * slope), tf_deg, math.inf, note)
+    return BudgetLine("Thermometer", "B", value, "normal", "2", math.degrees(u * slope), tf_deg, math.inf, note)

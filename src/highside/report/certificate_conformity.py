@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.poses import PoseSet
 from highside.calibration.record import CalibrationRecord, pose_set
-from highside.calibration.result import BenchAccuracy
 from highside.calibration.verification import Verification, tilt_of, verify_poses
 from highside.report.certificate_inputs import Inputs
 from highside.report.document import Sheets

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from highside.calibration.comparison import Comparison, Errors
+from highside.calibration.comparison import Errors, MethodComparison
 from highside.calibration.method import NO_FALLBACK
 from highside.calibration.methods import all_methods, solves_rings
 from highside.calibration.record import CalibrationRecord
-from highside.config.certificate import ReferenceTable
+from highside.config.certificate import ReferenceInstrument
 from highside.report.bench_or_sensor import Findings
 from highside.report.certificate_inputs import NOT_STATED, Inputs, degrees, signed
 from highside.report.document import Sheets
@@ -80,7 +80,7 @@ def _room(inputs: Inputs) -> str:
     return ", ".join(f"{value[0]:g} to {value[1]:g} {unit}" for value, unit in parts if value is not None)
 
 
-def _reference(table: ReferenceTable | None, name: str | None) -> str:
+def _reference(table: ReferenceInstrument | None, name: str | None) -> str:
     if table is None:
         return f"{name + '; ' if name else ''}traceability not stated"
     until = f", valid until {table.valid_until.isoformat()}" if table.valid_until else ""
@@ -93,13 +93,13 @@ def _more_terms(record: CalibrationRecord) -> str:
     main = record.result.main
     terms = []
     if any(name.startswith("K") for name in main.parameters.names):
-        terms.append("quadratic, cubic and cross terms as the poses ask for")
+        terms.append("quadratic, cubic and cross terms as the poses require")
     if main.max_power():
         terms.append(f"temperature to the power {main.max_power()}")
     return f" with {' and '.join(terms)}" if terms else ""
 
 
-def side_by_side(out: Sheets, comparison: Comparison, chosen: str) -> None:
+def side_by_side(out: Sheets, comparison: MethodComparison, chosen: str) -> None:
     out.heading("Methods side by side")
     rows = [["before (nominal)", *_error_cells(comparison.before), "", ""]]
     for outcome in comparison.outcomes:
@@ -141,17 +141,17 @@ def limits_of_proof(out: Sheets, inputs: Inputs) -> None:
         said.append("Without a bench the axes of the tool are those of the sensor: its mounting angle is not known.")
     elif rings.size < 2:
         said.append(
-            "With one inclination the bench's tilt cannot be told from scale and rotation of the sensor: agreement with"
-            " this bench is not accuracy in the field."
+            "With one inclination the bench's tilt cannot be distinguished from scale and rotation of the sensor:"
+            " agreement with this bench is not accuracy in the field."
         )
     elif not (np.any(inc < 0) or np.any(inc > 90.5)):
         said.append(
-            "No pose was turned the other way or beyond 90 deg: bench and sensor are told apart by the inclinations"
+            "No pose was turned the other way or beyond 90 deg: bench and sensor are separated by the inclinations"
             " between alone."
         )
     if solves_rings(result.method):
         said.append(
-            "The balance correction takes up every error common to the poses of a ring, those of the bench included:"
+            "The balance correction absorbs every error common to the poses of a ring, those of the bench included:"
             " agreement at a ring's own inclination is not accuracy there."
         )
     if record.request.reference == "pose":
@@ -171,11 +171,11 @@ def limits_of_proof(out: Sheets, inputs: Inputs) -> None:
         out.bullets([*inputs.fields.remarks, *(f"{text[0].upper()}{text[1:]}." for text in remarks)])
 
 
-def poses(out: Sheets, record: CalibrationRecord, comparison: Comparison | None) -> None:
+def poses(out: Sheets, record: CalibrationRecord, comparison: MethodComparison | None) -> None:
     table, fit = record.content["pose_table"], record.result.poses
     out.heading("Poses and residuals")
     if comparison is not None:
-        out.figure(_residual_figure(record), "Residuals pose by pose; open marks were left out of the solution.")
+        out.figure(_residual_figure(record), "Residuals pose by pose; open marks were rejected.")
     own = None if comparison is None else comparison.of(record.result.method)
     errors = own.errors if own is not None else None
     rows = []
@@ -183,7 +183,7 @@ def poses(out: Sheets, record: CalibrationRecord, comparison: Comparison | None)
         inc, tf = (table[key][i] if key in table else None for key in ("inc_ref_deg", "tf_ref_deg"))
         rows.append(
             [
-                name + ("" if fit.used[i] else " (left out)"),
+                name + ("" if fit.used[i] else " (rejected)"),
                 *("" if value is None else f"{value:.3f}" for value in (inc, tf)),
                 *(f"{table[axis][i]:.6f}" for axis in ("ax", "ay", "az")),
                 *(f"{round(1e6 * float(value))}" for value in fit.residual_g[:, i]),

@@ -10,11 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.core.result import Location
-from highside.diagnosis.engine import Picture
+from highside.diagnosis.core.result import Curve, Location
+from highside.diagnosis.engine import ReportData
 from highside.diagnosis.table.chain import CELLS
-from highside.diagnosis.table.engine import SummaryPicture
-from highside.report.diagnosis_words import AXIS_NAMES
+from highside.diagnosis.table.engine import SummaryReportData
+from highside.physics.covariates import COVARIATES
+from highside.physics.covariates import covariate as covariate_of
+from highside.physics.gravity import gravity_direction
+from highside.physics.law import Law
+from highside.report.diagnosis_words import AXIS_NAMES, scale_of
 from highside.report.plots import new_figure
 
 if TYPE_CHECKING:
@@ -27,7 +31,7 @@ BEFORE, AFTER, SHADE = "#d9822b", "#2f7fd1", "#808890"
 MANY = 3000
 """More points than this are drawn as a sample, with the means of bins over them."""
 BINS = 60
-TOLD = {
+CELL_TITLES = {
     "d_inc_mean_deg": "inclination, mean",
     "d_inc_pp_deg": "inclination, peak-to-peak",
     "d_tf_mean_deg": "toolface, mean",
@@ -35,7 +39,7 @@ TOLD = {
 }
 
 
-def residuals(picture: Picture, location: Location, effect: str | None = None) -> list[Figure]:
+def residuals(report_data: ReportData, location: Location, effect: str | None = None) -> list[Figure]:
     """One figure a channel over the covariate of a location, the location shaded: above what is to be explained, below
     what is left of it in units of the noise of one row.
 
@@ -43,27 +47,27 @@ def residuals(picture: Picture, location: Location, effect: str | None = None) -
     it what it does as fitted. What turns with the load cancels in the mean over a covariate that only drives its size:
     then the rms is drawn.
     """
-    along, label = _along(picture, location.covariate)
-    names = [name for name in location.channels if name in picture.channels] or list(picture.channels)
-    part = picture.parts.get(effect or "")
-    above = picture.before if part is None else picture.after + part
+    names = [name for name in location.channels if name in report_data.channels] or list(report_data.channels)
+    part = report_data.parts.get(effect or "")
+    above = report_data.before if part is None else report_data.after + part
     figures = []
     for name in names:
-        channel = picture.channels.index(name)
-        size, unit = unit_of(picture, channel)
-        plain = np.array_equal(above, picture.after)
+        channel = report_data.channels.index(name)
+        along, label = _along(report_data, location.covariate, channel % 3)
+        size, unit = unit_of(report_data, channel)
+        plain = np.array_equal(above, report_data.after)
         figure, axes = new_figure(1 if plain else 2, 1, width=max(10.5 / len(names), 3.5), height=3.0 if plain else 2.2)
         figures.append(figure)
         axis = axes[0][0]
-        how = _mean if _cancels_not(along, above[channel], picture.after[channel]) else _rms
+        how = _mean if _cancels_not(along, above[channel], report_data.after[channel]) else _rms
         if plain:
-            _points(axis, along, size * picture.after[channel], AFTER, "residual", how)
+            _points(axis, along, size * report_data.after[channel], AFTER, "residual", how)
         else:
             word = "before" if part is None else "others taken off"
             _points(axis, along, size * above[channel], BEFORE, word, how)
             if part is not None:
                 _line(axis, along, size * part[channel], how)
-            _points(axes[1][0], along, picture.after[channel] / sigma_of(picture, channel), AFTER, "left", how)
+            _points(axes[1][0], along, report_data.after[channel] / sigma_of(report_data, channel), AFTER, "left", how)
             axes[1][0].set(ylabel="left, sigma")
         for each in (row[0] for row in axes):
             _shade(each, along, location.intervals)
@@ -74,44 +78,44 @@ def residuals(picture: Picture, location: Location, effect: str | None = None) -
     return figures
 
 
-def unit_of(picture: Picture, channel: int) -> tuple[float, str]:
+def unit_of(report_data: ReportData, channel: int) -> tuple[float, str]:
     """Factor and unit in which a channel is drawn."""
-    name = picture.channels[channel]
-    if picture.units:
-        return 1.0, picture.units[channel]
+    name = report_data.channels[channel]
+    if report_data.units:
+        return 1.0, report_data.units[channel]
     if name in ("gx", "gy", "gz"):
         return float(np.degrees(1)), "deg/s"
     return (1e6, "ug") if name in ("ax", "ay", "az", "g_total") else (1.0, "")
 
 
-def sigma_of(picture: Picture, channel: int) -> float:
+def sigma_of(report_data: ReportData, channel: int) -> float:
     """The noise of one row of a channel; where none is told, the rms of what is left."""
-    told = picture.sigma[channel] if channel < len(picture.sigma) else 0.0
-    return told or float(np.sqrt(np.mean(picture.after[channel] ** 2))) or 1.0
+    told = report_data.sigma[channel] if channel < len(report_data.sigma) else 0.0
+    return told or float(np.sqrt(np.mean(report_data.after[channel] ** 2))) or 1.0
 
 
-def over_time(picture: Picture) -> Figure:
+def over_time(report_data: ReportData) -> Figure:
     """A column a channel: the readings and the simulation where that misses them most, and what is left there in units
     of the noise; below, the misfit over the whole recording before and after."""
-    t = np.asarray(picture.session.state.t_s, dtype=float)
-    sigmas = np.array([[sigma_of(picture, k)] for k in range(len(picture.channels))])
-    rows = _worst_stretch(np.sum((picture.before / sigmas) ** 2, axis=0))
-    names = picture.channels[:COLUMNS]
+    t = np.asarray(report_data.session.state.t_s, dtype=float)
+    sigmas = np.array([[sigma_of(report_data, k)] for k in range(len(report_data.channels))])
+    rows = _worst_stretch(np.sum((report_data.before / sigmas) ** 2, axis=0))
+    names = report_data.channels[:COLUMNS]
     figure, axes = new_figure(3, len(names), height=1.9)
     for channel, name in enumerate(names):
-        size, unit = unit_of(picture, channel)
+        size, unit = unit_of(report_data, channel)
         if unit == "ug":
             size, unit = 1.0, "g"
         top, left, whole = (row[channel] for row in axes)
-        _beside(top, t, size, picture, channel, rows)
+        _beside(top, t, size, report_data, channel, rows)
         top.set(ylabel=f"reading, {unit}", title=name)
         sigma = float(sigmas[channel, 0])
         mark = "o" if rows.stop - rows.start <= FEW else "-"
-        left.plot(t[rows], picture.after[channel, rows] / sigma, mark, color=AFTER, markersize=3, linewidth=0.8)
+        left.plot(t[rows], report_data.after[channel, rows] / sigma, mark, color=AFTER, markersize=3, linewidth=0.8)
         left.axhspan(-2, 2, color=SHADE, alpha=0.12, linewidth=0)
         left.set(ylabel="left, sigma", xlabel="time, s")
         which, count, middle = _binned(t)
-        for values, colour in ((picture.before, BEFORE), (picture.after, AFTER)):
+        for values, colour in ((report_data.before, BEFORE), (report_data.after, AFTER)):
             whole.plot(
                 middle[count > 0],
                 _rms(values[channel] / sigma, which, count)[count > 0],
@@ -125,21 +129,61 @@ def over_time(picture: Picture) -> Figure:
     return figure
 
 
+def law_curve(curve: Curve, label: str) -> Figure:
+    """A smooth law over its covariate with twice its standard deviation."""
+    figure, axes = new_figure(1, 1, height=2.6)
+    axis = axes[0][0]
+    size, unit = scale_of(max((abs(v) for v in curve.value), default=0.0), curve.unit)
+    grid, value, std = (np.asarray(v, dtype=float) for v in (curve.grid, curve.value, curve.std))
+    axis.fill_between(grid, size * (value - 2 * std), size * (value + 2 * std), color=AFTER, alpha=0.2, linewidth=0)
+    axis.plot(grid, size * value, "-", color=AFTER)
+    axis.axhline(0, color=SHADE, linewidth=0.8)
+    axis.set(xlabel=label, ylabel=f"law, {unit}".rstrip(", "))
+    return figure
+
+
+def law_surface(law: Law) -> Figure:
+    """A law of two covariates: its value over both, and beside it the standard deviation."""
+    figure, axes = new_figure(1, 2, height=3.2)
+    first, second = law.axes[0], law.axes[1]
+    u, v = (np.linspace(axis.low, axis.high, SURFACE) for axis in (first, second))
+    at = [np.repeat(u, v.size), np.tile(v, u.size)]
+    value, std = (np.asarray(f(at), dtype=float).reshape(u.size, v.size).T for f in (law.value, law.std))
+    top = float(np.abs(value).max())
+    size, unit = scale_of(top, law.at.unit)
+    for axis, values, word, colours, low in (
+        (axes[0][0], value, "law", "RdBu_r", -size * top),
+        (axes[0][1], std, "its standard deviation", "Greys", 0.0),
+    ):
+        drawn = axis.pcolormesh(
+            u, v, size * values, shading="auto", rasterized=True, cmap=colours, vmin=low, vmax=size * top
+        )
+        figure.colorbar(drawn, ax=axis, label=f"{word}, {unit}".rstrip(", "))
+        names = [f"{c.title}, {c.unit}".rstrip(", ") for c in map(covariate_of, law.depends_on[:2])]
+        axis.set(xlabel=names[0], ylabel=names[1])
+        axis.grid(visible=False)
+    return figure
+
+
+SURFACE = 60
+"""Points of each axis of a law of two covariates."""
+
+
 COLUMNS = 3
 """Channels side by side; of a recording with gyros the accelerometers."""
 FEW = 60
 """No more rows than this are drawn as points: poses, not a curve."""
 
 
-def _beside(axis: Axes, t: Array, size: float, picture: Picture, channel: int, rows: slice) -> None:
+def _beside(axis: Axes, t: Array, size: float, report_data: ReportData, channel: int, rows: slice) -> None:
     """The readings and the simulation of one channel, before and after; without readings only what is left."""
-    recorded = np.zeros_like(picture.before) if picture.recorded is None else picture.recorded
+    recorded = np.zeros_like(report_data.before) if report_data.recorded is None else report_data.recorded
     drawn = [
-        (recorded - picture.before, BEFORE, "-", "simulated before"),
-        (recorded - picture.after, AFTER, "--", "simulated after"),
+        (recorded - report_data.before, BEFORE, "-", "simulated before"),
+        (recorded - report_data.after, AFTER, "--", "simulated after"),
     ]
-    if picture.recorded is None:
-        drawn = [(picture.before, BEFORE, "-", "before"), (picture.after, AFTER, "-", "after")]
+    if report_data.recorded is None:
+        drawn = [(report_data.before, BEFORE, "-", "before"), (report_data.after, AFTER, "-", "after")]
     else:
         axis.plot(t[rows], size * recorded[channel, rows], "o", color=SHADE, label="recorded", markersize=3)
     for values, colour, style, word in drawn:
@@ -208,7 +252,7 @@ def _points(
     some = np.linspace(0, along.size - 1, min(along.size, MANY // 2)).astype(int)
     few = along.size <= MANY
     alpha, size = (0.55, 4) if few else (0.15, 2)
-    # thousands of points are a picture of their own: as elements of the page they take seconds to write and to show
+    # thousands of points are an image of their own: as elements of the page they take seconds to write and to show
     axis.plot(along[some], values[some], ".", color=colour, alpha=alpha, markersize=size, rasterized=not few)
     which, count, middle = _binned(along)
     told = "mean" if how is _mean else "rms"
@@ -216,10 +260,16 @@ def _points(
     axis.plot(middle[shows], how(values, which, count)[shows], "-", color=colour, label=f"{word} ({told})")
 
 
-def _along(picture: Picture, covariate: str) -> tuple[Array, str]:
-    if covariate in picture.covariates:
-        return picture.covariates[covariate], AXIS_NAMES.get(covariate, covariate)
-    state = picture.session.state
+def _along(report_data: ReportData, covariate: str, channel: int = 0) -> tuple[Array, str]:
+    """(n,) what a residual is drawn over, and its label: a covariate of laws (of that axis' own), or of locations."""
+    if covariate in report_data.covariates:
+        return report_data.covariates[covariate], AXIS_NAMES.get(covariate, covariate)
+    state = report_data.session.state
+    first = covariate.split(" x ")[0]
+    if first in COVARIATES or first in state.extra:
+        own = covariate_of(first)
+        load = np.asarray(gravity_direction(state.inc_rad, state.tf_rad), dtype=float)
+        return np.asarray(own.of(state, load, channel), dtype=float), f"{own.title}, {own.unit}".rstrip(", ")
     columns = {
         "tf_ref_deg": np.mod(np.degrees(state.tf_rad), 360.0),
         "inc_ref_deg": np.degrees(state.inc_rad),
@@ -238,49 +288,49 @@ def _along(picture: Picture, covariate: str) -> tuple[Array, str]:
     return np.asarray(columns[name], dtype=float), AXIS_NAMES[name]
 
 
-def table_misfit(picture: SummaryPicture, places: Sequence[Location]) -> Figure:
+def table_misfit(report_data: SummaryReportData, places: Sequence[Location]) -> Figure:
     """Misfit of each column in sigma over the rows, before and after; shaded where a claim sits."""
     figure, axes = new_figure(2, 2, height=2.6)
-    rows = np.argsort(picture.inc_deg)
+    rows = np.argsort(report_data.inc_deg)
     at = np.arange(rows.size)
     for column, axis in enumerate(np.ravel(np.array(axes, dtype=object))):
         shaded = np.zeros(rows.size, dtype=bool)
         for place in places:
             if CELLS[column] in place.channels:
                 for low, high in place.intervals:
-                    inc = picture.inc_deg[rows]
+                    inc = report_data.inc_deg[rows]
                     shaded |= (inc >= low - 1e-6) & (inc <= high + 1e-6)
         for k in np.flatnonzero(shaded):
             axis.axvspan(k - 0.5, k + 0.5, color=SHADE, alpha=0.14, linewidth=0)
         axis.axhspan(-1, 1, color=SHADE, alpha=0.12, linewidth=0)
-        axis.plot(at, picture.before[rows, column], "o", color=BEFORE, label="before", markersize=4)
-        axis.plot(at, picture.after[rows, column], "o", color=AFTER, label="after", markersize=4)
-        axis.set_xticks(at, [f"{value:g}" for value in picture.inc_deg[rows]], rotation=60)
-        axis.set(ylabel="misfit, sigma", title=TOLD[CELLS[column]])
+        axis.plot(at, report_data.before[rows, column], "o", color=BEFORE, label="before", markersize=4)
+        axis.plot(at, report_data.after[rows, column], "o", color=AFTER, label="after", markersize=4)
+        axis.set_xticks(at, [f"{value:g}" for value in report_data.inc_deg[rows]], rotation=60)
+        axis.set(ylabel="misfit, sigma", title=CELL_TITLES[CELLS[column]])
         if column == 0:
             axis.legend()
     return figure
 
 
-def table_values(picture: SummaryPicture) -> Figure:
+def table_values(report_data: SummaryReportData) -> Figure:
     """What the table says beside what the simulated chain says, deg."""
     figure, axes = new_figure(2, 2, height=2.6)
-    rows = np.argsort(picture.inc_deg)
+    rows = np.argsort(report_data.inc_deg)
     at = np.arange(rows.size)
     for column, axis in enumerate(np.ravel(np.array(axes, dtype=object))):
         axis.errorbar(
             at,
-            picture.told[rows, column],
-            picture.sigma[rows, column],
+            report_data.published[rows, column],
+            report_data.sigma[rows, column],
             fmt="o",
             color=SHADE,
             markersize=4,
             label="the table, with sigma",
         )
-        axis.plot(at, picture.base[rows, column], "-", color=BEFORE, label="simulated before")
-        axis.plot(at, picture.fitted[rows, column], "-", color=AFTER, label="simulated after")
-        axis.set_xticks(at, [f"{value:g}" for value in picture.inc_deg[rows]], rotation=60)
-        axis.set(ylabel="deg", title=TOLD[CELLS[column]])
+        axis.plot(at, report_data.base[rows, column], "-", color=BEFORE, label="simulated before")
+        axis.plot(at, report_data.fitted[rows, column], "-", color=AFTER, label="simulated after")
+        axis.set_xticks(at, [f"{value:g}" for value in report_data.inc_deg[rows]], rotation=60)
+        axis.set(ylabel="deg", title=CELL_TITLES[CELLS[column]])
         if column == 0:
             axis.legend()
     return figure

@@ -2,27 +2,37 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Mapping
 
 from highside.diagnosis.core.result import Claim, Diagnosis, Location
-from highside.diagnosis.engine import Picture
-from highside.diagnosis.table.engine import SummaryPicture
+from highside.diagnosis.engine import ReportData
+from highside.diagnosis.table.engine import SummaryReportData
 from highside.physics.effects import title_of
-from highside.report.diagnosis_figures import over_time, residuals, table_misfit, table_values
+from highside.physics.law import Law
+from highside.report.diagnosis_claims import (
+    claim_title,
+    claims_table,
+    covariate_label,
+    first_sentence,
+    is_law,
+    ordered,
+    title_of_any,
+)
+from highside.report.diagnosis_figures import law_curve, law_surface, over_time, residuals, table_misfit, table_values
 from highside.report.diagnosis_words import (
     KINDS,
     VERDICTS,
     axis_name,
     blame,
-    headline,
     proof,
     quantity,
     ranges,
     sizes,
-    sureness,
+    tested,
     where,
 )
 from highside.report.document import Page
+from highside.report.misfit_waterfall import Steps, steps_of, waterfall
 from highside.report.plots import can_plot, plotting
 
 __all__ = ["VERDICTS", "page_of"]
@@ -33,120 +43,197 @@ DRAWN = 4
 """At most so many places are drawn."""
 
 
-def page_of(diagnosis: Diagnosis, picture: Picture | SummaryPicture | None, recording: str) -> str:
+def page_of(diagnosis: Diagnosis, report_data: ReportData | SummaryReportData | None, recording: str) -> str:
     """The whole page as HTML; where matplotlib is not installed it is without figures, and says so."""
     if not can_plot():
         return _page_of(diagnosis, None, recording, NO_FIGURES)
     with plotting():
-        return _page_of(diagnosis, picture, recording)
+        return _page_of(diagnosis, report_data, recording)
 
 
 def _page_of(
-    diagnosis: Diagnosis, picture: Picture | SummaryPicture | None, recording: str, remark: str | None = None
+    diagnosis: Diagnosis, report_data: ReportData | SummaryReportData | None, recording: str, remark: str | None = None
 ) -> str:
-    page = Page(headline(diagnosis))
-    page.badge(diagnosis.verdict, KINDS.get(diagnosis.verdict, "open"), f"Diagnosis of {recording}")
+    rows = report_data if isinstance(report_data, ReportData) else None
+    steps = None if rows is None else steps_of(rows)
+    shares = {} if steps is None else dict(zip(steps.names, steps.shares, strict=True))
+    page = Page(first_sentence(diagnosis, shares, VERDICTS[diagnosis.verdict]))
+    page.badge(diagnosis.verdict, KINDS.get(diagnosis.verdict, "open"), f"Diagnosis of {recording}.{tested(diagnosis)}")
+    if diagnosis.intake:
+        _faults(page, diagnosis)
+    if rows is not None and steps is not None:
+        page.figure(waterfall(steps, _titles(diagnosis, steps)), _waterfall_caption(steps))
+        page.figure(over_time(rows), _over_time_caption(rows))
+    elif isinstance(report_data, SummaryReportData):
+        _table_figures(page, diagnosis, report_data)
+    if diagnosis.claims:
+        headers, lines = claims_table(diagnosis.claims, shares)
+        page.table(headers, lines, words=(0, 1, 3, 4))
     page.facts(_facts(diagnosis))
-    if picture is not None:
-        _figures(page, diagnosis, picture)
     if remark is not None:
         page.paragraph(f"This page is {remark}.", look="soft")
-    if len(diagnosis.intake) > 0:
-        page.heading("Faults of the data")
-        page.table(
-            ["check", "channels", "p", "what to do"],
-            [[f.check, ", ".join(f.channels), f"{f.p:.1e}", f.remedy] for f in diagnosis.intake],
-            words=(1, 3),
-        )
-    for claim in diagnosis.claims:
-        _evidence(page, claim)
+    for claim in ordered(diagnosis.claims, shares):
+        _claim(page, diagnosis, claim, rows)
+    if rows is not None and not diagnosis.claims:
+        _residuals(page, diagnosis, rows)
     _remainder(page, diagnosis)
-    if diagnosis.not_testable:
-        page.heading("What this recording could not show")
-        page.table(
-            ["effect", "why", "what it needs"],
-            [[n.effect, n.why, n.needs] for n in diagnosis.not_testable],
-            "These were not tested; that they were not found says nothing.",
-            words=(1, 2),
-        )
-    if diagnosis.minimum_detectable:
-        page.heading("The smallest sizes that would have been seen")
-        rows = [[name, quantity(d.value, d.unit)] for name, d in diagnosis.minimum_detectable.items()]
-        page.table(["effect", "size (80 % probability)"], rows)
+    _details(page, diagnosis, shares)
     page.paragraph(f"highside {diagnosis.version}, seed {diagnosis.seed}.", look="soft")
     return page.html()
 
 
+def _titles(diagnosis: Diagnosis, steps: Steps) -> dict[str, str]:
+    """Words beside the bars; what was fitted and not believed says so."""
+    claimed = {claim.effect: claim_title(claim) for claim in diagnosis.claims}
+    return {name: claimed.get(name, f"{title_of(name)} (not believed)") for name in steps.names}
+
+
 def _facts(diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """The first screen."""
+    """What a reader does with the answer; figures of the proof stand below."""
     rows: list[tuple[str, str]] = []
-    for claim in diagnosis.claims:
-        rows.append(("What was left out", f"{title_of(claim.effect)}. {claim.story}"))
-        rows.append(("Its size", sizes(claim)))
-        rows.append(("How sure", sureness(claim)))
-    rows += [(f.check, f"{', '.join(f.channels)}: {f.remedy} (p = {f.p:.1e})") for f in diagnosis.intake[:3]]
-    if diagnosis.location:
+    if not diagnosis.claims and diagnosis.location:
         rows.append(("Where", where(diagnosis.location)))
     if not diagnosis.claims and diagnosis.remainder.resembles:
-        rows.append(("It resembles", ", ".join(diagnosis.remainder.resembles) + " (not believed: see below)"))
+        names = ", ".join(title_of(name) for name in diagnosis.remainder.resembles)
+        rows.append(("It resembles", f"{names} (not believed: see below)"))
     if diagnosis.fit is not None:
         rows.append(("Proof" if diagnosis.claims else "Misfit", proof(diagnosis.fit)))
     if diagnosis.claims:
-        rows += [("To blame", words)] if (words := blame(diagnosis)) else []
-        advice = list(dict.fromkeys(claim.next_manoeuvre for claim in diagnosis.claims))
-        needed = [words for words in advice if not words.startswith("none needed")] or advice
-        rows += [("Do next" if k == 0 else "", words) for k, words in enumerate(needed)]
+        rows += [("To blame", words)] if (words := blame(diagnosis, lambda claim: claim_title(claim).lower())) else []
+        rows += [("Do next" if k == 0 else "", words) for k, words in enumerate(_advice(diagnosis))]
     elif diagnosis.remainder.hints:
         rows += [("What is known" if k == 0 else "", hint) for k, hint in enumerate(diagnosis.remainder.hints[:4])]
     if diagnosis.verdict == "nothing_left_out" and diagnosis.minimum_detectable:
         few = list(diagnosis.minimum_detectable.items())[:6]
-        rows.append(
-            ("Would have been seen", ", ".join(f"{name} of {quantity(d.value, d.unit)}" for name, d in few) + " ...")
-        )
-    if diagnosis.not_testable:
-        names = [n.effect for n in diagnosis.not_testable]
-        more = f" and {len(names) - 6} more" if len(names) > 6 else ""
-        rows.append(("Not tested", ", ".join(names[:6]) + more))
+        words = ", ".join(f"{title_of(name).lower()} of {quantity(d.value, d.unit)}" for name, d in few)
+        rows.append(("Would have been detected", f"{words} ..."))
     return rows
 
 
-def _figures(page: Page, diagnosis: Diagnosis, picture: Picture | SummaryPicture) -> None:
+def _advice(diagnosis: Diagnosis) -> list[str]:
+    """What to measure next, once for all claims it serves."""
+    wanted: dict[str, list[str]] = {}
+    for claim in diagnosis.claims:
+        if claim.next_manoeuvre:
+            wanted.setdefault(claim.next_manoeuvre, []).append(claim_title(claim))
+    needed = {words: names for words, names in wanted.items() if not words.startswith("none needed")} or wanted
+    if len(diagnosis.claims) == 1 or all(words.startswith("none needed") for words in needed):
+        return list(needed)
+    return [f"{' and '.join(names)}: {words}" for words, names in needed.items()]
+
+
+def _faults(page: Page, diagnosis: Diagnosis) -> None:
+    page.heading("Faults of the data")
+    page.table(
+        ["check", "channels", "p", "what to do"],
+        [[f.check, ", ".join(f.channels), f"{f.p:.1e}", f.remedy] for f in diagnosis.intake],
+        words=(1, 3),
+    )
+
+
+def _table_figures(page: Page, diagnosis: Diagnosis, report_data: SummaryReportData) -> None:
+    page.figure(
+        table_misfit(report_data, diagnosis.location),
+        "Misfit of each cell of the table in sigma, before (orange) and after (blue) what was found is simulated; "
+        "rows shaded where it acts, the band is one sigma.",
+    )
+    page.figure(
+        table_values(report_data),
+        "The table beside the simulated chain. A sigma is what chance and the scatter beyond it do to a cell.",
+    )
+
+
+def _waterfall_caption(steps: Steps) -> str:
+    done = f" What is left is {_against(steps.left, steps.floor)}." if steps.names else ""
+    return (
+        "The misfit step by step: the simulation as given, what each effect takes away, and what is left. The noise of "
+        f"a row is subtracted from every bar.{done}"
+    )
+
+
+def _against(left: float, floor: float) -> str:
+    return "within the noise" if left <= floor else f"{left / floor:.1f} times what noise alone would leave"
+
+
+def _claim(page: Page, diagnosis: Diagnosis, claim: Claim, rows: ReportData | None) -> None:
+    """One claim: what it is, the residual without the others, its law, and what would tell more."""
+    page.heading(claim_title(claim))
+    page.paragraph(claim.story)
+    if is_law(claim) and claim.curve is not None and rows is not None:
+        law = None if claim.law is None else Law.from_dict(claim.law)
+        pair = law is not None and len(law.axes) > 1
+        drawn = law_surface(law) if law is not None and pair else law_curve(claim.curve, covariate_label(claim))
+        page.figure(drawn, _curve_caption(claim, pair=pair))
+    if rows is not None:
+        for place, effect in _places(diagnosis, rows, claim):
+            page.panels(residuals(rows, place, effect), _caption(place, effect))
+    if claim.readings:
+        page.paragraph("What could act like this (suggestions, not findings):")
+        page.bullets(list(claim.readings))
+    if claim.confirm:
+        page.paragraph(f"Another session confirms or refutes it: {claim.confirm}.")
+
+
+def _curve_caption(claim: Claim, *, pair: bool) -> str:
+    within = f" Another shape within {claim.shape_within:.0%} of it fits as well." if claim.shape_within else ""
+    drawn = (
+        "The law that was found, over both of what it follows, and how uncertain it is."
+        if pair
+        else "The law that was found, with twice its standard deviation as a band."
+    )
+    return f"{drawn} Beyond the range that was visited nothing is known of it.{within}"
+
+
+def _residuals(page: Page, diagnosis: Diagnosis, rows: ReportData) -> None:
     page.heading("Where the mismatch sits")
-    if isinstance(picture, SummaryPicture):
-        page.figure(
-            table_misfit(picture, diagnosis.location),
-            "Misfit of each cell of the table in sigma, before (orange) and after (blue) what was found is simulated; "
-            "rows shaded where it acts, the band is one sigma.",
-        )
-        page.figure(
-            table_values(picture),
-            "The table beside the simulated chain. A sigma is what chance and the scatter beyond it do to a cell.",
-        )
-        return
-    if picture.recorded is not None or not np.array_equal(picture.before, picture.after):
-        page.figure(over_time(picture), _over_time_caption(picture))
-    for place, effect in _places(diagnosis, picture)[:DRAWN]:
-        page.panels(residuals(picture, place, effect), _caption(place, effect if effect in picture.parts else None))
+    for place, effect in _places(diagnosis, rows)[:DRAWN]:
+        page.panels(residuals(rows, place, effect), _caption(place, effect))
 
 
-def _places(diagnosis: Diagnosis, picture: Picture) -> list[tuple[Location, str | None]]:
-    """What is drawn: the place of each claim with its effect, or where the mismatch sits; none twice."""
+def _details(page: Page, diagnosis: Diagnosis, shares: Mapping[str, float]) -> None:
+    """What few readers want, behind lines that open it."""
+    if diagnosis.claims:
+        with page.folded("Formulas and rivals"):
+            for claim in ordered(diagnosis.claims, shares):
+                _evidence(page, claim)
+    if diagnosis.not_testable:
+        with page.folded(f"What this recording could not show ({len(diagnosis.not_testable)})"):
+            page.table(
+                ["effect", "why", "what it needs"],
+                [[title_of(n.effect), n.why, n.needs] for n in diagnosis.not_testable],
+                "These were not tested; that they were not found says nothing.",
+                words=(0, 1, 2),
+            )
+    if diagnosis.minimum_detectable:
+        with page.folded("The smallest sizes that would have been detected"):
+            rows = [[title_of(name), quantity(d.value, d.unit)] for name, d in diagnosis.minimum_detectable.items()]
+            page.table(["effect", "size (80 % probability)"], rows)
+
+
+def _places(
+    diagnosis: Diagnosis, report_data: ReportData, claim: Claim | None = None
+) -> list[tuple[Location, str | None]]:
+    """What is drawn: the place of each claim (or of one) with its effect, or where the mismatch sits; none twice."""
     claimed = len(diagnosis.location) == len(diagnosis.claims)
-    effects = [claim.effect for claim in diagnosis.claims] if claimed else [None] * len(diagnosis.location)
+    effects = [c.effect for c in diagnosis.claims] if claimed else [None] * len(diagnosis.location)
     found: list[tuple[Location, str | None]] = []
     for place, effect in (
         *zip(diagnosis.location, effects, strict=True),
         *((place, None) for place in (() if diagnosis.location else diagnosis.remainder.location)),
     ):
-        own = effect if effect in picture.parts else None
+        if claim is not None and effect != claim.effect:
+            continue
+        own = effect if effect in report_data.parts else None
         same = any((p.channels, p.covariate, e) == (place.channels, place.covariate, own) for p, e in found)
         if place.covariate != "reading_g" and not same:
             found.append((place, own))
-    return found or [(Location(picture.channels, "t_s", (), None, 0.0, 1.0), None)]
+    if found or claim is not None:
+        return found
+    return [(Location(report_data.channels, "t_s", (), None, 0.0, 1.0), None)]
 
 
-def _over_time_caption(picture: Picture) -> str:
-    readings = "the readings and the simulation" if picture.recorded is not None else "what the simulation leaves"
+def _over_time_caption(report_data: ReportData) -> str:
+    readings = "the readings and the simulation" if report_data.recorded is not None else "what the simulation leaves"
     return (
         f"Above, {readings} before and after what was found is added, where it misses most; in the middle what is left "
         "there, in units of the noise of one row (the band is two); below, the misfit over the whole recording."
@@ -160,9 +247,11 @@ def _caption(place: Location, effect: str | None) -> str:
     harmonic = f", harmonic {place.harmonic}" if place.harmonic else ""
     where = f"{', '.join(place.channels)} along {axis_name(place.covariate)}{harmonic}"
     if effect is not None:
+        titled = title_of_any(effect)
         return (
-            f"{title_of(effect)}: residual of {where}, all other effects that were found taken off (orange), what it "
-            f"does as fitted (dashed), and below what is left, in units of the noise of one row; largest at {shade}."
+            f"{titled[0].upper()}{titled[1:]}: residual of {where}, all other effects that were found taken off "
+            "(orange), what it does as fitted (dashed), and below what is left, in units of the noise of one row; "
+            f"largest at {shade}."
         )
     return (
         f"Residual of {where} before what was found is added (orange), and below what is left, in units of the noise of"
@@ -171,15 +260,14 @@ def _caption(place: Location, effect: str | None) -> str:
 
 
 def _evidence(page: Page, claim: Claim) -> None:
-    page.heading(f"The case for {claim.effect}")
-    page.paragraph(f"Formula: {claim.formula} (stage: {claim.stage}). {sizes(claim)}.")
+    formula = f"formula {claim.formula} (stage: {claim.stage}). " if claim.formula else ""
+    page.paragraph(f"{claim_title(claim)} ({claim.effect}): {formula}{sizes(claim)}.")
     if claim.rivals_ruled_out:
         page.table(
             ["rival", "BIC against it"],
-            [[r.effect, f"{r.delta_bic:,.0f}"] for r in claim.rivals_ruled_out],
+            [[title_of(r.effect), f"{r.delta_bic:,.0f}"] for r in claim.rivals_ruled_out],
             "Rivals that the data speak against: beyond 6 is strong, beyond 10 decisive.",
         )
-    page.paragraph(f"To split or confirm it: {claim.next_manoeuvre}.")
 
 
 def _remainder(page: Page, diagnosis: Diagnosis) -> None:
@@ -189,6 +277,7 @@ def _remainder(page: Page, diagnosis: Diagnosis) -> None:
     page.heading("What remains")
     page.bullets(list(remainder.hints))
     if remainder.resembles:
-        page.paragraph(f"It resembles, without being it: {', '.join(remainder.resembles)}.")
+        names = ", ".join(title_of(name) for name in remainder.resembles)
+        page.paragraph(f"It resembles, without being it: {names}.")
     if remainder.location:
         page.paragraph(f"It sits at: {where(remainder.location)}.")

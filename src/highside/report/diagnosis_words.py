@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from highside.diagnosis.core.result import Claim, Diagnosis, Fit, Location
+from highside.physics.covariates import COVARIATES
 from highside.physics.effect import Stage
-from highside.physics.effects import all_effects, title_of
+from highside.physics.effects import all_effects
 
 VERDICTS = {
     "nothing_left_out": "Nothing was left out: the simulation explains this recording to within its noise.",
     "named": "The simulation leaves out",
     "named_plus": "The simulation leaves out (with a small remainder beyond it)",
+    "law": "The simulation omits something that no effect of the library explains; found as a law",
     "partial": "Something was left out that the library does not fully explain; no name is given.",
     "unknown": "Something was left out that the library has no name for.",
     "wander": "The zero offsets wander; slow effects cannot be told from that.",
@@ -24,6 +26,7 @@ KINDS = {
     "nothing_left_out": "good",
     "named": "found",
     "named_plus": "found",
+    "law": "found",
     "bad_data": "bad",
     "implausible_fit": "bad",
 }
@@ -50,21 +53,20 @@ SIDES = {
 """Who is to blame for what acts at a stage; the sensor for the others."""
 
 
-def headline(diagnosis: Diagnosis) -> str:
-    """The verdict with the titles of what was named."""
-    titles = [title_of(claim.effect).lower() for claim in diagnosis.claims]
-    words = VERDICTS[diagnosis.verdict]
-    return f"{words.rstrip('.')}: {' and '.join(titles)}" if titles else words
-
-
 def axis_name(covariate: str) -> str:
     """A covariate, or a product of some, in words."""
-    parts = [AXIS_NAMES.get(part, part) for part in covariate.split(" x ")]
+    parts = [AXIS_NAMES.get(part) or _covariate(part) for part in covariate.split(" x ")]
     if len(parts) == 1:
         return parts[0]
     return (
         f"{parts[0]} (what it does there turns with {' and '.join(p.split(',')[0].split(' (')[0] for p in parts[1:])})"
     )
+
+
+def _covariate(name: str) -> str:
+    """A covariate of laws with its unit, or the name as it is."""
+    known = COVARIATES.get(name)
+    return name if known is None else f"{known.title}, {known.unit}".rstrip(", ")
 
 
 PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "u"), (1e9, "n"))
@@ -118,8 +120,17 @@ def sureness(claim: Claim) -> str:
 
 
 def sizes(claim: Claim) -> str:
-    """Parameters with their 95 % intervals; shapes without."""
+    """Parameters with their 95 % intervals; shapes without. Of a law its formula, or how large its curve is."""
     words = []
+    if claim.curve is not None and not claim.parameters:
+        unit = "rad/s" if claim.place.startswith("gyro") else "g" if not claim.place.startswith("channel") else ""
+        size, std, what = claim.rms, claim.rms_std or 0.0, " rms beside offset, scale and what else is free"
+        if size is None:
+            size, std = max(zip(claim.curve.value, claim.curve.std, strict=True), key=lambda pair: abs(pair[0]))
+            unit, what = claim.curve.unit, " at its largest"
+        factor, unit = scale_of(max(abs(size), std), unit)
+        low_high = f" (+-{rounded(2 * factor * std, factor * std)})" if std > 0 else ""
+        return f"{claim.formula or 'a curve'}: {rounded(factor * size, factor * std)} {unit}".rstrip() + what + low_high
     for name, p in claim.parameters.items():
         factor, unit = scale_of(max(abs(p.value), p.std), p.unit)
         value, low, high = (rounded(factor * v, factor * p.std) for v in (p.value, p.low, p.high))
@@ -175,7 +186,7 @@ def _percent(share: float) -> str:
     return f"{share:.0%}" if share < 0.985 else f"{share:.2%}"
 
 
-def blame(diagnosis: Diagnosis) -> str:
+def blame(diagnosis: Diagnosis, name: Callable[[Claim], str] = lambda claim: claim.effect) -> str:
     """Whether the bench or the sensor is to blame, by the stages of each claim's class; empty without claims.
 
     Beside another program's prediction of any channel that is not asked.
@@ -185,7 +196,21 @@ def blame(diagnosis: Diagnosis) -> str:
     effects = all_effects()
     sides: dict[str, list[str]] = {}
     for claim in diagnosis.claims:
-        found = {SIDES.get(effects[e].stage, "the sensor") for e in claim.equivalence_class if e in effects}
+        stages = {effects[e].stage for e in claim.equivalence_class if e in effects} or {Stage(claim.stage)}
+        found = {SIDES.get(stage, "the sensor") for stage in stages}
         side = found.pop() if len(found) == 1 else f"{' or '.join(sorted(found))}, not to be told here"
-        sides.setdefault(side, []).append(claim.effect)
+        sides.setdefault(side, []).append(name(claim))
     return "; ".join(f"{side} ({', '.join(names)})" for side, names in sides.items())
+
+
+def tested(diagnosis: Diagnosis) -> str:
+    """What the answer rests on, as a sentence after a blank."""
+    covered = diagnosis.coverage
+    if covered is None:
+        return ""
+    words = f" Tested: {covered.effects_tested} of {covered.effects_known} known effects"
+    if covered.intervals_used is not None:
+        words += f", on {covered.intervals_used} still intervals"
+        if covered.intervals_expected is not None and covered.intervals_expected > covered.intervals_used:
+            words += f" of about {covered.intervals_expected}"
+    return f"{words}."

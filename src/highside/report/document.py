@@ -7,7 +7,8 @@ them here. Templates escape what they are given; only plots, which are drawn her
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -61,7 +62,7 @@ class Document:
     def facts(self, rows: Sequence[tuple[str, str]]) -> None:
         """Pairs of a question and its answer, one below the other; an empty question goes on with the last answer.
 
-        Where there is no answer the question is left out.
+        Where there is no answer the question is omitted.
         """
         answers: list[tuple[str, list[str]]] = []
         for name, text in rows:
@@ -94,6 +95,13 @@ class Document:
     def panels(self, figures: Sequence[Figure], caption: str) -> None:
         """Figures beside one another, or below where the screen is narrow, under one caption."""
         self._add("panels", svgs=[self._drawn(figure) for figure in figures], caption=caption)
+
+    @contextmanager
+    def folded(self, summary: str) -> Iterator[None]:
+        """What is added within stands behind a line that opens it; printed it is open."""
+        self._add("fold", summary=summary)
+        yield
+        self._add("unfold")
 
     def signature(self, text: str) -> None:
         """A line to sign on, and who does."""

@@ -29,7 +29,7 @@ def can_plot() -> bool:
 
 
 def need_plots() -> None:
-    """Raises InputError where matplotlib is missing: asked before long work whose page is nothing without figures."""
+    """Raises InputError where matplotlib is missing: checked before long work whose page is nothing without figures."""
     if not can_plot():
         raise InputError("plots need matplotlib, which is not installed", remedy="pip install 'highside[plot]'")
 

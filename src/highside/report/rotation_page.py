@@ -13,8 +13,8 @@ import numpy as np
 from highside.arrays import Array
 from highside.report.document import Page
 from highside.report.plots import new_figure, plotting
-from highside.rotation import Compensation, Curve, Method, Samples
-from highside.rotation.compare import Comparison
+from highside.rotation import Compensation, Curve, CurveMethod, Samples
+from highside.rotation.compare import CurveComparison
 from highside.rotation.curve import Form
 
 if TYPE_CHECKING:
@@ -24,19 +24,19 @@ if TYPE_CHECKING:
 
 MOST_POINTS = 1500
 """rows drawn of a channel; a page needs no more"""
-NAMES: Mapping[Method, str] = {
-    Method.SINE: "1 sine",
-    Method.HARMONICS2: "2 two harmonics",
-    Method.POLYNOMIAL9: "3 polynomial",
-    Method.NETWORK: "4 network",
-    Method.AUTO: "auto",
+NAMES: Mapping[CurveMethod, str] = {
+    CurveMethod.SINE: "1 sine",
+    CurveMethod.HARMONICS2: "2 two harmonics",
+    CurveMethod.POLYNOMIAL9: "3 polynomial",
+    CurveMethod.NETWORK: "4 network",
+    CurveMethod.AUTO: "auto",
 }
-COLOURS: Mapping[Method, str] = {
-    Method.SINE: "#9aa3ab",
-    Method.HARMONICS2: "#d9822b",
-    Method.POLYNOMIAL9: "#7a5bd0",
-    Method.NETWORK: "#c2447d",
-    Method.AUTO: "#2f7fd1",
+COLOURS: Mapping[CurveMethod, str] = {
+    CurveMethod.SINE: "#9aa3ab",
+    CurveMethod.HARMONICS2: "#d9822b",
+    CurveMethod.POLYNOMIAL9: "#7a5bd0",
+    CurveMethod.NETWORK: "#c2447d",
+    CurveMethod.AUTO: "#2f7fd1",
 }
 _GREY, _GAP = "#9aa3ab", "#d9822b"
 
@@ -62,21 +62,21 @@ def fit_page(compensation: Compensation, samples: Mapping[str, Samples]) -> str:
             page.figure(
                 _fit_figure(curve, one),
                 "Left: errors (grey) and curve with twice its standard deviation. Right: what the curve leaves."
-                + (" Shaded: not seen." if curve.coverage.has_gap else ""),
+                + (" Shaded: not covered." if curve.coverage.has_gap else ""),
             )
             if curve.form is Form.FOURIER and curve.order > 0:
                 page.figure(_harmonics_figure(curve), "Size of each harmonic with twice its standard deviation.")
         return page.html()
 
 
-def compare_page(source: str, compared: Mapping[str, tuple[Samples, Comparison]]) -> str:
+def compare_page(source: str, compared: Mapping[str, tuple[Samples, CurveComparison]]) -> str:
     """The page of all methods on the same rows, as HTML. Raises InputError where matplotlib is not installed."""
     with plotting():
         page = Page("Rotor-angle compensation: the methods side by side")
         page.facts([("Recording", source)])
         page.paragraph(
             "What is left of the rows a method was fitted to hides the difference between methods, because noise is"
-            " most of it. Held out: the error on whole turns that the fit had not seen."
+            " most of it. Held out: the error on whole turns that the fit did not use."
         )
         for name, (samples, comparison) in compared.items():
             before = float(np.mean(np.abs(samples.error)))
@@ -92,7 +92,7 @@ def compare_page(source: str, compared: Mapping[str, tuple[Samples, Comparison]]
             curves = {method: score.curve for method, score in comparison.scores.items()}
             if not curves:
                 continue
-            gap = " Shaded: not seen." if samples.coverage.has_gap else ""
+            gap = " Shaded: not covered." if samples.coverage.has_gap else ""
             page.figure(_curves_figure(curves, samples), f"Errors (grey) and the curve of each method.{gap}")
             page.figure(_left_figure(curves, samples), "What each method leaves, on one scale.")
             remarks = _remarks(curves)
@@ -117,7 +117,7 @@ def _facts(curve: Curve, samples: Samples) -> list[tuple[str, str]]:
     return facts
 
 
-def _row(method: Method, comparison: Comparison) -> list[str]:
+def _row(method: CurveMethod, comparison: CurveComparison) -> list[str]:
     score, better = comparison.scores[method], comparison.better_than_sine(method)
     held = score.curve.held_out
     return [
@@ -131,7 +131,7 @@ def _row(method: Method, comparison: Comparison) -> list[str]:
     ]
 
 
-def _remarks(curves: Mapping[Method, Curve]) -> list[str]:
+def _remarks(curves: Mapping[CurveMethod, Curve]) -> list[str]:
     """Each remark once, with the methods it is about unless it is about all."""
     about: dict[str, list[str]] = {}
     for method, curve in curves.items():
@@ -147,7 +147,7 @@ def _places(samples: Samples) -> tuple[slice, Array]:
 
 
 def _line(curve: Curve) -> tuple[Array, Array, Array]:
-    """Angles (deg), curve and its standard deviation over the turn, at the middle of the rates that were seen."""
+    """Angles (deg), curve and its standard deviation over the turn, at the middle of the recorded rates."""
     at = np.linspace(0.0, 360.0, 721)[:-1]
     rate = None if curve.rate is None else np.full(at.size, curve.rate.centre_radps)
     theta = np.radians(at)
@@ -201,7 +201,7 @@ def _harmonics_figure(curve: Curve) -> Figure:
     return figure
 
 
-def _curves_figure(curves: Mapping[Method, Curve], samples: Samples) -> Figure:
+def _curves_figure(curves: Mapping[CurveMethod, Curve], samples: Samples) -> Figure:
     figure, ((axis,),) = new_figure(1, 1, height=3.4)
     thin, at = _places(samples)
     axis.plot(at, samples.error[thin], ".", ms=2, color=_GREY)
@@ -217,7 +217,7 @@ def _curves_figure(curves: Mapping[Method, Curve], samples: Samples) -> Figure:
     return figure
 
 
-def _left_figure(curves: Mapping[Method, Curve], samples: Samples) -> Figure:
+def _left_figure(curves: Mapping[CurveMethod, Curve], samples: Samples) -> Figure:
     figure, (axes,) = new_figure(1, len(curves), height=2.6)
     thin, at = _places(samples)
     rate = None if samples.rate_radps is None else samples.rate_radps[thin]
@@ -227,7 +227,7 @@ def _left_figure(curves: Mapping[Method, Curve], samples: Samples) -> Figure:
     return figure
 
 
-def _panels(axes: Sequence[Axes], left: Mapping[Method, Array], at: Array, most: float) -> None:
+def _panels(axes: Sequence[Axes], left: Mapping[CurveMethod, Array], at: Array, most: float) -> None:
     for number, (axis, (method, values)) in enumerate(zip(axes, left.items(), strict=True)):
         axis.plot(at, values, ".", ms=2, color=COLOURS[method])
         _frame(axis, NAMES[method], "arcmin" if number == 0 else "")

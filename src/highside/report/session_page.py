@@ -14,7 +14,7 @@ from highside.bench.session.journal import Journal
 from highside.bench.session.outcome import solve
 from highside.bench.session.snapshot import VerdictRow, VerdictState
 from highside.bench.session.verdict import as_state
-from highside.calibration.comparison import Comparison, Errors, compare
+from highside.calibration.comparison import Errors, MethodComparison, compare
 from highside.calibration.method import Solution, SolveRequest
 from highside.calibration.methods import all_methods
 from highside.calibration.methods.joint import METHOD as JOINT
@@ -35,7 +35,7 @@ def session_page(journal: Journal) -> str:
     name = f"{header.tool_id}{' ' + header.serial if header.serial else ''}"
     page = Page(f"Session {header.session}: {name}")
     page.paragraph(
-        f"{ledger.plan.title}; {len(ledger.done)} poses taken, {ledger.retaken} again, {ledger.skipped} left out."
+        f"{ledger.plan.title}; {len(ledger.done)} poses taken, {ledger.retaken} again, {ledger.skipped} omitted."
         f" Bench: {header.environment.bench or 'not named'}; operator: {header.environment.operator or 'not named'}.",
         look="soft",
     )
@@ -95,13 +95,13 @@ def add_methods(
         " alone. A line ends where its method does not hold.",
     )
     page.figure(_errors(comparison), "What is left at the poses against the bench, pose by pose in the order of time.")
-    page.figure(_residuals(solution), "Residuals of the readings with the method chosen; hollow: left out.")
+    page.figure(_residuals(solution), "Residuals of the readings with the method chosen; hollow: rejected.")
     joint = comparison.of(JOINT.name)
     findings = bench_or_sensor(columns, None if joint is None else joint.solution, gravity_mps2=gravity_mps2)
     _findings(page, findings)
 
 
-def _table(page: Page, comparison: Comparison, chosen: str) -> None:
+def _table(page: Page, comparison: MethodComparison, chosen: str) -> None:
     def cells(errors: Errors) -> list[str]:
         values = (errors.rms[0], errors.largest[0], errors.rms[1], errors.largest[1])
         return ["-" if value is None else f"{value:.4f}" for value in values]
@@ -118,13 +118,13 @@ def _table(page: Page, comparison: Comparison, chosen: str) -> None:
     page.table(
         ["", "I rms", "I largest", "T rms", "T largest", "u(I) at 45", "u(T) at 45"],
         rows,
-        "Degrees. Errors are against the bench at poses that took part: a method that has swallowed an error of the"
+        "Degrees. Errors are against the bench at poses that took part: a method that has absorbed an error of the"
         " bench agrees with it best. The stated uncertainty u is against gravity: judge by it.",
     )
     page.bullets([f"{outcome.method}: {outcome.refused}" for outcome in comparison.outcomes if outcome.refused])
 
 
-def _uncertainty(comparison: Comparison) -> Figure:
+def _uncertainty(comparison: MethodComparison) -> Figure:
     figure, axes = new_figure(1, 2)
     for outcome in comparison.outcomes:
         u = outcome.uncertainty
@@ -138,7 +138,7 @@ def _uncertainty(comparison: Comparison) -> Figure:
     return figure
 
 
-def _errors(comparison: Comparison) -> Figure:
+def _errors(comparison: MethodComparison) -> Figure:
     figure, axes = new_figure(1, 2)
     at = np.arange(1, len(comparison.poses) + 1)
     for outcome in comparison.outcomes:

@@ -15,7 +15,7 @@ Fourier series that chooses its own order, holds outliers down and shrinks where
 """
 
 from highside.rotation.compensation import Compensation, Validity
-from highside.rotation.curve import Curve, HeldOut, Method, NetworkInput
+from highside.rotation.curve import CrossValidation, Curve, CurveMethod, NetworkInput
 from highside.rotation.fit import FitOptions, fit
 from highside.rotation.fourier import auto
 from highside.rotation.linear import four_positions, harmonics2, polynomial9, sine
@@ -26,10 +26,10 @@ from highside.rotation.samples import Coverage, Samples
 __all__ = [
     "Compensation",
     "Coverage",
+    "CrossValidation",
     "Curve",
+    "CurveMethod",
     "FitOptions",
-    "HeldOut",
-    "Method",
     "NetworkInput",
     "OnlineFit",
     "Samples",

@@ -18,7 +18,7 @@ from highside.errors import InputError, Refused
 from highside.printable import printable
 from highside.reading import MALFORMED, parse_json
 from highside.rotation.curve import Curve
-from highside.rotation.direction import Motion
+from highside.rotation.direction import RotorMotion
 
 SCHEMA = "highside.rotation/1"
 UNIT = "arcmin"
@@ -62,7 +62,7 @@ class Compensation:
     validity: Validity
     source: str
     source_sha256: str
-    motion: Motion | None = None
+    motion: RotorMotion | None = None
     software_version: str = __version__
     """that made it: a part of its id, which stays the same whichever version reads it"""
 
@@ -110,7 +110,7 @@ class Compensation:
         try:
             validity = Validity.from_dict(data["validity"])
             curves = {str(name): Curve.from_dict(one) for name, one in data["curves"].items()}
-            motion = None if "motion" not in data else Motion.from_dict(data["motion"])
+            motion = None if "motion" not in data else RotorMotion.from_dict(data["motion"])
             source, version = data["source"], str(data["software"]["version"])
             found = cls(curves, validity, str(source["name"]), str(source["sha256"]), motion, version)
             _ = found.id  # a text that reads as `nan` would be found out only when it is used

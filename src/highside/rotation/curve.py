@@ -20,7 +20,7 @@ from highside.rotation.bases import RateTerms, chebyshev_rows, combined, fourier
 from highside.rotation.samples import Coverage
 
 
-class Method(StrEnum):
+class CurveMethod(StrEnum):
     """How a curve was made. The first four are the paper's."""
 
     SINE = "sine"
@@ -53,8 +53,8 @@ class NetworkInput(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class HeldOut:
-    """Errors on whole turns that the fit had not seen, over all folds."""
+class CrossValidation:
+    """Errors on whole turns that the fit did not use, over all folds."""
 
     turns: int
     rms: float
@@ -71,7 +71,7 @@ class Curve:
     of one row about the curve, `robust_weight` the share of rows that were not held down as outliers.
     """
 
-    method: Method
+    method: CurveMethod
     form: Form
     order: int
     parameters: Array
@@ -84,7 +84,7 @@ class Curve:
     target_centre: float = 0.0
     target_scale: float = 1.0
     robust_weight: float = 1.0
-    held_out: HeldOut | None = None
+    held_out: CrossValidation | None = None
     remarks: tuple[str, ...] = ()
 
     def __call__(self, theta_rad: Array, rate_radps: Array | None = None) -> Array:
@@ -172,7 +172,7 @@ class Curve:
         """Raises KeyError, TypeError or ValueError for data that `to_dict` did not make."""
         rate, network, held_out = data["rate"], data["network"], data["held_out"]
         curve = cls(
-            method=Method(data["method"]),
+            method=CurveMethod(data["method"]),
             form=Form(data["form"]),
             order=int(data["order"]),
             parameters=np.array(data["parameters"], dtype=float),
@@ -189,7 +189,7 @@ class Curve:
             robust_weight=float(data["robust_weight"]),
             held_out=None
             if held_out is None
-            else HeldOut(int(held_out["turns"]), float(held_out["rms"]), float(held_out["worst"])),
+            else CrossValidation(int(held_out["turns"]), float(held_out["rms"]), float(held_out["worst"])),
             remarks=tuple(map(str, data["remarks"])),
         )
         count = curve.parameters.size

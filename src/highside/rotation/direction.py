@@ -7,7 +7,7 @@ gives the mean f and leaves D / 2 as what looks like noise.
 D is judged by whole turns, not by rows, since what belongs to a turn (wobble that does not repeat, drift) is common to
 its rows. Every turn in one direction gives the coefficients of a constant and two harmonics of what f leaves; each
 coefficient is regressed over the turns on 1, the turn's place in time, and its direction, and the direction's part is
-asked whether it is nothing by Student's t. Where direction and time run together (all turns forwards first, then all
+tested against zero by Student's t. Where direction and time run together (all turns forwards first, then all
 backwards), a drift would look the same: that is said.
 """
 
@@ -33,14 +33,14 @@ HARMONICS = 2
 FOUND_P = 0.003
 """Probability, over all coefficients, below which a difference is believed: 1 of 300 recordings without one."""
 FEWEST_TURNS = 2
-"""Whole turns in each direction below which a scatter between turns cannot be told."""
+"""Whole turns in each direction below which a scatter between turns cannot be estimated."""
 RUNS_TOGETHER = 0.8
-"""Correlation of direction with time from which the two are not told apart; all turns forwards first, then all
+"""Correlation of direction with time from which the two are not separated; all turns forwards first, then all
 backwards, have 0.87, turns in alternation 0.4 at most."""
 SEEN_TURNS = 0.25
-"""Travel in a direction, in turns, from which it counts as seen."""
+"""Travel in a direction, in turns, from which it counts as covered."""
 RATE_MARGIN = 1.5
-"""A rate counts as seen up to so many times the fastest of the fit, and down to the slowest divided by it."""
+"""A rate counts as covered up to so many times the fastest of the fit, and down to the slowest divided by it."""
 STANDING = 0.02
 """Share of the typical rate below which the rotor counts as standing."""
 WHOLE_TURN = 0.02
@@ -48,9 +48,9 @@ WHOLE_TURN = 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class RotorMotion:
     """How the rotor moved in a recording: travel each way in turns, and the rates between which 98 % of the rows lie
-    (deg/s, without sign, standing left out; None where no time was given)."""
+    (deg/s, without sign, rows at rest omitted; None where no time was given)."""
 
     forward_turns: float
     backward_turns: float
@@ -90,7 +90,7 @@ class Motion:
 
         return cls(float(data["forward_turns"]), float(data["backward_turns"]), rate("least_dps"), rate("greatest_dps"))
 
-    def never_seen_here(self, other: Motion) -> list[str]:
+    def never_seen_here(self, other: RotorMotion) -> list[str]:
         """What `other` did that this never saw, as sentences for a user."""
         out = []
         for name, mine, theirs in (
@@ -115,7 +115,7 @@ class DirectionDifference:
     """How much the error forwards differs from that backwards, in the unit of the samples.
 
     `constant` with its 95 % half-width `constant_u`: the mean over the turn (play); `largest`: the greatest value of
-    |D| over the turn; `p`: probability of what was seen without a difference, over all coefficients; `with_time`:
+    |D| over the turn; `p`: probability of what was observed without a difference, over all coefficients; `with_time`:
     whether direction and time run together, so that a drift would look the same.
     """
 
@@ -148,7 +148,7 @@ class DirectionDifference:
         """For a user; the unit is the arcminute."""
         if not self.found:
             return (
-                f"no difference by direction is seen: {self.constant:+.4f}' +- {self.constant_u:.4f}' (95 %) over"
+                f"no difference by direction is detected: {self.constant:+.4f}' +- {self.constant_u:.4f}' (95 %) over"
                 f" {self.forward_turns} turns forwards and {self.backward_turns} backwards"
             )
         time = "; direction and time run together, so that a drift would look the same" if self.with_time else ""
@@ -194,7 +194,7 @@ def directions(theta_rad: Array) -> Signs:
 
 
 def direction_difference(samples: Samples, curve: Curve) -> DirectionDifference | None:
-    """Whether the error differs by the direction of rotation; None where both were not seen for two whole turns each.
+    """Whether the error differs by the direction of rotation; None without two whole turns each way.
 
     `curve`: the fit over all samples. Rows are in time order.
     """

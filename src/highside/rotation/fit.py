@@ -1,7 +1,7 @@
-"""One door to all methods, and the honest score: errors on whole turns that the fit had not seen.
+"""One entry point to all methods, and the honest score: errors on whole turns that the fit did not use.
 
 Rows of one turn are not independent of each other (wobble that does not repeat, drift, temperature), so leaving out
-random rows flatters; whole turns are left out instead.
+random rows flatters; whole turns are omitted instead.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from highside.errors import InputError
-from highside.rotation.curve import Curve, HeldOut, Method, NetworkInput
+from highside.rotation.curve import CrossValidation, Curve, CurveMethod, NetworkInput
 from highside.rotation.fourier import LARGEST_ORDER, UTMOST_ORDER, auto
 from highside.rotation.linear import harmonics2, polynomial9, sine
 from highside.rotation.network import network
@@ -24,7 +24,7 @@ FOLDS = 5
 
 @dataclass(frozen=True, slots=True)
 class FitOptions:
-    """What may be asked of the methods that know it."""
+    """Options of the methods that have them."""
 
     rate_terms: int = 0
     network_input: NetworkInput = NetworkInput.SCALED
@@ -34,45 +34,45 @@ class FitOptions:
 DEFAULTS = FitOptions()
 
 
-def fit(samples: Samples, method: Method, options: FitOptions = DEFAULTS, *, held_out: bool = True) -> Curve:
+def fit(samples: Samples, method: CurveMethod, options: FitOptions = DEFAULTS, *, held_out: bool = True) -> Curve:
     """The curve of `method`, with its held-out error where there are two whole turns or more.
 
     Raises InputError for an option the method does not have and Refused where the samples cannot carry the method.
     """
-    if options.rate_terms and method not in (Method.POLYNOMIAL9, Method.AUTO):
+    if options.rate_terms and method not in (CurveMethod.POLYNOMIAL9, CurveMethod.AUTO):
         raise InputError(f"{method.value} has no rate terms", field="--rate-terms", remedy="use polynomial9 or auto")
-    if method is Method.AUTO:
+    if method is CurveMethod.AUTO:
         return _auto(samples, options, held_out=held_out)
     curve = _fit(samples, method, options)
     return replace(curve, held_out=held_out_error(samples, method, options)) if held_out else curve
 
 
-def _fit(samples: Samples, method: Method, options: FitOptions) -> Curve:
-    if method is Method.SINE:
+def _fit(samples: Samples, method: CurveMethod, options: FitOptions) -> Curve:
+    if method is CurveMethod.SINE:
         return sine(samples)
-    if method is Method.HARMONICS2:
+    if method is CurveMethod.HARMONICS2:
         return harmonics2(samples)
-    if method is Method.POLYNOMIAL9:
+    if method is CurveMethod.POLYNOMIAL9:
         return polynomial9(samples, options.rate_terms)
-    if method is Method.NETWORK:
+    if method is CurveMethod.NETWORK:
         return network(samples, network_input=options.network_input, seed=options.seed)
-    if method is Method.AUTO:
+    if method is CurveMethod.AUTO:
         return auto(samples, rate_terms=options.rate_terms)
     raise InputError(f"{method.value} is not fitted to a recording", remedy="use OnlineFit")
 
 
 def _auto(samples: Samples, options: FitOptions, *, held_out: bool) -> Curve:
-    """`auto` with as high an order as the errors ask for.
+    """`auto` with as high an order as the errors support.
 
     An order at the top of its range says that there is more: higher ones are tried, and kept where whole turns that the
-    fit had not seen are told better by them (without two whole turns: where BIC asks for them). Otherwise the higher
+    fit did not use are predicted better by them (without two whole turns: where BIC prefers them). Otherwise the higher
     harmonics do not come back from turn to turn, and the remark says so.
     """
 
     def fitted(part: Samples, largest_order: int) -> Curve:
         return auto(part, rate_terms=options.rate_terms, largest_order=largest_order)
 
-    def unseen(largest_order: int) -> HeldOut | None:
+    def unseen(largest_order: int) -> CrossValidation | None:
         return _left_out(samples, lambda part: fitted(part, largest_order))
 
     curve = fitted(samples, LARGEST_ORDER)
@@ -85,23 +85,23 @@ def _auto(samples: Samples, options: FitOptions, *, held_out: bool) -> Curve:
     if usual is not None and raised is not None and raised.rms >= usual.rms:
         said = (
             f"the highest order of the usual range ({curve.order}) was taken; orders to {higher.order} fit these rows"
-            f" better, but not turns that the fit had not seen ({raised.rms:.4g} against {usual.rms:.4g} rms): what is"
+            f" better, but not turns that the fit did not use ({raised.rms:.4g} against {usual.rms:.4g} rms): what is"
             " left does not come back from turn to turn"
         )
         return replace(curve, held_out=usual, remarks=(*curve.remarks, said))
     top = " and is the highest that can be tried: finer structure may be left" if higher.order == UTMOST_ORDER else ""
     said = f"order {higher.order} was taken, beyond the usual range of {LARGEST_ORDER}{top}"
     if usual is not None and raised is not None:
-        said += f"; turns not seen by the fit: {raised.rms:.4g} rms against {usual.rms:.4g}"
+        said += f"; turns not used by the fit: {raised.rms:.4g} rms against {usual.rms:.4g}"
     return replace(higher, held_out=raised, remarks=(*higher.remarks, said))
 
 
-def held_out_error(samples: Samples, method: Method, options: FitOptions = DEFAULTS) -> HeldOut | None:
+def held_out_error(samples: Samples, method: CurveMethod, options: FitOptions = DEFAULTS) -> CrossValidation | None:
     """Fit without each fold of whole turns in turn and score on it; None with fewer than two whole turns."""
     return _left_out(samples, lambda part: _fit(part, method, options))
 
 
-def _left_out(samples: Samples, make: Callable[[Samples], Curve]) -> HeldOut | None:
+def _left_out(samples: Samples, make: Callable[[Samples], Curve]) -> CrossValidation | None:
     whole = samples.whole_revolutions
     if len(whole) < 2:
         return None
@@ -112,11 +112,10 @@ def _left_out(samples: Samples, make: Callable[[Samples], Curve]) -> HeldOut | N
         out = (turn % folds == fold) & (turn <= whole[-1])
         if not out.any():
             continue
-        seen = samples.select(~out)
-        curve = make(seen)
+        curve = make(samples.select(~out))
         unseen = samples.select(out)
         left = unseen.error - curve(unseen.theta_rad, unseen.rate_radps)
         squares += float(left @ left)
         rows += left.size
         worst = max(worst, float(np.abs(left).max()))
-    return HeldOut(len(whole), float(np.sqrt(squares / rows)), worst)
+    return CrossValidation(len(whole), float(np.sqrt(squares / rows)), worst)

@@ -1,4 +1,4 @@
-"""`auto`: a Fourier series that chooses its own order, holds outliers down and stays small where nothing was seen.
+"""`auto`: a Fourier series that chooses its own order, holds outliers down and stays small where there are no rows.
 
 1. One QR of the largest model with the errors as last column, [F y] = Q [R z]: the columns are nested, so the residual
    sum of squares of every order k follows from it, RSS_k = y'y - sum_{j <= 2k} z_j^2.
@@ -6,7 +6,7 @@
    modified residuals: beta += (F'F)^-1 F' psi(r), with the same triangle R each time (Huber and Ronchetti, Robust
    Statistics, section 7.8). The pseudo-values F beta + psi(r) are the errors with outliers pulled in.
 3. Order by BIC of the pseudo-values, n ln(RSS_k / n) + p_k ln n; then Huber's estimate of that order.
-4. Where part of the turn was not seen, no order is chosen: see `gap`.
+4. Where part of the turn is not covered, no order is chosen: see `gap`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from highside.arrays import Array
 from highside.attitude.angles import TURN, wrap_positive
 from highside.errors import Refused
 from highside.rotation.bases import RateTerms, combined, fourier_rows, projected, triangle_of
-from highside.rotation.curve import Curve, Form, Method
+from highside.rotation.curve import Curve, CurveMethod, Form
 from highside.rotation.gap import bridged
 from highside.rotation.linear import identifiable_rate
 from highside.rotation.samples import Samples
@@ -35,7 +35,7 @@ _CONVERGED = 1e-5
 
 
 def auto(samples: Samples, *, rate_terms: int = 0, largest_order: int = LARGEST_ORDER, robust: bool = True) -> Curve:
-    """Fit. Raises Refused where less than half of the turn was seen or asked-for rate terms cannot be identified."""
+    """Fit. Raises Refused where less than half of the turn is covered or requested rate terms cannot be identified."""
     samples.require_coverage()
     order = _order_allowed(samples, largest_order, 4)
     rows = fourier_rows(samples.theta_rad, order)
@@ -83,7 +83,7 @@ def auto(samples: Samples, *, rate_terms: int = 0, largest_order: int = LARGEST_
     weight = float(np.mean(np.where(residual == 0.0, 1.0, psi / np.where(residual == 0.0, 1.0, residual))))
     places = np.concatenate([[0], np.arange(1 + extra, count), np.arange(1, 1 + extra)]).astype(int)
     return Curve(
-        Method.AUTO,
+        CurveMethod.AUTO,
         Form.FOURIER,
         used,
         solution[places],

@@ -1,4 +1,4 @@
-"""A Fourier series where part of the turn was not seen: no order is chosen, every harmonic is held small instead.
+"""A Fourier series where part of the turn is not covered: no order is chosen, every harmonic is held small instead.
 
 The k-th harmonic has the prior N(0, (s / k^2)^2) on its sine and on its cosine, up to an order K; the constant, the
 rate terms and the first two harmonics get a prior as wide as the data themselves. Neither s, K nor the noise sigma is
@@ -47,7 +47,7 @@ class Bridged(NamedTuple):
     determined: float
 
 
-class _Tried(NamedTuple):
+class _GridPoint(NamedTuple):
     """One order and size: how probable with each noise, and what the posteriors are made of."""
 
     evidence: Array
@@ -106,7 +106,7 @@ def bridged(rows: Array, error: Array, extra: int, first: tuple[Array, float] | 
 
 def _grid(
     rows: Array, error: Array, weight: Array, extra: int, *, least_order: int = 0, sizes: Array = _SIZES
-) -> tuple[list[_Tried], Array]:
+) -> tuple[list[_GridPoint], Array]:
     """Every order from `least_order` on and size, and the noises (standard deviations) of their evidences."""
     p, n = rows.shape
     root = np.sqrt(weight)
@@ -118,7 +118,7 @@ def _grid(
     noises = max(np.sqrt(rest / max(1, n - p)), _LEAST_NOISE * size) * _NOISES
     order = (p - 1 - extra) // 2
     harmonic = np.repeat(np.arange(1, order + 1), 2)
-    tried: list[_Tried] = []
+    tried: list[_GridPoint] = []
     for top in range(max((order + 1) // 2, least_order), order + 1):
         q = 2 * top + 1 + extra
         k = harmonic[: 2 * top]
@@ -134,7 +134,7 @@ def _grid(
         evidence -= 0.5 * left / noises**2 + (n - q) * np.log(noises)
         # the half-Cauchy on a grid of equal ratios
         evidence += np.log(sizes / (1.0 + sizes**2))[:, None]
-        tried += [_Tried(*one) for one in zip(evidence, prior, reach, r, seen, strict=True)]
+        tried += [_GridPoint(*one) for one in zip(evidence, prior, reach, r, seen, strict=True)]
     return tried, np.asarray(noises)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.errors import InputError, Refused
 from highside.rotation.bases import RateTerms, chebyshev_rows, fourier_rows, triangle_of
-from highside.rotation.curve import Curve, Form, Method
+from highside.rotation.curve import Curve, CurveMethod, Form
 from highside.rotation.samples import Coverage, Samples
 
 DEGREE = 9
@@ -20,13 +20,13 @@ CONSTANT_RATE = 1e-6
 
 
 def sine(samples: Samples) -> Curve:
-    """Method 1, R0 + a sin t + b cos t (equation 4). Raises Refused where less than half of the turn was seen."""
-    return _harmonics(samples, 1, Method.SINE)
+    """Method 1, R0 + a sin t + b cos t (equation 4). Raises Refused where less than half of the turn is covered."""
+    return _harmonics(samples, 1, CurveMethod.SINE)
 
 
 def harmonics2(samples: Samples) -> Curve:
-    """Method 2, with c sin 2t + d cos 2t (equation 5). Raises Refused where less than half of the turn was seen."""
-    return _harmonics(samples, 2, Method.HARMONICS2)
+    """Method 2, with c sin 2t + d cos 2t (equation 5). Raises Refused where less than half of the turn is covered."""
+    return _harmonics(samples, 2, CurveMethod.HARMONICS2)
 
 
 def four_positions(error: Array, noise: float = 0.0) -> Curve:
@@ -42,7 +42,7 @@ def four_positions(error: Array, noise: float = 0.0) -> Curve:
     covariance = noise**2 * np.diag([0.25, 0.5, 0.5])
     coverage = Coverage(4, 0.75, np.pi / 2, 0.0)
     return Curve(
-        Method.SINE,
+        CurveMethod.SINE,
         Form.FOURIER,
         1,
         parameters,
@@ -56,8 +56,8 @@ def four_positions(error: Array, noise: float = 0.0) -> Curve:
 def polynomial9(samples: Samples, rate_terms: int = 0) -> Curve:
     """Method 3, polynomial of degree nine in x = t / pi - 1 and powers 1..rate_terms of the rate (equation 6).
 
-    The paper's b_0 is left out: it is a second constant. A power of the rate that the other columns explain is left out
-    with a remark. Raises Refused where less than half of the turn was seen, or where rate terms are asked for and the
+    The paper's b_0 is omitted: it is a second constant. A power of the rate that the other columns explain is omitted
+    with a remark. Raises Refused where less than half of the turn is covered, or where rate terms are requested and the
     rate is constant; InputError where no rate is given.
     """
     samples.require_coverage()
@@ -67,16 +67,22 @@ def polynomial9(samples: Samples, rate_terms: int = 0) -> Curve:
     if rate_terms:
         rate, remarks = identifiable_rate(samples, rows, rate_terms)
         rows = np.vstack([rows, rate.rows(_rate_of(samples))])
-    return _solved(samples, rows, Method.POLYNOMIAL9, Form.CHEBYSHEV, DEGREE, rate, remarks)
+    return _solved(samples, rows, CurveMethod.POLYNOMIAL9, Form.CHEBYSHEV, DEGREE, rate, remarks)
 
 
-def _harmonics(samples: Samples, order: int, method: Method) -> Curve:
+def _harmonics(samples: Samples, order: int, method: CurveMethod) -> Curve:
     samples.require_coverage()
     return _solved(samples, fourier_rows(samples.theta_rad, order), method, Form.FOURIER, order, None, [])
 
 
 def _solved(
-    samples: Samples, rows: Array, method: Method, form: Form, order: int, rate: RateTerms | None, remarks: list[str]
+    samples: Samples,
+    rows: Array,
+    method: CurveMethod,
+    form: Form,
+    order: int,
+    rate: RateTerms | None,
+    remarks: list[str],
 ) -> Curve:
     """Least squares on the rows (P, N)."""
     p, n = rows.shape
@@ -116,7 +122,7 @@ def identifiable_rate(samples: Samples, angle_rows: Array, powers: int) -> tuple
     """Which powers 1..`powers` of the rate the samples can tell from functions of the angle, and remarks on the others.
 
     With a rate that is itself a function of the angle (unevenness repeating every turn) its terms are explained by the
-    angle columns, and with two rates only, its square is a constant: such terms are left out. Raises Refused where the
+    angle columns, and with two rates only, its square is a constant: such terms are omitted. Raises Refused where the
     rate is constant or no term is left, InputError where no rate is given.
     """
     if powers not in (1, 2):
@@ -124,7 +130,7 @@ def identifiable_rate(samples: Samples, angle_rows: Array, powers: int) -> tuple
     rate = _rate_of(samples)
     spread = float(rate.std())
     if spread <= CONSTANT_RATE * max(float(np.abs(rate).max()), 1e-12):
-        raise Refused("rate terms were asked for, but the rotor rate is constant; record at several rates")
+        raise Refused("rate terms were requested, but the rotor rate is constant; record at several rates")
     whole = RateTerms(float(rate.mean()), spread, tuple(range(1, powers + 1)))
     columns = whole.rows(rate)
     kept: list[int] = []
@@ -140,12 +146,12 @@ def identifiable_rate(samples: Samples, angle_rows: Array, powers: int) -> tuple
             known = np.vstack([known, column])
         else:
             remarks.append(
-                f"rate term {power} left out: these runs do not tell it from the angle ({100 * own:.1f} % its own);"
+                f"rate term {power} omitted: these runs do not separate it from the angle ({100 * own:.1f} % its own);"
                 " runs at several rates would"
             )
     if not kept:
         raise Refused(
-            "rate terms were asked for, but in these runs the rate follows the angle and they cannot be told apart;"
+            "rate terms were requested, but in these runs the rate follows the angle and they cannot be separated;"
             " record at several rates"
         )
     return RateTerms(whole.centre_radps, spread, tuple(kept)), remarks

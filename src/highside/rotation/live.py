@@ -52,7 +52,7 @@ class RotorError(NamedTuple):
     across: float
 
 
-class Compensated(NamedTuple):
+class CompensatedAttitude(NamedTuple):
     """I and T with the errors taken off (rad), and the standard deviations of what was taken off."""
 
     inc_rad: float
@@ -212,14 +212,14 @@ class LiveCompensation:
         gap = (ROTATION_GAP,) if _in_gap(theta, self._heading_gaps) else ()
         return CompensatedHeading(self._heading(angle, rate) * ARCMIN, self._heading_std[std_place(theta)], gap)
 
-    def apply(self, inc_rad: float, tf_rad: float, error: RotorError | None) -> Compensated:
+    def apply(self, inc_rad: float, tf_rad: float, error: RotorError | None) -> CompensatedAttitude:
         """Take `error` off. Nothing is taken off where the rotor is unknown or the inclination is another: a flag."""
         if not self.corrects_attitude:
-            return Compensated(inc_rad, tf_rad, 0.0, 0.0, ())
+            return CompensatedAttitude(inc_rad, tf_rad, 0.0, 0.0, ())
         if error is None:
-            return Compensated(inc_rad, tf_rad, 0.0, 0.0, (ROTOR_UNKNOWN,))
+            return CompensatedAttitude(inc_rad, tf_rad, 0.0, 0.0, (ROTOR_UNKNOWN,))
         if self._centre is not None and abs(math.degrees(inc_rad) - self._centre) > self._within:
-            return Compensated(inc_rad, tf_rad, 0.0, 0.0, (ROTATION_OUTSIDE,))
+            return CompensatedAttitude(inc_rad, tf_rad, 0.0, 0.0, (ROTATION_OUTSIDE,))
         theta = wrap_positive(error.theta_rad)
         place = std_place(theta)
         std = {name: table[place] for name, table in self._std.items()}
@@ -233,7 +233,7 @@ class LiveCompensation:
         inc = abs(inc_rad - error.inclination)
         gap = (ROTATION_GAP,) if _in_gap(theta, self._gaps) else ()
         inc_std = math.hypot(std.get("inclination", 0.0), std.get("along", 0.0))
-        return Compensated(inc, wrap_positive(tf_rad - toolface), inc_std, tf_std, gap)
+        return CompensatedAttitude(inc, wrap_positive(tf_rad - toolface), inc_std, tf_std, gap)
 
 
 def mean_error(errors: Iterable[RotorError | None]) -> RotorError | None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.rotation.bases import combined, gram, projected
-from highside.rotation.curve import Curve, Form, Method, NetworkInput
+from highside.rotation.curve import Curve, CurveMethod, Form, NetworkInput
 from highside.rotation.samples import Samples
 
 HIDDEN = 8
@@ -34,7 +34,7 @@ def network(
     hidden: int = HIDDEN,
     hidden_bias: bool = True,
 ) -> Curve:
-    """Train on the samples. Raises Refused where less than half of the turn was seen."""
+    """Train on the samples. Raises Refused where less than half of the turn is covered."""
     samples.require_coverage()
     stride = -(-samples.n // MOST_ROWS)
     theta, error = samples.theta_rad[::stride], samples.error[::stride]
@@ -55,7 +55,7 @@ def network(
     if samples.n < 5 * weights.size:
         remarks.append(f"{samples.n} rows for {weights.size} parameters: the network follows the noise")
     return Curve(
-        Method.NETWORK,
+        CurveMethod.NETWORK,
         Form.NETWORK,
         hidden,
         weights,

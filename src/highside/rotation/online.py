@@ -15,7 +15,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.errors import InputError
-from highside.rotation.curve import Curve, Form, Method
+from highside.rotation.curve import Curve, CurveMethod, Form
 from highside.rotation.samples import Coverage
 
 LEAST_MEMORY_TURNS = 1.0 / 6.0
@@ -115,7 +115,7 @@ class OnlineFit:
             (self._theta or 0.0) % (2 * math.pi),
         )
         return Curve(
-            Method.ONLINE,
+            CurveMethod.ONLINE,
             Form.FOURIER,
             self.order,
             self._state[-1].copy(),

@@ -22,7 +22,7 @@ Rows = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
-class Why:
+class UncompensatedRows:
     """Rows (N,) where the rotor was unknown, the inclination another, or the angle in a gap (there it is a guess)."""
 
     unknown: Rows
@@ -38,7 +38,7 @@ class Attitudes:
     tf_rad: Array
     inc_std_rad: Array
     tf_std_rad: Array
-    why: Why
+    why: UncompensatedRows
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class Azimuths:
 
     azi_rad: Array
     azi_std_rad: Array
-    why: Why
+    why: UncompensatedRows
 
 
 class _Rotor:
@@ -80,7 +80,7 @@ class _Rotor:
         for curve in self.curves.values():
             if curve.coverage.has_gap:
                 gap |= wrap_positive(wrapped - curve.coverage.gap_start_rad) < curve.coverage.largest_gap_rad
-        self.why = Why(~known, outside, gap & self.good)
+        self.why = UncompensatedRows(~known, outside, gap & self.good)
 
     def error(self, *names: str) -> Array:
         """Sum of the curves of these names, (N,) rad."""

@@ -12,13 +12,13 @@ from highside.arrays import Array
 from highside.errors import InputError
 from highside.rotation.compensation import Compensation
 from highside.rotation.curve import Curve
-from highside.rotation.direction import Motion
-from highside.rotation.recorded import Why, attitudes, azimuths
+from highside.rotation.direction import RotorMotion
+from highside.rotation.recorded import UncompensatedRows, attitudes, azimuths
 from highside.rotation.samples import Samples
 
 __all__ = [
     "CHANNELS",
-    "Compensated",
+    "CompensatedColumns",
     "check_rotor",
     "compensated",
     "described",
@@ -93,14 +93,14 @@ def samples_of(channel: str, columns: Columns, *, with_rate: bool, where: str | 
         raise InputError(problem.what, where=where, field=name, remedy=problem.remedy) from None
 
 
-def motion_of(columns: Columns) -> Motion:
+def motion_of(columns: Columns) -> RotorMotion:
     """How the rotor moved, from the rows whose angle is known."""
     known = np.isfinite(columns["rotor_deg"])
-    return Motion.of(columns["t_s"][known], np.radians(columns["rotor_deg"][known]))
+    return RotorMotion.of(columns["t_s"][known], np.radians(columns["rotor_deg"][known]))
 
 
 @dataclass(slots=True)
-class Compensated:
+class CompensatedColumns:
     """Columns to add, each (N,), and what to say of them."""
 
     columns: dict[str, Array] = field(default_factory=dict)
@@ -138,7 +138,7 @@ class Compensated:
             if one is not None:
                 self._add("azi", one.azi_rad, one.azi_std_rad, one.why, columns)
 
-    def _add(self, name: str, values: Array, std: Array, why: Why, columns: Columns) -> None:
+    def _add(self, name: str, values: Array, std: Array, why: UncompensatedRows, columns: Columns) -> None:
         self.columns[f"{name}_comp_deg"] = np.degrees(values)
         if f"{name}_std_deg" in columns:
             self.columns[f"{name}_comp_std_deg"] = np.hypot(columns[f"{name}_std_deg"], np.degrees(std))
@@ -150,9 +150,9 @@ class Compensated:
         }
 
 
-def compensated(compensation: Compensation, samples: Mapping[str, Samples], columns: Columns) -> Compensated:
+def compensated(compensation: Compensation, samples: Mapping[str, Samples], columns: Columns) -> CompensatedColumns:
     """Take a compensation off the errors of these channels, and off the attitudes among the columns of N rows."""
-    done = Compensated()
+    done = CompensatedColumns()
     for channel, known in samples.items():
         if channel in compensation.curves:
             done.errors_off(compensation, channel, known, columns)

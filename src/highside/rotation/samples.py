@@ -19,7 +19,7 @@ LEAST_ROWS = 8
 WARN_GAP_RAD = np.radians(30.0)
 """a hole in the turn half a wave of the sixth harmonic long: higher orders are free to do anything in it"""
 LEAST_COVERED_RAD = np.pi
-"""over less than half a turn a constant and a first harmonic cannot be told apart"""
+"""over less than half a turn a constant and a first harmonic cannot be separated"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class Coverage:
 
     @property
     def warning(self) -> str | None:
-        """One sentence if a part of the turn was not seen, else None."""
+        """One sentence if a part of the turn is not covered, else None."""
         if not self.has_gap:
             return None
         start = np.degrees(self.gap_start_rad)
@@ -103,12 +103,12 @@ class Samples:
         return Coverage(self.n, self._travel_rad[-1] / TURN, float(gaps[at]), float(wrapped[at]))
 
     def require_coverage(self) -> None:
-        """Raises Refused where less than half of the turn was seen."""
+        """Raises Refused where less than half of the turn is covered."""
         covered = TURN - self.coverage.largest_gap_rad
         if covered < LEAST_COVERED_RAD:
             raise Refused(
                 f"only {np.degrees(covered):.0f} deg of the turn are covered: a constant and a first harmonic"
-                " cannot be told apart; record at least half a turn, better two"
+                " cannot be separated; record at least half a turn, better two"
             )
 
     @cached_property

@@ -1,7 +1,7 @@
 """Errors against the rotor angle without an outside reference: the recording's own gyros and accelerometers predict.
 
 A case that stands, or moves slowly, holds a rotor that turns a package of accelerometers and gyros. Three attitudes of
-the package can be told apart, each as inclination I and toolface T:
+the package can be separated, each as inclination I and toolface T:
 
     felt        what the accelerometers say
     predicted   the slow attitude of the case carried through the rotation by the gyros (a filter with no memory of the
@@ -42,7 +42,7 @@ from highside.attitude.block import attitude_block
 from highside.attitude.quaternion import direction_cosines, from_rotation_vector, multiply, normalised
 from highside.errors import Refused
 from highside.rotation.bases import fourier_rows
-from highside.rotation.curve import Curve, Method
+from highside.rotation.curve import Curve, CurveMethod
 from highside.rotation.fit import FitOptions, fit
 from highside.rotation.samples import Samples
 
@@ -56,7 +56,7 @@ LARGEST_STEP = 5.0
 """times between rows, in units of the usual one, beyond which a piece ends"""
 
 
-class Part(StrEnum):
+class ErrorPart(StrEnum):
     """Which error; see the module."""
 
     SENSOR = "sensor"
@@ -76,7 +76,7 @@ class GyroDoubt:
 class SelfErrors:
     """Rows (N,) in which both are known: rotor angle, errors of inclination and toolface, all rad; means over rows."""
 
-    part: Part
+    part: ErrorPart
     theta_rad: Array
     inclination_rad: Array
     toolface_rad: Array
@@ -87,7 +87,7 @@ class SelfErrors:
 
     def circle_rad(self, doubt: GyroDoubt) -> float:
         """Radius of the circle on which the gyros' errors may move the predicted vertical, one standard deviation."""
-        if self.part is Part.DECODED:
+        if self.part is ErrorPart.DECODED:
             return 0.0
         return math.hypot(doubt.bias_radps / self.rate_radps, doubt.misalignment_rad)
 
@@ -102,20 +102,22 @@ class SelfErrors:
 
     def _curve(self, error: Array, circle: float) -> Curve:
         samples = Samples.build(self.theta_rad, error)
-        curve = fit(samples, Method.AUTO, FitOptions())
+        curve = fit(samples, CurveMethod.AUTO, FitOptions())
         return _stated(curve, turn_to_turn(samples, curve), circle)
 
 
 def self_errors(
-    t_s: Array, accel_g: Array, gyro_radps: Array | None, theta_rad: Array, part: Part = Part.DECODED
+    t_s: Array, accel_g: Array, gyro_radps: Array | None, theta_rad: Array, part: ErrorPart = ErrorPart.DECODED
 ) -> SelfErrors:
     """The errors of `part` from rows in time order: `accel_g`, `gyro_radps` (3, N), the others (N,), all finite.
 
     Raises Refused without gyros where they are needed, with fewer than three turns, with fewer than forty rows a turn,
     or near vertical, where there is no toolface.
     """
-    if gyro_radps is None and part is not Part.DECODED:
-        raise Refused(f"the part '{part.value}' needs gyros; without them only '{Part.DECODED.value}' can be told")
+    if gyro_radps is None and part is not ErrorPart.DECODED:
+        raise Refused(
+            f"the part '{part.value}' needs gyros; without them only '{ErrorPart.DECODED.value}' can be separated"
+        )
     theta = np.unwrap(theta_rad)
     done = [
         _piece(t_s[p], accel_g[:, p], None if gyro_radps is None else gyro_radps[:, p], theta[p], part)
@@ -154,14 +156,16 @@ def _pieces(t_s: Array, theta: Array) -> list[slice]:
         turns, rows = turns + float(travel[-1]), rows + (high - low)
     if not out:
         raise Refused(
-            f"no {LEAST_TURNS:g} turns in one go: nothing repeats by which an error could be told from motion"
+            f"no {LEAST_TURNS:g} turns in one go: nothing repeats by which an error could be distinguished from motion"
         )
     if rows / turns < LEAST_ROWS_A_TURN:
         raise Refused(f"{rows / turns:.0f} rows a turn; {LEAST_ROWS_A_TURN} are needed: record faster or turn slower")
     return out
 
 
-def _piece(t_s: Array, accel: Array, gyro: Array | None, theta: Array, part: Part) -> tuple[Array, Array, Array, Array]:
+def _piece(
+    t_s: Array, accel: Array, gyro: Array | None, theta: Array, part: ErrorPart
+) -> tuple[Array, Array, Array, Array]:
     """(theta, error of I, error of T, I of the case) of one piece."""
     felt_inc, felt_tf = attitude_block(np.ascontiguousarray(accel))
     felt_tf = np.unwrap(felt_tf)
@@ -170,14 +174,14 @@ def _piece(t_s: Array, accel: Array, gyro: Array | None, theta: Array, part: Par
     slow, repeating = _slow_columns(t_s, theta), fourier_rows(theta, ORDER)[1:]
     case_inc = _slow_part(felt_inc, slow, repeating)
     case_tf = _slow_part(felt_tf - theta, slow, repeating)
-    if part is Part.DECODED:
+    if part is ErrorPart.DECODED:
         return theta, felt_inc - case_inc, felt_tf - theta - case_tf, case_inc
     assert gyro is not None
     to_start = direction_cosines(_turned(t_s, gyro))
     carried = np.einsum("ijn,in->jn", to_start, accel)
     vertical = np.stack([_slow_part(one, slow, repeating) for one in carried])
     inc, tf = attitude_block(np.ascontiguousarray(np.einsum("ijn,jn->in", to_start, vertical)))
-    if part is Part.SENSOR:
+    if part is ErrorPart.SENSOR:
         return theta, felt_inc - inc, np.asarray(wrap_signed(felt_tf - tf)), inc
     tf = np.unwrap(tf) - theta
     return theta, inc - _slow_part(inc, slow, repeating), tf - _slow_part(tf, slow, repeating), inc
@@ -228,7 +232,7 @@ def _stated(curve: Curve, scatter: Array, circle: float) -> Curve:
     parameters[0] = 0.0
     grown = np.maximum(scatter / np.sqrt(np.maximum(np.diag(curve.covariance), 1e-300)), 1.0)
     covariance = curve.covariance * np.outer(grown, grown)
-    remarks = [*curve.remarks, "the constant cannot be seen without an outside reference: it is zero here"]
+    remarks = [*curve.remarks, "the constant is unobservable without an outside reference: it is zero here"]
     if circle > 0.0:
         if curve.order >= 1:
             covariance[1, 1] += circle**2

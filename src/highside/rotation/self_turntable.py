@@ -22,10 +22,10 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.errors import Refused
-from highside.rotation.curve import Curve, Method
+from highside.rotation.curve import Curve, CurveMethod
 from highside.rotation.fit import FitOptions, fit
 from highside.rotation.samples import Samples
-from highside.rotation.self_reference import GyroDoubt, Part, SelfErrors, turn_to_turn
+from highside.rotation.self_reference import ErrorPart, GyroDoubt, SelfErrors, turn_to_turn
 from highside.rotation.turntable import ARCMIN, AXIS_CHANNELS, fit_turntable
 
 
@@ -34,7 +34,7 @@ def self_turntable(recordings: Sequence[SelfErrors], doubt: GyroDoubt | None = N
 
     Raises Refused for the part `sensor`, and where the inclinations do not differ enough.
     """
-    if any(one.part is Part.SENSOR for one in recordings):
+    if any(one.part is ErrorPart.SENSOR for one in recordings):
         raise Refused("the part 'sensor' is no error of a turntable: use 'rotor', or 'decoded' of a calibrated tool")
     found = fit_turntable(
         np.concatenate([one.theta_rad for one in recordings]),
@@ -67,7 +67,7 @@ def _scatter(one: SelfErrors, along: bool, order: int) -> Array:
     samples = Samples.build(one.theta_rad, (one.inclination_rad if along else one.toolface_rad) / ARCMIN)
     size = 2 * order + 1
     curve = replace(
-        fit(samples, Method.SINE, FitOptions(), held_out=False),
+        fit(samples, CurveMethod.SINE, FitOptions(), held_out=False),
         order=order,
         parameters=np.zeros(size),
         covariance=np.zeros((size, size)),
@@ -81,7 +81,7 @@ def _stated(curve: Curve, spread: Array, circle: float) -> Curve:
     own = np.sqrt(np.maximum(np.diag(curve.covariance), 1e-300))
     grown = np.maximum(spread / own, 1.0)
     covariance = curve.covariance * np.outer(grown, grown)
-    remarks = [*curve.remarks, "the constant cannot be seen without an outside reference: it is zero here"]
+    remarks = [*curve.remarks, "the constant is unobservable without an outside reference: it is zero here"]
     if circle > 0.0 and curve.order >= 1:
         covariance[1, 1] += circle**2
         covariance[2, 2] += circle**2

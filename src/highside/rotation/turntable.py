@@ -20,7 +20,7 @@ from highside.arrays import Array
 from highside.errors import InputError, Refused
 from highside.rotation.bases import fourier_rows, fourier_sum, triangle_of
 from highside.rotation.compensation import Compensation, Validity
-from highside.rotation.curve import Curve, Form, Method
+from highside.rotation.curve import Curve, CurveMethod, Form
 from highside.rotation.samples import Coverage, Samples
 
 ARCMIN = np.pi / 10800.0
@@ -60,7 +60,7 @@ class TurntableCurve:
 
         def curve(values: Array, covariance: Array, noise_rad: float) -> Curve:
             return Curve(
-                Method.AUTO,
+                CurveMethod.AUTO,
                 Form.FOURIER,
                 self.order,
                 values / ARCMIN,
@@ -80,7 +80,7 @@ class TurntableCurve:
 def reference_errors(compensation: Compensation, theta_rad: Array, inc_rad: Array) -> tuple[Array, Array]:
     """Errors (inclination, toolface) of the bench's readings, (N,) rad, to be added to them; `theta_rad` its encoder's.
 
-    The mean of the encoder's curve is left out: it is the toolface zero, which belongs to tool and fixture. Raises
+    The mean of the encoder's curve is omitted: it is the toolface zero, which belongs to tool and fixture. Raises
     Refused for a compensation that was not fitted in the axis frame.
     """
     lacking = [name for name in AXIS_CHANNELS if name not in compensation.curves]
@@ -124,7 +124,9 @@ def fit_turntable(
         raise InputError("rows within three degrees of vertical have no toolface to speak of", remedy="leave them out")
     lever = 1.0 / np.tan(inc)
     if float(np.ptp(lever)) < 0.1:
-        raise Refused("one inclination cannot tell the encoder from the wobble of the axis; add a turn at another one")
+        raise Refused(
+            "one inclination cannot separate the encoder from the wobble of the axis; add a turn at another one"
+        )
     n = theta.size
     best: tuple[float, int, Array, Array, float] | None = None
     for order in range(largest_order + 1):
@@ -142,7 +144,7 @@ def fit_turntable(
         if best is None or criterion < best[0]:
             best = criterion, order, inverse @ triangle[:p, p], inverse @ inverse.T, rss / (n - p)
     if best is None:
-        raise Refused(f"{n} rows at these angles cannot tell the encoder from the wobble of the axis")
+        raise Refused(f"{n} rows at these angles cannot separate the encoder from the wobble of the axis")
     _, order, solution, cofactor, variance = best
     half = 2 * order + 1
     rows = fourier_rows(theta, order)

@@ -7,4 +7,4 @@ docs/architecture.md for what runs at the same time.
 from __future__ import annotations
 
 __all__ = ["app", "messages", "monitor", "outbox", "parts", "pipeline", "publisher", "recorder", "reload", "rig"]
-"""the ways in: modules, loaded when they are asked for"""
+"""the ways in: modules, loaded on request"""

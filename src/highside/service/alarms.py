@@ -15,6 +15,8 @@ ALARMS: dict[str, str] = {
     "balance_frames": "The counts of frames do not add up: a fault of the program; keep the log.",
     "balance_messages": "The counts of messages do not add up: a fault of the program; keep the log.",
     "link_down": "The link is gone: cable, adapter, permission; the log names it.",
+    "decoder_failed": "The codec's decoder failed within the last hour on what it was given, `codec.faults` times; what"
+    " it was given then is lost. The log says why: tell the maker of the codec.",
     "link_stale": "The link is open and silent: power and wiring of the tool.",
     "broker_away": "No connection to the broker; messages wait on disk.",
     "client_id_taken": "Another client uses this tool's MQTT client id, or the broker sheds us: `broker.taken` says"
@@ -29,11 +31,11 @@ ALARMS: dict[str, str] = {
     "survey_storage": "Surveys cannot be written to the disk; they are tried again.",
     "no_calibration": "No calibration was ever put in force in the configured store; readings pass uncorrected.",
     "calibration_refused": "The configured calibration was refused, `calibration.refused` says why.",
-    "calibration_kept": "The calibration of before stays in force in memory: mend the configured one before a restart.",
-    "calibration_age_unknown": "The calibration in force expires one day, and whether that has come cannot be told: the"
-    " clock is not synchronised, or was set. It is used; mend the host's time (NTP, PTP, GPS).",
+    "calibration_kept": "The calibration of before stays in force in memory: fix the configured one before a restart.",
+    "calibration_age_unknown": "The calibration in force expires one day, and whether that has come cannot be"
+    " determined: the clock is not synchronised, or was set. It is used; fix the host's time (NTP, PTP, GPS).",
     "rotation_refused": "The rotor-angle compensation was refused, `rotation.refused` says why.",
-    "rotation_kept": "The compensation of before stays in force in memory: mend the configured one before a restart.",
+    "rotation_kept": "The compensation of before stays in force in memory: fix the configured one before a restart.",
     "reload_refused": "The last reload was refused, `reload.refused` says why; the configuration before is in force.",
     "stuck_ax": "This accelerometer gives one and the same value.",
     "stuck_ay": "This accelerometer gives one and the same value.",
@@ -51,6 +53,8 @@ ALARMS: dict[str, str] = {
 
 DROPPING_STANDS_S = 3600.0
 """Seconds for which `outbox_dropping` outlasts the last drop: an operator looks at a rig at least once in an hour."""
+DECODER_STANDS_S = 3600.0
+"""Seconds for which `decoder_failed` outlasts the last fault: as `DROPPING_STANDS_S`."""
 UNANSWERED_STANDS_S = 60.0
 """Seconds for which `commands_unanswered` outlasts the last answer that was dropped."""
 

@@ -2,9 +2,9 @@
 
 One event loop; acquisition is a callback of it and never waits: what is slow (SQLite, fsync, the network) has threads
 and tasks of its own behind bounded hand-overs that count what they drop. What follows from the configuration is one
-value, `Parts`, which a reload (SIGHUP) makes anew and puts in force as a whole, or not at all (`reload`). SIGTERM
-leaves within ten seconds: acquisition stops, the last window is committed to the outbox, `offline` is published, what
-is not acknowledged stays on disk.
+value, `ServiceParts`, which a reload (SIGHUP) makes anew and puts in force as a whole, or not at all (`reload`).
+SIGTERM leaves within ten seconds: acquisition stops, the last window is committed to the outbox, `offline` is
+published, what is not acknowledged stays on disk.
 
 At the start the state directory comes first, then the right to speak as this tool, then the link; only then is the
 broker spoken to. A daemon that finds one of them taken ends without a word to anybody.
@@ -37,17 +37,18 @@ from highside.service.clock_watch import ClockWatch
 from highside.service.damage import DamageLog
 from highside.service.drift_keeper import DriftKeeper, DriftParts
 from highside.service.health import Health
-from highside.service.in_force import Calibration, Rotation, calibration_for, rotation_for, said
+from highside.service.in_force import CalibrationInForce, CompensationInForce, calibration_for, error_text, rotation_for
 from highside.service.leaving import Leaving
 from highside.service.notify import Notifier
 from highside.service.outbox import Outbox
-from highside.service.outputs import Attitude, Survey
-from highside.service.parts import Parts, Tap, make_pipeline, make_supervisor
+from highside.service.outputs import AttitudeOutput, Survey
+from highside.service.parts import ServiceParts, Tap, make_pipeline, make_supervisor
 from highside.service.pipeline import Pipeline
 from highside.service.places import ToolLock, state_dir, take_state_dir
 from highside.service.progress import feed_watchdog
-from highside.service.publisher import Publisher, new_instance
+from highside.service.publisher import Publisher
 from highside.service.quiet_log import QuietLog
+from highside.service.reconnect import new_instance
 from highside.service.recorder import Recorder
 from highside.service.reload import Reloader, open_link
 from highside.service.rig.home_assistant import discovery
@@ -60,8 +61,8 @@ log = logging.getLogger("highside")
 STOP_BUDGET_S = 8.0
 """How long an orderly end may take; systemd would kill after 10 s."""
 LINK_LINES = 3
-"""Lines a minute for each state and reason of the link: a plug that is seated anew is told whole, a loose contact in a
-few lines; `health` counts every one."""
+"""Lines a minute for each state and reason of the link: a plug that is seated anew is logged in full, a loose contact
+in a few lines; `health` counts every one."""
 
 
 class Service:
@@ -119,7 +120,7 @@ class Service:
             steps=self.clock.steps,
             lag=self._lag,
         )
-        self.on_output: Callable[[Attitude | Survey, int], None] | None = None
+        self.on_output: Callable[[AttitudeOutput | Survey, int], None] | None = None
         """called with every output and its sequence number, for faces inside the process"""
 
     # --- parts -------------------------------------------------------------------------------------------------
@@ -144,12 +145,12 @@ class Service:
         """Of the link in force."""
         return self.parts.supervisor
 
-    def _make_parts(self, settings: Settings) -> Parts:
+    def _make_parts(self, settings: Settings) -> ServiceParts:
         """All parts for the start."""
         calibration = calibration_for(settings, self.clock.present())
         rotation, drift = rotation_for(settings), self.drift.build(settings)
         tap = self.make_tap()
-        return Parts(
+        return ServiceParts(
             settings=settings,
             calibration=calibration,
             rotation=rotation,
@@ -165,8 +166,8 @@ class Service:
         self,
         settings: Settings,
         codec: ByteCodec | CanCodec,
-        calibration: Calibration,
-        rotation: Rotation,
+        calibration: CalibrationInForce,
+        rotation: CompensationInForce,
         drift: DriftParts,
     ) -> Pipeline:
         """A pipeline whose counts begin anew."""
@@ -185,7 +186,7 @@ class Service:
         """For a link that is not in force yet."""
         return Tap(self, lambda: self.parts.tap)
 
-    def take(self, parts: Parts) -> None:
+    def take(self, parts: ServiceParts) -> None:
         """Put other parts in force."""
         self.parts = parts
         self.recorder.apply(parts.settings.recorder)
@@ -236,7 +237,7 @@ class Service:
 
     # --- outputs -----------------------------------------------------------------------------------------------
 
-    def _on_output(self, output: Attitude | Survey) -> None:
+    def _on_output(self, output: AttitudeOutput | Survey) -> None:
         now_wall, now_mono = time.time(), time.monotonic()
         attitude = output.attitude if isinstance(output, Survey) else output
         t_wall = now_wall - (now_mono - attitude.t_mono) if attitude.t_mono else now_wall
@@ -294,7 +295,7 @@ class Service:
                 await self._until_stopped(others)
             how = self._refused_link
         except BaseException as error:
-            how = said(error)
+            how = error_text(error)
             raise
         finally:
             self.notifier.stopping("leaving")
@@ -307,13 +308,13 @@ class Service:
             raise InputError(
                 self._refused_link,
                 field="the [link] table",
-                remedy="mend it, or set link.wait_at_start = true to wait for it",
+                remedy="fix it, or set link.wait_at_start = true to wait for it",
             )
 
     async def _take_places(self) -> bool:
-        """What no two daemons can have: state directory, tool, listener, link. False: told to stop meanwhile.
+        """What no two daemons can have: state directory, tool, listener, link. False: asked to stop meanwhile.
 
-        Raises InputError; nothing has been said to anybody then, and what was taken is given back by `_shut_down`.
+        Raises InputError; nobody has been notified then, and what was taken is given back by `_shut_down`.
         """
         settings = self.settings
         self._lock = take_state_dir(self.state_dir)

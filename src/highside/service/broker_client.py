@@ -40,6 +40,14 @@ _client_log = logging.getLogger("highside.mqtt.client")
 _client_log.setLevel(logging.CRITICAL)
 
 
+class LostConnection(Exception):  # noqa: N818 - an event of every day, not an error
+    """The connection is of no more use; `reason` is the name under which that is counted."""
+
+    def __init__(self, reason: str, text: str) -> None:
+        super().__init__(text)
+        self.reason = reason
+
+
 class _Head(bytearray):
     """Keeps the first `INCOMING_MAX` bytes of what is added to it."""
 
@@ -81,7 +89,7 @@ def on_each_message(client: aiomqtt.Client, take: Callable[[str, bytes, bool], N
 def notice_a_closed_door(client: aiomqtt.Client) -> None:
     """End `connect` when the peer closes before it has answered; aiomqtt would wait for its whole timeout."""
     loop = asyncio.get_running_loop()
-    told = client._on_disconnect
+    chained = client._on_disconnect
 
     def end_connect() -> None:
         if not client._connected.done():
@@ -90,7 +98,7 @@ def notice_a_closed_door(client: aiomqtt.Client) -> None:
     def on_disconnect(
         paho: mqtt.Client, userdata: Any, flags: mqtt.DisconnectFlags, reason: ReasonCode, properties: Properties | None
     ) -> None:
-        told(paho, userdata, flags, reason, properties)
+        chained(paho, userdata, flags, reason, properties)
         loop.call_soon_threadsafe(end_connect)
 
     client._client.on_disconnect = on_disconnect
@@ -200,7 +208,7 @@ def _tls_context(tls: TlsSettings) -> ssl.SSLContext:
     context = ssl.create_default_context(cafile=str(tls.ca) if tls.ca is not None else None)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     if tls.cert is not None and tls.key is not None:
-        # an encrypted key is refused: without this word OpenSSL would ask for one at the terminal
+        # an encrypted key is refused: without a password here OpenSSL would prompt for one at the terminal
         context.load_cert_chain(tls.cert, tls.key, password="")
     return context
 
@@ -218,3 +226,28 @@ def connect_reason(error: BaseException) -> str:
     if "certificate" in text or "ssl" in text:
         return "tls"
     return "cannot connect"
+
+
+async def subscribe(client: aiomqtt.Client, topic: str, *, timeout_s: float) -> str | None:
+    """Subscribe to a topic; returns why nothing of it will arrive, None if it will."""
+    try:
+        granted = await client.subscribe(topic, qos=1, timeout=timeout_s)
+    except (aiomqtt.MqttError, ValueError) as error:
+        return f"no subscription to {topic}: {error}"
+    codes = [code if isinstance(code, int) else code.value for code in granted]
+    return f"the broker refuses the subscription to {topic}: see its access list" if max(codes) >= 0x80 else None
+
+
+async def publish(
+    client: aiomqtt.Client, topic: str, payload: bytes, *, qos: int, retain: bool, timeout_s: float
+) -> None:
+    """Publish, and wait for the PUBACK of QoS 1. Raises `LostConnection` if the connection is of no more use,
+    ValueError for what the protocol cannot carry."""
+    try:
+        await client.publish(topic, payload, qos=qos, retain=retain, timeout=timeout_s)
+    except aiomqtt.MqttCodeError as error:
+        raise LostConnection("connection lost", str(error)) from error
+    except aiomqtt.MqttError as error:
+        raise LostConnection("no acknowledgement", str(error)) from error
+    except RuntimeError as error:
+        raise LostConnection("refused by client", str(error)) from error

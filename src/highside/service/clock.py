@@ -59,7 +59,7 @@ def age_s(then: Stamped, now: Stamped) -> float | None:
 
 @functools.cache
 def boot_id() -> str:
-    """Of this run of the machine; empty where it cannot be told."""
+    """Of this run of the machine; empty where it cannot be determined."""
     try:
         return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     except OSError:
@@ -133,7 +133,7 @@ class LoopLag:
     """
 
     TICK_S = 0.1
-    """Each tick wakes the loop. A stall of 100 ms is always seen, one of 20 ms once in five times; the quantiles are
+    """Each tick wakes the loop. A stall of 100 ms is always noticed, one of 20 ms once in five times; the quantiles are
     those of the moments looked at, whatever their number."""
 
     def __init__(self) -> None:

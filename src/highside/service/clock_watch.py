@@ -25,7 +25,7 @@ class ClockWatch:
 
     def __init__(self, directory: Path) -> None:
         self.synced = clock_synced()
-        """whether the wall clock followed a reference when last asked"""
+        """whether the wall clock followed a reference when last checked"""
         self.steps = StepWatch()
         self._known = KnownTime(directory)
 

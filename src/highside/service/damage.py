@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from highside.recording.files import set_aside
-from highside.service.in_force import said
+from highside.service.in_force import error_text
 
 log = logging.getLogger("highside")
 
 
 @dataclass(frozen=True, slots=True)
-class Damaged:
+class DamagedFile:
     """One file."""
 
     file: str
@@ -33,19 +33,19 @@ class DamageLog:
     """What was found damaged since the start."""
 
     def __init__(self) -> None:
-        self._found: dict[str, Damaged] = {}
+        self._found: dict[str, DamagedFile] = {}
 
     def note(self, path: Path, error: BaseException | str, cost: str) -> str:
         """A file that cannot be used because of `error`; `cost` says what is lost by that. Returns the line that was
         logged."""
-        what = error if isinstance(error, str) else said(error)
+        what = error if isinstance(error, str) else error_text(error)
         # what this user may not read need not be damaged, and renaming would hide it from whom it belongs to
         aside = set_aside(path) if os.access(path, os.R_OK) else None
         kept = f"kept as {aside.name}" if aside is not None else "left where it is"
         named = what if path.name in what else f"{path}: {what}"
         line = f"{named}; {kept}; {cost}"
         log.error("%s", line)
-        self._found[path.name] = Damaged(path.name, what, None if aside is None else aside.name)
+        self._found[path.name] = DamagedFile(path.name, what, None if aside is None else aside.name)
         return line
 
     def require_directory(self, path: Path, cost: str) -> None:

@@ -31,7 +31,7 @@ from highside.physics.gravity import gravity_direction
 from highside.reading import parse_json
 from highside.recording.files import write_whole
 from highside.service.app import Service
-from highside.service.outputs import Attitude
+from highside.service.outputs import AttitudeOutput
 from highside.service.publisher import Publisher
 
 TOOL_ID = "demo"
@@ -44,7 +44,7 @@ OFFSET_G = (0.0012, -0.0008, 0.0015)
 
 
 @dataclass(slots=True)
-class Snapshot:
+class DemoState:
     """What the demonstration knows at one moment; angles in degrees."""
 
     elapsed_s: float = 0.0
@@ -95,7 +95,7 @@ class Watcher:
     """Whom the messages are for: counts them and their gaps by sequence number, compares them with the truth."""
 
     def __init__(self, device: SimulatedDevice) -> None:
-        self.snapshot = Snapshot()
+        self.snapshot = DemoState()
         self._device = device
         self._seen: set[int] = set()
 
@@ -170,16 +170,16 @@ def _set_soon(loop: asyncio.AbstractEventLoop, event: asyncio.Event) -> None:
 
 
 async def run_demo(
-    seconds: float | None, on_snapshot: Callable[[Snapshot], None], *, interval_s: float = 0.1
-) -> Snapshot:
+    seconds: float | None, on_snapshot: Callable[[DemoState], None], *, interval_s: float = 0.1
+) -> DemoState:
     """Run for `seconds` (None: until cancelled), calling `on_snapshot` every `interval_s`; return the last one."""
     with tempfile.TemporaryDirectory(prefix="highside-demo-") as directory:
         return await _run_in(Path(directory), seconds, on_snapshot, interval_s)
 
 
 async def _run_in(
-    directory: Path, seconds: float | None, on_snapshot: Callable[[Snapshot], None], interval_s: float
-) -> Snapshot:
+    directory: Path, seconds: float | None, on_snapshot: Callable[[DemoState], None], interval_s: float
+) -> DemoState:
     wire = PtyWire()
     device = SimulatedDevice(DeviceSettings(rate_hz=RATE_HZ, matrix=MATRIX, offset_g=OFFSET_G), wire)
     watcher = Watcher(device)
@@ -188,7 +188,7 @@ async def _run_in(
 
     def note(output: object, seq: int) -> None:
         nonlocal last_seq
-        if isinstance(output, Attitude):
+        if isinstance(output, AttitudeOutput):
             last_seq = seq
 
     device.start()

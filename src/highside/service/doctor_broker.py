@@ -18,7 +18,7 @@ from highside.config.settings import Settings
 from highside.errors import HighsideError, InputError
 from highside.reading import parse_message
 from highside.service.broker_client import broker_client
-from highside.service.findings import Finding, Level
+from highside.service.findings import CheckResult, Level
 from highside.service.messages import HealthMessage
 
 QUIET_S = 1.0
@@ -29,7 +29,7 @@ OLD_HEALTH_S = 30.0
 """A health message older than this, beyond its interval, is not of a service that is well."""
 
 
-async def examine_broker(settings: Settings, *, running: bool, queue_messages: int) -> AsyncIterator[Finding]:
+async def examine_broker(settings: Settings, *, running: bool, queue_messages: int) -> AsyncIterator[CheckResult]:
     """`running`: a service of this tool holds the state directory; `queue_messages` 0: the queue is not tried."""
     mqtt = settings.mqtt
     where = f"{mqtt.host}:{mqtt.port}" if mqtt.transport == "tcp" else mqtt.host
@@ -40,21 +40,21 @@ async def examine_broker(settings: Settings, *, running: bool, queue_messages: i
             async with await broker_client(mqtt, identifier):
                 pass
     except (aiomqtt.MqttError, OSError, TimeoutError, ValueError, HighsideError) as error:
-        yield Finding(
+        yield CheckResult(
             "broker",
             Level.FAIL,
             f"{where}: {str(error) or 'no answer'}",
-            "start it, or mend the [mqtt] table; meanwhile messages are kept on disk",
+            "start it, or fix the [mqtt] table; meanwhile messages are kept on disk",
         )
         if running:
-            yield Finding("health", Level.SKIP, "what the running service says of itself is at the broker")
+            yield CheckResult("health", Level.SKIP, "what the running service says of itself is at the broker")
         return
-    yield Finding("broker", Level.OK, f"{where} answers, {1e3 * (time.monotonic() - began):.0f} ms")
+    yield CheckResult("broker", Level.OK, f"{where} answers, {1e3 * (time.monotonic() - began):.0f} ms")
     if running:
         for finding in await _told_by_service(settings, identifier):
             yield finding
     if not queue_messages:
-        yield Finding("broker queue", Level.SKIP, "not tried: --queue N publishes N messages for it")
+        yield CheckResult("broker queue", Level.SKIP, "not tried: --queue N publishes N messages for it")
         return
     yield await _queue(settings, identifier, queue_messages)
 
@@ -62,45 +62,47 @@ async def examine_broker(settings: Settings, *, running: bool, queue_messages: i
 # --- what the running service says ---------------------------------------------------------------------------------
 
 
-async def _told_by_service(settings: Settings, identifier: str) -> list[Finding]:
+async def _told_by_service(settings: Settings, identifier: str) -> list[CheckResult]:
     """From the retained `health`."""
     topic = settings.mqtt.topic(settings.tool.id, "health")
     try:
         payload = await _retained(settings.mqtt, identifier, topic)
         if payload is None:
             return [
-                Finding("health", Level.SKIP, f"nothing is retained on {topic}", "allow this user to read that topic")
+                CheckResult(
+                    "health", Level.SKIP, f"nothing is retained on {topic}", "allow this user to read that topic"
+                )
             ]
         health = parse_message(HealthMessage, payload)
     except (aiomqtt.MqttError, OSError, TimeoutError) as error:
-        return [Finding("health", Level.SKIP, f"{topic} cannot be read: {error}")]
+        return [CheckResult("health", Level.SKIP, f"{topic} cannot be read: {error}")]
     except InputError:
-        return [Finding("health", Level.SKIP, f"{topic} is of another version of highside")]
+        return [CheckResult("health", Level.SKIP, f"{topic} is of another version of highside")]
     return list(judge_health(health, time.time(), settings.service.health_interval_s))
 
 
-def judge_health(health: HealthMessage, now_s: float, interval_s: float) -> Iterator[Finding]:
+def judge_health(health: HealthMessage, now_s: float, interval_s: float) -> Iterator[CheckResult]:
     """What the health message of a running service says to whoever asks what is wrong."""
     age = now_s - health.t
     if age > interval_s + OLD_HEALTH_S:
-        yield Finding(
+        yield CheckResult(
             "health",
             Level.WARN,
             f"the last word of the running service is {age:.0f} s old",
             "look at its log: it cannot reach this broker, or stands still",
         )
     elif health.alarms:
-        yield Finding(
+        yield CheckResult(
             "health",
             Level.WARN,
             f"the running service reports {', '.join(health.alarms)}",
             "the retained `health` says more of each",
         )
     else:
-        yield Finding("health", Level.OK, f"the running service (version {health.version}) reports no alarm")
+        yield CheckResult("health", Level.OK, f"the running service (version {health.version}) reports no alarm")
     box = health.outbox
     if not box.storage_ok:
-        yield Finding("outbox", Level.FAIL, f"cannot be written: {box.storage_error}", "free the disk, or mend it")
+        yield CheckResult("outbox", Level.FAIL, f"cannot be written: {box.storage_error}", "free the disk, or fix it")
 
 
 async def _retained(mqtt: MqttSettings, identifier: str, topic: str) -> bytes | None:
@@ -116,13 +118,13 @@ async def _retained(mqtt: MqttSettings, identifier: str, topic: str) -> bytes | 
 # --- how much it keeps ---------------------------------------------------------------------------------------------
 
 
-async def _queue(settings: Settings, identifier: str, count: int) -> Finding:
+async def _queue(settings: Settings, identifier: str, count: int) -> CheckResult:
     topic = settings.mqtt.topic(settings.tool.id, "doctor")
     try:
         async with asyncio.timeout(60.0):
             kept = await _queue_depth(settings, identifier, topic, count)
     except (aiomqtt.MqttError, OSError, TimeoutError) as error:
-        return Finding(
+        return CheckResult(
             "broker queue",
             Level.WARN,
             f"could not be tried: {str(error) or 'no answer'}",
@@ -130,8 +132,10 @@ async def _queue(settings: Settings, identifier: str, count: int) -> Finding:
         )
     text = f"keeps {kept:,} of {count:,} messages for a subscriber that is away"
     if kept < count:
-        return Finding("broker queue", Level.WARN, text, "raise max_queued_messages; config/mosquitto.conf shows how")
-    return Finding("broker queue", Level.OK, text)
+        return CheckResult(
+            "broker queue", Level.WARN, text, "raise max_queued_messages; config/mosquitto.conf shows how"
+        )
+    return CheckResult("broker queue", Level.OK, text)
 
 
 async def _queue_depth(settings: Settings, identifier: str, topic: str, count: int) -> int:

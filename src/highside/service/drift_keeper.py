@@ -100,8 +100,8 @@ class DriftKeeper:
             return DriftParts(settings, _stage(settings, saved, first_start=not known))
         except Exception as error:
             # whatever is wrong with it, the readings are worth more
-            told = self._damage.note(self._path, error, "the azimuth of before is lost")
-            return DriftParts(settings, _stage(settings, None, first_start=not known), told)
+            damaged = self._damage.note(self._path, error, "the azimuth of before is lost")
+            return DriftParts(settings, _stage(settings, None, first_start=not known), damaged)
 
     def start(self) -> None:
         """In the event loop."""
@@ -138,7 +138,7 @@ class DriftKeeper:
 
     def publish(self) -> None:
         """The retained message, for tools that have shown gyros."""
-        if self.stage is not None and self.stage.heard:
+        if self.stage is not None and self.stage.has_gyro_data:
             self._tell(self.stage.message(time.time()).model_dump_json().encode())
 
     def health(self) -> dict[str, Any] | None:

@@ -4,13 +4,13 @@ Synchronous, on device time, without clock or file: `drift_keeper` stores what i
 come as means over some ten milliseconds (the pipeline's own micro-batches) and go through `gyro.filter`, the form that
 `highside drift` runs over recordings.
 
-An azimuth is never guessed. Until it is configured or told by the command `align` there is none ("unaligned"). While no
+An azimuth is never guessed. Until it is configured or set by the command `align` there is none ("unaligned"). While no
 reading came (a gap, a restart of tool or service) it is not followed: it is taken up again with the turn that may have
 gone unseen (`unseen_turn_dps`), or as it was if the tool stood before and stands now with the same gravity; after
 `max_age_s` it is dropped. Gyro biases outlive that, but not another power-up of the tool.
 
 The filter follows the package of the sensors. Where a rotor-angle compensation says that the package looks elsewhere
-than the hole, an azimuth that is told is that of the hole: the compensation's error at that moment is added.
+than the hole, an azimuth that is given is that of the hole: the compensation's error at that moment is added.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ import numpy as np
 from highside.attitude.quaternion import to_angles, up_direction
 from highside.calibration.correction import Vector
 from highside.config.drift import DriftSettings
-from highside.gyro import error_state
+from highside.gyro import filter_state
 from highside.gyro.blocks import MAX_GAP_S, Block
 from highside.gyro.checks import UnitWatch
-from highside.gyro.filter import KinematicFilter, azimuth_basis
+from highside.gyro.complementary import ComplementaryFilter
+from highside.gyro.filter import ErrorStateFilter, azimuth_basis
 from highside.gyro.frames import DEG_PER_HOUR, std_to_tool, to_tool
-from highside.gyro.gates import Motion
+from highside.gyro.gates import NO_REST_LIVE, MotionState
 from highside.gyro.literal import AzimuthPolicy, Literal
-from highside.gyro.recursive import RecursiveFilter
 from highside.gyro.result import AzimuthBasis
 from highside.service.messages import DriftMessage, LiteralAzimuth, RecursiveAzimuth
-from highside.service.saved_drift import SAVED, Alignment, SavedDrift
+from highside.service.saved_drift import SAVED, HeadingAlignment, SavedDrift
 
 STALE_S = 1.0
 """Without gyros for so long there is no azimuth."""
@@ -58,7 +58,7 @@ class Azimuth(NamedTuple):
 
 
 class DriftStage:
-    """`add` takes the rates of each frame, `close` ends a micro-batch, `azimuth` is asked for each output."""
+    """`add` takes the rates of each frame, `close` ends a micro-batch, `azimuth` is read for each output."""
 
     def __init__(
         self,
@@ -71,7 +71,7 @@ class DriftStage:
     ) -> None:
         """`saved`: what is known from before, its age as at `loaded_mono`. `first_start`: nothing was ever kept."""
         self.settings, self.latitude_deg = settings, latitude_deg
-        self.alignment: Alignment | None = None
+        self.alignment: HeadingAlignment | None = None
         self.constrained = False
         """the azimuth was reset to that of the alignment: an assertion"""
         self.saturated = False
@@ -91,12 +91,12 @@ class DriftStage:
         """declared to stand, from and to"""
         self._units = UnitWatch()
         self._literal: Literal | None = None
-        self._recursive: RecursiveFilter | None = None
+        self._recursive: ComplementaryFilter | None = None
         self.filter = self._new_filter()
 
-    def _new_filter(self) -> KinematicFilter:
+    def _new_filter(self) -> ErrorStateFilter:
         first = self._first_start and self._before is None
-        return KinematicFilter(self.settings.filter_settings(self.latitude_deg, first_start=first))
+        return ErrorStateFilter(self.settings.filter_settings(self.latitude_deg, first_start=first))
 
     # --- readings ----------------------------------------------------------------------------------------------
 
@@ -125,7 +125,7 @@ class DriftStage:
         x, y, z = (math.radians(value / n) for value in self._sum)
         self._sum, self._n = [0.0, 0.0, 0.0], 0
         ax, ay, az = a if math.isfinite(a[0] + a[1] + a[2]) else (0.0, 0.0, 0.0)
-        if self.filter.memory is None and self._t is None and not ax * ax + ay * ay + az * az > 0.25:
+        if self.filter.estimate is None and self._t is None and not ax * ax + ay * ay + az * az > 0.25:
             return
         before = self._t
         if before is not None and (t_s - before > MAX_GAP_S or t_s < before):
@@ -142,7 +142,7 @@ class DriftStage:
         if block is not None:
             self._on_block(block, t_s)
         if self._literal is not None and before is not None:
-            self._literal.update(t_s - before, body_w, body_a, self.filter.motion > Motion.VIBRATING)
+            self._literal.update(t_s - before, body_w, body_a, self.filter.motion > MotionState.VIBRATING)
 
     def _leave_off(self, age_s: float, *, repowered: bool) -> None:
         """Nothing came for a while: begin anew, and take up afterwards what still holds."""
@@ -172,12 +172,12 @@ class DriftStage:
         connection = self._connection
         # a block that began before the word was given may hold the end of the motion
         declared = connection is not None and connection[0] <= block.start_s and t_s <= connection[1]
-        first = self.filter.memory is None
-        self.filter.take(block, declared_still=declared)
-        if connection is not None and (t_s > connection[1] or (declared and self.filter.motion is Motion.TURNING)):
+        first = self.filter.estimate is None
+        self.filter.add_block(block, declared_still=declared)
+        if connection is not None and (t_s > connection[1] or (declared and self.filter.motion is MotionState.TURNING)):
             self._connection = None
         self._units.add(block)
-        if not first or self.filter.memory is None:
+        if not first or self.filter.estimate is None:
             return
         if self._before is not None:
             self._take_up(self._before, block)
@@ -185,16 +185,18 @@ class DriftStage:
         elif self._first_start and self.settings.azimuth_deg is not None:
             std = self.settings.azimuth_std_deg
             if self._rotor_error_rad:
-                told = math.radians(self.settings.azimuth_deg) + self._rotor_error_rad
-                self.filter.set_azimuth(told, math.radians(std))
-            self.alignment = Alignment(azimuth_deg=self.settings.azimuth_deg, std_deg=std, by="configuration", t=None)
+                azimuth_rad = math.radians(self.settings.azimuth_deg) + self._rotor_error_rad
+                self.filter.set_azimuth(azimuth_rad, math.radians(std))
+            self.alignment = HeadingAlignment(
+                azimuth_deg=self.settings.azimuth_deg, std_deg=std, by="configuration", t=None
+            )
         self._begin_literal()
 
     # --- what holds from before --------------------------------------------------------------------------------
 
     def _take_up(self, before: SavedDrift, block: Block) -> None:
         """The rule of validity, at the first block after a gap or a restart."""
-        age, m = self._age_s, self.filter.memory
+        age, m = self._age_s, self.filter.estimate
         assert m is not None
         settings = self.settings
         if age is None:
@@ -204,7 +206,7 @@ class DriftStage:
         stood, same_earth = False, before.latitude_deg == self.latitude_deg
         if not before.repowered and same_earth and age <= settings.bias_max_age_s:
             self.filter.gate.know(before.still_statistics())
-            stood = before.motion == Motion.STILL and self._stands_as_before(before, block)
+            stood = before.motion == MotionState.STILL and self._stands_as_before(before, block)
             if stood and age <= settings.max_age_s:
                 for name, values in before.memory.items():
                     getattr(m, name).flat[:] = values
@@ -250,7 +252,7 @@ class DriftStage:
 
     def saved(self) -> SavedDrift | None:
         """What is to be kept, without the time of its keeping; None before the first block."""
-        m = self.filter.memory
+        m = self.filter.estimate
         if m is None or self._t is None:
             # what an earlier run left is not replaced by nothing
             return None
@@ -262,7 +264,7 @@ class DriftStage:
             memory={name: getattr(m, name).ravel().tolist() for name in SAVED},
             still=None if still is None else still.as_list(),
             alignment=self.alignment,
-            azi_deg=math.degrees(error_state.azimuth_of(error_state.attitude_of(m))) % 360.0,
+            azi_deg=math.degrees(filter_state.azimuth_of(filter_state.attitude_of(m))) % 360.0,
             azi_std_deg=math.degrees(self.filter.azimuth_std_rad),
             constrained=self.constrained,
             saturated=self.saturated,
@@ -272,24 +274,24 @@ class DriftStage:
 
     def align(self, azimuth_deg: float, std_deg: float, t: float | None) -> str | None:
         """The hole's azimuth is this now; returns why it cannot be taken, if so."""
-        if self.filter.memory is None:
-            return "no second of gyro readings has come yet: align again when the tool is heard"
+        if self.filter.estimate is None:
+            return "no second of gyro readings has come yet: align again when the tool sends"
         if self._rotor_error_rad is None:
             return _NO_ROTOR
         self.filter.set_azimuth(math.radians(azimuth_deg) + self._rotor_error_rad, math.radians(std_deg))
-        self.alignment = Alignment(azimuth_deg=azimuth_deg % 360.0, std_deg=std_deg, by="command", t=t)
+        self.alignment = HeadingAlignment(azimuth_deg=azimuth_deg % 360.0, std_deg=std_deg, by="command", t=t)
         self.constrained = self.saturated = False
         self._begin_literal()
         return None
 
     def reset_heading(self) -> str | None:
         """The azimuth is that of the alignment again: the assertion that the hole went straight on."""
-        if self.alignment is None or self.filter.memory is None:
+        if self.alignment is None or self.filter.estimate is None:
             return "there is no alignment to go back to: give the command align"
         if self._rotor_error_rad is None:
             return _NO_ROTOR
-        told = math.radians(self.alignment.azimuth_deg) + self._rotor_error_rad
-        self.filter.set_azimuth(told, math.radians(self.alignment.std_deg))
+        azimuth_rad = math.radians(self.alignment.azimuth_deg) + self._rotor_error_rad
+        self.filter.set_azimuth(azimuth_rad, math.radians(self.alignment.std_deg))
         self.constrained, self.saturated = True, False
         self._begin_literal()
         return None
@@ -318,7 +320,7 @@ class DriftStage:
         """At the device time of an output; None for a tool without gyros."""
         if self._t is None:
             return None
-        m = self.filter.memory
+        m = self.filter.estimate
         if t_s - self._t > STALE_S:
             return Azimuth(None, None, ("no_gyros",))
         if self._units.verdict is not None:
@@ -339,15 +341,15 @@ class DriftStage:
     @property
     def basis(self) -> tuple[str, ...]:
         """Where the filter's azimuth comes from, by name."""
-        m = self.filter.memory
+        m = self.filter.estimate
         if m is None or self.alignment is None:
             return ("unaligned",)
-        found = azimuth_basis(self.filter.settings, m.tally[error_state.STILL_S], m.tally[error_state.TURNED])
+        found = azimuth_basis(self.filter.settings, m.tally[filter_state.STILL_S], m.tally[filter_state.TURNED])
         names = tuple(basis.name.lower() for basis in found)
         return ("constraint", *names) if self.constrained and "constraint" not in names else names
 
     def _begin_literal(self) -> None:
-        m, settings = self.filter.memory, self.settings
+        m, settings = self.filter.estimate, self.settings
         self._literal = self._recursive = None
         if m is None or self.alignment is None:
             return
@@ -355,13 +357,15 @@ class DriftStage:
             self._begin_recursive()
         if not (settings.compare_literal or settings.method in ("literal", "literal_block")):
             return
-        self._literal = Literal(settings.policy, error_state.attitude_of(m), average=settings.method == "literal_block")
+        self._literal = Literal(
+            settings.policy, filter_state.attitude_of(m), average=settings.method == "literal_block"
+        )
 
     def _begin_recursive(self) -> None:
         own = self.filter.settings
-        azimuth = error_state.azimuth_of(tuple(self.filter.attitude_now().tolist()))
+        azimuth = filter_state.azimuth_of(tuple(self.filter.attitude_now().tolist()))
         std = self.filter.azimuth_std_rad
-        engine = RecursiveFilter(
+        engine = ComplementaryFilter(
             replace(own, azimuth_rad=azimuth, azimuth_std_rad=std), hold=self.settings.straight_hole
         )
         engine.q = self.filter.attitude_now()
@@ -390,8 +394,8 @@ class DriftStage:
         return Azimuth(math.degrees(psi) % 360.0, None, ("constraint" if held else "nothing",), flags)
 
     @property
-    def heard(self) -> bool:
-        """Whether gyros were heard at all."""
+    def has_gyro_data(self) -> bool:
+        """Whether gyro readings came at all."""
         return self._t is not None
 
     def message(self, t: float) -> DriftMessage:
@@ -419,13 +423,12 @@ class DriftStage:
             recursive = RecursiveAzimuth(
                 azi_deg=own.azi_deg, azi_std_deg=own.azi_std_deg, bias_dph=[round(float(v), 4) for v in drift]
             )
-        notes = []
-        if self.latitude_deg is None:
-            notes.append("no latitude in [site]: the Earth's rotation counts as gyro bias")
-        if self._units.verdict is not None:
-            notes.append(self._units.verdict)
-        if self.saturated:
-            notes.append("a gyro was at its range since the alignment: turns beyond it are lost")
+        notes = {
+            "no latitude in [site]: the Earth's rotation counts as gyro bias": self.latitude_deg is None,
+            self._units.verdict or "": self._units.verdict is not None,
+            "a gyro was at its range since the alignment: turns beyond it are lost": self.saturated,
+            NO_REST_LIVE: self.settings.detect_stops and self.filter.gate.without_rest,
+        }
         return DriftMessage(
             t=round(t, 6),
             method=self.settings.method,
@@ -442,5 +445,5 @@ class DriftStage:
             literal=literal,
             recursive=recursive,
             restored=self.restored,
-            notes=notes,
+            notes=[note for note, stands in notes.items() if stands],
         )

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict
 from typing import Any
 
 from highside import __version__
 from highside.link.base import LinkState
 from highside.service import messages
-from highside.service.alarms import UNANSWERED_STANDS_S, Dropping, Growing
+from highside.service.alarms import DECODER_STANDS_S, UNANSWERED_STANDS_S, Dropping, Growing
 from highside.service.clock import LoopLag, StepWatch
 from highside.service.damage import DamageLog
 from highside.service.drift_keeper import DriftKeeper
 from highside.service.outbox import Outbox
-from highside.service.parts import Parts
-from highside.service.recorder import Recorder, RecorderState
+from highside.service.parts import ServiceParts
+from highside.service.recorder import Recorder
+from highside.service.recorder_stats import RecorderState
 from highside.service.rig.rig import Rig
 from highside.service.starts import StartLog
 
@@ -26,7 +26,7 @@ class Health:
 
     def __init__(
         self,
-        parts: Callable[[], Parts],
+        parts: Callable[[], ServiceParts],
         reloaded: Callable[[], dict[str, Any]],
         *,
         outbox: Outbox,
@@ -43,6 +43,7 @@ class Health:
         self._damage, self._starts, self._steps, self._lag = damage, starts, steps, lag
         self._started_mono = time.monotonic()
         self._dropping, self._unanswered = Dropping(), Growing(UNANSWERED_STANDS_S)
+        self._decoder = Growing(DECODER_STANDS_S)
 
     def message(self, *, clock_synced: bool) -> messages.HealthMessage:
         """What the retained `health` message says; every counter balances at any time (`balance`)."""
@@ -70,21 +71,10 @@ class Health:
             uptime_s=round(time.monotonic() - self._started_mono, 3),
             clock=self._steps.as_dict(),
             link=link.as_dict() | {"data_age_s": age},
-            codec=codec.as_dict(),
+            codec=codec.as_dict() | {"faults": pipeline.decoder_faults},
             monitor=monitor.as_dict(),
-            outbox=messages.OutboxHealth(**asdict(outbox)),
-            broker=messages.BrokerHealth(
-                connected=broker.connected,
-                connects=broker.connects,
-                failures=broker.failures,
-                last_error=broker.last_error,
-                instance=broker.instance,
-                short_connections=broker.short_connections,
-                taken=broker.taken,
-                replies=broker.replies,
-                replies_dropped=broker.replies_dropped,
-                commands_failed=broker.commands_failed,
-            ),
+            outbox=outbox,
+            broker=broker,
             recorder=recorder.as_dict() if settings.recorder.enabled else None,
             loop=self._lag.as_dict(),
             pipeline={"attitudes": pipeline.attitudes, "surveys": pipeline.surveys},
@@ -103,7 +93,7 @@ class Health:
             alarms=self._alarms(parts, balance, reloaded),
         )
 
-    def _alarms(self, parts: Parts, balance: dict[str, bool], reloaded: dict[str, Any]) -> list[str]:
+    def _alarms(self, parts: ServiceParts, balance: dict[str, bool], reloaded: dict[str, Any]) -> list[str]:
         """Names of the alarms that stand."""
         settings, pipeline = parts.settings, parts.pipeline
         link, broker = parts.supervisor.stats, parts.publisher.stats
@@ -111,6 +101,7 @@ class Health:
         stands = {
             **{f"balance_{name}": not good for name, good in balance.items()},
             f"link_{link.state.value}": link.state in (LinkState.DOWN, LinkState.STALE),
+            "decoder_failed": self._decoder.look(pipeline.decoder_faults),
             "broker_away": not broker.connected,
             "client_id_taken": broker.taken,
             "commands_unanswered": self._unanswered.look(broker.replies_dropped),
@@ -130,7 +121,7 @@ class Health:
         return [name for name, standing in stands.items() if standing]
 
 
-def _rotation(parts: Parts) -> dict[str, Any] | None:
+def _rotation(parts: ServiceParts) -> dict[str, Any] | None:
     if parts.settings.rotation.compensation is None:
         return None
     rotation = parts.rotation
@@ -144,7 +135,7 @@ def _rotation(parts: Parts) -> dict[str, Any] | None:
     }
 
 
-def _rebalance(parts: Parts) -> dict[str, Any]:
+def _rebalance(parts: ServiceParts) -> dict[str, Any]:
     rebalancer = parts.pipeline.rebalancer
     offset = rebalancer.offset
     return {

@@ -1,4 +1,4 @@
-"""Which calibration and which rotor-angle compensation are in force, and what is said of those that were refused.
+"""Which calibration and which rotor-angle compensation are in force, and why others were refused.
 
 A file that cannot be used never ends the service and never takes away what is good. At the start there is nothing else,
 so readings pass as they are; at a reload the one in force stays in memory, and flags and alarms say both. It is given
@@ -32,7 +32,7 @@ log = logging.getLogger("highside")
 
 
 @dataclass(frozen=True, slots=True)
-class Calibration:
+class CalibrationInForce:
     """The correction in force."""
 
     correction: Correction
@@ -66,7 +66,7 @@ class Calibration:
         reason = None if self.reason is None else self.reason.value
         return {"cal_id": self.correction.cal_id, "refused": self.refused, "reason": reason, "kept": self.kept}
 
-    def aged(self, present: Present) -> Calibration:
+    def aged(self, present: Present) -> CalibrationInForce:
         """The same at another time: it may have expired, and stays in force; its age may have become known."""
         if self.record is None:
             return self
@@ -83,7 +83,7 @@ class Calibration:
 
 
 @dataclass(frozen=True, slots=True)
-class Rotation:
+class CompensationInForce:
     """The rotor-angle compensation in force; `live` None: none."""
 
     live: LiveCompensation | None = None
@@ -98,36 +98,38 @@ class Rotation:
         return ("rotation_refused", "rotation_kept") if self.kept else ("rotation_refused",)
 
 
-def calibration_for(settings: Settings, present: Present, running: Calibration | None = None) -> Calibration:
+def calibration_for(
+    settings: Settings, present: Present, running: CalibrationInForce | None = None
+) -> CalibrationInForce:
     """The calibration that a configuration puts in force; `running` is the one in force now. Never raises."""
     try:
         return _calibration(settings, present, running)
     except Exception as error:
         # whatever is wrong with a file, the tool is not stopped for it
-        refused, reason = said(error), error.reason if isinstance(error, RecordError) else None
+        refused, reason = error_text(error), error.reason if isinstance(error, RecordError) else None
     if running is not None and _may_stay(running, settings):
         log.error("the calibration in force (%s) is kept: %s", running.correction.cal_id[:12], refused)
         return replace(running, refused=refused, reason=reason, kept=True)
-    none = Calibration(_uncalibrated(settings), refused=refused, reason=reason)
+    none = CalibrationInForce(_uncalibrated(settings), refused=refused, reason=reason)
     log.error("%s; readings pass uncorrected", refused)
     return none
 
 
-def rotation_for(settings: Settings, running: Rotation | None = None) -> Rotation:
+def rotation_for(settings: Settings, running: CompensationInForce | None = None) -> CompensationInForce:
     """The compensation that a configuration puts in force; `running` is the one in force now. Never raises."""
     try:
-        return Rotation(compensation_of(settings))
+        return CompensationInForce(compensation_of(settings))
     except Exception as error:
-        refused = said(error)
+        refused = error_text(error)
     if running is not None and running.live is not None:
         log.error("the rotor-angle compensation in force (%s) is kept: %s", running.live.id[:12], refused)
-        return Rotation(running.live, refused, kept=True)
+        return CompensationInForce(running.live, refused, kept=True)
     log.error("rotor-angle compensation refused, nothing is taken off: %s", refused)
-    return Rotation(refused=refused)
+    return CompensationInForce(refused=refused)
 
 
-def configured_calibration(settings: Settings, present: Present) -> Calibration:
-    """The calibration that a configuration asks for.
+def configured_calibration(settings: Settings, present: Present) -> CalibrationInForce:
+    """The calibration that a configuration requests.
 
     Raises Refused (exit status 1) if the record is damaged, expired or of another tool, InputError if it cannot be
     read.
@@ -136,7 +138,7 @@ def configured_calibration(settings: Settings, present: Present) -> Calibration:
 
 
 def compensation_of(settings: Settings) -> LiveCompensation | None:
-    """The rotor-angle compensation that a configuration asks for.
+    """The rotor-angle compensation that a configuration requests.
 
     Raises Refused if the file was changed or says nothing of I, T and azimuth, InputError if it cannot be read.
     """
@@ -146,17 +148,17 @@ def compensation_of(settings: Settings) -> LiveCompensation | None:
     return LiveCompensation(Compensation.from_json(read_bytes(path), where=str(path)))
 
 
-def said(error: BaseException) -> str:
+def error_text(error: BaseException) -> str:
     """An error in one line: as it was made for the user's eyes, else with its kind."""
     if isinstance(error, HighsideError):
         return str(error)
     return f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
 
 
-def _calibration(settings: Settings, present: Present, running: Calibration | None = None) -> Calibration:
+def _calibration(settings: Settings, present: Present, running: CalibrationInForce | None = None) -> CalibrationInForce:
     record = _record_of(settings)
     if record is None:
-        return Calibration(_uncalibrated(settings))
+        return CalibrationInForce(_uncalibrated(settings))
     tool, trusted = settings.tool, _trusted_keys(settings)
     # one that may have expired is better than none, but does not replace another
     replaces = running is not None and running.record is not None and running.record.id != record.id
@@ -164,8 +166,10 @@ def _calibration(settings: Settings, present: Present, running: Calibration | No
     verify(record, tool_id=tool.id, serial=tool.serial, now_s=now_s, trusted=trusted)
     age_unknown = record.expires_s is not None and not present.known
     if age_unknown:
-        log.warning("whether calibration %s has expired cannot be told: the clock is not synchronised", record.id[:12])
-    return Calibration(correction_from_record(record), record, age_unknown=age_unknown)
+        log.warning(
+            "whether calibration %s has expired cannot be determined: the clock is not synchronised", record.id[:12]
+        )
+    return CalibrationInForce(correction_from_record(record), record, age_unknown=age_unknown)
 
 
 def _record_of(settings: Settings) -> CalibrationRecord | None:
@@ -182,7 +186,7 @@ def _trusted_keys(settings: Settings) -> TrustedKeys | None:
     return None if path is None else read_trusted_keys(path)
 
 
-def _may_stay(running: Calibration, settings: Settings) -> bool:
+def _may_stay(running: CalibrationInForce, settings: Settings) -> bool:
     """Whether the calibration in force goes on although the configured one is refused.
 
     It may have expired meanwhile: it is still better than none. What cannot be read has taken nothing back.

@@ -4,7 +4,7 @@ A full collection looks at every container of the process. What the start has ma
 configuration) are 70,000 of them, none of which will ever be garbage: such a look held the event loop for 45 to 90 ms,
 and was the longest stall of all. Only what is made later is looked at.
 
-Of threads that compute, each keeps the interpreter for 5 ms by default, and the loop asks for it anew after every wait:
+Of threads that compute, each keeps the interpreter for 5 ms by default, and the loop requests it anew after every wait:
 beside a thread that reads a CAN adapter it was held for tens of milliseconds.
 """
 

@@ -1,9 +1,9 @@
 """What day is it, as far as that is known? For what expires: a calibration must not end, or live on, by a wrong clock.
 
-A wall clock is believed where the kernel says that it follows a reference. The last moment at which it did is kept in
+A wall clock is accepted where the kernel says that it follows a reference. The last moment at which it did is kept in
 memory and in the state directory; within the same boot of the host the boot clock goes on from there, whatever the wall
 clock is set to, and through a restart of the service. After another boot that moment is only the earliest that it can
-be now. A reference that contradicts the moment kept is believed when it has stood for an hour.
+be now. A reference that contradicts the moment kept is accepted when it has stood for an hour.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Present:
     """The time now."""
 
     wall_s: float
-    """the best that can be said"""
+    """the best that is known"""
     known: bool
     """whether it rests on a synchronised clock"""
     surely_s: float
@@ -114,7 +114,7 @@ class KnownTime:
             return True
         if self._contradicted_since_boot_s is None:
             self._contradicted_since_boot_s = now.boot_s
-            log.warning("the wall clock is synchronised, but %.0f s off what is known: not believed yet", ahead_s)
+            log.warning("the wall clock is synchronised, but %.0f s off what is known: not used yet", ahead_s)
         if now.boot_s - self._contradicted_since_boot_s < BELIEVED_AFTER_S:
             return False
         self._contradicted_since_boot_s = None

@@ -2,7 +2,7 @@
 
 The models are the contract (`highside schema` prints their JSON Schemas); what writes the frequent ones is made from
 their fields (`payload.py`). JSON knows no NaN: what is not known is `null`. A field that says nothing else is written
-from the attribute of its name of the pipeline's `Attitude`.
+from the attribute of its name of the pipeline's `AttitudeOutput`.
 
 `historical` is always the last member of a stored payload, so that a message that could not be sent in time is marked
 by exchanging its last bytes.
@@ -17,11 +17,12 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, model_validator
 
 from highside.reading import parse_json
 from highside.service.alarms import ALARMS
+from highside.service.outbox_memory import Count, OutboxStats
 from highside.service.payload import Written, writer
-from highside.service.saved_drift import Alignment
+from highside.service.saved_drift import HeadingAlignment
 
 if TYPE_CHECKING:
-    from highside.service.outputs import Attitude, Survey
+    from highside.service.outputs import AttitudeOutput, Survey
 
 ONLINE = b"online"
 OFFLINE = b"offline"
@@ -33,7 +34,6 @@ _FRESH_END = b'"historical":false}'
 _HISTORICAL_END = b'"historical":true}'
 
 ANGLE, TIME = Written(angle=True), Written(finite=True)
-Count = Annotated[int, Field(ge=0)]
 AzimuthSource = Literal[
     "constraint", "zero_rate", "rotation", "nothing", "unaligned", "vertical", "no_gyros", "gyro_units"
 ]
@@ -63,10 +63,10 @@ class _Reading(_Payload):
     )
     tf_std_deg: float | None = Field(ge=0, description="Standard deviation of `tf_deg`; null: unknown.")
     toolface_deg: Annotated[float | None, ANGLE] = Field(
-        ge=0, le=360, description="Toolface of the bend: `tf_deg` plus the offset."
+        ge=0, le=360, description="Toolface of the motor's bend: `tf_deg` plus the offset."
     )
     toolface_offset_deg: Annotated[float, ANGLE] = Field(
-        ge=0, le=360, description="From the sensor's scribe line to the bend."
+        ge=0, le=360, description="From the sensor's scribe line to the motor's bend."
     )
     azi_deg: Annotated[float | None, Written(of="azimuth", angle=True)] = Field(
         default=None,
@@ -82,7 +82,7 @@ class _Reading(_Payload):
         default=None,
         description="What the azimuth rests on: zero_rate (gyros measured while the tool stood), rotation (the turning"
         " tool showed their biases), constraint (asserted not to change), nothing (gyros integrated as they are); or"
-        " why there is none: unaligned (no azimuth was told, or it was lost), vertical, no_gyros (they fell silent),"
+        " why there is none: unaligned (no azimuth was given, or it was lost), vertical, no_gyros (they fell silent),"
         " gyro_units (they are not in deg/s).",
     )
     g_total: Annotated[float | None, Written(8)] = Field(
@@ -147,27 +147,6 @@ class LatestMessage(_Payload):
     temp_c: float | None
 
 
-class OutboxHealth(_Payload):
-    """`produced == acknowledged + queued + sum(dropped)`."""
-
-    produced: Count
-    carried: Count
-    committed: Count
-    acknowledged: Count
-    queued: Count
-    queued_bytes: int
-    dropped: dict[str, Count]
-    storage_ok: bool
-    storage_errors: Count
-    storage_error: str
-    corrupt_files: Count
-    resumed_at: dict[str, Count] = Field(
-        default_factory=dict,
-        description="By topic, where the last run was killed: the first `seq` of this one. Up to 200 numbers before it"
-        " were reserved and belong to no message.",
-    )
-
-
 class BrokerHealth(_Payload):
     """The connection to the broker."""
 
@@ -198,7 +177,7 @@ class HealthMessage(_Payload):
     link: dict[str, Any] = Field(description="State of the link and how often it was opened and lost.")
     codec: dict[str, Count] = Field(description="Where the bytes went: bytes_in = framed + bad + text + junk.")
     monitor: dict[str, Any] = Field(description="Gaps, duplicates, range, stuck axes.")
-    outbox: OutboxHealth
+    outbox: OutboxStats
     broker: BrokerHealth
     recorder: dict[str, Any] | None = Field(default=None, description="Bytes written and dropped; null: not recording.")
     loop: dict[str, float] = Field(default_factory=dict, description="Stalls of the event loop.")
@@ -224,7 +203,7 @@ class HealthMessage(_Payload):
     )
     starts: dict[str, Any] = Field(
         default_factory=dict,
-        description="How often the service ended within the last minutes without being asked to, and the `last` cause.",
+        description="How often the service ended within the last minutes without a request, and the `last` cause.",
     )
     damaged: list[dict[str, str | None]] = Field(
         default_factory=list,
@@ -265,12 +244,12 @@ class DriftMessage(_Payload):
     )
     azi_std_deg: float | None
     azi_basis: list[AzimuthSource]
-    alignment: Alignment | None = Field(description="When and how the azimuth was told; null: it was not.")
+    alignment: HeadingAlignment | None = Field(description="When and how the azimuth was given; null: it was not.")
     connection: bool = Field(description="Whether the tool is declared to stand.")
     bias_dph: list[float] | None = Field(description="Gyro biases, tool frame, deg/h.")
     bias_std_dph: list[float] | None
     scale_ppm: float | None = Field(description="Scale error of the gyro along the tool axis.")
-    refused: dict[str, Count] = Field(description="Seconds in which a measurement was not believed, by kind.")
+    refused: dict[str, Count] = Field(description="Seconds in which a measurement was rejected, by kind.")
     literal: LiteralAzimuth | None
     recursive: RecursiveAzimuth | None = Field(default=None, description="With the method recursive.")
     restored: str | None = Field(description="What was taken up from before the last restart or gap; null: nothing.")
@@ -348,7 +327,7 @@ def schemas() -> dict[str, Any]:
 
 _COMMON = ("seq", "t", "t_mono", "clock_synced")
 
-attitude_payload: Callable[[int, float, float, bool, Attitude], bytes] = writer(
+attitude_payload: Callable[[int, float, float, bool, AttitudeOutput], bytes] = writer(
     AttitudeMessage, (*_COMMON, "attitude"), "attitude", {"azimuth": "attitude.azimuth"}
 )
 """An `AttitudeMessage` as JSON, of `seq`, `t` (UTC epoch seconds), `t_mono` (monotonic seconds), `clock_synced`."""

@@ -11,7 +11,7 @@ less than one commit interval, and the commit in progress, before the end. That 
 before sending; what was acknowledged is safe with the broker, what was older is in the file. A message that the broker
 had, and whose deletion was not committed, is sent again: with the same number and content.
 
-**Sequence numbers.** `next_seq` counts per topic and goes on after a restart. No number is ever seen with two contents:
+**Sequence numbers.** `next_seq` counts per topic and goes on after a restart. No number is ever used with two contents:
 numbers are reserved on disk in blocks (`sequence`), the sender is given only messages whose number is reserved, and
 after a crash the numbering goes on behind the reservation. So a crash leaves a hole of up to 200 numbers; an orderly
 end leaves none. The one exception is a disk that refuses even to overwrite the reservation (read-only, I/O error; not a
@@ -21,9 +21,9 @@ again may let numbers be used again.
 **Two streams.** After an outage there are old messages and new ones. Those younger than `historical_after_s` are
 *live* and are handed out in order, first of all; the older ones are *historical*, handed out in order where the live
 stream leaves room. So a backlog of a million rows does not delay what is measured now, each stream keeps its order,
-and the sequence number lets a consumer merge them. Age is told by the boot clock (see `clock`), so that a wall clock
-that is set neither ages nor renews anything; a message of an earlier boot is historical, and too old only if the wall
-clock was synchronised both times.
+and the sequence number lets a consumer merge them. Age is measured by the boot clock (see `clock`), so that a wall
+clock that is set neither ages nor renews anything; a message of an earlier boot is historical, and too old only if the
+wall clock was synchronised both times.
 
 **Accounts.** `produced == acknowledged + queued + dropped` at any time; `queued` is counted on its own (hand-over and
 file), not inferred. Caps on rows, bytes and age drop the oldest first, counted by reason. A file that is corrupt is set
@@ -41,23 +41,14 @@ from pathlib import Path
 
 from highside.errors import InputError
 from highside.service import clock
-from highside.service.outbox_file import BATCH_ROWS, MessageFile, age
+from highside.service.outbox_caps import LOST_FILE, beyond_caps
+from highside.service.outbox_file import BATCH_ROWS, MessageFile
 from highside.service.outbox_inspect import OutboxState, inspect
-from highside.service.outbox_log import Row
-from highside.service.outbox_memory import (
-    BACKLOG_CHUNK,
-    LIVE_IN_MEMORY,
-    LOST_FILE,
-    TOO_MANY_BYTES,
-    TOO_MANY_ROWS,
-    TOO_OLD,
-    Clocks,
-    OutboxMemory,
-    OutboxStats,
-)
+from highside.service.outbox_log import StoredMessage
+from highside.service.outbox_memory import BACKLOG_CHUNK, LIVE_IN_MEMORY, Clocks, OutboxMemory, OutboxStats
 from highside.service.sequence import BLOCK, SAFETY, SequenceFile
 
-__all__ = ["Outbox", "OutboxState", "OutboxStats", "Row", "inspect"]
+__all__ = ["Outbox", "OutboxState", "OutboxStats", "StoredMessage", "inspect"]
 
 log = logging.getLogger(__name__)
 RETRY_S = 0.5
@@ -157,7 +148,7 @@ class Outbox(OutboxMemory):
         try:
             done = self._cycle(stopping)
         except Exception as error:
-            # whatever it is: were this thread to end, nothing would be stored any more and nobody would be told
+            # whatever it is: were this thread to end, nothing would be stored any more and nobody would notice
             self._failed(error)
             self._notify()
             if stopping:
@@ -235,20 +226,20 @@ class Outbox(OutboxMemory):
 
     def _begin_numbers(self) -> None:
         """Where the numbering goes on. An older version kept it in the file of messages."""
-        said = self._numbers.open()
-        first_free = dict(said.first_free)
-        if not first_free or not said.sound:
+        saved = self._numbers.open()
+        first_free = dict(saved.first_free)
+        if not first_free or not saved.sound:
             self._file.open()
             for topic, last in self._file.last_numbers().items():
                 first_free[topic] = max(first_free.get(topic, 0), last + 1)
-        if not said.sound:
-            log.error("outbox: the file of sequence numbers is damaged; %d numbers are left out", SAFETY)
+        if not saved.sound:
+            log.error("outbox: the file of sequence numbers is damaged; %d numbers are omitted", SAFETY)
             first_free = {topic: number + SAFETY for topic, number in first_free.items()}
         with self._lock:
             for topic, number in first_free.items():
                 self._seq[topic] = max(self._seq.get(topic, -1), number - 1)
             self._reserved = dict(first_free)
-            if not said.orderly:
+            if not saved.orderly:
                 self._resumed_at = first_free
         self._sequence_read = True
 
@@ -311,24 +302,14 @@ class Outbox(OutboxMemory):
             rows_over = self._rows_in_file - self._max_rows
             bytes_over = self._bytes_in_file - self._max_bytes
             spare = self._in_flight.keys() | self._gone.keys()
-        victims: list[tuple[Row, str]] = []
-        for row in self._file.oldest(max(rows_over, 0) + len(spare) + BATCH_ROWS):
-            if row.id in spare:
-                continue
-            old = age(row, now)
-            if old is not None and old > self._max_age_s:
-                reason = TOO_OLD
-            elif rows_over > 0:
-                reason = TOO_MANY_ROWS
-            elif bytes_over > 0:
-                reason = TOO_MANY_BYTES
-            elif old is None:
-                continue
-            else:
-                break
-            victims.append((row, reason))
-            rows_over -= 1
-            bytes_over -= row.size
+        candidates = self._file.oldest(max(rows_over, 0) + len(spare) + BATCH_ROWS)
+        victims = beyond_caps(
+            (row for row in candidates if row.id not in spare),
+            now,
+            max_age_s=self._max_age_s,
+            rows_over=rows_over,
+            bytes_over=bytes_over,
+        )
         if not victims:
             return
         with self._lock:
@@ -354,7 +335,7 @@ class Outbox(OutboxMemory):
                 self._dropped[LOST_FILE] += 1
             if not self._rows_in_file:
                 self._bytes_in_file = 0
-        log.error("outbox: %d stored messages were damaged and are left out", len(found))
+        log.error("outbox: %d stored messages were damaged and are omitted", len(found))
 
     # -- filling the sender's queues -------------------------------------------------------------------------------
 
@@ -383,7 +364,7 @@ class Outbox(OutboxMemory):
 
     def _find_live(self) -> None:
         now = self._clocks()
-        rows: list[Row] = []
+        rows: list[StoredMessage] = []
         for row in self._file.youngest(LIVE_IN_MEMORY):
             if not self._is_live(row, now):
                 break

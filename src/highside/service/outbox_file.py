@@ -27,7 +27,7 @@ from pathlib import Path
 
 from highside.errors import InputError
 from highside.service import clock
-from highside.service.outbox_log import BOOT_ID_LETTERS, CommitLog, LogFull, Row, read_log
+from highside.service.outbox_log import BOOT_ID_LETTERS, CommitLog, LogFull, StoredMessage, read_log
 from highside.service.sequence import sync_directory
 
 log = logging.getLogger(__name__)
@@ -43,7 +43,7 @@ BATCH_ROWS = 2_000
 COLUMNS = "id, topic, seq, created_s, qos, payload, boot, boot_s, synced, checksum"
 
 
-class Damaged(sqlite3.DatabaseError):
+class DamagedDatabase(sqlite3.DatabaseError):
     """The file has to be set aside."""
 
 
@@ -56,7 +56,7 @@ class MessageFile:
         self._lock = -1
         self._check = True
         self._log = CommitLog(log_path(path))
-        self._tail: dict[int, Row] | None = None
+        self._tail: dict[int, StoredMessage] | None = None
         """what is in the log; None before it was read"""
         self._log_ready = False
         """whether the log may be appended to: not before what an earlier process left in it, or what a refused write
@@ -149,8 +149,8 @@ class MessageFile:
 
     # -- rows ------------------------------------------------------------------------------------------------------
 
-    def change(self, batch: Sequence[Row], gone: Sequence[int]) -> None:
-        """Store rows and delete others. After a fault some of it may be done; it can be asked for again."""
+    def change(self, batch: Sequence[StoredMessage], gone: Sequence[int]) -> None:
+        """Store rows and delete others. After a fault some of it may be done; it can be requested again."""
         tail = self._rows_in_log
         left = [row_id for row_id in gone if row_id not in tail]
         large = sum(row.size for row in batch) > LARGE_COMMIT
@@ -177,7 +177,7 @@ class MessageFile:
         if not tail:
             self._begin_log()
 
-    def _move(self, batch: Sequence[Row], gone: Sequence[int]) -> None:
+    def _move(self, batch: Sequence[StoredMessage], gone: Sequence[int]) -> None:
         """Everything into SQLite; the log begins anew."""
         db, tail = self._database(), self._rows_in_log
         rows = [row for row in tail.values() if row.id not in set(gone)] if gone else list(tail.values())
@@ -191,7 +191,9 @@ class MessageFile:
         tail.clear()
         self._begin_log()
 
-    def _in_one_transaction(self, batch: Sequence[Row], gone: Sequence[int], moved: int | None = None) -> None:
+    def _in_one_transaction(
+        self, batch: Sequence[StoredMessage], gone: Sequence[int], moved: int | None = None
+    ) -> None:
         db = self._database()
         db.execute("BEGIN IMMEDIATE")
         try:
@@ -207,18 +209,18 @@ class MessageFile:
             raise
 
     @property
-    def _rows_in_log(self) -> dict[int, Row]:
+    def _rows_in_log(self) -> dict[int, StoredMessage]:
         assert self._tail is not None
         return self._tail
 
-    def oldest(self, limit: int) -> Iterator[Row]:
+    def oldest(self, limit: int) -> Iterator[StoredMessage]:
         return islice(chain(self._select("ORDER BY id LIMIT ?", (limit,)), self._rows_in_log.values()), limit)
 
-    def youngest(self, limit: int) -> Iterator[Row]:
+    def youngest(self, limit: int) -> Iterator[StoredMessage]:
         stored = self._select("ORDER BY id DESC LIMIT ?", (limit,))
         return islice(chain(reversed(self._rows_in_log.values()), stored), limit)
 
-    def between(self, after: int, before: int, limit: int) -> list[Row]:
+    def between(self, after: int, before: int, limit: int) -> list[StoredMessage]:
         """Rows with `after < id < before`, in order."""
         rows = list(self._select("WHERE id > ? AND id < ? ORDER BY id LIMIT ?", (after, before, limit)))
         if len(rows) < limit and self._rows_in_log:
@@ -226,7 +228,7 @@ class MessageFile:
             rows.extend(islice(late, limit - len(rows)))
         return rows
 
-    def larger_than(self, size: int) -> list[Row]:
+    def larger_than(self, size: int) -> list[StoredMessage]:
         """Rows that alone have more bytes."""
         stored = self._select("WHERE length(payload) + length(topic) > ? ORDER BY id", (size,))
         return [*stored, *(row for row in self._rows_in_log.values() if row.size > size)]
@@ -259,11 +261,7 @@ class MessageFile:
             found[row.topic] = max(found.get(row.topic, -1), row.seq)
         return found
 
-    def old_numbers(self) -> dict[str, int]:
-        """What an older version of this program, which had no file of numbers, wrote down."""
-        return _old_numbers_dict(self._database())
-
-    def _select(self, clause: str, values: tuple[int, ...]) -> Iterator[Row]:
+    def _select(self, clause: str, values: tuple[int, ...]) -> Iterator[StoredMessage]:
         # `clause` is a constant of this module
         for found in self._database().execute(f"SELECT {COLUMNS} FROM outbox {clause}", values):
             row = stored_row(found)
@@ -288,13 +286,13 @@ class MessageFile:
             if self._check and self._path.stat().st_size <= CHECKED_BYTES:
                 found = db.execute("PRAGMA quick_check(1)").fetchone()[0]
                 if found != "ok":
-                    raise Damaged(found)
+                    raise DamagedDatabase(found)
             self._bring_up_to_date(db)
             try:
                 db.execute(f"SELECT {COLUMNS} FROM outbox LIMIT 1").fetchone()
             except sqlite3.OperationalError as error:
                 # a table of another layout fails here, not in the middle of a commit
-                raise (Damaged(str(error)) if "column" in str(error) else error) from error
+                raise (DamagedDatabase(str(error)) if "column" in str(error) else error) from error
             if new:
                 sync_directory(self._path.parent)
         except BaseException:
@@ -309,7 +307,7 @@ class MessageFile:
         if version == SCHEMA_VERSION:
             return
         if version not in (0, 1):
-            raise Damaged(f"schema version {version}, this program writes {SCHEMA_VERSION}")
+            raise DamagedDatabase(f"schema version {version}, this program writes {SCHEMA_VERSION}")
         db.execute("BEGIN IMMEDIATE")
         if version == 1:
             # the rows stay where they are; of their clock nothing is known
@@ -361,11 +359,11 @@ _LOG_TABLE = "CREATE TABLE IF NOT EXISTS log (only INTEGER PRIMARY KEY CHECK (on
 _INSERT = f"INSERT OR IGNORE INTO outbox ({COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
 
 
-def _values(row: Row) -> tuple[object, ...]:
+def _values(row: StoredMessage) -> tuple[object, ...]:
     return (*row[:8], int(row.synced), row.checksum)
 
 
-def stored_row(found: tuple[object, ...]) -> Row | None:
+def stored_row(found: tuple[object, ...]) -> StoredMessage | None:
     """A row as it was stored; None if it was damaged. Rows of an older version carry no checksum."""
     row_id, topic, seq, created_s, qos, payload, boot, boot_s, synced, checksum = found
     if not (
@@ -378,8 +376,8 @@ def stored_row(found: tuple[object, ...]) -> Row | None:
     ):
         return None
     if checksum is None:
-        return Row(row_id, topic, seq, created_s, qos, payload, "", 0.0, False)
-    row = Row(row_id, topic, seq, created_s, qos, payload, str(boot), _real(boot_s), bool(synced))
+        return StoredMessage(row_id, topic, seq, created_s, qos, payload, "", 0.0, False)
+    row = StoredMessage(row_id, topic, seq, created_s, qos, payload, str(boot), _real(boot_s), bool(synced))
     return row if row.checksum == checksum else None
 
 
@@ -410,14 +408,14 @@ def _old_numbers_dict(db: sqlite3.Connection) -> dict[str, int]:
     return dict(_old_numbers(db))
 
 
-def _salvage(path: Path) -> Iterator[list[Row]]:
+def _salvage(path: Path) -> Iterator[list[StoredMessage]]:
     """Whole rows of a damaged file, in batches: from its beginning up to the damage, then from its end down to it."""
     with contextlib.closing(sqlite3.connect(path, timeout=0.1)) as db:
         last = 0
         for order in ("ASC", "DESC"):
-            batch: list[Row] = []
+            batch: list[StoredMessage] = []
             try:
-                # a row without a checksum cannot be told from a damaged one
+                # a row without a checksum cannot be distinguished from a damaged one
                 query = f"SELECT {COLUMNS} FROM outbox WHERE id > {last:d} ORDER BY id {order}"
                 for found in db.execute(query):
                     row = stored_row(found)
@@ -437,6 +435,6 @@ def _salvage(path: Path) -> Iterator[list[Row]]:
             yield batch
 
 
-def age(row: Row, now: clock.Moment) -> float | None:
+def age(row: StoredMessage, now: clock.Moment) -> float | None:
     """Seconds since a message was made; None where no clock can tell."""
     return clock.age_s(row, now._replace(boot_id=now.boot_id[:BOOT_ID_LETTERS]))

@@ -41,7 +41,7 @@ _KIND_ROW, _KIND_GONE = 1, 2
 _GONE = Struct("<q")
 
 
-class Row(NamedTuple):
+class StoredMessage(NamedTuple):
     """One message; `id` grows in the order of `put`."""
 
     id: int
@@ -55,7 +55,7 @@ class Row(NamedTuple):
     boot_s: float
     """when it was made by the boot clock, which tells its age within that boot"""
     synced: bool
-    """whether `created_s` can be believed"""
+    """whether `created_s` can be trusted"""
     put_mono: float = 0.0
     """when it was put, monotonic; not in the file"""
 
@@ -95,7 +95,7 @@ class CommitLog:
                 sync_directory(self._path.parent)
         self._at, self.generation = 0, generation
 
-    def append(self, rows: Iterable[Row], gone: Iterable[int]) -> None:
+    def append(self, rows: Iterable[StoredMessage], gone: Iterable[int]) -> None:
         """Returns when it would survive a loss of power. Raises LogFull, with nothing written."""
         first = at = self._at
         pieces: list[bytes] = []
@@ -138,7 +138,7 @@ class CommitLog:
             self._descriptor = -1
 
 
-def read_log(path: Path) -> tuple[int, dict[int, Row]]:
+def read_log(path: Path) -> tuple[int, dict[int, StoredMessage]]:
     """The newest generation in a log and the rows in it that are not gone, by id; 0 and none where there is no log.
 
     Raises OSError.
@@ -150,7 +150,7 @@ def read_log(path: Path) -> tuple[int, dict[int, Row]]:
             content = file.read(LOG_BYTES)
     except FileNotFoundError:
         return 0, {}
-    generations: dict[int, dict[int, Row]] = {}
+    generations: dict[int, dict[int, StoredMessage]] = {}
     gone: dict[int, set[int]] = {}
     for generation, kind, body in _records(content):
         rows = generations.setdefault(generation, {})
@@ -183,17 +183,17 @@ def _record(generation: int, kind: int, body: bytes) -> bytes:
     return crc32(rest).to_bytes(4, "little") + rest
 
 
-def _body(row: Row) -> bytes:
+def _body(row: StoredMessage) -> bytes:
     topic, boot_id = row.topic.encode(), row.boot_id.encode()
     head = _ROW.pack(row.id, row.seq, row.created_s, row.boot_s, row.qos, row.synced, len(topic), len(boot_id))
     return head + topic + boot_id + row.payload
 
 
-def _parse(body: bytes) -> Row | None:
+def _parse(body: bytes) -> StoredMessage | None:
     try:
         row_id, seq, created_s, boot_s, qos, synced, topic_size, boot_size = _ROW.unpack_from(body)
         at = _ROW.size + topic_size
         topic, boot_id = body[_ROW.size : at].decode(), body[at : at + boot_size].decode()
     except (error, UnicodeDecodeError):
         return None
-    return Row(row_id, topic, seq, created_s, qos, body[at + boot_size :], boot_id, boot_s, bool(synced))
+    return StoredMessage(row_id, topic, seq, created_s, qos, body[at + boot_size :], boot_id, boot_s, bool(synced))

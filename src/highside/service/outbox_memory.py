@@ -14,11 +14,14 @@ import time
 from collections import Counter, OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Annotated, ClassVar, Protocol
+
+from pydantic import ConfigDict, Field
 
 from highside.service import clock
+from highside.service.outbox_caps import NO_ROOM_IN_MEMORY, TOO_LARGE
 from highside.service.outbox_file import age
-from highside.service.outbox_log import BOOT_ID_LETTERS, Row
+from highside.service.outbox_log import BOOT_ID_LETTERS, StoredMessage
 from highside.service.quiet_log import QuietLog
 from highside.service.sequence import BLOCK
 
@@ -28,13 +31,7 @@ LIVE_IN_MEMORY = 5_000
 """Live rows kept in memory for the sender; the oldest beyond that become historical."""
 BACKLOG_CHUNK = 2_000
 
-NO_ROOM_IN_MEMORY = "memory"
-TOO_MANY_ROWS = "max_rows"
-TOO_MANY_BYTES = "max_bytes"
-TOO_OLD = "max_age"
-TOO_LARGE = "too_large"
-"""The message alone is larger than `max_bytes`: were it kept, all older ones would go for it."""
-LOST_FILE = "corrupt"
+Count = Annotated[int, Field(ge=0)]
 
 
 class Clocks(Protocol):
@@ -45,30 +42,38 @@ class Clocks(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class OutboxStats:
-    """A consistent picture: `produced == acknowledged + queued + sum(dropped.values())`."""
+    """`produced == acknowledged + queued + sum(dropped)`. Also the member `outbox` of the health message."""
 
-    produced: int
-    """taken over from earlier runs (`carried`) and put in this one"""
-    carried: int
-    committed: int
-    """written to the file, because the broker did not have them in time"""
-    acknowledged: int
-    queued: int
+    __pydantic_config__: ClassVar = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    produced: Annotated[Count, Field(description="Taken over from earlier runs (`carried`) and put in this one.")]
+    carried: Count
+    committed: Annotated[Count, Field(description="Written to the file, because the broker did not have them in time.")]
+    acknowledged: Count
+    queued: Count
     queued_bytes: int
-    dropped: dict[str, int] = field(default_factory=dict)
+    dropped: dict[str, Count] = field(default_factory=dict)
     storage_ok: bool = True
-    storage_errors: int = 0
+    storage_errors: Count = 0
     storage_error: str = ""
-    corrupt_files: int = 0
-    resumed_at: dict[str, int] = field(default_factory=dict)
-    """by topic, the first number of this run where the last one was killed: the hole before it is none of messages"""
+    corrupt_files: Count = 0
+    resumed_at: Annotated[
+        dict[str, Count],
+        Field(
+            description="By topic, where the last run was killed: the first `seq` of this one. Up to 200 numbers before"
+            " it were reserved and belong to no message."
+        ),
+    ] = field(default_factory=dict)
 
     def balanced(self) -> bool:
         return self.produced == self.acknowledged + self.queued + sum(self.dropped.values())
 
 
 class OutboxMemory:
-    """`put`, `next_seq`, `take` and `ack` never block and belong to one thread (the event loop's)."""
+    """`put`, `next_seq`, `take` and `ack` never block and belong to one thread (the event loop's).
+
+    `__init__` is long because it declares every account with its meaning, and nothing else.
+    """
 
     def __init__(
         self,
@@ -100,7 +105,7 @@ class OutboxMemory:
         """whether the disk takes reservations"""
         self._resumed_at: dict[str, int] = {}
         self._next_id = 1
-        self._handover: OrderedDict[int, Row] = OrderedDict()
+        self._handover: OrderedDict[int, StoredMessage] = OrderedDict()
         """put, and neither committed nor acknowledged"""
         self._committing: set[int] = set()
         """rows of the hand-over that may be in the file already: a commit of them is under way, or failed"""
@@ -111,14 +116,14 @@ class OutboxMemory:
         """acknowledged or dropped, still to be deleted from the file"""
         self._delivering = False
         self._rewind = False
-        self._live: deque[Row] = deque()
-        self._backlog: deque[Row] = deque()
+        self._live: deque[StoredMessage] = deque()
+        self._backlog: deque[StoredMessage] = deque()
         self._backlog_cursor = 0
         self._live_from = 0
         """rows with an id from here on belong to the live stream"""
         self._live_sent = -1
         """the youngest message that was handed out live since `begin_delivery`"""
-        self._in_flight: dict[int, Row] = {}
+        self._in_flight: dict[int, StoredMessage] = {}
         self._produced = self._carried = self._committed = self._acknowledged = 0
         self._dropped: Counter[str] = Counter()
         self._storage_ok = True
@@ -157,7 +162,9 @@ class OutboxMemory:
         boot_id = now.boot_id[:BOOT_ID_LETTERS]
         with self._lock:
             seq = self._seq.get(topic, -1)
-            row = Row(self._next_id, topic, seq, made_s, qos, payload, boot_id, now.boot_s - age_s, synced, mono)
+            row = StoredMessage(
+                self._next_id, topic, seq, made_s, qos, payload, boot_id, now.boot_s - age_s, synced, mono
+            )
             self._produced += 1
             if row.size > self._max_bytes:
                 self._refuse_large(row)
@@ -178,7 +185,7 @@ class OutboxMemory:
         if on_put is not None:
             on_put()
 
-    def _refuse_large(self, row: Row) -> None:
+    def _refuse_large(self, row: StoredMessage) -> None:
         self._dropped[TOO_LARGE] += 1
         text = "outbox: a message of %d bytes on %s is dropped: it is larger than mqtt.outbox.max_bytes (%d)"
         self._quiet.say(logging.ERROR, TOO_LARGE, text, row.size, row.topic, self._max_bytes)
@@ -264,10 +271,10 @@ class OutboxMemory:
         self._rewind = False
         self._live_sent = -1
 
-    def take(self, *, backlog: bool = True) -> tuple[Row, bool] | None:
+    def take(self, *, backlog: bool = True) -> tuple[StoredMessage, bool] | None:
         """The next message to send and whether it is historical; None if there is none now.
 
-        `backlog=False` asks for the live stream alone. Each message is handed out once until `begin_delivery`.
+        `backlog=False` requests the live stream alone. Each message is handed out once until `begin_delivery`.
         """
         with self._lock:
             if not self._delivering or self._rewind:
@@ -284,7 +291,7 @@ class OutboxMemory:
                     self._live_sent = max(self._live_sent, row.id)
             return taken
 
-    def _take_live(self) -> tuple[Row, bool] | None:
+    def _take_live(self) -> tuple[StoredMessage, bool] | None:
         if not self._live and self._storage_ok:
             return None
         now = self._clocks(synced=False)
@@ -305,7 +312,7 @@ class OutboxMemory:
                     return row, row.id < self._live_sent or not self._is_live(row, now)
         return None
 
-    def _is_live(self, row: Row, now: clock.Moment) -> bool:
+    def _is_live(self, row: StoredMessage, now: clock.Moment) -> bool:
         old = age(row, now)
         return old is not None and old <= self._historical_after_s
 
@@ -329,7 +336,7 @@ class OutboxMemory:
             self._dropped[reason] += 1
             self._forget(row)
 
-    def _forget(self, row: Row) -> None:
+    def _forget(self, row: StoredMessage) -> None:
         if self._handover.pop(row.id, None) is not None:
             self._bytes_in_memory -= row.size
             if row.id in self._committing:
@@ -350,7 +357,7 @@ class OutboxMemory:
             with contextlib.suppress(RuntimeError):
                 on_ready()
 
-    def _set_live(self, stored: list[Row]) -> None:
+    def _set_live(self, stored: list[StoredMessage]) -> None:
         """The live stream: what is young in the file, and what is not there yet."""
         spare = self._gone.keys() | self._in_flight.keys()
         # after a disk that refused the file is looked at again: what is older than what went out live is history

@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 
 from highside.service.drift_stage import Azimuth
-from highside.service.rig.surveys import Verdict
+from highside.service.rig.surveys import SurveyVerdict
 
 
 @dataclass(frozen=True, slots=True)
-class Attitude:
+class AttitudeOutput:
     """One output of the pipeline; angles in degrees, accelerations in g, times in seconds."""
 
     t_device_s: float
@@ -21,7 +21,7 @@ class Attitude:
     tf_deg: float
     tf_std_deg: float
     toolface_deg: float
-    """of the bend: that of the sensor and the offset, in [0, 360)"""
+    """of the motor's bend: that of the sensor and the offset, in [0, 360)"""
     toolface_offset_deg: float
     g_total: float
     g_total_std: float
@@ -44,8 +44,8 @@ class Attitude:
 class Survey:
     """The average over a time without motion."""
 
-    attitude: Attitude
+    attitude: AttitudeOutput
     duration_s: float
     g_std: float
     """standard deviation of one reading, root mean square over the axes"""
-    verdict: Verdict
+    verdict: SurveyVerdict

@@ -17,8 +17,9 @@ from highside.config.settings import Settings
 from highside.link.base import Batch, LinkReason, LinkState, LinkSupervisor, Transport
 from highside.link.opened import OpenedTransport
 from highside.service.drift_keeper import DriftParts
-from highside.service.in_force import Calibration, Rotation
-from highside.service.outputs import Attitude, Survey
+from highside.service.guarded_codec import GuardedCodec
+from highside.service.in_force import CalibrationInForce, CompensationInForce
+from highside.service.outputs import AttitudeOutput, Survey
 from highside.service.pipeline import Pipeline
 from highside.service.places import ToolLock
 from highside.service.publisher import Publisher
@@ -50,12 +51,12 @@ class Tap:
 
 
 @dataclass(frozen=True, slots=True)
-class Parts:
+class ServiceParts:
     """Everything that follows from the configuration and can be replaced while the service runs."""
 
     settings: Settings
-    calibration: Calibration
-    rotation: Rotation
+    calibration: CalibrationInForce
+    rotation: CompensationInForce
     pipeline: Pipeline
     publisher: Publisher
     tap: Tap
@@ -87,16 +88,16 @@ def make_supervisor(link: LinkConfig, tap: Tap, opened: OpenedTransport | None) 
 def make_pipeline(
     settings: Settings,
     codec: ByteCodec | CanCodec,
-    calibration: Calibration,
-    rotation: Rotation,
+    calibration: CalibrationInForce,
+    rotation: CompensationInForce,
     drift: DriftParts,
     *,
-    emit: Callable[[Attitude | Survey], None],
+    emit: Callable[[AttitudeOutput | Survey], None],
     offset: ToolfaceOffset | None,
 ) -> Pipeline:
     """A pipeline whose counts begin anew; `offset` is that of the toolface, if one was set."""
     pipeline = Pipeline(
-        codec=codec,
+        codec=GuardedCodec(codec, settings.codec.name),
         tool=settings.tool,
         pipeline=settings.pipeline,
         monitor=settings.monitor,

@@ -2,7 +2,7 @@
 
 The model is the one truth: the function is made from its fields when the module is imported, as one f-string over the
 members in their order. An attitude takes 8 us that way, as by an f-string written by hand, and 17 us where the model is
-filled and asked for its JSON. JSON knows no NaN: what is not finite is `null`.
+filled and serialised. JSON knows no NaN: what is not finite is `null`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Written:
     `digits` after the point; `angle`: in [0, 360), which rounding must not make 360 of; `of`: the object that has an
     attribute of this name (another than the writer's own); `as_`: the attribute, if it is not called like the field.
     `finite`: always known and finite (a time), so not looked at. Where the object `of` is None, or with `or_absent` the
-    value itself, the member is left out.
+    value itself, the member is omitted.
     """
 
     digits: int = 6
@@ -51,7 +51,7 @@ def writer(
     if last != LAST:
         raise ValueError(f"{model.__name__}: the last field must be {LAST}, not {last}")
     pieces: list[tuple[str, str]] = []
-    """(the object without which the piece is left out, its text)"""
+    """(the object without which the piece is omitted, its text)"""
     optional: dict[str, str] = {}
     for name in names:
         field = model.model_fields[name]

@@ -13,11 +13,11 @@ from __future__ import annotations
 import copy
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from highside.attitude.scalar import attitude_with_std
 from highside.calibration.correction import Corrected, Correction
-from highside.calibration.rebalance import Rebalancer
+from highside.calibration.rolling_bias import RollingBias
 from highside.codec.frame import ByteCodec, CanCodec, Frame
 from highside.config.rig import ToolfaceSettings, VibrationSettings
 from highside.config.settings import (
@@ -32,11 +32,18 @@ from highside.link.base import Batch, Chunk
 from highside.rotation.live import ROTOR_UNKNOWN, LiveCompensation, RotorError, mean_error
 from highside.service.drift_stage import Azimuth, DriftStage
 from highside.service.monitor import Monitor
-from highside.service.outputs import Attitude, Survey
+from highside.service.outputs import AttitudeOutput, Survey
 from highside.service.rig.shock import ShockMeter
 from highside.service.rig.surveys import Gravity, judge
-from highside.service.stillness import Cut, Stillness
-from highside.service.window import REBALANCE_BLOCK_S, Block, NoiseEstimate, Row, Window, window_statistics
+from highside.service.stillness import Cut, StillnessDetector
+from highside.service.window import (
+    REBALANCE_BLOCK_S,
+    NoiseEstimate,
+    ReadingBlock,
+    WindowReading,
+    WindowStatistics,
+    window_statistics,
+)
 
 HELD_FRAMES = 32
 """Frames that are decoded at once and processed together, when one of them completes an output: ten frames in one go
@@ -62,7 +69,7 @@ class Pipeline:
         survey: SurveySettings,
         correction: Correction,
         rebalance: RebalanceTable,
-        emit: Callable[[Attitude | Survey], None],
+        emit: Callable[[AttitudeOutput | Survey], None],
         vibration: VibrationSettings | None = None,
         toolface: ToolfaceSettings | None = None,
         drift: DriftStage | None = None,
@@ -74,8 +81,8 @@ class Pipeline:
         """the azimuth, for tools with gyros"""
         self._correction = correction
         self._rebalance = rebalance
-        self.rebalancer = Rebalancer(rebalance.build())
-        self._block = Block()
+        self.rebalancer = RollingBias(rebalance)
+        self._block = ReadingBlock()
         self._gyro_rotor: tuple[float | None, float | None] = (None, None)
         """rotor angle and rate (deg, deg/s) at the reading that the azimuth refers to"""
         self.monitor = Monitor(
@@ -98,13 +105,18 @@ class Pipeline:
         self._settings = pipeline
         self._survey_settings = survey
         self._noise = NoiseEstimate(tool.noise_g)
-        self._stillness = Stillness(survey)
-        self._window: deque[Row] = deque()
+        self._stillness = StillnessDetector(survey)
+        self._window: deque[WindowReading] = deque()
         self._fresh = 0
         self._due: float | None = None
         self._last_t: float | None = None
         self._last_step = 0.0
         self._device_has_time = False
+
+    @property
+    def decoder_faults(self) -> int:
+        """How often the decoder has failed, as far as somebody counts it (`GuardedCodec`)."""
+        return getattr(self.codec, "faults", 0)
 
     @property
     def correction(self) -> Correction:
@@ -114,7 +126,7 @@ class Pipeline:
     @correction.setter
     def correction(self, correction: Correction) -> None:
         if correction.cal_id != self._correction.cal_id:
-            self.rebalancer = Rebalancer(self._rebalance.build())
+            self.rebalancer = RollingBias(self._rebalance)
         self._correction = correction
 
     @property
@@ -129,7 +141,7 @@ class Pipeline:
         if before != (None if rotation is None else rotation.id):
             self._window = deque(row._replace(rotor=None) for row in self._window)
             self._gyro_rotor = (None, None)
-            self._stillness = Stillness(self._survey_settings)
+            self._stillness = StillnessDetector(self._survey_settings)
 
     def successor(
         self,
@@ -155,7 +167,7 @@ class Pipeline:
         new.monitor.apply(range_g=settings.monitor.range_g, stuck_frames=settings.monitor.stuck_frames)
         if settings.rebalance != before.rebalance:
             new._rebalance = settings.rebalance
-            new.rebalancer, new._block = Rebalancer(settings.rebalance.build()), Block()
+            new.rebalancer, new._block = RollingBias(settings.rebalance), ReadingBlock()
         if settings.vibration != before.vibration:
             new.shock = ShockMeter(settings.vibration)
         new._toolface = settings.toolface
@@ -163,7 +175,7 @@ class Pipeline:
         if made_of != (before.tool, before.pipeline, before.survey):
             new._settings, new._survey_settings = settings.pipeline, settings.survey
             new._noise = NoiseEstimate(settings.tool.noise_g)
-            new._stillness = Stillness(settings.survey)
+            new._stillness = StillnessDetector(settings.survey)
             new._due = None
         new.correction = correction
         new.rotation = rotation
@@ -242,7 +254,7 @@ class Pipeline:
         while window and window[0].t < oldest:
             window.popleft()
         rotor = None if self._rotation is None else self._rotation.at(frame.rotor_deg, frame.rotor_rate_dps)
-        window.append(Row(t, a, frame.temp_c, rotor))
+        window.append(WindowReading(t, a, frame.temp_c, rotor))
         self._fresh += 1
         self._block.add(t, a, frame.temp_c)
         if self.drift is not None and frame.gx is not None and frame.gy is not None and frame.gz is not None:
@@ -267,8 +279,8 @@ class Pipeline:
             heading: float | None = 0.0
             if self._rotation is not None and self._rotation.corrects_heading:
                 self._gyro_rotor = frame.rotor_deg, frame.rotor_rate_dps
-                said = self._rotation.heading(*self._gyro_rotor, math.atan2(math.hypot(gx, gy), gz))
-                heading = None if ROTOR_UNKNOWN in said.flags else said.error_rad
+                error = self._rotation.heading(*self._gyro_rotor, math.atan2(math.hypot(gx, gy), gz))
+                heading = None if ROTOR_UNKNOWN in error.flags else error.error_rad
             self.drift.close(block.t, frame.t_mono, (gx, gy, gz), heading)
 
     def _begin_anew(self) -> None:
@@ -276,7 +288,7 @@ class Pipeline:
         self.rebalancer.reset()
         if self.drift is not None:
             self.drift.device_restarted()
-        self._block = Block()
+        self._block = ReadingBlock()
         self._window.clear()
         self._fresh = 0
         self._due = None
@@ -314,11 +326,11 @@ class Pipeline:
     def _in_force(self) -> Correction:
         return self.rebalancer.wrap(self._correction) if self._rebalance.apply else self._correction
 
-    def _watch_stillness(self, window: Window, fresh: list[Row], frame: Frame, t: float) -> None:
+    def _watch_stillness(self, window: WindowStatistics, fresh: list[WindowReading], frame: Frame, t: float) -> None:
         still, settings = self._stillness, self._survey_settings
         before = None if still.reported else still.cut()
         if max(self.shock.since_g) > settings.accept.shock_g:
-            # a jolt ends the average, whether or not the mean has moved
+            # a shock ends the average, whether or not the mean has moved
             still.forget()
             duration = 0.0
         else:
@@ -366,7 +378,7 @@ class Pipeline:
         temp: float | None,
         flags: list[str],
         rotor: RotorError | None,
-    ) -> Attitude:
+    ) -> AttitudeOutput:
         gx, gy, gz = corrected.gx, corrected.gy, corrected.gz
         g_total = math.sqrt(gx * gx + gy * gy + gz * gz)
         g_total_std = math.nan
@@ -381,23 +393,19 @@ class Pipeline:
             inc, inc_std, tf, tf_std = result.inc_rad, result.inc_std_rad, result.tf_rad, result.tf_std_rad
             felt_inc = inc
             if self._rotation is not None:
-                inc, tf, own_inc, own_tf, said = self._rotation.apply(inc, tf, rotor)
+                inc, tf, own_inc, own_tf, doubts = self._rotation.apply(inc, tf, rotor)
                 inc_std, tf_std = math.hypot(inc_std, own_inc), math.hypot(tf_std, own_tf)
-                flags.extend(said)
+                flags.extend(doubts)
             if result.toolface_undefined:
                 flags.append("toolface_undefined")
             low = self._toolface.low_inclination_deg
             if not low <= math.degrees(inc) <= 180.0 - low:
                 flags.append("low_inclination")
-        if abs(g_total - 1.0) > self._settings.g_tolerance:
-            flags.append("g_total")
-        flags.extend(f"stuck_{axis}" for axis in self.monitor.stuck_axes)
-        if self.monitor.frozen:
-            flags.append("frozen")
+        flags.extend(self._reading_flags(g_total))
         azimuth = None if self.drift is None else self._azimuth(self.drift, t, felt_inc)
         if azimuth is not None:
             flags.extend(flag for flag in azimuth.flags if flag not in flags)
-        return Attitude(
+        return AttitudeOutput(
             t_device_s=t,
             t_mono=frame.t_mono,
             inc_deg=math.degrees(inc),
@@ -419,16 +427,24 @@ class Pipeline:
             accel=(gx, gy, gz),
         )
 
+    def _reading_flags(self, g_total: float) -> Iterator[str]:
+        """What is doubtful about the readings themselves."""
+        if abs(g_total - 1.0) > self._settings.g_tolerance:
+            yield "g_total"
+        yield from (f"stuck_{axis}" for axis in self.monitor.stuck_axes)
+        if self.monitor.frozen:
+            yield "frozen"
+
     def _azimuth(self, drift: DriftStage, t: float, inc_rad: float) -> Azimuth | None:
         """The azimuth, freed of the rotor's error where there is something to free."""
         azimuth, rotation = drift.azimuth(t), self._rotation
         if azimuth is None or azimuth.azi_deg is None or rotation is None or not rotation.corrects_heading:
             return azimuth
-        error, own_std, said = rotation.heading(*self._gyro_rotor, inc_rad)
+        error, own_std, doubts = rotation.heading(*self._gyro_rotor, inc_rad)
         std = azimuth.azi_std_deg
         return Azimuth(
             (azimuth.azi_deg - math.degrees(error)) % 360.0,
             None if std is None else math.hypot(std, math.degrees(own_std)),
             azimuth.basis,
-            azimuth.flags + said,
+            azimuth.flags + doubts,
         )

@@ -93,8 +93,8 @@ class ToolLock:
     def name_of(tool_id: str, mqtt: MqttSettings) -> str:
         """One name for one set of topics at one broker."""
         host = "loopback" if mqtt.host.lower() in _LOOPBACK else mqtt.host.lower()
-        said = f"{host} {mqtt.port} {mqtt.topic(tool_id, 'status')}"
-        return f"\0highside-{hashlib.sha256(said.encode()).hexdigest()[:32]}"
+        identity = f"{host} {mqtt.port} {mqtt.topic(tool_id, 'status')}"
+        return f"\0highside-{hashlib.sha256(identity.encode()).hexdigest()[:32]}"
 
     def release(self) -> None:
         """Give it back; may be called more than once."""

@@ -23,7 +23,6 @@ import asyncio
 import contextlib
 import logging
 import random
-import secrets
 from collections import Counter
 from collections.abc import Callable, Coroutine, Mapping
 from typing import NamedTuple
@@ -33,18 +32,22 @@ import aiomqtt
 from highside.config.mqtt import MqttSettings
 from highside.errors import InputError
 from highside.service.broker_client import (
+    LostConnection,
     broker_client,
     connect_reason,
     notice_a_closed_door,
     on_each_message,
+    publish,
     reset,
+    subscribe,
     write_only_while_open,
 )
-from highside.service.messages import OFFLINE, ONLINE, mark_historical
+from highside.service.messages import OFFLINE, ONLINE, BrokerHealth, mark_historical
 from highside.service.outbox import Outbox
+from highside.service.pace import BacklogPace
 from highside.service.quiet_log import QuietLog
-from highside.service.reconnect import Reconnect, instance_word
-from highside.service.replies import Replies, Reply
+from highside.service.reconnect import Reconnect, instance_word, new_instance
+from highside.service.replies import QueuedReply, ReplyQueue
 
 log = logging.getLogger(__name__)
 
@@ -57,33 +60,6 @@ class Retained(NamedTuple):
 
     topic: str
     payload: bytes
-
-
-class LostConnection(Exception):  # noqa: N818 - an event of every day, not an error
-    """The connection is of no more use; `reason` is the name under which that is counted."""
-
-    def __init__(self, reason: str, text: str) -> None:
-        super().__init__(text)
-        self.reason = reason
-
-
-class PublisherStats(NamedTuple):
-    """What the health message says about the broker."""
-
-    connected: bool
-    connects: int
-    failures: dict[str, int]
-    last_error: str
-    in_flight: int
-    sent: int
-    """publishes handed to the network, repetitions included"""
-    instance: str
-    short_connections: int
-    taken: str | None
-    """why somebody else seems to use our client id; None: nobody does"""
-    replies: int
-    replies_dropped: int
-    commands_failed: int
 
 
 class Publisher:
@@ -116,7 +92,7 @@ class Publisher:
         )
         self._on_connect_payloads = on_connect_payloads
         self._commands = dict(commands or {})
-        """by topic: what is said to the tool; called with the payload and whether it was retained"""
+        """by topic: commands to the tool; called with the payload and whether it was retained"""
         self._retained: dict[str, bytes] = {
             self._status_topic: ONLINE,
             self._instance_topic: instance_word(ONLINE, self.instance),
@@ -126,7 +102,7 @@ class Publisher:
         self._passing: dict[str, bytes] = {}
         self._under_way: set[str] = set()
         """topics of both with a message in flight: a newer value waits, so that a flood of values is no flood here"""
-        self._replies = Replies()
+        self._replies = ReplyQueue()
         self._replying = False
         self._commands_failed = 0
         self._wake = asyncio.Event()
@@ -137,24 +113,21 @@ class Publisher:
         self._pending: set[asyncio.Task[None]] = set()
         self._lost: LostConnection | None = None
         self._backlog_in_flight = 0
-        self._allowance = 0.0
-        self._allowance_at_s = 0.0
-        self._pace: asyncio.TimerHandle | None = None
+        # the backlog may fill half of the window: a live message then never waits for a slot
+        self._backlog_slots = max(settings.in_flight // 2, 1)
+        self._pace = BacklogPace(settings.backlog_per_s, self._backlog_slots, self._wake.set)
         self._failures: Counter[str] = Counter()
-        self._sent = 0
         self.connected = False
         self.connects = 0
         self.last_error = ""
 
     @property
-    def stats(self) -> PublisherStats:
-        return PublisherStats(
+    def stats(self) -> BrokerHealth:
+        return BrokerHealth(
             connected=self.connected,
             connects=self.connects,
             failures=dict(self._failures),
             last_error=self.last_error,
-            in_flight=len(self._pending),
-            sent=self._sent,
             instance=self.instance,
             short_connections=self._reconnect.short_connections,
             taken=self._reconnect.taken,
@@ -178,7 +151,7 @@ class Publisher:
 
     def reply(self, topic: str, payload: bytes, *, done: bool) -> None:
         """Answer a command that was done, or refused. Beyond some a second answers are dropped and counted."""
-        if self._replies.put(Reply(topic, payload), done=done):
+        if self._replies.put(QueuedReply(topic, payload), done=done):
             self._wake.set()
         else:
             self._quiet.say(logging.WARNING, "replies", "mqtt: more commands than can be answered on %s", topic)
@@ -286,7 +259,7 @@ class Publisher:
         if not connect.cancelled():
             connect.result()
         elif self._stopping.is_set():
-            raise LostConnection("stopped", "told to stop while connecting")
+            raise LostConnection("stopped", "asked to stop while connecting")
         else:
             raise TimeoutError
 
@@ -312,15 +285,9 @@ class Publisher:
     async def _subscribe(self, client: aiomqtt.Client) -> None:
         """To our own words and the topics of commands. A broker that forbids it costs those, not the messages."""
         for topic in (self._instance_topic, self._status_topic, *self._commands):
-            try:
-                granted = await client.subscribe(topic, qos=1, timeout=self._settings.ack_timeout_s)
-            except (aiomqtt.MqttError, ValueError) as error:
-                self._quiet.say(logging.WARNING, topic, "mqtt: %s cannot be heard: %s", topic, error)
-                continue
-            codes = [code if isinstance(code, int) else code.value for code in granted]
-            if any(code >= 0x80 for code in codes):
-                text = "mqtt: the broker does not let us hear %s: see its access list"
-                self._quiet.say(logging.WARNING, topic, text, topic)
+            refused = await subscribe(client, topic, timeout_s=self._settings.ack_timeout_s)
+            if refused is not None:
+                self._quiet.say(logging.WARNING, topic, "mqtt: %s", refused)
 
     async def _listen(self, client: aiomqtt.Client) -> None:
         """Ends when the connection does, and says so at once; what arrives goes to `_on_message`."""
@@ -376,7 +343,7 @@ class Publisher:
             await self._publish(client, topic, payload, qos=1, retain=True)
 
     async def _send_until_lost(self, client: aiomqtt.Client) -> None:
-        """Keep the window full. Returns when told to stop, raises `LostConnection` when the connection is."""
+        """Keep the window full. Returns when asked to stop, raises `LostConnection` when the connection is."""
         while True:
             self._wake.clear()
             if self._lost is not None:
@@ -404,30 +371,19 @@ class Publisher:
 
     def _fill_window(self, client: aiomqtt.Client) -> None:
         settings = self._settings
-        # the backlog may fill half of the window: a live message then never waits for a slot
-        backlog_slots = max(settings.in_flight // 2, 1)
-        self._grow_allowance(backlog_slots)
+        self._pace.grow()
         while len(self._pending) < settings.in_flight:
-            free = self._backlog_in_flight < backlog_slots and self._allowance >= 1.0
+            free = self._backlog_in_flight < self._backlog_slots and self._pace.allowance >= 1.0
             taken = self._outbox.take(backlog=free)
             if taken is None:
                 break
             row, historical = taken
             payload = mark_historical(row.payload) if historical else row.payload
             self._backlog_in_flight += historical
-            self._allowance -= historical
+            self._pace.allowance -= historical
             self._start(self._send(client, row.id, row.topic, payload, row.qos, historical))
         if len(self._pending) < settings.in_flight:
             self._send_what_can_wait(client)
-
-    def _grow_allowance(self, most: float) -> None:
-        """The pace of the backlog: an allowance that grows with time; while it is not full the sender looks again."""
-        loop = asyncio.get_running_loop()
-        now_s, rate = loop.time(), self._settings.backlog_per_s
-        self._allowance = min(self._allowance + (now_s - self._allowance_at_s) * rate, most)
-        self._allowance_at_s = now_s
-        if self._allowance < most and (self._pace is None or self._pace.when() <= now_s):
-            self._pace = loop.call_later(max(0.5 * most / rate, 0.005), self._wake.set)
 
     def _start(self, work: Coroutine[None, None, None]) -> None:
         # tasks begin in the order of their making, so publishes keep theirs
@@ -464,7 +420,7 @@ class Publisher:
             self._under_way.discard(topic)
             self._wake.set()
 
-    async def _send_reply(self, client: aiomqtt.Client, reply: Reply) -> None:
+    async def _send_reply(self, client: aiomqtt.Client, reply: QueuedReply) -> None:
         try:
             await self._publish(client, reply.topic, reply.payload, qos=1, retain=False)
         except LostConnection as lost:
@@ -479,15 +435,7 @@ class Publisher:
             self._wake.set()
 
     async def _publish(self, client: aiomqtt.Client, topic: str, payload: bytes, *, qos: int, retain: bool) -> None:
-        self._sent += 1
-        try:
-            await client.publish(topic, payload, qos=qos, retain=retain, timeout=self._settings.ack_timeout_s)
-        except aiomqtt.MqttCodeError as error:
-            raise LostConnection("connection lost", str(error)) from error
-        except aiomqtt.MqttError as error:
-            raise LostConnection("no acknowledgement", str(error)) from error
-        except RuntimeError as error:
-            raise LostConnection("refused by client", str(error)) from error
+        await publish(client, topic, payload, qos=qos, retain=retain, timeout_s=self._settings.ack_timeout_s)
 
     async def _farewell(self, client: aiomqtt.Client) -> None:
         self._send_changed(client)  # the last health, with the final counts
@@ -498,8 +446,3 @@ class Publisher:
         gone = instance_word(OFFLINE, self.instance)
         await self._publish(client, self._instance_topic, gone, qos=1, retain=True)
         await self._publish(client, self._status_topic, OFFLINE, qos=1, retain=True)
-
-
-def new_instance() -> str:
-    """A name for one run of a daemon, to tell it from any other."""
-    return secrets.token_hex(4)

@@ -1,7 +1,7 @@
 """A log that says the same thing once a minute: a fault that repeats is one line, with a count, not a thousand.
 
 A line belongs to a `reason`. The first of a reason is written at once; what follows within `interval_s` is counted, and
-the next line of that reason says how many were left out.
+the next line of that reason says how many were omitted.
 """
 
 from __future__ import annotations

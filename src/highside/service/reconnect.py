@@ -18,6 +18,7 @@ by it: messages wait in the outbox.
 from __future__ import annotations
 
 import random
+import secrets
 import time
 from collections.abc import Callable
 
@@ -29,7 +30,7 @@ at first); an honest link that is lost every few seconds is as little use."""
 SHORT_IN_A_ROW = 5
 """So many short connections in a row raise the alarm, and lengthen the pause beyond `reconnect_max_s`."""
 TOLERATED = 3
-"""So many in a row are answered at once by who was connected for long before, although a twin was seen."""
+"""So many in a row are answered at once by who was connected for long before, although a twin was noticed."""
 SHED_PAUSE_S = 2.0
 """Seconds, doubling up to `SHED_PAUSE_MAX_S`: the pause after many short connections of which nobody knows why. Not
 longer, because it may be a bad line, on which each second of connection counts."""
@@ -145,3 +146,8 @@ class Reconnect:
 
     def _tell(self, text: str) -> None:
         self._told, self._told_at = text, self._clock()
+
+
+def new_instance() -> str:
+    """A name for one run of a daemon, to tell it from any other."""
+    return secrets.token_hex(4)

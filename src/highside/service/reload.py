@@ -11,7 +11,7 @@
 4. *Build* again, since the running parts went on in the meantime, and *swap* them in.
 
 Whatever is raised before the swap, and by whatever, leaves the service as it was: what was opened is closed, what was
-closed is opened again. `Service.settings` is still the old one, so that a mended file is applied by the next SIGHUP.
+closed is opened again. `Service.settings` is still the old one, so that a corrected file is applied by the next SIGHUP.
 A refused calibration or compensation does not refuse the reload: the one in force stays (`in_force`).
 """
 
@@ -31,8 +31,8 @@ from highside.errors import HighsideError, InputError
 from highside.link.base import LinkError
 from highside.link.opened import OpenedTransport
 from highside.service.broker_client import check_secrets
-from highside.service.in_force import Calibration, Rotation, calibration_for, rotation_for, said
-from highside.service.parts import Parts, make_supervisor
+from highside.service.in_force import CalibrationInForce, CompensationInForce, calibration_for, error_text, rotation_for
+from highside.service.parts import ServiceParts, make_supervisor
 from highside.service.places import ToolLock
 from highside.service.rig.metrics import MetricsServer
 from highside.service.rig.rig import run_outputs
@@ -53,8 +53,8 @@ class Read:
     settings: Settings
     codec: ByteCodec | CanCodec | None
     """None: it has not changed"""
-    calibration: Calibration
-    rotation: Rotation
+    calibration: CalibrationInForce
+    rotation: CompensationInForce
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ async def open_link(settings: Settings, undo: AsyncExitStack) -> OpenedTransport
         raise InputError(
             error.message,
             field="the [link] table",
-            remedy="mend it, or set link.wait_at_start = true to wait for it",
+            remedy="fix it, or set link.wait_at_start = true to wait for it",
         ) from error
     return opened
 
@@ -135,7 +135,7 @@ class Reload:
         calibration = calibration_for(new, self._present, self._old.calibration)
         return Read(new, codec, calibration, rotation_for(new, self._old.rotation))
 
-    def _build(self, read: Read, opened: Opened) -> Parts:
+    def _build(self, read: Read, opened: Opened) -> ServiceParts:
         """All parts; neither the running ones nor the world outside are touched."""
         service, old, new = self._service, self._old, read.settings
         before = old.settings
@@ -239,12 +239,12 @@ class Reload:
             if self._old.settings.metrics is not None:
                 server = service.rig.open_metrics(self._old.settings.metrics)
         except Exception as error:
-            log.error("the figures are no longer served: %s", said(error))
+            log.error("the figures are no longer served: %s", error_text(error))
         service.take(replace(service.parts, rig=replace(service.parts.rig, metrics=server)))
 
     # --- in force --------------------------------------------------------------------------------------------------
 
-    def _swap(self, parts: Parts, undo: AsyncExitStack) -> None:
+    def _swap(self, parts: ServiceParts, undo: AsyncExitStack) -> None:
         """The tasks of the new parts are made, then all is put in force at once. Nothing here waits, so no frame comes
         in between; a task made here has not begun when it is cancelled again."""
         service, old = self._service, self._old
@@ -278,7 +278,7 @@ class Reload:
 
 
 class Reloader:
-    """Answers SIGHUP: one reload at a time; what is asked for meanwhile is done afterwards, once."""
+    """Answers SIGHUP: one reload at a time; what is requested meanwhile is done afterwards, once."""
 
     def __init__(self, service: Service, load: Callable[[], Settings] | None) -> None:
         self._service, self._load = service, load
@@ -316,7 +316,7 @@ class Reloader:
                 log.error("reload refused, the old configuration stays in force: %s", self.refused["refused"])
                 log.debug("reload refused", exc_info=error)
                 return
-            log.error("reloaded, but something of before was not closed: %s", said(error))
+            log.error("reloaded, but something of before was not closed: %s", error_text(error))
         self.refused = None
         self.count += 1
         log.info(self._outcome())
@@ -338,6 +338,6 @@ class Reloader:
 
 def _refusal(error: Exception, doing: str) -> dict[str, Any]:
     """What the health message says of a refused reload."""
-    text = said(error) if isinstance(error, HighsideError) else f"{said(error)} (while {doing})"
+    text = error_text(error) if isinstance(error, HighsideError) else f"{error_text(error)} (while {doing})"
     where, field = getattr(error, "where", None), getattr(error, "field", None)
     return {"refused": text, "where": where, "field": field, "while": doing, "t": round(time.time(), 3)}

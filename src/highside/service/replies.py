@@ -13,10 +13,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 RATE_PER_S = 5.0
-"""Answers a second of each kind in the long run: more than an operator or a rig's control system asks for, and a
+"""Answers a second of each kind in the long run: more than an operator or a rig's control system requests, and a
 twentieth of what a tool at 100 messages/s sends of its own."""
 BURST = 20
-"""Answers of each kind at once after a pause: a page that asks for everything at its start."""
+"""Answers of each kind at once after a pause: a page that requests everything at its start."""
 WAITING = 2 * BURST
 """Answers that wait for the network; beyond, the newest is dropped."""
 
@@ -39,23 +39,23 @@ class TokenBucket:
         return True
 
 
-class Reply(NamedTuple):
+class QueuedReply(NamedTuple):
     """One answer."""
 
     topic: str
     payload: bytes
 
 
-class Replies:
+class ReplyQueue:
     """A bounded queue. `put` by who answers; `first`, then `sent`, by who sends."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._allowed = {done: TokenBucket(RATE_PER_S, BURST, clock) for done in (True, False)}
-        self._waiting: deque[Reply] = deque()
+        self._waiting: deque[QueuedReply] = deque()
         self.made = 0
         self.dropped = 0
 
-    def put(self, reply: Reply, *, done: bool) -> bool:
+    def put(self, reply: QueuedReply, *, done: bool) -> bool:
         """Queue an answer to a command that was done, or refused; False: there was no room, it is dropped."""
         if len(self._waiting) >= WAITING or not self._allowed[done].take():
             self.dropped += 1
@@ -64,11 +64,11 @@ class Replies:
         return True
 
     @property
-    def first(self) -> Reply | None:
+    def first(self) -> QueuedReply | None:
         """The one to send next."""
         return self._waiting[0] if self._waiting else None
 
-    def sent(self, reply: Reply) -> None:
+    def sent(self, reply: QueuedReply) -> None:
         """The broker has it."""
         if self._waiting and self._waiting[0] is reply:
             self._waiting.popleft()

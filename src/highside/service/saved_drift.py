@@ -1,7 +1,7 @@
 """What the drift stage keeps across a restart, as a file: one JSON object, replaced whole, checked when it is read.
 
-Its age is told as `clock` says; where no clock can tell, nothing of it is taken up. Whether the tool was switched off
-meanwhile is told by the tool's own time.
+Its age is determined as `clock` says; where no clock can tell, nothing of it is taken up. Whether the tool was switched
+off meanwhile is known from the tool's own time.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class Alignment(_Strict):
-    """When and how the azimuth was told."""
+class HeadingAlignment(_Strict):
+    """When and how the azimuth was given."""
 
     azimuth_deg: Annotated[float, Field(ge=0, le=360)]
     std_deg: Annotated[float, Field(ge=0)]
@@ -63,7 +63,7 @@ class SavedDrift(_Strict):
     """the filter's, body frame"""
     still: list[float] | None
     """the tool at rest: norm std, norm error, rate std, rate (3)"""
-    alignment: Alignment | None
+    alignment: HeadingAlignment | None
     azi_deg: float
     azi_std_deg: float
     constrained: bool

@@ -18,10 +18,10 @@ from typing import NamedTuple
 from zlib import crc32
 
 BLOCK = 200
-"""Numbers reserved at a time: the most that is left out after a crash. At 10 messages a second, where the next block is
+"""Numbers reserved at a time: the most that is omitted after a crash. At 10 messages a second, where the next block is
 reserved when half of this one is used, a page of 4 KiB is written every 10 s: 41 bytes a message."""
 SAFETY = 10 * BLOCK
-"""Numbers left out where the newest slot cannot be read: how far it may have been ahead of what can be."""
+"""Numbers omitted where the newest slot cannot be read: how far it may have been ahead of what can be."""
 _SLOT_BYTES = 16_384
 """About 300 topics; a slot begins on a page of its own. Grows if need be."""
 _MAGIC = b"HSQ1"
@@ -36,7 +36,7 @@ class Numbers(NamedTuple):
     first_free: dict[str, int]
     """the first number that may be used, by topic"""
     orderly: bool
-    """whether the last run ended in order: then no number is left out"""
+    """whether the last run ended in order: then no number is omitted"""
     sound: bool
     """False: a slot is damaged, and numbers beyond these may have been used"""
 

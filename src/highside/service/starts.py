@@ -1,7 +1,7 @@
 """How the runs before this one ended: a service that crashes and is started again for ever has to tell somebody.
 
 systemd starts it anew within seconds, and whoever looks sees a service that runs. So each run notes that it has begun,
-and how it ended; a run that left no note was killed. Ends that nobody asked for, within the last ten minutes of the
+and how it ended; a run that left no note was killed. Ends that nobody requested, within the last ten minutes of the
 same boot of the host, stand in the health message; three of them raise the alarm `restarting`. A loss of power is no
 crash.
 """
@@ -38,7 +38,7 @@ class _Strict(BaseModel):
 
 
 class End(_Strict):
-    """An end that nobody asked for."""
+    """An end that nobody requested."""
 
     boot_s: float
     how: Annotated[str, Field(max_length=500)]
@@ -73,7 +73,7 @@ class StartLog:
             log.error("started again %d times within %.0f min, last: %s", count, WINDOW_S / 60.0, self._ends[-1].how)
 
     def end(self, how: str | None) -> None:
-        """The run ends; `how` says by what, None: as asked."""
+        """The run ends; `how` says by what, None: as requested."""
         if how is not None:
             self._ends = (*self._ends, End(boot_s=Stamp.now(synced=False).boot_s, how=how[:500]))[-KEPT:]
         self._write(running=False)

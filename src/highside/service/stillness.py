@@ -8,7 +8,7 @@ from typing import NamedTuple
 from highside.calibration.correction import Vector
 from highside.config.settings import SurveySettings
 from highside.rotation.live import RotorError, mean_error
-from highside.service.window import Row, Window
+from highside.service.window import WindowReading, WindowStatistics
 
 SHAKING = 16.0
 """Variance in a window, in units of the sensor's own, from which the tool shakes or turns."""
@@ -26,7 +26,7 @@ class Cut(NamedTuple):
     rotor: RotorError | None
 
 
-class Stillness:
+class StillnessDetector:
     """Collects readings for as long as window means stay where they were, within their own noise."""
 
     def __init__(self, settings: SurveySettings) -> None:
@@ -57,7 +57,7 @@ class Stillness:
         """What is collected, to be kept before motion takes it away; None: nothing."""
         return Cut(self._end_s - self._start_s, *self.mean(), mean_error(self._rotor)) if self._n else None
 
-    def add(self, window: Window, frames: list[Row], own: Vector) -> float:
+    def add(self, window: WindowStatistics, frames: list[WindowReading], own: Vector) -> float:
         """Take a window and the frames that are new in it; returns the seconds of stillness so far (0: it moved).
 
         `own` is the variance of one reading that is the sensor's own, g^2 an axis. A turning tool whose means stand

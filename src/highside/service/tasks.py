@@ -34,7 +34,7 @@ async def first_to_end(
 ) -> asyncio.Task[None] | None:
     """The first of the watched tasks that is over, None when `stopping` is set first. Raises what the task raised.
 
-    A task that is cancelled is being replaced and is no end; when `changed` is set the tasks are asked for anew.
+    A task that is cancelled is being replaced and is no end; when `changed` is set the tasks are requested anew.
     """
     stop = asyncio.create_task(stopping.wait(), name="stopping")
     try:

@@ -29,7 +29,7 @@ NOISE_MEMORY = 0.02
 """Weight of a new second difference in the running estimate of the noise."""
 
 
-class Row(NamedTuple):
+class WindowReading(NamedTuple):
     """A reading in the window."""
 
     t: float
@@ -39,7 +39,7 @@ class Row(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class WindowStatistics:
     """Mean of the readings in a window and the covariance of that mean (diagonal, g^2)."""
 
     mean: Vector
@@ -65,7 +65,8 @@ class NoiseEstimate:
         self._quiet_at = 0.0
 
     def quiet(self, t: float) -> Vector:
-        """The sensor's own share of the variance: the least that was seen, forgotten slowly; ask at rising times."""
+        """The sensor's own share of the variance: the least that was measured, forgotten slowly; ask at rising
+        times."""
         now = self.variance
         if self._known is not None or self._n < SETTLED:
             return now
@@ -101,7 +102,7 @@ class NoiseEstimate:
         return (self._variance[0], self._variance[1], self._variance[2])
 
 
-class Block:
+class ReadingBlock:
     """Readings averaged before the re-balance sees them, which needs no more than a hundred a second."""
 
     def __init__(self) -> None:
@@ -130,7 +131,7 @@ class Block:
         return mean
 
 
-def window_statistics(rows: list[Row], noise_variance: Vector) -> Window:
+def window_statistics(rows: list[WindowReading], noise_variance: Vector) -> WindowStatistics:
     """Mean, variance of the mean, and drift over a window.
 
     The variance (g^2) of the mean is the scatter about a straight line in time, or `noise_variance` (of one reading)
@@ -153,7 +154,7 @@ def window_statistics(rows: list[Row], noise_variance: Vector) -> Window:
         own = [max(float(s), v) for s, v in zip(scatter, noise_variance, strict=True)]
         span = slope * (time[-1] - time[0])
         sigma_slope = np.sqrt(np.maximum(own, 1e-18) / tt) if tt > 0.0 else np.full(3, np.inf)
-        return Window(
+        return WindowStatistics(
             (float(mean[0]), float(mean[1]), float(mean[2])),
             (own[0] / n, own[1] / n, own[2] / n),
             float(np.max(np.abs(slope) / sigma_slope)) if tt > 0.0 else 0.0,
@@ -163,7 +164,7 @@ def window_statistics(rows: list[Row], noise_variance: Vector) -> Window:
     mean3 = [sum(row.a[axis] for row in rows) / n for axis in range(3)]
     span3 = [rows[-1].a[axis] - rows[0].a[axis] for axis in range(3)]
     sigmas = max(abs(s) / math.sqrt(2.0 * v) if v > 0.0 else 0.0 for s, v in zip(span3, noise_variance, strict=True))
-    return Window(
+    return WindowStatistics(
         (mean3[0], mean3[1], mean3[2]),
         (noise_variance[0] / n, noise_variance[1] / n, noise_variance[2] / n),
         sigmas,
@@ -172,7 +173,7 @@ def window_statistics(rows: list[Row], noise_variance: Vector) -> Window:
     )
 
 
-def _small_window(rows: list[Row], noise_variance: Vector) -> Window:
+def _small_window(rows: list[WindowReading], noise_variance: Vector) -> WindowStatistics:
     """The same without numpy, whose calls cost more than the sums of a few readings."""
     n = len(rows)
     middle = math.fsum(row.t for row in rows) / n
@@ -194,7 +195,7 @@ def _small_window(rows: list[Row], noise_variance: Vector) -> Window:
         variances.append(own / n)
         spans.append(slope * (times[-1] - times[0]))
         scatters.append(scatter)
-    return Window(
+    return WindowStatistics(
         (means[0], means[1], means[2]),
         (variances[0], variances[1], variances[2]),
         sigmas,

@@ -3,4 +3,4 @@
 from __future__ import annotations
 
 __all__ = ["front", "page", "server"]
-"""the ways in: modules, loaded when they are asked for"""
+"""the ways in: modules, loaded on request"""

@@ -13,13 +13,13 @@ from pathlib import Path
 
 from highside.bench.session.driver import SessionDriver
 from highside.bench.session.journal import Journal, read_journal
-from highside.bench.session.snapshot import State
+from highside.bench.session.snapshot import SessionState
 from highside.calibration.record import to_utc
 from highside.config.certificate import CertificateFields
 from highside.errors import Refused
 from highside.reading import read_bytes
 
-READABLE = frozenset({State.REVIEW, State.ACCEPTED, State.REJECTED, State.ABORTED})
+READABLE = frozenset({SessionState.REVIEW, SessionState.ACCEPTED, SessionState.REJECTED, SessionState.ABORTED})
 
 
 class Documents:

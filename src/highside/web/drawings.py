@@ -10,7 +10,15 @@ import math
 from collections.abc import Sequence
 from html import escape
 
-from highside.bench.session.snapshot import Attitude, Deviation, Snapshot, Stillness, Target, Uncertainty, table_reads
+from highside.bench.session.snapshot import (
+    AttitudeState,
+    Deviation,
+    Snapshot,
+    StillnessState,
+    Target,
+    UncertaintyState,
+    table_reads,
+)
 
 RADIUS = 100.0
 RINGS_DEG = (1.0, 10.0, 90.0)
@@ -20,10 +28,10 @@ INNER = 0.26
 TRACE_LOW, TRACE_HIGH = 0.1, 100.0
 
 
-def svg(content: str, said: str, *, box: str, name: str) -> str:
-    """An SVG element that is told as one image."""
+def svg(content: str, summary: str, *, box: str, name: str) -> str:
+    """An SVG element that screen readers take as one image."""
     fit = ' preserveAspectRatio="none"' if name == "trace" else ""
-    label = escape(said, quote=True)
+    label = escape(summary, quote=True)
     return f'<svg class="{name}" viewBox="{box}"{fit} role="img" aria-label="{label}">{content}</svg>'
 
 
@@ -37,9 +45,9 @@ def radius_of(angle_deg: float, tolerance_deg: float) -> float:
 
 
 def bulls_eye(deviation: Deviation | None, target: Target | None) -> str:
-    """The tool as a dot, the pose asked for as the centre: up is more inclined, right is clockwise."""
+    """The tool as a dot, the requested pose as the centre: up is more inclined, right is clockwise."""
     if deviation is None or target is None:
-        why = "no pose asked for" if target is None else "no readings"
+        why = "no pose requested" if target is None else "no readings"
         empty = f'<circle class="ring" r="{RADIUS:g}"/><text class="scale mid" y="6">{why}</text>'
         return svg(empty, why, box="-112 -112 224 224", name="bullseye")
     good = deviation.angle_deg <= deviation.tolerance_deg
@@ -55,10 +63,10 @@ def bulls_eye(deviation: Deviation | None, target: Target | None) -> str:
     x, y = place(deviation, target)
     parts.append(f'<line class="way" x1="{x:.1f}" y1="{y:.1f}" x2="0" y2="0"/>')
     parts.append(f'<circle class="tool{" hit" if good else ""}" cx="{x:.1f}" cy="{y:.1f}" r="9"/>')
-    said = (
+    summary = (
         f"the tool is {deviation.angle_deg:.2f} degrees from the pose; within {deviation.tolerance_deg:.2f} it is taken"
     )
-    return svg("".join(parts), said, box="-112 -112 224 224", name="bullseye")
+    return svg("".join(parts), summary, box="-112 -112 224 224", name="bullseye")
 
 
 def place(deviation: Deviation, target: Target) -> tuple[float, float]:
@@ -71,7 +79,7 @@ def place(deviation: Deviation, target: Target) -> tuple[float, float]:
     return -r * across / size, r * deviation.inc_deg / size
 
 
-def dial(attitude: Attitude | None, target: Target | None) -> str:
+def dial(attitude: AttitudeState | None, target: Target | None) -> str:
     """The gravity toolface looking down-hole, clockwise from the high side: needle where it is, wedge where it goes."""
     parts = [f'<circle class="ring" r="{RADIUS:g}"/>']
     for k in range(24):
@@ -93,11 +101,11 @@ def dial(attitude: Attitude | None, target: Target | None) -> str:
     else:
         words = "toolface not known" if attitude is None else "toolface not defined: the tool is vertical"
     if goal is not None:
-        words += f", asked for {goal % 360.0:.1f}"
+        words += f", requested {goal % 360.0:.1f}"
     return svg("".join(parts), words, box="-118 -118 236 236", name="dial")
 
 
-def trace(stillness: Stillness | None) -> str:
+def trace(stillness: StillnessState | None) -> str:
     """The last stillness values against the limit, logarithmic; below the line is still."""
     width, height = 300.0, 90.0
     if stillness is None or not stillness.trace:
@@ -111,11 +119,11 @@ def trace(stillness: Stillness | None) -> str:
         f'<line class="limit" x1="0" x2="{width:g}" y1="{y_limit:.1f}" y2="{y_limit:.1f}"/>'
         f'<polyline class="line{" hit" if stillness.still else ""}" points="{points}"/>'
     )
-    said = f"{'still' if stillness.still else 'moving'}: {stillness.value:.1f} times what its own noise allows"
-    return svg(parts, said, box=f"0 0 {width:g} {height:g}", name="trace")
+    summary = f"{'still' if stillness.still else 'moving'}: {stillness.value:.1f} times what its own noise allows"
+    return svg(parts, summary, box=f"0 0 {width:g} {height:g}", name="trace")
 
 
-def uncertainty_curve(uncertainty: Uncertainty | None) -> str:
+def uncertainty_curve(uncertainty: UncertaintyState | None) -> str:
     """Standard deviations of I and T over inclination, both logarithmic on one scale."""
     width, height, left, low = 300.0, 120.0, 56.0, 16.0
     if uncertainty is None or not uncertainty.inc_deg:
@@ -141,11 +149,11 @@ def uncertainty_curve(uncertainty: Uncertainty | None) -> str:
         parts.append(f'<polyline class="{name}" points="{points}"/>')
     parts.append(f'<text class="scale" x="{left:g}" y="{height - 3:g}">0°</text>')
     parts.append(f'<text class="scale right" x="{width:g}" y="{height - 3:g}">I = {span_deg:g}°</text>')
-    said = (
+    summary = (
         f"uncertainty of the calibration: I {uncertainty.rms_inc_std_deg:.4f}, T"
         f" {uncertainty.rms_tf_std_deg:.4f} degrees, one standard deviation"
     )
-    return svg("".join(parts), said, box=f"0 0 {width:g} {height:g}", name="curve")
+    return svg("".join(parts), summary, box=f"0 0 {width:g} {height:g}", name="curve")
 
 
 def pictures(snapshot: Snapshot) -> dict[str, str]:

@@ -40,7 +40,7 @@ BODY_WITHIN_S = 10.0
 DISCARDED = 1_000_000
 """Bytes of a body that is too long which are still read and thrown away, so that its sender stops and reads why."""
 STRANGER_S = 5.0
-"""A socket of no page of ours lives that long: enough to be told to load the page anew."""
+"""A socket of no page of ours lives that long: enough to be asked to load the page anew."""
 STRANGERS_MAX = 20
 
 _POLICY = (
@@ -56,7 +56,7 @@ _HEADERS = (
 
 
 class HostNames:
-    """The names under which the page may be asked for."""
+    """The names under which the page may be requested."""
 
     def __init__(self, settings: WebTable) -> None:
         own = socket.gethostname().lower()
@@ -77,7 +77,7 @@ class HostNames:
 
 
 class Front:
-    """The outermost application; `gate` answers what is asked for before anything is built for it, or gives what to
+    """The outermost application; `gate` answers what is requested before anything is built for it, or gives what to
     hold meanwhile."""
 
     def __init__(
@@ -180,16 +180,16 @@ def _with_headers(send: Send) -> Send:
 
 def _of_our_origin(scope: Scope) -> bool:
     """Whether a page of ours opens this socket, or a program, which has no origin."""
-    said = [value for name, value in scope["headers"] if name == b"origin"]
+    given = [value for name, value in scope["headers"] if name == b"origin"]
     host = next(value for name, value in scope["headers"] if name == b"host")
     scheme = b"https" if scope.get("scheme") == "wss" else b"http"
-    return all(origin.lower() == b"%s://%s" % (scheme, host.lower()) for origin in said)
+    return all(origin.lower() == b"%s://%s" % (scheme, host.lower()) for origin in given)
 
 
 def _declared(scope: Scope) -> int:
     """The length that the request says its body has; 0 where it says none."""
-    said = [value for name, value in scope["headers"] if name == b"content-length"]
-    return int(said[0]) if said and said[0].isdigit() and len(said[0]) < 20 else 0
+    given = [value for name, value in scope["headers"] if name == b"content-length"]
+    return int(given[0]) if given and given[0].isdigit() and len(given[0]) < 20 else 0
 
 
 async def _body(receive: Receive, limit: int, declared: int) -> bytes | Response:

@@ -27,7 +27,7 @@ _FULL = (
 
 
 class _Connection(H11Protocol):
-    """Beyond the limit told so and closed. h11 bounds the head of a request, which other parsers do not."""
+    """Beyond the limit refused and closed. h11 bounds the head of a request, which other parsers do not."""
 
     _refused = False
 

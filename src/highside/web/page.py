@@ -23,13 +23,13 @@ from pydantic import ValidationError
 
 from highside.bench.session.driver import SessionDriver
 from highside.bench.session.labels import LABELS
-from highside.bench.session.snapshot import Command, CommandName, PoseState, Snapshot, State
-from highside.web.parts import Parts, parts_of
+from highside.bench.session.snapshot import Command, CommandName, PoseState, SessionState, Snapshot
+from highside.web.parts import PageParts, parts_of
 
 CONNECT_WITHIN_S = 15.0
 """A page whose socket has not come within this is forgotten: each holds some 0.4 MB. A phone on a bad line takes 5."""
 SEEN_TIMEOUT_S = 10.0
-"""A browser that has not drawn for so long is asked again."""
+"""A browser that has not drawn for so long is queried again."""
 
 GO = frozenset({CommandName.START, CommandName.ACCEPT, CommandName.RESUME, CommandName.CAPTURE, CommandName.ACTIVATE})
 ASKED = {
@@ -40,7 +40,7 @@ ASKED = {
 }
 """Commands that are asked about once more."""
 STOP = frozenset({CommandName.ABORT, CommandName.REJECT, CommandName.ROLLBACK})
-OVER = frozenset({State.REVIEW, State.ACCEPTED, State.REJECTED, State.ABORTED})
+OVER = frozenset({SessionState.REVIEW, SessionState.ACCEPTED, SessionState.REJECTED, SessionState.ABORTED})
 """Nothing is measured: the result takes the place of the pose."""
 NO_TOKEN = "You are looking on: commands need the token of this session (see the terminal where it was started)."
 
@@ -50,9 +50,9 @@ class Shared:
 
     def __init__(self) -> None:
         self._seq = -1
-        self._parts: Parts | None = None
+        self._parts: PageParts | None = None
 
-    def of(self, snapshot: Snapshot) -> Parts:
+    def of(self, snapshot: Snapshot) -> PageParts:
         if self._parts is None or self._seq != snapshot.seq:
             self._seq, self._parts = snapshot.seq, parts_of(snapshot)
         return self._parts
@@ -183,7 +183,7 @@ class BenchView:
         """Show the session until the viewer is gone or the session is over."""
         if not await _is_there(client, time.monotonic() + CONNECT_WITHIN_S):
             if not client.is_deleted:
-                # asked for and never opened: a program, or a reader who has gone on
+                # requested and never opened: a program, or a reader who has gone on
                 client.delete()
             return
         async for snapshot in self._driver.subscribe(self._rate_hz):

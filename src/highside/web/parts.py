@@ -9,24 +9,24 @@ from dataclasses import dataclass
 from html import escape
 
 from highside.bench.session.reasons import Fault
-from highside.bench.session.snapshot import PoseRow, PoseState, Snapshot, State, VerdictState, table_reads
+from highside.bench.session.snapshot import PoseRow, PoseState, SessionState, Snapshot, VerdictState, table_reads
 from highside.calibration.methods import solves_rings
 from highside.web.drawings import pictures
 
 STATES = {
-    State.IDLE: "ready",
-    State.SOAKING: "temperature",
-    State.GUIDING: "set the pose",
-    State.SETTLING: "let it rest",
-    State.CAPTURING: "hands off",
-    State.CHECKING: "checking",
-    State.SOLVING: "computing",
-    State.REVIEW: "review",
-    State.PAUSED: "paused",
-    State.NO_DATA: "no data",
-    State.ACCEPTED: "accepted",
-    State.REJECTED: "rejected",
-    State.ABORTED: "aborted",
+    SessionState.IDLE: "ready",
+    SessionState.SOAKING: "temperature",
+    SessionState.GUIDING: "set the pose",
+    SessionState.SETTLING: "let it rest",
+    SessionState.CAPTURING: "hands off",
+    SessionState.CHECKING: "checking",
+    SessionState.SOLVING: "computing",
+    SessionState.REVIEW: "review",
+    SessionState.PAUSED: "paused",
+    SessionState.NO_DATA: "no data",
+    SessionState.ACCEPTED: "accepted",
+    SessionState.REJECTED: "rejected",
+    SessionState.ABORTED: "aborted",
 }
 """What the sign at the top says, in a word or two."""
 
@@ -39,7 +39,7 @@ _MARKS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Parts:
+class PageParts:
     """One string for each place of the page. `spoken`: for a screen reader, changes only with state and pose."""
 
     sign: str
@@ -57,10 +57,10 @@ class Parts:
     foot: str
 
 
-def parts_of(snapshot: Snapshot) -> Parts:
+def parts_of(snapshot: Snapshot) -> PageParts:
     """The whole page."""
     drawn = pictures(snapshot)
-    return Parts(
+    return PageParts(
         sign=f'<span class="badge {snapshot.state.value}">{escape(STATES[snapshot.state])}</span>',
         prompt=escape(snapshot.prompt),
         spoken=escape(_spoken(snapshot)),
@@ -96,7 +96,7 @@ def _warning(snapshot: Snapshot) -> str:
 
 
 def _alarms(snapshot: Snapshot) -> str:
-    """What is wrong, each sentence once: what the headline says already is told by its detail alone."""
+    """What is wrong, each sentence once: what the headline says already is given by its detail alone."""
     out = []
     for fault in snapshot.faults:
         text = " ".join(part for part in ("" if fault.text == snapshot.prompt else fault.text, fault.detail) if part)
@@ -174,7 +174,7 @@ def _poses(snapshot: Snapshot) -> str:
 
 def _pose(row: PoseRow, snapshot: Snapshot) -> str:
     here = snapshot.target is not None and snapshot.target.pose == row.pose
-    mark, word = ("▶", "asked for now") if here else _MARKS[row.state]
+    mark, word = ("▶", "requested now") if here else _MARKS[row.state]
     cells = (
         "" if row.inc_deg is None else f"{row.inc_deg:.2f}°",
         "" if row.tf_deg is None else f"{row.tf_deg:.1f}°",
@@ -186,8 +186,8 @@ def _pose(row: PoseRow, snapshot: Snapshot) -> str:
         f'<tr class="{names}"><td><span aria-hidden="true">{mark}</span><span class="unseen">{word}</span></td>'
         f"<td>{escape(row.pose)}</td>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
     )
-    told = _warning(snapshot)
-    if row.text and row.state in (PoseState.AGAIN, PoseState.OPEN) and not (told and row.text.startswith(told)):
+    warning = _warning(snapshot)
+    if row.text and row.state in (PoseState.AGAIN, PoseState.OPEN) and not (warning and row.text.startswith(warning)):
         out += f'<tr class="why"><td></td><td colspan="5">{escape(row.text)}</td></tr>'
     return out
 
@@ -235,11 +235,11 @@ def _ranges(snapshot: Snapshot) -> str:
     u = snapshot.uncertainty
     if u is None or not u.inc_deg:
         return ""
-    said = []
+    rows = []
     for name, stds in (("I", u.inc_std_deg), ("T", u.tf_std_deg)):
         worst = max(range(len(stds)), key=stds.__getitem__)
-        said.append(f"{name} ± {min(stds):.4f}° to {stds[worst]:.4f}° (at I = {u.inc_deg[worst]:.0f}°)")
-    return f"<p>by inclination: {', '.join(said)}</p>"
+        rows.append(f"{name} ± {min(stds):.4f}° to {stds[worst]:.4f}° (at I = {u.inc_deg[worst]:.0f}°)")
+    return f"<p>by inclination: {', '.join(rows)}</p>"
 
 
 def _next(snapshot: Snapshot) -> str:

@@ -4,7 +4,7 @@ NiceGUI takes events, answers, acknowledgements and log messages from any socket
 speaks for the one page it was opened for, a page that may command only from a browser that shows the operator's cookie,
 and events are taken from such pages alone; who looks on can say that he has drawn what he was sent, and no more. Log
 messages are taken from nobody. What is malformed, binary or too much ends the socket it came by, and of all such one
-line a minute is said.
+line a minute is logged.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Offences:
 
 
 class _Noted(logging.Filter):
-    """What a library logs of the frames of strangers is told as all of theirs is."""
+    """What a library logs of the frames of strangers is logged as all of theirs is."""
 
     def __init__(self, offences: Offences) -> None:
         super().__init__()

@@ -16,4 +16,4 @@ __all__ = [
     "snapshot",
     "view",
 ]
-"""the ways in: modules, loaded when they are asked for"""
+"""the ways in: modules, loaded on request"""

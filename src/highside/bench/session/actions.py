@@ -14,9 +14,9 @@ from highside.bench.session.entries import Entry
 from highside.bench.session.faults import Faults
 from highside.bench.session.force import InForce, Store, StoreError
 from highside.bench.session.journal import Header, StorageError
-from highside.bench.session.judge import Judged, contradictions, judge_hold
+from highside.bench.session.judge import JudgedHold, contradictions, judge_hold
 from highside.bench.session.ledger import Ledger
-from highside.bench.session.machine import Action, Event
+from highside.bench.session.machine import Action, SessionEvent
 from highside.bench.session.reasons import Fault, Rejection
 from highside.bench.session.snapshot import Command, CommandName
 from highside.bench.session.tracker import Tracker
@@ -59,7 +59,7 @@ class Actions:
         self._write = write
         self._wall = wall
         self._store = store
-        self._judged: Judged | None = None
+        self._judged: JudgedHold | None = None
         self._refused_last: tuple[str | None, Rejection] | None = None
         self._same_refusals = 0
 
@@ -70,7 +70,7 @@ class Actions:
         self.ledger.apply(entry)
         self.kept += 1
 
-    def do(self, action: Action, event: Event, command: Command | None) -> None:
+    def do(self, action: Action, event: SessionEvent, command: Command | None) -> None:
         """One action of the table. Raises StorageError, and StoreError."""
         operator = command.operator if command is not None else None
         match action:
@@ -87,7 +87,7 @@ class Actions:
             case Action.REOPEN | Action.SKIP | Action.UNDO:
                 self._edit(action, command)
             case Action.STAGE:
-                self.unsteady = event is Event.UNSTEADY
+                self.unsteady = event is SessionEvent.UNSTEADY
                 if not self.unsteady and self.ledger.waits_for_temperature:
                     self.keep(entries.StageReady(self.ledger.stage, self.tracker.temp_c))
             case Action.ASK_AGAIN:
@@ -106,7 +106,7 @@ class Actions:
             case Action.KEEP:
                 self._accept(command)
             case Action.END:
-                how = "aborted" if event is Event.ABORT else "rejected"
+                how = "aborted" if event is SessionEvent.ABORT else "rejected"
                 note = (command.note or "") if command is not None else ""
                 self.keep(entries.Ended(how, operator or "", self._wall(), None, note))
             case Action.REMIND:
@@ -184,13 +184,13 @@ class Actions:
 
     def _take(self) -> None:
         judged, hold = self._judged, self.watch.hold
-        assert judged is not None and isinstance(judged.entry, entries.Taken) and hold is not None
-        asked_for, taken = self.watch.target, judged.entry
+        assert judged is not None and isinstance(judged.entry, entries.TakenPose) and hold is not None
+        requested, taken = self.watch.target, judged.entry
         self.keep(taken)
         hold.learn()
         self.last_rejection = None
-        other = asked_for is not None and asked_for.id != taken.pose
-        detail = f"asked for {asked_for.id}, found {taken.pose}" if asked_for is not None else ""
+        other = requested is not None and requested.id != taken.pose
+        detail = f"requested {requested.id}, found {taken.pose}" if requested is not None else ""
         self.faults.set(Fault.NOT_AS_ASKED, other, detail)
         self.faults.clear(*_FAULT_OF.values(), Fault.AXES_SUSPECT)
         for again in contradictions(self.ledger, judged):
@@ -202,7 +202,7 @@ class Actions:
     def _refuse_pose(self) -> None:
         judged = self._judged
         entry = judged.entry if judged is not None else None
-        if not isinstance(entry, entries.Refused):
+        if not isinstance(entry, entries.RefusedHold):
             return
         self.last_rejection = (
             entry.reason,
@@ -225,9 +225,9 @@ class Actions:
         if self.plan.open_ended and reason in (Rejection.MOVED, Rejection.SHAKEN, Rejection.TOO_SHORT):
             return  # hands between two attitudes
         self.last_rejection = (reason, reason.text)
-        self.note_refusal(entries.Refused(hold.pose, reason, detail))
+        self.note_refusal(entries.RefusedHold(hold.pose, reason, detail))
 
-    def note_refusal(self, entry: entries.Refused) -> None:
+    def note_refusal(self, entry: entries.RefusedHold) -> None:
         """Write a refusal down, but not the same one over and over."""
         key = (entry.pose, entry.reason)
         self._same_refusals = self._same_refusals + 1 if key == self._refused_last else 0

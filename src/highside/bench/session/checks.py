@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from highside.bench.session.plans import Limits, Plan
+from highside.bench.session.plans import Limits, SessionPlan
 from highside.calibration.balance import CLOSURE_P, closures_of, rings_of_four
 from highside.calibration.departures import departures
+from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.poses import PoseSet
-from highside.calibration.result import BenchAccuracy, Closure
+from highside.calibration.result import Closure
 from highside.errors import InputError
 
 MIN_POSES_FOR_FIT = 6
@@ -72,7 +73,7 @@ def ring_closures(poses: PoseSet, limits: Limits) -> list[Closure]:
     return closures_of(poses, fours, [np.eye(3)] * len(fours), pose_rad=bench_of(limits).pose_rad)
 
 
-def closure_limit(plan: Plan) -> float:
+def closure_limit(plan: SessionPlan) -> float:
     """Probability below which one closure of this plan is not chance."""
     rings = len({(pose.inc_deg, pose.stage) for pose in plan.poses})
     return CLOSURE_P / max(1, rings)

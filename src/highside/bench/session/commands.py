@@ -18,10 +18,10 @@ from enum import StrEnum
 from highside.bench.session.force import InForce, what_is_missing
 from highside.bench.session.hold import Hold
 from highside.bench.session.ledger import Ledger, PoseLine
-from highside.bench.session.machine import MEASURING, Event, Refuse, outcome
+from highside.bench.session.machine import MEASURING, Refuse, SessionEvent, outcome
 from highside.bench.session.outcome import Solved
 from highside.bench.session.reasons import Refusal
-from highside.bench.session.snapshot import Command, CommandName, Reply, State
+from highside.bench.session.snapshot import Command, CommandName, Reply, SessionState
 
 REPLIES_KEPT = 1000
 
@@ -51,15 +51,15 @@ def holds(ledger: Ledger, operator: str, holder: str) -> bool:
     )
 
 
-def event_of(name: CommandName, state: State, ledger: Ledger) -> Event:
+def event_of(name: CommandName, state: SessionState, ledger: Ledger) -> SessionEvent:
     """`accept` while a plan of no fixed length is measured means that the last pose is taken."""
     if name is CommandName.ACCEPT and ledger.plan.open_ended and state in MEASURING:
-        return Event.FINISH
-    return Event(name.value)
+        return SessionEvent.FINISH
+    return SessionEvent(name.value)
 
 
 def line_for(name: CommandName, pose: str | None, ledger: Ledger, target: str | None) -> PoseLine | None:
-    """The pose that redo (the last taken, if none is named) or skip (the one asked for) speaks of."""
+    """The pose that redo (the last taken, if none is named) or skip (the one requested) speaks of."""
     chosen = pose or (ledger.last_taken if name is CommandName.REDO else target)
     return ledger.lines.get(chosen) if chosen is not None else None
 
@@ -70,7 +70,7 @@ def refusal(
     pose: str | None,
     *,
     holder: str,
-    state: State,
+    state: SessionState,
     ledger: Ledger,
     target: str | None,
     hold: Hold | None,
@@ -98,7 +98,7 @@ def refusal(
             return Refusal.NOTHING_TO_UNDO
         case CommandName.CAPTURE if hold is None or not hold.long_enough:
             return Refusal.NOT_STILL
-        case CommandName.ACCEPT if state is State.REVIEW and (solved is None or not solved.may_be_accepted):
+        case CommandName.ACCEPT if state is SessionState.REVIEW and (solved is None or not solved.may_be_accepted):
             return Refusal.NOT_SOLVED
         case CommandName.ACTIVATE | CommandName.ROLLBACK:
             return what_is_missing(name, record, in_force or InForce())
@@ -118,7 +118,7 @@ class Replies:
         return self._given.get((holder, command.operator, command.request_id))
 
     def give(
-        self, command: Command, holder: str, refused: Refusal | None, detail: str, state: State, seq: int
+        self, command: Command, holder: str, refused: Refusal | None, detail: str, state: SessionState, seq: int
     ) -> Reply:
         reply = Reply(
             request_id=command.request_id,

@@ -14,7 +14,7 @@ from highside.bench.session.reasons import Rejection
 
 
 @dataclass(frozen=True)
-class Readings:
+class HoldReadings:
     """The raw readings of one hold: `a` three lists of equal length in nominal g, device time of first and last."""
 
     a: tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
@@ -66,11 +66,11 @@ class Began:
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
+class TakenPose:
     """A pose was accepted. `inc_deg`, `tf_deg` are the plan's settings (None where poses are found by themselves)."""
 
     pose: str
-    readings: Readings
+    readings: HoldReadings
     sigmas: float | None
     inc_deg: float | None = None
     tf_deg: float | None = None
@@ -79,13 +79,13 @@ class Taken:
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class RefusedHold:
     """A pose was measured and not accepted. What contradicted others is kept with its readings."""
 
     pose: str | None
     reason: Rejection
     detail: str = ""
-    readings: Readings | None = None
+    readings: HoldReadings | None = None
     sigmas: float | None = None
 
 
@@ -162,7 +162,7 @@ class Ended:
 
 @dataclass(frozen=True, slots=True)
 class PutInForce:
-    """The store was told, after the end: `record` is in force from then on. `how`: activate, rollback."""
+    """The store was changed, after the end: `record` is in force from then on. `how`: activate, rollback."""
 
     how: str
     record: str
@@ -171,8 +171,8 @@ class PutInForce:
 
 Entry = (
     Began
-    | Taken
-    | Refused
+    | TakenPose
+    | RefusedHold
     | Skipped
     | Reopened
     | Undone

@@ -8,7 +8,7 @@ from highside.bench.session.reasons import Fault
 
 
 class Faults:
-    """A set of faults; the clock is told by `now_s`."""
+    """A set of faults; the time is given by `now_s`."""
 
     def __init__(self) -> None:
         self.now_s = 0.0

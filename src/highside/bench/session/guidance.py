@@ -1,4 +1,4 @@
-"""Which pose the tool is at, how far it is from the one asked for, and what to say about it.
+"""Which pose the tool is at, how far it is from the one requested, and what to say about it.
 
 Readings are compared with what the sensor *should* read at each planned pose. What it should read is known only as
 well as the sensor: at first within the plan's prior (some mg of offset, some tenths of a degree of misalignment), then
@@ -7,7 +7,7 @@ tolerance of a pose follows that knowledge, so that a rough sensor can begin and
 taken in the end. The provisional fit is used for recognition alone; what is measured stays raw.
 
 A reading cannot tell inclination -I from I with the toolface turned by 180 deg, nor toolfaces at the vertical, nor one
-step of temperature from another: among poses that the reading cannot tell apart the one asked for counts. Where they
+step of temperature from another: among poses that the reading cannot distinguish the one requested counts. Where they
 are different settings of the bench (`Chart.alike`) its tilt is in them with different signs: such a pose is never
 guessed, and never measured before the tool has left the other (`watch`).
 """
@@ -24,11 +24,11 @@ import numpy as np
 from highside.arrays import Array
 from highside.attitude.scalar import attitude
 from highside.bench.session.plans import Limits
-from highside.bench.session.snapshot import Attitude, Deviation
+from highside.bench.session.snapshot import AttitudeState, Deviation
 from highside.physics.gravity import gravity_direction
 
 VERTICAL_SIN = 0.003
-"""Below 0.17 deg of inclination toolface is not asked for."""
+"""Below 0.17 deg of inclination toolface is not requested."""
 TOLERANCE_SIGMAS = 3.0
 AMBIGUITY_SIGMAS = 2.0
 FIT_FLOOR_G = 2e-4
@@ -68,7 +68,7 @@ class Provisional:
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class CandidatePose:
     """A pose that may be recognised."""
 
     id: str
@@ -87,7 +87,7 @@ class Candidate:
 class Recognised:
     """`pose` the planned pose at which the tool is, or None; `tolerance_deg` that of the target."""
 
-    pose: Candidate | None
+    pose: CandidatePose | None
     angle_deg: float
     tolerance_deg: float
 
@@ -98,7 +98,7 @@ def angle_between_deg(a: Array, b: Array) -> float:
     return math.degrees(math.atan2(math.sqrt(float(cross @ cross)), float(a @ b)))
 
 
-def tolerance_deg(model: Provisional, pose: Candidate, limits: Limits) -> float:
+def tolerance_deg(model: Provisional, pose: CandidatePose, limits: Limits) -> float:
     """How far from a pose the reading may be and still be taken for it."""
     return limits.align_deg + TOLERANCE_SIGMAS * math.degrees(model.std_rad(pose.direction()))
 
@@ -108,7 +108,7 @@ class Chart:
     """The poses that may be recognised, with what a window is compared with: directions (3, N), tolerances and doubts
     (N,) in degrees (within its doubt a reading could be another pose's)."""
 
-    poses: tuple[Candidate, ...]
+    poses: tuple[CandidatePose, ...]
     directions: Array
     tolerances_deg: Array
     doubts_deg: Array
@@ -116,7 +116,7 @@ class Chart:
     """for each pose the other settings of the bench that read the same"""
 
     @classmethod
-    def of(cls, poses: Sequence[Candidate], model: Provisional, limits: Limits) -> Chart:
+    def of(cls, poses: Sequence[CandidatePose], model: Provisional, limits: Limits) -> Chart:
         return cls(
             tuple(poses),
             np.array([pose.direction() for pose in poses]).reshape(-1, 3).T,
@@ -125,11 +125,11 @@ class Chart:
             _alike(poses, limits.align_deg),
         )
 
-    def candidate(self, name: str) -> Candidate | None:
+    def candidate(self, name: str) -> CandidatePose | None:
         return next((pose for pose in self.poses if pose.id == name), None)
 
 
-def _alike(poses: Sequence[Candidate], within_deg: float) -> dict[str, frozenset[str]]:
+def _alike(poses: Sequence[CandidatePose], within_deg: float) -> dict[str, frozenset[str]]:
     """For each pose the others whose readings differ by less than `within_deg`, but whose settings do not."""
     if not poses:
         return {}
@@ -144,7 +144,7 @@ def _alike(poses: Sequence[Candidate], within_deg: float) -> dict[str, frozenset
     }
 
 
-def recognise(a: Array, model: Provisional, chart: Chart, target: Candidate | None, limits: Limits) -> Recognised:
+def recognise(a: Array, model: Provisional, chart: Chart, target: CandidatePose | None, limits: Limits) -> Recognised:
     """The planned pose nearest to a raw mean `a` (3,); the target where the reading could be either's."""
     g = model.correct(a)
     limit = tolerance_deg(model, target, limits) if target is not None else limits.align_deg
@@ -169,15 +169,15 @@ def recognise(a: Array, model: Provisional, chart: Chart, target: Candidate | No
     return Recognised(best, angle_between_deg(g, best.direction()), limit)
 
 
-def attitude_of(a: Array, model: Provisional) -> Attitude:
+def attitude_of(a: Array, model: Provisional) -> AttitudeState:
     """Inclination and toolface of a raw mean, as far as is known."""
     g = model.correct(a)
     inc, tf = attitude(float(g[0]), float(g[1]), float(g[2]))
     shown = None if abs(math.sin(inc)) < VERTICAL_SIN else math.degrees(tf)
-    return Attitude(inc_deg=math.degrees(inc), tf_deg=shown, g_total=float(np.linalg.norm(g)))
+    return AttitudeState(inc_deg=math.degrees(inc), tf_deg=shown, g_total=float(np.linalg.norm(g)))
 
 
-def deviation_of(a: Array, model: Provisional, target: Candidate, limits: Limits) -> Deviation:
+def deviation_of(a: Array, model: Provisional, target: CandidatePose, limits: Limits) -> Deviation:
     """What is missing to the target, in the settings of the bench."""
     g = model.correct(a)
     inc_rad, tf_rad = attitude(float(g[0]), float(g[1]), float(g[2]))
@@ -237,7 +237,7 @@ SIGNED_PERMUTATIONS: tuple[tuple[str, Array], ...] = tuple(
 """All 47 ways to confuse axes and signs: how to write the mapping, and the matrix."""
 
 
-def axes_that_fit(a: Array, model: Provisional, target: Candidate, limits: Limits) -> list[str]:
+def axes_that_fit(a: Array, model: Provisional, target: CandidatePose, limits: Limits) -> list[str]:
     """The axis mappings under which a reading would be the target's: what a confused configuration looks like."""
     limit = tolerance_deg(model, target, limits)
     direction = target.direction()

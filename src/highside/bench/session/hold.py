@@ -1,6 +1,6 @@
-"""One hold: the readings averaged while the tool lies still at a pose, and whether they may be believed.
+"""One hold: the readings averaged while the tool lies still at a pose, and whether they are valid.
 
-The mean is good enough when its standard error, with the coloured noise that the session has seen so far, is below the
+The mean is good enough when its standard error, with the coloured noise that the session has found so far, is below the
 plan's. A hold is refused where the tool shook, crept by more than both noise and the bench's own repeatability, lost
 readings, or where the sensor gave the same number over and over.
 """
@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from highside.arrays import Array
-from highside.bench.session.entries import Readings
+from highside.bench.session.entries import HoldReadings
 from highside.bench.session.plans import Limits
 from highside.bench.session.reasons import Rejection
-from highside.bench.session.stillness import AllanCurve, NoiseFloor, Window, drift_sigmas
+from highside.bench.session.stillness import AllanCurve, NoiseFloor, ReadingWindow, drift_sigmas
 
 DRIFT_SIGMAS = 6.0
 MAX_GAP_S = 0.5
@@ -32,12 +32,12 @@ class Hold:
         self._allan = allan
         self._limits = limits
         self._rate = rate_hz
-        self.windows: list[Window] = []
+        self.windows: list[ReadingWindow] = []
         self.disturbed = 0
-        """windows left out of a hold that was gone on with"""
+        """windows omitted from a hold that was continued"""
         self._mean = np.zeros(3)
 
-    def add(self, window: Window) -> None:
+    def add(self, window: ReadingWindow) -> None:
         self.windows.append(window)
         self._mean += (window.mean - self._mean) / len(self.windows)
 
@@ -110,7 +110,7 @@ class Hold:
         return float(min(1.0, by_time, max(by_error, self.elapsed_s / self._limits.max_hold_s)))
 
     def verdict(self) -> tuple[Rejection, str] | None:
-        """Why it cannot be believed, or None."""
+        """Why it is not valid, or None."""
         limits = self._limits
         if not self.windows or not self.long_enough:
             return Rejection.TOO_SHORT, f"{self.elapsed_s:.1f} of {limits.min_hold_s:g} s"
@@ -143,13 +143,13 @@ class Hold:
             return Rejection.NOT_ONE_G, f"{size:.4f} g"
         return None
 
-    def result(self) -> Readings:
+    def result(self) -> HoldReadings:
         """The raw readings and what is known of them."""
         a = np.concatenate([window.a for window in self.windows], axis=1)
         temps = [window.temp_c for window in self.windows if window.temp_c is not None]
         first = self.windows[0]
         error = self.std_error()
-        return Readings(
+        return HoldReadings(
             a=(tuple(a[0].tolist()), tuple(a[1].tolist()), tuple(a[2].tolist())),
             t_start_s=float(first.t_s - (first.a.shape[1] - 1) / self._rate),
             t_stop_s=float(self.windows[-1].t_s),
@@ -158,5 +158,5 @@ class Hold:
         )
 
     def learn(self) -> None:
-        """An accepted hold teaches how the means wander at rest."""
+        """An accepted hold teaches how the means drift at rest."""
         self._allan.add(self.means())

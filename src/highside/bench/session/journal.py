@@ -20,9 +20,9 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from highside.bench.session import entries
-from highside.bench.session.entries import Entry, Readings
+from highside.bench.session.entries import Entry, HoldReadings
 from highside.bench.session.ledger import Ledger
-from highside.bench.session.plans import Plan
+from highside.bench.session.plans import SessionPlan
 from highside.bench.session.reasons import Rejection
 from highside.calibration.record import CalibrationRecord, Environment, parse_record
 from highside.errors import HighsideError, InputError
@@ -32,8 +32,8 @@ SCHEMA = "highside.journal/1"
 
 _KINDS: dict[str, type] = {
     "began": entries.Began,
-    "taken": entries.Taken,
-    "refused": entries.Refused,
+    "taken": entries.TakenPose,
+    "refused": entries.RefusedHold,
     "skipped": entries.Skipped,
     "reopened": entries.Reopened,
     "undone": entries.Undone,
@@ -59,7 +59,7 @@ class Header:
     session: str
     tool_id: str
     serial: str | None
-    plan: Plan
+    plan: SessionPlan
     environment: Environment
     expires_days: float | None
     software: str
@@ -192,7 +192,7 @@ def _header(content: Mapping[str, Any]) -> Header:
     data = content["d"]
     if content["e"] != "session" or data["schema"] != SCHEMA:
         raise ValueError(f"is not the beginning of a journal of schema {SCHEMA!r}")
-    plan, judged = Plan.from_dict(data["plan"]), data.get("judged")
+    plan, judged = SessionPlan.from_dict(data["plan"]), data.get("judged")
     record = None if judged is None else parse_record(json.dumps(judged))
     if (plan.criterion is None) != (record is None) or (
         plan.criterion and record and plan.criterion.record != record.id
@@ -221,12 +221,12 @@ def _entry(content: Mapping[str, Any]) -> Entry:
     return entry
 
 
-def _readings(data: Mapping[str, Any]) -> Readings:
+def _readings(data: Mapping[str, Any]) -> HoldReadings:
     x, y, z = (tuple(map(float, row)) for row in data["a"])
     if not len(x) == len(y) == len(z) > 0:
         raise ValueError("has readings of unequal length")
     ex, ey, ez = map(float, data["std_error_g"])
-    return Readings((x, y, z), data["t_start_s"], data["t_stop_s"], data["temp_c"], (ex, ey, ez))
+    return HoldReadings((x, y, z), data["t_start_s"], data["t_stop_s"], data["temp_c"], (ex, ey, ez))
 
 
 def encode_all(header: Header, items: Iterable[tuple[Entry, float]]) -> bytes:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from highside.bench.session import checks
-from highside.bench.session.entries import Readings, Refused, Reopened, Taken
+from highside.bench.session.entries import HoldReadings, RefusedHold, Reopened, TakenPose
 from highside.bench.session.guidance import angle_between_deg
 from highside.bench.session.hold import Hold
 from highside.bench.session.ledger import Ledger, PoseLine
@@ -26,52 +26,54 @@ UNDISTURBED_SHARE = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class JudgedHold:
     """`entry` None: nothing new was learnt (a shorter hold in the attitude taken last)."""
 
-    entry: Taken | Refused | None
+    entry: TakenPose | RefusedHold | None
     agreement: checks.Agreement | None = None
 
     @property
     def good(self) -> bool:
-        return isinstance(self.entry, Taken)
+        return isinstance(self.entry, TakenPose)
 
 
-def judge_hold(ledger: Ledger, hold: Hold, *, mirrored: bool, same_deg: float) -> Judged:
+def judge_hold(ledger: Ledger, hold: Hold, *, mirrored: bool, same_deg: float) -> JudgedHold:
     """What becomes of a hold; changes nothing."""
     wrong = hold.verdict()
     if wrong is not None:
-        return Judged(Refused(hold.pose, *wrong))
+        return JudgedHold(RefusedHold(hold.pose, *wrong))
     if mirrored:
-        return Judged(Refused(hold.pose, Rejection.MIRRORED))
+        return JudgedHold(RefusedHold(hold.pose, Rejection.MIRRORED))
     readings = hold.result()
     if hold.pose is None:
         return _by_hand(ledger, readings, same_deg)
     line = ledger.lines[hold.pose]
-    taken = Taken(line.id, readings, None, line.inc_deg, line.tf_deg, line.stage)
+    taken = TakenPose(line.id, readings, None, line.inc_deg, line.tf_deg, line.stage)
     trial = trial_of(ledger, taken)
     found = checks.agreement(trial.pose_set(), line.id, ledger.plan.limits)
-    taken = Taken(line.id, readings, found.sigmas, line.inc_deg, line.tf_deg, line.stage)
+    taken = TakenPose(line.id, readings, found.sigmas, line.inc_deg, line.tf_deg, line.stage)
     if found.sigmas is None or found.sigmas <= ledger.plan.limits.outlier_sigmas or not found.is_worst:
-        return Judged(taken, found)
+        return JudgedHold(taken, found)
     detail = f"{found.sigmas:.1f} standard deviations from what the other poses predict"
     if _repeats(ledger, line, readings):
         note = f"{detail}, twice alike: taken"
-        return Judged(Taken(line.id, readings, found.sigmas, line.inc_deg, line.tf_deg, line.stage, note), found)
-    return Judged(Refused(line.id, Rejection.OUTLIER, detail, readings, found.sigmas), found)
+        return JudgedHold(
+            TakenPose(line.id, readings, found.sigmas, line.inc_deg, line.tf_deg, line.stage, note), found
+        )
+    return JudgedHold(RefusedHold(line.id, Rejection.OUTLIER, detail, readings, found.sigmas), found)
 
 
-def trial_of(ledger: Ledger, taken: Taken) -> Ledger:
+def trial_of(ledger: Ledger, taken: TakenPose) -> Ledger:
     """A copy of the ledger with one more pose."""
     out = Ledger(ledger.plan)
     for line in ledger.done:
         if line.id != taken.pose and line.readings is not None:
-            out.apply(Taken(line.id, line.readings, None, line.inc_deg, line.tf_deg, line.stage))
+            out.apply(TakenPose(line.id, line.readings, None, line.inc_deg, line.tf_deg, line.stage))
     out.apply(taken)
     return out
 
 
-def _repeats(ledger: Ledger, line: PoseLine, readings: Readings) -> bool:
+def _repeats(ledger: Ledger, line: PoseLine, readings: HoldReadings) -> bool:
     """Whether the last refusal of this pose read the same, within the repeatability of bench and noise."""
     before = line.contradicted
     if before is None:
@@ -82,21 +84,21 @@ def _repeats(ledger: Ledger, line: PoseLine, readings: Readings) -> bool:
     return bool(np.all(apart <= REPEATS_SIGMAS * sigma))
 
 
-def _by_hand(ledger: Ledger, readings: Readings, same_deg: float) -> Judged:
+def _by_hand(ledger: Ledger, readings: HoldReadings, same_deg: float) -> JudgedHold:
     """A pose found by itself: a new one, or the last one held longer."""
     last = ledger.last_taken
     before = ledger.lines[last].readings if last is not None else None
     if last is not None and before is not None:
         apart = angle_between_deg(np.array(before.mean()), np.array(readings.mean()))
         if apart < same_deg * UNDISTURBED_SHARE:
-            return Judged(Taken(last, _joined(before, readings), None))
+            return JudgedHold(TakenPose(last, _joined(before, readings), None))
         if apart < same_deg:
-            return Judged(Taken(last, readings, None)) if readings.n > before.n else Judged(None)
+            return JudgedHold(TakenPose(last, readings, None)) if readings.n > before.n else JudgedHold(None)
     number = 1 + max((int(name) for name in ledger.lines), default=0)
-    return Judged(Taken(str(number), readings, None))
+    return JudgedHold(TakenPose(str(number), readings, None))
 
 
-def _joined(first: Readings, second: Readings) -> Readings:
+def _joined(first: HoldReadings, second: HoldReadings) -> HoldReadings:
     """One hold from two, disturbed in between."""
     n = (first.n, second.n)
     temps = [(r.temp_c, r.n) for r in (first, second) if r.temp_c is not None]
@@ -104,7 +106,7 @@ def _joined(first: Readings, second: Readings) -> Readings:
         float(np.hypot(n[0] * a, n[1] * b) / sum(n)) for a, b in zip(first.std_error_g, second.std_error_g, strict=True)
     ]
     ax, ay, az = (a + b for a, b in zip(first.a, second.a, strict=True))
-    return Readings(
+    return HoldReadings(
         (ax, ay, az),
         first.t_start_s,
         second.t_stop_s,
@@ -113,31 +115,31 @@ def _joined(first: Readings, second: Readings) -> Readings:
     )
 
 
-def contradictions(ledger: Ledger, judged: Judged) -> list[Reopened]:
+def contradictions(ledger: Ledger, judged: JudgedHold) -> list[Reopened]:
     """After a pose was taken: the poses that it shows to be wrong, to be measured again now, while the table is near.
 
     A ring that does not close, or another pose that departs most from all the others.
     """
     entry = judged.entry
-    if not isinstance(entry, Taken) or ledger.plan.open_ended:
+    if not isinstance(entry, TakenPose) or ledger.plan.open_ended:
         return []
     limits = ledger.plan.limits
 
-    def may_ask(pose: str) -> bool:
+    def may_request(pose: str) -> bool:
         line = ledger.lines[pose]
-        return line.state is PoseState.DONE and line.asked_again < limits.retakes
+        return line.state is PoseState.DONE and line.requested_again < limits.retakes
 
     found = judged.agreement
     other = found.worst if found is not None and found.worst != entry.pose else None
     away = (found.worst_sigmas or 0.0) if found is not None else 0.0
-    if other is not None and away > limits.outlier_sigmas and may_ask(other):
+    if other is not None and away > limits.outlier_sigmas and may_request(other):
         return [Reopened(other, Rejection.OUTLIER, f"{away:.1f} standard deviations from what the other poses predict")]
     limit = checks.closure_limit(ledger.plan)
     for closure in checks.ring_closures(ledger.pose_set(), limits):
         if entry.pose in closure.poses and closure.p < limit:
-            asked = [pose for pose in suspects(closure.worst_pose, closure.poses) if may_ask(pose)]
-            if asked:
-                pose = min(asked, key=lambda name: ledger.lines[name].asked_again)
+            suspected = [pose for pose in suspects(closure.worst_pose, closure.poses) if may_request(pose)]
+            if suspected:
+                pose = min(suspected, key=lambda name: ledger.lines[name].requested_again)
                 size = float(np.linalg.norm(closure.value)) * 1e3
                 return [Reopened(pose, Rejection.CLOSURE, f"the ring does not close by {size:.2f} mg")]
     return []

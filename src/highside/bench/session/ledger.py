@@ -20,20 +20,20 @@ from highside.bench.session.entries import (
     Began,
     Ended,
     Entry,
+    HoldReadings,
     Noted,
     Paused,
     PlanClosed,
     PutInForce,
-    Readings,
-    Refused,
+    RefusedHold,
     Reopened,
     Resumed,
     Skipped,
     StageReady,
-    Taken,
+    TakenPose,
     Undone,
 )
-from highside.bench.session.plans import Plan, Reference
+from highside.bench.session.plans import Reference, SessionPlan
 from highside.bench.session.reasons import Rejection
 from highside.bench.session.snapshot import PoseState
 from highside.calibration.method import SolveRequest
@@ -50,13 +50,13 @@ class PoseLine:
     tf_deg: float | None
     stage: int
     state: PoseState = PoseState.OPEN
-    readings: Readings | None = None
+    readings: HoldReadings | None = None
     sigmas: float | None = None
     attempts: int = 0
-    asked_again: int = 0
+    requested_again: int = 0
     reason: Rejection | None = None
     detail: str = ""
-    contradicted: Readings | None = None
+    contradicted: HoldReadings | None = None
     """the last readings that were refused because they contradict the other poses"""
 
     @property
@@ -67,7 +67,7 @@ class PoseLine:
 class Ledger:
     """See the module's docstring. `lines` holds the poses in the order of the plan (or as they were found)."""
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: SessionPlan) -> None:
         self.plan = plan
         self.lines: dict[str, PoseLine] = {
             pose.id: PoseLine(pose.id, pose.inc_deg, pose.tf_deg, pose.stage) for pose in plan.poses
@@ -96,9 +96,9 @@ class Ledger:
         match entry:
             case Began(operator, holder):
                 self.began, self.operator, self.holder = True, operator, holder
-            case Taken():
+            case TakenPose():
                 self._take(entry)
-            case Refused(pose, reason, detail, readings):
+            case RefusedHold(pose, reason, detail, readings):
                 self.refused[reason] = self.refused.get(reason, 0) + 1
                 line = self.lines.get(pose) if pose is not None else None
                 if line is not None and line.open:
@@ -122,7 +122,7 @@ class Ledger:
                         contradicted=None,
                         reason=reason,
                         detail=detail,
-                        asked_again=line.asked_again + by_itself,
+                        requested_again=line.requested_again + by_itself,
                     )
                 )
             case Undone():
@@ -140,7 +140,7 @@ class Ledger:
                 pass
         self._enter_stage()
 
-    def _take(self, entry: Taken) -> None:
+    def _take(self, entry: TakenPose) -> None:
         before = self.lines.get(entry.pose)
         line = before or PoseLine(entry.pose, entry.inc_deg, entry.tf_deg, entry.stage)
         self.retaken += line.state is PoseState.AGAIN
@@ -171,7 +171,7 @@ class Ledger:
         else:
             now = self.lines[name]
             # attempts were made, whatever became of them
-            self.lines[name] = replace(before, attempts=now.attempts, asked_again=now.asked_again)
+            self.lines[name] = replace(before, attempts=now.attempts, requested_again=now.requested_again)
         self._order = order
         self.closed = False
         self.revision += 1

@@ -1,6 +1,6 @@
 """The bench session as a table: every state, every event, one defined outcome. All that decides a state is here.
 
-Theory of operation. A session is always in one `State`. Two kinds of events come in: what operators ask for (the
+Theory of operation. A session is always in one `SessionState`. Two kinds of events come in: what operators request (the
 commands) and what is observed (readings judged window by window, checks of a pose, the solver's answer, data coming or
 not). `TABLE[state][event]` is the outcome: `Go` (the next state and the `Action` that belongs to the step), `STAY`
 (nothing happens; the usual answer to an observation that says nothing new), or `Refuse` (a command that makes no sense
@@ -18,11 +18,11 @@ out by `onward`, from three booleans.
                      ^    ^  away                              | moved, left, data lost | good, bad
                      |    +------------------------------------+------------------------+
     SOAKING <--------+ steady / not steady                                              | none is open
-                     | a pose is asked for again                                        v
+                     | a pose is requested again                                        v
                      +---------------------------------------------------------------- SOLVING --> REVIEW --> ACCEPTED
                                                                                                          \\-> REJECTED
     PAUSED and NO_DATA may be entered from every state in which something is measured, and lead ONWARD again.
-    Nothing ends for want of time: a wait that grows long is said, and goes on. Only operators end a session.
+    Nothing ends for want of time: a wait that grows long is reported, and goes on. Only operators end a session.
     No step leads out of an end; an accepted calibration may still be put in force there, or that be taken back.
 
 A hold under way is the only thing that is ever lost: by motion, pause, abort, loss of data, or the end of the process.
@@ -36,10 +36,10 @@ from enum import StrEnum
 from types import MappingProxyType
 
 from highside.bench.session.reasons import Refusal
-from highside.bench.session.snapshot import CommandName, State
+from highside.bench.session.snapshot import CommandName, SessionState
 
 
-class Event(StrEnum):
+class SessionEvent(StrEnum):
     """What can happen. The commands carry the names of `CommandName`."""
 
     START = "start"
@@ -68,7 +68,7 @@ class Event(StrEnum):
     BROKEN = "broken"
     """the hold is spoilt; the reason is with the event"""
     STEADY = "steady"
-    """the temperature asked for is reached and steady"""
+    """the temperature requested is reached and steady"""
     UNSTEADY = "unsteady"
     """the temperature has left the step"""
     GOOD = "good"
@@ -76,7 +76,7 @@ class Event(StrEnum):
     BAD = "bad"
     """it does not; the reason is with the event"""
     SOLVED = "solved"
-    """the solver has answered and nothing is to be asked again"""
+    """the solver has answered and nothing is to be requested again"""
     AGAIN = "again"
     """the solution calls for a pose to be measured again"""
     DATA_LOST = "data_lost"
@@ -86,13 +86,9 @@ class Event(StrEnum):
     LONG_WAIT = "long_wait"
     """nothing has happened for a long time"""
 
-    @property
-    def is_command(self) -> bool:
-        return self in COMMANDS
 
-
-COMMANDS = frozenset({*(Event(name.value) for name in CommandName), Event.FINISH})
-OBSERVATIONS = frozenset(Event) - COMMANDS
+COMMANDS = frozenset({*(SessionEvent(name.value) for name in CommandName), SessionEvent.FINISH})
+OBSERVATIONS = frozenset(SessionEvent) - COMMANDS
 
 
 class Action(StrEnum):
@@ -145,7 +141,7 @@ ONWARD = Onward.ONWARD
 class Go:
     """A step: where to (None: where we are), and what is done."""
 
-    to: State | Onward | None
+    to: SessionState | Onward | None
     action: Action = Action.NONE
 
 
@@ -160,7 +156,7 @@ Outcome = Go | Refuse
 STAY = Go(None)
 NOT_NOW = Refuse(Refusal.NOT_NOW)
 
-_S, _E, _A = State, Event, Action
+_S, _E, _A = SessionState, SessionEvent, Action
 
 _PAUSE = {_E.PAUSE: Go(_S.PAUSED, _A.PAUSE)}
 _ABORT = {_E.ABORT: Go(_S.ABORTED, _A.END)}
@@ -175,12 +171,12 @@ _MEASURING = _PAUSE | _ABORT | _EDIT | _LOST | _FINISH
 _NOT_STILL = {_E.CAPTURE: Refuse(Refusal.NOT_STILL)}
 
 
-def _row(entries: Mapping[Event, Outcome]) -> Mapping[Event, Outcome]:
-    rest: dict[Event, Outcome] = {event: NOT_NOW if event in COMMANDS else STAY for event in Event}
+def _row(entries: Mapping[SessionEvent, Outcome]) -> Mapping[SessionEvent, Outcome]:
+    rest: dict[SessionEvent, Outcome] = {event: NOT_NOW if event in COMMANDS else STAY for event in SessionEvent}
     return MappingProxyType(rest | dict(entries))
 
 
-TABLE: Mapping[State, Mapping[Event, Outcome]] = MappingProxyType(
+TABLE: Mapping[SessionState, Mapping[SessionEvent, Outcome]] = MappingProxyType(
     {
         _S.IDLE: _row(_ABORT | {_E.START: Go(ONWARD, _A.BEGIN), _E.LONG_WAIT: Go(None, _A.REMIND)}),
         _S.SOAKING: _row(_MEASURING | _NOT_STILL | {_E.STEADY: Go(ONWARD, _A.STAGE)}),
@@ -245,13 +241,13 @@ LIVE = frozenset({_S.GUIDING, _S.SETTLING, _S.CAPTURING})
 MEASURING = LIVE | {_S.SOAKING, _S.NO_DATA}
 
 
-def outcome(state: State, event: Event) -> Outcome:
+def outcome(state: SessionState, event: SessionEvent) -> Outcome:
     """What `event` does in `state`; defined for every pair."""
     return TABLE[state][event]
 
 
-def onward(*, waits_for_temperature: bool, has_open: bool, solved: bool) -> State:
+def onward(*, waits_for_temperature: bool, has_open: bool, solved: bool) -> SessionState:
     """Where the poses still open lead."""
     if has_open:
-        return State.SOAKING if waits_for_temperature else State.GUIDING
-    return State.REVIEW if solved else State.SOLVING
+        return SessionState.SOAKING if waits_for_temperature else SessionState.GUIDING
+    return SessionState.REVIEW if solved else SessionState.SOLVING

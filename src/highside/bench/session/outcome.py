@@ -15,21 +15,22 @@ from highside.arrays import Array
 from highside.bench.session import turntable
 from highside.bench.session.journal import Header, Journal
 from highside.bench.session.ledger import Ledger
-from highside.bench.session.plans import Kind, Plan
+from highside.bench.session.plans import SessionKind, SessionPlan
 from highside.bench.session.reasons import Rejection
-from highside.bench.session.snapshot import PoseState, Uncertainty
+from highside.bench.session.snapshot import PoseState, UncertaintyState
 from highside.bench.session.verdict import Found, judge
 from highside.calibration.method import Solution, SolveRequest
 from highside.calibration.methods import solves_rings
 from highside.calibration.record import CalibrationRecord, PoseColumns, build_record, solve_poses
-from highside.calibration.result import CalibrationResult, Reason
+from highside.calibration.remark import Reason
+from highside.calibration.result import CalibrationResult
 from highside.errors import HighsideError, InputError
 from highside.physics.gravity import gravity_direction
 from highside.rotation.compensation import Compensation
 
 DAY_S = 86_400.0
 ALL_INC_DEG = (3.0, 177.0)
-"""Toolface has no finite mean square error over all attitudes: it is left out within 3 deg of vertical."""
+"""Toolface has no finite mean square error over all attitudes: it is omitted within 3 deg of vertical."""
 ALL_COUNT = 400
 
 _ASK_AGAIN = {
@@ -53,7 +54,7 @@ class Solved:
     tf_std_deg: float | None
     refused: tuple[str, ...]
     remarks: tuple[str, ...]
-    uncertainty: Uncertainty | None = None
+    uncertainty: UncertaintyState | None = None
     verdict: Found | None = None
     """of a session that judges an existing calibration"""
     turntable: Compensation | None = None
@@ -81,11 +82,11 @@ def solve(ledger: Ledger, judged: CalibrationRecord | None = None) -> Solved:
         return Solved(revision, None, why, (), None, None, (why,), ())
     result = solution.result
     uncertainty = uncertainty_of(solution, plan)
-    why, table, said = "", None, list[str]()
-    if plan.kind is Kind.TURNTABLE:
+    why, table, notes = "", None, list[str]()
+    if plan.kind is SessionKind.TURNTABLE:
         try:
             table = turntable.fit(ledger, solution, plan.title, ledger.raw_sha256())
-            said.append(turntable.describe(table))
+            notes.append(turntable.describe(table))
         except HighsideError as error:
             why = str(error)
     return Solved(
@@ -98,7 +99,7 @@ def solve(ledger: Ledger, judged: CalibrationRecord | None = None) -> Solved:
         tf_std_deg=uncertainty.rms_tf_std_deg,
         uncertainty=uncertainty,
         refused=tuple(remark.text for remark in result.remarks if remark.refused),
-        remarks=(*said, *(remark.text for remark in result.remarks if not remark.refused)),
+        remarks=(*notes, *(remark.text for remark in result.remarks if not remark.refused)),
     )
 
 
@@ -114,7 +115,7 @@ def _judge(ledger: Ledger, judged: CalibrationRecord | None) -> Solved:
     return Solved(ledger.revision, None, why, (), None, None, refused, (), verdict=verdict)
 
 
-def solve_so_far(columns: PoseColumns, request: SolveRequest, plan: Plan) -> Uncertainty | None:
+def solve_so_far(columns: PoseColumns, request: SolveRequest, plan: SessionPlan) -> UncertaintyState | None:
     """What the result would state if the session ended with these poses; None while none follows from them."""
     try:
         return uncertainty_of(solve_poses(columns, request), plan)
@@ -123,7 +124,7 @@ def solve_so_far(columns: PoseColumns, request: SolveRequest, plan: Plan) -> Unc
 
 
 def _contradicted(result: CalibrationResult) -> tuple[tuple[str, Rejection, str], ...]:
-    """The poses to measure again: what the solver left out first, then the worst of each ring that does not close."""
+    """The poses to measure again: what the solver omitted first, then the worst of each ring that does not close."""
     found: dict[str, tuple[Rejection, str]] = {}
     for remark in result.remarks:
         if remark.refused and remark.reason in (Reason.BAD_POSE, Reason.SWAPPED_POSES):
@@ -139,17 +140,17 @@ def _contradicted(result: CalibrationResult) -> tuple[tuple[str, Rejection, str]
 
 
 def to_ask_again(solved: Solved, ledger: Ledger) -> tuple[tuple[str, Rejection, str], ...]:
-    """Of the poses that the solution contradicts those that may be asked for once more: all that were left out, but
-    one of a ring that does not close (the one asked for least so far)."""
+    """Of the poses that the solution contradicts those that may be requested once more: all that were omitted, but
+    one of a ring that does not close (the one requested least so far)."""
     may = [
         item
         for item in solved.again
         if (line := ledger.lines.get(item[0])) is not None
         and line.state is PoseState.DONE
-        and line.asked_again < ledger.plan.limits.retakes
+        and line.requested_again < ledger.plan.limits.retakes
     ]
     if any(reason is Rejection.CLOSURE for _, reason, _ in may):
-        return (min(may, key=lambda item: ledger.lines[item[0]].asked_again),)
+        return (min(may, key=lambda item: ledger.lines[item[0]].requested_again),)
     return tuple(may)
 
 
@@ -199,7 +200,7 @@ USE_INC_DEG = (1.0, 5.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
 """Where the curve of uncertainty is shown, but for a local method, which holds at its own rings."""
 
 
-def uncertainty_of(solution: Solution, plan: Plan) -> Uncertainty:
+def uncertainty_of(solution: Solution, plan: SessionPlan) -> UncertaintyState:
     """What a solution states of itself: rms over the attitudes of use, and the curve over inclination."""
     around = np.deg2rad(np.arange(0.0, 360.0, 45.0))
     use = sorted({abs(pose.inc_deg) for pose in plan.poses}) if solves_rings(plan.method) else USE_INC_DEG
@@ -212,7 +213,7 @@ def uncertainty_of(solution: Solution, plan: Plan) -> Uncertainty:
             inc_std.append(values[0])
             tf_std.append(values[1])
     rms_inc, rms_tf = stated_uncertainty(solution)
-    return Uncertainty(
+    return UncertaintyState(
         inc_deg=shown, inc_std_deg=inc_std, tf_std_deg=tf_std, rms_inc_std_deg=rms_inc, rms_tf_std_deg=rms_tf
     )
 
@@ -223,7 +224,7 @@ def errors_against(
     """Rms errors of I and T in degrees against a sensor whose truth is known (`m = matrix g + offset`, at `temp_c`),
     without reading noise, over the attitudes of use. What the simulated bench is judged by."""
     from highside.attitude.block import attitude_block
-    from highside.calibration.correction import LinearCorrection
+    from highside.calibration.linear_correction import LinearCorrection
     from highside.calibration.record import correction_from_record
     from highside.calibration.schedule import ScheduledCorrection
 

@@ -20,17 +20,17 @@ import numpy as np
 
 from highside.calibration.advice import CANDIDATE_INC_RAD, CANDIDATE_TF_RAD, next_best_poses
 from highside.calibration.conventional import position_plan
+from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.methods import get
 from highside.calibration.methods.balance import METHOD as BALANCE
 from highside.calibration.methods.conventional import METHOD as CONVENTIONAL
 from highside.calibration.methods.joint import METHOD as JOINT
-from highside.calibration.result import BenchAccuracy
 from highside.errors import InputError
 
 Reference = Literal["pose", "magnitude"]
 
 
-class Kind(StrEnum):
+class SessionKind(StrEnum):
     """What a session is for."""
 
     BALANCE = "balance"
@@ -47,7 +47,7 @@ class Kind(StrEnum):
     @property
     def calibrates(self) -> bool:
         """Whether it ends in a calibration record (else in a verdict on an existing one)."""
-        return self not in (Kind.VERIFICATION, Kind.ROLL_TEST)
+        return self not in (SessionKind.VERIFICATION, SessionKind.ROLL_TEST)
 
 
 BALANCE_TOOLFACES_DEG = (45.0, 135.0, 225.0, 315.0)
@@ -77,7 +77,7 @@ class PlannedPose:
 
 
 @dataclass(frozen=True, slots=True)
-class Stage:
+class TemperatureStage:
     """A step of temperature. `temp_c` None: whatever it is. `steady`: wait until it does not change any more."""
 
     temp_c: float | None = None
@@ -91,7 +91,7 @@ class Limits:
     `std_error_g`: the hold ends when the standard error of the mean (worst axis) is below this, not before `min_hold_s`
     and not after `max_hold_s`. `align_deg`: what may be missing to a pose beside what the sensor's own errors explain;
     these are taken from `prior_offset_g` and `prior_matrix` (one standard deviation each) until poses tell more.
-    `retakes`: how often one pose is asked for again before its contradiction is left to the operator. Temperature:
+    `retakes`: how often one pose is requested again before its contradiction is left to the operator. Temperature:
     within `temp_tolerance_c` of the step, and changing by less than `temp_rate_c_min`, for `soak_s`.
     """
 
@@ -108,7 +108,7 @@ class Limits:
     temp_rate_c_min: float = 0.2
     soak_s: float = 120.0
     remind_s: float = 120.0
-    """waiting longer than this is said"""
+    """waiting longer than this is reported"""
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
@@ -138,14 +138,14 @@ class Criterion:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class SessionPlan:
     """A whole session as planned. `poses` is empty, and `open_ended` true, where poses are found by themselves."""
 
-    kind: Kind
+    kind: SessionKind
     title: str
     method: str
     poses: tuple[PlannedPose, ...]
-    stages: tuple[Stage, ...] = (Stage(),)
+    stages: tuple[TemperatureStage, ...] = (TemperatureStage(),)
     limits: Limits = field(default_factory=Limits)
     reference: Reference = "pose"
     triples: str = "average"
@@ -170,21 +170,21 @@ class Plan:
 
     @property
     def open_ended(self) -> bool:
-        return self.kind is Kind.UNGUIDED
+        return self.kind is SessionKind.UNGUIDED
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for the journal; every float comes back exactly."""
         return asdict(self) | {"kind": self.kind.value}
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Plan:
+    def from_dict(cls, data: Mapping[str, Any]) -> SessionPlan:
         return cls(
             **(
                 dict(data)
                 | {
-                    "kind": Kind(data["kind"]),
+                    "kind": SessionKind(data["kind"]),
                     "poses": tuple(PlannedPose(**pose) for pose in data["poses"]),
-                    "stages": tuple(Stage(**stage) for stage in data["stages"]),
+                    "stages": tuple(TemperatureStage(**stage) for stage in data["stages"]),
                     "limits": Limits(**data["limits"]),
                     "criterion": None if data.get("criterion") is None else Criterion(**data["criterion"]),
                 }
@@ -192,7 +192,9 @@ class Plan:
         )
 
 
-def balance_plan(inclinations_deg: Sequence[float], limits: Limits | None = None, *, triples: str = "average") -> Plan:
+def balance_plan(
+    inclinations_deg: Sequence[float], limits: Limits | None = None, *, triples: str = "average"
+) -> SessionPlan:
     """Four toolfaces in the middles of the quadrants at each inclination."""
     for inc in inclinations_deg:
         if abs(inc - 90.0) < 0.6 or abs(inc) < 0.06 or abs(inc) > 179.9:
@@ -203,12 +205,12 @@ def balance_plan(inclinations_deg: Sequence[float], limits: Limits | None = None
             )
     poses = _grid(inclinations_deg, BALANCE_TOOLFACES_DEG)
     rings = ", ".join(f"{inc:g}" for inc in inclinations_deg)
-    return Plan(
-        Kind.BALANCE, f"balance at {rings} deg", BALANCE.name, poses, limits=limits or Limits(), triples=triples
+    return SessionPlan(
+        SessionKind.BALANCE, f"balance at {rings} deg", BALANCE.name, poses, limits=limits or Limits(), triples=triples
     )
 
 
-def conventional_plan(positions: int, limits: Limits | None = None) -> Plan:
+def conventional_plan(positions: int, limits: Limits | None = None) -> SessionPlan:
     """3, 6, 8, 12 or 24 positions."""
     try:
         inc, tf = position_plan(positions)
@@ -216,8 +218,12 @@ def conventional_plan(positions: int, limits: Limits | None = None) -> Plan:
         raise InputError(str(error), field="plan.positions") from None
     attitudes = zip(np.rad2deg(inc).tolist(), np.rad2deg(tf).tolist(), strict=True)
     poses = tuple(PlannedPose(str(k + 1), i, t) for k, (i, t) in enumerate(attitudes))
-    return Plan(
-        Kind.CONVENTIONAL, f"conventional, {positions} positions", CONVENTIONAL.name, poses, limits=limits or Limits()
+    return SessionPlan(
+        SessionKind.CONVENTIONAL,
+        f"conventional, {positions} positions",
+        CONVENTIONAL.name,
+        poses,
+        limits=limits or Limits(),
     )
 
 
@@ -227,7 +233,7 @@ def joint_plan(
     *,
     inclinations_deg: Sequence[float] | None = None,
     toolfaces_deg: Sequence[float] | None = None,
-) -> Plan:
+) -> SessionPlan:
     """`count` poses chosen one by one so that each lowers the final uncertainty the most (see `calibration.advice`).
 
     The bench's travel is what is allowed: inclinations (negative ones for a table that turns the other way) and
@@ -266,7 +272,7 @@ def joint_plan(
         PlannedPose(str(k + 1), round(float(np.rad2deg(i)), 9), round(float(np.rad2deg(t)), 9))
         for k, (i, t) in enumerate(ordered)
     )
-    return Plan(Kind.JOINT, f"joint, {count} poses by advice", JOINT.name, poses, limits=limits)
+    return SessionPlan(SessionKind.JOINT, f"joint, {count} poses by advice", JOINT.name, poses, limits=limits)
 
 
 LEAST_TURNTABLE_SIN = 0.05
@@ -276,7 +282,7 @@ LEAST_TURN = 8
 
 def turntable_plan(
     inclinations_deg: Sequence[float] = (20.0, 50.0, 90.0), stations: int = 24, limits: Limits | None = None
-) -> Plan:
+) -> SessionPlan:
     """Full turns in equal steps at two inclinations or more: the sensor and the bench's own encoder and axis."""
     inc = np.deg2rad(np.asarray(inclinations_deg, dtype=float))
     if np.any(inc <= 0) or np.any(np.sin(inc) < LEAST_TURNTABLE_SIN):
@@ -295,7 +301,9 @@ def turntable_plan(
         raise InputError(f"{stations} stations", field="plan.stations", remedy=f"at least {LEAST_TURN}")
     poses = _grid(inclinations_deg, tuple(360.0 * k / stations for k in range(stations)))
     turns = ", ".join(f"{value:g}" for value in inclinations_deg)
-    return Plan(Kind.TURNTABLE, f"turntable, full turns at {turns} deg", JOINT.name, poses, limits=limits or Limits())
+    return SessionPlan(
+        SessionKind.TURNTABLE, f"turntable, full turns at {turns} deg", JOINT.name, poses, limits=limits or Limits()
+    )
 
 
 def soak_plan(
@@ -303,10 +311,10 @@ def soak_plan(
     inclinations_deg: Sequence[float],
     toolfaces_deg: Sequence[float],
     limits: Limits | None = None,
-) -> Plan:
+) -> SessionPlan:
     """The poses repeated at each step of an oven cycle (list the way up and the way down), each time when steady."""
     return _over_temperature(
-        Kind.OVEN, "oven soak", temperatures_c, inclinations_deg, toolfaces_deg, limits, steady=True
+        SessionKind.OVEN, "oven soak", temperatures_c, inclinations_deg, toolfaces_deg, limits, steady=True
     )
 
 
@@ -315,15 +323,15 @@ def heated_roll_plan(
     inclination_deg: float,
     toolfaces_deg: Sequence[float],
     limits: Limits | None = None,
-) -> Plan:
+) -> SessionPlan:
     """The tool is rolled at one inclination while it warms or cools: a turn of poses at each temperature passed."""
     return _over_temperature(
-        Kind.HEATED_ROLL, "heated roll", temperatures_c, (inclination_deg,), toolfaces_deg, limits, steady=False
+        SessionKind.HEATED_ROLL, "heated roll", temperatures_c, (inclination_deg,), toolfaces_deg, limits, steady=False
     )
 
 
 def _over_temperature(
-    kind: Kind,
+    kind: SessionKind,
     name: str,
     temperatures_c: Sequence[float],
     inclinations_deg: Sequence[float],
@@ -331,17 +339,17 @@ def _over_temperature(
     limits: Limits | None,
     *,
     steady: bool,
-) -> Plan:
+) -> SessionPlan:
     if len(temperatures_c) < 2:
         raise InputError("a cycle has at least two steps", field="plan.temperatures_c")
-    stages = tuple(Stage(float(temp), steady) for temp in temperatures_c)
+    stages = tuple(TemperatureStage(float(temp), steady) for temp in temperatures_c)
     poses = tuple(
         replace(pose, id=f"{s + 1}.{pose.id}", stage=s)
         for s in range(len(stages))
         for pose in _grid(inclinations_deg, toolfaces_deg)
     )
     steps = " ".join(f"{temp:g}" for temp in temperatures_c)
-    return Plan(kind, f"{name} at {steps} C", JOINT.name, poses, stages, limits or Limits())
+    return SessionPlan(kind, f"{name} at {steps} C", JOINT.name, poses, stages, limits or Limits())
 
 
 def custom_plan(
@@ -350,39 +358,45 @@ def custom_plan(
     limits: Limits | None = None,
     *,
     title: str = "custom",
-) -> Plan:
+) -> SessionPlan:
     """Any poses (inclination, toolface) in degrees, in the order given."""
     get(method, field="plan.method")
     planned = tuple(PlannedPose(str(k + 1), float(i), float(t)) for k, (i, t) in enumerate(poses))
-    return Plan(Kind.CUSTOM, title, method, planned, limits=limits or Limits())
+    return SessionPlan(SessionKind.CUSTOM, title, method, planned, limits=limits or Limits())
 
 
-def unguided_plan(limits: Limits | None = None, *, min_poses: int = 10) -> Plan:
+def unguided_plan(limits: Limits | None = None, *, min_poses: int = 10) -> SessionPlan:
     """No bench: as many attitudes as can be, found by themselves; |g| alone calibrates. Ended by `accept`."""
     # sensors of hand sessions are uncalibrated as often as not
     limits = limits or Limits(min_hold_s=1.5, max_hold_s=60.0, prior_offset_g=0.05, prior_matrix=0.05)
-    return Plan(
-        Kind.UNGUIDED, "attitudes by hand", JOINT.name, (), limits=limits, reference="magnitude", min_poses=min_poses
+    return SessionPlan(
+        SessionKind.UNGUIDED,
+        "attitudes by hand",
+        JOINT.name,
+        (),
+        limits=limits,
+        reference="magnitude",
+        min_poses=min_poses,
     )
 
 
 def verification_plan(
     poses: Sequence[tuple[float, float]], limits: Limits | None = None, criterion: Criterion | None = None
-) -> Plan:
+) -> SessionPlan:
     """A few poses to judge an existing calibration by ("as found"). Without a criterion they are only taken."""
     made = custom_plan(poses, JOINT.name, limits, title="verification")
-    return replace(made, kind=Kind.VERIFICATION, method="none", criterion=criterion)
+    return replace(made, kind=SessionKind.VERIFICATION, method="none", criterion=criterion)
 
 
 def roll_test_plan(
     inclination_deg: float, toolfaces: int = 8, limits: Limits | None = None, criterion: Criterion | None = None
-) -> Plan:
+) -> SessionPlan:
     """The field roll test: toolfaces all around at one inclination. Without a criterion they are only taken."""
     if toolfaces < ROLL_TEST_MIN_TOOLFACES:
         raise InputError(f"{toolfaces} toolfaces", field="plan.toolfaces", remedy=f"at least {ROLL_TEST_MIN_TOOLFACES}")
     poses = _grid((inclination_deg,), tuple(360.0 * k / toolfaces for k in range(toolfaces)))
     title = f"roll test at {inclination_deg:g} deg"
-    return Plan(Kind.ROLL_TEST, title, "none", poses, limits=limits or Limits(), criterion=criterion)
+    return SessionPlan(SessionKind.ROLL_TEST, title, "none", poses, limits=limits or Limits(), criterion=criterion)
 
 
 def _grid(inclinations_deg: Sequence[float], toolfaces_deg: Sequence[float]) -> tuple[PlannedPose, ...]:

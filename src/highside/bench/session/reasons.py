@@ -26,7 +26,7 @@ class Rejection(_Said):
     MOVED = "moved", "The tool moved while it was being measured. Keep hands off; it is measured again by itself."
     SHAKEN = "shaken", "The readings shook more than this sensor does at rest. Look for vibration near the bench."
     CREEPING = "creeping", "The reading drifted during the hold: clamp the table, then wait until it has settled."
-    WRONG_POSE = "wrong_pose", "The tool left the pose it was asked for before the measurement was done."
+    WRONG_POSE = "wrong_pose", "The tool left the requested pose before the measurement was done."
     REPEATED = "repeated", "This pose has been measured already. Turn to the pose shown, or choose Redo."
     TOO_SHORT = "too_short", "The hold was too short to average. Leave the tool until the bar is full."
     DATA_LOST = "data_lost", "The tool's data stopped during the hold. Check the cable; the pose is measured again."
@@ -67,7 +67,7 @@ class Refusal(_Said):
     NOTHING_TO_UNDO = "nothing_to_undo", "There is nothing left to take back."
     NOT_STILL = "not_still", "The tool is not still, or not at an open pose."
     NO_OPERATOR = "no_operator", "Say who you are: a command needs an operator's name."
-    NOT_SOLVED = "not_solved", "There is no solution to accept. Measure the poses asked for, or reject the session."
+    NOT_SOLVED = "not_solved", "There is no solution to accept. Measure the poses requested, or reject the session."
     STORAGE = "storage", "The journal cannot be written. Free the disk; nothing was changed."
     NO_RECORD = "no_record", "This session has made no calibration that could be put in force."
     IN_FORCE = "in_force", "This calibration is in force already."
@@ -80,7 +80,7 @@ class Refusal(_Said):
 
 
 class Fault(_Said):
-    """What is wrong now and goes away by itself when it is mended; nothing fails because of it."""
+    """What is wrong now and goes away by itself when it is corrected; nothing fails because of it."""
 
     NO_DATA = "no_data", "No data from the tool. Check power and cable; the session waits."
     LINK_DOWN = "link_down", "The link is down and is being tried again. The session waits."
@@ -98,13 +98,13 @@ class Fault(_Said):
     FROZEN = "frozen", Rejection.FROZEN.text
     NOT_AS_ASKED = (
         "not_as_asked",
-        "Another pose than the one asked for was recognised. That is allowed; if the table does stand at the pose "
-        "that was asked for, the axes are swapped: abort and check the axis mapping.",
+        "Another pose than the one requested was recognised. That is allowed; if the table does stand at the pose "
+        "that was requested, the axes are swapped: abort and check the axis mapping.",
     )
     READS_ALIKE = (
         "reads_alike",
         "The tool reads the same at more than one setting of this plan (the table turned to either side); which one "
-        "it stands at cannot be seen. Such a pose is measured when it is asked for: set the one shown.",
+        "it stands at cannot be determined. Such a pose is measured on request: set the one shown.",
     )
     WAITING_LONG = "waiting_long", "Nothing has happened for a long time. The session waits; pause it if you leave."
     TEMPERATURE = "temperature", "The temperature is not yet steady at this step. The session waits."

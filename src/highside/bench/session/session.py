@@ -19,15 +19,15 @@ from highside.bench.session.commands import Origin, Replies, event_of, holder_of
 from highside.bench.session.entries import Entry
 from highside.bench.session.faults import Faults
 from highside.bench.session.force import InForce, Store, StoreError
-from highside.bench.session.guidance import Candidate, Provisional
+from highside.bench.session.guidance import CandidatePose, Provisional
 from highside.bench.session.hold import Hold
 from highside.bench.session.journal import Header, StorageError
 from highside.bench.session.ledger import Ledger
-from highside.bench.session.machine import LIVE, MEASURING, Action, Event, Go, Onward, Outcome, Refuse, onward
+from highside.bench.session.machine import LIVE, MEASURING, Action, Go, Onward, Outcome, Refuse, SessionEvent, onward
 from highside.bench.session.machine import outcome as outcome_of
 from highside.bench.session.reasons import Fault, Refusal, Rejection
-from highside.bench.session.snapshot import Command, CommandName, Reply, State, Uncertainty
-from highside.bench.session.stillness import Window
+from highside.bench.session.snapshot import Command, CommandName, Reply, SessionState, UncertaintyState
+from highside.bench.session.stillness import ReadingWindow
 from highside.bench.session.tracker import Gap, Tracker
 from highside.bench.session.watch import Watch
 from highside.calibration.record import CalibrationRecord
@@ -54,7 +54,7 @@ class BenchSession:
         self.plan = header.plan
         self.ledger = ledger or Ledger(header.plan)
         self.tracker = Tracker(header.plan.limits, known_noise_g)
-        self.state = State.IDLE
+        self.state = SessionState.IDLE
         self.faults = Faults()
         self.watch = Watch(self.ledger, self.tracker, self.faults)
         self.actions = Actions(header, self.ledger, self.tracker, self.watch, self.faults, write, wall, store)
@@ -63,7 +63,7 @@ class BenchSession:
         self._moments = 0
         self._replies = Replies()
         self._working = False
-        self._so_far: tuple[int, Uncertainty | None] | None = None
+        self._so_far: tuple[int, UncertaintyState | None] | None = None
         self._looking_ahead = False
         self._last_data_s: float | None = None
         self._since_s = 0.0
@@ -73,7 +73,7 @@ class BenchSession:
     def _go_on(self) -> None:
         """A journal was read back: wait, paused, for an operator to go on (or stay ended)."""
         ended = self.ledger.ended
-        self.state = State(ended.how) if ended is not None else State.PAUSED
+        self.state = SessionState(ended.how) if ended is not None else SessionState.PAUSED
         if ended is not None:
             self.actions.end_again(ended)
         self.watch.go_on()
@@ -111,8 +111,8 @@ class BenchSession:
             return
         self._last_data_s = now_s
         self.faults.clear(Fault.NO_DATA, Fault.LINK_DOWN)
-        if self.state is State.NO_DATA:
-            self._event(Event.DATA_BACK)
+        if self.state is SessionState.NO_DATA:
+            self._event(SessionEvent.DATA_BACK)
         for item in self.tracker.windows(frames):
             if isinstance(item, Gap):
                 self.faults.put(Fault.LOST_FRAMES, f"{item.missing_s:+.2f} s")
@@ -131,10 +131,10 @@ class BenchSession:
                 self.faults.put(Fault.NO_DATA)
                 self.tracker.forget()
             self.watch.blame = (Rejection.DATA_LOST, "")
-            if self.state in MEASURING and self.state is not State.NO_DATA:
-                self._event(Event.DATA_LOST)
-        if self.state is not State.PAUSED and now_s - self._since_s > self.plan.limits.remind_s:
-            self._event(Event.LONG_WAIT)
+            if self.state in MEASURING and self.state is not SessionState.NO_DATA:
+                self._event(SessionEvent.DATA_LOST)
+        if self.state is not SessionState.PAUSED and now_s - self._since_s > self.plan.limits.remind_s:
+            self._event(SessionEvent.LONG_WAIT)
 
     def link_down(self, message: str, now_s: float) -> None:
         """The link has failed; it is tried again by whoever owns it."""
@@ -142,8 +142,8 @@ class BenchSession:
         self.faults.put(Fault.LINK_DOWN, message)
         self.tracker.forget()
         self.watch.blame = (Rejection.DATA_LOST, message)
-        if self.state in MEASURING and self.state is not State.NO_DATA:
-            self._event(Event.DATA_LOST)
+        if self.state in MEASURING and self.state is not SessionState.NO_DATA:
+            self._event(SessionEvent.DATA_LOST)
 
     def data_ended(self, now_s: float) -> None:
         """A recording that is played is over."""
@@ -151,7 +151,7 @@ class BenchSession:
         if self.state in MEASURING:
             self._finish_hold()
             if self.plan.open_ended:
-                self._event(Event.DATA_ENDED)
+                self._event(SessionEvent.DATA_ENDED)
 
     def clock_stepped(self, by_s: float, now_s: float) -> None:
         """The wall clock was set. Nothing here goes by it but the times in journal and record."""
@@ -192,7 +192,7 @@ class BenchSession:
         return [name for name in CommandName if self._refuse(name, who, holder, None, target) is None]
 
     def _refuse(
-        self, name: CommandName, operator: str, holder: str, pose: str | None, target: Candidate | None = None
+        self, name: CommandName, operator: str, holder: str, pose: str | None, target: CandidatePose | None = None
     ) -> Refusal | None:
         target = target or (self.target if name in (CommandName.SKIP, CommandName.REDO) and pose is None else None)
         return refusal(
@@ -217,7 +217,7 @@ class BenchSession:
 
     def work(self) -> Callable[[], outcome.Solved] | None:
         """The job to be run now, once; its answer goes to `finish_work`."""
-        if self.state is not State.SOLVING or self._working:
+        if self.state is not SessionState.SOLVING or self._working:
             return None
         self._working = True
         return partial(outcome.solve, self.ledger, self.header.judged)
@@ -226,20 +226,20 @@ class BenchSession:
         """The solver has answered."""
         self._at(now_s)
         self._working = False
-        if self.state is not State.SOLVING:
+        if self.state is not SessionState.SOLVING:
             return
         self.actions.solved = solved
         self.actions.again = () if self.plan.open_ended else outcome.to_ask_again(solved, self.ledger)
         if self.actions.again:
-            self._event(Event.AGAIN)
+            self._event(SessionEvent.AGAIN)
             return
         if solved.again:
             self.faults.put(Fault.CONTRADICTION, solved.again[0][2])
         else:
             self.faults.clear(Fault.CONTRADICTION)
-        self._event(Event.SOLVED)
+        self._event(SessionEvent.SOLVED)
 
-    def look_ahead(self) -> Callable[[], Uncertainty | None] | None:
+    def look_ahead(self) -> Callable[[], UncertaintyState | None] | None:
         """The job of saying what the result would state if the session ended with the poses taken so far, once for
         each change of them; its answer goes to `finish_look_ahead`. What it works on does not change meanwhile."""
         revision = self.ledger.revision
@@ -250,7 +250,7 @@ class BenchSession:
         self._so_far = (revision, self.uncertainty)
         return partial(outcome.solve_so_far, self.ledger.pose_columns(), self.ledger.request(), self.plan)
 
-    def finish_look_ahead(self, uncertainty: Uncertainty | None) -> None:
+    def finish_look_ahead(self, uncertainty: UncertaintyState | None) -> None:
         """The answer of `look_ahead`'s job."""
         self._looking_ahead = False
         if self._so_far is not None:
@@ -258,7 +258,7 @@ class BenchSession:
         self._moments += 1
 
     @property
-    def uncertainty(self) -> Uncertainty | None:
+    def uncertainty(self) -> UncertaintyState | None:
         """What the calibration states of itself: the solution's, else that of the poses so far; None: none follows."""
         solved = self.solved
         if solved is not None and solved.revision == self.ledger.revision:
@@ -267,9 +267,9 @@ class BenchSession:
 
     # --- the machine -------------------------------------------------------------------------------------------
 
-    def _event(self, event: Event, command: Command | None = None) -> None:
-        """What `event` leads to. Where an entry cannot be written the state stays: an operator is told (StorageError),
-        an observation will come again."""
+    def _event(self, event: SessionEvent, command: Command | None = None) -> None:
+        """What `event` leads to. Where an entry cannot be written the state stays: an operator is notified
+        (StorageError), an observation will come again."""
         result: Outcome = outcome_of(self.state, event)
         if isinstance(result, Refuse):
             return
@@ -279,7 +279,7 @@ class BenchSession:
             self.faults.put(Fault.STORAGE, str(error))
             if command is not None:
                 raise
-            if self.state is not State.CHECKING:
+            if self.state is not SessionState.CHECKING:
                 return
             self.actions.last_rejection = (Rejection.STORAGE, Rejection.STORAGE.text)
         self._enter(result)
@@ -288,17 +288,17 @@ class BenchSession:
         if step.to is None:
             return
         target = self._onward() if isinstance(step.to, Onward) else step.to
-        if target is not State.CAPTURING and target is not State.CHECKING:
+        if target is not SessionState.CAPTURING and target is not SessionState.CHECKING:
             self.watch.hold = None
         if target is not self.state:
             self._since_s = self.now_s
             self.faults.clear(Fault.WAITING_LONG)
         self.state = target
-        if target is State.CHECKING:
+        if target is SessionState.CHECKING:
             # takes no time: the state is onward again before anybody looks
-            self._event(Event.GOOD if self.actions.check() else Event.BAD)
+            self._event(SessionEvent.GOOD if self.actions.check() else SessionEvent.BAD)
 
-    def _onward(self) -> State:
+    def _onward(self) -> SessionState:
         ledger = self.ledger
         solved = self.solved is not None and self.solved.revision == ledger.revision
         return onward(
@@ -307,7 +307,7 @@ class BenchSession:
             solved=solved,
         )
 
-    def _do(self, action: Action, event: Event, command: Command | None) -> None:
+    def _do(self, action: Action, event: SessionEvent, command: Command | None) -> None:
         if action is Action.CLOSE_PLAN:
             self._finish_hold()
         self.actions.do(action, event, command)
@@ -316,34 +316,34 @@ class BenchSession:
 
     # --- judging windows ---------------------------------------------------------------------------------------
 
-    def _window(self, window: Window) -> None:
+    def _window(self, window: ReadingWindow) -> None:
         self.tracker.judge(window, self.watch.reference())
-        if self.state is State.SOAKING:
+        if self.state is SessionState.SOAKING:
             stage = self.plan.stages[self.ledger.stage]
             self.faults.set(Fault.NO_TEMPERATURE, stage.temp_c is not None and self.tracker.temp_c is None)
             if self.tracker.at_temperature(stage):
-                self._event(Event.STEADY)
+                self._event(SessionEvent.STEADY)
         elif self.state in LIVE:
             for event in self.watch.look(window):
                 self._event(event)
             if self.watch.repeated is not None:
                 pose, self.watch.repeated = self.watch.repeated, None
                 self.actions.last_rejection = (Rejection.REPEATED, f"pose {pose}: {Rejection.REPEATED.text}")
-                self.actions.note_refusal(entries.Refused(pose, Rejection.REPEATED))
+                self.actions.note_refusal(entries.RefusedHold(pose, Rejection.REPEATED))
 
     def _spoil(self, reason: Rejection, detail: str) -> None:
         if self.hold is not None:
             self.watch.blame = (reason, detail)
             if self.plan.open_ended:
                 self._finish_hold()
-            self._event(Event.BROKEN)
+            self._event(SessionEvent.BROKEN)
 
     def _finish_hold(self) -> None:
         """The stream is over: what was held long enough counts."""
-        if self.hold is not None and self.hold.long_enough and self.state is State.CAPTURING:
-            self._event(Event.FULL)
+        if self.hold is not None and self.hold.long_enough and self.state is SessionState.CAPTURING:
+            self._event(SessionEvent.FULL)
 
-    # --- what is asked for -------------------------------------------------------------------------------------
+    # --- what is requested -------------------------------------------------------------------------------------
 
     @property
     def hold(self) -> Hold | None:
@@ -356,8 +356,8 @@ class BenchSession:
         return self.watch.model
 
     @property
-    def target(self) -> Candidate | None:
-        """The pose asked for."""
+    def target(self) -> CandidatePose | None:
+        """The pose requested."""
         return self.watch.target
 
     @property
@@ -371,9 +371,9 @@ class BenchSession:
         return self.watch.alike
 
     @property
-    def back_to(self) -> State | None:
+    def back_to(self) -> SessionState | None:
         """Where a pause or a loss of data leads back to."""
-        return self._onward() if self.state in (State.PAUSED, State.NO_DATA) else None
+        return self._onward() if self.state in (SessionState.PAUSED, SessionState.NO_DATA) else None
 
     def _at(self, now_s: float) -> None:
         if not self._since_s:

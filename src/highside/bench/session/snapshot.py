@@ -1,4 +1,4 @@
-"""What a session shows and what it can be told: the contract with every face (terminal, web page, MQTT).
+"""What a session shows and which commands it takes: the contract with every face (terminal, web page, MQTT).
 
 `Snapshot` is the whole public state in one message, schema `highside.session/1`; a face needs nothing else, and one
 that missed a hundred of them loses nothing by reading only the newest. `Command` is what a face sends, `Reply` the
@@ -19,7 +19,7 @@ class _Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
 
 
-class State(StrEnum):
+class SessionState(StrEnum):
     """The step a session is in. `machine` holds what leads from one to the next."""
 
     IDLE = "idle"
@@ -47,11 +47,11 @@ class State(StrEnum):
 
     @property
     def ended(self) -> bool:
-        return self in (State.ACCEPTED, State.REJECTED, State.ABORTED)
+        return self in (SessionState.ACCEPTED, SessionState.REJECTED, SessionState.ABORTED)
 
 
 class CommandName(StrEnum):
-    """What an operator may ask for."""
+    """What an operator may request."""
 
     START = "start"
     CAPTURE = "capture"
@@ -59,7 +59,7 @@ class CommandName(StrEnum):
     REDO = "redo"
     """measure a pose again; without `pose` the last one taken"""
     SKIP = "skip"
-    """leave a pose out; without `pose` the one asked for"""
+    """omit a pose; without `pose` the one requested"""
     UNDO = "undo"
     """take the last decision back: a pose taken, skipped or opened again"""
     PAUSE = "pause"
@@ -82,10 +82,10 @@ class PoseState(StrEnum):
     DONE = "done"
     SKIPPED = "skipped"
     AGAIN = "again"
-    """asked for a second time: see `reason`"""
+    """requested a second time: see `reason`"""
 
 
-class Attitude(_Model):
+class AttitudeState(_Model):
     """Where the tool is now, by its nominal or provisionally corrected readings."""
 
     inc_deg: float
@@ -94,7 +94,7 @@ class Attitude(_Model):
 
 
 class Target(_Model):
-    """The pose asked for."""
+    """The pose requested."""
 
     pose: str
     inc_deg: float = Field(description="Setting of the bench; negative: the table turned the other way.")
@@ -111,7 +111,7 @@ class Deviation(_Model):
     tolerance_deg: float = Field(gt=0, description="Within this the pose is taken.")
 
 
-class Stillness(_Model):
+class StillnessState(_Model):
     """How still the tool is, in units of what its own noise allows: `value` <= `limit` is still."""
 
     value: float = Field(ge=0)
@@ -138,7 +138,7 @@ class PoseRow(_Model):
     pose: str
     inc_deg: float | None = Field(description="The bench's setting; null in a session without reference.")
     tf_deg: float | None
-    temp_c: float | None = Field(default=None, description="Temperature asked for, or measured.")
+    temp_c: float | None = Field(default=None, description="Temperature requested, or measured.")
     stage: int = Field(default=0, ge=0)
     state: PoseState
     attempts: int = Field(ge=0, description="Times it has been taken or refused.")
@@ -149,7 +149,7 @@ class PoseRow(_Model):
     text: str | None = Field(default=None, description="The same as a sentence.")
 
 
-class Uncertainty(_Model):
+class UncertaintyState(_Model):
     """Standard deviation of I and T by the calibration as the plan's method solves it from the poses taken so far: over
     inclination, and rms over all attitudes of use, which is what the result states at the end."""
 
@@ -248,18 +248,18 @@ class Snapshot(_Model):
     session: str = Field(description="Id of the session, the name of its journal.")
     tool: str
     serial: str | None = None
-    state: State
-    back_to: State | None = Field(default=None, description="While paused or without data: where it goes on.")
+    state: SessionState
+    back_to: SessionState | None = Field(default=None, description="While paused or without data: where it goes on.")
     plan: PlanState
     prompt: str = Field(description="What to do next, one sentence.")
     target: Target | None
-    attitude: Attitude | None
+    attitude: AttitudeState | None
     deviation: Deviation | None
-    stillness: Stillness | None
+    stillness: StillnessState | None
     capture: Capture | None
     temp_c: float | None
     poses: list[PoseRow]
-    uncertainty: Uncertainty | None
+    uncertainty: UncertaintyState | None
     closures: list[ClosureState]
     faults: list[FaultState]
     last_rejection: str | None = Field(default=None, description="Sentence of the last rejection, until the next pose.")
@@ -281,7 +281,7 @@ class Snapshot(_Model):
         return None
 
 
-def table_reads(attitude: Attitude, target: Target | None) -> tuple[float, float | None]:
+def table_reads(attitude: AttitudeState, target: Target | None) -> tuple[float, float | None]:
     """I and T as the bench's scales count them on the way to a target: a table that is to turn the other way (negative
     inclination) has the opposite toolface. What every face shows as the present setting."""
     if target is None or target.inc_deg >= 0:
@@ -293,7 +293,7 @@ Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[^\x00-\x1f\
 
 
 class Command(_Model):
-    """What a face sends. A command whose `request_id` was seen before is answered as before and not done twice."""
+    """What a face sends. A command whose `request_id` was received before is answered as before and not done twice."""
 
     name: CommandName
     request_id: Name
@@ -316,5 +316,5 @@ class Reply(_Model):
     accepted: bool
     reason: str | None = Field(default=None, description="Code of the refusal (`reasons.Refusal`).")
     text: str
-    state: State
+    state: SessionState
     seq: int

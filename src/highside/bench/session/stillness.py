@@ -1,8 +1,8 @@
 """Is the tool still? Judged by the sensor's own noise, which is learnt while the session runs.
 
 Readings are looked at in short windows of equal length. The scatter of a window about its own straight line is noise or
-shaking, not turning; the lowest scatters seen so far are the noise at rest (`NoiseFloor`), so that no threshold in g is
-asked of anybody. How the means of windows wander at rest is learnt from the holds themselves: `AllanCurve` pools the
+shaking, not turning; the lowest scatters found so far are the noise at rest (`NoiseFloor`), so that no threshold in g
+is asked of anybody. How the means of windows wander at rest is learnt from the holds themselves: `AllanCurve` pools the
 Allan variance (half the mean square difference of neighbouring means) at averaging times of 1, 2, 4, ... windows over
 all holds. It says what the noise of a mean really is: white noise falls as one over time, flicker noise does not.
 
@@ -38,7 +38,7 @@ _MIN_PAIRS = 8
 FLOOR_OF_FLOOR_G = 1e-9
 
 
-class Window(NamedTuple):
+class ReadingWindow(NamedTuple):
     """Some readings in a row."""
 
     t_s: float
@@ -54,14 +54,14 @@ class Window(NamedTuple):
     """all readings equal"""
 
 
-def make_window(t_s: float, a: Array, temp_c: float | None) -> Window:
+def make_window(t_s: float, a: Array, temp_c: float | None) -> ReadingWindow:
     n = a.shape[1]
     mean = a.mean(axis=1)
     ramp = np.arange(n) - 0.5 * (n - 1)
     slope = a @ ramp / (ramp @ ramp)
     rest = a - mean[:, None] - slope[:, None] * ramp
     scatter = np.sqrt(np.sum(rest**2, axis=1) / (n - 2))
-    return Window(t_s, a, mean, scatter, temp_c, bool(np.all(a == a[:, :1])))
+    return ReadingWindow(t_s, a, mean, scatter, temp_c, bool(np.all(a == a[:, :1])))
 
 
 class NoiseFloor:
@@ -77,7 +77,7 @@ class NoiseFloor:
         self._epochs: list[Array] = []
         self._value: Array | None = None
 
-    def add(self, window: Window) -> None:
+    def add(self, window: ReadingWindow) -> None:
         self._epoch.append(window.scatter**2)
         if len(self._epoch) < EPOCH_WINDOWS:
             if not self._epochs:
@@ -95,7 +95,7 @@ class NoiseFloor:
 
     @property
     def value(self) -> Array | None:
-        """None until something was seen."""
+        """None until something was measured."""
         if self._known is not None:
             return np.full(3, self._known)
         return self._value
@@ -141,8 +141,8 @@ class AllanCurve:
     def variance_of_mean(self, windows: int, white: Array) -> Array:
         """Variance (3,) of the mean of `windows` windows; `white` (3,): that of one window if its noise were white.
 
-        The Allan variance at the longest time that is known well, carried on with the slope seen there, between that of
-        white noise (-1) and flicker noise (0). Never below white noise.
+        The Allan variance at the longest time that is known well, carried on with the slope found there, between that
+        of white noise (-1) and flicker noise (0). Never below white noise.
         """
         known = [level for level in range(LEVELS) if self._pairs[level] >= _MIN_PAIRS and 2**level <= windows]
         floor = white / windows
@@ -155,14 +155,14 @@ class AllanCurve:
             x = np.log(2.0) * np.array(known[-3:], dtype=float)
             y = np.log(np.maximum(variance[-3:], FLOOR_OF_FLOOR_G**2))
             slope = ((x - x.mean()) @ (y - y.mean(axis=0))) / np.sum((x - x.mean()) ** 2)
-            # a slope from few pairs is uncertain: only what departs clearly from white noise is believed
+            # a slope from few pairs is uncertain: only what departs clearly from white noise is accepted
             doubt = 1.5 / np.sqrt(self._pairs[last])
             exponent = np.clip(-slope + doubt, 0.0, 1.0)
         carried = variance[-1] * (2.0**last / windows) ** exponent
         return np.asarray(np.maximum(floor, carried))
 
 
-class Stillness:
+class StillnessMonitor:
     """Judges window by window. `value` is the largest departure over its limit; `still` says it is at most 1."""
 
     def __init__(self, floor: NoiseFloor, allan: AllanCurve) -> None:
@@ -172,15 +172,15 @@ class Stillness:
         self.still = False
         self.cause = Rejection.MOVED
         """what kept the last window from being still"""
-        self._recent: deque[Window] = deque(maxlen=LOOK_BACK)
+        self._recent: deque[ReadingWindow] = deque(maxlen=LOOK_BACK)
 
     @property
     def moving(self) -> bool:
-        """Whether the tool is seen to move or shake; not so while too few windows are there to say."""
+        """Whether the tool is found to move or shake; not so while too few windows are there to say."""
         return not self.still and self.floor.value is not None and len(self._recent) == LOOK_BACK
 
     @property
-    def recent(self) -> tuple[Window, ...]:
+    def recent(self) -> tuple[ReadingWindow, ...]:
         """The windows by which stillness is judged, oldest first."""
         return tuple(self._recent)
 
@@ -189,7 +189,7 @@ class Stillness:
         self._recent.clear()
         self.still = False
 
-    def add(self, window: Window, hold: Array | None) -> float:
+    def add(self, window: ReadingWindow, hold: Array | None) -> float:
         """Take the next window; `hold` (3,) is the mean of the hold under way over `hold_windows`, if there is one."""
         self.floor.add(window)
         self._recent.append(window)

@@ -14,14 +14,14 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.bench.session.guidance import handedness
-from highside.bench.session.plans import Limits, Stage
+from highside.bench.session.plans import Limits, TemperatureStage
 from highside.bench.session.stillness import (
     MIN_WINDOW_READINGS,
     WINDOW_S,
     AllanCurve,
     NoiseFloor,
-    Stillness,
-    Window,
+    ReadingWindow,
+    StillnessMonitor,
     make_window,
 )
 from highside.codec.frame import Frame
@@ -48,10 +48,10 @@ class Tracker:
         self._limits = limits
         self.floor = NoiseFloor(known_noise_g)
         self.allan = AllanCurve()
-        self.stillness = Stillness(self.floor, self.allan)
+        self.stillness = StillnessMonitor(self.floor, self.allan)
         self.rate_hz: float | None = None
         self.trace: deque[float] = deque(maxlen=TRACE)
-        self.latest: Window | None = None
+        self.latest: ReadingWindow | None = None
         self.temp_c: float | None = None
         self.lost = 0
         self._pending: list[tuple[float, float, float, float, float | None, tuple[float, float, float] | None]] = []
@@ -68,8 +68,8 @@ class Tracker:
         self._last_mean = None
         self.stillness.forget()
 
-    def windows(self, frames: Sequence[Frame]) -> Iterator[Window | Gap]:
-        """The windows that these frames complete, in order. Readings that are no numbers are left out."""
+    def windows(self, frames: Sequence[Frame]) -> Iterator[ReadingWindow | Gap]:
+        """The windows that these frames complete, in order. Readings that are no numbers are omitted."""
         for frame in frames:
             t = frame.t_s if frame.t_s is not None else frame.t_mono
             x, y, z = frame.ax, frame.ay, frame.az
@@ -99,7 +99,7 @@ class Tracker:
 
     def _complete(
         self, rows: list[tuple[float, float, float, float, float | None, tuple[float, float, float] | None]]
-    ) -> Window:
+    ) -> ReadingWindow:
         temps = [row[4] for row in rows if row[4] is not None]
         temp = sum(temps) / len(temps) if temps else None
         window = make_window(rows[-1][0], np.array([row[1:4] for row in rows]).T, temp)
@@ -117,7 +117,7 @@ class Tracker:
         self.latest = window
         return window
 
-    def judge(self, window: Window, hold: Array | None) -> float:
+    def judge(self, window: ReadingWindow, hold: Array | None) -> float:
         """Stillness of the newest window, and its trace."""
         value = self.stillness.add(window, hold)
         self.trace.append(min(value, 99.0))
@@ -134,8 +134,8 @@ class Tracker:
             return None
         return agreeing < -0.3 * size
 
-    def at_temperature(self, stage: Stage) -> bool:
-        """Whether the temperature of a stage is reached, and steady where that is asked for."""
+    def at_temperature(self, stage: TemperatureStage) -> bool:
+        """Whether the temperature of a stage is reached, and steady where that is requested."""
         if stage.temp_c is None:
             return True
         limits = self._limits
@@ -158,7 +158,7 @@ class Tracker:
         doubt = 0.02 / max(float(minutes[-1]), 1e-9)
         return abs(slope) <= limits.temp_rate_c_min + doubt
 
-    def left_temperature(self, stage: Stage) -> bool:
+    def left_temperature(self, stage: TemperatureStage) -> bool:
         """Whether a steady stage is lost."""
         if stage.temp_c is None or not stage.steady or self.temp_c is None:
             return False

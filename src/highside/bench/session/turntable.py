@@ -14,7 +14,7 @@ import numpy as np
 from highside.attitude.angles import wrap_signed
 from highside.attitude.block import attitude_block
 from highside.bench.session.ledger import Ledger
-from highside.bench.session.plans import Plan
+from highside.bench.session.plans import SessionPlan
 from highside.calibration.comparison import tilt_shift
 from highside.calibration.method import Solution
 from highside.rotation.compensation import Compensation
@@ -50,7 +50,7 @@ def describe(compensation: Compensation) -> str:
     return f"turntable {compensation.id[:12]}: harmonics of {'; '.join(parts)}; a pose about the curve {noise:.2f}'"
 
 
-def at_true_settings(plan: Plan, compensation: Compensation) -> Plan:
+def at_true_settings(plan: SessionPlan, compensation: Compensation) -> SessionPlan:
     """The plan with where the bench truly stands at each of its settings."""
     inc = np.array([pose.inc_deg for pose in plan.poses])
     tf = np.array([pose.tf_deg for pose in plan.poses])

@@ -10,13 +10,13 @@ from __future__ import annotations
 import math
 
 from highside.bench.session.ledger import Ledger
-from highside.bench.session.plans import Criterion, Kind, Plan
+from highside.bench.session.plans import Criterion, SessionKind, SessionPlan
 from highside.bench.session.snapshot import VerdictRow, VerdictState
 from highside.calibration.budget import K, narrowest
+from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.record import CalibrationRecord
-from highside.calibration.result import BenchAccuracy
 from highside.calibration.roll_test import RollTest, roll_test
-from highside.calibration.verification import Judged, Verification, tilt_of, verify_poses
+from highside.calibration.verification import Verification, VerifiedQuantity, tilt_of, verify_poses
 from highside.errors import InputError
 
 Found = Verification | RollTest
@@ -26,7 +26,7 @@ def judge(ledger: Ledger, record: CalibrationRecord, criterion: Criterion) -> Fo
     """The verdict on `record` by the poses of a session. Raises InputError and Refused where none follows."""
     plan = ledger.plan
     sigma_deg = plan.limits.pose_sigma_deg
-    if plan.kind is Kind.ROLL_TEST:
+    if plan.kind is SessionKind.ROLL_TEST:
         return roll_test(
             record,
             ledger.pose_set("magnitude"),
@@ -46,7 +46,7 @@ def judge(ledger: Ledger, record: CalibrationRecord, criterion: Criterion) -> Fo
     )
 
 
-def require_judgeable(record: CalibrationRecord, plan: Plan, criterion: Criterion) -> None:
+def require_judgeable(record: CalibrationRecord, plan: SessionPlan, criterion: Criterion) -> None:
     """Raises InputError where a criterion asks of a record what it does not know, or limits that no tool could pass."""
     if criterion.same_bench and tilt_of(record) is None:
         raise InputError(
@@ -119,9 +119,9 @@ def as_state(found: Found) -> VerdictState:
     )
 
 
-def _error(one: Judged | None) -> float | None:
+def _error(one: VerifiedQuantity | None) -> float | None:
     return None if one is None else one.error
 
 
-def _expanded(one: Judged | None) -> float | None:
+def _expanded(one: VerifiedQuantity | None) -> float | None:
     return None if one is None else K * one.std

@@ -7,14 +7,14 @@ import math
 import numpy as np
 
 from highside.bench.session import checks
-from highside.bench.session.guidance import Candidate, attitude_of, deviation_of, instruction, setting
+from highside.bench.session.guidance import CandidatePose, attitude_of, deviation_of, instruction, setting
 from highside.bench.session.labels import label
 from highside.bench.session.ledger import PoseLine
 from highside.bench.session.outcome import Solved
 from highside.bench.session.reasons import Fault
 from highside.bench.session.session import BenchSession
 from highside.bench.session.snapshot import (
-    Attitude,
+    AttitudeState,
     Capture,
     ClosureState,
     CommandName,
@@ -25,9 +25,9 @@ from highside.bench.session.snapshot import (
     PoseRow,
     PoseState,
     ResultState,
+    SessionState,
     Snapshot,
-    State,
-    Stillness,
+    StillnessState,
     Target,
 )
 from highside.bench.session.verdict import as_state
@@ -123,7 +123,7 @@ class View:
         """Nothing comes from the tool: what it said last is no present value."""
         return any(fault in self._session.faults for fault in (Fault.NO_DATA, Fault.LINK_DOWN))
 
-    def _where(self, target: Candidate | None) -> tuple[Attitude | None, Deviation | None]:
+    def _where(self, target: CandidatePose | None) -> tuple[AttitudeState | None, Deviation | None]:
         session = self._session
         window = session.tracker.latest
         if window is None or self._silent:
@@ -133,12 +133,12 @@ class View:
             deviation = deviation_of(window.mean, session.model, target, session.plan.limits)
         return attitude_of(window.mean, session.model), deviation
 
-    def _stillness(self) -> Stillness | None:
+    def _stillness(self) -> StillnessState | None:
         tracker = self._session.tracker
         if not tracker.trace or self._silent:
             return None
         noise = tracker.floor.value
-        return Stillness(
+        return StillnessState(
             value=round(tracker.trace[-1], 4),
             still=tracker.stillness.still,
             noise_g=None if noise is None else (float(noise[0]), float(noise[1]), float(noise[2])),
@@ -200,52 +200,52 @@ def _result(session: BenchSession, solved: Solved) -> ResultState:
 
 
 _ENDED = {
-    State.REJECTED: "Ended: the result was rejected. The journal keeps what was measured.",
-    State.ABORTED: "Aborted. The journal keeps what was measured.",
+    SessionState.REJECTED: "Ended: the result was rejected. The journal keeps what was measured.",
+    SessionState.ABORTED: "Aborted. The journal keeps what was measured.",
 }
 
 
-def prompt(session: BenchSession, target: Candidate | None, deviation: Deviation | None) -> str:
+def prompt(session: BenchSession, target: CandidatePose | None, deviation: Deviation | None) -> str:
     """What to do next, in one sentence."""
     state = session.state
     if state in _ENDED:
         return _ENDED[state]
-    if state is State.ACCEPTED:
+    if state is SessionState.ACCEPTED:
         return _accepted(session)
-    if state is State.IDLE:
+    if state is SessionState.IDLE:
         judged = session.plan.criterion
         what = session.plan.title if judged is None else f"{session.plan.title} of calibration {judged.record[:12]}"
         return f"Clamp the tool, check that the table is level, then choose {label(CommandName.START)} ({what})."
-    if state is State.PAUSED:
+    if state is SessionState.PAUSED:
         return f"Paused: choose {label(CommandName.RESUME)}; what has been measured is kept."
     for fault in (Fault.STORAGE, Fault.LINK_DOWN, Fault.NO_DATA, Fault.FROZEN, Fault.MIRRORED, Fault.NO_TEMPERATURE):
         if fault in session.faults:
             return fault.text
     match state:
-        case State.SOAKING:
+        case SessionState.SOAKING:
             return _soak(session)
-        case State.CAPTURING:
+        case SessionState.CAPTURING:
             return f"Hands off: measuring{_name(target)}."
-        case State.SETTLING:
+        case SessionState.SETTLING:
             return f"At the pose{_name(target)}: let it come to rest."
-        case State.GUIDING if session.plan.open_ended:
+        case SessionState.GUIDING if session.plan.open_ended:
             done = len(session.ledger.done)
             more = max(0, session.plan.min_poses - done)
             rest = f"{more} more are needed" if more else "accept when you have enough"
             return f"Lay the tool down in an attitude that is new, and let go; {done} taken, {rest}."
-        case State.GUIDING if target is not None:
+        case SessionState.GUIDING if target is not None:
             return _guide(session, target, deviation)
-        case State.REVIEW:
+        case SessionState.REVIEW:
             return _review(session)
         case _:
             return "One moment: the calibration is being computed."
 
 
-def _name(target: Candidate | None) -> str:
+def _name(target: CandidatePose | None) -> str:
     return "" if target is None else f" {target.id} ({setting(target.inc_deg, target.tf_deg)})"
 
 
-def _guide(session: BenchSession, target: Candidate, deviation: Deviation | None) -> str:
+def _guide(session: BenchSession, target: CandidatePose, deviation: Deviation | None) -> str:
     what = f"Set{_name(target)}"
     if session.must_leave == target.id:
         return f"{what} again: turn away from it first, then set it with care."

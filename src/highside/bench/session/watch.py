@@ -1,11 +1,11 @@
-"""Looks at every window of readings and says what it means for the session: an `Event`, and why.
+"""Looks at every window of readings and says what it means for the session: an `SessionEvent`, and why.
 
 At a bench the planned pose nearest to the reading is recognised; without one, any attitude that is new. The hold under
 way lives here. A pose that was refused as it stood has to be left before it is measured again: the same setting would
 only give the same reading.
 
 Some plans have two settings of the bench that read the same (a ring and its reverse; toolfaces at the vertical). Which
-of them the table stands at is known only by what was asked for: the tool stands at the pose that was the target when it
+of them the table stands at is known only by what was requested: the tool stands at the pose that was the target when it
 came there, until it leaves. Taken from the wrong side such a pose would be wrong by twice the tilt of the bench.
 """
 
@@ -17,11 +17,11 @@ from dataclasses import replace
 import numpy as np
 
 from highside.arrays import Array
-from highside.bench.session.entries import Readings
+from highside.bench.session.entries import HoldReadings
 from highside.bench.session.faults import Faults
 from highside.bench.session.guidance import (
     VERTICAL_SIN,
-    Candidate,
+    CandidatePose,
     Chart,
     Provisional,
     Recognised,
@@ -30,24 +30,24 @@ from highside.bench.session.guidance import (
 )
 from highside.bench.session.hold import Hold
 from highside.bench.session.ledger import Ledger, PoseLine
-from highside.bench.session.machine import Event
+from highside.bench.session.machine import SessionEvent
 from highside.bench.session.reasons import Fault, Rejection
 from highside.bench.session.snapshot import PoseState
-from highside.bench.session.stillness import LOOK_BACK, Window
+from highside.bench.session.stillness import LOOK_BACK, ReadingWindow
 from highside.bench.session.tracker import Tracker
 
 SAME_ATTITUDE_DEG = 1.0
 """Poses found by themselves are different when they lie further apart than this."""
 TRIM_WINDOWS = 3
-"""Left out at the end of a hold that ended because the tool was moved."""
+"""Omitted at the end of a hold that ended because the tool was moved."""
 STILL_ELSEWHERE = 10
-"""windows of rest at no open pose after which the operator is told"""
+"""windows of rest at no open pose after which the operator is notified"""
 LONGEST_SHARE = 0.9
 
 
 class Watch:
     """`hold`: the one under way. `blame`: what spoilt the last one. `repeated`: a pose visited a second time, to be
-    said once."""
+    reported once."""
 
     def __init__(self, ledger: Ledger, tracker: Tracker, faults: Faults) -> None:
         self.ledger = ledger
@@ -65,11 +65,11 @@ class Watch:
         self._elsewhere = 0
         self._chart: tuple[tuple[int, int], Chart] | None = None
 
-    # --- what is asked for -------------------------------------------------------------------------------------
+    # --- what is requested -------------------------------------------------------------------------------------
 
     @property
-    def target(self) -> Candidate | None:
-        """The pose asked for: the one under way, else the first open one of the plan, those asked for again first."""
+    def target(self) -> CandidatePose | None:
+        """The pose requested: the one under way, else the first open one of the plan, those requested again first."""
         lines = self.ledger.open_lines
         if not lines or self.plan.open_ended:
             return None
@@ -136,16 +136,16 @@ class Watch:
 
     # --- looking -----------------------------------------------------------------------------------------------
 
-    def look(self, window: Window) -> list[Event]:
+    def look(self, window: ReadingWindow) -> list[SessionEvent]:
         """What a window, already judged for stillness, means; the events in order."""
         if self.tracker.mirrored():
             self._faults.put(Fault.MIRRORED)
         if self.tracker.left_temperature(self.plan.stages[self.ledger.stage]):
             self.blame = (Rejection.TEMPERATURE, "")
-            return [Event.UNSTEADY]
+            return [SessionEvent.UNSTEADY]
         return self._by_hand(window) if self.plan.open_ended else self._at_bench(window)
 
-    def _at_bench(self, window: Window) -> list[Event]:
+    def _at_bench(self, window: ReadingWindow) -> list[SessionEvent]:
         stillness = self.tracker.stillness
         still = stillness.still
         found = recognise(window.mean, self.model, self.chart(), self.target, self.plan.limits)
@@ -154,23 +154,23 @@ class Watch:
         if hold is not None:
             if pose is None or pose.id != hold.pose:
                 self.blame = (Rejection.WRONG_POSE if still else stillness.cause, "")
-                return [Event.AWAY]
+                return [SessionEvent.AWAY]
             if not still:
                 self.blame = (stillness.cause, "")
-                return [Event.AT_POSE]
+                return [SessionEvent.AT_POSE]
             hold.add(window)
-            return [Event.STILL, Event.FULL] if hold.full() else [Event.STILL]
+            return [SessionEvent.STILL, SessionEvent.FULL] if hold.full() else [SessionEvent.STILL]
         if not still or pose is None or pose.id != self.must_leave:
             self.must_leave = None
         if pose is not None and pose.open and pose.id != self.must_leave:
             self._elsewhere = 0
-            return [Event.STILL if still else Event.AT_POSE]
+            return [SessionEvent.STILL if still else SessionEvent.AT_POSE]
         self._elsewhere = self._elsewhere + 1 if still else 0
         if self._elsewhere == STILL_ELSEWHERE:
             self._rests_elsewhere(window, pose)
-        return [Event.AWAY]
+        return [SessionEvent.AWAY]
 
-    def _told_apart(self, pose: Candidate | None) -> Candidate | None:
+    def _told_apart(self, pose: CandidatePose | None) -> CandidatePose | None:
         """`pose` where no other reads the same; else the one of them that the tool is known to stand at, if any."""
         chart, target = self.chart(), self.target
         if self.stands_at is not None and (
@@ -190,7 +190,7 @@ class Watch:
         self._faults.set(Fault.READS_ALIKE, unclear)
         return pose
 
-    def _rests_elsewhere(self, window: Window, pose: Candidate | None) -> None:
+    def _rests_elsewhere(self, window: ReadingWindow, pose: CandidatePose | None) -> None:
         """The tool rests, but at no open pose: a pose measured already, or axes confused from the beginning."""
         if pose is not None:
             if pose.id not in (self.ledger.last_taken, self.must_leave):
@@ -201,17 +201,21 @@ class Watch:
             fits = axes_that_fit(window.mean, self.model, target, self.plan.limits)
             self._faults.set(Fault.AXES_SUSPECT, bool(fits), f"axes {fits[0]} would fit" if fits else "")
 
-    def _by_hand(self, window: Window) -> list[Event]:
+    def _by_hand(self, window: ReadingWindow) -> list[SessionEvent]:
         still, hold = self.tracker.stillness.still, self.hold
         if hold is None:
-            return [Event.STILL if still and not self._is_last(window.mean) else Event.AWAY]
+            return [SessionEvent.STILL if still and not self._is_last(window.mean) else SessionEvent.AWAY]
         if still:
             hold.add(window)
-            return [Event.STILL, Event.FULL] if hold.elapsed_s >= self.plan.limits.max_hold_s else [Event.STILL]
+            return (
+                [SessionEvent.STILL, SessionEvent.FULL]
+                if hold.elapsed_s >= self.plan.limits.max_hold_s
+                else [SessionEvent.STILL]
+            )
         del hold.windows[-TRIM_WINDOWS:]
         hold.trim()
         self.blame = (Rejection.TOO_SHORT, "")
-        return [Event.FULL if hold.long_enough else Event.AWAY]
+        return [SessionEvent.FULL if hold.long_enough else SessionEvent.AWAY]
 
     def _is_last(self, mean: Array) -> bool:
         """Whether an attitude is that of the pose taken last, held as long as is allowed."""
@@ -221,10 +225,10 @@ class Watch:
             return False
         return bool(np.linalg.norm(mean - np.array(readings.mean())) < np.deg2rad(SAME_ATTITUDE_DEG))
 
-    def _last_readings(self) -> Readings | None:
+    def _last_readings(self) -> HoldReadings | None:
         last = self.ledger.last_taken
         return self.ledger.lines[last].readings if last is not None else None
 
 
-def _candidate(line: PoseLine) -> Candidate:
-    return Candidate(line.id, float(line.inc_deg or 0.0), float(line.tf_deg or 0.0), line.open)
+def _candidate(line: PoseLine) -> CandidatePose:
+    return CandidatePose(line.id, float(line.inc_deg or 0.0), float(line.tf_deg or 0.0), line.open)

@@ -49,7 +49,7 @@ def get(name: str, *, field: str = "--method") -> Method:
     if name in faults():
         broken = faults()[name]
         raise InputError(
-            f"the method {broken} cannot be used: {broken.fault}", field=field, remedy="mend or remove that package"
+            f"the method {broken} cannot be used: {broken.fault}", field=field, remedy="fix or remove that package"
         )
     if name not in all_methods():
         raise InputError(f"method {name!r} is none of {', '.join(all_methods())}", field=field)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from highside.calibration.balance import balance
 from highside.calibration.conventional import conventional
+from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.method import NO_FALLBACK, Method, Solution, SolveRequest
 from highside.calibration.methods import get
 from highside.calibration.poses import PoseSet
-from highside.calibration.result import BenchAccuracy, CalibrationRefused
+from highside.calibration.remark import CalibrationRefused
 from highside.errors import InputError
 
 
 def _solve(poses: PoseSet, request: SolveRequest, bench: BenchAccuracy) -> Solution:
-    """The zones, with the `fallback` that is asked for; else, where the rings span enough to give one, with a rough
+    """The zones, with the `fallback` that is requested; else, where the rings span enough to give one, with a rough
     global `guide` that only chooses the zone of a reading."""
     result = balance(poses, triples=request.triples, bench=bench)
     if request.fallback != NO_FALLBACK:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from highside.calibration.conventional import conventional
+from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.method import Method, Solution, SolveRequest
 from highside.calibration.poses import PoseSet
-from highside.calibration.result import BenchAccuracy
 
 
 def _solve(poses: PoseSet, request: SolveRequest, bench: BenchAccuracy) -> Solution:

@@ -1,13 +1,13 @@
-"""The method `joint`: all poses at once, sensor and bench told apart; with |g| alone, the sensor without a bench."""
+"""The method `joint`: all poses at once, sensor and bench separated; with |g| alone, the sensor without a bench."""
 
 from __future__ import annotations
 
 from highside.calibration.joint import joint
+from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.magnitude import magnitude
 from highside.calibration.method import Method, Solution, SolveRequest
 from highside.calibration.poses import PoseSet
 from highside.calibration.refinement import refine
-from highside.calibration.result import BenchAccuracy
 from highside.calibration.temperature import joint_over_temperature
 
 

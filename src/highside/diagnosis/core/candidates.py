@@ -4,9 +4,9 @@ Effects are taken to first order at the fitted base model. A parameter that only
 harmonic order, the time of a step) is tried at several values, and all amplitudes or one of the groups that the effect
 declares are let act: the *variants* of the candidate.
 
-Beside the named effects stand *shadows*: unnamed products of temperature, time or direction of approach with powers of
-the load. They are there so that an interaction outside of the library is not given the name of the nearest effect
-inside it; a shadow that wins is reported as unknown, with its covariates.
+Beside the named effects stand *unnamed interactions*: products of temperature, time or direction of approach with
+powers of the load. They are there so that an interaction outside of the library is not given the name of the nearest
+effect inside it; an unnamed interaction that wins is reported as unknown, with its covariates.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from highside.physics.state import ChainState
 
 CHANNELS = ("ax", "ay", "az")
 ONE_SIDE = "every attitude is reached from one side, so it is a constant; or the side is not recorded"
-RING = "shadow:ring"
-"""Id of what is off on one ring alone: measured in one go, it looks like noise that remembers."""
+INCLINATION_STATION = "interaction:inclination_station"
+"""Id of what is off on one inclination station alone: measured in one go, it looks like serially correlated noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,8 @@ class Variant:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """An effect of the library, or a shadow (`effect` is None, each variant one product of covariates)."""
+    """An effect of the library, or an unnamed interaction (`effect` is None, each variant one product of
+    covariates)."""
 
     id: str
     effect: Effect | None
@@ -68,25 +69,27 @@ class Candidate:
 
     @property
     def slow(self) -> bool:
-        """Whether it is a function of time or temperature alone: a walk may look like it."""
+        """Whether it is a function of time or temperature alone: a random walk may look like it."""
         return self.effect is not None and self.effect.slow
 
     def unit(self) -> Array:
-        """(k,) a typical size of each amplitude; 1 for shadows."""
+        """(k,) a typical size of each amplitude; 1 for unnamed interactions."""
         if self.effect is None:
             return np.ones(len(self.amplitudes))
         return np.array([p.typical for p in self.effect.parameters if not p.shape])
 
 
 @dataclass(frozen=True, slots=True)
-class Blind:
+class Unobservable:
     """An effect that the recording cannot show because what it follows is constant or not recorded."""
 
     effect: Effect
     why: str
 
 
-def pose_candidates(model: ForwardModel, state: ChainState, free: Sequence[str]) -> tuple[list[Candidate], list[Blind]]:
+def pose_candidates(
+    model: ForwardModel, state: ChainState, free: Sequence[str]
+) -> tuple[list[Candidate], list[Unobservable]]:
     """Candidates among the library's effects for a session of poses, and those that leave no trace at all in it.
 
     `free` are the effects that the base fit adjusts anyway. Gyro effects are no matter of the triad and left out.
@@ -99,14 +102,14 @@ def pose_candidates(model: ForwardModel, state: ChainState, free: Sequence[str])
     plain = [effect for effect in wanted if len(effect.amplitudes) == len(effect.parameters)]
     columns = _plain_columns(model, state, plain)
     found: list[Candidate] = []
-    blind: list[Blind] = []
+    unobservable: list[Unobservable] = []
     for effect in wanted:
         names = tuple(effect.parameters[k].name for k in effect.amplitudes)
         if one_sided(effect, state):
-            blind.append(Blind(effect, ONE_SIDE))
+            unobservable.append(Unobservable(effect, ONE_SIDE))
             continue
         if effect.averages_out:
-            blind.append(Blind(effect, effect.averages_out))
+            unobservable.append(Unobservable(effect, effect.averages_out))
             continue
         variants = [Variant({}, columns[effect.id])] if effect in plain else _shaped(model, state, effect)
         variants = [
@@ -118,8 +121,8 @@ def pose_candidates(model: ForwardModel, state: ChainState, free: Sequence[str])
         if variants:
             found.append(Candidate(effect.id, effect, names, tuple(variants)))
         else:
-            blind.append(Blind(effect, what_lacks(effect, state)))
-    return found, blind
+            unobservable.append(Unobservable(effect, what_lacks(effect, state)))
+    return found, unobservable
 
 
 def columns_of(
@@ -187,9 +190,9 @@ def shapes_tried(effect: Effect, state: ChainState, epochs: Sequence[float]) -> 
 
 
 def time_constants(shape: Parameter, state: ChainState) -> tuple[float, ...]:
-    """The grid of a time constant, halved and doubled on to all that are plausible and that a recording tells apart.
+    """The grid of a time constant, halved and doubled on to all that are plausible and that a recording distinguishes.
 
-    The shortest is longer than from one reading to the next; the longest bends within the recording hardly at all.
+    The shortest is longer than from one reading to the next; the longest curves within the recording hardly at all.
     """
     length = float(np.ptp(state.t_s))
     shortest = max(shape.gate[0], length * CANDIDATES.shortest, length / max(state.n - 1, 1))
@@ -217,6 +220,8 @@ def what_lacks(effect: Effect, state: ChainState) -> str:
         "rotor_rate_radps": "the tool does not rotate while it is read",
         "rotor_accel_radps2": "the rotation is not sped up or slowed down",
         "vibration_rms_g": "vibration is not recorded, or there is none",
+        "vibration_x_rms_g": "vibration is not recorded axis by axis, or there is none",
+        "since_move_s": "every pose is read after the same time, or the recording has no poses",
         "direction": ONE_SIDE,
         "t_s": "the recording has no length",
     }
@@ -229,7 +234,7 @@ def what_lacks(effect: Effect, state: ChainState) -> str:
     return "it does not act in any attitude of this recording" if moves else "the tool does not move while it is read"
 
 
-def shadows(state: ChainState, force: Array) -> list[Candidate]:
+def unnamed_interactions(state: ChainState, force: Array) -> list[Candidate]:
     """Unnamed interactions; `force` (3, n) in g. Each variant is one column on one channel."""
     x, y, z = force
     linear = {"x": x, "y": y, "z": z}
@@ -249,8 +254,8 @@ def shadows(state: ChainState, force: Array) -> list[Candidate]:
                 column[0, channel] = covariate * term
                 words = label if name == "one" else f"{name} x {label}"
                 variants.append(Variant({}, column, f"{words} on {CHANNELS[channel]}"))
-        kind = "ring" if name == "one" else name
-        found.append(Candidate(f"shadow:{kind}:{next(iter(terms))}", None, ("a",), tuple(variants)))
+        kind = "inclination_station" if name == "one" else name
+        found.append(Candidate(f"interaction:{kind}:{next(iter(terms))}", None, ("a",), tuple(variants)))
 
     if np.ptp(state.temp_c) > CANDIDATES.warm_span_c:
         warm = (state.temp_c - state.temp_c.mean()) / state.temp_c.std()
@@ -263,10 +268,10 @@ def shadows(state: ChainState, force: Array) -> list[Candidate]:
     if np.ptp(state.direction) > 0:
         add("direction of approach", np.asarray(state.direction), linear)
     numbers, first = np.unique(state.ring, return_index=True)
-    if numbers.size > CANDIDATES.rings and CANDIDATES.least_a_ring * numbers.size <= state.n:
-        rings = {
-            f"ring at {np.degrees(state.inc_rad[i]):g} deg": np.asarray(state.ring == k, dtype=float)
+    if numbers.size > CANDIDATES.inclination_stations and CANDIDATES.least_at_station * numbers.size <= state.n:
+        inclination_stations = {
+            f"inclination station at {np.degrees(state.inc_rad[i]):g} deg": np.asarray(state.ring == k, dtype=float)
             for k, i in zip(numbers, first, strict=True)
         }
-        add("one", np.ones(state.n), rings)
+        add("one", np.ones(state.n), inclination_stations)
     return found

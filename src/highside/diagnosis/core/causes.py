@@ -1,4 +1,4 @@
-"""Where a named effect sits, told by its cause: an error of the toolface encoder follows the toolface, whatever its
+"""Where a named effect sits, given by its cause: an error of the toolface encoder follows the toolface, whatever its
 shape in the readings; sag follows the inclination; a lever arm follows the rate, a step is there from its time on.
 
 The readings of an effect of the bench follow the direction of gravity as well, because that is what they are made of.
@@ -25,7 +25,7 @@ from highside.physics.state import ChainState
 DRIVEN = {"rotor_rate_radps": "rotor_rate_dps", "temp_c": "temp_c", "vibration_rms_g": "vibration_rms_g", "t_s": "t_s"}
 """covariates that an effect says it needs, by their names in a recording"""
 AT_THEIR_STAGE = (Stage.POSE, Stage.THERMAL, Stage.SENSOR)
-"""Stages at which what an effect adds is asked for; of others by what it adds to the readings of a plain tool."""
+"""Stages at which an effect's own increment is evaluated; for others, what it adds to the readings of a plain tool."""
 
 
 def located_by_cause(diagnosis: Diagnosis, model: ForwardModel, state: ChainState) -> Diagnosis:
@@ -83,7 +83,7 @@ def covariates(state: ChainState) -> Mapping[str, Array]:
 def followed_covariate(effect: Effect, p: Array, model: ForwardModel, state: ChainState) -> str | None:
     """The covariate of which the effect's own increment is a function; None where it is none of one alone.
 
-    An error of the vertical is fixed in the room and seen turning with the toolface.
+    An error of the vertical is fixed in the room and observed turning with the toolface.
     """
     if effect.stage is Stage.GRAVITY:
         return "tf_ref_deg" if np.ptp(state.tf_rad) > 0 else None

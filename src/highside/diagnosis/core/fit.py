@@ -15,10 +15,10 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from highside.arrays import Array
+from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.candidates import Candidate, Variant, columns_of
 from highside.diagnosis.core.chunks import chunks_of, in_order
 from highside.diagnosis.core.policy import FITS, INTERVALS
-from highside.diagnosis.core.pool import Member
 from highside.diagnosis.core.probability import student_quantile
 from highside.diagnosis.core.result import FittedParameter
 from highside.physics.effect import Effect
@@ -34,7 +34,7 @@ class Whitening(Protocol):
         ...
 
 
-class Seen(Protocol):
+class ObservationModel(Protocol):
     """Readings, as a fit sees them: how they differ from a model's, and what would change that."""
 
     @property
@@ -79,7 +79,7 @@ class _Weighted:
 class Observed:
     """Readings (C, n) at n states: accelerometers in g and, below them, gyros in rad/s if there are any.
 
-    Of many rows it is asked `by_parts` for inner products.
+    Many rows are evaluated `by_parts`, for inner products.
     """
 
     state: ChainState
@@ -125,7 +125,7 @@ class Observed:
         rows = np.concatenate([[0], np.arange(part.start, part.stop)])
         return Observed(self.state.rows(rows), self.readings[:, rows])
 
-    def inner(self, at: ForwardModel, columns: Callable[[Seen], Array], noise: RowNoise) -> Array:
+    def inner(self, at: ForwardModel, columns: Callable[[ObservationModel], Array], noise: RowNoise) -> Array:
         """(P + 1, P + 1) of whitened columns and, last, the residual, from run to run of rows."""
 
         def of(part: slice) -> Array:
@@ -138,21 +138,21 @@ class Observed:
 
 
 def base_fit(
-    model: ForwardModel, seen: Seen, free: Sequence[str], steps: int = FITS.steps
+    model: ForwardModel, observed: ObservationModel, free: Sequence[str], steps: int = FITS.steps
 ) -> tuple[ForwardModel, Array]:
     """The model with its free effects fitted to n readings, and the residual (C, n)."""
     if not free:
-        return model, seen.residual(model)
+        return model, observed.residual(model)
     # rates and accelerations have units of their own: each kind counts by the size of what it cannot explain
-    noise = _Weighted(np.ones((seen.channels, 1)))
+    noise = _Weighted(np.ones((observed.channels, 1)))
     for turn in range(steps):
-        step, _ = _step(seen, noise, model, partial(_columns, model, free=free, chosen=()), model.free_names(free))
+        step, _ = _step(observed, noise, model, partial(_columns, model, free=free, chosen=()), model.free_names(free))
         model = model.set_free(model.get_free(free) + step, free)
-        if seen.gyros and turn == 0:
-            noise = _Weighted(1 / np.maximum(seen.residual(model).std(axis=1, keepdims=True), 1e-12))
+        if observed.gyros and turn == 0:
+            noise = _Weighted(1 / np.maximum(observed.residual(model).std(axis=1, keepdims=True), 1e-12))
         elif np.max(np.abs(step), initial=0.0) < 1e-12:
             break
-    return model, seen.residual(model)
+    return model, observed.residual(model)
 
 
 def _solve(columns: Array, residual: Array) -> Array:
@@ -168,25 +168,31 @@ def _solve(columns: Array, residual: Array) -> Array:
     return np.asarray(np.linalg.lstsq(scaled.T, residual, rcond=FITS.rank)[0] / norm)
 
 
-def _apart(seen: Seen, at: ForwardModel) -> bool:
+def _apart(observed: ObservationModel, at: ForwardModel) -> bool:
     """Whether runs of rows can be worked on each for itself."""
-    return isinstance(seen, Observed) and seen.by_parts and not any(at.effect(name).remembers for name in at.ids)
+    return (
+        isinstance(observed, Observed) and observed.by_parts and not any(at.effect(name).remembers for name in at.ids)
+    )
 
 
 def _step(
-    seen: Seen, noise: Whitening, at: ForwardModel, columns: Callable[[Seen], Array], names: Sequence[str]
+    observed: ObservationModel,
+    noise: Whitening,
+    at: ForwardModel,
+    columns: Callable[[ObservationModel], Array],
+    names: Sequence[str],
 ) -> tuple[Array, Array]:
     """(P,) least-squares step of the named parameters, and (P, P) the inner products of their whitened columns."""
-    if _apart(seen, at):
-        assert isinstance(seen, Observed) and isinstance(noise, RowNoise)
-        inner = seen.inner(at, columns, noise)
+    if _apart(observed, at):
+        assert isinstance(observed, Observed) and isinstance(noise, RowNoise)
+        inner = observed.inner(at, columns, noise)
         norm = np.sqrt(np.diag(inner)[:-1])
         norm = np.where(norm > FITS.unmoved * norm.max(initial=0.0), norm, np.inf)
         scaled = inner[:-1, :-1] / np.outer(norm, norm)
         step = np.linalg.pinv(scaled, rcond=FITS.rank, hermitian=True) @ (inner[:-1, -1] / norm) / norm
         return np.asarray(step), inner[:-1, :-1]
-    white = noise.white(columns(seen))
-    return seen.step(white, noise.white(seen.residual(at)), names), np.asarray(white @ white.T)
+    white = noise.white(columns(observed))
+    return observed.step(white, noise.white(observed.residual(at)), names), np.asarray(white @ white.T)
 
 
 @dataclass(frozen=True)
@@ -196,14 +202,14 @@ class JointFit:
     parameters: dict[str, dict[str, FittedParameter]]
     residual: Array
     outside_gate: tuple[str, ...]
-    bend: Array | None = None
+    second_order: Array | None = None
     """(C, n) what base and claims do at their fitted sizes beyond first order, if that shows and fits no worse"""
     chi_square: float = np.nan
     """of what is left, in units of the noise"""
     model: ForwardModel | None = None
     """base and claims at their fitted sizes"""
     beyond: float = 0.0
-    """chi-square of `bend` outside of what base and claims do to first order"""
+    """chi-square of `second_order` outside of what base and claims do to first order"""
 
 
 Chosen = Sequence[tuple[Candidate, Variant]]
@@ -222,69 +228,73 @@ def _begun(model: ForwardModel, chosen: Chosen) -> ForwardModel:
     return model.with_effects(start) if start else model
 
 
-def _columns(at: ForwardModel, seen: Seen, free: Sequence[str], chosen: Chosen, also: Sequence[str] = ()) -> Array:
+def _columns(
+    at: ForwardModel, observed: ObservationModel, free: Sequence[str], chosen: Chosen, also: Sequence[str] = ()
+) -> Array:
     """(P, C, n) derivatives by the free parameters, by the amplitudes of the chosen effects, and by those of `also`."""
     if all(candidate.effect is not None and candidate.effect.complex_safe for candidate, _ in chosen):
         # of all at once the chain is evaluated once
-        return seen.jacobian(at, [*free, *(f"{c.id}.{a}" for c, _ in chosen for a in c.amplitudes), *also])
-    parts = [seen.jacobian(at, free)]
+        return observed.jacobian(at, [*free, *(f"{c.id}.{a}" for c, _ in chosen for a in c.amplitudes), *also])
+    parts = [observed.jacobian(at, free)]
     for candidate, variant in chosen:
         assert candidate.effect is not None
         shape = {p.name: at.parameters()[candidate.id][p.name] for p in candidate.effect.parameters if p.shape}
-        parts.append(seen.columns(at, candidate.effect, shape or variant.shape))
+        parts.append(observed.columns(at, candidate.effect, shape or variant.shape))
     if also:
-        parts.append(seen.jacobian(at, list(also)))
+        parts.append(observed.jacobian(at, list(also)))
     return np.concatenate(parts)
 
 
-def _beyond(total: Array, moved: Array, straight: Array) -> Array:
+def _beyond(total: Array, moved: Array, first_order: Array) -> Array:
     """(C, n) of what is done in all (C, n) the part beyond sizes (P,) times columns (P, C, n)."""
-    return np.asarray(total - np.tensordot(moved, straight, 1))
+    return np.asarray(total - np.tensordot(moved, first_order, 1))
 
 
-def bend_of(
+def second_order_of(
     model: ForwardModel,
     fit: JointFit,
-    seen: Seen,
+    observed: ObservationModel,
     free: Sequence[str],
     candidates: Sequence[Candidate],
-    members: Sequence[Member],
+    terms: Sequence[Term],
 ) -> Array:
-    """(C, n) what base and members do beyond first order, at the sizes of a fit to these readings or some of them."""
+    """(C, n) what base and terms do beyond first order, at the sizes of a fit to these readings or some of them."""
     assert fit.model is not None
-    chosen = [(candidates[m.candidate], candidates[m.candidate].variants[m.variant]) for m in members]
+    chosen = [(candidates[m.candidate], candidates[m.candidate].variants[m.variant]) for m in terms]
     first = _begun(model, chosen)
     sizes = [*first.free_names(list(free) or []), *(f"{c.id}.{a}" for c, _ in chosen for a in c.amplitudes)]
     fitted = fit.model
     moved = fitted.get_free(sizes) - first.get_free(sizes)
 
-    def of(some: Seen) -> Array:
-        return _beyond(some.residual(first) - some.residual(fitted), moved, _columns(first, some, free, chosen))
+    def of(subset: ObservationModel) -> Array:
+        return _beyond(subset.residual(first) - subset.residual(fitted), moved, _columns(first, subset, free, chosen))
 
-    if not _apart(seen, fitted):
-        return of(seen)
-    assert isinstance(seen, Observed)
-    return np.concatenate(list(in_order(lambda part: of(seen.run(part))[:, 1:], chunks_of(seen.state.n))), axis=1)
+    if not _apart(observed, fitted):
+        return of(observed)
+    assert isinstance(observed, Observed)
+    return np.concatenate(
+        list(in_order(lambda part: of(observed.run(part))[:, 1:], chunks_of(observed.state.n))), axis=1
+    )
 
 
 def joint_fit(
     model: ForwardModel,
-    seen: Seen,
+    observed: ObservationModel,
     free: Sequence[str],
     candidates: Sequence[Candidate],
-    members: Sequence[Member],
+    terms: Sequence[Term],
     noise: Whitening,
     freedom: float,
     steps: int = 2 * FITS.steps,
     near: ForwardModel | None = None,
-    bends: bool = True,
+    with_second_order: bool = True,
 ) -> JointFit:
-    """Refit base and members together, whitened by `noise`; intervals by Student's t with `freedom`.
+    """Refit base and terms together, whitened by `noise`; intervals by Student's t with `freedom`.
 
-    `near` is the same fitted before to some of the readings: from there one step does. Without `bends` what is done
-    beyond first order is not asked for.
+    `near` is the same fitted before to a subsample: from there one step does. Without `with_second_order` what is done
+    beyond first order is not computed.
     """
-    chosen = [(candidates[m.candidate], candidates[m.candidate].variants[m.variant]) for m in members]
+    chosen = [(candidates[m.candidate], candidates[m.candidate].variants[m.variant]) for m in terms]
     names = list(free)
     first = _begun(model, chosen)
     now = first if near is None else near
@@ -293,13 +303,13 @@ def joint_fit(
 
     every = [*now.free_names(names or []), *amplitude_names]
     if not every:
-        return JointFit({}, seen.residual(now), (), model=now)
+        return JointFit({}, observed.residual(now), (), model=now)
     inverse = np.zeros((len(every), len(every)))
-    unseen = np.zeros(len(every), dtype=bool)
+    undetermined = np.zeros(len(every), dtype=bool)
     for step_number in range(steps):
         which = shape_names if step_number >= 2 or near is not None else []
         moved = [*every, *which]
-        step, inner = _step(seen, noise, now, partial(_columns, now, free=names, chosen=chosen, also=which), moved)
+        step, inner = _step(observed, noise, now, partial(_columns, now, free=names, chosen=chosen, also=which), moved)
         values = now.get_free(moved) + step if moved else step
         for k, name in enumerate(which, start=len(every)):
             # a time constant moves by no more than a third at a time
@@ -307,14 +317,14 @@ def joint_fit(
             values[k] = float(np.clip(values[k], old / FITS.stride, old * FITS.stride))
         now = now.set_free(values, moved) if moved else now
         scale = np.sqrt(np.diag(inner))
-        # what a design does not move is seen no better for being scaled up
+        # what a design does not move is determined no better for being scaled up
         scale = np.where(scale > FITS.unmoved * scale.max(initial=0.0), scale, np.inf)
         gram = inner / np.outer(scale, scale)
         scale = np.where(np.isfinite(scale), scale, 1.0)
         powers, vectors = np.linalg.eigh(gram)
-        seen_well = powers > FITS.unseen * powers[-1]
-        inverse = (vectors[:, seen_well] / powers[seen_well]) @ vectors[:, seen_well].T / np.outer(scale, scale)
-        unseen = np.sum(vectors[:, ~seen_well] ** 2, axis=1) > FITS.partly_unseen
+        determined = powers > FITS.undetermined * powers[-1]
+        inverse = (vectors[:, determined] / powers[determined]) @ vectors[:, determined].T / np.outer(scale, scale)
+        undetermined = np.sum(vectors[:, ~determined] ** 2, axis=1) > FITS.partly_undetermined
         if which == shape_names and float(step @ inner @ step) < FITS.settled:
             break
     every = [*every, *shape_names]
@@ -329,7 +339,7 @@ def joint_fit(
             name = f"{candidate.id}.{parameter.name}"
             value = float(now.get_free([name])[0])
             low, high = parameter.gate
-            if name in every and unseen[every.index(name)]:
+            if name in every and undetermined[every.index(name)]:
                 # the recording says nothing of it beyond what is plausible
                 table[parameter.name] = FittedParameter(value, (high - low) / np.sqrt(12), low, high, parameter.unit)
                 continue
@@ -341,17 +351,17 @@ def joint_fit(
                 implausible.append(name)
         fitted[candidate.id] = table
         del variant
-    left = seen.residual(now)
+    left = observed.residual(now)
     chi_square = float(np.sum(noise.white(left) ** 2))
-    bend, beyond = None, 0.0
-    if bends:
+    second_order, beyond = None, 0.0
+    if with_second_order:
         sizes = [*now.free_names(names or []), *amplitude_names]
-        straight, before = _columns(first, seen, names, chosen), seen.residual(first)
-        white, unfitted = noise.white(straight), noise.white(before)
-        linear = float(np.sum((unfitted - seen.step(white, unfitted, sizes) @ white) ** 2))
-        bend = _beyond(before - left, now.get_free(sizes) - first.get_free(sizes), straight)
-        rest = noise.white(bend)
+        first_order, before = _columns(first, observed, names, chosen), observed.residual(first)
+        white, unfitted = noise.white(first_order), noise.white(before)
+        linear = float(np.sum((unfitted - observed.step(white, unfitted, sizes) @ white) ** 2))
+        second_order = _beyond(before - left, now.get_free(sizes) - first.get_free(sizes), first_order)
+        rest = noise.white(second_order)
         beyond = float(np.sum((rest - _solve(white, rest) @ white) ** 2))
-        if beyond < FITS.bends or linear - chi_square <= -FITS.bends:
-            bend = None
-    return JointFit(fitted, left, tuple(implausible), bend, chi_square, now, beyond)
+        if beyond < FITS.second_order or linear - chi_square <= -FITS.second_order:
+            second_order = None
+    return JointFit(fitted, left, tuple(implausible), second_order, chi_square, now, beyond)

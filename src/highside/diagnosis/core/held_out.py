@@ -1,4 +1,4 @@
-"""Likelihood of stretches that were left out: what members of a pool predict there."""
+"""Likelihood of stretches that were left out: what terms of a candidate set predict there."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
+from highside.diagnosis.core.candidate_set import CandidateSet, Term
 from highside.diagnosis.core.policy import HELD_OUT, INTERVALS
-from highside.diagnosis.core.pool import Member, Pool
 from highside.diagnosis.core.result import Fit
 
 
 class Gains(Protocol):
     """Held-out likelihood of the claims."""
 
-    def gain(self, before: Sequence[Member], after: Sequence[Member]) -> tuple[float, float]:
-        """Gain of log likelihood by going from some members to others, and its standard error over blocks."""
+    def gain(self, before: Sequence[Term], after: Sequence[Term]) -> tuple[float, float]:
+        """Gain of log likelihood by going from some terms to others, and its standard error over blocks."""
         ...
 
 
@@ -53,21 +53,21 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class PoseGains:
-    """Held-out likelihood of members of a pool, from their whitened columns.
+    """Held-out likelihood of terms of a candidate set, from their whitened columns.
 
-    What lives within one block cannot be predicted from the others: with such a member the blocks of `apart`, of every
+    What lives within one block cannot be predicted from the others: with such a term the blocks of `apart`, of every
     so many poses, are left out instead.
     """
 
-    pool: Pool
+    candidate_set: CandidateSet
     held_out: HeldOut
     apart: HeldOut | None = None
 
-    def gain(self, before: Sequence[Member], after: Sequence[Member]) -> tuple[float, float]:
+    def gain(self, before: Sequence[Term], after: Sequence[Term]) -> tuple[float, float]:
         held_out = self.held_out
-        if self.apart is not None and any(held_out.hides(self.pool.columns(m)) for m in {*before, *after}):
+        if self.apart is not None and any(held_out.hides(self.candidate_set.columns(m)) for m in {*before, *after}):
             held_out = self.apart
-        pairs = [held_out.errors(self.pool.stack(members)) for members in (before, after)]
+        pairs = [held_out.errors(self.candidate_set.stack(terms)) for terms in (before, after)]
         return block_gain(*(np.array([float(e @ e) for e in errors]) for errors in pairs))
 
 

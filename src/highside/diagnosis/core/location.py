@@ -15,7 +15,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.core.candidates import CHANNELS
 from highside.diagnosis.core.policy import CANDIDATES, PLACES, SUPPORT
-from highside.diagnosis.core.regression import Race, outside, span
+from highside.diagnosis.core.regression import ScoreTest, outside, span
 from highside.diagnosis.core.result import Location
 from highside.diagnosis.core.support import Cells, Window, cells_of, runs, support
 from highside.physics.state import ChainState
@@ -61,15 +61,22 @@ def pose_bases(state: ChainState, force: Array) -> list[Basis]:
     orders = tuple(k for k in range(1, PLACES.harmonics + 1) if 2 * k <= stations)
     if orders:
         add("tf_ref_deg", tf_deg, [f(k * tf) for k in orders for f in (np.cos, np.sin)], orders)
-    rings = np.unique(state.ring).size
-    if rings > 1:
+    inclination_stations = np.unique(state.ring).size
+    if inclination_stations > 1:
         add(
             "inc_ref_deg",
             inc_deg,
-            [f(k * inc) for k in range(1, min(PLACES.inclination_orders, rings)) for f in (np.cos, np.sin)],
+            [
+                f(k * inc)
+                for k in range(1, min(PLACES.inclination_orders, inclination_stations))
+                for f in (np.cos, np.sin)
+            ],
         )
-        if rings > CANDIDATES.rings and CANDIDATES.least_a_ring * rings <= n:
-            # one ring may be off: no smooth function shows that
+        if (
+            inclination_stations > CANDIDATES.inclination_stations
+            and CANDIDATES.least_at_station * inclination_stations <= n
+        ):
+            # one inclination station may be off: no smooth function shows that
             add("inc_ref_deg", inc_deg, [state.ring == k for k in np.unique(state.ring)])
         if orders:
             add(
@@ -115,11 +122,11 @@ def on_channel(functions: Array, channel: int) -> Array:
 
 @dataclass(frozen=True)
 class Scan:
-    """All groups of a session, whitened: `cells` are (channel, basis) in the order of the race."""
+    """All groups of a session, whitened: `cells` are (channel, basis) in the order of the score test."""
 
     bases: list[Located]
     cells: tuple[tuple[int, int], ...]
-    race: Race
+    score_test: ScoreTest
     white: tuple[Array, ...]
     freedom: Array
     """(cells,) degrees of freedom that the noise is known with where a cell looks"""
@@ -130,7 +137,7 @@ def scan_of(
 ) -> Scan:
     """`whitened` are the groups (k, 3 n) of `cells`."""
     known = np.broadcast_to(np.asarray(freedom, dtype=float), (len(cells),))
-    return Scan(list(bases), tuple(cells), Race(whitened), tuple(whitened), known)
+    return Scan(list(bases), tuple(cells), ScoreTest(whitened), tuple(whitened), known)
 
 
 def locate(scan: Scan, signal: Array, base: Array, p: float, share: float) -> tuple[Location, ...]:

@@ -1,4 +1,5 @@
-"""Noise with memory in state-space form: readings = level + white, the level a walk or one that forgets exponentially.
+"""Noise with memory in state-space form: readings = level + white, the level a random walk or one that forgets
+exponentially.
 
 A pass of the Kalman filter turns readings and any number of columns into independent unit innovations in O(n), where
 the covariance matrix would take O(n^3). The filter's gains depend on the times and variances alone, so all settings of
@@ -26,15 +27,15 @@ class LevelNoise:
     @classmethod
     def of(cls, white: Array, steps: Array, shares: Array, lengths: Array) -> LevelNoise:
         """`white` (n,) variances of the white part, `steps` (n,) rising places of the readings; `shares` and `lengths`
-        (S,): the variance of the level (a walk's for each unit of `steps`, a forgetful level's at any time) and its
-        length (infinite: a walk, 0 at the first place)."""
+        (S,): the variance of the level (a random walk's for each unit of `steps`, a forgetful level's at any time) and
+        its length (infinite: a random walk, 0 at the first place)."""
         settings, n = shares.size, white.size
-        walk = np.isinf(lengths)
+        random_walk = np.isinf(lengths)
         apart = np.diff(steps, prepend=steps[:1])
-        decay = np.where(walk[:, None], 1.0, np.exp(-apart[None] / np.where(walk, 1.0, lengths)[:, None]))
-        drive = np.where(walk[:, None], shares[:, None] * apart, shares[:, None] * (1 - decay**2))
+        decay = np.where(random_walk[:, None], 1.0, np.exp(-apart[None] / np.where(random_walk, 1.0, lengths)[:, None]))
+        drive = np.where(random_walk[:, None], shares[:, None] * apart, shares[:, None] * (1 - decay**2))
         variance, gain = np.empty((settings, n)), np.empty((settings, n))
-        level = np.where(walk, 0.0, shares)
+        level = np.where(random_walk, 0.0, shares)
         for t in range(n):
             if t:
                 level = decay[:, t] ** 2 * level + drive[:, t]
@@ -79,12 +80,12 @@ class VectorNoise:
     def of(cls, white: Array, steps: Array, shares: Array, lengths: Array) -> VectorNoise:
         """`white` (n, 3, 3) covariances, `steps` (n,), `shares` and `lengths` (3,) of each channel's level."""
         n = steps.size
-        walk = np.isinf(lengths)
+        random_walk = np.isinf(lengths)
         apart = np.diff(steps, prepend=steps[:1])
-        decay = np.where(walk, 1.0, np.exp(-apart[:, None] / np.where(walk, 1.0, lengths)))
-        drive = np.where(walk, shares * apart[:, None], shares * (1 - decay**2))
+        decay = np.where(random_walk, 1.0, np.exp(-apart[:, None] / np.where(random_walk, 1.0, lengths)))
+        drive = np.where(random_walk, shares * apart[:, None], shares * (1 - decay**2))
         root, gain = np.empty((n, 3, 3)), np.empty((n, 3, 3))
-        level = np.diag(np.where(walk, 0.0, shares))
+        level = np.diag(np.where(random_walk, 0.0, shares))
         for t in range(n):
             if t:
                 level = level * np.outer(decay[t], decay[t]) + np.diag(drive[t])

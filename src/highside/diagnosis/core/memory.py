@@ -1,13 +1,14 @@
-"""Noise with memory: is the scatter from pose to pose coloured, do offsets wander, or did something slow happen?
+"""Noise with memory: is the scatter from pose to pose coloured, do offsets follow a random walk, or did something slow
+happen?
 
 Each channel's scatter is taken as s^2 (I + q K): white plus a part K with memory, either exp(-|i - j| / l) (coloured
-noise, l poses long) or min(i, j) (a walk without end). q and K are chosen by restricted likelihood, with the base and
-every smooth function of attitude projected off, but nothing that follows time or temperature: a fit that may bend with
-time swallows the walk and then finds it absent.
+noise, l poses long) or min(i, j) (a random walk without end). q and K are chosen by restricted likelihood, with the
+base and every smooth function of attitude projected off, but nothing that follows time or temperature: a fit that may
+vary with time swallows the random walk and then finds it absent.
 
-A slow effect (step, drift, warm-up, thermal lag, temperature) is believed only where it beats the walk: q is chosen
-anew with and without it, and the gain of likelihood must be large while no walk remains beside it. Otherwise the
-answer is "wander", with the slow effects as what it resembles.
+A slow effect (step, drift, warm-up, thermal lag, temperature) is believed only where it beats the random walk: q is
+chosen anew with and without it, and the gain of likelihood must be large while no random walk remains beside it.
+Otherwise the answer is "wander", with the slow effects as what it resembles.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from scipy.special import chdtrc
 from highside.arrays import Array
 from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.core.policy import INTERVALS, MEMORY, REGRESSION
-from highside.diagnosis.core.scene_policy import SlowLimits
+from highside.diagnosis.core.problem_policy import SlowLimits
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,24 +38,26 @@ class Memory:
     upper: float
 
     @property
-    def walks(self) -> bool:
-        """Whether this is a walk beyond doubt."""
+    def is_random_walk(self) -> bool:
+        """Whether this is a random walk beyond doubt."""
         return self.gain > MEMORY.found and np.isinf(self.length)
 
 
 @dataclass(frozen=True, slots=True)
 class SlowEffect:
     """A candidate of the slow stage: its index among the candidates, its variant, and its function of time on each
-    channel, (C, n) or its number (C,)."""
+    channel, (C, n) or its number (C,): of the C channels from `first` on, those of the accelerometers or of the gyros.
+    """
 
     candidate: int
     variant: int
     function: NDArray[Any]
+    first: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class SlowScore:
-    """How a slow effect fares against the walk."""
+    """How a slow effect fares against the random walk."""
 
     effect: SlowEffect
     log_p: float
@@ -64,7 +67,8 @@ class SlowScore:
 
 @dataclass(frozen=True, slots=True)
 class SlowStage:
-    """`claimed` in the order found, `admitted` all that beat the walk by themselves, `near` those that come near."""
+    """`claimed` in the order found, `admitted` all that beat the random walk by themselves, `near` those that come
+    near."""
 
     claimed: list[SlowScore]
     admitted: list[SlowScore]
@@ -148,7 +152,7 @@ class Likelihoods:
         return np.asarray(freedom * np.log(np.sum(left**2, axis=1) / freedom) + self._logdet)
 
     def memory(self, columns: Array) -> Memory:
-        """The memory that the data ask for with columns (K, n) projected off."""
+        """The memory that the data require with columns (K, n) projected off."""
         return memory_of(self.settings, self.without(columns))
 
 
@@ -158,7 +162,7 @@ def settings() -> list[tuple[float, float]]:
 
 
 def memory_of(tried: Sequence[tuple[float, float]], minus2l: Array) -> Memory:
-    """The memory that -2 log likelihoods (settings,) ask for; the first setting is white noise."""
+    """The memory that -2 log likelihoods (settings,) require; the first setting is white noise."""
     at = int(np.argmin(minus2l))
     length, share = tried[at]
     allowed = [
@@ -178,7 +182,7 @@ class Channel(Protocol):
     def memory(self, columns: Any) -> Memory: ...
 
 
-def beats_the_walk(
+def beats_random_walk(
     channels: Sequence[Channel],
     others: NDArray[Any],
     block: NDArray[Any],
@@ -188,7 +192,7 @@ def beats_the_walk(
 ) -> bool:
     """Whether a claim of `dof` directions, block (B, C, ...), is still needed where the noise may have any memory.
 
-    It is the best of so many `tries`; `certain` is the -log10 p asked for.
+    It is the best of so many `tries`; `certain` is the -log10 p required.
 
     The memory is chosen anew with and without it; `others` (K, C, ...) are the other claims.
     """
@@ -213,32 +217,42 @@ def _basis(columns: Array) -> Array:
 
 def slow_scores(
     channels: Sequence[Channel], slow: Sequence[SlowEffect], beside: Sequence[SlowScore] = ()
-) -> tuple[list[SlowScore], Array, float]:
-    """How every slow effect fares beside those; what each gains of -2 log likelihood; the evidence of memory.
+) -> tuple[list[SlowScore], Array, Array]:
+    """How every slow effect fares beside those; what each gains of -2 log likelihood; the evidence of memory on the
+    channels of each.
 
     The memory is chosen anew with each, so that differences of score between slow effects hold whether or not the
-    noise wanders.
+    noise contains a random walk.
     """
-    functions, tries = np.stack([e.function for e in slow]), _tries(slow)
-    channels = channels[: functions.shape[1]]
-    columns = np.stack([score.effect.function for score in beside]) if beside else functions[:0]
-    gain, remaining, evidence = np.zeros(len(slow)), np.zeros(len(slow)), 0.0
-    for c, channel in enumerate(channels):
-        without = channel.without(columns[:, c])
-        plain = float(without.min())
-        evidence += float(without[0]) - plain
-        tested = channel.with_each(columns[:, c], functions[:, c])
-        gain += plain - tested.min(axis=0)
-        remaining += tested[0] - tested.min(axis=0)
-    log_p, score = _slow_log_p(gain, len(channels), tries), gain - 2 * np.log(tries)
+    tries = _tries(slow)
+    gain, remaining, evidence = np.zeros((3, len(slow)))
+    for first in sorted({e.first for e in slow}):
+        at = np.array([k for k, e in enumerate(slow) if e.first == first])
+        functions = np.stack([slow[k].function for k in at])
+        columns = np.array([s.effect.function for s in beside if s.effect.first == first])
+        columns = columns if len(columns) else functions[:0]
+        for c in range(functions.shape[1]):
+            channel = channels[first + c]
+            without = channel.without(columns[:, c])
+            plain = float(without.min())
+            tested = channel.with_each(columns[:, c], functions[:, c])
+            evidence[at] += float(without[0]) - plain
+            gain[at] += plain - tested.min(axis=0)
+            remaining[at] += tested[0] - tested.min(axis=0)
+    log_p, score = _slow_log_p(gain, len(slow[0].function), tries), gain - 2 * np.log(tries)
     rows = zip(slow, log_p.tolist(), remaining.tolist(), score.tolist(), strict=True)
     return [SlowScore(*row) for row in rows], gain, evidence
 
 
-def plain_level(channels: Sequence[Channel], slow: Sequence[SlowEffect]) -> float:
-    """-2 log likelihood without any slow effect, the memory of each channel chosen."""
-    none = np.stack([e.function for e in slow])[:0]
-    return sum(float(channel.without(none[:, c]).min()) for c, channel in enumerate(channels[: none.shape[1]]))
+def plain_level(channels: Sequence[Channel], slow: Sequence[SlowEffect]) -> Array:
+    """(len(slow),) -2 log likelihood of the channels of each without any, the memory of each channel chosen."""
+    level: dict[int, float] = {}
+    for effect in slow:
+        if effect.first not in level:
+            none = effect.function[None][:0]
+            own = channels[effect.first : effect.first + len(effect.function)]
+            level[effect.first] = sum(float(channel.without(none[:, c]).min()) for c, channel in enumerate(own))
+    return np.array([level[effect.first] for effect in slow])
 
 
 def _tries(slow: Sequence[SlowEffect]) -> Array:
@@ -254,11 +268,10 @@ def slow_effects(
     limits: SlowLimits,
     most: int = 2,
 ) -> SlowStage:
-    """Test each slow effect (`ids` name them) against the walk, then again beside the first that is claimed."""
-    channels = channels[: slow[0].function.shape[0]]
-    tries = _tries(slow)
+    """Test each slow effect (`ids` name them) against the random walk, then again beside the first that is claimed."""
+    tries, own = _tries(slow), len(slow[0].function)
 
-    def scored(beside: Sequence[SlowScore]) -> tuple[list[SlowScore], Array, float]:
+    def scored(beside: Sequence[SlowScore]) -> tuple[list[SlowScore], Array, Array]:
         return slow_scores(channels, slow, beside)
 
     claimed: list[SlowScore] = []
@@ -269,16 +282,16 @@ def slow_effects(
         taken = {c.effect.candidate for c in claimed}
         passing = [
             s
-            for s, name in zip(scores, ids, strict=True)
-            if s.effect.candidate not in taken and limits.passes(name, s.log_p, s.remaining, evidence, s.score)
+            for s, name, of_memory in zip(scores, ids, evidence.tolist(), strict=True)
+            if s.effect.candidate not in taken and limits.passes(name, s.log_p, s.remaining, of_memory, s.score)
         ]
         if turn == 0:
             near = [s for s in scores if s.log_p > MEMORY.near_log_p]
         admitted += passing
         # of two that fit alike the one that stands first in the library
         best = max(passing, key=lambda s: round(s.score, 1)) if passing else None
-        if turn == 0 and limits.pairs and evidence > MEMORY.suspect:
-            pair = _pair(scores, gain, ids, limits, tries, len(channels), lambda one: scored([one]))
+        if turn == 0 and limits.pairs and evidence.max() > MEMORY.in_use:
+            pair = _pair(scores, gain, ids, limits, tries, own, lambda one: scored([one]))
             if pair and (best is None or sum(s.score for s in pair) > best.score + MEMORY.pair_score):
                 claimed += pair
                 admitted += pair
@@ -296,9 +309,10 @@ def _pair(
     limits: SlowLimits,
     tries: Array,
     channels: int,
-    beside: Callable[[SlowScore], tuple[list[SlowScore], Array, float]],
+    beside: Callable[[SlowScore], tuple[list[SlowScore], Array, Array]],
 ) -> list[SlowScore]:
-    """Two that only together leave no walk, each of which is needed beside the other; none if there are no such."""
+    """Two that only together leave no random walk, each of which is needed beside the other; none if there are no
+    such."""
     seeds: dict[int, int] = {}
     for k in np.argsort([-s.score for s in scores]).tolist():
         if scores[k].log_p > MEMORY.near_log_p:
@@ -317,7 +331,7 @@ def _pair(
                     name,
                     log_p - MEMORY.pair_log_p,
                     second.remaining,
-                    evidence,
+                    float(evidence[j]),
                     score - 2 * np.log(10**MEMORY.pair_log_p),
                 )
                 for name, log_p, score in (

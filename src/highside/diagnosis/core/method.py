@@ -21,6 +21,8 @@ class Method:
     """else effects are tested against, and fitted to, what the base fit has left"""
     refusal: bool = True
     """else what explains most is named, whatever remains and however implausible its size"""
+    laws: bool = True
+    """else nothing but the library's effects is looked for"""
 
     @classmethod
     def without(cls, part: str | None) -> Method:

@@ -35,13 +35,14 @@ class CandidatesPolicy:
     shortest: float = 0.03
     """Share of a recording: a shorter time constant is over before anything else happens. Chosen in 207dc25; no run is
     recorded."""
-    least_a_ring: int = 6
-    """Poses of a ring, on average, for single rings to be looked at: one that is off looks like noise that remembers.
-    Chosen in 541f29c; no run is recorded."""
+    least_at_station: int = 6
+    """Poses of an inclination station, on average, for single inclination stations to be looked at: one that is off
+    looks like serially correlated noise. Chosen in 541f29c; no run is recorded."""
     from_the_ends: int = 4
     """Poses at each end beside which no step is tried. Chosen in 21ed34d; no run is recorded."""
-    rings: int = 4
-    """A single ring is looked at where there are more rings than this. Chosen in 541f29c; no run is recorded."""
+    inclination_stations: int = 4
+    """A single inclination station is looked at where there are more inclination stations than this. Chosen in 541f29c;
+    no run is recorded."""
     warm_span_c: float = 0.5
     """degC; a temperature that changes by less says nothing. Chosen in 21ed34d; no run is recorded."""
 
@@ -62,7 +63,7 @@ class CausesPolicy:
     """Share of its variance that may be left within equal values of the covariate it follows. Chosen in dffbac0; no run
     is recorded."""
     most_rows: int = 20_000
-    """Rows; of a longer recording every so many are asked. Chosen in af2f195; no run is recorded."""
+    """Rows; of a longer recording every so many are used. Chosen in af2f195; no run is recorded."""
     inclined_rad: float = 0.002
     """rad; inclinations that differ by less are one. Chosen in af2f195; no run is recorded."""
     nothing: float = 1e-24
@@ -85,40 +86,46 @@ CHUNKS = ChunksPolicy()
 
 @dataclass(frozen=True)
 class ConclusionPolicy:
-    """What is told of what was chosen."""
+    """What is reported of what was chosen."""
 
     changing: float = 0.97
     """Share of the misfit that a claim explains from which it may still vary a little along a covariate. Chosen in
     207dc25; no run is recorded."""
     manifest: float = 1000.0
     """Chi-square of an effect beside all others from which, if nothing is left, it is no part of a mere fit: several
-    names for something that has none leave some percent of it, which would then be heard. Chosen in ea46e09; no run is
-    recorded."""
-    ring_margin: float = 2.0
-    """BIC; as `ScenePolicy.shadow_margin`, for a single ring: its place was searched, and a name that is told beats a
-    walk besides. Chosen in fa5f78d; no run is recorded."""
+    names for something that has none leave some percent of it, which would then be detected. Chosen in ea46e09; no run
+    is recorded."""
+    station_margin: float = 2.0
+    """BIC; as `ProblemPolicy.interaction_margin`, for a single inclination station: its place was searched, and a name
+    that is reported beats a random walk besides. Chosen in fa5f78d; no run is recorded."""
     own: float = 5e-3
-    """Share of the largest singular value from which a member's direction is its own beside the others. Chosen in
+    """Share of the largest singular value from which a term's direction is its own beside the others. Chosen in
     21ed34d; no run is recorded."""
     ruled_out: int = 3
-    """Rivals that are told to be ruled out, beside those that are often taken for the effect. Chosen in 21ed34d; no run
-    is recorded."""
+    """Rivals that are reported to be ruled out, beside those that are often taken for the effect. Chosen in 21ed34d; no
+    run is recorded."""
 
 
 CONCLUSION = ConclusionPolicy()
 
 
 @dataclass(frozen=True)
-class ExchangePolicy:
+class RivalRefitPolicy:
     """Rivals of strong effects, fitted in full."""
 
     alike: float = 2.0
     """BIC; a smaller difference is not worth a mention. Source: Kass and Raftery, J. Amer. Statist. Assoc. 90, 1995."""
     refitted: int = 3
     """Rivals of a strong effect that are fitted in full. Chosen in 51913bb; no run is recorded."""
+    needed: float = 12.0
+    """Chi-square by which the full fit must be worse without a term. Source: a sag of 0.9 deg, beside which a harmonic
+    of the inclination was chosen to first order, loses 2 without that; a term is chosen from about 25 on."""
+    nothing: float = 3.0
+    """Standard deviations within which a fitted size is nothing, and the term is tried to be left away. Source: that
+    harmonic came out at 1.1 of them; of what is there 1 in 370 does for each amplitude, and then 12 must be lost."""
 
 
-EXCHANGE = ExchangePolicy()
+RIVAL_REFIT = RivalRefitPolicy()
 
 
 @dataclass(frozen=True)
@@ -129,14 +136,14 @@ class FitsPolicy:
     """Of all readings, how many directions at most the rich model may take. Chosen in 21ed34d; no run is recorded."""
     steps: int = 4
     """Gauss-Newton steps of a joint fit, at most. Chosen in 21ed34d; no run is recorded."""
-    unseen: float = 1e-8
-    """Share of the best seen direction from which a direction in the space of the parameters is seen at all. Chosen in
-    6be9111; no run is recorded."""
+    undetermined: float = 1e-8
+    """Share of the best determined direction from which a direction in the space of the parameters is determined at
+    all. Chosen in 6be9111; no run is recorded."""
     many: int = 3000
     """Readings from which normal equations are formed. Chosen in 304904b; no run is recorded."""
     settled: float = 1e-6
     """Chi-square of a step that is the last. Chosen in 452637c; no run is recorded."""
-    bends: float = 6.0
+    second_order: float = 6.0
     """Chi-square of what effects do beyond first order, from which it is no rounding. Chosen in ea46e09; no run is
     recorded."""
     unmoved: float = 1e-12
@@ -145,9 +152,9 @@ class FitsPolicy:
     """Share of the largest singular value below which one is rounding. Chosen in 304904b; no run is recorded."""
     stride: float = 1.33
     """Factor by which a time constant moves in one step, at most. Chosen in 21ed34d; no run is recorded."""
-    partly_unseen: float = 1e-6
-    """Share of a parameter's direction that lies in what is not seen, from which it is told by its plausible range.
-    Chosen in 6be9111; no run is recorded."""
+    partly_undetermined: float = 1e-6
+    """Share of a parameter's direction that lies in what is not determined, from which it is given by its plausible
+    range. Chosen in 6be9111; no run is recorded."""
 
 
 FITS = FitsPolicy()
@@ -179,7 +186,7 @@ class HeldOutPolicy:
     """Prediction of what was left out."""
 
     transient: float = 0.1
-    """Share of a member's energy outside of a block, below which the other blocks say nothing of it. Chosen in f202a8b;
+    """Share of a term's energy outside of a block, below which the other blocks say nothing of it. Chosen in f202a8b;
     no run is recorded."""
     folds: int = 10
     """Blocks of poses, each predicted from the others. Chosen in f202a8b; no run is recorded."""
@@ -209,11 +216,12 @@ class PlacesPolicy:
     poses_a_wave: int = 6
     """Poses for each wave of time that is scanned. Chosen in 21ed34d; no run is recorded."""
     channel_share: float = 0.1
-    """Share of the loudest channel's energy from which a channel is told. Chosen in 304904b; no run is recorded."""
+    """Share of the strongest channel's energy from which a channel is reported. Chosen in 304904b; no run is
+    recorded."""
     explained: float = 0.9
     """Share of what the best covariate explains that a simpler one must. Chosen in 21ed34d; no run is recorded."""
     ranged: float = 0.25
-    """Share of the largest mean energy above which a range is told. Chosen in 541f29c; no run is recorded."""
+    """Share of the largest mean energy above which a range is reported. Chosen in 541f29c; no run is recorded."""
 
 
 PLACES = PlacesPolicy()
@@ -221,25 +229,26 @@ PLACES = PlacesPolicy()
 
 @dataclass(frozen=True)
 class MemoryPolicy:
-    """Noise that remembers, and what is slow beside it."""
+    """Serially correlated noise, and what is slow beside it."""
 
     found: float = 12.0
     """-2 log likelihood of a channel, gain from which memory is believed. Chosen in 1d73a30 after looking at the
     prototype's scored runs; no run that varied it is recorded."""
-    suspect: float = 8.0
+    in_use: float = 8.0
     """-2 log likelihood of a channel, gain from which judging uses memory. Chosen in 1d73a30; no run is recorded."""
     slow_log_p: float = 2.8
-    """-log10 p that a slow effect must reach beside a walk. Source: parametric bootstrap of walks, 7 rates with 400
-    draws each on two channel patterns: the least favourable rate passes in 4.2 % [2.7, 6.7]; 2.5 would pass 7.5 %."""
+    """-log10 p that a slow effect must reach beside a random walk. Source: parametric bootstrap of random walks, 7
+    rates with 400 draws each on two channel patterns: the least favourable rate passes in 4.2 % [2.7, 6.7]; 2.5 would
+    pass 7.5 %."""
     near_log_p: float = 1.0
-    """-log10 p beside a walk from which a slow effect resembles what was seen. Chosen in bdd5f4b; no run is
+    """-log10 p beside a random walk from which a slow effect resembles what was observed. Chosen in bdd5f4b; no run is
     recorded."""
     remaining: float = 15.0
     """-2 log likelihood; a slow effect beside which more evidence of memory than this remains is not the whole story.
     Source: the bootstrap of `slow_log_p`. 6 was tried on strong effects: 17 of 30 steps and 23 of 30 warm-ups were
     left."""
     lengths: tuple[float, ...] = (1.5, 4.0, np.inf)
-    """Poses; memories that are tried, infinite is the walk. Chosen in 1d73a30; no run is recorded."""
+    """Poses; memories that are tried, infinite is the random walk. Chosen in 1d73a30; no run is recorded."""
     shares: Mapping[float, tuple[float, ...]] = field(
         default_factory=lambda: {
             1.5: (0.3, 1.0, 3.0, 10.0),
@@ -247,13 +256,13 @@ class MemoryPolicy:
             np.inf: (3e-4, 1e-3, 4e-3, 0.015, 0.05, 0.2, 0.8),
         }
     )
-    """By memory length, variances in units of the white variance of a pose (of a step, for the walk). Chosen in
+    """By memory length, variances in units of the white variance of a pose (of a step, for the random walk). Chosen in
     1d73a30; no run is recorded."""
     seeds: int = 4
     """Slow effects with each of which a second one is tried. Chosen in f202a8b; no run is recorded."""
     pair_log_p: float = 0.7
-    """-log10 p; so much more is asked of each of two: there are as many more ways for a walk to look like them. Chosen
-    in aa948f6; no run is recorded."""
+    """-log10 p; so much more is required of each of two: there are as many more ways for a random walk to look like
+    them. Chosen in aa948f6; no run is recorded."""
     pair_score: float = 12.0
     """-2 log likelihood; two slow effects stand in place of one that is enough by itself where they gain so much more.
     Chosen in f202a8b; no run is recorded."""
@@ -263,7 +272,7 @@ MEMORY = MemoryPolicy()
 
 
 @dataclass(frozen=True)
-class PoolPolicy:
+class CandidateSetPolicy:
     """What chance makes of a whole family of candidates."""
 
     alarm_rate: float = 0.01
@@ -272,22 +281,23 @@ class PoolPolicy:
     flips: int = 300
     """Sets of block signs that are drawn. Chosen in 21ed34d; no run is recorded."""
     block_poses: int = 6
-    """Poses whose signs are flipped together: noise may remember over fewer. Chosen in 21ed34d; no run is recorded."""
+    """Poses whose signs are flipped together: noise may be serially correlated over fewer. Chosen in 21ed34d; no run is
+    recorded."""
     half: float = 2 * np.log(2)
     """Chi-square: gain of an amplitude of known sign, half of what one of either sign might have been has been ruled
     out. Source: 2 log 2, Bayes' rule."""
-    remembers: float = 6.6
-    """Chi-square that one direction gains by chance in 1 % of cases: a slack that remembers must be better by as much
+    hysteresis: float = 6.6
+    """Chi-square that one direction gains by chance in 1 % of cases: a slack with hysteresis must be better by as much
     than one that does not, which it becomes where the tool hardly ever turns back. Source: Chi-square table, one degree
     of freedom."""
 
 
-POOL = PoolPolicy()
+CANDIDATE_SET = CandidateSetPolicy()
 
 
 @dataclass(frozen=True)
 class RivalsPolicy:
-    """What cannot be told from a claim."""
+    """What cannot be distinguished from a claim."""
 
     same_class_bic: float = 6.0
     """BIC; a rival that comes nearer to a claim is of its class. Source: agrees with the mark of strong evidence in
@@ -302,7 +312,7 @@ class RivalsPolicy:
     power_80: float = 0.8416
     """Standard normal quantile of 80 %. Source: a definition."""
     most_log_p: float = 12.0
-    """-log10 p beyond which the F law's quantile is not asked in double precision. Chosen in 21ed34d; no run is
+    """-log10 p beyond which the F law's quantile is not computed in double precision. Chosen in 21ed34d; no run is
     recorded."""
     next_poses: int = 6
     """Poses that are advised. Chosen in 21ed34d; no run is recorded."""
@@ -373,21 +383,105 @@ UNTESTABLE = UntestablePolicy()
 
 
 @dataclass(frozen=True)
+class RepeatabilityPolicy:
+    """What is left beside how well readings repeat."""
+
+    beyond: float = 4.0
+    """Times that readings may disagree more than they repeat and be explained. Source: the real multi-pose recordings
+    disagree 0.9, 0.9 and 2.6 times as much (tests/integration/test_diagnose_real.py)."""
+    strength: float = 300.0
+    """Chi-square that must be gone for what is slow to be believed at the floor, whatever a random walk would do.
+    Source: a straight line leaves a tenth of a random walk in one of a hundred, which then is no chance beside 30
+    readings."""
+    slack: float = 0.5
+    """Share of the degrees of freedom that may be left beyond the floor. Source: as `beyond`."""
+    remainder: float = 0.02
+    """Share of what is gone that may be left beyond the floor: time constants are tried at a few values. Source:
+    tests/unit/test_slow_to_the_floor.py, warm-ups of 0.5 to 5 mg."""
+
+
+REPEATABILITY = RepeatabilityPolicy()
+
+
+@dataclass(frozen=True)
 class ProcedurePolicy:
     """How often the procedure goes round."""
 
     refined: int = 2
-    """Slow effects of which the best time constant is looked for beside a walk. Chosen in 6a24687; no run is
+    """Slow effects of which the best time constant is looked for beside a random walk. Chosen in 6a24687; no run is
     recorded."""
-    bent: int = 2
+    relinearisations: int = 2
     """Times that what is beyond first order is taken out: the second is exact where the first was nearly. Chosen in
     ea46e09; no run is recorded."""
     doubts: int = 4
-    """Times that what is chosen in place of what a walk explains as well is asked the same. Chosen in 90ef79c; no run
-    is recorded."""
-    ring_certain: float = 3.0
-    """-log10 p; so much more is asked of one ring than of an effect: nothing but its place speaks for it. Chosen in
-    a5e043f; no run is recorded."""
+    """Times that what is chosen in place of what a random walk explains as well must pass the same test. Chosen in
+    90ef79c; no run is recorded."""
+    station_certain: float = 3.0
+    """-log10 p; so much more is required of one inclination station than of an effect: nothing but its place speaks for
+    it. Chosen in a5e043f; no run is recorded."""
 
 
 PROCEDURE = ProcedurePolicy()
+
+
+@dataclass(frozen=True)
+class FloorPolicy:
+    """How well readings repeat, and what stands above that."""
+
+    chance: float = 1e-4
+    """Probability of chance below which the floor does not explain what is left. Source: one session in a hundred may
+    raise an alarm (`CandidateSetPolicy.alarm_rate`); a hundredth of that is left for this."""
+    ratio: float = 1.3
+    """Standard deviations left, in those of the floor, from which the difference is reported. Source: as
+    `ProblemPolicy.floor_ratio`."""
+    stretches: int = 4
+    """Stretches of an interval whose means are compared, at least. Source: a definition."""
+    least_differences: int = 30
+    """Differences of means by which a longer stretch is judged, at least: their variance is known to a quarter. Source:
+    the chi-square law, sqrt(2 / 30)."""
+    overlap: float = 2 / 3
+    """Degrees of freedom of a successive difference: neighbours share a mean. Source: von Neumann et al., Ann. Math.
+    Statist. 12, 1941, for white noise."""
+    dither: float = 0.5
+    """Standard deviation in steps of a converter above which averaging removes the lattice. Source: Widrow and Kollar,
+    Quantization Noise, 2008: the bias of a mean of Gaussian dither of half a step is below 1 % of the step."""
+    lattice_spread: float = 1.5
+    """Factor within which differences of neighbouring levels are one step. Source: the next multiple is twice."""
+    lattice_off: float = 0.02
+    """Share of a step by which a level may be off its lattice. Source: rounding of six written digits."""
+    least: float = 1e-12
+    """g; no floor is smaller. Source: rounding of doubles."""
+
+
+FLOOR = FloorPolicy()
+
+
+@dataclass(frozen=True)
+class StabilityPolicy:
+    """Whether the size of a claim is a constant."""
+
+    log_p: float = 5.0
+    """-log10 p of the splits together from which a size changes. Source: a hundredth of `FloorPolicy.chance` would be
+    6; of a thousand claims one in a hundred is then doubted by chance."""
+    share: float = 0.01
+    """Share of a claim's own gain that its change must add: less is no matter for its size (a tenth). Source: a factor
+    of 0.9 and 1.1 in halves adds 0.01."""
+    decimals: int = 4
+    """Decimals, in rad or rad/s, to which settings are alike. Source: 0.006 deg, below what benches repeat to."""
+    levels: int = 4
+    """Settings of a covariate from which its halves are compared. Source: two in each half."""
+
+
+STABILITY = StabilityPolicy()
+
+
+@dataclass(frozen=True)
+class CheckedPolicy:
+    """When a reported size must be wider."""
+
+    remainder: float = 1.5
+    """Mean square that is left, in those of the noise, from which intervals are widened by its root. Source: a fit of
+    thirty degrees of freedom exceeds 1.5 by chance in 4 %."""
+
+
+CHECKED = CheckedPolicy()

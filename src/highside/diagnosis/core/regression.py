@@ -1,4 +1,4 @@
-"""Linear algebra of the diagnosis: spaces spanned by columns, and the race of many candidates for one residual.
+"""Linear algebra of the diagnosis: spaces spanned by columns, and the score test of many candidates for one residual.
 
 Vectors are rows here: a set of P columns over N readings is (P, N), whitened (unit noise). A *space* is an orthonormal
 (r, N). All tests are of what lies outside of the space already explained.
@@ -43,7 +43,7 @@ class Score:
     dof: int
 
 
-class Race:
+class ScoreTest:
     """All variants of all candidates, whitened and normalised once, to be run against residuals of growing models.
 
     `blocks` are the whitened columns (k, N) of each variant.
@@ -54,25 +54,25 @@ class Race:
         self.count = len(blocks)
         sizes = np.array([len(block) for block in blocks], dtype=int)
         for size in np.unique(sizes):
-            members = np.flatnonzero(sizes == size)
-            stacked = np.stack([blocks[int(i)] for i in members])
+            group = np.flatnonzero(sizes == size)
+            stacked = np.stack([blocks[int(i)] for i in group])
             norm = np.linalg.norm(stacked, axis=2, keepdims=True)
-            self._groups.append((members, stacked / np.where(norm > 0, norm, 1.0)))
+            self._groups.append((group, stacked / np.where(norm > 0, norm, 1.0)))
 
     def run(self, space: Array, residuals: Array) -> tuple[Array, NDArray[np.intp]]:
         """Gains (variants, B) of chi-square for residuals (B, N) outside of `space`; directions used (variants,)."""
         left = outside(space, residuals)
         gains = np.zeros((self.count, left.shape[0]))
         dof = np.zeros(self.count, dtype=np.intp)
-        for members, stacked in self._groups:
+        for group, stacked in self._groups:
             bare = outside(space, stacked)
             gram = bare @ bare.transpose(0, 2, 1)
             values, vectors = np.linalg.eigh(gram)
             good = values > REGRESSION.visible**2
             inverse = np.where(good, 1.0 / np.sqrt(np.where(good, values, 1.0)), 0.0)
-            seen = inverse[:, :, None] * (vectors.transpose(0, 2, 1) @ (bare @ left.T))
-            gains[members] = np.sum(seen**2, axis=1)
-            dof[members] = good.sum(axis=1)
+            projected = inverse[:, :, None] * (vectors.transpose(0, 2, 1) @ (bare @ left.T))
+            gains[group] = np.sum(projected**2, axis=1)
+            dof[group] = good.sum(axis=1)
         return gains, dof
 
 

@@ -16,6 +16,7 @@ Verdict = Literal[
     "nothing_left_out",
     "named",
     "named_plus",
+    "law",
     "partial",
     "unknown",
     "wander",
@@ -57,23 +58,69 @@ class Rival:
 
 
 @dataclass(frozen=True, slots=True)
+class Curve:
+    """A smooth law as it was found: its value with standard deviation on a grid (K,) of its first covariate.
+
+    Of a law of two covariates the curve is a section: the second at its median over the recording.
+    """
+
+    grid: tuple[float, ...]
+    value: tuple[float, ...]
+    std: tuple[float, ...]
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
 class Claim:
-    """An effect that was left out of the model, and what it cannot be told apart from in this recording."""
+    """An effect that the model omits, named or as a law, and what it is confounded with in this recording.
+
+    The fields from `share` on are in `diagnosis.json` for every claim; those from `place` on say something of laws
+    (`effect` is `law:<slug>` then), and are empty for a named effect.
+    """
 
     effect: str
     story: str
-    formula: str
+    formula: str | None
     stage: str
     parameters: dict[str, FittedParameter]
     p_familywise: float
     equivalence_class: tuple[str, ...]
     rivals_ruled_out: tuple[Rival, ...]
     next_manoeuvre: str
+    share: float | None = None
+    """of the mean square that is explained, the part that is this claim's; 0 to 1"""
+    channels: tuple[str, ...] = ()
+    """on which it acts"""
+    heldout_gain: float | None = None
+    """log likelihood that it adds on blocks that were held out of its fit, beside the other claims; nats"""
+    stable: bool | None = None
+    """whether its size agrees over thirds of the session and halves of the inclinations or rates; None: not checked"""
+    shape_within: float | None = None
+    """how far another shape may depart from this one unseen, as a fraction of its size"""
+    place: str = ""
+    """where the law acts (a key of the places of `physics.law`)"""
+    depends_on: tuple[str, ...] = ()
+    """what it is a function of"""
+    curve: Curve | None = None
+    range: tuple[tuple[float, float], ...] = ()
+    """of each covariate, what this recording visited; beyond it the law says nothing"""
+    resembles: tuple[str, ...] = ()
+    """effects of the library that it is like, without being one"""
+    readings: tuple[str, ...] = ()
+    """physics that would read like this: suggestions"""
+    confirm: str = ""
+    """what another session must vary to confirm or refute it"""
+    law: dict[str, Any] | None = None
+    """the law itself in plain values (`physics.law`), as the model file has it"""
+    rms: float | None = None
+    """what the law adds to the readings of its channels, rms in their unit, less what bias, scale and all else that is
+    free takes of it"""
+    rms_std: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """How much the claims improve the fit; `heldout` figures are of blocks that the fit had not seen."""
+    """How much the claims improve the fit; `heldout` figures are of blocks that were held out of the fit."""
 
     unit: str
     rmse_before: float
@@ -119,10 +166,21 @@ class NotTestable:
 
 @dataclass(frozen=True, slots=True)
 class Detectable:
-    """The smallest size of an effect that would have been seen with 80 % probability."""
+    """The smallest size of an effect that would have been detected with 80 % probability."""
 
     value: float
     unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """How much of the library and of the recording an answer rests on."""
+
+    effects_tested: int
+    effects_known: int
+    intervals_used: int | None = None
+    """still intervals (or poses) that were used, where the recording has such"""
+    intervals_expected: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +198,7 @@ class Diagnosis:
     noise: dict[str, Any] = field(default_factory=dict)
     seed: int = 0
     version: str = ""
+    coverage: Coverage | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """What goes into `diagnosis.json`; numbers that are not finite become null."""

@@ -1,9 +1,9 @@
 """What a recording cannot tell: effects that explain it as well as the claim, and effects that leave no trace in it.
 
-Two candidates are one class where exchanging them costs less than 6 in BIC (of slow effects: with a noise that may
-remember), or where what the claim adds beyond the rival is expected to show with less than 12 in chi-square (a rival
-that contains the claim is such a case). An effect is testable where its largest plausible size would be seen with 80 %
-probability beside the base parameters.
+Two candidates are one class where replacing one by the other costs less than 6 in BIC (of slow effects: with noise that
+may be serially correlated), or where what the claim adds beyond the rival is expected to show with less than 12 in
+chi-square (a rival that contains the claim is such a case). An effect is testable where its largest plausible size
+would be detected with 80 % probability beside the base parameters.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 from scipy.special import fdtri
 
 from highside.arrays import Array
-from highside.diagnosis.core.candidates import Blind, Candidate, columns_of
+from highside.diagnosis.core.candidate_set import CandidateSet, Term, span_with
+from highside.diagnosis.core.candidates import Candidate, Unobservable, columns_of
 from highside.diagnosis.core.memory import SlowScore
 from highside.diagnosis.core.policy import MEMORY, REGRESSION, RIVALS
-from highside.diagnosis.core.pool import Member, Pool, span_with
 from highside.diagnosis.core.regression import outside
 from highside.diagnosis.core.result import Detectable, NotTestable
 from highside.diagnosis.core.selection import Selector
@@ -31,7 +31,7 @@ class Rivalry:
     """How the candidates compare with one claim, all others of the claims kept: `delta_bic` (candidates,)."""
 
     delta_bic: Array
-    best: list[Member]
+    best: list[Term]
     same: tuple[int, ...]
 
 
@@ -39,38 +39,38 @@ class Rivalry:
 class Refitted:
     """A rival in the place of a strong claim, fitted in full: how far it is behind in BIC."""
 
-    rival: Member
+    rival: Term
     delta_bic: float
 
 
-def rivalry(selector: Selector, members: Sequence[Member], claim: Member) -> Rivalry:
-    """Exchange one claim for each other candidate."""
-    others = [m for m in members if m != claim]
-    now = selector.standing(others)
+def rivalry(selector: Selector, terms: Sequence[Term], claim: Term) -> Rivalry:
+    """Replace one claim by each other candidate."""
+    others = [m for m in terms if m != claim]
+    now = selector.ranking(others)
     delta = now.bic[claim.candidate] - now.bic
     space = selector.space_with(others)
-    own = outside(space, selector.pool.columns(claim))
+    own = outside(space, selector.candidate_set.columns(claim))
     amplitude = np.linalg.lstsq(own.T, selector.residual, rcond=REGRESSION.visible)[0]
     signal = amplitude @ own
     taken = {m.candidate for m in others}
     same = [claim.candidate]
     for k in np.argsort(delta):
-        if k == claim.candidate or k in taken or not selector.pool.candidates[k].named:
+        if k == claim.candidate or k in taken or not selector.candidate_set.candidates[k].named:
             continue
         if now.log_p[k] < RIVALS.rival_log_p:
             # it explains nothing of this
             continue
         # the rival's best may be a part of it; the whole may contain the claim
         beyond = min(
-            float(np.sum(outside(span_with(space, selector.pool.columns(m)), signal) ** 2))
-            for m in {now.best[k], selector.pool.whole(now.best[k])}
+            float(np.sum(outside(span_with(space, selector.candidate_set.columns(m)), signal) ** 2))
+            for m in {now.best[k], selector.candidate_set.whole(now.best[k])}
         )
         if delta[k] < RIVALS.same_class_bic or beyond < RIVALS.same_class_evidence:
             same.append(int(k))
     return Rivalry(delta, now.best, tuple(same))
 
 
-def beside_memory(found: Rivalry, scores: Sequence[SlowScore], claim: Member, taken: Container[int]) -> Rivalry:
+def beside_memory(found: Rivalry, scores: Sequence[SlowScore], claim: Term, taken: Container[int]) -> Rivalry:
     """The rivalry of a slow effect with other slow ones (`scores`) where the noise may have any memory.
 
     What two slow effects differ by is slow itself, and so may be wandering: a difference that white noise would make
@@ -81,16 +81,16 @@ def beside_memory(found: Rivalry, scores: Sequence[SlowScore], claim: Member, ta
         k = one.effect.candidate
         if k not in best or one.score > best[k].score:
             best[k] = one
-    delta, members, same = found.delta_bic.copy(), list(found.best), list(found.same)
+    delta, terms, same = found.delta_bic.copy(), list(found.best), list(found.same)
     for k, one in best.items():
         if k == claim.candidate or k in taken:
             continue
         apart = best[claim.candidate].score - one.score
         if apart < delta[k]:
-            delta[k], members[k] = apart, Member(k, one.effect.variant)
+            delta[k], terms[k] = apart, Term(k, one.effect.variant)
         if apart < RIVALS.same_class_bic and one.log_p > MEMORY.near_log_p and k not in same:
             same.append(k)
-    return Rivalry(delta, members, tuple(same))
+    return Rivalry(delta, terms, tuple(same))
 
 
 def evidence_80(dof: int, freedom: float, threshold: float) -> float:
@@ -102,30 +102,39 @@ def evidence_80(dof: int, freedom: float, threshold: float) -> float:
 
 
 def what_shows(
-    pool: Pool, base: Array, freedom: float, threshold: float, blind: Sequence[Blind], absorbing: Sequence[str]
+    candidate_set: CandidateSet,
+    base: Array,
+    freedom: float,
+    threshold: float,
+    unobservable: Sequence[Unobservable],
+    absorbing: Sequence[str],
 ) -> tuple[list[NotTestable], dict[str, Detectable]]:
     """Effects that this recording cannot show, and the smallest size it would have shown of the others.
 
     `absorbing` are the ids of the base fit's effects.
     """
-    lacking = [NotTestable(b.effect.id, b.why, b.effect.splitter) for b in blind]
+    lacking = [NotTestable(b.effect.id, b.why, b.effect.splitter) for b in unobservable]
     smallest: dict[str, Detectable] = {}
-    for k, candidate in enumerate(pool.candidates):
+    for k, candidate in enumerate(candidate_set.candidates):
         if candidate.effect is None:
             continue
-        variants = [i for i in np.flatnonzero(pool.owner == k) if candidate.variants[pool.members[i].variant].whole]
-        sizes = np.array([_smallest(pool.blocks[i], base, freedom, threshold) for i in variants])
+        variants = [
+            i
+            for i in np.flatnonzero(candidate_set.owner == k)
+            if candidate.variants[candidate_set.terms[i].variant].whole
+        ]
+        sizes = np.array([_smallest(candidate_set.blocks[i], base, freedom, threshold) for i in variants])
         amplitudes = [p for p in candidate.effect.parameters if not p.shape]
         gates = np.array([max(abs(p.gate[0]), abs(p.gate[1])) for p in amplitudes])
         ratio = np.min(sizes, axis=0) / gates
-        seen = ratio < 1
-        if not seen.any():
+        detectable = ratio < 1
+        if not detectable.any():
             why = _why(np.min(sizes, axis=0), gates, [p.unit for p in amplitudes], absorbing)
             lacking.append(NotTestable(candidate.id, why, candidate.effect.splitter))
             continue
         # amplitudes of one unit are comparable: the figure is of the first kind that shows
-        unit = amplitudes[int(np.argmax(seen))].unit
-        alike = seen & np.array([p.unit == unit for p in amplitudes])
+        unit = amplitudes[int(np.argmax(detectable))].unit
+        alike = detectable & np.array([p.unit == unit for p in amplitudes])
         smallest[candidate.id] = Detectable(float(np.median(np.min(sizes, axis=0)[alike])), unit)
     return lacking, smallest
 
@@ -141,7 +150,7 @@ def _why(sizes: Array, gates: Array, units: Sequence[str], absorbing: Sequence[s
 
 
 def _smallest(columns: Array, base: Array, freedom: float, threshold: float) -> Array:
-    """(k,) size of each amplitude alone that would be seen with 80 % probability; infinite where it is absorbed."""
+    """(k,) size of each amplitude alone that would be detected with 80 % probability; infinite where it is absorbed."""
     left = np.linalg.norm(outside(base, columns), axis=1)
     full = np.linalg.norm(columns, axis=1)
     needed = np.sqrt(evidence_80(columns.shape[0], freedom, threshold))

@@ -115,12 +115,12 @@ def _growing(gram: Array, moment: Array, size: Array) -> tuple[Array, Array]:
     scaled = gram / scale[:, None] / scale[None, :] + SUPPORT.ridge * np.eye(size.size)
     lower = np.linalg.cholesky(scaled)
     turned = np.linalg.solve(lower, moment / scale)
-    seen = (np.diag(lower) > REGRESSION.visible) & (size > 0)
-    return np.cumsum(np.where(seen, turned**2, 0.0)), np.cumsum(seen)
+    visible = (np.diag(lower) > REGRESSION.visible) & (size > 0)
+    return np.cumsum(np.where(visible, turned**2, 0.0)), np.cumsum(visible)
 
 
 def runs(cells: Cells, taken: NDArray[np.bool_]) -> tuple[Interval, ...]:
-    """Intervals of neighbouring cells; one that runs over the turn is told in two parts."""
+    """Intervals of neighbouring cells; one that runs over the turn is reported in two parts."""
     found: list[Interval] = []
     for (low, high), one, before in zip(cells.edges, taken, np.concatenate([[False], taken[:-1]]), strict=True):
         if one and before:

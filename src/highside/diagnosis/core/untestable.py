@@ -31,9 +31,9 @@ def what_splits(effect: Effect, rivals: Sequence[Effect]) -> str:
 
 
 def with_manoeuvres(diagnosis: Diagnosis, state: ChainState) -> Diagnosis:
-    """The diagnosis with what each effect that cannot be shown needs, told for the design at hand."""
-    told = tuple(_needing(entry, state) for entry in diagnosis.not_testable)
-    return replace(diagnosis, not_testable=told)
+    """The diagnosis with what each effect that cannot be shown needs, given for the design at hand."""
+    entries = tuple(_needing(entry, state) for entry in diagnosis.not_testable)
+    return replace(diagnosis, not_testable=entries)
 
 
 def _needing(entry: NotTestable, state: ChainState) -> NotTestable:
@@ -50,6 +50,10 @@ def _needing(entry: NotTestable, state: ChainState) -> NotTestable:
         lacks.append("record the temperature, and change it up and down")
     if "vibration_rms_g" in effect.needs and np.ptp(state.vibration_rms_g) == 0.0:
         lacks.append("record the vibration at rest and while the tool is shaken")
+    if "vibration_x_rms_g" in effect.needs and np.ptp(state.vibration_x_rms_g) == 0.0:
+        lacks.append("record the vibration of each axis (vibration_x_rms_g and so on), at rest and shaken along each")
+    if "since_move_s" in effect.needs and np.ptp(state.since_move_s) == 0.0:
+        lacks.append("hold some poses briefly and others long, and record every row of them")
     if not lacks and effect.stage in (Stage.POSE, Stage.GRAVITY, Stage.MOUNTING, Stage.SENSOR):
         first = float(np.degrees(state.inc_rad[0]))
         if np.ptp(state.inc_rad) < UNTESTABLE.one_inclination_rad:

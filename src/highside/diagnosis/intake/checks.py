@@ -1,15 +1,15 @@
-"""Is the recording what it claims to be? Faults of the data that no physics explains and no fit should be asked about.
+"""Is the recording what it claims to be? Faults of the data that no physics explains and no fit can repair.
 
 These are exact detectors, not regressions: each counts something that a healthy recording does not have and gives the
 probability of that count by chance. A finding that spoils the data stops the diagnosis (`bad_data`): a fit would give
-the fault the name of some effect, and be very sure of it. Others are told and lived with.
+the fault the name of some effect, and be very sure of it. Others are reported and lived with.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,12 +43,18 @@ class Intake:
 
 
 def check(
-    columns: Mapping[str, Array], needed: Sequence[str], axes: Sequence[tuple[int, float]], *, attitude: bool = True
+    columns: Mapping[str, Array],
+    needed: Sequence[str],
+    axes: Sequence[tuple[int, float]],
+    *,
+    attitude: bool = True,
+    every_row: bool = True,
 ) -> Intake:
     """Check the columns (N,) of a recording. `needed` are those the diagnosis cannot do without.
 
     `axes` says which channel, with which sign, is the tool's x, y and z. Without a reference `attitude` nothing says
-    which axis should feel what, and frames that are lost are told but do no harm: each row has its time.
+    which axis should feel what. Where not `every_row` counts, as in averages of poses, frames that are lost are
+    reported but do no harm: each row has its time.
     """
     missing = [name for name in (*COLUMNS, *needed) if name not in columns]
     if missing:
@@ -59,7 +65,7 @@ def check(
         count = max(int(np.isnan(columns[name][held]).sum()) for name in holes)
         words = f"{count} of {int(held.sum())} values are missing: repeat those poses or leave the rows out"
         return _spoiled([Finding("missing_values", tuple(_short(name) for name in holes), 0.0, words)])
-    clock = clock_findings(columns, held)
+    clock = [_harmless(*found) if not every_row else found for found in clock_findings(columns, held)]
     time = [finding for finding, _ in clock]
     accel = np.stack([columns[name][held] for name in COLUMNS])
     still = [c for c in range(3) if np.ptp(accel[c]) == 0.0]
@@ -81,28 +87,53 @@ def check(
         frames = [] if mostly else _axes(accel, reference, axes)
         if frames:
             return _spoiled([*time, *frames])
-    spoiling = [finding for finding, spoils in clock if spoils and (attitude or finding.check != DROPPED_FRAMES.id)]
-    told = [finding for finding in time if finding not in spoiling]
+    spoiling = [finding for finding, spoils in clock if spoils]
+    reported = [finding for finding in time if finding not in spoiling]
     spoiling += duplicates(columns, held, accel)
     for c, (share, limit, p) in clipped.items():
         words = f"{share:.1%} of the readings share the value {limit:g} g: use a larger range"
         flat = Finding(CLIPPING.id, (CHANNELS[c],), p, words)
-        (spoiling if share >= CHECKS.clipped_share else told).append(flat)
+        (spoiling if share >= CHECKS.clipped_share else reported).append(flat)
     spoiling += [f for c in range(3) if c not in clipped and (f := _stuck_bit(accel[c], c))]
     rows = np.flatnonzero(held)
     impulses: NDArray[np.intp] = rows[:0]
-    knocks: list[Finding] = []
+    shocks: list[Finding] = []
     if not clipped and (attitude or "pose" in columns):
         # of a tool that is moved by hand and has no reference, a jerk is no fault
         stops = np.cumsum(np.diff(columns["pose"][held], prepend=np.nan) != 0) if "pose" in columns else 0 * rows
-        impulses, knocks = find_impulses(accel, stops, reference)
-    told += [*knocks, *(f for c in range(3) if (f := _quantisation(accel[c], c)))]
+        impulses, shocks = find_impulses(accel, stops, reference)
+    reported += [*shocks, *(f for c in range(3) if (f := _quantisation(accel[c], c)))]
     flats = {c: (share, limit) for c, (share, limit, _) in clipped.items()}
-    return Intake((*spoiling, *told), bool(spoiling), flats, rows[impulses])
+    return Intake((*spoiling, *reported), bool(spoiling), flats, rows[impulses])
+
+
+def _harmless(finding: Finding, spoils: bool) -> tuple[Finding, bool]:
+    """Lost frames where a pose is the average of the rows that are there."""
+    if finding.check != DROPPED_FRAMES.id:
+        return finding, spoils
+    words = finding.remedy.partition(": ")[0]
+    return replace(finding, remedy=f"{words}: each pose is averaged from the rows that are there"), False
 
 
 def _spoiled(findings: Sequence[Finding]) -> Intake:
     return Intake(tuple(findings), True, {}, np.empty(0, dtype=np.intp))
+
+
+def missing_rows(columns: Mapping[str, Array], needed: Sequence[str]) -> tuple[NDArray[np.bool_], Finding | None]:
+    """(N,) rows of which a value that is needed lacks, and what to say of them; none where they are too many to be left
+    out, or all of a column."""
+    names = [name for name in ("t_s", *COLUMNS, *needed) if name in columns]
+    holes = {name: np.isnan(columns[name]) for name in names}
+    lost = np.any(list(holes.values()), axis=0)
+    if not lost.any() or lost.mean() > CHECKS.missing_share:
+        return np.zeros_like(lost), None
+    words = f"{int(lost.sum())} of {lost.size} rows lack a value and are left out"
+    if "pose" in columns:
+        poses = columns["pose"][~np.isnan(columns["pose"])]
+        gone = np.setdiff1d(poses, columns["pose"][~lost])
+        words += f": each pose is averaged from the rows that are there; poses without any: {gone.size}"
+    channels = tuple(_short(name) for name in names if holes[name].any())
+    return lost, Finding("missing_values", channels, 0.0, words)
 
 
 def _short(name: str) -> str:

@@ -1,4 +1,4 @@
-"""Single readings far off their neighbours: glitches of a link or knocks, which a mean or a fit would take for physics.
+"""Single readings far off their neighbours: glitches of a link or shocks, which a mean or a fit would take for physics.
 
 Each reading is compared with what its stop, or its neighbours in time, have beside what the reference predicts, in
 units of the scatter around it. How heavy the tails of healthy noise are is read off its quantiles, so that a rough
@@ -59,7 +59,7 @@ def find_impulses(
             rows |= {int(k) for k in far}
             words = (
                 f"{far.size} readings are up to {size.max():.0f} times the scatter off their neighbours: they are left "
-                "out; look for a loose contact or a knock"
+                "out; look for a loose contact or a shock"
             )
             found.append(Finding("impulses", (name,), p, words))
     return np.array(sorted(rows), dtype=np.intp), found

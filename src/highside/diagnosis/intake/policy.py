@@ -16,6 +16,9 @@ class ChecksPolicy:
 
     clipped_share: float = 0.2
     """Where more of a channel is clipped, the rest says too little. Chosen in 21ed34d; no run is recorded."""
+    missing_share: float = 0.5
+    """Share of the rows that may lack a value and be left out of poses. Source: tests/unit/test_diagnosis_gaps.py, 10
+    to 30 % missing."""
     most_binary: int = 1000
     """Even odds multiplied, at most: 2^-1000 is still a double. Chosen in 21ed34d; no run is recorded."""
     gravity: tuple[float, float] = (0.7, 1.4)
@@ -38,7 +41,7 @@ class ChecksPolicy:
     span_g: float = 5e-3
     """g that loads behind one reading must span for it to be a limit. Chosen in 63c0b1b; no run is recorded."""
     least_codes: int = 16
-    """Different readings from which a converter's step can be seen. Chosen in 21ed34d; no run is recorded."""
+    """Different readings from which a converter's step can be detected. Chosen in 21ed34d; no run is recorded."""
     off_code: float = 0.02
     """Steps by which readings may be off whole numbers. Chosen in 21ed34d; no run is recorded."""
     still: float = 0.8
@@ -62,7 +65,7 @@ class ClockPolicy:
     stray: float = 1e-4
     """Share of frames that a healthy link may lose, repeat or disorder. Chosen in 21ed34d; no run is recorded."""
     sure: float = 1e-6
-    """Probability of chance below which a fault is told. Chosen in 21ed34d; no run is recorded."""
+    """Probability of chance below which a fault is reported. Chosen in 21ed34d; no run is recorded."""
     lost_share: float = 0.01
     """Where more frames are lost, the recording is not what it claims to be. Chosen in b616c3f; no run is recorded."""
     jitter: float = 0.02
@@ -93,11 +96,11 @@ class ClockPolicy:
     steps: int = 5
     """Steps of a clock, at most: more are its jitter. Chosen in b616c3f; no run is recorded."""
     parts: int = 20
-    """Parts of a recording by whose medians the clock's drift is seen. Chosen in b616c3f; no run is recorded."""
+    """Parts of a recording by whose medians the clock's drift is observed. Chosen in b616c3f; no run is recorded."""
     least_drift: float = 1e-4
-    """Change of the clock's rate that is told. Chosen in b616c3f; no run is recorded."""
+    """Change of the clock's rate that is reported. Chosen in b616c3f; no run is recorded."""
     drift_jitters: int = 10
-    """A drift is told from one in so many of the spacings' scatter. Chosen in b616c3f; no run is recorded."""
+    """A drift is distinguished from one in so many of the spacings' scatter. Chosen in b616c3f; no run is recorded."""
     twice: float = 1.5
     """Times as often as next but one neighbours agree, neighbours may. Chosen in 21ed34d; no run is recorded."""
     least_stops: int = 3
@@ -127,13 +130,13 @@ class ImpulsesPolicy:
     expected: float = 1e-3
     """Impulses are readings of which a healthy recording has fewer than this. Chosen in b616c3f; no run is recorded."""
     least_rows: int = 100
-    """Rows from which impulses can be seen. Chosen in b616c3f; no run is recorded."""
+    """Rows from which impulses can be detected. Chosen in b616c3f; no run is recorded."""
     tail: float = 0.98
     """Quantile of the sizes by which their tails are judged. Chosen in b616c3f; no run is recorded."""
     middle: float = 0.75
     """Two-sided, the median: the quantile beside which the tail is judged. Source: a definition."""
     slack: float = 0.95
-    """Share of the tails seen that a law must reach. Chosen in b2a7dec; no run is recorded."""
+    """Share of the tails observed that a law must reach. Chosen in b2a7dec; no run is recorded."""
     least_stop: int = 5
     """Rows of a stop from which a reading can be compared with the others. Chosen in b616c3f; no run is recorded."""
     neighbours: int = 7

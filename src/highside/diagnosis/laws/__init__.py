@@ -1,10 +1,11 @@
-"""Laws found from readings that no effect of the library explains. The way in is not built yet; this is its place.
+"""Laws: what a recording shows that no effect of the library is, as smooth functions of covariates in some place.
 
-An unnamed interaction is located by `core.location` and told as covariates. A law goes further: a short formula in
-these covariates, found on some stretches, proved on others and compared with the library, which can then be written
-as an effect and diagnosed by name. It stands beside the kinds of recordings and may use `core` alone.
+`problem.LawProblem` is what the search sees of a session, `groups` what is tried, `noise` the rival, `search` the way,
+`claims` what is told, `formulas` and `readings` what a curve may be. The room knows no kind of session: `chain` makes
+the problem of one with known attitudes, and who calls it gives the readings.
 """
 
 from __future__ import annotations
 
-__all__: list[str] = []
+__all__ = ["chain", "claims", "problem", "search"]
+"""the ways in: modules, loaded when they are asked for"""

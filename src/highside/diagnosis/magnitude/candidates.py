@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.core.candidates import Blind, Candidate, Variant
+from highside.diagnosis.core.candidates import Candidate, Unobservable, Variant
 from highside.diagnosis.core.location import Basis
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.magnitude.observed import Magnitudes
@@ -18,23 +18,23 @@ from highside.physics.forward import ForwardModel
 
 
 def visible(
-    seen: Magnitudes, model: ForwardModel, candidates: list[Candidate], blind: list[Blind]
-) -> tuple[list[Candidate], list[Blind]]:
-    """Candidates by what they do to the magnitude; those that only turn the reading become blind."""
-    shown = projected(seen, model, candidates)
+    observed: Magnitudes, model: ForwardModel, candidates: list[Candidate], unobservable: list[Unobservable]
+) -> tuple[list[Candidate], list[Unobservable]]:
+    """Candidates by what they do to the magnitude; those that only turn the reading become unobservable."""
+    shown = projected(observed, model, candidates)
     kept = {c.id for c in shown}
     turns = "it only turns the reading, and a magnitude does not show that"
-    return shown, [*blind, *(Blind(c.effect, turns) for c in candidates if c.effect and c.id not in kept)]
+    return shown, [*unobservable, *(Unobservable(c.effect, turns) for c in candidates if c.effect and c.id not in kept)]
 
 
-def projected(seen: Magnitudes, model: ForwardModel, candidates: Sequence[Candidate]) -> list[Candidate]:
+def projected(observed: Magnitudes, model: ForwardModel, candidates: Sequence[Candidate]) -> list[Candidate]:
     """Candidates by what they do to the magnitude, columns (k, 1, n); without those that do nothing to it."""
-    aligned = seen.aligned(model)
+    aligned = observed.aligned(model)
     found = []
     for candidate in candidates:
         variants: list[Variant] = []
         for variant in candidate.variants:
-            columns = seen.project(aligned, variant.columns)
+            columns = observed.project(aligned, variant.columns)
             if np.any(columns != 0):
                 variants.append(replace(variant, columns=columns))
         if variants:
@@ -43,8 +43,8 @@ def projected(seen: Magnitudes, model: ForwardModel, candidates: Sequence[Candid
 
 
 def short_enough(candidates: Sequence[Candidate], length_s: float) -> list[Candidate]:
-    """Without transients (warm-ups) that take longer than half of a rest: such a one is a drift with a slight bend, and
-    bends like whatever else went up meanwhile."""
+    """Without transients (warm-ups) that take longer than half of a rest: such a one is a drift with a slight
+    curvature, and curves like whatever else went up meanwhile."""
     found = []
     for candidate in candidates:
         effect = candidate.effect

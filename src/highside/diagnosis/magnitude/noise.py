@@ -11,7 +11,7 @@ from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate
 from highside.diagnosis.core.location import Basis
 from highside.diagnosis.core.memory import Innovating
-from highside.diagnosis.core.policy import FITS, POOL, REGRESSION
+from highside.diagnosis.core.policy import CANDIDATE_SET, FITS, REGRESSION
 from highside.diagnosis.core.regression import log10_p, outside, span
 from highside.diagnosis.magnitude.policy import MAGNITUDE_NOISE
 from highside.diagnosis.magnitude.session import MagnitudeSession
@@ -58,16 +58,16 @@ def rich_columns(base: Array, candidates: Sequence[Candidate], bases: Sequence[B
     return kept
 
 
-def plainly_asked(rich: Array, base: Array, residual: Array, candidates: Sequence[Candidate]) -> Array:
-    """The rich columns and what the readings plainly ask for beyond them.
+def plainly_required(rich: Array, base: Array, residual: Array, candidates: Sequence[Candidate]) -> Array:
+    """The rich columns and what the readings plainly require beyond them.
 
     Few readings do not afford a rich model of everything, and what it lacks would pass as scatter and hide itself. An F
     test with the residual of its own fit does not have that flaw.
     """
     space = span(base[:, 0])
     n = residual.size
-    asked = base
-    for _ in range(MAGNITUDE_NOISE.most_asked):
+    required = base
+    for _ in range(MAGNITUDE_NOISE.most_required):
         left = outside(space, residual[0])
         total, freedom = float(left @ left), n - space.shape[0]
         best: tuple[float, Array] | None = None
@@ -84,16 +84,16 @@ def plainly_asked(rich: Array, base: Array, residual: Array, candidates: Sequenc
                 p = float(log10_p(np.array(per_noise), np.array(k), freedom - k, len(candidate.variants)))
                 if best is None or p > best[0]:
                     best = (p, own)
-        if best is None or best[0] < -np.log10(POOL.alarm_rate / len(candidates)):
+        if best is None or best[0] < -np.log10(CANDIDATE_SET.alarm_rate / len(candidates)):
             break
-        asked = np.concatenate([asked, best[1][:, None]])
+        required = np.concatenate([required, best[1][:, None]])
         space = span(np.concatenate([space, best[1]]))
-    whole = np.concatenate([rich, asked])
-    # what is asked for goes before what merely could be there
+    whole = np.concatenate([rich, required])
+    # what is required goes before what merely could be there
     return (
         whole
         if n - span(whole[:, 0], tolerance=MAGNITUDE_NOISE.independent).shape[0] >= MAGNITUDE_NOISE.least_freedom
-        else asked
+        else required
     )
 
 

@@ -71,10 +71,10 @@ class Magnitudes:
 
     def project(self, aligned: Aligned, columns: Array) -> Array:
         """(k, 3, n) changes of the reading -> (k, 1, n) changes of its magnitude; what only turns it becomes zero."""
-        seen = np.einsum("in,kin->kn", aligned.normal, columns)
+        observed = np.einsum("in,kin->kn", aligned.normal, columns)
         size = np.linalg.norm(columns, axis=(1, 2))
-        seen[np.linalg.norm(seen, axis=1) < OBSERVATION.rounding * size] = 0.0
-        return np.asarray(seen[:, None, :])
+        observed[np.linalg.norm(observed, axis=1) < OBSERVATION.rounding * size] = 0.0
+        return np.asarray(observed[:, None, :])
 
     def residual(self, model: ForwardModel) -> Array:
         """(1, n) |g| - 1."""
@@ -95,13 +95,13 @@ class Magnitudes:
     def step(self, columns: Array, residual: Array, names: Sequence[str]) -> Array:
         """(P,) least-squares step, the smallest one in units of the parameters' typical sizes.
 
-        Much is not seen by a magnitude (in one attitude nearly everything): it stays where it is. So does what only
-        turns the reading of an ideal triad: through other errors it shows a little, and would be moved far, till its
-        square (a turn of 0.1 rad lengthens by 0.5 %) explains what it has nothing to do with.
+        Much is not determined by a magnitude (in one attitude nearly everything): it stays where it is. So does what
+        only turns the reading of an ideal triad: through other errors it shows a little, and would be moved far, till
+        its square (a turn of 0.1 rad lengthens by 0.5 %) explains what it has nothing to do with.
         """
         sizes = _sizes(names, columns)
         shown = self.directions(names, sizes)
-        solution = np.linalg.lstsq((columns * sizes[:, None]).T @ shown, residual, rcond=OBSERVATION.unseen)[0]
+        solution = np.linalg.lstsq((columns * sizes[:, None]).T @ shown, residual, rcond=OBSERVATION.invisible)[0]
         return np.asarray(sizes * (shown @ solution))
 
     def shown(self, columns: Array, names: Sequence[str]) -> Array:
@@ -132,7 +132,7 @@ class Magnitudes:
 
 
 def _sizes(names: Sequence[str], columns: Array) -> Array:
-    """(P,) sizes of parameters: within an effect as they typically are, so that it is seen as well as any other."""
+    """(P,) sizes of parameters: within an effect as they typically are, so that it is observed as well as any other."""
     owners = np.empty(len(names), dtype=object)
     sizes = np.empty(len(names))
     for k, name in enumerate(names):

@@ -1,6 +1,6 @@
 """From the rows of a recording without reference to still readings, of which only the magnitude of gravity is known.
 
-Two kinds of session are told apart by themselves. A *hand session* holds the tool still in many attitudes: each
+Two kinds of session are distinguished by themselves. A *hand session* holds the tool still in many attitudes: each
 still interval is one reading. A *rest* stays in one attitude, or a few: it says nothing of the sensor's matrix, but
 shows what follows time and temperature, so its still rows are averaged in short blocks and all blocks of one attitude
 share one direction of gravity.
@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.calibration.poses import StillInterval, find_still_intervals, labelled_intervals
+from highside.calibration.still_intervals import StillInterval, find_still_intervals, labelled_intervals
+from highside.diagnosis.core.floor import NoiseFloor, floor_of_means
+from highside.diagnosis.core.policy import INTERVALS
 from highside.diagnosis.core.result import Diagnosis, Finding, NotTestable, Remainder
 from highside.diagnosis.magnitude.policy import MAGNITUDE_SESSIONS
 from highside.errors import InputError
@@ -47,6 +49,10 @@ class MagnitudeSession:
     gravity_mps2: float
     began_s: float
     """time of the recording's first row: what follows time does so from there, not from the first reading"""
+    floor: NoiseFloor | None = None
+    """how well the magnitudes repeat, by the rows within the readings"""
+    expected: int = 0
+    """readings that were held, whether found still or not; 0 where nothing says how many"""
 
     @property
     def n(self) -> int:
@@ -95,21 +101,21 @@ def magnitude_session(columns: Mapping[str, Array], accel_g: Array, *, gravity_m
     rate_hz = max(MAGNITUDE_SESSIONS.least_hz, (t_s.size - 1) / max(float(t_s[-1] - t_s[0]), 1e-9))
     try:
         if "pose" in columns:
-            intervals = labelled_intervals(accel_g, np.nan_to_num(columns["pose"], nan=-1.0))
+            intervals = _labelled(accel_g, np.nan_to_num(columns["pose"], nan=-1.0))
         else:
             intervals = _still(accel_g, rate_hz)
     except InputError as error:
         return error.what
     rows = [interval.rows() for interval in intervals]
-    attitudes, found = _told(accel_g, rows, rate_hz)
+    attitudes, found = _announced(accel_g, rows, rate_hz)
     if attitudes >= MAGNITUDE_SESSIONS.min_attitudes:
         return _session(columns, accel_g, rows, np.arange(len(rows)), False, attitudes, found, gravity_mps2)
     if "pose" not in columns:
-        # a rest may drift: without the slow change of the magnitude it is seen whole
+        # a rest may drift: without the slow change of the magnitude it is detected whole
         with suppress(InputError):
             intervals = _still(accel_g / _slow_magnitude(accel_g, rate_hz), rate_hz)
     rows = [interval.rows() for interval in intervals]
-    attitudes, found = _told(accel_g, rows, rate_hz)
+    attitudes, found = _announced(accel_g, rows, rate_hz)
     still = sum(r.size for r in rows) / rate_hz
     means = np.stack([accel_g[:, r].mean(axis=1) for r in rows], axis=1)
     blocks, group = _blocks(intervals, _attitudes(means, MAGNITUDE_SESSIONS.same_rad), rate_hz, still)
@@ -121,7 +127,17 @@ def magnitude_session(columns: Mapping[str, Array], accel_g: Array, *, gravity_m
             f"{found}: for the sensor's matrix at least {MAGNITUDE_SESSIONS.min_attitudes} attitudes are "
             f"needed, for what follows time or temperature at least {MAGNITUDE_SESSIONS.min_rest_s:.0f} s at rest"
         )
+    steady = _without_jumps(accel_g, blocks)
+    blocks, group = [blocks[k] for k in steady], group[steady]
     return _session(columns, accel_g, blocks, group, True, attitudes, found, gravity_mps2)
+
+
+def _labelled(accel_g: Array, pose: Array) -> list[StillInterval]:
+    """As numbered; a table has one row a pose, which is an average already."""
+    held = np.flatnonzero(pose >= 0)
+    if held.size and np.unique(pose[held]).size == held.size:
+        return [StillInterval(int(row), int(row) + 1) for row in held]
+    return labelled_intervals(accel_g, pose)
 
 
 def _still(accel_g: Array, rate_hz: float) -> list[StillInterval]:
@@ -138,7 +154,7 @@ def _slow_magnitude(accel_g: Array, rate_hz: float) -> Array:
     return np.asarray(uniform_filter1d(size, max(1, round(MAGNITUDE_SESSIONS.smooth_s * rate_hz)), mode="nearest"))
 
 
-def _told(accel_g: Array, rows: list[Ints], rate_hz: float) -> tuple[int, str]:
+def _announced(accel_g: Array, rows: list[Ints], rate_hz: float) -> tuple[int, str]:
     """The number of distinct attitudes, and in words what was found."""
     attitudes = (
         int(
@@ -178,6 +194,16 @@ def _blocks(intervals: list[StillInterval], number: Ints, rate_hz: float, still_
     return rows, np.array(group, dtype=np.intp)
 
 
+def _without_jumps(accel_g: Array, blocks: list[Ints]) -> Ints:
+    """Numbers of the blocks within which no channel jumps: one that does is half of one level and half of another."""
+    halves = np.stack(
+        [accel_g[:, b[b.size // 2 :]].mean(axis=1) - accel_g[:, b[: b.size // 2]].mean(axis=1) for b in blocks], axis=1
+    )
+    usual = INTERVALS.from_mad * np.median(np.abs(halves), axis=1, keepdims=True)
+    kept = np.flatnonzero(np.all(np.abs(halves) <= MAGNITUDE_SESSIONS.jump * np.maximum(usual, 1e-12), axis=0))
+    return np.asarray(kept if kept.size > len(blocks) / 2 else np.arange(len(blocks)), dtype=np.intp)
+
+
 def _session(
     columns: Mapping[str, Array],
     accel_g: Array,
@@ -208,7 +234,19 @@ def _session(
         row_seconds=float(np.median(np.diff(columns["t_s"]))),
         gravity_mps2=gravity_mps2,
         began_s=float(columns["t_s"][0]),
+        floor=_floor(columns, accel_g, rows),
     )
+
+
+def _floor(columns: Mapping[str, Array], accel_g: Array, rows: list[Ints]) -> NoiseFloor | None:
+    """How well the magnitudes repeat: by their rows, or of a table of averages by what it says of them."""
+    stds = [columns[name] for name in ("std_ax", "std_ay", "std_az") if name in columns]
+    if len(stds) == len(accel_g) and all(r.size == 1 for r in rows):
+        at = np.array([r[0] for r in rows])
+        count = columns["n"][at] if "n" in columns else np.ones(at.size)
+        one = np.sqrt(np.mean(np.square(stds), axis=0))[at]
+        return NoiseFloor((one / np.sqrt(count))[None], float(np.sum(np.maximum(count - 1, 1))))
+    return floor_of_means(np.linalg.norm(accel_g, axis=0)[None], rows)
 
 
 def nothing_testable(why: str, intake: tuple[Finding, ...], seed: int, version: str) -> Diagnosis:

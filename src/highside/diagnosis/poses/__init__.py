@@ -1,4 +1,4 @@
-"""Stepped sessions with known attitudes. The way in is `scene.PoseScene.of` on a `session.PoseSession`.
+"""Stepped sessions with known attitudes. The way in is `problem.PoseProblem.of` on a `session.PoseSession`.
 
 Rows become one mean a stop (`session`). Few numbers and many candidates: columns are kept whole. The noise (`noise`)
 is of two kinds, the sensors' and the bench's: an error of a set angle moves three channels together along the
@@ -7,5 +7,5 @@ tangents of the sphere, so a covariance for each pose is fitted by likelihood, f
 
 from __future__ import annotations
 
-__all__ = ["policy", "scene", "session"]
-"""the ways in: modules, loaded when they are asked for"""
+__all__ = ["policy", "problem", "session"]
+"""the ways in: modules, loaded when they are used"""

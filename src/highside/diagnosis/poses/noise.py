@@ -12,7 +12,7 @@ A bench may be quiet by night and shaken by day: the whole is scaled by a size t
 follows the scatter of the rows within the poses, or else where the mean squares of stretches of the session differ by
 more than chance lets them.
 
-Scatter that remembers from pose to pose is the matter of `memory`.
+Scatter that is correlated from pose to pose is the matter of `memory`.
 """
 
 from __future__ import annotations

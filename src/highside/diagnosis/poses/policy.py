@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.core.scene_policy import ScenePolicy, SlowLimits
+from highside.diagnosis.core.problem_policy import ProblemPolicy, SlowLimits
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class PoseNoisePolicy:
     """The noise of poses."""
 
     quietest: float = 0.02
-    """Share of the loudest channel's noise that every channel is taken to have. Chosen in 88fce7b; no run is
+    """Share of the noisiest channel's noise that every channel is taken to have. Chosen in 88fce7b; no run is
     recorded."""
     table_gain: float = 9.0
     """-2 log likelihood, gain from which the bench's own scatter is believed. Chosen in 21ed34d; no run is recorded."""
@@ -51,7 +51,7 @@ class PoseNoisePolicy:
     settled: float = 1e-7
     """Relative change of the likelihood at which the climb ends. Chosen in 63c0b1b; no run is recorded."""
     stretches: int = 4
-    """Stretches of a session from which its noise can be seen to change. Chosen in 36be2bd; no run is recorded."""
+    """Stretches of a session from which its noise is known to change. Chosen in 36be2bd; no run is recorded."""
 
 
 POSE_NOISE = PoseNoisePolicy()
@@ -82,7 +82,49 @@ class PoseAdvicePolicy:
 POSE_ADVICE = PoseAdvicePolicy()
 
 
-POSES = ScenePolicy(faint=1.0, slow=SlowLimits(over_walk=12.5, pairs=True))
-"""One scan in a hundred is loud by chance, which beside a name is no reason to doubt it: chosen in 36be2bd; no run is
-recorded. The limit over a walk was set in 6a24687 by simulated walks: of them one in twenty at most passes, whatever
-their size."""
+@dataclass(frozen=True)
+class WithinPolicy:
+    """What rows do within a pose."""
+
+    chance: float = 1e-5
+    """Probability below which a course is no chance. Source: three channels, three kinds of course and a hundredth of
+    an alarm in a hundred sessions."""
+    least_rows: int = 8
+    """Rows of a pose from which a course can be distinguished from noise. Source: two shapes, a mean and four second
+    differences."""
+    least_poses: int = 6
+    """Poses whose courses are laid over one another. Source: a mean of fewer is known to no better than a half."""
+    share: float = 0.5
+    """Energy of a common course over all poses, in that of the noise of one pose's rows, from which it is reported.
+    Source: half of it, in twenty poses, is a sixth of a row's noise."""
+    least_ratio: float = 1.5
+    """Mean square of the poses' own trends, in that of the noise, from which they are reported. Source: noise that is
+    correlated by 0.8 from row to row reaches 1.2 after the filter, in 24 poses of 50 rows."""
+    settled: float = 3.0
+    """Factor by which a course changes more in its first than in its last third, if it settles. Source: exp(1), the
+    decay over one time constant, rounded up."""
+    decay: float = 0.2
+    """Time constant of a settling, in lengths of a pose. Source: a fifth is over within the pose and is not its first
+    row alone."""
+    most_memory: float = 0.97
+    """Correlation of neighbouring rows that is filtered out, at most: more is a trend. Source: exp(-1 / 33), a
+    memory as long as most poses."""
+    first_cell: int = 2
+    """Cycles within a pose below which a line is a trend. Source: the main lobe of a Hann window."""
+    cells: int = 6
+    """Cells at each side by which the level about a line is known. Source: twice the main lobe of a Hann window on each
+    side."""
+    lobe: int = 2
+    """Cells at each side of a line that belong to it. Source: the main lobe of a Hann window."""
+    line_ratio: float = 2.0
+    """Power of a line in that of its neighbourhood from which it is reported. Source: half of the power is then the
+    line's."""
+
+
+WITHIN = WithinPolicy()
+
+
+POSES = ProblemPolicy(marginal=1.0, slow=SlowLimits(over_random_walk=12.5, pairs=True))
+"""One scan in a hundred is significant by chance, which beside a name is no reason to doubt it: chosen in 36be2bd; no
+run is recorded. The limit over a random walk was set in 6a24687 by simulated random walks: of them one in twenty at
+most passes, whatever their size."""

@@ -7,16 +7,19 @@ noise. What happened on the way from pose to pose is left aside.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.calibration.poses import find_still_intervals
+from highside.calibration.still_intervals import find_still_intervals
+from highside.diagnosis.core.floor import NoiseFloor, floor_of_means
+from highside.diagnosis.core.result import Finding
 from highside.diagnosis.poses.policy import POSE_SESSIONS
+from highside.diagnosis.poses.within import within_poses
 from highside.errors import InputError
-from highside.physics.state import ChainState
+from highside.physics.state import KNOWN_COLUMNS, ChainState
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,12 @@ class PoseSession:
     count: Array
     state: ChainState
     scatter: Array | None = None
+    floor: NoiseFloor | None = None
+    """how well the means repeat, by the rows within the poses"""
+    within: tuple[Finding, ...] = ()
+    """what the rows do while a pose is held"""
+    expected: int = 0
+    """stops that the reference tells of"""
 
     @property
     def n(self) -> int:
@@ -71,18 +80,34 @@ def pose_session(
         "direction": "median",
         "temp_c": "mean",
         "vibration_rms_g": "mean",
+        "vibration_x_rms_g": "mean",
+        "vibration_y_rms_g": "mean",
+        "vibration_z_rms_g": "mean",
     }
+    hows |= {name: "mean" for name in columns if name not in KNOWN_COLUMNS}
     table = {name: each(name, how) for name, how in hows.items() if name in columns}
     table["pose"] = np.arange(len(groups), dtype=float)
     state = ChainState.from_columns(
         table, gravity_mps2=gravity_mps2, latitude_rad=latitude_rad, azimuth_rad=azimuth_rad
     )
+    since_move_s, stay_s = _stays(columns["t_s"], groups)
+    state = replace(state, since_move_s=since_move_s, stay_s=stay_s)
     mean = np.stack([accel_g[:, rows].mean(axis=1) for rows in groups], axis=1)
     count = np.array([float(rows.size) for rows in groups])
     scatter = None
     if count.min() > 1:
         scatter = np.stack([accel_g[:, rows].std(axis=1, ddof=1) for rows in groups], axis=1)
-    return PoseSession(mean, count, state, scatter)
+    step_s = float(np.median(np.diff(columns["t_s"]))) if columns["t_s"].size > 1 else 1.0
+    within = within_poses(accel_g, groups, step_s)
+    return PoseSession(mean, count, state, scatter, floor_of_means(accel_g, groups), within, _stops(columns))
+
+
+def _stays(t_s: Array, groups: list[NDArray[np.intp]]) -> tuple[Array, Array]:
+    """(n,) s each: how long after its first row the middle of each stop was, and how long it took."""
+    step = float(np.median(np.diff(t_s)))
+    length = np.array([float(t_s[rows[-1]] - t_s[rows[0]]) for rows in groups])
+    middle = np.array([float(t_s[rows].mean() - t_s[rows[0]]) for rows in groups])
+    return middle, np.where(length > 0, length + step, 0.0)
 
 
 def _rows_of_poses(columns: Mapping[str, Array], accel_g: Array) -> list[NDArray[np.intp]]:
@@ -98,3 +123,13 @@ def _rows_of_poses(columns: Mapping[str, Array], accel_g: Array) -> list[NDArray
         columns.get("tf_ref_deg", columns["inc_ref_deg"]), 3
     )
     return [interval.rows() for interval in find_still_intervals(accel_g, rate_hz, labels=settings)]
+
+
+def _stops(columns: Mapping[str, Array]) -> int:
+    """How often the reference stands still for as long as half of its usual stop, at least."""
+    if "pose" in columns:
+        return int(np.unique(columns["pose"][~np.isnan(columns["pose"])]).size)
+    settings = np.stack([columns[name] for name in ("inc_ref_deg", "tf_ref_deg", "rotor_deg") if name in columns])
+    borders = np.flatnonzero(np.any(np.diff(np.round(settings, 3), axis=1) != 0, axis=0)) + 1
+    lengths = np.diff(np.concatenate([[0], borders, [settings.shape[1]]]))
+    return int(np.sum(lengths > 0.5 * np.max(lengths)))

@@ -67,10 +67,10 @@ def next_rates(
     weight = white_per_unit[:, None]
 
     def gram(state: ChainState, rival: tuple[Candidate, dict[str, float]], times: float) -> Array:
-        seen = Observed(state, np.zeros((white_per_unit.size, state.n)))
+        observed = Observed(state, np.zeros((white_per_unit.size, state.n)))
         assert candidate.effect is not None and rival[0].effect is not None
-        signal = np.tensordot(amplitude, seen.columns(model, candidate.effect, shape), 1)[None]
-        every = [signal, seen.jacobian(model, free), seen.columns(model, rival[0].effect, rival[1])]
+        signal = np.tensordot(amplitude, observed.columns(model, candidate.effect, shape), 1)[None]
+        every = [signal, observed.jacobian(model, free), observed.columns(model, rival[0].effect, rival[1])]
         flat = (np.concatenate(every) * weight).reshape(sum(map(len, every)), -1)
         return np.asarray(times * flat @ flat.T)
 

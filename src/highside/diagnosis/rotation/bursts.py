@@ -90,7 +90,7 @@ def _extent(rows: Array, frequency: float, width: float) -> tuple[int, int, floa
 
 
 def with_burst(diagnosis: Diagnosis, burst: Burst | None, t_s: Array, channels: Sequence[str]) -> Diagnosis:
-    """The diagnosis with a burst told, where nothing else was found: it has no name.
+    """The diagnosis with a burst reported, where nothing else was found: it has no name.
 
     Beside names or other remainders it is left to them: what they leave may come and go with the rate.
     """

@@ -44,8 +44,8 @@ def _visible(session: RotationSession, hz: float) -> bool:
 
 
 def _peak(power: Array, skip: NDArray[np.bool_]) -> tuple[int, int] | None:
-    """Cell and loudest channel of the highest peak of spectra (C, cells) above their neighbourhood, if it is more than
-    chance gives: each in units of its local level is exponential, so their sum has a gamma distribution."""
+    """Cell and strongest channel of the highest peak of spectra (C, cells) above their neighbourhood, if it is
+    more than chance gives: each in units of its local level is exponential, so their sum has a gamma distribution."""
     from scipy.special import gammainccinv
 
     stretches = np.array_split(power, max(1, power.shape[1] // (LINES_POLICY.padded * LINES_POLICY.smooth)), axis=1)

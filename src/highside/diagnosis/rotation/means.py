@@ -101,9 +101,9 @@ def mean_errors(held: HeldOutRows, sectors: Sectors, numbers: Ints) -> MeanError
         own = slice(k * MEANS.sectors, (k + 1) * MEANS.sectors)
         spread = solved(rest[:-1, :-1], np.eye(every.size))
         for c, functions in enumerate(sectors.functions):
-            asked = np.where(every >= 0, held.where[every, c], -1)
-            shows = np.flatnonzero(asked >= 0)
-            place = np.searchsorted(functions, asked[shows])
+            wanted = np.where(every >= 0, held.where[every, c], -1)
+            shows = np.flatnonzero(wanted >= 0)
+            place = np.searchsorted(functions, wanted[shows])
             for sums, counted in zip(sectors.sums[c].transpose(1, 0, 2), sectors.rows[c], strict=True):
                 held_rows = counted[own]
                 used = held_rows > 0

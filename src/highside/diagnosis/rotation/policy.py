@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from highside.diagnosis.core.scene_policy import ScenePolicy, SlowLimits
+from highside.diagnosis.core.problem_policy import ProblemPolicy, SlowLimits
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,10 @@ class BurstsPolicy:
     finer: int = 21
     """Frequencies that are tried about the highest cell's. Chosen in 7383815; no run is recorded."""
     channel_share: float = 0.1
-    """Share of the loudest channel's energy from which a channel is told. Chosen in 7383815; no run is recorded."""
+    """Share of the strongest channel's energy from which a channel is reported. Chosen in 7383815; no run is
+    recorded."""
     odds: float = 1e3
-    """Odds against chance from which a channel is told. Chosen in 7383815; no run is recorded."""
+    """Odds against chance from which a channel is reported. Chosen in 7383815; no run is recorded."""
 
 
 BURSTS = BurstsPolicy()
@@ -78,8 +79,8 @@ class LinesPolicy:
     """Whole orders up to this are harmonics of the toolface, which other effects and the scan stand for. Chosen in
     9535933; no run is recorded."""
     padded: int = 2
-    """A spectrum is told at so many times as many frequencies: a line between two of them would lose half its power.
-    Chosen in 207dc25; no run is recorded."""
+    """A spectrum is evaluated at so many times as many frequencies: a line between two of them would lose half its
+    power. Chosen in 207dc25; no run is recorded."""
     smooth: int = 101
     """Independent cells of a spectrum by whose median the level around a cell is known. Chosen in 9535933; no run is
     recorded."""
@@ -96,7 +97,7 @@ class LinesPolicy:
     least_order: float = 0.1
     """Orders of the rotation below which nothing is looked for. Chosen in 96c27f5; no run is recorded."""
     turns: int = 3
-    """Turns of a recording from which orders of the rotation can be told apart. Chosen in 9535933; no run is
+    """Turns of a recording from which orders of the rotation can be distinguished. Chosen in 9535933; no run is
     recorded."""
 
 
@@ -108,7 +109,7 @@ class MeansPolicy:
     """Proof of a rotation in means."""
 
     sectors: int = 12
-    """of a turn, by which the means of a stretch are told: of the toolface, or of the phase of a line. Chosen in
+    """of a turn, by which the means of a stretch are taken: of the toolface, or of the phase of a line. Chosen in
     207dc25; no run is recorded."""
 
 
@@ -116,18 +117,18 @@ MEANS = MeansPolicy()
 
 
 @dataclass(frozen=True)
-class SketchPolicy:
-    """What is asked of a long recording first."""
+class PilotPolicy:
+    """The pilot fit of a long recording."""
 
     many_rows: int = 30_000
-    """Rows; of a longer recording some rows are diagnosed first. Chosen in 9535933; no run is recorded."""
-    some_rows: int = 6_000
+    """Rows; of a longer recording a subsample are diagnosed first. Chosen in 9535933; no run is recorded."""
+    pilot_rows: int = 6_000
     """So many rows. Chosen in 90ef79c; no run is recorded."""
     neighbours: int = 400
-    """Rows of a stretch by which noise is told from what is slow. Chosen in 75540fe; no run is recorded."""
+    """Rows of a stretch by which noise is distinguished from what is slow. Chosen in 75540fe; no run is recorded."""
 
 
-SKETCH = SketchPolicy()
+PILOT = PilotPolicy()
 
 
 @dataclass(frozen=True)
@@ -143,16 +144,16 @@ class RotationSupportPolicy:
 ROTATION_SUPPORT = RotationSupportPolicy()
 
 
-ROTATION = ScenePolicy(
+ROTATION = ProblemPolicy(
     named_share=0.93,
-    faint=1.0,
-    shadow_margin=4.0,
+    marginal=1.0,
+    interaction_margin=4.0,
     most_named=2,
     slow=SlowLimits(straight=3.0),
     slow_beside_fast=True,
 )
 """Rows are many: what is left beside the whole story is small, so names must explain more. One scan in a hundred is
-loud by chance, which beside a name is no reason to doubt it. Unnamed interactions are more than for poses, and their
-number counts against them already. Harmonics of the toolface on one channel are matched by several effects of the bench
-together: no more than two names. A straight line is what a walk imitates most easily, and the rates of a programme
-usually go one way, as time does. Chosen in 9f89d7b, bbc5ff9, f202a8b and 207dc25; no run is recorded."""
+significant by chance, which beside a name is no reason to doubt it. Unnamed interactions are more than for poses, and
+their number counts against them already. Harmonics of the toolface on one channel are matched by several effects of the
+bench together: no more than two names. A straight line is what a random walk imitates most easily, and the rates of a
+programme usually go one way, as time does. Chosen in 9f89d7b, bbc5ff9, f202a8b and 207dc25; no run is recorded."""

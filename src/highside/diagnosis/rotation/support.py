@@ -1,6 +1,6 @@
 """The range of a covariate that a mismatch of a rotation needs: inner products of its cells, in a pass of their own.
 
-What is asked is `support`; here the whitened cells are set beside the columns that are fitted anyway. Of a long
+The search is that of `support`; here the whitened cells are set beside the columns that are fitted anyway. Of a long
 recording the rows that places are found by stand for the rest.
 """
 
@@ -24,7 +24,8 @@ Ints = NDArray[np.intp]
 
 
 def rotation_cells(state: ChainState, *, slow: bool) -> list[Cells]:
-    """The covariates of a rotation that a mismatch may have a range of; `slow` ones too where no offset wanders."""
+    """The covariates of a rotation that a mismatch may have a range of; `slow` ones too where no offset follows a
+    random walk."""
     found = []
     for covariate, along, count, wanted in (
         (

@@ -1,4 +1,4 @@
-"""Functions of the covariates of a rotating recording: groups that locate a mismatch, and unnamed products (shadows).
+"""Functions of the covariates of a rotating recording: groups that locate a mismatch, and unnamed interactions.
 
 A long recording is worked through in chunks of rows, so a group is a recipe: a function from a chunk to (k, n). What it
 needs of the whole recording (means, spans) is settled when it is made.
@@ -164,7 +164,7 @@ def rotation_groups(state: ChainState) -> list[Group]:
 
 
 @dataclass(frozen=True)
-class ShadowGroup:
+class InteractionGroup:
     """Unnamed products: labels and the functions (k,) of a chunk, each a column on one channel."""
 
     name: str
@@ -176,9 +176,9 @@ class ShadowGroup:
     """two functions (a cosine and a sine) to each label, that stand together"""
 
 
-def rotation_shadows(state: ChainState) -> list[ShadowGroup]:
+def rotation_interactions(state: ChainState) -> list[InteractionGroup]:
     """Products of temperature, time and sense of rotation with powers of the load, as those of a pose session."""
-    found: list[ShadowGroup] = []
+    found: list[InteractionGroup] = []
     start, length = float(state.t_s[0]), max(float(np.ptp(state.t_s)), 1e-9)
 
     def time(rows: Rows) -> Array:
@@ -193,7 +193,7 @@ def rotation_shadows(state: ChainState) -> list[ShadowGroup]:
 
     if float(np.ptp(state.tf_rad)) > 2 * np.pi:
         found += [
-            ShadowGroup(f"toolface harmonic {k}", (f"{k} T",), _harmonic_pair(k), pairs=True)
+            InteractionGroup(f"toolface harmonic {k}", (f"{k} T",), _harmonic_pair(k), pairs=True)
             for k in range(2, BASES.harmonics + 1)
         ]
     # at one inclination z is a constant and a product with it nothing new; x^2 is half a constant. Harmonics are not
@@ -205,20 +205,20 @@ def rotation_shadows(state: ChainState) -> list[ShadowGroup]:
         def speed(rows: Rows) -> Array:
             return np.asarray(rows.state.rotor_rate_radps / top, dtype=float)
 
-        found += [ShadowGroup("rate", labels, times(speed, make)) for labels, make in terms[:2]]
-        found.append(ShadowGroup("rate", RATE_POWERS, lambda rows: _rate_powers(speed(rows))))
+        found += [InteractionGroup("rate", labels, times(speed, make)) for labels, make in terms[:2]]
+        found.append(InteractionGroup("rate", RATE_POWERS, lambda rows: _rate_powers(speed(rows))))
     if np.ptp(state.temp_c) > BASES.warm_span_c:
         warm = _warmth(state)
-        found.append(ShadowGroup("temperature", terms[0][0], times(warm, terms[0][1]), off_axis=True))
-        found += [ShadowGroup("temperature", labels, times(warm, make)) for labels, make in terms[1:]]
-        found.append(ShadowGroup("temperature^2", terms[0][0], times(lambda rows: warm(rows) ** 2, terms[0][1])))
-    found += [ShadowGroup("time", labels, times(time, make)) for labels, make in terms[:2]]
+        found.append(InteractionGroup("temperature", terms[0][0], times(warm, terms[0][1]), off_axis=True))
+        found += [InteractionGroup("temperature", labels, times(warm, make)) for labels, make in terms[1:]]
+        found.append(InteractionGroup("temperature^2", terms[0][0], times(lambda rows: warm(rows) ** 2, terms[0][1])))
+    found += [InteractionGroup("time", labels, times(time, make)) for labels, make in terms[:2]]
     if np.ptp(state.direction) > 0:
 
         def sense(rows: Rows) -> Array:
             return np.asarray(rows.state.direction, dtype=float)
 
-        found += [ShadowGroup("sense of rotation", labels, times(sense, make)) for labels, make in terms[:2]]
+        found += [InteractionGroup("sense of rotation", labels, times(sense, make)) for labels, make in terms[:2]]
     return found
 
 

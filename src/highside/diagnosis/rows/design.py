@@ -1,4 +1,5 @@
-"""All columns of a long recording, made chunk by chunk: base, effects of the library, shadows and locating groups.
+"""All columns of a long recording, made chunk by chunk: base, effects of the library, unnamed interactions and locating
+groups.
 
 A *column* (what one amplitude of an effect adds) has on each channel one *function* of the rows, or none. Functions are
 numbered channel by channel: first the channel's own (what comes through the chain), then those that only follow
@@ -16,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.core.candidates import Blind, Candidate, Variant, shapes_tried, what_lacks
+from highside.diagnosis.core.candidates import Candidate, Unobservable, Variant, shapes_tried, what_lacks
 from highside.diagnosis.core.chunks import chunks_of
 from highside.diagnosis.core.untestable import one_sided
-from highside.diagnosis.rows.bases import Group, Recipe, Rows, rotation_groups, rotation_shadows
+from highside.diagnosis.rows.bases import Group, Recipe, Rows, rotation_groups, rotation_interactions
 from highside.diagnosis.rows.policy import DESIGN
-from highside.diagnosis.rows.session import RotationSession
+from highside.diagnosis.rows.session import FIRST_GYRO, RotationSession
 from highside.physics.effect import Effect, Stage
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
@@ -48,8 +49,13 @@ class _Source:
     vector: Array
     amplitudes: tuple[int, ...]
     numbers: Ints
-    stored: Array | None
-    """(k, C, N) where the effect remembers and cannot be made in chunks"""
+    stored: dict[tuple[int, int], Array] | None
+    """(N,) by amplitude and channel where the effect has hysteresis and cannot be made in chunks"""
+
+    def row(self, amplitude: int, channel: int, part: slice) -> Array:
+        """A run of rows of what is stored."""
+        assert self.stored is not None
+        return self.stored[amplitude, channel][part]
 
     def among(self, place: Sequence[Ints]) -> bool:
         """Whether any of its functions has a place (m_c,) on its channel."""
@@ -93,14 +99,16 @@ class Design:
         """of the shared functions: the first of a recipe, how many it makes"""
         self._shared = 0
         self._own = np.zeros(len(session.channels), dtype=np.intp)
+        self._slow_functions: dict[tuple[tuple[float, ...], bool, bytes], int] = {}
+        """the shared functions of time or temperature, by their shape and their values on the probe"""
         self._columns: list[Ints] = []
         """of each column the numbers on the channels; shared ones from `DESIGN.far` on until their place is known"""
         self._probe_state = session.state.rows(np.concatenate([[0], _telling(session.state)]))
         self.base = np.array(self._add_base(), dtype=np.intp)
         self.candidates: list[Candidate] = []
-        self.blind: list[Blind] = []
+        self.unobservable: list[Unobservable] = []
         self._add_effects(lines)
-        self._add_shadows()
+        self._add_interactions()
         self.groups: list[Group] = rotation_groups(session.state)
         self.cells: list[Ints] = []
         self.cell_of: list[tuple[int, int]] = []
@@ -144,11 +152,11 @@ class Design:
         made = [s for s in sources if s.stored is None]
         blocks = iter(self._evaluate(state, [(s.effect, s.vector, s.amplitudes) for s in made]) if made else [])
         for source in sources:
-            block = next(blocks)[:, :, 1:] if source.stored is None else source.stored[:, :, part]
+            block = next(blocks)[:, :, 1:] if source.stored is None else None
             for k, c in zip(*np.nonzero(source.numbers >= 0), strict=True):
                 at = place[c][source.numbers[k, c]]
                 if at >= 0:
-                    result[c][at] = block[k, c]
+                    result[c][at] = source.row(int(k), int(c), part) if block is None else block[k, c]
         rows = Rows(self.session.state.rows(part), part.start, state)
         for first, count, recipe in self._recipes:
             at = np.array(
@@ -197,7 +205,7 @@ class Design:
                 own = [line for line in lines if line.effect == effect.id]
                 searched = max((line.searched for line in own), default=0)
                 tried = [({effect.line.name: line.value}, self._line(effect, line.value)) for line in own]
-            elif effect.stage is Stage.THERMAL and not effect.depends_on_input and self._axes(effect) is not None:
+            elif not absent and self._follows_time(effect) and self._axes(effect) is not None:
                 tried = [(shape, self._slow(effect, shape)) for shape in self._shapes(effect)]
             elif not absent:
                 vectors = [(shape, self._vector(effect, shape)) for shape in self._shapes(effect)]
@@ -212,10 +220,10 @@ class Design:
             if variants:
                 self.candidates.append(Candidate(effect.id, effect, names, tuple(variants), searched))
             elif effect.line is None:
-                self.blind.append(Blind(effect, what_lacks(effect, self.session.state)))
+                self.unobservable.append(Unobservable(effect, what_lacks(effect, self.session.state)))
 
-    def _add_shadows(self) -> None:
-        groups = rotation_shadows(self.session.state)
+    def _add_interactions(self) -> None:
+        groups = rotation_interactions(self.session.state)
         # without a name they are one family: whatever else it may be
         family = sum(len(group.labels) for group in groups) * 3
         for group in groups:
@@ -229,7 +237,7 @@ class Design:
                         words = group.name if group.pairs else f"{group.name} x {label}"
                         variants.append(Variant({}, numbers, f"{words} on {self.session.channels[c]}"))
             self.candidates.append(
-                Candidate(f"shadow:{group.name}:{group.labels[0]}", None, ("a",), tuple(variants), family)
+                Candidate(f"interaction:{group.name}:{group.labels[0]}", None, ("a",), tuple(variants), family)
             )
 
     def _shapes(self, effect: Effect) -> list[dict[str, float]]:
@@ -250,14 +258,15 @@ class Design:
     def _through(self, effect: Effect, vector: Array, amplitudes: Sequence[int]) -> list[int]:
         """Columns of an effect through the chain; -1 for one that leaves no trace."""
         wanted = tuple(amplitudes)
-        stored: Array | None = None
+        stored: dict[tuple[int, int], Array] | None = None
         if effect.complex_safe:
             probe = self._evaluate(self._probe_state, [(effect, vector, wanted)])[0][:, :, 1:]
         else:
-            # a play remembers: the whole recording at once
-            stored = self._evaluate(self.session.state, [(effect, vector, wanted)])[0]
-            probe = stored
+            # a play has hysteresis: the whole recording at once
+            probe = self._evaluate(self.session.state, [(effect, vector, wanted)])[0]
         shows = np.max(np.abs(probe), axis=2) > DESIGN.nothing
+        if not effect.complex_safe:
+            stored = {(int(k), int(c)): probe[k, c].copy() for k, c in zip(*np.nonzero(shows), strict=True)}
         of_channels = np.where(shows, self._own + np.cumsum(shows, axis=0) - 1, -1)
         self._own += shows.sum(axis=0)
         self._sources.append(_Source(effect, vector, wanted, of_channels, stored))
@@ -269,6 +278,13 @@ class Design:
         vector[list(effect.amplitudes)] = 0.0
         vector[effect.amplitudes[k]] = 1.0
         return vector
+
+    @staticmethod
+    def _follows_time(effect: Effect) -> bool:
+        """Whether it is made of functions of time or temperature alone, the same on whatever channel they are."""
+        return not effect.depends_on_input and (
+            effect.stage is Stage.THERMAL or (effect.stage is Stage.GYRO and effect.slow)
+        )
 
     def _axes(self, effect: Effect) -> list[tuple[int, int]] | None:
         """Of each amplitude the axis that it acts on (-1: none), and the first amplitude that does the same on its own:
@@ -290,6 +306,7 @@ class Design:
     def _slow(self, effect: Effect, shape: dict[str, float]) -> list[int]:
         """Columns of an effect of time or temperature alone: what is the same on several axes is made once."""
         state = self.session.state
+        first_channel = FIRST_GYRO if effect.stage is Stage.GYRO else 0
         functions: dict[int, int] = {}
         numbers = []
         for k, (axis, same) in enumerate(self._axes(effect) or []):
@@ -297,11 +314,22 @@ class Design:
                 numbers.append(-1)
                 continue
             if same not in functions:
-                functions[same] = self._share(self._slow_recipe(effect, self._only(effect, shape, k), axis))[0]
-            numbers.append(self._on(axis, functions[same]))
+                functions[same] = self._slow_function(effect, shape, k, axis)
+            numbers.append(self._on(first_channel + axis, functions[same]))
         if np.ptp(state.temp_c) == 0.0 and "temp_c" in effect.needs:
             return [-1] * len(numbers)
         return numbers
+
+    def _slow_function(self, effect: Effect, shape: dict[str, float], k: int, axis: int) -> int:
+        """Number of the function of the k-th amplitude; one that another effect has already serves both."""
+        vector = self._only(effect, shape, k)
+        probe = np.asarray(
+            effect.delta(self._probe_state, vector, np.zeros((3, self._probe_state.n)))[axis], dtype=float
+        )
+        key = (tuple(shape.values()), effect.remembers, probe.tobytes())
+        if key not in self._slow_functions:
+            self._slow_functions[key] = self._share(self._slow_recipe(effect, vector, axis))[0]
+        return self._slow_functions[key]
 
     def _slow_recipe(self, effect: Effect, vector: Array, axis: int) -> Recipe:
         if not effect.remembers and any(p.epoch for p in effect.shapes):
@@ -313,7 +341,7 @@ class Design:
                 return [added if rows.begun is None else added[1:]]
 
             return begun
-        # it may remember: the whole recording at once
+        # it may have hysteresis: the whole recording at once
         whole = effect.delta(self.session.state, vector, np.zeros((3, self.session.n)))[axis]
         values = np.ascontiguousarray(whole, dtype=float)
         return lambda rows: [values[rows.first : rows.first + rows.state.n]]

@@ -1,11 +1,11 @@
-"""A long recording in the space of its own columns: everything that is asked of it, from inner products.
+"""A long recording in the space of its own columns: everything that tests and fits need of it, from inner products.
 
 The rows are passed through once. Kept are, channel by channel, the Gram matrices of the whitened functions and of the
 residual on each segment (a fold of the held-out test, a steady rate), and their sums over short blocks. All tests,
 choices and fits see the recording only through inner products, so it is replaced by *coordinates*: vectors of a few
-hundred numbers with the same inner products as columns of any length. An offset that wanders is slow against a block:
-its covariance changes only the part of the inner products that lies between the blocks' means, and that part is passed
-through the filter of `markov`.
+hundred numbers with the same inner products as columns of any length. The random walk of an offset is slow against a
+block: its covariance changes only the part of the inner products that lies between the blocks' means, and that part is
+passed through the filter of `markov`.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Fold = tuple[list[Key], list[Key]]
 """parts that are left out, and those of them that are scored"""
 
 MEMORIES = (
-    *((np.inf, share) for share in GRAMS.walk_shares),
+    *((np.inf, share) for share in GRAMS.random_walk_shares),
     *((length, q) for length, own in GRAMS.forgetful for q in own),
 )
 """(length, share) of each memory that is tried; the first is none."""
@@ -53,7 +53,8 @@ class Segments:
 
     @classmethod
     def of(cls, design: Design, lead: int) -> Segments:
-        """The rows at a fold's ends are trained on by nobody else, and not scored: their noise remembers."""
+        """The rows at a fold's ends are trained on by nobody else, and not scored: their noise is serially
+        correlated."""
         session = design.session
         n, rows = session.n, np.arange(session.n)
         fold = rows * GRAMS.folds // n
@@ -147,7 +148,7 @@ def _runs(values: NDArray[np.generic]) -> list[tuple[int, int]]:
 
 
 @dataclass(frozen=True)
-class Walks:
+class RandomWalkGrams:
     """Inner products of one channel under each of `MEMORIES`: (settings, m + 1, m + 1), and log determinants."""
 
     grams: Array
@@ -155,8 +156,8 @@ class Walks:
     rows: float
 
     @classmethod
-    def of(cls, gram: Gram) -> Walks:
-        """A block's mean has the white variance 1 / rows and the level of the walk at its middle."""
+    def of(cls, gram: Gram) -> RandomWalkGrams:
+        """A block's mean has the white variance 1 / rows and the level of the random walk at its middle."""
         used = gram.counts > 0
         counts = gram.counts[used]
         means = gram.sums[:, used] / counts
@@ -170,17 +171,17 @@ class Walks:
         between = noise.white(means)
         return cls(within + between @ between.transpose(0, 2, 1), noise.log_determinant, float(counts.sum()))
 
-    def that_never_forget(self) -> Walks:
-        """Those of `GRAMS.walk_shares` alone."""
-        count = len(GRAMS.walk_shares)
-        return Walks(self.grams[:count], self.log_determinant[:count], self.rows)
+    def random_walks_only(self) -> RandomWalkGrams:
+        """Those of `GRAMS.random_walk_shares` alone."""
+        count = len(GRAMS.random_walk_shares)
+        return RandomWalkGrams(self.grams[:count], self.log_determinant[:count], self.rows)
 
     def under(self, memory: Memory) -> Array:
         """(m + 1, m + 1) under the largest memory of its length that the data allow."""
         return np.asarray(self.grams[MEMORIES.index((memory.length, memory.upper))])
 
 
-class WalkingChannel:
+class RandomWalkChannel:
     """-2 log likelihood of a channel under each of `MEMORIES`: `functions` by their numbers, -1 for none.
 
     `base` are the numbers of functions that are always projected off.
@@ -188,12 +189,12 @@ class WalkingChannel:
 
     settings: ClassVar = list(MEMORIES)
 
-    def __init__(self, walks: Walks, base: Ints) -> None:
-        self.grams, self._logdet, self._rows = walks.grams, walks.log_determinant, walks.rows
+    def __init__(self, random_walks: RandomWalkGrams, base: Ints) -> None:
+        self.grams, self._logdet, self._rows = random_walks.grams, random_walks.log_determinant, random_walks.rows
         self._base = base
 
     def memory(self, columns: Ints) -> Memory:
-        """The memory that the data ask for with functions (K,) projected off."""
+        """The memory that the data require with functions (K,) projected off."""
         return memory_of(self.settings[: len(self.grams)], self.without(columns))
 
     def without(self, columns: Ints) -> Array:

@@ -18,7 +18,7 @@ from highside.diagnosis.rows.noise import RotationNoise
 from highside.diagnosis.rows.policy import JITTER
 from highside.physics.effects.sampling_jitter import EFFECT
 
-TOLD = ("nothing_left_out", "named", "named_plus")
+CLAIMING = ("nothing_left_out", "named", "named_plus")
 
 
 def with_jitter(diagnosis: Diagnosis, noise: RotationNoise, channels: Sequence[str]) -> Diagnosis:
@@ -28,19 +28,19 @@ def with_jitter(diagnosis: Diagnosis, noise: RotationNoise, channels: Sequence[s
     evidence = float(gain.sum())
     if evidence < JITTER.certain:
         return diagnosis
-    if diagnosis.verdict not in TOLD:
-        told = replace(diagnosis.remainder, resembles=(*diagnosis.remainder.resembles, EFFECT.id))
-        return replace(diagnosis, remainder=told)
+    if diagnosis.verdict not in CLAIMING:
+        remainder = replace(diagnosis.remainder, resembles=(*diagnosis.remainder.resembles, EFFECT.id))
+        return replace(diagnosis, remainder=remainder)
     weight = 1 / np.maximum(error[found], 1e-12) ** 2
     value, std = float(np.sum(weight * size[found]) / weight.sum()), float(weight.sum() ** -0.5)
     p = max(float(chdtrc(found.size, evidence)), 1e-300)
-    told_size = FittedParameter(value, std, value - INTERVALS.normal * std, value + INTERVALS.normal * std, "s")
+    size_s = FittedParameter(value, std, value - INTERVALS.normal * std, value + INTERVALS.normal * std, "s")
     claim = Claim(
         effect=EFFECT.id,
         story=EFFECT.story,
         formula=EFFECT.formula,
         stage=EFFECT.stage.value,
-        parameters={EFFECT.parameters[0].name: told_size},
+        parameters={EFFECT.parameters[0].name: size_s},
         p_familywise=p,
         equivalence_class=(EFFECT.id,),
         rivals_ruled_out=(),

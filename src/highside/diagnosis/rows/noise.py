@@ -1,7 +1,7 @@
 """The noise of a rotating recording: coloured channel by channel, and not equally large at all times.
 
 Each channel's noise is autoregressive, its order chosen by BIC from a *rich* residual: all columns of the design are
-projected off, so that no effect is taken for colour. What the projection takes with it bends the autocovariance; how
+projected off, so that no effect is taken for colour. What the projection takes with it biases the autocovariance; how
 much is found out by doing the same to white noise, and is given back. The size of the innovations may follow the square
 of the vibration, the square of the rate across the gravity vector (sampling jitter), and slowly the time. Rows that
 stand out as impulses count for nothing.
@@ -33,7 +33,7 @@ class RotationNoise:
     """`filters` (a_0 = 1, a_1, ...) of each channel, `weight` (C, N): whitened row = (filter * reading) * weight.
 
     `sigma` (C,) typical size of the innovations (g, gyros rad/s), `freedom` as for poses; `memories` of each channel's
-    whitened rows, in blocks, where an offset wanders.
+    whitened rows, in blocks, where an offset follows a random walk.
     """
 
     filters: tuple[Array, ...]
@@ -60,7 +60,7 @@ class RotationNoise:
         return white
 
     def white(self, columns: Array) -> Array:
-        """(..., C, N) readings -> (..., C N) in units of the noise, a wandering offset left aside."""
+        """(..., C, N) readings -> (..., C N) in units of the noise, a random walk of an offset left aside."""
         flat = columns.reshape(-1, *columns.shape[-2:])
         turned = np.stack([self.whiten(c, flat[:, c], slice(0, flat.shape[2])) for c in range(flat.shape[1])], axis=1)
         return np.asarray(turned.reshape(*columns.shape[:-2], columns.shape[-2] * columns.shape[-1]))
@@ -119,10 +119,10 @@ class _Learning:
         root = (vectors[:, good] / np.sqrt(values[good])) / size[:, None]
 
         def left(rows: list[Array]) -> list[Array]:
-            seen = root.T @ sum(
+            projected = root.T @ sum(
                 (t @ r.T for t, r in zip(turned, rows, strict=True)), np.zeros((size.size, len(rows[0])))
             )
-            back = root @ seen
+            back = root @ projected
             return [r - back.T @ t for r, t in zip(rows, turned, strict=True)]
 
         return [r[0] for r in left(target)], int(good.sum()), left(list(others)) if others else []
@@ -199,9 +199,9 @@ class _Found:
 
 
 def rounding(readings: Array, residual: Array, seed: int) -> Array:
-    """(C, n) noise of the size to which readings, and what a base fit leaves of them, are asked for at all.
+    """(C, n) noise of the size to which readings, and what a base fit leaves of them, are taken to be exact.
 
-    A simulation without noise has none, and then what effects do beyond first order would be all that is seen.
+    A simulation without noise has none, and then what effects do beyond first order would be all that is observed.
     """
     of_readings, of_residual = (np.sqrt(np.mean(x**2, axis=1, keepdims=True)) for x in (readings, residual))
     size = np.maximum(ROW_NOISE.rounding * of_readings, ROW_NOISE.digits * of_residual)
@@ -215,8 +215,8 @@ def plain(sigma: Array, n: int) -> RotationNoise:
     return RotationNoise((np.ones(1),) * count, weight, sigma, float(n), np.zeros(count), np.zeros((count, 3)), 0)
 
 
-def with_walk(noise: RotationNoise, memories: Sequence[Memory]) -> RotationNoise:
-    """The same noise with what wanders added to it."""
+def with_random_walk(noise: RotationNoise, memories: Sequence[Memory]) -> RotationNoise:
+    """The same noise with a random walk added to it."""
     return replace(noise, memories=tuple(memories))
 
 

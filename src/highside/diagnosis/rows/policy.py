@@ -59,14 +59,14 @@ class GramsPolicy:
     folds: int = 10
     """Contiguous stretches, each predicted from the others. Chosen in 304904b; no run is recorded."""
     block_s: float = 0.5
-    """s; blocks by whose means a walk is seen. Chosen in 304904b; no run is recorded."""
+    """s; blocks by whose means a random walk is observed. Chosen in 304904b; no run is recorded."""
     max_blocks: int = 1000
     """Blocks, at most: a long recording has longer ones. Chosen in 9e17400; no run is recorded."""
     flip_s: float = 3.0
     """s; rows whose signs are flipped together. Chosen in 304904b; no run is recorded."""
-    walk_shares: tuple[float, ...] = (0.0, 1e-6, 4e-6, 1.6e-5, 6e-5, 2.5e-4, 1e-3, 4e-3, 0.016)
-    """Variance of a walk's step from row to row in units of the white variance of a row. Chosen in 304904b; no run is
-    recorded."""
+    random_walk_shares: tuple[float, ...] = (0.0, 1e-6, 4e-6, 1.6e-5, 6e-5, 2.5e-4, 1e-3, 4e-3, 0.016)
+    """Variance of a random walk's step from row to row in units of the white variance of a row. Chosen in 304904b; no
+    run is recorded."""
     forgetful: tuple[tuple[float, tuple[float, ...]], ...] = ((0.5, (0.03, 0.1, 0.3)), (4.0, (0.01, 0.04, 0.15)))
     """Levels that forget, what a filter of few terms leaves of a noise's colour: their memory in blocks, and variances
     in units of the white variance of a block's mean. Chosen in 207dc25; no run is recorded."""
@@ -111,9 +111,9 @@ class RowNoisePolicy:
     """A larger share of outlying rows is the shape of the noise, not impulses. Chosen in 304904b; no run is
     recorded."""
     rounding: float = 1e-9
-    """No reading is told more exactly than this share of its size. Chosen in 96c27f5; no run is recorded."""
+    """No reading is taken to be more exact than this share of its size. Chosen in 96c27f5; no run is recorded."""
     digits: float = 1e-4
-    """What is left of readings is asked for to four digits: share of its size. Chosen in 3c741e3; no run is
+    """What is left of readings is evaluated to four digits: share of its size. Chosen in 3c741e3; no run is
     recorded."""
     least: float = 1e-15
     """g or rad/s; no noise is smaller. Chosen in 304904b; no run is recorded."""
@@ -124,7 +124,7 @@ class RowNoisePolicy:
     least_level: float = 1e-6
     """Squared scatters; least constant part of the variance. Chosen in 304904b; no run is recorded."""
     least_stretches: int = 4
-    """Stretches of `scale_s` from which a slow change can be seen. Chosen in 304904b; no run is recorded."""
+    """Stretches of `scale_s` from which a slow change can be detected. Chosen in 304904b; no run is recorded."""
     slow_share: float = 0.5
     """Share of the stretches' scatter beyond chance from which the size changes slowly. Chosen in 304904b; no run is
     recorded."""

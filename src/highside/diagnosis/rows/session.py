@@ -20,6 +20,8 @@ from highside.physics.state import ChainState
 
 ACCEL = ("ax", "ay", "az")
 GYROS = ("gx", "gy", "gz")
+FIRST_GYRO = len(ACCEL)
+"""number of the first channel that is a gyro, where there are any"""
 
 
 @dataclass(frozen=True)

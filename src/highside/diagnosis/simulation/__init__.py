@@ -1,4 +1,4 @@
-"""A recording beside another program's prediction. The way in is `scene.SimulationScene.beside`.
+"""A recording beside another program's prediction. The way in is `problem.SimulationProblem.beside`.
 
 Time bases are brought together by cross-correlation (`alignment`), both sides put on one grid up to the frequency
 that they share (`session`), unit, sign and axes checked (`intake`). No forward model is at hand, only its output s:
@@ -9,5 +9,5 @@ linear, so claims are fitted in the inner products of `rows`.
 
 from __future__ import annotations
 
-__all__ = ["intake", "policy", "scene", "session"]
-"""the ways in: modules, loaded when they are asked for"""
+__all__ = ["intake", "policy", "problem", "session"]
+"""the ways in: modules, loaded when they are used"""

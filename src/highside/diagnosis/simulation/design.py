@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.core.candidates import Blind, Candidate, Variant
+from highside.diagnosis.core.candidates import Candidate, Unobservable, Variant
 from highside.diagnosis.rows.bases import Group
 from highside.diagnosis.rows.design import Design
 from highside.diagnosis.simulation.policy import SIMULATION_COLUMNS
 from highside.diagnosis.simulation.session import SimulationSession
-from highside.physics.channels import ChannelEffect, ChannelTerm, OnChannels
+from highside.physics.channels import ChannelEffect, ChannelTerm, OnChannels, kind_of
 from highside.physics.effect import Effect, Stage
 from highside.physics.effects import on_channels, registry
 
@@ -28,8 +28,8 @@ About = Mapping[str, tuple[float, ...]]
 
 def acting(session: SimulationSession, about: About) -> list[tuple[OnChannels, ChannelTerm]]:
     """The effects of the library that may act on these channels, with what each may have done, in the order tried."""
-    seen = session.seen(about)
-    terms = [(effect, term) for effect in on_channels() for term in effect.on_channels(seen)]
+    channels = session.about(about).as_channels(about)
+    terms = [(effect, term) for effect in on_channels() for term in effect.on_channels(channels)]
     return [(OnChannels(effect, term), term) for effect, term in sorted(terms, key=lambda pair: pair[1].place)]
 
 
@@ -37,7 +37,8 @@ class SimulationDesign(Design):
     """The columns of a session beside a base of the effects `free`, which are adjusted anyway."""
 
     def __init__(self, session: SimulationSession, free: Sequence[str], about: About) -> None:
-        self.session, self.lines = session, ()
+        session = session.about(about)
+        self.session, self.lines, self.about = session, (), about
         self.free = tuple(free)
         self._rows: list[list[Array]] = [[] for _ in session.names]
         self._columns: list[Ints] = []
@@ -45,16 +46,23 @@ class SimulationDesign(Design):
         self.candidates: list[Candidate] = []
         self.column_values: dict[int, Array] = {}
         shown = set()
-        scatter = np.maximum((session.readings - session.predicted).std(axis=1), 1e-12)
+        scatter = np.maximum((session.readings - session.original).std(axis=1), 1e-12)
         too_small: list[str] = []
+        self.tangents: dict[str, NDArray[np.intp]] = {}
+        """Of effects that move the clock the columns by which they are fitted"""
         for effect, term in acting(session, about):
+            if term.tangents is not None:
+                self.tangents[effect.id] = np.array([self._put(column) for column in term.tangents], dtype=np.intp)
+            if term.adjusted:
+                base += [number for number in self.tangents[effect.id].tolist() if number >= 0]
+                continue
             shown.add(effect.id)
             limits = np.array([max(abs(g) for g in p.gate) for p in effect.parameters])
             tried = []
             for columns in term.columns:
                 size = limits * np.linalg.norm(columns / scatter[:, None], axis=(1, 2))
                 kept = [
-                    column if s > SIMULATION_COLUMNS.faint else np.zeros_like(column)
+                    column if s > SIMULATION_COLUMNS.marginal else np.zeros_like(column)
                     for column, s in zip(columns, size, strict=True)
                 ]
                 tried.append([self._put(column) for column in kept])
@@ -76,9 +84,9 @@ class SimulationDesign(Design):
         absent = [e for e in on_channels() if e.channel_needs and e.id not in shown]
         # what was not recorded first, then what the alignment of the two has taken away
         absent.sort(key=lambda effect: (effect.stage is Stage.TIMING, isinstance(effect, ChannelEffect)))
-        self.blind = [Blind(OnChannels(e), e.channel_needs) for e in absent]
+        self.unobservable = [Unobservable(OnChannels(e), e.channel_needs) for e in absent]
         small = "even the largest size that is plausible would not show in this recording"
-        self.blind += [Blind(OnChannels(registry()[name]), small) for name in too_small]
+        self.unobservable += [Unobservable(OnChannels(registry()[name]), small) for name in too_small]
         self._add_products(session)
         self.groups = _groups(session)
         self.cells: list[Ints] = []
@@ -138,14 +146,17 @@ class SimulationDesign(Design):
         for name, terms in tables.items():
             variants = []
             for c in range(len(session.names)):
+                own = f"{session.names[c]} {session.names[c]}"
+                named = kind_of(session.names[c], session.units[c]) == "accel"
                 for label, term in terms.items():
-                    number = self._put_on(c, term)
+                    # of an acceleration the square of its own is an effect of the library
+                    number = -1 if named and label == own else self._put_on(c, term)
                     if number >= 0:
                         variants.append(
                             Variant({}, np.array([number]), f"{name} x {label} on {session.names[c]}", whole=True)
                         )
             if variants:
-                self.candidates.append(Candidate(f"shadow:{name}", None, ("a",), tuple(variants)))
+                self.candidates.append(Candidate(f"interaction:{name}", None, ("a",), tuple(variants)))
 
 
 def _covariates(session: SimulationSession) -> list[tuple[str, Array, list[Array], bool]]:

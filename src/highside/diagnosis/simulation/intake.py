@@ -1,4 +1,4 @@
-"""Is a prediction of the same things as the recording? Unit, sign and axes, before any physics is asked.
+"""Is a prediction of the same things as the recording? Unit, sign and axes, before any effect is fitted.
 
 Of each channel the slope of recording over prediction is looked at: a factor between units, a turned sign or a
 neighbour that fits far better is a fault of the files, however well a fit could live with it.
@@ -13,8 +13,8 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.result import Finding
-from highside.diagnosis.simulation.policy import SIMULATION_INTAKE
-from highside.diagnosis.simulation.session import SimulationSession
+from highside.diagnosis.simulation.policy import SIMULATION_INTAKE, SIMULATION_SESSIONS
+from highside.diagnosis.simulation.session import OFFSET, SKEW, SimulationSession
 from highside.physics.channels import kind_of
 from highside.units import STANDARD_GRAVITY_MPS2
 
@@ -30,9 +30,12 @@ FACTORS = {
 
 def check_prediction(session: SimulationSession) -> tuple[Finding, ...]:
     """What spoils the comparison; empty if nothing does."""
+    a = session.alignment
+    if a.same_clock:
+        session = session.about({OFFSET: (a.lag_s,), SKEW: (a.rate,)})
     kept = slice(None) if session.left_out is None else ~session.left_out
     measured, predicted = session.readings[:, kept], session.predicted[:, kept]
-    dead = [n for n, m, p in zip(session.names, measured, predicted, strict=True) if np.ptp(m) == 0 and np.ptp(p) > 0]
+    dead = [n for n, m, p in zip(session.names, measured, predicted, strict=True) if _constant(m) and not _constant(p)]
     if dead:
         return (Finding("constant_channel", tuple(dead), 0.0, "check wire and codec"),)
     found = _axes(session, measured, predicted)
@@ -51,6 +54,11 @@ def check_prediction(session: SimulationSession) -> tuple[Finding, ...]:
             words = f"the recording is {slope:.4g} times the prediction: looks like {unit}"
             return (Finding("wrong_unit", (name,), _chance(r, session), words),)
     return ()
+
+
+def _constant(values: Array) -> bool:
+    """Whether a channel never changes but by the rounding of a filter."""
+    return bool(np.ptp(values) <= SIMULATION_SESSIONS.copy * np.abs(values).max())
 
 
 def _axes(session: SimulationSession, measured: Array, predicted: Array) -> tuple[Finding, ...]:

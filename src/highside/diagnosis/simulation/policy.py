@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from highside.diagnosis.core.scene_policy import ScenePolicy
+from highside.diagnosis.core.problem_policy import ProblemPolicy
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,37 @@ class AlignmentPolicy:
     same_clock: float = 0.5
     """Share of the shorter span that must overlap for two clocks to be taken as one. Chosen in 98cb144; no run is
     recorded."""
-    own_lag_s: float = 0.5
-    """s; a lag up to this on one clock is left to be diagnosed. Chosen in 98cb144; no run is recorded."""
+    own_lag: float = 0.1
+    """Share of the shorter span; a lag up to this on one clock is left to be diagnosed. A prediction that is early by
+    2 s of a minute is. Source: tests/unit/test_diagnosis_clock.py."""
+    equal: float = 0.05
+    """Share of what the best correlation lacks, by which another peak may be lower and still be as high: a motion that
+    returns has a peak at each of its periods. Source: tests/unit/test_diagnosis_clock.py."""
+    equal_turned: float = 0.5
+    """As `equal`, while a rate is sought: one that is not exact yet lets shorter overlaps fit better. Source: as
+    `equal`."""
+    finer: int = 2
+    """Times that a rate is sought about the best of the whole, each time in steps `beside` times finer. Source: as
+    `equal`."""
+    equal_at_least: float = 1e-3
+    """Correlation; peaks that differ by less are equal. Source: as `equal`."""
+    beside: int = 4
+    """Rows, or steps of a rate, to either side of what was found that are searched. Source: as `equal`."""
+    halves: float = 0.5
+    """Share of what a correlation lacks, that may be left of it for a rate to be believed beside a lag alone. Source:
+    as `equal`."""
+    most_rate: float = 0.12
+    """s per s; a clock, or a motion, that is faster or slower by more is another one. Source: as `equal`."""
+    turn: float = 0.25
+    """Periods of the fastest motion by which the rates that are tried let the end of a stretch differ. Source: as
+    `equal`."""
+    periods: float = 5.0
+    """Periods of the fastest motion in the shortest stretch by which a rate is sought: within it 12 % are less than one
+    period. Source: as `equal`."""
+    least_rows: int = 64
+    """Rows of that stretch, at least. Source: as `equal`."""
+    content: float = 0.9
+    """Share of the power below the frequency of that fastest motion. Source: as `equal`."""
     least_overlap: float = 0.3
     """Share of the shorter span that must overlap for a lag to be tried. Chosen in 98cb144; no run is recorded."""
     alike: float = 0.3
@@ -41,7 +70,7 @@ class SimulationColumnsPolicy:
 
     nothing: float = 1e-12
     """In the channel's unit: a column that is smaller everywhere is none. Chosen in 4048651; no run is recorded."""
-    faint: float = 3.0
+    marginal: float = 3.0
     """Standard deviations; an amplitude that at its largest plausible size adds less is left out. Chosen in f84f7d5; no
     run is recorded."""
     time_waves: int = 8
@@ -76,7 +105,16 @@ class SimulationChoicePolicy:
     """Choices beside a prediction."""
 
     turns: int = 4
-    """Times that columns are made about the delays that were found. Chosen in f84f7d5; no run is recorded."""
+    """Times, at most, that columns are made about the delays that were found. Chosen in f84f7d5. Source: of a lag of
+    2 s the last two change nothing, tests/unit/test_diagnosis_clock.py."""
+    phase: float = 0.3
+    """rad, turn of the fastest motion compared within the measured lag from which the shift is tried as a start of its
+    own: below, first order finds it. Source: as `turns`."""
+    alike: float = 0.01
+    """Of two starts the one with fewer effects is taken where their misfits (logarithm of the mean square, summed over
+    channels) differ by less. Source: as `turns`."""
+    exact: float = 1e-5
+    """Relative change of a shift of the clock that shows no more: 20 us of 2 s. Source: as `turns`."""
     most_bins: int = 24
     """Bins of activity in which the noise is measured, at most. Chosen in d4bce32; no run is recorded."""
     least_in_bin: int = 100
@@ -84,21 +122,26 @@ class SimulationChoicePolicy:
     most_named: int = 6
     """Claims, at most: there is no base to absorb the simple ones. Chosen in f84f7d5; no run is recorded."""
     far: float = 3.0
-    """Standard deviations of a walk's mean beyond which an offset is none. Chosen in d4bce32; no run is recorded."""
+    """Standard deviations of a random walk's mean beyond which an offset is none. Chosen in d4bce32; no run is
+    recorded."""
     least_named: float = 0.003
     """Of all that is explained, what an effect must explain to be more than a remainder. Chosen in f84f7d5; no run is
     recorded."""
     least_product: float = 0.02
     """Of all that is explained, what an unnamed product must explain to be more than a remainder. Chosen in f84f7d5; no
     run is recorded."""
+    beside_clock: float = 0.1
+    """Share of `least_named` that an effect other than a delay must explain beside a clock that was moved: what that
+    leaves looks like a delay. Source: tests/unit/test_diagnosis_clock.py, a scale of 1 % beside an offset of 30 ms
+    explains 0.3 %."""
     settled: float = 0.01
     """Relative change of a delay that shows no more. Chosen in f84f7d5; no run is recorded."""
     full: int = 4
     """One in so many of a bin's rows must count. Chosen in d4bce32; no run is recorded."""
     quietest: float = 1e-3
-    """Share of the loudest bin's noise; no row is quieter. Chosen in d4bce32; no run is recorded."""
+    """Share of the noisiest bin's noise; no row is quieter. Chosen in d4bce32; no run is recorded."""
     least_bins: int = 3
-    """Bins of activity from which the noise can be seen to follow it. Chosen in d4bce32; no run is recorded."""
+    """Bins of activity from which the noise is known to follow it. Chosen in d4bce32; no run is recorded."""
 
 
 SIMULATION_CHOICE = SimulationChoicePolicy()
@@ -141,6 +184,9 @@ class SimulationSessionsPolicy:
     """Segments, at least, by which coherence is measured. Chosen in 98cb144; no run is recorded."""
     constant: float = 1e-20
     """Share of a prediction's power below which it is constant. Chosen in d4bce32; no run is recorded."""
+    apart: float = 0.01
+    """Usual spacings; rows of a prediction nearer than this to one another are one. Source: of values that are rounded
+    to 1e-4 of the motion, nearer ones say less of its slope than their neighbours."""
     least_side: int = 150
     """Rows of either side, at least. Chosen in 98cb144; no run is recorded."""
 
@@ -148,7 +194,7 @@ class SimulationSessionsPolicy:
 SIMULATION_SESSIONS = SimulationSessionsPolicy()
 
 
-SIMULATION = ScenePolicy(named_share=0.93, shadow_margin=4.0, most_named=SIMULATION_CHOICE.most_named)
+SIMULATION = ProblemPolicy(named_share=0.93, interaction_margin=4.0, most_named=SIMULATION_CHOICE.most_named)
 """Rows are many: what is left beside the whole story is small, and unnamed products count against themselves by their
 number. There is no base to absorb the simple effects, so more names than usual may be given. Chosen in f84f7d5; no run
 is recorded."""

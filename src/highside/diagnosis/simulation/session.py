@@ -7,20 +7,26 @@ temperature) are the covariates that effects are made of.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.rows.session import RotationSession
-from highside.diagnosis.simulation.alignment import Alignment, align, filled, in_gap, usual_rate
+from highside.diagnosis.simulation.alignment import Align, Alignment, align, filled, in_gap, usual_rate
 from highside.diagnosis.simulation.policy import SIMULATION_SESSIONS
 from highside.errors import InputError
 from highside.physics.channels import Channels
+from highside.physics.effects.clock_skew import EFFECT as CLOCK_SKEW
+from highside.physics.effects.time_offset import EFFECT as TIME_OFFSET
 from highside.physics.state import ChainState
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 UNITS = {
     "g": "g",
@@ -38,6 +44,31 @@ NO_CHANNELS = frozenset({"t_s", "seq", "pose", "direction", "temp_c", "noise_g",
 RATES = ("gx_dps", "gy_dps", "gz_dps")
 SPEED = "speed_mps"
 
+OFFSET, SKEW = TIME_OFFSET.id, CLOCK_SKEW.id
+"""The effects that move the clock of the prediction."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What is predicted at any time: each channel's `curves` as far as the common band goes, and where it has gaps."""
+
+    curves: tuple[CubicSpline, ...]
+    t_s: Array
+    columns: tuple[Array, ...]
+    longest_s: float
+
+    def at(self, t_s: Array) -> Array:
+        """(C, n)."""
+        return np.stack([curve(t_s) for curve in self.curves])
+
+    def slope(self, t_s: Array) -> Array:
+        """(C, n) change per second."""
+        return np.stack([curve(t_s, 1) for curve in self.curves])
+
+    def lost(self, t_s: Array) -> NDArray[np.bool_]:
+        """(n,) whether there is none."""
+        return in_gap(t_s, self.t_s, self.columns, self.longest_s)
+
 
 @dataclass(frozen=True)
 class SimulationSession(RotationSession):
@@ -48,11 +79,47 @@ class SimulationSession(RotationSession):
     """
 
     names: tuple[str, ...] = ()
+    original: Array = field(default_factory=lambda: np.empty((0, 0)))
+    """(C, n) what is predicted at the times as they are"""
     predicted: Array = field(default_factory=lambda: np.empty((0, 0)))
+    """(C, n) what is predicted at the times `later_s` earlier"""
     rates: Mapping[str, Array] = field(default_factory=dict)
     speed: Array | None = None
     alignment: Alignment = field(default_factory=lambda: Alignment(0.0, 0.0, 1.0, True))
     band_hz: float = 0.0
+    prediction: Prediction | None = None
+    later_s: Array | float = 0.0
+    """(n,) how much later the recording is taken to show what the prediction shows"""
+    always_lost: NDArray[np.bool_] | None = None
+    """(n,) rows left out wherever the clock is moved"""
+
+    @property
+    def elapsed_s(self) -> Array:
+        """(n,) since the first row."""
+        return np.asarray(self.state.t_s - self.state.t_s[:1])
+
+    def about(self, where: Mapping[str, tuple[float, ...]]) -> Self:
+        """The session with the prediction's clock moved as `where` says of the effects that move it."""
+        (offset_s,), (rate,) = where.get(OFFSET, (0.0,)), where.get(SKEW, (0.0,))
+        later = offset_s + rate * self.elapsed_s
+        if self.prediction is None or np.array_equal(later, np.broadcast_to(self.later_s, later.shape)):
+            return self
+        times = self.state.t_s - later
+        lost = self.prediction.lost(times)
+        lost = _smeared(lost, self.band_hz * self.step_s)
+        if self.always_lost is not None:
+            lost |= self.always_lost
+        predicted = self.prediction.at(times)
+        own = dict(zip(self.names, predicted, strict=True))
+        rates = {**self.rates, **{name[1]: np.radians(own[name]) for name in RATES if name in own}}
+        return replace(
+            self,
+            predicted=predicted,
+            rates=rates,
+            speed=own.get(SPEED, self.speed),
+            left_out=lost if lost.any() else None,
+            later_s=later,
+        )
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -67,7 +134,7 @@ class SimulationSession(RotationSession):
     def rate_group(self) -> NDArray[np.intp]:
         return np.full(self.n, -1, dtype=np.intp)
 
-    def seen(self, about: Mapping[str, tuple[float, ...]]) -> Channels:
+    def as_channels(self, about: Mapping[str, tuple[float, ...]]) -> Channels:
         """The channels as effects see them; `about`: where those that are not linear are taken."""
         return Channels(
             self.names,
@@ -81,7 +148,20 @@ class SimulationSession(RotationSession):
             self.state.temp_c if self.warm else None,
             self.alignment.same_clock,
             about,
+            self.slope,
+            self.predicted_later,
         )
+
+    @property
+    def slope(self) -> Array:
+        """(C, n) change of what is predicted, per second."""
+        if self.prediction is None:
+            return np.asarray(np.gradient(self.predicted, self.step_s, axis=1))
+        return self.prediction.slope(self.state.t_s - self.later_s)
+
+    def predicted_later(self, later_s: Array) -> Array:
+        """(C, n) what is predicted at times so much earlier."""
+        return self.original if self.prediction is None else self.prediction.at(self.state.t_s - later_s)
 
     @property
     def warm(self) -> bool:
@@ -94,7 +174,9 @@ def unit_of(name: str) -> str:
     return UNITS.get(name.rpartition("_")[2], "1")
 
 
-def simulation_session(columns: Mapping[str, Array], predicted: Mapping[str, Array]) -> SimulationSession:
+def simulation_session(
+    columns: Mapping[str, Array], predicted: Mapping[str, Array], align_by: Align = "auto"
+) -> SimulationSession:
     """Put a recording and a prediction (columns (N,), each with its own `t_s`) together.
 
     Raises InputError that says what the files lack.
@@ -111,11 +193,14 @@ def simulation_session(columns: Mapping[str, Array], predicted: Mapping[str, Arr
             raise InputError(f"the times of the {what} are too few, or do not rise", field="t_s")
     side = {n: _turned(n, columns[n]) for n in names}
     side_sim = {n: _turned(n, predicted[n]) for n in names}
-    found = align(t_s, side, t_sim, side_sim)
+    found = align(t_s, side, t_sim, side_sim, align_by)
     t_sim = t_sim + found.shift_s
+    # rows of the recording as they are, where they are as many as are wanted
     start, stop = max(t_s[0], t_sim[0]), min(t_s[-1], t_sim[-1])
+    start = float(t_s[np.searchsorted(t_s, start)])
     raw_hz = min(usual_rate(t_s), usual_rate(t_sim))
-    band = _band(t_s, side, t_sim, side_sim, (start, stop))
+    lag_s, rate = (found.lag_s, found.rate) if found.same_clock else (0.0, 0.0)
+    band = _band(t_s, side, t_sim + lag_s + rate * (t_sim - start), side_sim, (start, stop))
     least, most = (
         SIMULATION_SESSIONS.least_rows / max(stop - start, 1e-9),
         min(raw_hz, SIMULATION_SESSIONS.most_rows / max(stop - start, 1e-9)),
@@ -131,19 +216,17 @@ def simulation_session(columns: Mapping[str, Array], predicted: Mapping[str, Arr
     def sampled(times: Array, values: Array) -> Array:
         return _sampled(grid, times, values, SIMULATION_SESSIONS.band * grid_hz, raw_hz)
 
+    longest = SIMULATION_SESSIONS.gap_steps / raw_hz
     measured = np.stack([sampled(t_s, side[n]) for n in names])
-    model = np.stack([sampled(t_sim, side_sim[n]) for n in names])
-    _refuse_copies(names, measured, model)
+    prediction = _prediction(t_sim, [side_sim[n] for n in names], SIMULATION_SESSIONS.band * grid_hz, raw_hz, longest)
+    model = prediction.at(grid)
+    _refuse_copies(names, measured, np.stack([sampled(t_sim, side_sim[n]) for n in names]))
     for c, name in enumerate(names):
         if unit_of(name) == "deg":
             # whole turns apart is not apart
             measured[c] -= 360.0 * np.round(np.median(measured[c] - model[c]) / 360.0)
-    longest = SIMULATION_SESSIONS.gap_steps / raw_hz
-    lost = in_gap(grid, t_s, [side[n] for n in names], longest)
-    lost |= in_gap(grid, t_sim, [side_sim[n] for n in names], longest)
-    # a low-pass smears what was bridged over its own length
-    reach = max(1, round(1.0 / (SIMULATION_SESSIONS.band * grid_hz) * grid_hz))
-    lost = np.convolve(lost, np.ones(2 * reach + 1), mode="same") > 0.5
+    lost = in_gap(grid, t_s, [side[n] for n in names], longest) | prediction.lost(grid)
+    lost = _smeared(lost, SIMULATION_SESSIONS.band)
     # a covariate that is a channel itself is taken as predicted: the recorded one would explain itself
     covariates = {
         name: model[names.index(name)] if name in names else sampled(t_s, columns[name])
@@ -166,11 +249,29 @@ def simulation_session(columns: Mapping[str, Array], predicted: Mapping[str, Arr
         lost if lost.any() else None,
         names,
         model,
+        model,
         rates,
         covariates.get(SPEED),
         found,
         SIMULATION_SESSIONS.band * grid_hz,
+        prediction,
+        always_lost=lost if lost.any() else None,
     )
+
+
+def _smeared(lost: NDArray[np.bool_], band: float) -> NDArray[np.bool_]:
+    """Rows (n,) that are lost, and those about them: a low-pass, at this share of the rate, smears what was bridged."""
+    reach = max(1, round(1.0 / band))
+    return np.asarray(np.convolve(lost, np.ones(2 * reach + 1), mode="same") > 0.5)
+
+
+def _prediction(t_s: Array, columns: Sequence[Array], band_hz: float, raw_hz: float, longest_s: float) -> Prediction:
+    """The columns (N,) of a prediction as curves, no finer than the band that is compared."""
+    from scipy.interpolate import CubicSpline
+
+    times, rows = zip(*(_smoothed(t_s, values, band_hz, raw_hz) for values in columns), strict=True)
+    curves = tuple(CubicSpline(at, row) for at, row in zip(times, rows, strict=True))
+    return Prediction(curves, t_s, tuple(columns), longest_s)
 
 
 def _refuse_copies(names: tuple[str, ...], measured: Array, model: Array) -> None:
@@ -238,13 +339,25 @@ def _activity(model: Array, rates: Mapping[str, Array]) -> Array:
     return np.asarray(np.sqrt(square / max(float(square.mean()), 1e-30)))
 
 
-def _sampled(grid: Array, t_s: Array, values: Array, band_hz: float, raw_hz: float) -> Array:
-    """Values on the grid, low-passed without delay where the grid is coarser than the rows."""
+def _smoothed(t_s: Array, values: Array, band_hz: float, raw_hz: float) -> tuple[Array, Array]:
+    """Times that rise and values there, low-passed without delay where the grid is coarser than the rows."""
     from scipy.signal import butter, sosfiltfilt
 
     own_hz = max(usual_rate(t_s), raw_hz)
     if band_hz >= SIMULATION_SESSIONS.no_filter * own_hz:
-        return filled(grid, t_s, values)
+        times = t_s[np.diff(t_s, prepend=-np.inf) > SIMULATION_SESSIONS.apart / own_hz]
+        return times, filled(times, t_s, values)
     times = np.arange(t_s[0], t_s[-1], 1 / own_hz)
     smooth = sosfiltfilt(butter(4, band_hz, fs=own_hz, output="sos"), filled(times, t_s, values))
-    return np.asarray(np.interp(grid, times, smooth))
+    return times, np.asarray(smooth)
+
+
+def _sampled(grid: Array, t_s: Array, values: Array, band_hz: float, raw_hz: float) -> Array:
+    """Values on the grid, low-passed where that is coarser than the rows."""
+    from scipy.interpolate import CubicSpline
+
+    times, smooth = _smoothed(t_s, values, band_hz, raw_hz)
+    if band_hz >= SIMULATION_SESSIONS.no_filter * max(usual_rate(t_s), raw_hz):
+        # noise and all: a curve would swing between rows that are near one another
+        return np.asarray(np.interp(grid, times, smooth))
+    return np.asarray(CubicSpline(times, smooth)(grid))

@@ -10,4 +10,4 @@ which inclination to measure next.
 from __future__ import annotations
 
 __all__ = ["chain", "engine", "policy"]
-"""the ways in: modules, loaded when they are asked for"""
+"""the ways in: modules, loaded when they are used"""

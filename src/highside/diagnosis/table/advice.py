@@ -1,7 +1,7 @@
-"""Which ring to measure next, so that two explanations of a published table part.
+"""Which inclination station to measure next, so that two explanations of a published table part.
 
-Each explanation predicts the cells of the new ring, with what the table leaves open of its own parameters; the ring
-where they differ most, in units of that and of chance, is the one.
+Each explanation predicts the cells of the new inclination station, with what the table leaves open of its own
+parameters; the inclination station where they differ most, in units of that and of chance, is the one.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from highside.arrays import Array
 from highside.diagnosis.core.candidates import columns_of
 from highside.diagnosis.table.chain import CELLS, Draws, Linear, Sessions, draw, errors_in_common, tell
 from highside.diagnosis.table.fit import PEAK, Fitted, Table
-from highside.diagnosis.table.policy import RING_ADVICE, TABLE_FITS
+from highside.diagnosis.table.policy import STATION_ADVICE, TABLE_FITS
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 
 
-def next_ring(
+def next_station(
     model: ForwardModel,
     table: Table,
     base_names: Sequence[str],
@@ -31,17 +31,19 @@ def next_ring(
     """Words; empty where there is no rival. `instead` are fitted sets by the effect that replaces the claim."""
     if not instead:
         return "none needed: no other effect explains the table as well"
-    sessions = Sessions.of(np.radians(np.array(RING_ADVICE.rings_deg)), table.sessions.procedure)
-    draws = draw(sessions, model, RING_ADVICE.draws, seed + 2, best.noise_g, own=table.base.shape[0] == len(base_names))
+    sessions = Sessions.of(np.radians(np.array(STATION_ADVICE.inclinations_deg)), table.sessions.procedure)
+    draws = draw(
+        sessions, model, STATION_ADVICE.draws, seed + 2, best.noise_g, own=table.base.shape[0] == len(base_names)
+    )
     sin = np.sin(sessions.inc_rad)
     one = np.ones_like(sin)
     spread = np.degrees(np.stack([one, PEAK * one, one / sin, PEAK / sin], axis=1))
     ours, our_cov = _predicted(sessions, model, table, base_names, base_units, best, draws)
-    parted = np.full((len(instead), len(RING_ADVICE.rings_deg)), np.inf)
-    column = np.zeros((len(instead), len(RING_ADVICE.rings_deg)), dtype=int)
+    parted = np.full((len(instead), len(STATION_ADVICE.inclinations_deg)), np.inf)
+    column = np.zeros((len(instead), len(STATION_ADVICE.inclinations_deg)), dtype=int)
     for k, rival in enumerate(instead.values()):
         theirs, their_cov = _predicted(sessions, model, table, base_names, base_units, rival, draws)
-        for r in range(len(RING_ADVICE.rings_deg)):
+        for r in range(len(STATION_ADVICE.inclinations_deg)):
             chance = np.cov(ours[:, r].T) + np.diag((best.tau_rad * spread[r]) ** 2)
             cov = chance + our_cov[r] + their_cov[r]
             difference = ours[:, r].mean(axis=0) - theirs[:, r].mean(axis=0)
@@ -49,17 +51,18 @@ def next_ring(
             column[k, r] = int(np.argmax(np.abs(difference) / np.sqrt(np.diag(cov))))
     parted[:, sessions.degenerate()] = 0.0
     worst = parted.min(axis=0)
-    ring = int(np.argmax(worst))
-    k = int(np.argmin(parted[:, ring]))
-    if worst[ring] < RING_ADVICE.worth:
+    station = int(np.argmax(worst))
+    k = int(np.argmin(parted[:, station]))
+    if worst[station] < STATION_ADVICE.worth:
         return (
-            f"no single ring of means and peak-to-peaks parts it from {list(instead)[k]} (best: "
-            f"{RING_ADVICE.rings_deg[ring]:g} deg, expected chi-square {worst[ring]:.1f}): "
+            f"no single inclination station of means and peak-to-peaks separates it from {list(instead)[k]} (best: "
+            f"{STATION_ADVICE.inclinations_deg[station]:g} deg, expected chi-square {worst[station]:.1f}): "
             "record the errors by toolface"
         )
     return (
-        f"a ring at {RING_ADVICE.rings_deg[ring]:g} deg inclination: there {CELLS[column[k, ring]]} parts it from "
-        f"{', '.join(instead)} (expected chi-square {worst[ring]:.0f})"
+        f"a station at {STATION_ADVICE.inclinations_deg[station]:g} deg inclination: there {CELLS[column[k, station]]} "
+        f"separates it from "
+        f"{', '.join(instead)} (expected chi-square {worst[station]:.0f})"
     )
 
 
@@ -72,7 +75,8 @@ def _predicted(
     fitted: Fitted,
     draws: Draws,
 ) -> tuple[Array, Array]:
-    """Cells (M, R, 4) of the new rings, and the covariance (R, 4, 4) of what is open of the parameters."""
+    """Cells (M, R, 4) of the new inclination stations, and the covariance (R, 4, 4) of what is open of the
+    parameters."""
     state = sessions.state
     columns = []
     if base_names:

@@ -1,5 +1,5 @@
 """How a published error table comes about, simulated whole: the bench, the sensor, the correction's own poses on the
-same bench, a revolution of readings at each inclination, and the four figures that are told of it.
+same bench, a revolution of readings at each inclination, and the four figures that are reported of it.
 
 A table of means and peak-to-peaks is data *after* a correction. Effects that the correction takes up leave no trace in
 it, others come back changed, and chance enters three times: in the readings of the revolution, in those of the
@@ -24,7 +24,7 @@ from highside.diagnosis.table.policy import CHAIN
 from highside.physics.effect import Stage
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import gravity_direction
-from highside.physics.scenario import BALANCE_TOOLFACES_DEG
+from highside.physics.plan import BALANCE_TOOLFACES_DEG
 from highside.physics.state import ChainState
 
 Correction = Literal["conventional3", "balance-average", "none"]
@@ -71,7 +71,7 @@ class Sessions:
         return self.inc_rad.size * self.procedure.stations
 
     def corrected(self, readings: Array) -> Array:
-        """Means (..., 3, N) of all poses -> corrected gravity (..., 3, R, S) at the stations, seen from the high side.
+        """Means (..., 3, N) of all poses -> corrected gravity (..., 3, R, S) at the stations, from the high side.
 
         The three components are radial (towards the toolface of the bench), tangential and axial: on a perfect
         instrument sin I, 0 and cos I.
@@ -88,8 +88,8 @@ class Sessions:
         W = np.asarray(gravity_direction(state.inc_rad[self.turns :], state.tf_rad[self.turns :]), dtype=float)
         if self.procedure.corrected_by == "conventional3":
             return np.asarray(W @ np.linalg.inv(own))[..., None, :, :]
-        rings = [slice(4 * r, 4 * r + 4) for r in range(self.inc_rad.size)]
-        return np.stack([balance_matrix(own[..., r], W[:, r]) for r in rings], axis=-3)
+        inclination_stations = [slice(4 * r, 4 * r + 4) for r in range(self.inc_rad.size)]
+        return np.stack([balance_matrix(own[..., r], W[:, r]) for r in inclination_stations], axis=-3)
 
     def apply(self, matrices: Array, turns: Array) -> Array:
         """(..., R or 1, 3, 3) to (..., 3, R, S), and from the tool's axes to those of the bench's toolface."""
@@ -203,7 +203,7 @@ def through(sessions: Sessions, clean: Array, columns: Array) -> Array:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Figures:
     """What a table says of corrected readings: cells (M, R, 4) in deg of each draw, and the derivatives of their mean.
 
     `slope` (P + 1, R, 4): by the parameters and by the noise (deg a unit).
@@ -213,7 +213,7 @@ class Told:
     slope: Array
 
 
-def tell(linear: Linear, values: Array, noise_g: float, draws: Draws, *, slopes: bool = True) -> Told:
+def tell(linear: Linear, values: Array, noise_g: float, draws: Draws, *, slopes: bool = True) -> Figures:
     """Mean and peak-to-peak of I and T over each revolution, in every draw."""
     sessions = linear.sessions
     field = linear.field(values)
@@ -223,7 +223,7 @@ def tell(linear: Linear, values: Array, noise_g: float, draws: Draws, *, slopes:
     cells = np.empty((count, rows, 4))
     slope = np.zeros((len(columns) + 1, rows, 4))
     if slopes:
-        # a mean hardly bends: its slope is that of the curve without noise
+        # a mean is hardly nonlinear: its slope is that of the curve without noise
         means = [np.asarray(_slopes(field[None], which)[0]) for which in (0, 2)]
         flat = np.moveaxis(columns, 2, 0).reshape(rows, len(columns), 3 * stations)
         for which, mean in zip((0, 2), means, strict=True):
@@ -255,7 +255,7 @@ def tell(linear: Linear, values: Array, noise_g: float, draws: Draws, *, slopes:
                 slope[-1, :, which + 1] += sign * np.sum(
                     np.moveaxis(weight, 1, 2) * flat_noise[drawn, :, row, at], axis=(0, 2)
                 )
-    return Told(np.degrees(cells), np.degrees(slope / count))
+    return Figures(np.degrees(cells), np.degrees(slope / count))
 
 
 def _angles(g: NDArray[np.float32], inc_rad: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -1,10 +1,10 @@
 """The diagnosis of a published error table: from means and peak-to-peaks after a correction to a verdict.
 
 The whole chain is simulated (`summary_chain`), sets of effects are fitted to all cells at once (`summary_fit`), the
-best set is searched and each of its members is exchanged for others (`summary_search`). A member is given its name
-where no set without it and its class comes near, and where it moves a mean otherwise than by a constant: a
-peak-to-peak of a sum has lost order and phase of what is in it. The rest is told as a remainder. Misfits are in units
-of sigma: what chance and the scatter that stays unexplained do to a cell.
+best set is searched and each of its terms is replaced by others (`summary_search`). A term is given its name where no
+set without it and its class comes near, and where it moves a mean otherwise than by a constant: a peak-to-peak of a sum
+has lost order and phase of what is in it. The rest is reported as a remainder. Misfits are in units of sigma: what
+chance and the scatter that stays unexplained do to a cell.
 """
 
 from __future__ import annotations
@@ -28,29 +28,29 @@ from highside.diagnosis.core.result import (
     Rival,
     Verdict,
 )
-from highside.diagnosis.table.advice import next_ring
+from highside.diagnosis.table.advice import next_station
 from highside.diagnosis.table.chain import CELLS, Linear, Procedure, tell
-from highside.diagnosis.table.explained import Explained, Scene, explain, prepare
+from highside.diagnosis.table.explained import Explained, Problem, explain, prepare
 from highside.diagnosis.table.fit import Fitted, Table, covariance_of_values, deviance_at, fit_set
 from highside.diagnosis.table.instrument import detectable, instrument
 from highside.diagnosis.table.policy import TABLE_VERDICT
 from highside.diagnosis.table.search import (
-    Standing,
+    Ranking,
     alike,
     left_out_row,
     other_amplitudes,
-    standing,
+    ranking,
 )
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 
 
 @dataclass(frozen=True)
-class SummaryPicture:
-    """What a report draws, all (R, 4) in the order of `CELLS`: deg told and predicted, and misfits in sigma."""
+class SummaryReportData:
+    """What a report draws, all (R, 4) in the order of `CELLS`: deg reported and predicted, and misfits in sigma."""
 
     inc_deg: Array
-    told: Array
+    published: Array
     base: Array
     fitted: Array
     sigma: Array
@@ -58,12 +58,12 @@ class SummaryPicture:
     @property
     def before(self) -> Array:
         """Misfit of the base in sigma."""
-        return np.asarray((self.told - self.base) / self.sigma)
+        return np.asarray((self.published - self.base) / self.sigma)
 
     @property
     def after(self) -> Array:
         """Misfit with the claims in sigma."""
-        return np.asarray((self.told - self.fitted) / self.sigma)
+        return np.asarray((self.published - self.fitted) / self.sigma)
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Summarised:
     """
 
     diagnosis: Diagnosis
-    picture: SummaryPicture
+    report_data: SummaryReportData
     before: ForwardModel
     named: ForwardModel
     whole: ForwardModel
@@ -85,7 +85,7 @@ class Summarised:
 
 def diagnose_summary(
     inc_deg: Array,
-    told: Array,
+    published: Array,
     procedure: Procedure,
     model: ForwardModel,
     free: Sequence[str],
@@ -95,53 +95,55 @@ def diagnose_summary(
     version: str = "",
     progress: Callable[[float, str], None] | None = None,
 ) -> Summarised:
-    """Diagnose R rows `told` (R, 4) in deg (NaN where lost) at inclinations (R,) against a model.
+    """Diagnose R rows `published` (R, 4) in deg (NaN where lost) at inclinations (R,) against a model.
 
     `free` are the effects that may be refitted anyway; `noise_g` the standard deviation of one reading, fitted where it
     is None. Raises InputError where the table says too little.
     """
     tell_progress = progress or (lambda share, words: None)
-    scene = prepare(inc_deg, told, procedure, model, tuple(free), noise_g, seed)
-    explained = explain(scene, lambda share, words: tell_progress(TABLE_VERDICT.progress[0] * share, words))
-    scene, best, table = explained.scene, explained.best, explained.scene.table
-    standings: dict[int, Standing] = {}
+    problem = prepare(inc_deg, published, procedure, model, tuple(free), noise_g, seed)
+    explained = explain(problem, lambda share, words: tell_progress(TABLE_VERDICT.progress[0] * share, words))
+    problem, best, table = explained.problem, explained.best, explained.problem.table
+    rankings: dict[int, Ranking] = {}
     for k in range(len(best.options)):
         if _shows_in_means(table, best, k):
             tell_progress(
                 TABLE_VERDICT.progress[0] + TABLE_VERDICT.progress[1] * k / len(best.options),
                 f"rivals of {best.options[k].effect}",
             )
-            standings[k] = standing(table, scene.options, scene.base, best, explained.tried, k)
-    tell_progress(sum(TABLE_VERDICT.progress), "rings left out")
-    return _conclude(explained, standings, version)
+            rankings[k] = ranking(table, problem.options, problem.base, best, explained.tried, k)
+    tell_progress(sum(TABLE_VERDICT.progress), "inclination stations left out")
+    return _conclude(explained, rankings, version)
 
 
-def _conclude(explained: Explained, standings: dict[int, Standing], version: str) -> Summarised:
-    scene, best, tried, lost = explained.scene, explained.best, explained.tried, explained.lost
-    table, base = scene.table, scene.base
+def _conclude(explained: Explained, rankings: dict[int, Ranking], version: str) -> Summarised:
+    problem, best, tried, lost = explained.problem, explained.best, explained.tried, explained.lost
+    table, base = problem.table, problem.base
     places = [_location(table, best, k) for k in range(len(best.options))]
-    believed = [k for k, s in standings.items() if s.without >= TABLE_VERDICT.believed and s.shapes == 1]
-    share = 1.0 - (best.tau_rad / base.tau_rad) ** 2 if _scatter_gain(table, best) > TABLE_VERDICT.scatter_seen else 1.0
+    believed = [k for k, s in rankings.items() if s.without >= TABLE_VERDICT.believed and s.shapes == 1]
+    share = (
+        1.0 - (best.tau_rad / base.tau_rad) ** 2 if _scatter_gain(table, best) > TABLE_VERDICT.observed_scatter else 1.0
+    )
     mask = table.mask
     beyond = _scatter_gain(table, best)
     gated = _implausible(best)
-    verdict = _verdict(best, believed, beyond > TABLE_VERDICT.scatter_seen, share, bool(lost), gated)
-    told = verdict in ("named", "named_plus")
-    parameters = _parameters(scene, best)
-    location = tuple(places[k] for k in (believed if told else range(len(best.options))))
+    verdict = _verdict(best, believed, beyond > TABLE_VERDICT.observed_scatter, share, bool(lost), gated)
+    published = verdict in ("named", "named_plus")
+    parameters = _parameters(problem, best)
+    location = tuple(places[k] for k in (believed if published else range(len(best.options))))
     if not best.options and verdict == "unknown":
         location = (_base_location(table, base, best),)
-    claims = tuple(_claim(scene, best, k, standings[k], parameters[k]) for k in believed) if told else ()
+    claims = tuple(_claim(problem, best, k, rankings[k], parameters[k]) for k in believed) if published else ()
     sigma = best.sigma(table)
-    picture = SummaryPicture(np.degrees(table.sessions.inc_rad), table.told, base.cells, best.cells, sigma)
+    report_data = SummaryReportData(np.degrees(table.sessions.inc_rad), table.published, base.cells, best.cells, sigma)
     diagnosis = Diagnosis(
         verdict=verdict,
         location=location,
         claims=claims,
-        fit=_proof(table, base, best, picture, mask),
-        remainder=_remainder(scene, best, tried, standings, believed if told else [], lost, beyond, picture),
-        not_testable=tuple(scene.lacking),
-        minimum_detectable=detectable(scene.table, scene.options, best),
+        fit=_proof(table, base, best, report_data, mask),
+        remainder=_remainder(problem, best, tried, rankings, believed if published else [], lost, beyond, report_data),
+        not_testable=tuple(problem.lacking),
+        minimum_detectable=detectable(problem.table, problem.options, best),
         noise={
             "model": "chance drawn from the simulated chain, and a scatter beyond it",
             "reading_noise_g": best.noise_g,
@@ -150,19 +152,20 @@ def _conclude(explained: Explained, standings: dict[int, Standing], version: str
             "scatter_evidence": beyond,
             "score": {"before": base.score, "after": best.score},
             "nuisances": {
-                name: float(v * u) for name, v, u in zip(scene.base_names, best.values, scene.base_units, strict=False)
+                name: float(v * u)
+                for name, v, u in zip(problem.base_names, best.values, problem.base_units, strict=False)
             },
             "unexplained_rows_deg": {f"{np.degrees(table.sessions.inc_rad[r]):g}": p for r, p in lost.items()},
         },
-        seed=scene.seed,
+        seed=problem.seed,
         version=version,
     )
-    knows = scene.model, scene.base_names, scene.base_units
+    knows = problem.model, problem.base_names, problem.base_units
     return Summarised(
         diagnosis,
-        picture,
+        report_data,
         before=instrument(*knows, base, []),
-        named=instrument(*knows, best, believed if told else []),
+        named=instrument(*knows, best, believed if published else []),
         whole=instrument(*knows, best, range(len(best.options))),
         noise_g=best.noise_g,
         explained=explained,
@@ -172,7 +175,7 @@ def _conclude(explained: Explained, standings: dict[int, Standing], version: str
 def _scatter_gain(table: Table, fitted: Fitted) -> float:
     """How much more likely the cells are with a scatter beyond chance than without (deviance)."""
     mask = table.mask
-    left = (table.told - fitted.cells).reshape(-1)[mask]
+    left = (table.published - fitted.cells).reshape(-1)[mask]
     chance = fitted.chance[np.ix_(mask, mask)]
     return deviance_at(TABLE_VERDICT.no_scatter_rad, chance, table.spread[mask], left) - deviance_at(
         fitted.tau_rad, chance, table.spread[mask], left
@@ -203,8 +206,8 @@ def _implausible(best: Fitted) -> list[str]:
     return outside
 
 
-def _parameters(scene: Scene, best: Fitted) -> list[dict[str, FittedParameter]]:
-    std = np.sqrt(np.diag(covariance_of_values(scene.table, best)))
+def _parameters(problem: Problem, best: Fitted) -> list[dict[str, FittedParameter]]:
+    std = np.sqrt(np.diag(covariance_of_values(problem.table, best)))
     result = []
     for k, option in enumerate(best.options):
         effect = all_effects()[option.effect]
@@ -230,7 +233,7 @@ def _gain_p(table: Table, best: Fitted, index: int) -> float:
 
 
 def _moves(table: Table, best: Fitted, index: int) -> Array:
-    """(R, 4) sigma by which one member moves the cells that count."""
+    """(R, 4) sigma by which one term moves the cells that count."""
     without = best.values.copy()
     without[best.own(index)] = 0.0
     linear = Linear(table.sessions, table.start, np.concatenate([table.base, *(o.field for o in best.options)]))
@@ -239,7 +242,7 @@ def _moves(table: Table, best: Fitted, index: int) -> Array:
 
 
 def _shows_in_means(table: Table, best: Fitted, index: int) -> bool:
-    """Whether a member moves a mean.
+    """Whether a term moves a mean.
 
     A constant of toolface does not count: errors of the correction's own poses make one.
     """
@@ -253,13 +256,13 @@ def _shows_in_means(table: Table, best: Fitted, index: int) -> bool:
 
 
 def _location(table: Table, best: Fitted, index: int) -> Location:
-    """Rows and columns that one member moves, in sigma."""
+    """Rows and columns that one term moves, in sigma."""
     moved = _moves(table, best, index)
     return _where(table, moved, 1.0, _gain_p(table, best, index))
 
 
 def _base_location(table: Table, base: Fitted, best: Fitted) -> Location:
-    z = np.nan_to_num((table.told - base.cells) / np.sqrt(np.diag(best.chance)).reshape(-1, 4))
+    z = np.nan_to_num((table.published - base.cells) / np.sqrt(np.diag(best.chance)).reshape(-1, 4))
     return _where(table, z, 1.0, chi2_beyond(_scatter_gain(table, base), 1))
 
 
@@ -270,28 +273,30 @@ def _where(table: Table, moved: Array, share: float, p: float) -> Location:
     by_row = np.sum(moved[:, columns] ** 2, axis=1)
     order = np.argsort(table.sessions.inc_rad)
     inc = np.degrees(table.sessions.inc_rad[order])
-    loud = by_row[order] > PLACES.ranged * by_row.max()
+    significant = by_row[order] > PLACES.ranged * by_row.max()
     intervals: list[tuple[float, float]] = []
     for k in range(inc.size):
-        if loud[k]:
-            if k and loud[k - 1]:
+        if significant[k]:
+            if k and significant[k - 1]:
                 intervals[-1] = (intervals[-1][0], float(inc[k]))
             else:
                 intervals.append((float(inc[k]), float(inc[k])))
     return Location(tuple(CELLS[c] for c in columns), "inc_ref_deg", tuple(intervals), None, share, p)
 
 
-def _claim(scene: Scene, best: Fitted, index: int, own: Standing, parameters: dict[str, FittedParameter]) -> Claim:
+def _claim(problem: Problem, best: Fitted, index: int, own: Ranking, parameters: dict[str, FittedParameter]) -> Claim:
     effect = all_effects()[own.option.effect]
     instead = {name: fitted for name, fitted in own.instead.items() if name in own.same}
-    advice = next_ring(scene.model, scene.table, scene.base_names, scene.base_units, best, instead, scene.seed)
+    advice = next_station(
+        problem.model, problem.table, problem.base_names, problem.base_units, best, instead, problem.seed
+    )
     return Claim(
         effect=effect.id,
         story=effect.story,
         formula=effect.formula,
         stage=effect.stage.value,
         parameters=parameters,
-        p_familywise=min(1.0, len(scene.options) * _gain_p(scene.table, best, index)),
+        p_familywise=min(1.0, len(problem.options) * _gain_p(problem.table, best, index)),
         equivalence_class=own.same,
         rivals_ruled_out=tuple(
             Rival(name, float(cost)) for name, cost in sorted(own.ruled_out.items(), key=lambda item: item[1])
@@ -300,14 +305,14 @@ def _claim(scene: Scene, best: Fitted, index: int, own: Standing, parameters: di
     )
 
 
-def _proof(table: Table, base: Fitted, best: Fitted, picture: SummaryPicture, mask: NDArray[np.bool_]) -> Fit:
+def _proof(table: Table, base: Fitted, best: Fitted, report_data: SummaryReportData, mask: NDArray[np.bool_]) -> Fit:
     """Each inclination predicted from the others, in units of the cells' final sigma."""
     cells = mask.reshape(-1, 4)
     rows = np.flatnonzero(cells.any(axis=1))
 
     def held_out(fitted: Fitted) -> Array:
         return np.array(
-            [np.mean((left_out_row(table, fitted, int(r))[0] / picture.sigma[r])[cells[r]] ** 2) for r in rows]
+            [np.mean((left_out_row(table, fitted, int(r))[0] / report_data.sigma[r])[cells[r]] ** 2) for r in rows]
         )
 
     before, after = held_out(base), held_out(best) if best.options else held_out(base)
@@ -315,8 +320,8 @@ def _proof(table: Table, base: Fitted, best: Fitted, picture: SummaryPicture, ma
     half = INTERVALS.normal * float(relative.std(ddof=1) / np.sqrt(relative.size))
     return Fit(
         unit="sigma",
-        rmse_before=float(np.sqrt(np.mean(picture.before[cells] ** 2))),
-        rmse_after=float(np.sqrt(np.mean(picture.after[cells] ** 2))),
+        rmse_before=float(np.sqrt(np.mean(report_data.before[cells] ** 2))),
+        rmse_after=float(np.sqrt(np.mean(report_data.after[cells] ** 2))),
         heldout_rmse_before=float(np.sqrt(before.mean())),
         heldout_rmse_after=float(np.sqrt(after.mean())),
         heldout_gain_low=float(relative.mean()) - half,
@@ -327,27 +332,27 @@ def _proof(table: Table, base: Fitted, best: Fitted, picture: SummaryPicture, ma
 
 
 def _remainder(
-    scene: Scene,
+    problem: Problem,
     best: Fitted,
     tried: Sequence[Fitted],
-    standings: dict[int, Standing],
+    rankings: dict[int, Ranking],
     believed: list[int],
     lost: dict[int, float],
     beyond: float,
-    picture: SummaryPicture,
+    report_data: SummaryReportData,
 ) -> Remainder:
-    table = scene.table
+    table = problem.table
     hints = []
     resembles: list[str] = []
     for k, option in enumerate(best.options):
         if k in believed:
             continue
-        same = standings[k].same if k in standings else alike(best, tried, k)
+        same = rankings[k].same if k in rankings else alike(best, tried, k)
         resembles += [name for name in same if name not in resembles]
         others = f" (so do {', '.join(same[1:])})" if len(same) > 1 else ""
         why = (
             "other sets without it come near"
-            if k in standings
+            if k in rankings
             else "it shows in peak-to-peaks only, which have lost order and phase: errors by toolface would tell"
         )
         hints.append(f"something like {option.effect} helps as well{others}, but has no sure name: {why}")
@@ -356,29 +361,29 @@ def _remainder(
         if turned:
             parts = "; ".join(", ".join(names) for names in turned)
             hints.append(f"{best.options[k].effect} does as well with other amplitudes: {parts}")
-    cells = np.where(table.mask.reshape(-1, 4), picture.after, 0.0)
+    cells = np.where(table.mask.reshape(-1, 4), report_data.after, 0.0)
     for row, column in sorted(
         zip(*np.nonzero(np.abs(cells) > TABLE_VERDICT.off), strict=True), key=lambda at: -abs(cells[at])
     ):
         hints.append(
-            f"the row at {picture.inc_deg[row]:g} deg stays off: its {CELLS[column]} is "
+            f"the row at {report_data.inc_deg[row]:g} deg stays off: its {CELLS[column]} is "
             f"{cells[row, column]:+.1f} sigma beside what is explained"
         )
     for row in lost:
-        z = picture.after[row]
+        z = report_data.after[row]
         worst = int(np.nanargmax(np.abs(z)))
         hints.append(
-            f"the row at {picture.inc_deg[row]:g} deg is not explained (p = {lost[row]:.1e} from the others; "
+            f"the row at {report_data.inc_deg[row]:g} deg is not explained (p = {lost[row]:.1e} from the others; "
             f"{CELLS[worst]} is {z[worst]:+.1f} sigma): measure it again"
         )
-    if beyond > TABLE_VERDICT.scatter_seen:
+    if beyond > TABLE_VERDICT.observed_scatter:
         hints.append(
             f"rows scatter by {np.degrees(best.tau_rad):.4f} deg of direction beyond chance "
-            f"({np.degrees(scene.base.tau_rad):.4f} before): they were not measured under one and the same state"
+            f"({np.degrees(problem.base.tau_rad):.4f} before): they were not measured under one and the same state"
         )
     location: tuple[Location, ...] = ()
     if lost:
-        z = np.where(np.isin(np.arange(len(picture.inc_deg)), list(lost))[:, None], picture.after, 0.0)
+        z = np.where(np.isin(np.arange(len(report_data.inc_deg)), list(lost))[:, None], report_data.after, 0.0)
         everything = replace(table, use=np.ones_like(table.use))
         location = (_where(everything, np.nan_to_num(z), 1.0 - 0.0, min(lost.values())),)
     p = chi2_beyond(max(beyond, 0.0), 1)

@@ -30,7 +30,7 @@ NO_TIME = "a table does not say when a row was measured"
 NO_SIDE = "a table does not say from which side a pose was approached"
 
 
-def untold() -> dict[str, str]:
+def not_in_a_table() -> dict[str, str]:
     """Effects that a table cannot show, and why: those counted in seconds or seconds' rates, those of the side."""
     known = [effect for effect in all_effects().values() if not effect.random]
     timed = [e for e in known if "t_s" in e.needs and any("s" in p.unit.split("/") for p in e.parameters)]
@@ -40,7 +40,7 @@ def untold() -> dict[str, str]:
 
 
 @dataclass(frozen=True)
-class Scene:
+class Problem:
     """What there is to explain and what may explain it: the model that is known, its parameters that may be refitted
     (`base_names`, in units of `base_units`), the table, the effects, and those that leave no trace in it."""
 
@@ -58,19 +58,21 @@ class Scene:
 class Explained:
     """The best set, all that were tried (best score first), and rows left out with their probability."""
 
-    scene: Scene
+    problem: Problem
     best: Fitted
     tried: list[Fitted]
     lost: dict[int, float]
 
 
-def explain(scene: Scene, progress: Progress) -> Explained:
-    """Search for the set of effects that the table asks for; rows that it does not explain are left out."""
-    found = search(scene.table, scene.options, scene.base, report=lambda s, w: progress(EXPLAINING.progress * s, w))
-    best = polished(scene.table, found.best)
+def explain(problem: Problem, progress: Progress) -> Explained:
+    """Search for the set of effects that the table requires; rows that it does not explain are left out."""
+    found = search(
+        problem.table, problem.options, problem.base, report=lambda s, w: progress(EXPLAINING.progress * s, w)
+    )
+    best = polished(problem.table, found.best)
     lost: dict[int, float] = {}
-    table = scene.table
-    while best.options and len(lost) < len(table.told) // EXPLAINING.lost:
+    table = problem.table
+    while best.options and len(lost) < len(table.published) // EXPLAINING.lost:
         odd = unexplained_rows(table, best)
         if not odd:
             break
@@ -80,23 +82,24 @@ def explain(scene: Scene, progress: Progress) -> Explained:
         best = fit_set(table, best.options, best)
     if lost:
         progress(EXPLAINING.progress, "once more without the rows that do not fit")
-        scene = replace(scene, table=table, base=fit_set(table, (), scene.base))
+        problem = replace(problem, table=table, base=fit_set(table, (), problem.base))
         seeds = [fit_set(table, f.options, f) for f in found.tried[:3]]
-        found = search(table, scene.options, scene.base, width=3, depth=3, seeds=[best, *seeds])
+        found = search(table, problem.options, problem.base, width=3, depth=3, seeds=[best, *seeds])
         best = polished(table, found.best)
-    return Explained(scene, best, found.tried, lost)
+    return Explained(problem, best, found.tried, lost)
 
 
 def prepare(
     inc_deg: Array,
-    told: Array,
+    published: Array,
     procedure: Procedure,
     model: ForwardModel,
     free: tuple[str, ...],
     noise_g: float | None,
     seed: int,
-) -> Scene:
-    """The scene of R rows `told` (R, 4) in deg at inclinations (R,). Raises InputError where that says too little."""
+) -> Problem:
+    """The problem of R rows `published` (R, 4) in deg at inclinations (R,). Raises InputError where they say too
+    little."""
     if POSE_ERROR.id not in model.ids:
         model = model.with_effects(
             {
@@ -116,25 +119,25 @@ def prepare(
     if columns is not None:
         columns = columns * units[:, None, None]
         probe = Linear.about(sessions, model, columns)
-        seen = np.mean(probe.columns**2, axis=(1, 2, 3)) > REGRESSION.independent * np.mean(columns**2, axis=(1, 2))
-        kept = [int(k) for k in np.flatnonzero(seen)]
+        visible = np.mean(probe.columns**2, axis=(1, 2, 3)) > REGRESSION.independent * np.mean(columns**2, axis=(1, 2))
+        kept = [int(k) for k in np.flatnonzero(visible)]
     base_columns = columns[kept] if columns is not None else np.empty((0, 3, sessions.state.n))
-    table = Table.of(sessions, told, model, base_columns, noise_g, seed)
+    table = Table.of(sessions, published, model, base_columns, noise_g, seed)
     if table.mask.sum() < EXPLAINING.min_cells:
         raise InputError(
             f"{int(table.mask.sum())} cells are too few for a diagnosis", remedy=f"give {EXPLAINING.min_cells}"
         )
     options, lacking = _options(sessions, model, free)
     base = rechanced(table, fit_set(table, ()))
-    return Scene(model, [names[k] for k in kept], units[kept], table, options, base, lacking, seed)
+    return Problem(model, [names[k] for k in kept], units[kept], table, options, base, lacking, seed)
 
 
 def _options(sessions: Sessions, model: ForwardModel, free: tuple[str, ...]) -> tuple[list[Option], list[NotTestable]]:
     """Effects that leave a trace behind the correction, and those that do not with the reason."""
     clean = np.asarray(model.predict(sessions.state), dtype=float)
-    candidates, blind = pose_candidates(model, sessions.state, free)
-    hidden = untold()
-    lacking = [NotTestable(b.effect.id, b.why, b.effect.splitter) for b in blind if b.effect.id not in hidden]
+    candidates, unobservable = pose_candidates(model, sessions.state, free)
+    hidden = not_in_a_table()
+    lacking = [NotTestable(b.effect.id, b.why, b.effect.splitter) for b in unobservable if b.effect.id not in hidden]
     options: list[Option] = []
     for candidate in candidates:
         assert candidate.effect is not None

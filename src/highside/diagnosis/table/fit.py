@@ -53,11 +53,13 @@ def options_of(sessions: Sessions, clean: Array, candidate: Candidate) -> list[O
         unit = candidate.unit()[which]
         moved = through(sessions, clean, variant.columns) * unit[:, None, None, None]
         before = np.mean((variant.columns * unit[:, None, None]) ** 2, axis=(1, 2))
-        seen = np.mean(moved**2, axis=(1, 2, 3)) > REGRESSION.independent * before
-        kept = [k for k, sees in zip(which, seen, strict=True) if sees]
+        visible = np.mean(moved**2, axis=(1, 2, 3)) > REGRESSION.independent * before
+        kept = [k for k, sees in zip(which, visible, strict=True) if sees]
         if kept and len(kept) <= TABLE_FITS.max_amplitudes:
             names = tuple(candidate.amplitudes[k] for k in kept)
-            found.append(Option(candidate.id, tuple(variant.shape.items()), names, unit[seen], moved[seen], shapes))
+            found.append(
+                Option(candidate.id, tuple(variant.shape.items()), names, unit[visible], moved[visible], shapes)
+            )
     unique = {(o.shape, o.amplitudes): o for o in found}
     return list(unique.values())
 
@@ -69,7 +71,7 @@ def _which(variant: Variant, whole: Variant) -> list[int]:
 
 @dataclass(frozen=True)
 class Table:
-    """What is to be explained: `told` (R, 4) deg with NaN where lost, and how it was measured.
+    """What is to be explained: `published` (R, 4) deg with NaN where lost, and how it was measured.
 
     `base` (P, 3, R, S) are the fields of what is fitted anyway: what may be refitted, in typical units, and behind it
     the errors of the correction's poses; `known` (P,) is the standard deviation of each beforehand. `use` (R,) are rows
@@ -77,7 +79,7 @@ class Table:
     """
 
     sessions: Sessions
-    told: Array
+    published: Array
     start: Array
     base: Array
     known: Array
@@ -88,7 +90,7 @@ class Table:
 
     @classmethod
     def of(
-        cls, sessions: Sessions, told: Array, model: ForwardModel, base: Array, noise_g: float | None, seed: int
+        cls, sessions: Sessions, published: Array, model: ForwardModel, base: Array, noise_g: float | None, seed: int
     ) -> Table:
         """At a model whose random effects say how the bench stops; `base` (P, 3, N) columns of its free parameters."""
         clean = np.asarray(model.predict(sessions.state), dtype=float)
@@ -97,20 +99,20 @@ class Table:
         own = not len(errors)
         return cls(
             sessions,
-            told,
+            published,
             sessions.corrected(clean),
             through(sessions, clean, np.concatenate([base, errors])),
             np.concatenate([np.full(len(base), TABLE_FITS.wide), np.ones(len(errors))]),
             noise_g,
             draw(sessions, model, TABLE_FITS.fit_draws, seed, size, own=own),
             draw(sessions, model, TABLE_FITS.chance_draws, seed + 1, size, own=own),
-            np.ones(len(told), dtype=bool),
+            np.ones(len(published), dtype=bool),
         )
 
     @property
     def mask(self) -> NDArray[np.bool_]:
         """(4 R,) cells that count."""
-        usable = np.isfinite(self.told)
+        usable = np.isfinite(self.published)
         usable[self.sessions.degenerate(), :2] = False
         return np.asarray((usable & self.use[:, None]).reshape(-1))
 
@@ -250,14 +252,14 @@ def _descend(
 ) -> tuple[float, Array]:
     mask, base = table.mask, len(table.base)
     lower = np.linalg.cholesky((chance + np.diag((tau * table.spread) ** 2))[np.ix_(mask, mask)])
-    told = table.told.reshape(-1)[mask]
+    published = table.published.reshape(-1)[mask]
     sizes = theta.size - 1
 
     def residual(at: Array) -> tuple[float, Array, Array]:
         said = tell(linear, at[:-1], float(np.exp(at[-1])), table.draws)
         slope = said.slope.reshape(sizes + 1, -1)[:, mask].copy()
         slope[-1] *= np.exp(at[-1])
-        left = np.linalg.solve(lower, np.column_stack([told - said.cells.mean(axis=0).reshape(-1)[mask], slope.T]))
+        left = np.linalg.solve(lower, np.column_stack([published - said.cells.mean(axis=0).reshape(-1)[mask], slope.T]))
         gram, pull = left[:, 1:].T @ left[:, 1:], left[:, 1:].T @ left[:, 0]
         cost = float(left[:, 0] @ left[:, 0])
         cost += float(np.sum((at[:base] / table.known) ** 2))
@@ -309,7 +311,7 @@ def _most_likely_tau(table: Table, linear: Linear, theta: Array, chance: Array) 
 
     mask = table.mask
     cells = tell(linear, theta[:-1], float(np.exp(theta[-1])), table.draws, slopes=False).cells.mean(axis=0)
-    left = (table.told - cells).reshape(-1)[mask]
+    left = (table.published - cells).reshape(-1)[mask]
     part = chance[np.ix_(mask, mask)]
     spread = table.spread[mask]
     found = minimize_scalar(

@@ -42,13 +42,13 @@ def detectable(table: Table, options: Sequence[Option], best: Fitted) -> dict[st
 
 
 def instrument(
-    model: ForwardModel, base_names: Sequence[str], base_units: Array, fitted: Fitted, members: Iterable[int]
+    model: ForwardModel, base_names: Sequence[str], base_units: Array, fitted: Fitted, terms: Iterable[int]
 ) -> ForwardModel:
-    """The model at what was fitted, with some members of the set: what predicts other tables of the instrument."""
+    """The model at what was fitted, with some terms of the set: what predicts other tables of the instrument."""
     if base_names:
         values = fitted.values[: len(base_names)] * base_units
         model = model.set_free(model.get_free(base_names) + values, base_names)
-    for k in members:
+    for k in terms:
         option = fitted.options[k]
         amounts = dict(zip(option.amplitudes, (fitted.values[fitted.own(k)] * option.typical).tolist(), strict=True))
         model = model.with_effects({option.effect: {**amounts, **dict(option.shape)}})

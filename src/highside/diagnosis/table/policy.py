@@ -15,10 +15,10 @@ from highside.arrays import Array
 
 
 @dataclass(frozen=True)
-class RingAdvicePolicy:
-    """Which ring to measure next."""
+class StationAdvicePolicy:
+    """Which inclination station to measure next."""
 
-    rings_deg: tuple[float, ...] = (
+    inclinations_deg: tuple[float, ...] = (
         0.3,
         0.6,
         1.0,
@@ -43,14 +43,15 @@ class RingAdvicePolicy:
         178.0,
         179.0,
     )
-    """deg; inclinations among which a ring is advised. Chosen in b616c3f; no run is recorded."""
+    """deg; inclinations among which an inclination station is advised. Chosen in b616c3f; no run is recorded."""
     worth: float = 6.0
-    """Chi-square; a ring that parts two explanations by less is no advice. Chosen in b616c3f; no run is recorded."""
+    """Chi-square; an inclination station that parts two explanations by less is no advice. Chosen in b616c3f; no run is
+    recorded."""
     draws: int = 24
-    """Draws of chance by which a new ring is predicted. Chosen in 5709bc0; no run is recorded."""
+    """Draws of chance by which a new inclination station is predicted. Chosen in 5709bc0; no run is recorded."""
 
 
-RING_ADVICE = RingAdvicePolicy()
+STATION_ADVICE = StationAdvicePolicy()
 
 
 @dataclass(frozen=True)
@@ -82,19 +83,19 @@ CHAIN = ChainPolicy()
 
 @dataclass(frozen=True)
 class TableVerdictPolicy:
-    """What is told of a table."""
+    """What is reported of a table."""
 
     named_share: float = 0.85
     """Share of the unexplained scatter's variance that names must remove to be given. Chosen in 21ed34d; no run is
     recorded."""
     believed: float = 6.0
-    """BIC; a member is named where every set without its class scores worse by this. Chosen in b616c3f; no run is
+    """BIC; a term is named where every set without its class scores worse by this. Chosen in b616c3f; no run is
     recorded."""
     off: float = 2.0
-    """Sigma; cells that stay off by more are told. Chosen in b616c3f; no run is recorded."""
+    """Sigma; cells that stay off by more are reported. Chosen in b616c3f; no run is recorded."""
     shows: float = 4.0
-    """Chi-square by which a member must move the means to have a name. Chosen in b616c3f; no run is recorded."""
-    scatter_seen: float = 12.0
+    """Chi-square by which a term must move the means to have a name. Chosen in b616c3f; no run is recorded."""
+    observed_scatter: float = 12.0
     """Deviance, gain at which the scatter beyond chance is there. Chosen in b616c3f; no run is recorded."""
     progress: tuple[float, float] = (0.6, 0.35)
     """Shares of the work done: the search, then the rivals. For a bar of progress alone. Chosen in 9b9d783; no run is
@@ -102,7 +103,7 @@ class TableVerdictPolicy:
     no_scatter_rad: float = 1e-7
     """rad; a scatter that is none. Chosen in b616c3f; no run is recorded."""
     of_means: float = 0.1
-    """Share of what a member moves that must be means. Chosen in b616c3f; no run is recorded."""
+    """Share of what a term moves that must be means. Chosen in b616c3f; no run is recorded."""
 
 
 TABLE_VERDICT = TableVerdictPolicy()
@@ -182,8 +183,8 @@ class InstrumentPolicy:
     """What a table says of its instrument."""
 
     evidence_80: float = 20.0
-    """Chi-square that an effect of few amplitudes needs to be seen with 80 % probability. Chosen in b616c3f; no run is
-    recorded."""
+    """Chi-square that an effect of few amplitudes needs to be detected with 80 % probability. Chosen in b616c3f; no run
+    is recorded."""
     probe: float = 0.3
     """Typical sizes by which the cells' change with an effect is known. Chosen in b616c3f; no run is recorded."""
     draws: int = 200
@@ -232,7 +233,7 @@ class PosteriorPolicy:
     signs_kept: int = 3
     """Modes of a set that are fitted so. Chosen in 9b9d783; no run is recorded."""
     freedom: int = 6
-    """Degrees of freedom of the proposals: heavier tails than what is asked for. Chosen in 9b9d783; no run is
+    """Degrees of freedom of the proposals: heavier tails than what is required. Chosen in 9b9d783; no run is
     recorded."""
     apart: float = 2.0
     """Sigma in the nearest direction; modes nearer to one another are one. Chosen in 9b9d783; no run is recorded."""
@@ -255,7 +256,7 @@ class PosteriorPolicy:
     report_every: int = 20
     """Draws between two reports of progress. Chosen in 9b9d783; no run is recorded."""
     kept: float = 0.995
-    """Share of the probability that the sets told hold. Chosen in 9b9d783; no run is recorded."""
+    """Share of the probability that the sets reported hold. Chosen in 9b9d783; no run is recorded."""
     tau_move: float = 0.3
     """Spread of a step of the scatter's logarithm. Chosen in 9b9d783; no run is recorded."""
 
@@ -278,12 +279,12 @@ class SearchPolicy:
     """BIC; what one more effect must improve the score by: strong among some forty candidates. Chosen in 5709bc0; no
     run is recorded."""
     same: float = 10.0
-    """Deviance; sets whose scores differ by less are not told apart: 6 as a difference of BIC, the rest for what the
+    """Deviance; sets whose scores differ by less are not distinguished: 6 as a difference of BIC, the rest for what the
     draws leave. Chosen in 9428ae6; no run is recorded."""
     clear: float = 20.0
     """Deviance; sets that score worse by more are not looked at again. Chosen in 9428ae6; no run is recorded."""
     over: float = 3.0
-    """Sigma by which a predicted peak-to-peak may exceed the one that is told. Chosen in 20d1d73; no run is
+    """Sigma by which a predicted peak-to-peak may exceed the one that is reported. Chosen in 20d1d73; no run is
     recorded."""
     unexplained_p: float = 1e-3
     """Probability; a row less likely, predicted from the others, is not explained (over all rows). Chosen in 11b284e;

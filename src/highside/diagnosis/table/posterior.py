@@ -134,15 +134,15 @@ class _Evidence:
 
     @classmethod
     def of(cls, explained: Explained, fitted: Fitted, chance: _Chance) -> _Evidence:
-        table = explained.scene.table
+        table = explained.problem.table
         fields = [table.base, *(option.field for option in fitted.options)]
         linear = Linear(table.sessions, table.start, np.concatenate(fields))
-        return cls(table, chance, linear, log_prior_of_set(explained.scene.options, fitted))
+        return cls(table, chance, linear, log_prior_of_set(explained.problem.options, fitted))
 
     def left(self, at: Array) -> Array:
         """(n,) what the cells that count are off by, at values and logarithm of the noise."""
         said = tell(self.linear, at[:-1], self.noise_g(at), self.table.draws, slopes=False).cells.mean(axis=0)
-        return np.asarray((self.table.told - said).reshape(-1)[self.table.mask])
+        return np.asarray((self.table.published - said).reshape(-1)[self.table.mask])
 
     def noise_g(self, at: Array) -> float:
         return self.table.noise_g or float(np.exp(at[-1]))
@@ -171,7 +171,7 @@ class _Evidence:
 
 
 def _mode(explained: Explained, fitted: Fitted) -> _Mode:
-    table = explained.scene.table
+    table = explained.problem.table
     cov = covariance_with_priors(table, fitted)
     spread = float(np.sqrt(cov[-1, -1]))
     gain = cov[:-1, -1] / cov[-1, -1]
@@ -183,13 +183,13 @@ def _mode(explained: Explained, fitted: Fitted) -> _Mode:
     mass -= np.sum(np.log1p((extra / POSTERIOR.size) ** 2) + np.log(np.pi * POSTERIOR.size))
     mass -= 0.5 * ((centre[-1] - np.log(TABLE_FITS.noise_g)) / TABLE_FITS.noise_log_std) ** 2
     mass += np.sum(np.log(np.diag(lower))) + np.log(spread) + 0.5 * centre.size * np.log(2 * np.pi)
-    return _Mode(fitted, centre, spread, gain, lower, float(mass) + log_prior_of_set(explained.scene.options, fitted))
+    return _Mode(fitted, centre, spread, gain, lower, float(mass) + log_prior_of_set(explained.problem.options, fitted))
 
 
 def instruments(explained: Explained, count: int, seed: int, progress: Progress | None = None) -> Posterior:
     """`count` instruments that the table allows. The same seed gives the same instruments."""
     report = progress or (lambda share, words: None)
-    table = explained.scene.table
+    table = explained.problem.table
     sets = _likely_sets(explained, report)
     report(0.5, "sizes that the table allows")
     common = _Chance.of(table, sets[0][0].fitted)
@@ -214,7 +214,7 @@ def instruments(explained: Explained, count: int, seed: int, progress: Progress 
     weight /= weight.sum()
     places = np.searchsorted(np.cumsum(weight), (np.arange(count) + rng.uniform()) / count)
     places = rng.permutation(np.minimum(places, weight.size - 1))
-    own_poses = errors_in_common(table.sessions, explained.scene.model, table.noise_g or TABLE_FITS.noise_g)
+    own_poses = errors_in_common(table.sessions, explained.problem.model, table.noise_g or TABLE_FITS.noise_g)
     draws = []
     for n, place in enumerate(places):
         particle = found[place]
@@ -232,7 +232,7 @@ def instruments(explained: Explained, count: int, seed: int, progress: Progress 
 
 def _likely_sets(explained: Explained, report: Progress) -> list[list[_Mode]]:
     """The modes of the likeliest sets, likeliest set first."""
-    table = explained.scene.table
+    table = explained.problem.table
     every = {frozenset(f.options): [_mode(explained, f)] for f in (*explained.tried, explained.best)}
     searched: set[frozenset[Option]] = set()
     grown: set[frozenset[Option]] = set()
@@ -271,8 +271,8 @@ def _likely_sets(explained: Explained, report: Progress) -> list[list[_Mode]]:
 
 def _helpful(explained: Explained, parent: Fitted) -> list[Option]:
     """The options whose addition promises most evidence, by one linear step from a fitted set."""
-    table = explained.scene.table
-    options = [o for o in explained.scene.options if o.effect not in parent.effects]
+    table = explained.problem.table
+    options = [o for o in explained.problem.options if o.effect not in parent.effects]
     linear = Linear(
         table.sessions,
         table.start,
@@ -283,7 +283,7 @@ def _helpful(explained: Explained, parent: Fitted) -> list[Option]:
     said = tell(linear, values, parent.noise_g, table.draws)
     mask = table.mask
     slope = said.slope.reshape(values.size + 1, -1)[:, mask]
-    left = (table.told - said.cells.mean(axis=0)).reshape(-1)[mask]
+    left = (table.published - said.cells.mean(axis=0)).reshape(-1)[mask]
     inverse = np.linalg.inv(parent.covariance(table)[np.ix_(mask, mask)])
     known = np.append(slope[: parent.values.size], slope[-1:] * parent.noise_g, axis=0)
     inner = np.linalg.inv(known @ inverse @ known.T + np.diag(table.precision(len(known))))
@@ -299,14 +299,14 @@ def _helpful(explained: Explained, parent: Fitted) -> list[Option]:
         gain = 0.5 * float(pull @ np.linalg.solve(curve, pull)) - 0.5 * float(
             np.linalg.slogdet(curve * POSTERIOR.size**2)[1]
         )
-        promise.append(gain + log_share(explained.scene.options, option))
+        promise.append(gain + log_share(explained.problem.options, option))
     order = np.argsort(promise)[::-1][: POSTERIOR.helpful]
     return [options[k] for k in order]
 
 
 def _signs(explained: Explained, first: _Mode) -> list[_Mode]:
     """The modes of a set: fitted again with each amplitude, and with each effect, turned around."""
-    table = explained.scene.table
+    table = explained.problem.table
     modes = [first]
     for k in range(len(first.fitted.options)):
         own = first.fitted.own(k)
@@ -339,9 +339,9 @@ def _by_noise(evidence: _Evidence, mode: _Mode) -> list[_Mode]:
             precision[table.known.size :] = 2.0 / (POSTERIOR.size**2 + at[table.known.size : -1] ** 2)
             said = tell(evidence.linear, at[:-1], evidence.noise_g(at), table.draws)
             slope = said.slope.reshape(at.size, -1)[:-1, table.mask]
-            left = (table.told - said.cells.mean(axis=0)).reshape(-1)[table.mask]
+            left = (table.published - said.cells.mean(axis=0)).reshape(-1)[table.mask]
             inner = np.linalg.inv(slope @ inverse @ slope.T + np.diag(precision))
-            # peak-to-peaks bend: no long steps
+            # peak-to-peaks are nonlinear: no long steps
             at[:-1] += np.clip(inner @ (slope @ inverse @ left - precision * at[:-1]), -1.0, 1.0)
         lower = np.linalg.cholesky(inner)
         mass = evidence.posterior(at, tau) + float(np.sum(np.log(np.diag(lower))))
@@ -415,9 +415,9 @@ def _constant(size: int) -> float:
 
 
 def _drawn(explained: Explained, fitted: Fitted, at: Array, own: Array) -> Drawn:
-    scene = explained.scene
-    table, base = scene.table, len(scene.base_names)
+    problem = explained.problem
+    table, base = problem.table, len(problem.base_names)
     values = replace(fitted, values=at[:-1])
-    model = instrument(scene.model, scene.base_names, scene.base_units, values, range(len(fitted.options)))
+    model = instrument(problem.model, problem.base_names, problem.base_units, values, range(len(fitted.options)))
     moved = np.tensordot(at[base : base + len(own)], own, 1) if len(own) else np.zeros((3, 0))
     return Drawn(model, table.noise_g or float(np.exp(at[-1])), moved, tuple(o.effect for o in fitted.options))

@@ -1,4 +1,4 @@
-"""What is taken for likely of an instrument before its table is seen: which effects are there, and the scatter."""
+"""What is taken for likely of an instrument before its table is observed: which effects are there, and the scatter."""
 
 from __future__ import annotations
 

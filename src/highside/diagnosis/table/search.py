@@ -1,8 +1,8 @@
-"""Which set of effects explains a published table: a beam search over sets, what each member can be exchanged for, and
+"""Which set of effects explains a published table: a beam search over sets, what each term can be replaced by, and
 rows that no set explains.
 
 A few dozen numbers, half of them peak-to-peaks that have lost order and phase, are explained by many sets nearly as
-well. One path of best next steps goes astray among them, so the best few sets of each size are kept. A member of the
+well. One path of best next steps goes astray among them, so the best few sets of each size are kept. A term of the
 best set is believed where no set without it comes near; what takes its place in a set that does come near is of its
 class.
 """
@@ -40,7 +40,7 @@ def search(
     seeds: Sequence[Fitted] = (),
     report: Report | None = None,
 ) -> Search:
-    """Beam search from the base fit (and from other fitted sets). The smallest set within `SEARCH.step` a member of the
+    """Beam search from the base fit (and from other fitted sets). The smallest set within `SEARCH.step` a term of the
     best score is the answer."""
     beam: list[Fitted] = [base, *seeds]
     every: dict[frozenset[Option], Fitted] = {frozenset(f.options): f for f in beam}
@@ -71,13 +71,13 @@ def search(
 
 
 def _smallest(tried: Sequence[Fitted]) -> Fitted:
-    """The best set such that each member it has more than another is worth `SEARCH.step`."""
+    """The best set such that each term it has more than another is worth `SEARCH.step`."""
     return min(tried, key=lambda f: f.score + SEARCH.step * len(f.options))
 
 
 @dataclass(frozen=True)
-class Standing:
-    """One member of the best set: how much better sets with it are than sets without it, and what may replace it."""
+class Ranking:
+    """One term of the best set: how much better sets with it are than sets without it, and what may replace it."""
 
     option: Option
     without: float
@@ -91,10 +91,10 @@ class Standing:
     """how many of its shapes (harmonic orders) do as well: with several, it stands for something that is not known"""
 
 
-def standing(
+def ranking(
     table: Table, options: Sequence[Option], base: Fitted, best: Fitted, tried: Sequence[Fitted], index: int
-) -> Standing:
-    """Search without one member's effect, beside the other members, and compare."""
+) -> Ranking:
+    """Search without one term's effect, beside the other terms, and compare."""
     option = best.options[index]
     others = tuple(o for k, o in enumerate(best.options) if k != index)
     rest = fit_set(table, others, best) if others else base
@@ -117,7 +117,7 @@ def standing(
 
     kept = {o.effect for o in others}
     instead: dict[str, Fitted] = {}
-    for effect in dict.fromkeys(e for f in sorted(rivals, key=cost) for e in f.effects - kept):
+    for effect in dict.fromkeys(e for f in sorted(rivals, key=cost) for e in sorted(f.effects - kept)):
         fitted = min((f for f in rivals if effect in f.effects), key=cost)
         if SEARCH.same <= cost(fitted) < SEARCH.clear:
             fitted = polished(table, fitted)
@@ -139,24 +139,24 @@ def standing(
         for o in f.options
         if o.effect == option.effect
     }
-    return Standing(option, float(without), (option.effect, *same), instead, clear, len(shapes))
+    return Ranking(option, float(without), (option.effect, *same), instead, clear, len(shapes))
 
 
 def _by_means(table: Table, options: Sequence[Option], best: Fitted, index: int) -> dict[str, Fitted]:
-    """Effects that explain the means as well as one member does, and ask for no larger peak-to-peaks than there are.
+    """Effects that explain the means as well as one term does, and require no larger peak-to-peaks than there are.
 
     What is missing of a peak-to-peak may be any ripple, so it speaks for no effect; only too much speaks against one.
     """
-    told = table.told.copy()
-    told[:, [1, 3]] = np.nan
-    means = replace(table, told=told)
+    published = table.published.copy()
+    published[:, [1, 3]] = np.nan
+    means = replace(table, published=published)
     others = tuple(o for k, o in enumerate(best.options) if k != index)
     level = fit_set(means, best.options, best).score
     sigma = best.sigma(table)
     found: dict[str, Fitted] = {}
     for option in options:
         fitted = fit_set(means, (*others, option), best)
-        over = ((fitted.cells - table.told) / sigma)[table.use][:, [1, 3]]
+        over = ((fitted.cells - table.published) / sigma)[table.use][:, [1, 3]]
         near = fitted.score - level < SEARCH.same and np.nanmax(over) < SEARCH.over
         if near and (option.effect not in found or fitted.score < found[option.effect].score):
             found[option.effect] = fitted
@@ -164,7 +164,7 @@ def _by_means(table: Table, options: Sequence[Option], best: Fitted, index: int)
 
 
 def alike(best: Fitted, tried: Sequence[Fitted], index: int) -> tuple[str, ...]:
-    """A member's effect and those that took its place in other sets that were tried and score as well."""
+    """A term's effect and those that took its place in other sets that were tried and score as well."""
     others = {o for k, o in enumerate(best.options) if k != index}
     own = best.options[index].effect
     found = [own]
@@ -178,7 +178,7 @@ def alike(best: Fitted, tried: Sequence[Fitted], index: int) -> tuple[str, ...]:
 
 
 def other_amplitudes(best: Fitted, tried: Sequence[Fitted], index: int) -> list[tuple[str, ...]]:
-    """Amplitudes of a member's own effect (other axes, say) that do as well in its place, the other effects kept."""
+    """Amplitudes of a term's own effect (other axes, say) that do as well in its place, the other effects kept."""
     own = best.options[index]
     kept = best.effects - {own.effect}
     found = [
@@ -192,7 +192,7 @@ def other_amplitudes(best: Fitted, tried: Sequence[Fitted], index: int) -> list[
 
 
 def _needed(table: Table, fitted: Fitted, place: int) -> bool:
-    """Whether a set is worse without one of its members."""
+    """Whether a set is worse without one of its terms."""
     rest = tuple(o for k, o in enumerate(fitted.options) if k != place)
     return fit_set(table, rest, fitted).score - fitted.score > SEARCH.step
 
@@ -222,13 +222,13 @@ def left_out_row(table: Table, fitted: Fitted, row: int) -> tuple[Array, Array, 
     """Prediction of one row from the others: residual (4,), its covariance (4, 4) in deg, and which cells count."""
     part = fit_set(table.without_row(row), fitted.options, fitted, rounds=1)
     cov = part.covariance(table)
-    mask = np.isfinite(table.told[row])
+    mask = np.isfinite(table.published[row])
     if table.sessions.degenerate()[row]:
         mask[:2] = False
     cells = np.arange(4 * row, 4 * row + 4)
     rest = np.flatnonzero(table.without_row(row).mask)
     # chance that the rows share (the correction's poses) is predicted too
-    left = (table.told - part.cells).reshape(-1)
+    left = (table.published - part.cells).reshape(-1)
     gain = np.linalg.solve(cov[np.ix_(rest, rest)], cov[np.ix_(rest, cells)]).T
     # and what the others do not determine of the parameters adds to the uncertainty
     open_slope = part.jacobian[:, cells].T - gain @ part.jacobian[:, rest].T

@@ -49,7 +49,7 @@ def registry() -> dict[str, Effect]:
         effect = importlib.import_module(f"{__name__}.{module.name}").EFFECT
         check(effect, module.name, f"{module.name}.py")
         found[effect.id] = effect
-    # a package must not stop those who do not use it; a folder is asked for
+    # a package must not stop those who do not use it; a folder is requested
     for _, own in effects_of_packages():
         if own is not None and not (own.id in found or references_lacking(own, found)):
             found[own.id] = own
@@ -86,13 +86,14 @@ def left_out() -> list[str]:
     for plugin, own in effects_of_packages():
         if own is None or registry().get(own.id) is not own:
             why = plugin.fault or "an effect of this id is there already, or it names one that is not there"
-            lines.append(f"the effect {plugin} is left out: {why}")
+            lines.append(f"the effect {plugin} is omitted: {why}")
     return lines
 
 
 def title_of(effect_id: str) -> str:
-    """What an effect is called, in words."""
-    return registry()[effect_id].title
+    """What an effect is called, in words; of what is no effect of the library, a law, its id."""
+    known = registry().get(effect_id)
+    return effect_id if known is None else known.title
 
 
 def get(effect_id: str) -> Effect:

@@ -11,7 +11,7 @@ from highside.physics.state import ChainState
 
 class AliasedVibration(Effect):
     id = "aliased_vibration"
-    title = "Vibration in step with the rotation"
+    title = "Rotation-synchronous vibration (aliased)"
     stage = Stage.SENSOR
     formula = "c_i cos(n phi) + s_i sin(n phi), phi the rotor angle without wrapping, n the order"
     story = (

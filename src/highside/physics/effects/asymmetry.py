@@ -14,7 +14,7 @@ class Asymmetry(AxisEffect):
     title = "Scale factor asymmetry"
     stage = Stage.SENSOR
     formula = "ka_i |f_i|"
-    story = "The scale factor is different for pull and for push: a kink at zero load."
+    story = "The scale factor differs between the two signs of the input: a kink at zero load."
     parameters = triad("ka", "1", 3e-4, 0.01)
     confused_with = ("quadratic",)
     splitter = "poses with |f| below 0.5 g on the axis: a kink against a parabola"

@@ -11,7 +11,7 @@ from highside.physics.state import ChainState
 
 class AxisNonorthogonality(LinearEffect):
     id = "axis_nonorthogonality"
-    title = "Spindle not square to the inclination axis"
+    title = "Non-orthogonality of the spindle and inclination axes"
     stage = Stage.POSE
     formula = "w = Rz(T) Rx(eps) Ry(I) (0, 0, 1): T - eps cot I"
     story = (

@@ -11,7 +11,7 @@ from highside.physics.state import ChainState
 
 class Backlash(LinearEffect):
     id = "backlash"
-    title = "Backlash by direction of approach"
+    title = "Backlash (direction of approach)"
     stage = Stage.POSE
     formula = "dT = h_tf d, dI = h_inc d, d = +1 or -1 the direction of approach"
     story = "The gear rests on one flank or the other, depending on the side from which the position was approached."

@@ -38,7 +38,7 @@ class BandwidthLag(Effect):
     stage = Stage.KINEMATIC
     formula = "tau df_out/dt = f - f_out: at a steady rate a gain of 1/sqrt(1 + (w tau)^2) and a phase of -atan(w tau)"
     story = (
-        "The accelerometers answer with a delay and a loss of swing, as any filter of finite bandwidth: the faster "
+        "The accelerometers answer with a delay and a loss of amplitude, as any filter of finite bandwidth: the faster "
         "the tool turns, the more."
     )
     parameters = (Parameter("tau", "s", 2e-3, (0.0, 0.1)),)
@@ -48,7 +48,7 @@ class BandwidthLag(Effect):
     )
     needs = ("rotor_rate_radps",)
     depends_on_input = False
-    channel_story = "The channel answers with a delay and a loss of swing, as any filter of finite bandwidth."
+    channel_story = "The channel answers with a delay and a loss of amplitude, as any filter of finite bandwidth."
 
     def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         nominal = gravity_direction(state.inc_rad, state.tf_rad)

@@ -11,7 +11,7 @@ from highside.physics.state import ChainState
 
 class BaseTilt(LinearEffect):
     id = "base_tilt"
-    title = "Bench not level"
+    title = "Levelling error of the bench"
     stage = Stage.GRAVITY
     formula = "vertical = (tilt_x, tilt_y, 1): I + tilt_x, T + tilt_y / sin I"
     story = (

@@ -14,7 +14,7 @@ from highside.physics.state import ChainState
 
 class Bias(AxisEffect):
     id = "bias"
-    title = "Zero offset"
+    title = "Bias (zero offset)"
     stage = Stage.SENSOR
     formula = "b_i"
     story = "Each accelerometer reads a constant amount too much or too little, whatever its attitude."

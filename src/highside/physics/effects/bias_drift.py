@@ -14,7 +14,7 @@ from highside.physics.state import ChainState
 
 class BiasDrift(AxisEffect):
     id = "bias_drift"
-    title = "Steady drift of the zero offset"
+    title = "Linear drift of the zero offset"
     stage = Stage.THERMAL
     formula = "d_i (t - t_start)"
     story = "The zero offset creeps at a constant rate: ageing, creep of the suspension."

@@ -9,11 +9,11 @@ from highside.physics.state import ChainState
 
 class BiasStep(Effect):
     id = "bias_step"
-    title = "Bias step"
+    title = "Step of the zero offset"
     stage = Stage.THERMAL
     formula = "a_i for t >= t0 (seconds since the start), else 0"
     story = (
-        "Once during the recording the zero offset jumped and stayed: a knock, a connection, a part that re-seated "
+        "Once during the recording the zero offset jumped and stayed: a shock, a connection, a part that re-seated "
         "itself."
     )
     parameters = (
@@ -21,7 +21,7 @@ class BiasStep(Effect):
         Parameter("t0", "s", 300.0, (0.0, 1e9), shape=True, epoch=True),
     )
     confused_with = ("wander", "bias_drift", "turn_on_bias")
-    splitter = "return to a reference pose often: a step separates two levels, a wander has none"
+    splitter = "return to a reference pose often: a step separates two levels, a random walk has none"
     needs = ("t_s",)
     depends_on_input = False
     groups = singles(3)

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from highside.arrays import AnyArray
+from highside.physics.channels import TIMED, Channels, ChannelTerm
 from highside.physics.effect import LinearEffect, Parameter, Stage
 from highside.physics.state import ChainState
+
+FASTEST = 0.2
+"""Share by which another program's motion may run fast or slow: a length or a stiffness of it that is off."""
 
 
 class ClockSkew(LinearEffect):
     id = "clock_skew"
-    title = "Clock skew"
+    title = "Clock drift"
     stage = Stage.TIMING
     formula = "sampled at t + eps (t - t_start)"
     story = (
@@ -21,9 +27,22 @@ class ClockSkew(LinearEffect):
     splitter = "a mark (a stop, a reversal) at the start and at the end"
     needs = ("t_s", "rotor_rate_radps")
     depends_on_input = False
+    channel_story = (
+        "The phase between the recording and the prediction grows with time: the rate of the clock or of the motion is "
+        "off, as by a frequency, a length or a stiffness of the simulation that is not the real one."
+    )
 
     def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         return (state.t_s - state.t_s[:1])[None, None, :]
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        (rate,) = seen.about.get(self.id, (0.0,))
+        elapsed = seen.t_s - seen.t_s[:1]
+        (delay_s,) = seen.about.get("time_offset", (0.0,))
+        tangent = -elapsed * seen.slope
+        whole = (seen.at(delay_s + rate * elapsed) - seen.at(delay_s + 0 * elapsed)) / rate if rate else tangent
+        parameter = Parameter("eps", "1", 1e-4, (-FASTEST, FASTEST))
+        return [ChannelTerm((parameter,), (whole[None],), (TIMED, 0, 2), relinearised=True, tangents=tangent[None])]
 
 
 EFFECT = ClockSkew()

@@ -11,7 +11,7 @@ from highside.physics.state import ChainState
 
 class Cogging(Effect):
     id = "cogging"
-    title = "Harmonic of the drive (cogging, gear)"
+    title = "Cogging (k-th harmonic of the drive)"
     stage = Stage.POSE
     formula = "dT = ck cos kT + sk sin kT"
     story = "The drive rests a little off at each tooth or pole: an error that repeats k times a turn."

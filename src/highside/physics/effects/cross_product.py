@@ -14,11 +14,11 @@ TERMS = [(i, a, b) for i in range(3) for a, b in PRODUCTS]
 
 class CrossProduct(LinearEffect):
     id = "cross_product"
-    title = "Cross-product terms"
+    title = "Cross-axis nonlinearity (products of two inputs)"
     stage = Stage.SENSOR
     formula = "k_i_xy f_x f_y + k_i_xz f_x f_z + k_i_yz f_y f_z on axis i"
     story = (
-        "A load along one axis bends the pendulum of the sensor, and a load along another then acts on a turned "
+        "A load along one axis deflects the pendulum of the sensor, and a load along another then acts on a turned "
         "arm: the error is the product of two loads."
     )
     parameters = tuple(Parameter(f"k_{AXES[i]}_{AXES[a]}{AXES[b]}", "g/g^2", 3e-4, (-5e-3, 5e-3)) for i, a, b in TERMS)

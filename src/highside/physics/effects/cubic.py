@@ -9,10 +9,10 @@ from highside.physics.state import ChainState
 
 class Cubic(AxisEffect):
     id = "cubic"
-    title = "Cubic non-linearity (K3)"
+    title = "Scale-factor nonlinearity K3 (cubic)"
     stage = Stage.SENSOR
     formula = "k3_i f_i^3"
-    story = "The sensitivity changes with load, alike in both directions: a scale error that grows with the input."
+    story = "The output has a term in the cube of the input: a scale factor error that grows with the input."
     parameters = triad("k3", "g/g^3", 5e-4, 5e-3)
     confused_with = ("scale", "encoder_second_harmonic")
     splitter = "poses at intermediate loads (near 0.58 g the cubic differs most from a scale error)"

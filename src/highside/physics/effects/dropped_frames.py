@@ -13,7 +13,7 @@ class DroppedFrames(RecordEffect):
     id = "dropped_frames"
     title = "Dropped and repeated frames"
     stage = Stage.DIGITAL
-    formula = "a row is left out with probability `lost`, repeated with probability `repeated`"
+    formula = "a row is omitted with probability `lost`, repeated with probability `repeated`"
     story = "The link loses some frames and delivers others twice, so the rows are not evenly spaced any more."
     parameters = (Parameter("lost", "1", 0.01, (0.0, 0.5)), Parameter("repeated", "1", 0.005, (0.0, 0.5)))
     confused_with = ("clock_skew",)

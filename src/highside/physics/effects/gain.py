@@ -10,7 +10,7 @@ from highside.physics.effect import Stage
 
 class Gain(ChannelEffect):
     id = "gain"
-    title = "Gain"
+    title = "Scale factor error of a channel"
     stage = Stage.SENSOR
     formula = "k s"
     story = "The channel's gain is off."

@@ -14,7 +14,7 @@ from highside.physics.state import ChainState
 
 class GyroBias(LinearEffect):
     id = "gyro_bias"
-    title = "Zero rate offset of the gyros"
+    title = "Bias of the gyros (zero-rate offset)"
     stage = Stage.GYRO
     formula = "b_i"
     story = "Each gyro shows a small rotation even when the tool stands still."

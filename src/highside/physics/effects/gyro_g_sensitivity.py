@@ -15,7 +15,7 @@ class GyroGSensitivity(LinearEffect):
     title = "g-sensitivity of the gyros"
     stage = Stage.GYRO
     formula = "G_ij f_j, f the gravity in the tool frame"
-    story = "Gravity bends the gyros' proof masses, so they show a rotation that depends on the attitude."
+    story = "Gravity deflects the gyros' proof masses, so they show a rotation that depends on the attitude."
     parameters = tuple(
         Parameter(f"g_{AXES[i]}{AXES[j]}", "rad/s/g", 3e-4, (-0.02, 0.02)) for i in range(3) for j in range(3)
     )

@@ -10,12 +10,12 @@ from highside.physics.noise import std_of_average
 from highside.physics.state import ChainState
 
 
-class GyroNoise(RandomEffect):
+class AngleRandomWalk(RandomEffect):
     id = "gyro_noise"
-    title = "Gyro noise"
+    title = "Angle random walk (gyro noise)"
     stage = Stage.NOISE
     formula = "std of a row = density / sqrt(2 x averaging time)"
-    story = "The gyros' readings tremble at random; integrated, the angle wanders with the square root of time."
+    story = "White noise of the rate; integrated, the error of the angle grows with the square root of time."
     parameters = tuple(Parameter(f"density_{axis}", "rad/s/sqrt(Hz)", 1e-4, (0.0, 0.1)) for axis in AXES)
     confused_with = ("gyro_wander",)
     splitter = "the Allan deviation of an hour at rest: slope -1/2 against +1/2"
@@ -26,4 +26,4 @@ class GyroNoise(RandomEffect):
         return sigma[:, None] * rng.standard_normal((3, state.n))
 
 
-EFFECT = GyroNoise()
+EFFECT = AngleRandomWalk()

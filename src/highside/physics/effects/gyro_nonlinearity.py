@@ -11,7 +11,7 @@ from highside.physics.state import ChainState
 
 class GyroNonlinearity(LinearEffect):
     id = "gyro_nonlinearity"
-    title = "Non-linearity of the gyros"
+    title = "Scale-factor nonlinearity of the gyros (K2, K3)"
     stage = Stage.GYRO
     formula = "k2_i w_i^2 + k3_i w_i^3"
     story = "A gyro's scale factor changes with the rate."

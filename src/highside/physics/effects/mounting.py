@@ -11,7 +11,7 @@ from highside.physics.state import ChainState
 
 class Mounting(LinearEffect):
     id = "mounting"
-    title = "Triad turned in the tool"
+    title = "Mounting misalignment of the triad"
     stage = Stage.MOUNTING
     formula = "f = exp([roll about z, tilt about x and y]) w"
     story = (

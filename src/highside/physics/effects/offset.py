@@ -8,9 +8,9 @@ from highside.physics.channels import ChannelEffect, Channels, ChannelTerm
 from highside.physics.effect import Stage
 
 
-class Offset(ChannelEffect):
+class ChannelOffset(ChannelEffect):
     id = "offset"
-    title = "Zero offset"
+    title = "Zero offset of a channel"
     stage = Stage.SENSOR
     formula = "b"
     story = "The channel has a constant offset."
@@ -21,4 +21,4 @@ class Offset(ChannelEffect):
         return [seen.offsets(*own) for own in seen.others()]
 
 
-EFFECT = Offset()
+EFFECT = ChannelOffset()

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from highside.arrays import AnyArray
-from highside.physics.effect import AxisEffect, Stage, triad
+from highside.physics.channels import EACH, Channels, ChannelTerm
+from highside.physics.effect import AxisEffect, Parameter, Stage, triad
 from highside.physics.state import ChainState
 
 
 class Quadratic(AxisEffect):
     id = "quadratic"
-    title = "Quadratic non-linearity (K2)"
+    title = "Scale-factor nonlinearity K2 (quadratic)"
     stage = Stage.SENSOR
     formula = "k2_i f_i^2"
     story = (
-        "The accelerometer reads a little more in both directions the harder it is loaded: its error is the same at"
-        " +1 g and -1 g and vanishes at 0 g."
+        "The output has a term in the square of the input: its error is the same at +1 g and at -1 g and "
+        "vanishes at 0 g."
     )
     parameters = triad("k2", "g/g^2", 5e-4, 5e-3)
     confused_with = ("asymmetry", "encoder_first_harmonic", "bias", "sag")
@@ -25,6 +28,16 @@ class Quadratic(AxisEffect):
 
     def slope(self, state: ChainState, f: AnyArray) -> AnyArray:
         return 2 * f
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        terms = []
+        for place, members in seen.of_kind("accel"):
+            parameters = tuple(
+                Parameter(f"k2_{seen.names[c]}", f"1/({seen.units[c]})", 1e-3, (-0.1, 0.1)) for c in members
+            )
+            columns = seen.on([(c, seen.predicted[c] ** 2) for c in members])
+            terms.append(ChannelTerm(parameters, (columns,), (EACH, place, 2)))
+        return terms
 
 
 EFFECT = Quadratic()

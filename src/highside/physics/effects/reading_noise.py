@@ -12,11 +12,11 @@ from highside.physics.state import ChainState
 
 class ReadingNoise(RandomEffect):
     id = "reading_noise"
-    title = "Reading noise"
+    title = "Reading noise (velocity random walk)"
     stage = Stage.NOISE
     draws_at = Stage.NOISE
     formula = "std of a row = density / sqrt(2 x averaging time)"
-    story = "The reading trembles at random; averaging for longer calms it by the square root of the time."
+    story = "White noise of the reading; the mean of a longer average scatters less, by the square root of the time."
     parameters = tuple(Parameter(f"density_{axis}", "g/sqrt(Hz)", 5e-5, (0.0, 0.02)) for axis in AXES)
     confused_with = ("pose_error", "quantisation")
     splitter = "rest at one pose: reading noise falls with the averaging time, the pose error does not"

@@ -1,4 +1,4 @@
-"""Rival of the non-orthogonality: a zero of toolface that depends on the inclination."""
+"""Toolface zero that depends on the inclination: confounded with the non-orthogonality of the axes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from highside.physics.state import ChainState
 
 class ReferenceTwist(LinearEffect):
     id = "reference_twist"
-    title = "Toolface zero that depends on the inclination"
+    title = "Toolface reference twist (depends on the inclination)"
     stage = Stage.POSE
     formula = "dT = k cos I"
     story = (

@@ -1,4 +1,4 @@
-"""Bending under gravity."""
+"""Deflection under gravity."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from highside.physics.state import ChainState
 
 class Sag(LinearEffect):
     id = "sag"
-    title = "Sag of the collar or of the arm"
+    title = "Gravity sag of the collar or of the arm"
     stage = Stage.POSE
     formula = "dI = s sin I"
-    story = "The tool or the arm that holds it bends under its own weight: nothing when vertical, most when horizontal."
+    story = (
+        "The tool or the arm that holds it deflects under its own weight: nothing when vertical, most when horizontal."
+    )
     parameters = (Parameter("s", "rad", 2e-3, (-0.035, 0.035)),)
     confused_with = ("base_tilt", "quadratic", "scale")
     splitter = "roll the tool by 180 deg: sag stays fixed in the room, a misalignment turns with the tool"

@@ -1,4 +1,4 @@
-"""Toolface drive that sticks at reversal."""
+"""Lost motion of the toolface drive at reversal."""
 
 from __future__ import annotations
 
@@ -12,10 +12,14 @@ from highside.physics.state import ChainState
 
 class Stiction(Effect):
     id = "stiction"
-    title = "Stiction (play of the toolface drive)"
+    title = "Lost motion of the toolface drive (play at reversal)"
     stage = Stage.POSE
     formula = "T = play(T_read, w): follows with a slack of w on each side"
-    story = "When the drive reverses, the tool stays where it is until the slack is used up, and only then follows."
+    story = (
+        "When the drive reverses, the tool stays where it is until the slack is used up, and only then follows. It is"
+        " a play, not the jerks of dry friction. It shows at reversals smaller than twice the slack; after larger ones"
+        " it is what a backlash of the same size is, and is told as that."
+    )
     parameters = (Parameter("w", "rad", 2e-4, (0.0, 0.02)),)
     confused_with = ("backlash", "time_offset")
     splitter = "small reversals: within the slack the tool does not move at all"

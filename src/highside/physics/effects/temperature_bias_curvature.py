@@ -11,7 +11,7 @@ from highside.physics.state import ChainState
 
 class TemperatureBiasCurvature(LinearEffect):
     id = "temperature_bias_curvature"
-    title = "Curvature of the offset over temperature"
+    title = "Temperature nonlinearity of the zero offset"
     stage = Stage.THERMAL
     formula = "b2_i (T - 25 C)^2 + b3_i (T - 25 C)^3"
     story = "The zero offset follows the temperature along a curve, not a line."

@@ -7,14 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from highside.arrays import AnyArray
-from highside.physics.channels import TIMED, Channels, ChannelTerm, delayed
+from highside.physics.channels import TIMED, Channels, ChannelTerm
 from highside.physics.effect import LinearEffect, Parameter, Stage
 from highside.physics.state import ChainState
+
+LATEST_S = 600.0
+"""s; by more than ten minutes two files on one clock are not apart."""
 
 
 class TimeOffset(LinearEffect):
     id = "time_offset"
-    title = "Time offset"
+    title = "Time offset (synchronisation error)"
     stage = Stage.TIMING
     formula = "all channels sampled at t - t0"
     story = (
@@ -33,12 +36,21 @@ class TimeOffset(LinearEffect):
         return np.full((1, 1, state.n), -1.0)
 
     def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
-        if not seen.same_clock:
-            return ()
         (delay_s,) = seen.about.get(self.id, (0.0,))
-        parameter = Parameter("t0", "s", 1e-3, (-0.5, 0.5))
-        columns = delayed(seen.predicted, seen.step_s, delay_s)[None]
-        return [ChannelTerm((parameter,), (columns,), (TIMED, 0, 0), relinearised=True)]
+        parameter = Parameter("t0", "s", 1e-3, (-LATEST_S, LATEST_S))
+        tangent = -seen.slope
+        whole = (seen.at(np.full(seen.n, delay_s)) - seen.at(np.zeros(seen.n))) / delay_s if delay_s else tangent
+        # where each file has its own zero of time, the offset is none of the physics
+        return [
+            ChannelTerm(
+                (parameter,),
+                (whole[None],),
+                (TIMED, 0, 0),
+                relinearised=True,
+                tangents=tangent[None],
+                adjusted=not seen.same_clock,
+            )
+        ]
 
 
 EFFECT = TimeOffset()

@@ -11,7 +11,7 @@ from highside.physics.state import ChainState
 
 class Tone(Effect):
     id = "tone"
-    title = "Tone"
+    title = "Periodic disturbance of fixed frequency"
     stage = Stage.SENSOR
     formula = "c_i cos(2 pi f t) + s_i sin(2 pi f t)"
     story = (

@@ -15,8 +15,8 @@ class VibrationRectification(AxisEffect):
     stage = Stage.SENSOR
     formula = "kv_i v_rms^2"
     story = (
-        "Vibration that averages to zero leaves a constant behind, because the sensor answers unequally to push and"
-        " pull; it grows with the square of the vibration."
+        "Vibration that averages to zero leaves a constant behind, because the sensor answers unequally to"
+        " the two signs of the input; it grows with the square of the vibration."
     )
     parameters = triad("kv", "g/g^2", 5e-5, 5e-3)
     confused_with = ("lever_arm", "size_effect", "tone")

@@ -1,4 +1,4 @@
-"""Random walk of the zero offset."""
+"""Random walk of the zero offset (bias random walk)."""
 
 from __future__ import annotations
 
@@ -10,20 +10,18 @@ from highside.physics.noise import random_walk
 from highside.physics.state import ChainState
 
 
-class Wander(RandomEffect):
+class BiasRandomWalk(RandomEffect):
     id = "wander"
-    title = "Wandering bias"
+    title = "Bias random walk"
     stage = Stage.NOISE
     formula = "random walk of sigma_i sqrt(t)"
     story = (
-        "The zero offset wanders without aim: no shape, no cause to be named, only a spread that grows with the "
+        "The zero offset changes at random: no shape, no cause to be named, only a spread that grows with the "
         "square root of time."
     )
     parameters = tuple(Parameter(f"sigma_{axis}", "g/sqrt(s)", 2e-6, (0.0, 1e-3)) for axis in AXES)
     confused_with = ("bias_drift", "warmup", "thermal_lag", "bias_step")
-    splitter = (
-        "return to a reference pose every 10 to 15 minutes, twice over: what has a shape repeats, a wander does not"
-    )
+    splitter = "return to a reference pose every 10 to 15 minutes, twice over: what has a shape repeats, this does not"
     draws_at = Stage.SENSOR
     needs = ("t_s",)
 
@@ -31,4 +29,4 @@ class Wander(RandomEffect):
         return random_walk(state.t_s, p, rng)
 
 
-EFFECT = Wander()
+EFFECT = BiasRandomWalk()

@@ -6,4 +6,4 @@
 from __future__ import annotations
 
 __all__ = ["home_assistant", "metrics", "rig", "shock", "surveys", "toolface", "wits"]
-"""the ways in: modules, loaded when they are asked for"""
+"""the ways in: modules, loaded on request"""

@@ -52,6 +52,17 @@ SENSORS = (
 )
 
 
+def _shown(sensor: Sensor) -> dict[str, Any]:
+    """How a value is shown."""
+    shown = {"icon": sensor.icon, "suggested_display_precision": sensor.digits, "state_class": "measurement"}
+    optional = {
+        "unit_of_measurement": sensor.unit,
+        "device_class": sensor.device_class,
+        "entity_category": "diagnostic" if sensor.diagnostic else None,
+    }
+    return shown | {key: value for key, value in optional.items() if value is not None}
+
+
 def discovery(
     tool_id: str,
     serial: str | None,
@@ -83,13 +94,7 @@ def discovery(
 
     for sensor in SENSORS:
         found = add(sensor.key, sensor.name, sensor.topic, "sensor", f"{{{{ value_json.{sensor.member} }}}}")
-        found |= {"icon": sensor.icon, "suggested_display_precision": sensor.digits, "state_class": "measurement"}
-        if sensor.unit is not None:
-            found["unit_of_measurement"] = sensor.unit
-        if sensor.device_class is not None:
-            found["device_class"] = sensor.device_class
-        if sensor.diagnostic:
-            found["entity_category"] = "diagnostic"
+        found |= _shown(sensor)
     accepted = "{{ 'ON' if value_json.accepted else 'OFF' }}"
     add("survey_accepted", "Survey accepted", "survey", "binary_sensor", accepted).update(
         icon="mdi:check-decagram",

@@ -25,6 +25,9 @@ log = logging.getLogger(__name__)
 ANSWER_WITHIN_S = 2.0
 PREFIX = "highside_"
 
+Labelled = Sequence[tuple[dict[str, str], float | None]]
+"""values, each with its labels; None: not known now"""
+
 
 @dataclass(frozen=True, slots=True)
 class Figures:
@@ -106,67 +109,108 @@ class _Collector:
             yield from metrics_of(figures)
 
 
-def metrics_of(figures: Figures) -> Iterator[Metric]:
-    """All metrics of one moment, each labelled with the tool."""
-    from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+class _Families:
+    """Makes the metrics of one tool."""
 
-    tool, health = figures.tool, figures.health
+    def __init__(self, tool: str) -> None:
+        from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
-    def gauge(name: str, text: str, value: float | None, **labels: str) -> GaugeMetricFamily:
-        return many(GaugeMetricFamily, name, text, [(labels, value)])  # type: ignore[no-any-return]
+        self._tool, self._gauge, self._counter = tool, GaugeMetricFamily, CounterMetricFamily
 
-    def many(kind: Any, name: str, text: str, values: Sequence[tuple[dict[str, str], float | None]]) -> Any:
+    def _family(self, kind: Any, name: str, text: str, values: Labelled) -> Metric:
         names = ["tool", *(values[0][0] if values else ())]
-        family = kind(PREFIX + name, text, labels=names)
+        family: Metric = kind(PREFIX + name, text, labels=names)
         for labels, value in values:
             if value is not None:
-                family.add_metric([tool, *labels.values()], float(value))
+                family.add_metric([self._tool, *labels.values()], float(value))  # type: ignore[attr-defined]
         return family
 
-    def counter(name: str, text: str, value: float) -> CounterMetricFamily:
-        return many(CounterMetricFamily, name, text, [({}, value)])  # type: ignore[no-any-return]
+    def gauges(self, name: str, text: str, values: Labelled) -> Metric:
+        return self._family(self._gauge, name, text, values)
 
-    def counters(name: str, text: str, label: str, values: dict[str, Any]) -> CounterMetricFamily:
+    def totals(self, name: str, text: str, values: Labelled) -> Metric:
+        return self._family(self._counter, name, text, values)
+
+    def gauge(self, name: str, text: str, value: float | None) -> Metric:
+        return self.gauges(name, text, [({}, value)])
+
+    def counter(self, name: str, text: str, value: float) -> Metric:
+        return self.totals(name, text, [({}, value)])
+
+    def counters(self, name: str, text: str, label: str, values: dict[str, Any]) -> Metric:
         flat = [({label: key}, float(value)) for key, value in values.items() if isinstance(value, (int, float))]
-        return many(CounterMetricFamily, name, text, flat or [({label: "none"}, 0.0)])  # type: ignore[no-any-return]
+        return self.totals(name, text, flat or [({label: "none"}, 0.0)])
 
-    for name, text in (
-        ("inc_deg", "Inclination of the hole from vertical, degrees."),
-        ("inc_std_deg", "Standard deviation of the inclination, degrees."),
-        ("tf_deg", "Gravity toolface of the sensor, degrees."),
-        ("tf_std_deg", "Standard deviation of the toolface, degrees."),
-        ("toolface_deg", "Toolface with the offset to the bend, degrees."),
-        ("azi_deg", "Azimuth of the hole, degrees."),
-        ("azi_std_deg", "Standard deviation of the azimuth, degrees."),
-        ("g_total", "Magnitude of the corrected acceleration in local g."),
-        ("temp_c", "Temperature of the sensor, degrees Celsius."),
-    ):
-        yield gauge(name, text, figures.attitude.get(name))
-    yield gauge("uptime_seconds", "Since the service was started.", health.uptime_s)
-    yield gauge("clock_synced", "Whether the wall clock follows a reference.", float(health.clock_synced))
-    yield gauge("link_up", "Whether the link delivers.", float(health.link.get("state") == "up"))
-    yield gauge("link_data_age_seconds", "Since the last bytes of the link.", health.link.get("data_age_s"))
-    yield counters("link_events_total", "Events of the link.", "event", _numbers(health.link, ("opens", "losses")))
-    yield counters("codec_total", "Where bytes and frames went.", "kind", dict(health.codec))
-    yield counters("monitor_total", "What became of decoded frames.", "kind", _numbers(health.monitor))
-    yield counter("attitudes_total", "Attitudes made.", health.pipeline["attitudes"])
-    yield counters("surveys_total", "Surveys by verdict.", "verdict", _surveys(health))
-    yield counters("surveys_refused_total", "Refused surveys by reason.", "reason", health.surveys.get("reasons", {}))
-    yield gauge("survey_g_error_mg", "Gtotal of the last survey minus the site's.", health.surveys["trend"]["last_mg"])
-    yield many(
-        GaugeMetricFamily,
+
+ATTITUDE = (
+    ("inc_deg", "Inclination of the hole from vertical, degrees."),
+    ("inc_std_deg", "Standard deviation of the inclination, degrees."),
+    ("tf_deg", "Gravity toolface of the sensor, degrees."),
+    ("tf_std_deg", "Standard deviation of the toolface, degrees."),
+    ("toolface_deg", "Toolface with the offset to the motor's bend, degrees."),
+    ("azi_deg", "Azimuth of the hole, degrees."),
+    ("azi_std_deg", "Standard deviation of the azimuth, degrees."),
+    ("g_total", "Magnitude of the corrected acceleration in local g."),
+    ("temp_c", "Temperature of the sensor, degrees Celsius."),
+)
+"""The figures of the latest attitude: member of the message, and what it is."""
+
+
+def metrics_of(figures: Figures) -> Iterator[Metric]:
+    """All metrics of one moment, each labelled with the tool."""
+    of, health = _Families(figures.tool), figures.health
+    for name, text in ATTITUDE:
+        yield of.gauge(name, text, figures.attitude.get(name))
+    yield from _acquisition(of, health)
+    yield from _vibration(of, health)
+    yield from _delivery(of, health)
+    yield of.gauge(
+        "loop_lag_p999_seconds", "Stalls of the event loop, 99.9 %.", health.loop.get("lag_p999_ms", 0.0) / 1e3
+    )
+    yield of.gauges(
+        "alarm",
+        "1 for each alarm that stands.",
+        [({"name": alarm}, 1.0) for alarm in health.alarms] or [({"name": "none"}, 0.0)],
+    )
+    yield of.gauges(
+        "calibration_info",
+        "The calibration in force.",
+        [({"cal_id": str(health.calibration.get("cal_id"))}, 1.0)],
+    )
+
+
+def _acquisition(of: _Families, health: HealthMessage) -> Iterator[Metric]:
+    """Clock, link, codec, attitudes and surveys."""
+    yield of.gauge("uptime_seconds", "Since the service was started.", health.uptime_s)
+    yield of.gauge("clock_synced", "Whether the wall clock follows a reference.", float(health.clock_synced))
+    yield of.gauge("link_up", "Whether the link delivers.", float(health.link.get("state") == "up"))
+    yield of.gauge("link_data_age_seconds", "Since the last bytes of the link.", health.link.get("data_age_s"))
+    yield of.counters("link_events_total", "Events of the link.", "event", _numbers(health.link, ("opens", "losses")))
+    yield of.counters("codec_total", "Where bytes and frames went.", "kind", dict(health.codec))
+    yield of.counters("monitor_total", "What became of decoded frames.", "kind", _numbers(health.monitor))
+    yield of.counter("attitudes_total", "Attitudes made.", health.pipeline["attitudes"])
+    yield of.counters("surveys_total", "Surveys by verdict.", "verdict", _surveys(health))
+    yield of.counters(
+        "surveys_refused_total", "Refused surveys by reason.", "reason", health.surveys.get("reasons", {})
+    )
+    yield of.gauge(
+        "survey_g_error_mg", "Gtotal of the last survey minus the site's.", health.surveys["trend"]["last_mg"]
+    )
+
+
+def _vibration(of: _Families, health: HealthMessage) -> Iterator[Metric]:
+    """Shaking and shocks, by axis and level."""
+    yield of.gauges(
         "vibration_rms_g",
         "Shaking during the last second, rms.",
         [({"axis": axis}, value) for axis, value in zip("xyz", health.vibration["rms_g"], strict=True)],
     )
-    yield many(
-        GaugeMetricFamily,
+    yield of.gauges(
         "vibration_peak_g",
         "Greatest peak of the last second.",
         [({"axis": axis}, value) for axis, value in zip("xyz", health.vibration["peak_g"], strict=True)],
     )
-    yield many(
-        CounterMetricFamily,
+    yield of.totals(
         "vibration_seconds_total",
         "Seconds at or above a level of rms.",
         [
@@ -177,8 +221,7 @@ def metrics_of(figures: Figures) -> Iterator[Metric]:
             )
         ],
     )
-    yield many(
-        CounterMetricFamily,
+    yield of.totals(
         "shocks_total",
         "Shocks at or above a level.",
         [
@@ -187,31 +230,22 @@ def metrics_of(figures: Figures) -> Iterator[Metric]:
             for level, count in zip(health.vibration["shock_levels_g"], health.vibration["shocks"][axis], strict=True)
         ],
     )
+
+
+def _delivery(of: _Families, health: HealthMessage) -> Iterator[Metric]:
+    """What waits for the broker, and the connection to it."""
     outbox = health.outbox
-    yield counter("outbox_produced_total", "Messages made.", outbox.produced)
-    yield counter("outbox_acknowledged_total", "Messages that the broker has.", outbox.acknowledged)
-    yield counters("outbox_dropped_total", "Messages dropped, by reason.", "reason", dict(outbox.dropped))
-    yield gauge("outbox_queued", "Messages waiting for the broker.", outbox.queued)
-    yield gauge("outbox_queued_bytes", "Bytes waiting for the broker.", outbox.queued_bytes)
-    yield gauge("broker_connected", "Whether the broker is connected.", float(health.broker.connected))
-    yield counter("broker_connects_total", "Connections made to the broker.", health.broker.connects)
-    yield counter("broker_short_connections_total", "Those that ended within 5 s.", health.broker.short_connections)
-    yield counter("replies_total", "Answers to commands that the broker has.", health.broker.replies)
-    yield counter("replies_dropped_total", "Answers to commands beyond what is sent.", health.broker.replies_dropped)
-    yield counter("commands_failed_total", "Commands that ended in a fault.", health.broker.commands_failed)
-    yield gauge("loop_lag_p999_seconds", "Stalls of the event loop, 99.9 %.", health.loop.get("lag_p999_ms", 0.0) / 1e3)
-    yield many(
-        GaugeMetricFamily,
-        "alarm",
-        "1 for each alarm that stands.",
-        [({"name": alarm}, 1.0) for alarm in health.alarms] or [({"name": "none"}, 0.0)],
-    )
-    yield many(
-        GaugeMetricFamily,
-        "calibration_info",
-        "The calibration in force.",
-        [({"cal_id": str(health.calibration.get("cal_id"))}, 1.0)],
-    )
+    yield of.counter("outbox_produced_total", "Messages made.", outbox.produced)
+    yield of.counter("outbox_acknowledged_total", "Messages that the broker has.", outbox.acknowledged)
+    yield of.counters("outbox_dropped_total", "Messages dropped, by reason.", "reason", dict(outbox.dropped))
+    yield of.gauge("outbox_queued", "Messages waiting for the broker.", outbox.queued)
+    yield of.gauge("outbox_queued_bytes", "Bytes waiting for the broker.", outbox.queued_bytes)
+    yield of.gauge("broker_connected", "Whether the broker is connected.", float(health.broker.connected))
+    yield of.counter("broker_connects_total", "Connections made to the broker.", health.broker.connects)
+    yield of.counter("broker_short_connections_total", "Those that ended within 5 s.", health.broker.short_connections)
+    yield of.counter("replies_total", "Answers to commands that the broker has.", health.broker.replies)
+    yield of.counter("replies_dropped_total", "Answers to commands beyond what is sent.", health.broker.replies_dropped)
+    yield of.counter("commands_failed_total", "Commands that ended in a fault.", health.broker.commands_failed)
 
 
 def _surveys(health: HealthMessage) -> dict[str, int]:

@@ -19,9 +19,9 @@ from typing import Any
 from highside.config.rig import MetricsSettings
 from highside.config.settings import Settings
 from highside.service.damage import DamageLog
-from highside.service.in_force import said
+from highside.service.in_force import error_text
 from highside.service.messages import HealthMessage, latest_payload, survey_dict
-from highside.service.outputs import Attitude, Survey
+from highside.service.outputs import AttitudeOutput, Survey
 from highside.service.pipeline import Pipeline
 from highside.service.rig.metrics import Figures, MetricsServer
 from highside.service.rig.surveys import GravityTrend, SurveyLog, TrendPoint, trend_of, trusted
@@ -87,7 +87,7 @@ class Rig:
 
     # --- readings ----------------------------------------------------------------------------------------------
 
-    def on_attitude(self, attitude: Attitude, t_wall: float) -> None:
+    def on_attitude(self, attitude: AttitudeOutput, t_wall: float) -> None:
         """The newest attitude, for WITS and metrics."""
         latest = self.latest
         latest.attitude = _values(attitude)
@@ -156,7 +156,7 @@ class Rig:
             offset = self._toolface_log.current()
             self.offset_error = None
         except Exception as error:
-            self.offset_error = said(error)
+            self.offset_error = error_text(error)
             path = self._toolface_log.path
             if at_start and os.path.lexists(path):
                 self._damage.note(path, error, "no offset is in force; set it anew: highside toolface set")
@@ -223,7 +223,7 @@ class Rig:
         await asyncio.to_thread(self.surveys.stop, timeout_s)
 
 
-def _values(attitude: Attitude) -> dict[str, float | None]:
+def _values(attitude: AttitudeOutput) -> dict[str, float | None]:
     return {
         "inc_deg": attitude.inc_deg,
         "inc_std_deg": attitude.inc_std_deg,

@@ -16,7 +16,7 @@ from highside.config.rig import VibrationSettings
 AXES = ("x", "y", "z")
 BLOCK_S = 1.0
 SETTLING = 10.0
-"""Time constants that the high pass is given after a gap before it is believed."""
+"""Time constants that the high pass is given after a gap before it is accepted."""
 
 
 class ShockMeter:
@@ -60,7 +60,7 @@ class ShockMeter:
         self._last = None
 
     def add(self, t: float, ax: float, ay: float, az: float) -> None:
-        """One reading; a value that is not finite is left out."""
+        """One reading; a value that is not finite is omitted."""
         if not (ax - ax == 0.0 and ay - ay == 0.0 and az - az == 0.0):
             return
         last = self._last

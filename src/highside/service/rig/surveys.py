@@ -35,7 +35,7 @@ from highside.recording.files import flush_directory
 from highside.units import STANDARD_GRAVITY_MPS2
 
 if TYPE_CHECKING:
-    from highside.service.outputs import Attitude
+    from highside.service.outputs import AttitudeOutput
 
 log = logging.getLogger(__name__)
 
@@ -47,7 +47,7 @@ TREND_LENGTH = 200
 """Surveys that the trend looks back."""
 TREND_MIN = 8
 TREND_SIGMAS = 4.0
-"""A slope this far from zero is believed: 1 of 16,000 by chance."""
+"""A slope this far from zero is accepted: 1 of 16,000 by chance."""
 
 
 class SurveyReason(StrEnum):
@@ -73,7 +73,7 @@ REASON_TEXTS = {
     SurveyReason.TOO_HOT: "hotter than surveys are accepted at",
     SurveyReason.TEMPERATURE_UNKNOWN: "the calibration needs a temperature and the frame has none",
     SurveyReason.SHOCK: "a shock during the average",
-    SurveyReason.UNCERTAIN: "the inclination is less certain than asked for",
+    SurveyReason.UNCERTAIN: "the inclination is less certain than requested",
     SurveyReason.NO_CORRECTION: "no calibration holds at this attitude, or it was refused",
     SurveyReason.SENSOR_STUCK: "an axis repeats one value",
 }
@@ -101,7 +101,7 @@ def expected_gravity(site: SiteSettings, bench_mps2: float | None, bench_std_mps
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class SurveyVerdict:
     """What was decided about a survey."""
 
     accepted: bool
@@ -123,7 +123,9 @@ class Verdict:
         }
 
 
-def judge(attitude: Attitude, gravity: Gravity, limits: AcceptSettings, shock_g: float, *, complete: bool) -> Verdict:
+def judge(
+    attitude: AttitudeOutput, gravity: Gravity, limits: AcceptSettings, shock_g: float, *, complete: bool
+) -> SurveyVerdict:
     """Decide. `shock_g` is the greatest peak until the survey ended, `complete` whether it was long enough.
 
     What ended an average too soon is a shock, if there was one, else motion.
@@ -151,7 +153,7 @@ def judge(attitude: Attitude, gravity: Gravity, limits: AcceptSettings, shock_g:
         reasons.append(SurveyReason.UNCERTAIN)
     if any(flag == "frozen" or flag.startswith("stuck_") for flag in attitude.flags):
         reasons.append(SurveyReason.SENSOR_STUCK)
-    return Verdict(not reasons, tuple(reasons), error, std, shock_g)
+    return SurveyVerdict(not reasons, tuple(reasons), error, std, shock_g)
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,7 +265,7 @@ class SurveyLog:
             self._thread.join(timeout_s)
 
     def recent(self, count: int = TREND_LENGTH) -> list[dict[str, Any]]:
-        """The last surveys of the file. A line that is none is left out and counted in `damaged_lines`: one that a loss
+        """The last surveys of the file. A line that is none is omitted and counted in `damaged_lines`: one that a loss
         of power tore stays where it is."""
         try:
             with self.path.open("rb") as file:
@@ -275,7 +277,7 @@ class SurveyLog:
         found = [survey for line in lines[-count:] if (survey := _survey(line)) is not None]
         self.damaged_lines = len(lines[-count:]) - len(found)
         if self.damaged_lines:
-            log.warning("%s: %d of the last lines are no surveys; left out", self.path, self.damaged_lines)
+            log.warning("%s: %d of the last lines are no surveys; omitted", self.path, self.damaged_lines)
         return found
 
     def _write_all(self) -> None:

@@ -1,8 +1,8 @@
-"""The toolface offset: from the sensor's scribe line to the bend, who set it and when.
+"""The toolface offset: from the sensor's scribe line to the motor's bend, who set it and when.
 
-It is measured clockwise looking down-hole, as toolface is, and added: toolface of the bend = toolface of the sensor +
-offset. Each setting is one line appended to `toolface.jsonl` in the state directory; the last one is in force. Nothing
-is ever overwritten, so the file is also the log of who changed what.
+It is measured clockwise looking down-hole, as toolface is, and added: toolface of the motor's bend = toolface of the
+sensor + offset. Each setting is one line appended to `toolface.jsonl` in the state directory; the last one is in force.
+Nothing is ever overwritten, so the file is also the log of who changed what.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class ToolfaceLog:
                 if number == len(lines):
                     break  # torn: it was never confirmed
                 raise InputError(
-                    "is no toolface setting", where=f"{self.path}: line {number}", remedy="mend or remove that line"
+                    "is no toolface setting", where=f"{self.path}: line {number}", remedy="fix or remove that line"
                 ) from None
         return found
 
@@ -91,7 +91,7 @@ class ToolfaceLog:
         return None
 
     def changed(self) -> bool:
-        """Whether the file has changed since this was last asked."""
+        """Whether the file has changed since this was last checked."""
         stamp = None
         with contextlib.suppress(OSError):
             status = self.path.stat()

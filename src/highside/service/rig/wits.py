@@ -48,7 +48,7 @@ class Latest:
 
 
 def record(items: tuple[WitsItem, ...], latest: Latest, now_s: float, stale_after_s: float) -> wits0.Items:
-    """The items that can be said now: what is unknown or stale is left out. `now_s` monotonic."""
+    """The items that can be sent now: what is unknown or stale is omitted. `now_s` monotonic."""
     fresh = now_s - latest.attitude_s <= stale_after_s
     found: list[tuple[str, str]] = []
     for item in items:
@@ -156,7 +156,7 @@ class WitsOutput:
     def greeting(self) -> bytes:
         return wits0.encode(self.settings.greeting) if self.settings.greeting else b""
 
-    def heard(self, items: wits0.Items) -> None:
+    def on_items(self, items: wits0.Items) -> None:
         """A record of the rig: it may tell the depth."""
         values = dict(items)
         for code in self.settings.depth_codes:
@@ -244,7 +244,7 @@ class WitsOutput:
             parser = wits0.Parser()
             while data := await reader.read(4096):
                 for items in parser.receive(data):
-                    self.heard(items)
+                    self.on_items(items)
         except (OSError, asyncio.IncompleteReadError) as error:
             why = f"the peer was lost: {getattr(error, 'strerror', None) or error}"
         finally:
@@ -281,7 +281,7 @@ class WitsOutput:
                     gone.set_result(peer.why or "the line is gone")
                 return
             for items in parser.receive(data):
-                self.heard(items)
+                self.on_items(items)
 
         def lost(why: str) -> None:
             if not gone.done():

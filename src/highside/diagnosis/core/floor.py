@@ -1,0 +1,122 @@
+"""The noise floor: how well readings repeat, known without the misfit that is to be explained.
+
+Noise that is learned from a misfit grows with what is missing from the model, and then explains it. The floor is
+learned from what no mismatch of the mean can reach: second differences between successive stretches of rows while
+nothing moves, which a steady drift does not raise either. It is taken at several lengths of stretch, and the largest
+stands: neighbouring rows that are correlated differ by less than their mean is uncertain by. Readings on the lattice of
+a converter whose step exceeds their scatter do not improve by averaging; there the floor is that of the step (a uniform
+law).
+
+What a fit leaves is compared with it by an F test. Scatter above the floor is a finding unless it is identified as
+noise: an error of a set angle acts across gravity and leaves the magnitude alone, a random walk has its spectrum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import fdtrc
+
+from highside.arrays import Array
+from highside.diagnosis.core.policy import FLOOR
+from highside.diagnosis.core.regression import outside, span
+
+Ints = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """`sigma` (C, n): standard deviation of each reading (a mean of rows); `freedom` to which it is known."""
+
+    sigma: Array
+    freedom: float
+
+    def projected(self, normal: Array) -> NoiseFloor:
+        """The floor of the component along unit vectors `normal` (C, n), one channel."""
+        return NoiseFloor(np.sqrt(np.sum((normal * self.sigma) ** 2, axis=0))[None], self.freedom)
+
+
+@dataclass(frozen=True)
+class Excess:
+    """What a fit leaves, in units of the floor: `ratio` of the two standard deviations, and the `p` of chance."""
+
+    ratio: float
+    p: float
+    left: float
+    """standard deviation that is left, in the readings' unit"""
+    floor: float
+    """that of the floor"""
+
+    def above(self, ratio: float) -> bool:
+        """Whether the floor does not explain what is left, by more than a factor of `ratio`."""
+        return self.p < FLOOR.chance and self.ratio > ratio
+
+
+def lattice_step(values: Array) -> float:
+    """The step of the lattice on which readings (N,) lie; 0.0 where they lie on none."""
+    levels = np.unique(values)
+    if levels.size < 2:
+        return 0.0
+    steps = np.diff(levels)
+    step = float(np.median(steps[steps <= FLOOR.lattice_spread * steps.min()]))
+    off = np.abs(steps / step - np.round(steps / step))
+    return step if float(off.max()) < FLOOR.lattice_off else 0.0
+
+
+def floor_of_means(values: Array, rows: Sequence[Ints]) -> NoiseFloor | None:
+    """The floor of the means of channels (C, N) over intervals `rows`; None where intervals have one row only."""
+    count = np.array([r.size for r in rows], dtype=float)
+    if not rows or np.median(count) < 2:
+        return None
+    sigma = np.empty((len(values), len(rows)))
+    freedom = np.inf
+    for c, channel in enumerate(values):
+        variance, known = _of_a_row(channel, rows)
+        step = lattice_step(np.concatenate([channel[r] for r in rows]))
+        mean = variance / count
+        if variance < (FLOOR.dither * step) ** 2:
+            # without dither the mean is as coarse as a reading
+            mean = mean + step**2 / 12
+        sigma[c], freedom = np.sqrt(np.maximum(mean, FLOOR.least**2)), min(freedom, known)
+    return NoiseFloor(sigma, freedom)
+
+
+def _of_a_row(channel: Array, rows: Sequence[Ints]) -> tuple[float, float]:
+    """Variance of a row by which the mean of an interval is uncertain, and the degrees of freedom it is known to."""
+    best = (0.0, 1.0)
+    length = 1
+    longest = max(r.size for r in rows)
+    while length <= max(1, longest // FLOOR.stretches):
+        squares, known = 0.0, 0
+        for own in rows:
+            parts = own.size // length
+            if parts < 2:
+                continue
+            means = channel[own[: parts * length]].reshape(parts, length).mean(axis=1)
+            order = min(parts - 1, 2)
+            # the variance of a first difference is twice, of a second six times that of a mean
+            squares += float(np.sum(np.diff(means, order) ** 2)) / (2 if order == 1 else 6)
+            known += parts - order
+        if known < FLOOR.least_differences and length > 1:
+            break
+        if known:
+            variance = length * squares / known
+            if variance > best[0]:
+                best = (variance, max(FLOOR.overlap * known, 1.0))
+        length *= 2
+    return best
+
+
+def excess(residual: Array, columns: Array, floor: NoiseFloor) -> Excess:
+    """What columns (P, C, n), fitted to a residual (C, n) in units of the floor, leave of it."""
+    white = (residual / floor.sigma).reshape(-1)
+    space = span((columns / floor.sigma).reshape(len(columns), -1)) if len(columns) else np.empty((0, white.size))
+    left = outside(space, white)
+    freedom = max(white.size - len(space), 1)
+    square = float(left @ left) / freedom
+    size = float(np.sqrt(np.mean(floor.sigma**2)))
+    ratio = float(np.sqrt(square))
+    return Excess(ratio, float(fdtrc(freedom, floor.freedom, square)), ratio * size, size)

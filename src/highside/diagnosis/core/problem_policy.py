@@ -1,0 +1,77 @@
+"""What names must show to be given: of each kind of recording its own, in the policy of its room.
+
+Fields as in `policy`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from highside.diagnosis.core.policy import FLOOR, MEMORY, SELECTION
+from highside.physics.effects import all_effects
+
+
+@dataclass(frozen=True, slots=True)
+class SlowLimits:
+    """What a slow effect must show to be believed beside a random walk; each kind of recording has its own."""
+
+    log_p: float = MEMORY.slow_log_p
+    """-log10 p beside a random walk. Source: that of `MemoryPolicy.slow_log_p`."""
+    remaining: float = MEMORY.remaining
+    """-2 log likelihood; evidence of memory that may remain beside it. Source: that of `MemoryPolicy.remaining`."""
+    quiet_log_p: float = MEMORY.slow_log_p
+    """-log10 p that is required where hardly any memory remains. Source: that of `MemoryPolicy.slow_log_p`."""
+    quiet: float = 6.0
+    """-2 log likelihood; evidence of memory that is hardly any. Chosen in f202a8b; no run is recorded."""
+    straight: float | None = None
+    """-log10 p required of what is a straight line in time, which a random walk imitates more easily than others.
+    Chosen in f202a8b; no run is recorded."""
+    forgiven: float = 0.0
+    """Share of the evidence of memory that may remain beside one that beats the random walk twice as clearly as
+    required. Chosen in 6be9111; no run is recorded."""
+    pairs: bool = False
+    """Whether two may pass together where neither passes alone. Chosen in f202a8b; no run is recorded."""
+    over_random_walk: float | None = None
+    """-2 log likelihood; in place of -log10 p, twice the logarithm of the likelihood ratio that is required of the
+    effect without any random walk over a random walk without the effect: either has to explain all that was
+    observed. Chosen in a008d73; no run is recorded."""
+
+    def passes(self, effect: str, log_p: float, remaining: float, evidence: float, score: float) -> bool:
+        """Whether an effect of -log10 p and score, that leaves so much of the evidence of memory, is believed."""
+        if self.over_random_walk is not None:
+            return score - remaining > self.over_random_walk and remaining < self.remaining
+        straight = self.straight if self.straight is not None and all_effects()[effect].straight_in_time else None
+        return (
+            (log_p > (self.quiet_log_p if straight is None else straight) and remaining < self.quiet)
+            or (log_p > max(self.log_p, straight or 0.0) and remaining < self.remaining)
+            or (log_p > 2 * self.log_p and remaining < self.forgiven * evidence)
+        )
+
+
+@dataclass(frozen=True)
+class ProblemPolicy:
+    """What names must show to be given; each kind of recording has its own (`problem.Problem.policy`)."""
+
+    named_share: float = 0.85
+    """Share of the excess misfit that names must explain to be given. Chosen in 21ed34d with the prototype, whose
+    scored runs used it; no run that varied it is recorded."""
+    marginal: float = 0.0
+    """-log10 p; a remainder that is above chance by no more than this withdraws no names. Chosen in 36be2bd; no
+    run is recorded."""
+    interaction_margin: float = 6.0
+    """BIC; a name is not given where something without a name comes nearer to it than this. Chosen in 21ed34d with the
+    prototype, whose scored runs used it; no run that varied it is recorded."""
+    most_named: int = SELECTION.most
+    """More effects than this are a fit and no finding: their names are given only if all but one are manifest. Chosen
+    in 21ed34d; no run is recorded."""
+    certain: float = MEMORY.slow_log_p
+    """-log10 p from which an effect beats a noise with memory. Source: that of `MemoryPolicy.slow_log_p`."""
+    slow: SlowLimits = field(default_factory=SlowLimits)
+    """What a slow effect must show beside a random walk. Source: that of `SlowLimits`."""
+    floor_ratio: float = FLOOR.ratio
+    """Standard deviations left, in those of the noise floor, from which the recording is not explained. Source: sealed
+    null sessions of poses leave 0.98 to 1.03 where noise is white from row to row; 1.35 to 1.5 where it is correlated
+    from pose to pose, which its spectrum identifies."""
+    slow_beside_fast: bool = False
+    """Whether effects of time run like those of the programme, so that they must be chosen together. Chosen in 207dc25;
+    no run is recorded."""

@@ -1,0 +1,158 @@
+"""Laws beside another program's output: of each channel an offset, a factor or a delay that follows something.
+
+No chain is known, so each channel is a search of its own. Its rows are averaged in cells: stretches of time, within
+them like predictions that rise or fall, so that what a factor or a delay does keeps its shape in the means.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.arrays import Array
+from highside.diagnosis.core.problem import ReportData
+from highside.diagnosis.core.result import Claim, Diagnosis, Location, Remainder, Verdict
+from highside.diagnosis.laws.claims import Told, told
+from highside.diagnosis.laws.policy import LAW_CELLS, LAW_FLOOR
+from highside.diagnosis.laws.problem import LawProblem, PlaceField
+from highside.diagnosis.laws.search import Search
+from highside.diagnosis.simulation.problem import SimulationProblem
+from highside.physics import effects as library
+
+UNTOUCHED = frozenset({"bad_data", "not_testable"})
+PLACES_OF_A_CHANNEL = ("channel_offset", "channel_factor", "channel_delay")
+
+
+def with_channel_laws(
+    problem: SimulationProblem, diagnosis: Diagnosis, report: ReportData
+) -> tuple[Diagnosis, ReportData]:
+    """The diagnosis with the laws that the channels support beside its names."""
+    if diagnosis.verdict in UNTOUCHED:
+        return diagnosis, report
+    left = report.after if diagnosis.claims else report.before
+    rows = _covariates(problem)
+    after, parts, claims, places = left.copy(), dict(report.parts), [], []
+    names = diagnosis.claims
+    for c, name in enumerate(problem.session.names):
+        for one in _of_channel(problem, c, left[c], _free(problem, c, names), rows):
+            law = one.law
+            values = law.value([rows[covariate] for covariate in law.depends_on])
+            parts[law.id] = np.zeros_like(left)
+            parts[law.id][c] = values * _field(problem, c, law.place)
+            after[c] -= parts[law.id][c]
+            claims.append(one.claim)
+            share = one.claim.share or 0.0
+            places.append(
+                Location((name,), " x ".join(law.depends_on), one.claim.range[:1], None, share, one.claim.p_familywise)
+            )
+    if not claims:
+        return diagnosis, report
+    verdict: Verdict = "named_plus" if diagnosis.claims else "law"
+    kept = np.ones(problem.session.n, dtype=bool) if problem.session.left_out is None else ~problem.session.left_out
+    fit = diagnosis.fit
+    if fit is not None:
+        shown = [problem.session.names.index(claims[0].channels[0])]
+        fit = replace(
+            fit,
+            unit=problem.session.units[shown[0]],
+            rmse_before=float(np.sqrt(np.mean(report.before[shown][:, kept] ** 2))),
+            rmse_after=float(np.sqrt(np.mean(after[shown][:, kept] ** 2))),
+        )
+    made = replace(
+        diagnosis,
+        verdict=verdict,
+        location=(*(diagnosis.location if diagnosis.claims else ()), *places),
+        claims=(*diagnosis.claims, *claims),
+        fit=fit,
+        remainder=Remainder(resembles=tuple(n for n in diagnosis.remainder.resembles if n in library.registry())),
+    )
+    return made, replace(report, after=after, parts=parts)
+
+
+def _of_channel(
+    problem: SimulationProblem, c: int, left: Array, free: Array, rows: dict[str, Array]
+) -> tuple[Told, ...]:
+    """The laws of one channel, whose rows (n,) are what base and names leave."""
+    name = problem.session.names[c]
+    number, count = _cells(problem, c)
+    used = number >= 0
+
+    def mean(values: Array) -> Array:
+        return np.bincount(number[used], weights=values[used], minlength=count.size) / count
+
+    residual = mean(left)
+    within = left[used] - residual[number[used]]
+    order = np.argsort(time := mean(problem.session.state.t_s), kind="stable")
+    sigma = float(np.sqrt(np.median(within**2))) / LAW_FLOOR.mad
+    floor = max(sigma, LAW_FLOOR.least * float(np.sqrt(np.mean(problem.session.readings[c] ** 2)))) / np.sqrt(count)
+    fields = tuple(
+        PlaceField(place, name, mean(_field(problem, c, place))[order][None]) for place in PLACES_OF_A_CHANNEL
+    )
+    covariates = {key: mean(values)[order] for key, values in rows.items()}
+    columns = np.stack([mean(row)[order] for row in free])[:, None] if len(free) else np.empty((0, 1, count.size))
+    posed = LawProblem(
+        residual[order][None], columns, fields, covariates, floor[order][None], time[order], None, (name,)
+    )
+    return tuple(told(Search(posed).run()))
+
+
+def _cells(problem: SimulationProblem, c: int) -> tuple[NDArray[np.intp], Array]:
+    """Number (n,) of each row's cell, -1 for a row that is left out, and the rows of each."""
+    session = problem.session
+    n = session.n
+    kept = np.ones(n, dtype=bool) if session.left_out is None else ~session.left_out
+    predicted, rising = session.predicted[c], session.slope[c] > 0
+    edges = np.quantile(predicted[kept], np.linspace(0, 1, LAW_CELLS.bins + 1)[1:-1])
+    level = np.searchsorted(edges, predicted)
+    blocks = max(2, min(n // (2 * LAW_CELLS.bins), LAW_CELLS.most // (2 * LAW_CELLS.bins)))
+    block = np.minimum(np.arange(n) * blocks // n, blocks - 1)
+    key = np.where(kept, (block * LAW_CELLS.bins + level) * 2 + rising, -1)
+    found, number = np.unique(key, return_inverse=True)
+    number = number.reshape(-1) - int(found[0] < 0)
+    return np.asarray(number, dtype=np.intp), np.bincount(number[number >= 0]).astype(float)
+
+
+def _field(problem: SimulationProblem, c: int, place: str) -> Array:
+    """(n,) what one unit of a law's value does to a channel."""
+    session = problem.session
+    if place == "channel_offset":
+        return np.ones(session.n)
+    return np.asarray(session.predicted[c] if place == "channel_factor" else -session.slope[c])
+
+
+def _free(problem: SimulationProblem, c: int, claims: tuple[Claim, ...]) -> Array:
+    """(P, n) columns on a channel of what is free and of the names; a constant is always free.
+
+    Beside a name, what of a factor and of a delay follows nothing is free as well, with the next order of the delay:
+    what the linearised column of a long lag leaves would be a law of any covariate.
+    """
+    numbers = [int(k) for k in problem.design.base]
+    claimed = {claim.effect for claim in claims}
+    for candidate in problem.candidates:
+        if candidate.id in claimed:
+            numbers += [int(k) for variant in candidate.variants for k in variant.columns if variant.whole and k >= 0]
+        numbers += [int(k) for k in problem.design.tangents.get(candidate.id, ()) if candidate.id in claimed and k >= 0]
+    rows = [problem.design.column(k)[c] for k in dict.fromkeys(numbers)]
+    if claims:
+        session = problem.session
+        curved = np.gradient(session.slope[c], session.state.t_s)
+        rows += [session.predicted[c], session.slope[c], np.where(np.isfinite(curved), curved, 0.0)]
+    return np.stack([row for row in (np.ones(problem.session.n), *rows) if np.any(row)])
+
+
+def _covariates(problem: SimulationProblem) -> dict[str, Array]:
+    """(n,) of what a law may follow: time, temperature, vibration, rates, speed and the predictions themselves."""
+    session = problem.session
+    found = {
+        "time": session.elapsed_s,
+        "temp": session.state.temp_c,
+        "temp_rate": session.state.temp_rate_cps,
+        "vibration": session.state.vibration_rms_g,
+        **{f"rate_{axis}": np.degrees(rate) for axis, rate in session.rates.items()},
+        **dict(zip(session.names, session.predicted, strict=True)),
+    }
+    if session.speed is not None:
+        found["speed"] = session.speed
+    return {name: np.asarray(values, dtype=float) for name, values in found.items() if np.all(np.isfinite(values))}

@@ -1,0 +1,306 @@
+"""Sessions with known attitudes as the search for laws sees them: poses as they are, rows averaged in cells.
+
+A cell is a sector of toolface within some turns at one rate: what follows the toolface keeps its shape, what is slow
+its time, and averaging loses no strength. A few thousand values stand for any number of rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.arrays import Array
+from highside.diagnosis.core.fit import ObservationModel, Observed
+from highside.diagnosis.core.floor import lattice_step
+from highside.diagnosis.laws.chain import OF_POSES, OF_ROTATION, chain_problem, covariate_values, unit_law
+from highside.diagnosis.laws.groups import HISTORY
+from highside.diagnosis.laws.noise import step_of
+from highside.diagnosis.laws.policy import LAW_CELLS, LAW_FLOOR
+from highside.diagnosis.laws.problem import LawProblem, PlaceField
+from highside.diagnosis.magnitude.observed import Magnitudes
+from highside.diagnosis.magnitude.session import MagnitudeSession
+from highside.diagnosis.poses.session import PoseSession
+from highside.diagnosis.rows.session import RotationSession
+from highside.physics.effect import Effect
+from highside.physics.forward import ForwardModel
+from highside.physics.law import Law, LawEffect
+from highside.physics.places import PLACES
+from highside.physics.state import ChainState
+
+Ints = NDArray[np.intp]
+OF_MAGNITUDES = ("offset", "scale", "scale_all", "matrix")
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Means over cells of rows: `number` (n,) of each row's cell, in time order; -1 for a row of none."""
+
+    number: Ints
+    count: Array
+    """(m,) rows of each"""
+    middle: Ints
+    """(m,) the row that stands for a cell"""
+
+    def mean(self, values: Array) -> Array:
+        """(..., n) -> (..., m)."""
+        used = self.number >= 0
+        flat = values.reshape(-1, values.shape[-1])
+        sums = [np.bincount(self.number[used], weights=row[used], minlength=self.count.size) for row in flat]
+        return np.asarray((np.stack(sums) / self.count).reshape(*values.shape[:-1], self.count.size))
+
+
+@dataclass(frozen=True)
+class ChainSession:
+    """Readings (C, n) at n states, in the chain; `cells` stand for them where there are many."""
+
+    state: ChainState
+    readings: Array
+    free: tuple[str, ...]
+    channels: tuple[str, ...]
+    floor: Array
+    """(C, m) of a pose, a row or a cell"""
+    places: tuple[str, ...]
+    cells: Cells | None = None
+    jitters: bool = False
+    delay_s: float = 0.0
+    """how much later than the time zero of the claims its first value is"""
+
+    @classmethod
+    def of_poses(cls, session: PoseSession, free: Sequence[str]) -> ChainSession:
+        """Each pose a value; its floor is the scatter of its rows."""
+        mean = session.mean
+        least = LAW_FLOOR.least * float(np.sqrt(np.mean(mean**2)))
+        floor = np.full(mean.shape, least)
+        if session.floor is not None:
+            floor = np.maximum(floor, session.floor.sigma)
+        return cls(session.state, mean, tuple(free), ("ax", "ay", "az"), floor, OF_POSES, None, True)
+
+    @classmethod
+    def of_rotation(cls, session: RotationSession, free: Sequence[str], residual: Array) -> ChainSession:
+        """Cells of the rows; their floor is the scatter within. `residual` (C, n) is what the base fit leaves."""
+        cells = cells_of(session)
+        used = cells.number >= 0
+        within = residual - cells.mean(residual)[:, np.maximum(cells.number, 0)]
+        if cells.count.max() == 1:
+            # of single rows the scatter is what bends from row to row, of variance 6 for white noise of variance 1
+            bent = residual[:, 2:] - 2 * residual[:, 1:-1] + residual[:, :-2]
+            within = np.pad(bent, ((0, 0), (1, 1)), mode="edge") / np.sqrt(1 + 4 + 1)
+        own = np.array([np.sqrt(np.median(row[used] ** 2)) for row in within]) / LAW_FLOOR.mad
+        rows = float(cells.count.sum())
+        lost = 1.0 if cells.count.max() == 1 else np.sqrt(rows / max(rows - cells.count.size, 1.0))
+        least = LAW_FLOOR.least * np.sqrt(np.mean(session.readings**2, axis=1))
+        floor = np.maximum(own * lost, least)[:, None] / np.sqrt(cells.count)
+        return cls(session.state, session.readings, tuple(free), session.channels, floor, OF_ROTATION, cells)
+
+    @cached_property
+    def lattice(self) -> Array:
+        """(C,) step of the readings of single rows; 0 where they lie on no lattice, or are means."""
+        if self.cells is None:
+            return np.zeros(len(self.channels))
+        return np.array([lattice_step(row) for row in self.readings])
+
+    @property
+    def step_s(self) -> float:
+        """Median time from value to value."""
+        return step_of(self.reduced_state.t_s)
+
+    @cached_property
+    def reduced_state(self) -> ChainState:
+        """The states at which laws are looked for."""
+        return self.state if self.cells is None else self.state.rows(self.cells.middle)
+
+    @cached_property
+    def observed(self) -> Observed:
+        """All readings."""
+        return Observed(self.state, self.readings)
+
+    @cached_property
+    def reduced_observed(self) -> Observed:
+        """Those that stand for them."""
+        return Observed(self.reduced_state, np.zeros((len(self.channels), self.reduced_state.n)))
+
+    def reduced(self, values: Array) -> Array:
+        """(..., n) -> (..., m)."""
+        return values if self.cells is None else self.cells.mean(values)
+
+    def residual(self, model: ForwardModel) -> Array:
+        """(C, m) readings minus the model."""
+        return self.reduced(self.observed.residual(model))
+
+    def problem(self, model: ForwardModel, residual: Array, also: Sequence[str] = ()) -> LawProblem:
+        """The problem of a residual (C, m) at a model; names `effect.parameter` of `also` are free too."""
+        state = self.reduced_state
+        columns = self.reduced_observed.jacobian(model, [*model.free_names(list(self.free)), *also])
+        jitter = None
+        if self.jitters:
+            jitter = np.asarray(model.pose_sensitivity(state), dtype=float)[:, [0, 2]].transpose(1, 0, 2)
+        return chain_problem(model, state, residual, columns, self.floor, places=self.places, jitter=jitter)
+
+    def derivatives(self, model: ForwardModel, wanted: Sequence[tuple[Effect, Array]]) -> list[Array]:
+        """(k, C, m) by the parameters of each effect, at its vector."""
+        gyros = len(self.channels) > len("xyz")
+        return model.derivatives(self.reduced_state, wanted, gyros=gyros)
+
+    def effect_columns(self, model: ForwardModel, effect: str, values: dict[str, float]) -> tuple[Array, Array]:
+        """(k, C, m) what one unit of each amplitude of an effect does, and the amplitudes' values (k,)."""
+        known = model.effect(effect)
+        shape = {p.name: values.get(p.name, p.default) for p in known.shapes}
+        names = [known.parameters[k].name for k in known.amplitudes]
+        columns = self.reduced_observed.columns(model, known, shape)
+        return columns, np.array([values.get(name, 0.0) for name in names])
+
+
+@dataclass(frozen=True)
+class MagnitudeLaws:
+    """Still readings of which only the magnitude is known, (1, n): a law shows by what it adds along gravity."""
+
+    session: MagnitudeSession
+    observed: Magnitudes
+    free: tuple[str, ...]
+    floor: Array
+    """(1, n)"""
+    channels: tuple[str, ...] = ("g_total",)
+
+    @property
+    def delay_s(self) -> float:
+        """Time of the first reading since the recording's first row, from which claims count."""
+        return float(self.session.t_s[0] - self.session.began_s)
+
+    @classmethod
+    def of(cls, session: MagnitudeSession, observed: Magnitudes, free: Sequence[str]) -> MagnitudeLaws:
+        """The floor is the scatter of the rows of a reading, along gravity."""
+        least = LAW_FLOOR.least * float(np.sqrt(np.mean(session.mean**2)))
+        floor = np.full((1, session.n), least)
+        if session.floor is not None:
+            floor = np.maximum(floor, session.floor.sigma)
+        return cls(session, observed, tuple(free), floor)
+
+    def residual(self, model: ForwardModel) -> Array:
+        """(1, n) |g| - 1."""
+        return self.observed.residual(model)
+
+    def derivatives(self, model: ForwardModel, wanted: Sequence[tuple[Effect, Array]]) -> list[Array]:
+        """(k, 1, n) by the parameters of each effect, at its vector."""
+        aligned = self.observed.aligned(model)
+        made = model.derivatives(aligned.state, wanted)
+        return [self.observed.project(aligned, np.asarray(one, dtype=float)) for one in made]
+
+    def problem(self, model: ForwardModel, residual: Array, also: Sequence[str] = ()) -> LawProblem:
+        """The problem of a residual (1, n) at a model; names `effect.parameter` of `also` are free too."""
+        aligned = self.observed.aligned(model)
+        names = model.free_names(list(self.free)) if self.free else []
+        free = self.observed.shown(self.observed.jacobian(model, names), names) if names else np.empty((0, 1, self.n))
+        free = np.concatenate([free, self.observed.jacobian(model, list(also))])
+        wanted = [(place, channel) for place in OF_MAGNITUDES for channel in PLACES[place].channels]
+        made = self.derivatives(model, [(LawEffect(unit_law(*one)), np.zeros(1)) for one in wanted])
+        fields = tuple(
+            PlaceField(place, channel, one[0], unit_law(place, channel).axis_of(channel))
+            for (place, channel), one in zip(wanted, made, strict=True)
+            if np.any(one)
+        )
+        known = covariate_values(aligned.state, np.asarray(model.chain(aligned.state).force, dtype=float))
+        # where it points is not known but from what it reads: that is the load
+        unknown = {"inc", "tf", "tf_fraction", *(HISTORY if self.session.rest else ())}
+        covariates = {name: values for name, values in known.items() if name not in unknown}
+        t_s = self.session.t_s
+        return LawProblem(residual, free, fields, covariates, self.floor, t_s, None, self.channels)
+
+    @property
+    def lattice(self) -> Array:
+        """(1,) 0: readings are means."""
+        return np.zeros(1)
+
+    @property
+    def step_s(self) -> float:
+        """Median time from reading to reading."""
+        return step_of(self.session.t_s)
+
+    @property
+    def n(self) -> int:
+        """Number of readings."""
+        return self.session.n
+
+    def effect_columns(self, model: ForwardModel, effect: str, values: dict[str, float]) -> tuple[Array, Array]:
+        """(k, 1, n) what one unit of each amplitude of an effect does, and the amplitudes' values (k,)."""
+        known = model.effect(effect)
+        shape = {p.name: values.get(p.name, p.default) for p in known.shapes}
+        names = [known.parameters[k].name for k in known.amplitudes]
+        return self.observed.columns(model, known, shape), np.array([values.get(name, 0.0) for name in names])
+
+
+class LawSession(Protocol):
+    """A session as laws and names compete in it; C channels of m values."""
+
+    @property
+    def channels(self) -> tuple[str, ...]: ...
+    @property
+    def delay_s(self) -> float: ...
+    @property
+    def step_s(self) -> float: ...
+    @property
+    def lattice(self) -> Array: ...
+    @property
+    def free(self) -> tuple[str, ...]: ...
+    @property
+    def floor(self) -> Array: ...
+    @property
+    def observed(self) -> ObservationModel: ...
+    def residual(self, model: ForwardModel) -> Array: ...
+    def problem(self, model: ForwardModel, residual: Array, also: Sequence[str] = ()) -> LawProblem: ...
+    def derivatives(self, model: ForwardModel, wanted: Sequence[tuple[Effect, Array]]) -> list[Array]: ...
+    def effect_columns(self, model: ForwardModel, effect: str, values: dict[str, float]) -> tuple[Array, Array]: ...
+
+
+def linear(session: LawSession, model: ForwardModel, laws: Sequence[Law]) -> Array:
+    """(C, m) what laws do to first order at a model."""
+    if not laws:
+        return np.zeros_like(session.floor)
+    made = session.derivatives(model, [(LawEffect(law), np.zeros(1)) for law in laws])
+    return np.asarray(sum((one[0] for one in made), np.zeros_like(session.floor)))
+
+
+def cells_of(session: RotationSession) -> Cells:
+    """Sectors of toolface within some turns at one rate; where rows are few each is its own."""
+    state, n = session.state, session.n
+    rows = np.arange(n)
+    kept = np.ones(n, dtype=bool) if session.left_out is None else ~session.left_out
+    if n <= LAW_CELLS.most:
+        number = np.where(kept, np.cumsum(kept) - 1, -1)
+        return Cells(number, np.ones(int(kept.sum())), rows[kept])
+    turn = 2 * np.pi
+    angle = state.tf_rad - state.tf_rad.min()
+    sector = np.floor(np.mod(angle, turn) / turn * LAW_CELLS.sectors).astype(int)
+    way = np.cumsum(np.abs(np.diff(angle, prepend=angle[:1]))) / turn
+    rate = state.rotor_rate_radps
+    level = np.round(rate / max(LAW_CELLS.rate * float(np.abs(rate).max()), 1e-12)).astype(int)
+    blocks = max(2, LAW_CELLS.most // LAW_CELLS.sectors)
+    each = max(1.0, float(way[-1]) / blocks)
+    seconds = max(float(state.t_s[-1] - state.t_s[0]), 1e-9) / blocks
+    # a block ends after so many turns, after so long, or where the rate changes
+    block = (
+        np.floor(way / each).astype(int),
+        np.floor((state.t_s - state.t_s[0]) / seconds / LAW_CELLS.slow).astype(int),
+    )
+    borders = (np.diff(block[0], prepend=0) != 0) | (np.diff(block[1], prepend=0) != 0)
+    borders |= np.diff(level, prepend=level[:1]) != 0
+    key = np.cumsum(borders).astype(np.int64) * LAW_CELLS.sectors + sector
+    _, number, count = np.unique(np.where(kept, key, -1), return_inverse=True, return_counts=True)
+    number = number.reshape(-1)
+    if not kept.all():
+        number, count = number - 1, count[1:]
+    # the row in the middle of a cell stands for it, and says where it stands in time: rows of one cell lie turns apart
+    used = number >= 0
+    by_cell = np.argsort(number[used], kind="stable")
+    starts = np.concatenate([[0], np.cumsum(count)[:-1]])
+    middle = rows[used][by_cell[starts + count // 2]]
+    order = np.argsort(middle, kind="stable")
+    place = np.empty_like(order)
+    place[order] = np.arange(order.size)
+    number = np.where(used, place[np.maximum(number, 0)], -1)
+    count, middle = count[order], middle[order]
+    return Cells(number, count.astype(float), middle)

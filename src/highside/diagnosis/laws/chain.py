@@ -1,0 +1,77 @@
+"""A session with known attitudes as a problem of laws: how a number at each row enters in each place, by the chain."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from highside.arrays import Array
+from highside.diagnosis.laws.problem import LawProblem, PlaceField
+from highside.physics.covariates import COVARIATES, covariate
+from highside.physics.effect import AXES
+from highside.physics.forward import ForwardModel
+from highside.physics.gravity import gravity_direction
+from highside.physics.law import Axis, Function, Law, LawEffect
+from highside.physics.places import PLACES
+from highside.physics.state import ChainState
+
+OF_POSES = ("offset", "scale", "scale_all", "matrix", "inclination", "toolface", "level")
+OF_ROTATION = (*OF_POSES, "timing")
+OF_GYROS = ("gyro_offset", "gyro_scale")
+CHANNELS, GYROS = ("ax", "ay", "az"), ("gx", "gy", "gz")
+
+
+def unit_law(place: str, channel: str) -> Law:
+    """The law whose value is 1 everywhere."""
+    return Law("unit", place, (channel,), (Axis("time", 0.0, 0.0, (Function("one"),)),), ((1.0,),))
+
+
+def place_fields(model: ForwardModel, state: ChainState, places: Sequence[str], *, gyros: bool) -> list[PlaceField]:
+    """What one unit of a law's value does in each place and channel."""
+    names = [(place, channel) for place in places for channel in PLACES[place].channels]
+    wanted = [(LawEffect(unit_law(*name)), np.zeros(1)) for name in names]
+    made = model.derivatives(state, wanted, gyros=gyros)
+    return [
+        PlaceField(place, channel, np.asarray(field[0], dtype=float), unit_law(place, channel).axis_of(channel))
+        for (place, channel), field in zip(names, made, strict=True)
+    ]
+
+
+def covariate_values(state: ChainState, load: Array) -> dict[str, Array]:
+    """(n,) of each covariate; (3, n) where it differs from axis to axis."""
+    found: dict[str, Array] = {}
+    for name, known in COVARIATES.items():
+        if known.own:
+            found[name] = np.stack([known.of(state, load, axis) for axis in range(len(AXES))])
+        else:
+            found[name] = np.asarray(known.of(state, load, 0), dtype=float)
+    for name in state.extra:
+        values = np.asarray(covariate(name).of(state, load, 0), dtype=float)
+        if np.isfinite(values).all():
+            found[name] = values
+    # one pose from first to last: the time since a move is the time
+    if not state.n or state.pose[0] == state.pose[-1]:
+        for name in ("time_since_move", "previous_load"):
+            del found[name]
+    return found
+
+
+def chain_problem(
+    model: ForwardModel,
+    state: ChainState,
+    residual: Array,
+    free: Array,
+    floor: Array,
+    *,
+    places: Sequence[str] = OF_POSES,
+    jitter: Array | None = None,
+) -> LawProblem:
+    """The problem of a residual (C, n) beside what is free (P, C, n)."""
+    gyros = residual.shape[0] > len(AXES)
+    fields = place_fields(model, state, [*places, *(OF_GYROS if gyros else ())], gyros=gyros)
+    load = np.asarray(gravity_direction(state.inc_rad, state.tf_rad), dtype=float)
+    if not gyros:
+        load = np.asarray(model.chain(state).force, dtype=float)
+    names = (*CHANNELS, *GYROS)[: residual.shape[0]]
+    return LawProblem(residual, free, tuple(fields), covariate_values(state, load), floor, state.t_s, jitter, names)

@@ -1,0 +1,335 @@
+"""What is told of each law that was found: the law itself, its share, its proof, its stability, its class."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from highside.arrays import Array
+from highside.diagnosis.core.result import Claim, Curve, FittedParameter
+from highside.diagnosis.laws.effects import EffectGroup
+from highside.diagnosis.laws.evidence import Term, Whitened, raw_columns
+from highside.diagnosis.laws.formulas import Closed, closed_form
+from highside.diagnosis.laws.groups import Group, values_of
+from highside.diagnosis.laws.policy import LAW_TELLING
+from highside.diagnosis.laws.readings import readings_of
+from highside.diagnosis.laws.search import Found
+from highside.physics.covariates import covariate
+from highside.physics.effect import Effect
+from highside.physics.law import PREFIX, Law
+from highside.physics.places import PLACES
+
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Told:
+    """A law that was found, and what is told of it."""
+
+    law: Law
+    claim: Claim
+    effect: Array
+    """(C, n) what it does to the readings, to first order"""
+
+
+def told(found: Found) -> list[Told]:
+    """The laws of a search, the largest share first; library effects among the terms are told by others."""
+    white = found.whitened()
+    terms = list(found.terms)
+    mean, covariance = white.posterior(terms)
+    shares = _shares(white, terms)
+    made = []
+    for k, term in enumerate(terms):
+        if term.group.effect:
+            continue
+        part = slice_of(found, terms, k)
+        law = _law(term.group, mean[part], covariance[part, part])
+        effect = np.tensordot(mean[part], raw_columns(found.problem, [term]), 1)
+        gains = heldout(white, terms, k)
+        closed = closed_form(found, white, terms, k)
+        if closed is not None and closed.law is not None:
+            law = closed.law
+            effect = closed.effect
+        made.append(Told(law, _claim(found, white, terms, k, law, closed, shares[k], gains, effect), effect))
+    return sorted(made, key=lambda one: -(one.claim.share or 0.0))
+
+
+def slice_of(found: Found, terms: list[Term], k: int) -> slice:
+    """Where a term's coefficients stand among those of all that is free and of the terms."""
+    start = len(found.problem.free) + sum(t.group.size for t in terms[:k])
+    return slice(start, start + terms[k].group.size)
+
+
+def _law(group: Group, mean: Array, covariance: Array) -> Law:
+    count = group.order.size
+    rows = mean.reshape(-1, count)
+    return Law(
+        group.label,
+        group.place,
+        tuple(u.channel for u in group.units),
+        group.axes,
+        tuple(tuple(float(v) for v in row) for row in rows),
+        tuple(tuple(float(v) for v in row) for row in covariance),
+    )
+
+
+def _shares(white: Whitened, terms: list[Term]) -> list[float]:
+    """Of the chi-square that all terms explain, the part that goes with each alone; they need not add up to one."""
+    none = _misfit(white, [])
+    all_of = none - _misfit(white, terms)
+    lost = [
+        _misfit(white, [t for i, t in enumerate(terms) if i != k]) - _misfit(white, terms) for k in range(len(terms))
+    ]
+    whole = max(all_of, sum(lost), 1e-12)
+    return [max(0.0, float(one / whole)) for one in lost]
+
+
+def _misfit(white: Whitened, terms: list[Term]) -> float:
+    columns, _ = white.columns(terms)
+    mean, _ = white.posterior(terms)
+    return float(np.sum((white.residual - np.tensordot(mean, columns, 1)) ** 2))
+
+
+def folds_of(n: int) -> Array:
+    """(n,) number of the fold of each value: neighbours in different ones, so that each part of a session is learnt."""
+    return np.asarray(np.arange(n) % LAW_TELLING.folds)
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Root mean squares of errors on values that no fit has seen, in units of the noise, and the share removed."""
+
+    before: float
+    after: float
+    low: float
+    high: float
+    words: str
+
+
+def heldout_of(found: Found) -> HeldOut:
+    """All terms together against none."""
+    white = found.whitened()
+    before, after = (np.array(_by_fold(white, some)) for some in ([], list(found.terms)))
+    count = white.residual.size
+    gains = 1.0 - after / np.maximum(before, 1e-300)
+    middle = 1.0 - after.sum() / max(float(before.sum()), 1e-300)
+    half = LAW_TELLING.sure * float(gains.std(ddof=1)) / np.sqrt(gains.size)
+    words = (
+        f"{LAW_TELLING.folds} sets of every {LAW_TELLING.folds}th value, each predicted from the others, in units of "
+        "the noise that was learnt; gain = share of the mean square removed"
+    )
+    return HeldOut(
+        float(np.sqrt(before.sum() / count)), float(np.sqrt(after.sum() / count)), middle - half, middle + half, words
+    )
+
+
+def heldout(white: Whitened, terms: list[Term], k: int) -> float:
+    """Nats of log likelihood that a term adds on values that no fit has seen, beside the others."""
+    with_it, without = (_predicted(white, some) for some in (terms, [t for i, t in enumerate(terms) if i != k]))
+    return 0.5 * (without - with_it)
+
+
+def _predicted(white: Whitened, terms: list[Term]) -> float:
+    return float(sum(_by_fold(white, terms)))
+
+
+def _by_fold(white: Whitened, terms: list[Term]) -> list[float]:
+    """Square of the errors, in units of the noise, of values that are predicted from the others, fold by fold."""
+    columns, prior = white.columns(terms)
+    n = columns.shape[2]
+    fold = folds_of(n)
+    flat = columns.reshape(len(columns), -1)
+    whole, seen = flat @ flat.T + np.diag(prior), flat @ white.residual.reshape(-1)
+    found = []
+    for number in range(LAW_TELLING.folds):
+        out = fold == number
+        own = columns[:, :, out].reshape(len(columns), -1)
+        target = white.residual[:, out].reshape(-1)
+        size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+        left = (whole - own @ own.T) / size[:, None] / size[None] + LAW_TELLING.ridge * np.eye(size.size)
+        mean = np.linalg.solve(left, (seen - own @ target) / size) / size
+        found.append(float(np.sum((target - mean @ own) ** 2)))
+    return found
+
+
+def stability(found: Found, white: Whitened, terms: list[Term], k: int, effect: Array) -> float:
+    """Chance that the law's size agrees as little over parts of the session: thirds in time, halves of the angles."""
+    chance = 1.0
+    for parts in _partings(found):
+        chance = min(chance, _agreement(white, terms, k, effect, parts))
+    return chance
+
+
+def _partings(found: Found) -> list[list[Bools]]:
+    problem = found.problem
+    time = np.argsort(np.argsort(problem.t_s, kind="stable"), kind="stable")
+    partings = [[time * 3 // problem.n == third for third in range(3)]]
+    for name in ("inc", "rate"):
+        values = problem.covariates.get(name)
+        if values is not None and np.ptp(values) > 0:
+            low = values <= np.median(values)
+            if 0 < low.sum() < low.size:
+                partings.append([low, ~low])
+    return partings
+
+
+def _agreement(white: Whitened, terms: list[Term], k: int, effect: Array, parts: list[Bools]) -> float:
+    others = [t for i, t in enumerate(terms) if i != k]
+    columns, prior = white.columns(others)
+    own = white.whitener.white(np.stack([effect * part for part in parts]))
+    every = np.concatenate([columns, own]).reshape(len(columns) + len(parts), -1)
+    precision = np.diag(np.concatenate([prior, np.zeros(len(parts))]))
+    gram = every @ every.T + precision
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    inverse = np.linalg.pinv(gram / size[:, None] / size[None], hermitian=True) / size[:, None] / size[None]
+    mean = inverse @ (every @ white.residual.reshape(-1))
+    sizes, spread = mean[len(columns) :], inverse[len(columns) :, len(columns) :]
+    known = np.diag(spread) < LAW_TELLING.known**2
+    if known.sum() < 2:
+        return 1.0
+    sizes, weight = sizes[known], np.linalg.pinv(spread[np.ix_(known, known)], hermitian=True)
+    ones = np.ones(sizes.size)
+    common = float(ones @ weight @ sizes / (ones @ weight @ ones))
+    # a law that is 1 here and 1 + x there shows; how the shape may vary beside its size is not in this spread
+    apart = sizes - common
+    chi = float(apart @ np.linalg.pinv(np.linalg.pinv(weight) + LAW_TELLING.shape**2 * np.eye(sizes.size)) @ apart)
+    return float(chdtrc(sizes.size - 1, chi))
+
+
+def cases_of_laws(found: Found) -> set[str]:
+    """Names among the terms of which a law among them could do nearly all: functions of the same, in the same place."""
+    white, terms = found.whitened(), list(found.terms)
+    mean, _ = white.posterior(terms)
+    free = white.free.reshape(len(white.free), -1)
+    cases = set()
+    for k, term in enumerate(terms):
+        if not term.group.effect:
+            continue
+        does = np.tensordot(mean[slice_of(found, terms, k)], raw_columns(found.problem, [term]), 1)
+        target = white.whitener.white(does[None]).reshape(-1)
+        for law in terms:
+            if law.group.effect:
+                continue
+            own = white.whitener.white(raw_columns(found.problem, [law])).reshape(law.group.size, -1)
+            left = target - _projected(np.concatenate([free, own]), target)
+            alone = target - _projected(free, target)
+            if float(left @ left) < LAW_TELLING.case * float(alone @ alone):
+                cases.add(term.group.effect)
+    return cases
+
+
+def _projected(rows: Array, target: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(rows.T, target, rcond=LAW_TELLING.ridge)[0] @ rows)
+
+
+def named_claim(found: Found, k: int, effect: Effect) -> Claim:
+    """The claim of a library effect that was chosen among laws, its sizes as they are beside them."""
+    white = found.whitened()
+    terms = list(found.terms)
+    mean, covariance = white.posterior(terms)
+    part, group = slice_of(found, terms, k), terms[k].group
+    assert isinstance(group, EffectGroup)
+    shown = np.flatnonzero(group.unit > 0)
+    value, std = np.zeros(group.unit.size), np.zeros(group.unit.size)
+    value[shown] = mean[part] / group.unit[shown]
+    std[shown] = np.sqrt(np.diag(covariance[part, part])) / group.unit[shown]
+    half = LAW_TELLING.sure * std
+    parameters = {
+        effect.parameters[i].name: FittedParameter(
+            float(v), float(s), float(v - h), float(v + h), effect.parameters[i].unit
+        )
+        for i, v, s, h in zip(effect.amplitudes, value, std, half, strict=True)
+    }
+    rivals = tuple(g.effect or f"{PREFIX}{g.label}" for g in found.classes[k])
+    return Claim(
+        effect=effect.id,
+        story=effect.story,
+        formula=effect.formula,
+        stage=effect.stage.value,
+        parameters=parameters,
+        p_familywise=float(np.exp(-min(found.gains[k], LAW_TELLING.least_log))),
+        equivalence_class=rivals,
+        rivals_ruled_out=(),
+        next_manoeuvre=effect.splitter,
+        share=_shares(white, terms)[k],
+        channels=tuple(found.problem.channels[c] for c in group.channels),
+        heldout_gain=heldout(white, terms, k),
+    )
+
+
+def _claim(
+    found: Found,
+    white: Whitened,
+    terms: list[Term],
+    k: int,
+    law: Law,
+    closed: Closed | None,
+    share: float,
+    gain: float,
+    effect: Array,
+) -> Claim:
+    group = terms[k].group
+    strength = float(np.sum(white.whitener.white(effect[None]) ** 2))
+    rivals = tuple(f"{PREFIX}{g.label}" if not g.effect else g.effect for g in found.classes[k])
+    own = found.gains[k]
+    apart = [g for g in found.classes[k][1:] if not g.effect]
+    others = sorted({name for g in apart for name in g.depends_on} - set(group.depends_on))
+    words = " and ".join(covariate(name).title for name in group.depends_on)
+    confirm = f"vary {words} over the range that matters"
+    if others:
+        confirm += f", apart from {', '.join(covariate(name).title for name in others)}"
+    formula = closed.text if closed is not None else None
+    rms, rms_std = size_beside_free(white, effect, group.channels)
+    shapes = tuple(f.kind for axis in law.axes for f in axis.functions) if law.formula else ()
+    return Claim(
+        effect=law.id,
+        story=f"{law.at.title}, following {words}: no effect of the library, a law learnt from this recording.",
+        formula=formula,
+        stage="" if law.at.stage is None else law.at.stage.value,
+        parameters={},
+        p_familywise=float(np.exp(-min(own, LAW_TELLING.least_log))),
+        equivalence_class=rivals,
+        rivals_ruled_out=(),
+        next_manoeuvre=f"record another session and {confirm}",
+        share=share,
+        channels=tuple(found.problem.channels[c] for c in group.channels),
+        heldout_gain=gain,
+        stable=stability(found, white, terms, k, effect) > LAW_TELLING.stable,
+        shape_within=float(np.sqrt(LAW_TELLING.unseen / max(strength, LAW_TELLING.unseen))),
+        place=law.place,
+        depends_on=law.depends_on,
+        curve=curve_of(found, group, law),
+        range=tuple((axis.low, axis.high) for axis in law.axes),
+        readings=readings_of(law.place, law.depends_on, shapes),
+        confirm=confirm,
+        law=law.to_dict(),
+        rms=rms,
+        rms_std=rms_std,
+    )
+
+
+def size_beside_free(white: Whitened, effect: Array, channels: tuple[int, ...]) -> tuple[float, float]:
+    """Rms of a contribution (C, n) over its channels, less what bias, scale and all that is free takes of it, and the
+    standard deviation of that as a factor of the shape. A curve's own band also holds what is free takes of it."""
+    free = white.free.reshape(len(white.free), -1).T
+    own = white.whitener.white(effect[None])[0].reshape(-1)
+    taken = np.linalg.lstsq(free, own, rcond=None)[0] if free.size else np.zeros(0)
+    strength = float(np.sum((own - free @ taken) ** 2))
+    left = effect - np.tensordot(taken, white.families.problem.free, 1)
+    rms = float(np.sqrt(np.mean(left[list(channels)] ** 2)))
+    return rms, rms / float(np.sqrt(max(strength, 1.0)))
+
+
+def curve_of(found: Found, group: Group, law: Law) -> Curve:
+    """The law of its first channel over its first covariate, the second at its median."""
+    axis = law.axes[0]
+    grid = np.linspace(axis.low, axis.high, LAW_TELLING.grid)
+    at = [grid]
+    for other in law.axes[1:]:
+        middle = float(np.median(values_of(found.problem, other.covariate, group.units[0])))
+        at.append(np.full(grid.size, middle))
+    value, std = law.value(at), law.std(at)
+    return Curve(tuple(map(float, grid)), tuple(map(float, value)), tuple(map(float, std)), PLACES[law.place].unit)

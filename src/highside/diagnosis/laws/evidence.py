@@ -1,0 +1,234 @@
+"""The evidence of groups beside what is free and what is chosen: everything by inner products of whitened columns."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+
+import numpy as np
+
+from highside.arrays import Array
+from highside.diagnosis.laws.groups import Group
+from highside.diagnosis.laws.noise import Whitener, evidence
+from highside.diagnosis.laws.policy import LAW_EVIDENCE, LAW_SEARCH
+from highside.diagnosis.laws.problem import LawProblem
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Variance `size` (1 + (k / length)^2)^-power of a coefficient of order k."""
+
+    size: float
+    length: float
+
+    def variances(self, orders: Array) -> Array:
+        """(m,)."""
+        return np.asarray(self.size * falls(orders, self.length))
+
+
+def falls(orders: Array, length: float | Array) -> Array:
+    """How the prior falls with the order, beside its size."""
+    return np.asarray((1.0 + (orders / length) ** 2) ** -LAW_EVIDENCE.power)
+
+
+@dataclass(frozen=True)
+class Term:
+    """A chosen group with its prior."""
+
+    group: Group
+    prior: Prior
+
+    @property
+    def precision(self) -> Array:
+        """(m,) of its coefficients."""
+        return np.asarray(1.0 / self.prior.variances(self.group.orders))
+
+
+@dataclass(frozen=True)
+class _Family:
+    """Groups of the same number of columns on the same channels: `raw` (G, m, c, n)."""
+
+    members: list[int]
+    channels: tuple[int, ...]
+    orders: Array
+    """(G, m)"""
+    raw: Array
+
+
+class Families:
+    """All groups of a problem, stacked where they are alike."""
+
+    def __init__(self, problem: LawProblem, groups: list[Group]) -> None:
+        self.problem, self.groups = problem, groups
+        alike: dict[tuple[int, tuple[int, ...]], list[int]] = defaultdict(list)
+        for i, group in enumerate(groups):
+            alike[group.size, group.channels].append(i)
+        self.families = [
+            _Family(
+                members,
+                channels,
+                np.stack([groups[i].orders for i in members]),
+                np.stack([groups[i].columns() for i in members]),
+            )
+            for (_, channels), members in alike.items()
+        ]
+
+
+class Whitened:
+    """Groups and residual under one noise; scores groups beside chosen terms."""
+
+    def __init__(self, families: Families, whitener: Whitener, residual: Array) -> None:
+        self.families, self.whitener = families, whitener
+        problem = families.problem
+        self.residual = whitener.white(residual[None])[0]
+        self.free = whitener.white(problem.free)
+        self._parts = []
+        for family in families.families:
+            count, size, c, n = family.raw.shape
+            flat = family.raw.reshape(count * size, c, n)
+            if whitener.mixes:
+                full = np.zeros((count * size, problem.count, n))
+                full[:, list(family.channels)] = flat
+                white, channels = whitener.white(full), tuple(range(problem.count))
+            else:
+                white = np.stack([whitener.channel(ch, flat[:, k]) for k, ch in enumerate(family.channels)], axis=1)
+                channels = family.channels
+            columns = white.reshape(count, size, -1)
+            gram = columns @ columns.transpose(0, 2, 1)
+            seen = columns @ self.residual[list(channels)].reshape(-1)
+            self._parts.append((family, channels, columns, gram, seen))
+
+    def columns(self, terms: list[Term]) -> tuple[Array, Array]:
+        """Whitened columns (K, C, n) of all that is free and of the terms, and their prior precisions (K,)."""
+        raw = [raw_columns(self.families.problem, [term]) for term in terms]
+        white = [self.free, *(self.whitener.white(columns) for columns in raw)]
+        return np.concatenate(white), prior_of(self.families.problem, terms)
+
+    def total(self, terms: list[Term]) -> float:
+        """Log evidence of the terms beside all that is free."""
+        columns, prior = self.columns(terms)
+        both = np.concatenate([columns, self.residual[None]]).reshape(len(columns) + 1, -1)
+        return float(evidence((both @ both.T)[None], prior, np.array([self.whitener.log_determinant]))[0])
+
+    def posterior(self, terms: list[Term]) -> tuple[Array, Array]:
+        """Mean (K,) and covariance (K, K) of the coefficients of all that is free and of the terms."""
+        columns, prior = self.columns(terms)
+        flat = columns.reshape(len(columns), -1)
+        inverse = _inverse(flat @ flat.T, prior)
+        return inverse @ (flat @ self.residual.reshape(-1)), inverse
+
+    def scores(self, terms: list[Term]) -> tuple[Array, list[Prior]]:
+        """(G,) nats that each group gains beside the terms, at its best prior, and these priors."""
+        columns, prior = self.columns(terms)
+        flat = columns.reshape(len(columns), -1)
+        inverse = _inverse(flat @ flat.T, prior)
+        coefficients = inverse @ (flat @ self.residual.reshape(-1))
+        groups = self.families.groups
+        gains = np.full(len(groups), -np.inf)
+        priors = [Prior(1.0, 1.0)] * len(groups)
+        left = []
+        for _, channels, own, gram, seen in self._parts:
+            beside = columns[:, list(channels)].reshape(len(columns), -1)
+            across = own @ beside.T
+            remaining = gram - across @ inverse @ across.transpose(0, 2, 1)
+            left.append(_shown(gram, remaining, seen - across @ coefficients))
+        # no prior gains more than the best fit does: what cannot come near the best is not looked at
+        bounds = [_bound(*one) for one in left]
+        order = np.sort(np.concatenate(bounds)) if bounds else np.zeros(1)
+        high = float(order[-min(LAW_EVIDENCE.first, order.size)])
+        for least, most in ((high, np.inf), (None, high)):
+            worth = least if least is not None else float(gains.max(initial=0.0)) - LAW_SEARCH.same_confounded
+            for (family, *_), (gram, drive), bound in zip(self._parts, left, bounds, strict=True):
+                take = np.flatnonzero((bound >= worth) & (bound < most))
+                if not take.size:
+                    continue
+                gain, size, length = best_priors(gram[take], drive[take], family.orders[take])
+                for k, j in enumerate(take):
+                    i = family.members[int(j)]
+                    gains[i] = gain[k] - np.log(groups[i].tries)
+                    priors[i] = Prior(float(size[k]), float(length[k]))
+        return gains, priors
+
+
+def _shown(before: Array, gram: Array, drive: Array) -> tuple[Array, Array]:
+    """What the terms leave of the groups, without the functions they take whole: what is left of those is rounding, and
+    may be negative."""
+    power = np.diagonal(gram, axis1=1, axis2=2)
+    shown = power > LAW_EVIDENCE.ridge * np.diagonal(before, axis1=1, axis2=2)
+    return gram * (shown[:, :, None] & shown[:, None, :]), drive * shown
+
+
+def _bound(gram: Array, drive: Array) -> Array:
+    """(G,) nats that a best fit without any prior gains."""
+    power = np.diagonal(gram, axis1=1, axis2=2)
+    # what is free anyway leaves nothing of some functions
+    most = np.maximum(power.max(axis=1, keepdims=True), LAW_EVIDENCE.nothing)
+    size = np.sqrt(np.maximum(power, LAW_EVIDENCE.ridge * most))
+    unit = gram / size[:, :, None] / size[:, None, :] + LAW_EVIDENCE.ridge * np.eye(gram.shape[1])
+    along = drive / size
+    values, vectors = np.linalg.eigh(unit)
+    # a difference of large numbers leaves values below zero by rounding
+    along = np.einsum("gkv,gk->gv", vectors, along)
+    return np.asarray(0.5 * np.sum(along**2 / np.maximum(values, LAW_EVIDENCE.ridge), axis=1))
+
+
+def best_priors(gram: Array, drive: Array, orders: Array) -> tuple[Array, Array, Array]:
+    """Gain (G,), size and length of the best prior, from inner products (G, m, m) and (G, m) and orders (G, m)."""
+    sizes = np.array(LAW_EVIDENCE.sizes)
+    count = len(gram)
+    best = np.full(count, -np.inf)
+    best_size, best_length = np.ones(count), np.ones(count)
+    lengths = LAW_EVIDENCE.lengths if orders.any() else LAW_EVIDENCE.lengths[:1]
+    for length in lengths:
+        fall = np.sqrt(falls(orders, length))
+        turned = gram * fall[:, :, None] * fall[:, None, :]
+        values, vectors = np.linalg.eigh(turned)
+        values = np.maximum(values, 0.0)
+        along = np.einsum("gji,gj->gi", vectors, drive * fall) ** 2
+        # sizes are tried in units of what the noise lets the best seen combination be known by
+        unit = 1.0 / np.maximum(values[:, -1], LAW_EVIDENCE.nothing)
+        s = unit[:, None] * sizes
+        spread = 1.0 + s[:, :, None] * values[:, None, :]
+        gain = 0.5 * np.sum(s[:, :, None] * along[:, None, :] / spread - np.log(spread), axis=2)
+        where = np.argmax(gain, axis=1)
+        found = gain[np.arange(count), where]
+        better = found > best
+        best = np.where(better, found, best)
+        best_size = np.where(better, s[np.arange(count), where], best_size)
+        best_length = np.where(better, length, best_length)
+    return best, best_size, best_length
+
+
+def raw_columns(problem: LawProblem, terms: list[Term]) -> Array:
+    """(K, C, n) columns of the terms."""
+    parts = [np.empty((0, problem.count, problem.n))]
+    for term in terms:
+        full = np.zeros((term.group.size, problem.count, problem.n))
+        full[:, list(term.group.channels)] = term.group.columns()
+        parts.append(full)
+    return np.concatenate(parts)
+
+
+def reduced(problem: LawProblem, terms: list[Term]) -> tuple[Array, Array]:
+    """Columns (K, C, n) and prior precisions (K,) of what is free and of the terms, less what the data cannot show."""
+    parts, precision = [problem.free], [np.zeros(len(problem.free))]
+    for term in terms:
+        scaled = raw_columns(problem, [term]) * np.sqrt(term.prior.variances(term.group.orders))[:, None, None]
+        white = (scaled / problem.floor).reshape(len(scaled), -1)
+        values, vectors = np.linalg.eigh(white @ white.T)
+        kept = vectors[:, values > LAW_EVIDENCE.dull]
+        parts.append(np.tensordot(kept.T, scaled, 1))
+        precision.append(np.ones(kept.shape[1]))
+    return np.concatenate(parts), np.concatenate(precision)
+
+
+def prior_of(problem: LawProblem, terms: list[Term]) -> Array:
+    """(K,) prior precisions: 0 for what is free."""
+    return np.concatenate([np.zeros(len(problem.free)), *(term.precision for term in terms)])
+
+
+def _inverse(gram: Array, prior: Array) -> Array:
+    whole = gram + np.diag(prior)
+    size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    unit = whole / size[:, None] / size[None] + 1e-12 * np.eye(prior.size)
+    return np.asarray(np.linalg.inv(unit) / size[:, None] / size[None])

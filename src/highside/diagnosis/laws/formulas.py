@@ -1,0 +1,244 @@
+"""From a curve to a formula: closed forms tried in its place, the joint refit deciding on values not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from highside.arrays import Array
+from highside.diagnosis.laws.evidence import Term, Whitened
+from highside.diagnosis.laws.groups import Group, values_of
+from highside.diagnosis.laws.policy import LAW_FORMULAS, LAW_TELLING
+from highside.diagnosis.laws.search import Found
+from highside.physics.covariates import covariate
+from highside.physics.law import Axis, Function, Law
+from highside.physics.places import PLACES
+
+
+@dataclass(frozen=True)
+class Closed:
+    """The text of a formula (several where none is ahead), and the law of the one that is."""
+
+    text: str
+    law: Law | None
+    effect: Array
+    """(C, n) what it does, to first order"""
+
+
+@dataclass(frozen=True)
+class _Form:
+    """A kind of formula: the sets of functions it may be, each of the same number; fewer numbers are simpler."""
+
+    name: str
+    functions: Sequence[tuple[Function, ...]]
+    numbers: int
+
+
+def forms_of(name: str, values: Array) -> Iterator[_Form]:
+    """The forms that are tried of a covariate with these values (n,)."""
+    low, high = float(values.min()), float(values.max())
+    width = high - low
+    inner = [float(v) for v in low + width * np.linspace(0.0, 1.0, LAW_FORMULAS.places)]
+    zero = [0.0] if low < 0 < high else []
+    if covariate(name).periodic:
+        orders = range(1, LAW_FORMULAS.orders + 1)
+        yield _Form("wave", [(Function("cos", (float(k),)), Function("sin", (float(k),))) for k in orders], 3)
+        centres = np.arange(LAW_FORMULAS.centres) * (360.0 / LAW_FORMULAS.centres)
+        dents = product(centres, LAW_FORMULAS.dent_widths_deg)
+        yield _Form("dent", [(Function("dent", (float(c), w)),) for c, w in dents], 3)
+        return
+    yield _Form("linear", [(Function("linear", (0.0 if zero else low + width / 2,)),)], 1)
+    if name == "tf_fraction":
+        return
+    for power in LAW_FORMULAS.powers:
+        at = zero or inner
+        yield _Form(f"power {power:g}", [(Function("power", (c, power)),) for c in {*at, *inner}], 2)
+    for power in LAW_FORMULAS.odd_powers:
+        if zero:
+            yield _Form(f"odd power {power:g}", [(Function("odd_power", (0.0, power)),)], 2)
+    yield _Form("modulus", [(Function("modulus", (c,)),) for c in {*zero, *inner[1:-1]}], 2)
+    yield _Form("step", [(Function("step", (c,)),) for c in _edges(values)], 2)
+    yield _Form("ramp", [(Function("ramp", (c,)),) for c in inner[1:-1]], 2)
+    widths = [width * s for s in LAW_FORMULAS.widths]
+    yield _Form(
+        "exponential", [(Function("exponential", (low if w < 0 else high, w)),) for s in widths for w in (-s, s)], 2
+    )
+    if name == "time":
+        starts = [low, *inner[1:-1]]
+        yield _Form("decay", [(Function("decay", (c, w)),) for c in starts for w in widths], 3)
+    periods = [width / k for k in LAW_FORMULAS.waves]
+    yield _Form("sine", [(Function("sine", (p,)), Function("cosine_of", (p,))) for p in periods], 3)
+    yield _Form("bump", [(Function("bump", (c, w)),) for c in inner for w in widths[: LAW_FORMULAS.narrow]], 3)
+    yield _Form("saturation", [(Function("saturation", (c, w)),) for c in {*zero, *inner[1:-1]} for w in widths], 3)
+
+
+def _edges(values: Array) -> list[float]:
+    """Middles between neighbouring values, not more than so many."""
+    distinct = np.unique(values)
+    middle = (distinct[1:] + distinct[:-1]) / 2
+    take = np.unique(np.linspace(0, middle.size - 1, min(middle.size, LAW_FORMULAS.edges)).astype(int))
+    return [float(v) for v in middle[take]]
+
+
+@dataclass(frozen=True)
+class _Scored:
+    form: _Form
+    functions: tuple[Function, ...]
+    coefficients: Array
+    covariance: Array
+    loss: float
+    """square of the errors on values that were not seen, in units of the noise"""
+    effect: Array
+
+
+def closed_form(found: Found, white: Whitened, terms: list[Term], k: int) -> Closed | None:
+    """The formula of a term; None where a curve does better than all, or where it has two covariates or channels."""
+    group = terms[k].group
+    if len(group.axes) > 1 or len(group.units) > 1 or group.effect:
+        return None
+    name, unit = group.axes[0].covariate, group.units[0]
+    values = values_of(found.problem, name, unit)
+    others = [t for i, t in enumerate(terms) if i != k]
+    columns, prior = white.columns(others)
+    curve = _loss_of_curve(white, terms)
+    span = Axis(name, group.axes[0].low, group.axes[0].high, (Function("one"),))
+    constant = (Function("one"),) if PLACES[group.place].constant else ()
+    scored = []
+    for form in forms_of(name, values):
+        rough = _scored(found, white, columns, prior, group, span, form, constant, values)
+        fine = None if rough is None else _finer(form, rough, float(np.ptp(values)))
+        if fine is not None:
+            rough = _scored(found, white, columns, prior, group, span, fine, constant, values)
+        if rough is not None:
+            scored.append(rough)
+    if not scored:
+        return None
+    scored.sort(key=lambda one: one.loss)
+    best = scored[0]
+    if 0.5 * (best.loss - curve) > LAW_FORMULAS.margin:
+        return None
+    near = [one for one in scored if 0.5 * (one.loss - best.loss) < LAW_FORMULAS.margin]
+    simplest = sorted(near, key=lambda one: (one.form.numbers, one.loss))
+    texts = [_text(one, name, bool(constant)) for one in simplest[: LAW_FORMULAS.most]]
+    if len(near) > 1:
+        # of several none is told for sure: the law stays the curve
+        return Closed(" or ".join(texts), None, best.effect)
+    axis = Axis(name, span.low, span.high, (*best.functions, *constant))
+    law = Law(
+        group.label,
+        group.place,
+        (unit.channel,),
+        (axis,),
+        (tuple(float(v) for v in best.coefficients),),
+        tuple(tuple(float(v) for v in row) for row in best.covariance),
+        texts[0],
+    )
+    return Closed(texts[0], law, best.effect)
+
+
+def _finer(form: _Form, rough: _Scored, width: float) -> _Form | None:
+    """The form with its numbers tried closer around those that were best."""
+    first = rough.functions[0]
+    if form.name in ("linear", "wave", "step", "sine") or not first.numbers:
+        return None
+    step = width / (LAW_FORMULAS.places - 1)
+    middles = [first.numbers[0] + step * s for s in LAW_FORMULAS.finer]
+    if first.kind == "odd_power" and first.numbers[0] == 0:
+        middles = [0.0]
+    rest = first.numbers[1:]
+    scales = LAW_FORMULAS.closer if rest and first.kind != "power" and first.kind != "odd_power" else (1.0,)
+    tried = [(Function(first.kind, (float(c), *(float(v * s) for v in rest))),) for c in middles for s in scales]
+    return _Form(form.name, tried, form.numbers)
+
+
+def _loss_of_curve(white: Whitened, terms: list[Term]) -> float:
+    columns, prior = white.columns(terms)
+    n = columns.shape[2]
+    return _loss(columns, prior, np.empty((0, columns.shape[1], n)), white.residual)
+
+
+def _scored(
+    found: Found,
+    white: Whitened,
+    columns: Array,
+    prior: Array,
+    group: Group,
+    span: Axis,
+    form: _Form,
+    constant: tuple[Function, ...],
+    values: Array,
+) -> _Scored | None:
+    """The form's best functions, chosen on all values, and the loss of their sizes, fold by fold; each number costs.
+
+    Where a step is, the values beside it alone say: left out, they would be given to whatever hedges.
+    """
+    field = group.units[0].field
+    made = [[f(values, (span.low, span.high)) for f in (*functions, *constant)] for functions in form.functions]
+    basis: Array = np.array(made)
+    size = np.sqrt(np.mean(basis**2, axis=2, keepdims=True))
+    good = np.all(np.isfinite(basis), axis=(1, 2)) & np.all(size[:, :, 0] > 0, axis=1)
+    if not good.any():
+        return None
+    basis, size = basis[good], size[good]
+    count, width, n = basis.shape
+    raw = (basis / size).reshape(count * width, 1, n) * field[None]
+    own = white.whitener.white(raw).reshape(count, width, field.shape[0], n)
+    best = int(np.argmax(_fitted(columns, prior, own, white.residual)[0]))
+    loss = _loss(columns, prior, own[best], white.residual) + 2 * form.numbers
+    every = np.concatenate([columns, own[best]]).reshape(len(columns) + width, -1)
+    gram = every @ every.T + np.diag(np.concatenate([prior, np.zeros(width)]))
+    unit = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    inverse = np.linalg.pinv(gram / unit[:, None] / unit[None], hermitian=True) / unit[:, None] / unit[None]
+    mean = (inverse @ (every @ white.residual.reshape(-1)))[len(columns) :]
+    scale = size[best, :, 0]
+    functions = [f for f, ok in zip(form.functions, good, strict=True) if ok][best]
+    effect = (mean @ (basis[best] / size[best])) * field
+    spread = inverse[len(columns) :, len(columns) :] / scale[:, None] / scale[None]
+    return _Scored(form, functions, mean / scale, spread, loss, np.asarray(effect))
+
+
+def _loss(columns: Array, prior: Array, own: Array, residual: Array) -> float:
+    """Square of the errors on values left out, fitted by the columns and the functions `own` (w, C, n)."""
+    fold = np.arange(residual.shape[1]) % LAW_TELLING.folds
+    total = 0.0
+    for number in range(LAW_TELLING.folds):
+        out = fold == number
+        _, beside, mean = _fitted(columns[:, :, ~out], prior, own[None, :, :, ~out], residual[:, ~out])
+        base = columns[:, :, out].reshape(len(columns), -1)
+        predicted = beside[0] @ base + mean[0] @ own[:, :, out].reshape(len(own), int(out.sum()) * residual.shape[0])
+        total += float(np.sum((residual[:, out].reshape(-1) - predicted) ** 2))
+    return total
+
+
+def _fitted(columns: Array, prior: Array, own: Array, residual: Array) -> tuple[Array, Array, Array]:
+    """Gains (B,), coefficients of the columns (B, K) and of the sets (B, w), fitted together."""
+    count, width = own.shape[:2]
+    flat, target = columns.reshape(len(columns), -1), residual.reshape(-1)
+    gram = flat @ flat.T + np.diag(prior)
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    inverse = np.linalg.inv(gram / size[:, None] / size[None] + LAW_TELLING.ridge * np.eye(size.size))
+    inverse = inverse / size[:, None] / size[None]
+    mean = inverse @ (flat @ target)
+    if not width:
+        return np.zeros(count), np.repeat(mean[None], count, axis=0), np.zeros((count, 0))
+    sets = own.reshape(count, width, -1)
+    across = sets @ flat.T
+    left = sets @ sets.transpose(0, 2, 1) - across @ inverse @ across.transpose(0, 2, 1)
+    level = np.einsum("bii->b", left) / width
+    left = left + LAW_TELLING.ridge * np.maximum(level, 1e-300)[:, None, None] * np.eye(width)
+    drive = sets @ target - across @ mean
+    own_mean = np.linalg.solve(left, drive[:, :, None])[:, :, 0]
+    gains = 0.5 * np.sum(own_mean * drive, axis=1)
+    # what the columns give up to the sets
+    given = np.einsum("bw,bwk->bk", own_mean, across @ inverse)
+    return gains, mean - given, own_mean
+
+
+def _text(one: _Scored, name: str, constant: bool) -> str:
+    parts = [f"{v:.3g} {f.text(name)}" for v, f in zip(one.coefficients, one.functions, strict=False)]
+    if constant:
+        parts.append(f"{one.coefficients[-1]:.3g}")
+    return " + ".join(parts).replace("+ -", "- ")

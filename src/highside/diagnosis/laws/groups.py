@@ -1,0 +1,259 @@
+"""The groups of smooth functions that are tried: place x covariate, pairs of covariates, shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from highside.arrays import Array
+from highside.diagnosis.laws.policy import LAW_GROUPS
+from highside.diagnosis.laws.problem import LawProblem, PlaceField
+from highside.physics.covariates import COVARIATES
+from highside.physics.law import Axis, Function
+from highside.physics.places import PLACES
+
+ANGLES = frozenset({"inclination", "toolface", "level", "timing"})
+"""places that act on where the tool is, not on a sensor"""
+HISTORY = ("time_since_move", "previous_load")
+PAIRED = (
+    ("load", "temp"),
+    ("load", "time"),
+    ("load", "rate"),
+    ("load", "vibration"),
+    ("load", "previous_load"),
+    ("load", "time_since_move"),
+    ("inc", "tf"),
+    ("inc", "temp"),
+    ("inc", "time"),
+    ("inc", "rate"),
+    ("tf", "temp"),
+    ("tf", "time"),
+    ("tf", "rate"),
+    ("tf", "rate_sign"),
+    ("temp", "time"),
+    ("temp", "rate"),
+    ("temp", "temp_rate"),
+    ("temp", "time_since_move"),
+    ("rate", "acceleration"),
+    ("rate", "vibration"),
+    ("load_x", "load_y"),
+    ("load_y", "load_z"),
+    ("load_x", "load_z"),
+    ("load_x", "temp"),
+    ("load_y", "temp"),
+    ("load_z", "temp"),
+)
+"""Pairs of covariates whose products are tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Places that act alike with the same functions: one prior for all."""
+
+    units: tuple[PlaceField, ...]
+    axes: tuple[Axis, ...]
+    order: Array
+    """(m,) order of each function, of which the prior's variance falls"""
+    basis: Array
+    """(u, m, n) the functions for each unit"""
+    tries: int = 1
+    """how many like it are tried side by side: places of a step, centres of a dent"""
+    effect: str = ""
+    """id of the library's effect whose columns these are; empty for a law"""
+
+    @property
+    def place(self) -> str:
+        """Name of the place."""
+        return self.units[0].place
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        """Names of the covariates."""
+        return tuple(axis.covariate for axis in self.axes)
+
+    @property
+    def label(self) -> str:
+        """Place, channels and covariates in one word."""
+        return f"{self.place}_{''.join(u.channel for u in self.units)}_{'_x_'.join(self.depends_on)}"
+
+    @property
+    def kind(self) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+        """What is told of it: place, channels, covariates."""
+        return self.place, tuple(u.channel for u in self.units), tuple(sorted(self.depends_on))
+
+    @cached_property
+    def channels(self) -> tuple[int, ...]:
+        """Channels that it acts on."""
+        touched = np.any([np.any(u.field != 0, axis=1) for u in self.units], axis=0)
+        return tuple(int(c) for c in np.flatnonzero(touched))
+
+    @cached_property
+    def orders(self) -> Array:
+        """(u m,) order of each column."""
+        return np.tile(self.order, len(self.units))
+
+    @property
+    def size(self) -> int:
+        """Number of columns."""
+        return len(self.units) * int(self.order.size)
+
+    def columns(self) -> Array:
+        """(u m, c, n) what one unit of each coefficient does to the channels that it acts on."""
+        ch = list(self.channels)
+        return np.concatenate([b[:, None] * u.field[None, ch] for u, b in zip(self.units, self.basis, strict=True)])
+
+
+def groups_of(problem: LawProblem) -> list[Group]:
+    """All that is tried."""
+    found = []
+    for units in _together(problem.places):
+        found += list(_singles(problem, units))
+        found += list(_pairs(problem, units))
+        found += list(_shapes(problem, units))
+    return [g for g in found if g.channels]
+
+
+def _together(places: tuple[PlaceField, ...]) -> list[tuple[PlaceField, ...]]:
+    """Each place and channel by itself; the two angles of the level together."""
+    level = tuple(p for p in places if p.place == "level")
+    return [*((p,) for p in places if p.place != "level"), *([level] if level else [])]
+
+
+def _fits(place: str, name: str) -> bool:
+    """Whether a covariate is one that a place may follow."""
+    loads = name.startswith("load")
+    if place == "offset" or place.startswith("channel"):
+        return True
+    if place in ("scale", "matrix", "scale_all"):
+        return not loads and name not in HISTORY[1:]
+    if place in ANGLES:
+        return not loads or name == "previous_load"
+    return True
+
+
+def values_of(problem: LawProblem, name: str, unit: PlaceField) -> Array:
+    """(n,) a covariate as a unit knows it."""
+    values = problem.covariates[name]
+    return values[unit.own] if values.ndim == 2 else values
+
+
+def _varying(problem: LawProblem, units: tuple[PlaceField, ...]) -> Iterator[tuple[str, Array, int]]:
+    """Names, values and number of distinct values of the covariates that vary."""
+    unit = units[0]
+    for name, every in problem.covariates.items():
+        if not _fits(unit.place, name) or (every.ndim == 2 and unit.own < 0):
+            continue
+        if unit.own >= 0 and name == "load_" + "xyz"[unit.own]:
+            continue
+        values = values_of(problem, name, unit)
+        spread = float(np.ptp(values))
+        if spread <= LAW_GROUPS.constant * max(float(np.abs(values).max()), 1.0):
+            continue
+        distinct = np.unique(np.round(values / (LAW_GROUPS.distinct * spread))).size
+        yield name, values, int(distinct)
+
+
+def axis_of(name: str, values: Array, count: int, *, constant: bool, turns: int) -> tuple[Axis, Array]:
+    """The axis of a covariate with so many functions, and the order (m,) of each."""
+    known = COVARIATES.get(name)
+    zero = [Function("one")] if constant else []
+    if known is not None and known.periodic:
+        functions = [Function(kind, (float(k),)) for k in range(1, turns + 1) for kind in ("cos", "sin")]
+        orders = [0.0] * len(zero) + [float(k) for k in range(1, turns + 1) for _ in range(2)]
+        return Axis(name, 0.0, 360.0, (*zero, *functions)), np.array(orders)
+    cosines = [Function("cosine", (float(k),)) for k in range(1, count + 1)]
+    axis = Axis(name, float(values.min()), float(values.max()), (*zero, *cosines))
+    return axis, np.array([0.0] * len(zero) + [float(k) for k in range(1, count + 1)])
+
+
+def _group(
+    problem: LawProblem, units: tuple[PlaceField, ...], axes: tuple[Axis, ...], order: Array, tries: int = 1
+) -> Group:
+    basis = []
+    for unit in units:
+        result = axes[0].basis(values_of(problem, axes[0].covariate, unit))
+        for axis in axes[1:]:
+            own = axis.basis(values_of(problem, axis.covariate, unit))
+            result = (result[:, None] * own[None]).reshape(-1, own.shape[1])
+        basis.append(result)
+    return Group(units, axes, order, np.stack(basis), tries)
+
+
+def _singles(problem: LawProblem, units: tuple[PlaceField, ...]) -> Iterator[Group]:
+    constant = PLACES[units[0].place].constant
+    for name, values, distinct in _varying(problem, units):
+        if name == "tf_fraction":
+            continue
+        count = min(LAW_GROUPS.cosines, distinct - 1)
+        turns = min(LAW_GROUPS.orders, max(1, distinct // 2))
+        axis, order = axis_of(name, values, count, constant=constant, turns=turns)
+        yield _group(problem, units, (axis,), order)
+
+
+def _pairs(problem: LawProblem, units: tuple[PlaceField, ...]) -> Iterator[Group]:
+    if units[0].place in ("matrix", "timing"):
+        return
+    known = {name: (values, distinct) for name, values, distinct in _varying(problem, units)}
+    extra = [(name, "temp") for name in known if name not in COVARIATES]
+    for one, other in (*PAIRED, *extra):
+        if one not in known or other not in known:
+            continue
+        made = []
+        for name in (one, other):
+            values, distinct = known[name]
+            count = min(LAW_GROUPS.pair_orders - 1, distinct - 1)
+            turns = min(LAW_GROUPS.pair_turns, max(1, distinct // 2))
+            made.append(axis_of(name, values, count, constant=True, turns=turns))
+        (first, k), (second, j) = made
+        order = np.hypot(k[:, None], j[None]).reshape(-1)
+        yield _group(problem, units, (first, second), order, LAW_GROUPS.pairs)
+
+
+def _shapes(problem: LawProblem, units: tuple[PlaceField, ...]) -> Iterator[Group]:
+    """Steps, ramps and decays in time, dents in toolface, orders that are no whole numbers: one or two columns each."""
+    if units[0].place in ("matrix", "timing"):
+        return
+    known = {name: values for name, values, _ in _varying(problem, units)}
+    zero = np.zeros(1)
+    if "time" in known:
+        t = known["time"]
+        edges = np.unique(t)
+        middle = (edges[1:] + edges[:-1]) / 2
+        some = middle[np.unique(np.linspace(0, middle.size - 1, LAW_GROUPS.steps).astype(int))]
+        low, high = float(t.min()), float(t.max())
+        shapes = [Function("step", (float(at),)) for at in some]
+        shapes += [Function("ramp", (float(at),)) for at in some[1:]]
+        shapes += [Function("decay", (float(at), s * (high - low))) for at in (low, *some) for s in LAW_GROUPS.decays]
+        for shape in shapes:
+            yield _group(problem, units, (Axis("time", low, high, (shape,)),), zero, len(shapes))
+    if "tf" in known:
+        centres = np.arange(LAW_GROUPS.dents) * (360.0 / LAW_GROUPS.dents)
+        dents = [Function("dent", (float(c), w)) for c in centres for w in LAW_GROUPS.dent_widths_deg]
+        for shape in dents:
+            yield _group(problem, units, (Axis("tf", 0.0, 360.0, (shape,)),), zero, len(dents))
+    if "tf_fraction" in known:
+        values = known["tf_fraction"]
+        for k in range(1, LAW_GROUPS.fractions):
+            order = k * LAW_GROUPS.fraction_step
+            if abs(order - round(order)) < LAW_GROUPS.distinct:
+                continue
+            both = tuple(Function(kind, (order,)) for kind in ("cos", "sin"))
+            axis = Axis("tf_fraction", float(values.min()), float(values.max()), both)
+            yield _group(problem, units, (axis,), np.zeros(2), LAW_GROUPS.fractions)
+
+
+def confounded(one: Array, other: Array, share: float) -> bool:
+    """Whether a covariate (n,) is a smooth function of another in this session, or that of it."""
+    return _explains(one, other) > share or _explains(other, one) > share
+
+
+def _explains(by: Array, what: Array) -> float:
+    if not np.ptp(by) or not np.ptp(what):
+        return 0.0
+    u = np.pi * (by - by.min()) / np.ptp(by)
+    basis = np.stack([np.cos(k * u) for k in range(min(LAW_GROUPS.cosines, by.size // 4) + 1)])
+    left = what - np.linalg.lstsq(basis.T, what, rcond=None)[0] @ basis
+    return 1.0 - float(left.var() / what.var())

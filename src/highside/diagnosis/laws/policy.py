@@ -1,0 +1,292 @@
+"""The numbers that decide for laws.
+
+Each stands with its unit, its meaning and what set it. They are no settings for users.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class LawGroupsPolicy:
+    """The functions that are tried."""
+
+    cosines: int = 14
+    """Cosines over the range of a covariate. Source: the trial of 32 sessions that set the method, 14 used."""
+    orders: int = 12
+    """Whole orders of toolface, a cosine and a sine each. Source: orders 1 to 12 in the same trial."""
+    pair_orders: int = 6
+    """Functions of each covariate in a product, order 0 among them. Source: orders 0 to 5 in the same trial."""
+    pair_turns: int = 3
+    """Whole orders of toolface in a product. Source: chosen, about as many functions as of another covariate."""
+    pairs: int = 20
+    """Pairs of covariates that are tried side by side in a place, about. Source: the list of pairs."""
+    steps: int = 48
+    """Places in time at which a step, a ramp or a decay is tried, at most. Source: chosen; finer than a tenth of the
+    sessions' thirds, over which a law has to be stable."""
+    decays: tuple[float, ...] = (0.03, 0.1, 0.3)
+    """Time constants of decays, shares of the range of time. Source: chosen; the cosines take longer ones."""
+    dents: int = 36
+    """Toolfaces around which a dent is tried. Source: chosen; its widths overlap."""
+    dent_widths_deg: tuple[float, ...] = (6.0, 12.0, 24.0)
+    """Widths of a dent, deg. Source: chosen; wider ones are the sum of few orders."""
+    fractions: int = 80
+    """Orders of toolface that are no whole numbers, tried in steps of a tenth. Source: chosen, orders below 8."""
+    fraction_step: float = 0.1
+    """Step of these orders, 1 per turn. Source: chosen; a session of one turn tells no finer ones apart."""
+    distinct: float = 1e-6
+    """Share of the range by which values of a covariate are the same. Source: rounding of a recording."""
+    few: int = 3
+    """Distinct values of a covariate from which it is one with a curve. Source: two are a step and no more."""
+    constant: float = 1e-9
+    """Range of a covariate, beside its size, below which it does not vary. Source: rounding."""
+
+
+LAW_GROUPS = LawGroupsPolicy()
+
+
+@dataclass(frozen=True)
+class LawEvidencePolicy:
+    """The prior of a smooth function, and its grid."""
+
+    lengths: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0)
+    """Orders beyond which the prior falls off. Source: the grid of the trial that set the method."""
+    dull: float = 0.01
+    """Variance that data add to a combination of a law's functions, in units of the prior's, below which noise is
+    learnt without it. Source: it moves the evidence by less than 0.005 nat each."""
+    power: float = 2.0
+    """Power of the prior's fall. Source: variance s (1 + (k / l)^2)^-2 of that trial."""
+    sizes: tuple[float, ...] = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4, 3e4, 1e5, 1e6, 1e7, 1e8)
+    """Prior variances tried, in units of what noise lets one function's coefficient be known by. Source: chosen; from
+    less than the noise to a strength of 1e8, so that no law is too large to be found."""
+    ridge: float = 1e-9
+    """Share of each column's own size added when its group is fitted without a prior: functions that are alike.
+    Source: rounding."""
+    nothing: float = 1e-30
+    """Square of whitened columns below which they are nothing. Source: rounding of columns that what is free takes."""
+    first: int = 24
+    """Groups of the highest bounds that are looked at first. Source: chosen; one of them is the best nearly always."""
+
+
+LAW_EVIDENCE = LawEvidencePolicy()
+
+
+@dataclass(frozen=True)
+class LawNoisePolicy:
+    """The noise that laws compete with."""
+
+    factors: tuple[float, ...] = (1.0, 1.15)
+    """White noise tried, in units of what the present fit leaves; never below the floor. Source: a fit takes up to a
+    third of the values of the shortest sessions."""
+    white: tuple[float, ...] = (1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0, 20.0, 50.0)
+    """White noise tried beside errors of the set angles, in units of the floor. Source: chosen; a wide grid."""
+    shares: tuple[float, ...] = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1e3, 1e4, 1e6)
+    """Variances of a level that forgets, in units of the white noise's. Source: chosen, wide, as in the trial."""
+    lengths: tuple[float, ...] = (0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 100.0, 300.0, 1e3)
+    """Its lengths, in units of the median step from value to value. Source: chosen; the longest is a random walk for
+    any session."""
+    ladders: tuple[float, ...] = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1e3)
+    """Variances of each level of 1/f noise, in the same units. Source: chosen; a wide grid."""
+    ladder: int = 6
+    """Levels of 1/f noise. Source: the trial that set the method."""
+    ladder_step: float = 4.0
+    """Ratio of their lengths. Source: the same trial."""
+    turns: int = 2
+    """Passes over the channels in which each one's noise is chosen beside the others'. Source: the evidence changed by
+    less than 0.1 nat in a third pass on 20 simulated sessions."""
+    cost: float = 2.0
+    """Nats a further kind of noise must gain to be taken. Source: chosen; half a logarithm of fifty values each."""
+    jitters: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 64.0)
+    """Scatter of a set angle, in units of what the floor makes of it. Source: chosen; a wide grid."""
+    many: int = 4_000_000
+    """Numbers of one pass of the filter; more are passed in parts. Source: memory of 32 MB."""
+    at_once: int = 100_000
+    """Settings times values of one pass. Source: the same memory with forty columns."""
+    clip: float = 4.0
+    """Sigmas about the present fit beyond which a value is drawn in. Source: the trial that set the method: false laws
+    in heavy tails 2 of 60 without, 0 with."""
+    clipped: float = 0.03
+    """Share of the values that may be drawn in: of more it is the fit that is wrong. Source: chosen; a Student noise of
+    3 degrees of freedom has 2 % beyond."""
+
+
+LAW_NOISE = LawNoisePolicy()
+
+
+@dataclass(frozen=True)
+class LawSearchPolicy:
+    """What a law must show."""
+
+    gain: float = 12.0
+    """Nats that a law must be worth with the noise learnt again. Source: 0 of 65 sessions without a law had one, in
+    the trial that set the method."""
+    most: int = 6
+    """Laws of one session, at most. Source: chosen; decks have up to four."""
+    most_first: int = 4
+    """Laws taken before any noise is learnt, at most. Source: chosen; coloured noise would be given any number."""
+    simpler: float = 6.0
+    """Nats by which a law of two covariates must be ahead of one of these alone. Source: chosen; within the class."""
+    exchange: float = 1.0
+    """Nats by which another group must be ahead to take a law's place. Source: chosen; less is a tie."""
+    rounds: int = 2
+    """Rounds of exchanges. Source: chosen; the third changed nothing in the trial."""
+    same: float = 8.0
+    """Nats behind the best within which a group is in the class. Source: truth in the class 97.5 % of 239 sessions."""
+    same_confounded: float = 20.0
+    """As `same`, where one covariate is a function of the other in the session. Source: the same trial."""
+    function: float = 0.98
+    """Share of a covariate's variance that a smooth function of another explains, from which it is one of it. Source:
+    chosen; the rest of a confounded pair is its noise."""
+    most_class: int = 12
+    """Members of a class that are told. Source: chosen; a reader wants few."""
+
+
+LAW_SEARCH = LawSearchPolicy()
+
+
+@dataclass(frozen=True)
+class LawTellingPolicy:
+    """What is told of a law."""
+
+    folds: int = 8
+    """Sets of values that are left out in turn. Source: chosen; an eighth is small enough to leave the law as it is."""
+    ridge: float = 1e-10
+    """Share of a column's size that keeps normal equations from being singular. Source: rounding."""
+    case: float = 0.05
+    """Share of what a name does that a law's functions cannot do, below which the name is a case of that law. Source:
+    chosen; fourteen cosines make a square to better than a thousandth, another place makes none of it."""
+    known: float = 0.5
+    """Standard deviation of a law's size in a part of the session, in units of itself, from which that part says
+    something of stability. Source: chosen; a part that knows it by less agrees with anything."""
+    shape: float = 0.1
+    """Scatter of a law's size over parts that its uncertain shape alone makes. Source: chosen; a learnt curve is off
+    by up to a tenth of its size at strength 400."""
+    stable: float = 0.01
+    """Chance of the disagreement over parts below which a law is not stable. Source: chosen; one in a hundred."""
+    sure: float = 2.0
+    """Standard errors of an interval. Source: 95 % of a normal deviate."""
+    unseen: float = 40.0
+    """Strength (square of the size in units of the noise) that a shape may differ by unseen. Source: the trial that
+    set the method: no margin tells less apart."""
+    least_log: float = 700.0
+    """Nats beyond which a chance is no number any more. Source: the range of double precision."""
+    grid: int = 61
+    """Points of a curve that is told. Source: chosen; more than its functions have waves."""
+
+
+LAW_TELLING = LawTellingPolicy()
+
+
+@dataclass(frozen=True)
+class LawFormulasPolicy:
+    """The closed forms that are tried."""
+
+    margin: float = 6.0
+    """Nats of held-out likelihood by which a formula must be ahead to be told alone. Source: 63 of 64 told so were
+    right in the trial that set the method."""
+    most: int = 3
+    """Formulas told side by side, at most. Source: chosen; a reader wants few."""
+    places: int = 17
+    """Places along a covariate at which a form may have its middle. Source: chosen; a sixteenth of the range."""
+    powers: tuple[float, ...] = (1.5, 2.0, 3.0, 4.0, 5.0)
+    """Powers tried. Source: those that textbooks have."""
+    odd_powers: tuple[float, ...] = (0.5, 1.5, 2.0, 3.0)
+    """Powers tried with the sign kept. Source: square roots of flow and friction, f|f|, cubes."""
+    widths: tuple[float, ...] = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
+    """Widths and time constants tried, shares of the range. Source: chosen; steps of two."""
+    narrow: int = 4
+    """Of these the ones that a bump may have. Source: a wider one is a power."""
+    waves: tuple[float, ...] = (1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0)
+    """Waves over the range that a sine may have. Source: chosen; half a wave apart at first."""
+    orders: int = 12
+    """Whole orders of toolface. Source: as many as groups have."""
+    centres: int = 72
+    """Toolfaces of a dent. Source: chosen; half its least width apart."""
+    dent_widths_deg: tuple[float, ...] = (5.0, 10.0, 20.0, 30.0)
+    """Widths of a dent, deg. Source: chosen; wider ones are the sum of few orders."""
+    finer: tuple[float, ...] = (-0.9, -0.7, -0.5, -0.3, -0.15, 0.0, 0.15, 0.3, 0.5, 0.7, 0.9)
+    """Places tried around the best, in units of the step between places. Source: chosen."""
+    closer: tuple[float, ...] = (0.65, 0.8, 0.9, 1.0, 1.15, 1.35, 1.6)
+    """Factors of the best width tried around it. Source: chosen; they reach to the next width."""
+    edges: int = 128
+    """Places of a step. Source: chosen; about as many as a session has stretches."""
+
+
+LAW_FORMULAS = LawFormulasPolicy()
+
+
+@dataclass(frozen=True)
+class LawFloorPolicy:
+    """The noise floor that the misfit has no part in."""
+
+    least: float = 1e-9
+    """Share of the readings' own size that is noise at least. Source: rounding."""
+    mad: float = 0.6745
+    """Median of the size of a normal deviate. Source: the normal distribution."""
+
+
+LAW_FLOOR = LawFloorPolicy()
+
+
+@dataclass(frozen=True)
+class LawCellsPolicy:
+    """Cells that stand for the rows of a rotation."""
+
+    most: int = 1500
+    """Cells of a session, about, and rows below which each is its own. Source: chosen; the cost of a search stays at
+    that of 264 poses times four."""
+    sectors: int = 30
+    """Sectors of a turn. Source: chosen; the twelfth order keeps 0.76 of its size in a mean
+    over one, the fourth 0.97."""
+    rate: float = 0.05
+    """Change of the rate, as a share of the largest, at which a cell ends. Source: chosen; as the steady rates of the
+    diagnosis by rows."""
+    bins: int = 6
+    """Bins of a channel's prediction beside another program's output. Source: chosen; a factor keeps 0.97 of what its
+    field is in the means of a sixth."""
+    slow: float = 4.0
+    """How many times longer than the mean a block may last. Source: chosen; at rest no turn ends it."""
+
+
+LAW_CELLS = LawCellsPolicy()
+
+
+@dataclass(frozen=True)
+class LawVerdictPolicy:
+    """When names give way to laws."""
+
+    margin: float = 5.0
+    """Nats by which laws must be ahead of names to take their place. Source: margins of 5 to 8 kept 87 of 90 true names
+    and 3 of 126 outsiders, in the trial that set the method."""
+    each: float = 6.0
+    """Nats that each name or law must be worth where sets of them are compared. Source: chosen; half of what a law must
+    be worth by itself, as names and laws of one set differ in how many functions they have."""
+    beside: float = 8.0
+    """Nats that a free law may gain beside a single name that is believed without further comparison. Source: margins
+    of 5 to 8 in the same trial."""
+    second_order: float = 20.0
+    """Chi-square of what laws do beyond first order, from which they are looked for again with it taken out. Source:
+    chosen; below it no further law is made of it."""
+    large: float = 0.25
+    """Share of a law's largest departure from its median from which it is large there. Source: chosen; a bump is
+    located by 3.3 of its standard deviations."""
+    beside_random_walk: float = 40.0
+    """Nats that an offset that follows time or temperature must gain where a random walk of the zero offset was found.
+    Source: such a walk in a rotation of 12 minutes (tests/unit/test_diagnosis_rotation.py) was worth 15.7; levels of a
+    walk that is sampled in cells are learned less well than white noise."""
+    least_share: float = 1e-5
+    """Share of the misfit below which a law beside names is none. Source: two effects of 30 mg (lever arm, late clock)
+    leave 3e-7 of what they do to the means over cells (tests/unit/test_diagnosis_long.py)."""
+    turns: int = 2
+    """Times that they are. Source: chosen; the second changed laws of a degree by less than their band."""
+    resembles: float = 0.9
+    """Share of a law that an effect of the library explains, from which the law resembles it. Source: chosen; the rest
+    is more than the band of a law of strength 400."""
+    most_shapes: int = 24
+    """Shapes of an effect at which a law is compared with it. Source: chosen; the largest grid of the library."""
+    names: int = 3
+    """Names that a law is said to resemble, at most. Source: chosen; a reader wants few."""
+
+
+LAW_VERDICT = LawVerdictPolicy()

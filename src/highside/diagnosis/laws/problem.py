@@ -1,0 +1,53 @@
+"""What the search for laws sees of a session, whatever kind it is.
+
+A session gives C channels of n values after its base fit, what is free anyway, how a number at each row would enter in
+each place, the covariates, and a noise floor that does not come from the misfit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from highside.arrays import Array
+
+
+@dataclass(frozen=True)
+class PlaceField:
+    """A place and channel of a law, and what one unit of its value does: `field` (C, n)."""
+
+    place: str
+    channel: str
+    field: Array
+    own: int = -1
+    """axis of the triad whose load is its own; -1: none"""
+
+
+@dataclass(frozen=True)
+class LawProblem:
+    """n values of C channels in time order."""
+
+    residual: Array
+    """(C, n) what the base fit leaves"""
+    free: Array
+    """(P, C, n) columns of all that is free"""
+    places: tuple[PlaceField, ...]
+    covariates: Mapping[str, Array]
+    """(n,), or (3, n) where a covariate differs from axis to axis"""
+    floor: Array
+    """(C, n) standard deviation of each value that the misfit has no part in"""
+    t_s: Array
+    jitter: Array | None = None
+    """(J, C, n) what errors of the set angles do, each value's own; None: there are none"""
+    channels: tuple[str, ...] = ()
+    """names of the channels, as they are told"""
+
+    @property
+    def n(self) -> int:
+        """Number of values of a channel."""
+        return int(self.residual.shape[1])
+
+    @property
+    def count(self) -> int:
+        """Number of channels."""
+        return int(self.residual.shape[0])

@@ -1,0 +1,257 @@
+"""The search: which laws, beside which noise. Two starts, the higher evidence stays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from highside.arrays import Array
+from highside.diagnosis.laws.evidence import Families, Prior, Term, Whitened, raw_columns, reduced
+from highside.diagnosis.laws.groups import Group, confounded, groups_of, values_of
+from highside.diagnosis.laws.noise import LawNoise, NoiseLearner, Whitener
+from highside.diagnosis.laws.policy import LAW_SEARCH
+from highside.diagnosis.laws.problem import LawProblem
+
+
+@dataclass(frozen=True)
+class Found:
+    """The laws of a session and the noise beside them."""
+
+    problem: LawProblem
+    terms: tuple[Term, ...]
+    noise: LawNoise
+    evidence: float
+    """restricted, with the noise learnt"""
+    gains: tuple[float, ...]
+    """of each term: nats that its removal costs with the noise learnt again"""
+    classes: tuple[tuple[Group, ...], ...]
+    """of each term: the groups that this session cannot tell from it, the best first"""
+    residual: Array
+    """(C, n) with values far from the fit drawn in"""
+    families: Families
+    next_gain: float
+    """nats that the best further group would gain, the noise as it is"""
+
+    def whitened(self) -> Whitened:
+        """Everything under the noise that was learnt."""
+        return Whitened(self.families, Whitener(self.problem, self.noise), self.residual)
+
+
+@dataclass
+class _State:
+    terms: list[Term]
+    noise: LawNoise
+    evidence: float
+    residual: Array
+
+
+class Search:
+    """One session's search."""
+
+    def __init__(self, problem: LawProblem, groups: list[Group] | None = None) -> None:
+        self.problem = replace(problem, free=independent(problem.free, problem.floor))
+        self.groups = groups_of(self.problem) if groups is None else groups
+        self.families = Families(self.problem, self.groups)
+        self.learner = NoiseLearner(self.problem)
+
+    def run(self) -> Found:
+        """Both starts; the higher evidence stays."""
+        floor = LawNoise.floor_alone(self.problem)
+        first = self._learn([], self.problem.residual)
+        quiet = self._whitened(_State([], floor, 0.0, self.problem.residual))
+        # where the floor alone shows nothing, no noise shows more
+        if float(np.max(quiet.scores([])[0], initial=-np.inf)) < LAW_SEARCH.gain:
+            return self._told(first)
+        one = self._proved(self._grown(first, relearn=True))
+        other = self._grown(_State([], floor, -np.inf, self.problem.residual), relearn=False)
+        two = self._learn(other.terms, self.problem.residual)
+        # as it stands it may have a law too many; noise that explains more than all of them needs no further look
+        if two.evidence < one.evidence + LAW_SEARCH.gain or _which(two.terms) == _which(one.terms):
+            return self._told(one)
+        two = self._proved(self._grown(self._proved(two), relearn=True))
+        return self._told(max((one, two), key=lambda s: s.evidence))
+
+    def beside(self, fixed: Sequence[Group], terms: Sequence[Term]) -> Found:
+        """These groups and the laws of another search; of them stays what is worth it, with the noise learnt again."""
+        kept = [t.group for t in terms if not t.group.effect]
+        same = {g.label: g for g in self.groups}
+        some = [Term(g, Prior(1.0, 1.0)) for g in (*fixed, *(self._like(g, same) for g in kept))]
+        state = self._learn(some, self.problem.residual)
+        for _ in range(LAW_SEARCH.rounds):
+            white = self._whitened(state)
+            for k in range(len(some)):
+                gains, priors = white.scores([t for i, t in enumerate(some) if i != k])
+                own = self.groups.index(some[k].group)
+                prior = priors[own] if np.isfinite(gains[own]) else some[k].prior
+                some = [Term(t.group, prior) if i == k else t for i, t in enumerate(some)]
+            state = self._learn(some, self.problem.residual)
+        return self._told(self._proved(state))
+
+    def _like(self, group: Group, same: dict[str, Group]) -> Group:
+        """The group of this search that is the one of another: same label and same functions."""
+        for own in self.groups:
+            if own.label == group.label and own.axes == group.axes:
+                return own
+        return same[group.label]
+
+    # -- steps
+
+    def _whitened(self, state: _State) -> Whitened:
+        return Whitened(self.families, Whitener(self.problem, state.noise), state.residual)
+
+    def _learn(self, terms: list[Term], residual: Array) -> _State:
+        """The noise beside these terms; far values drawn in, and learnt once more if there are any."""
+        noise, found = self._noise(terms, residual)
+        drawn = self._drawn_in(_State(terms, noise, found, residual))
+        if drawn is not residual:
+            noise, found = self._noise(terms, drawn)
+        return _State(terms, noise, found, drawn)
+
+    def _noise(self, terms: list[Term], residual: Array) -> tuple[LawNoise, float]:
+        return self.learner.learn(*reduced(self.problem, terms), residual)
+
+    def _drawn_in(self, state: _State) -> Array:
+        whitener = Whitener(self.problem, state.noise)
+        columns = np.concatenate([self.problem.free, raw_columns(self.problem, state.terms)])
+        mean, _ = Whitened(Families(self.problem, []), whitener, self.problem.residual).posterior(state.terms)
+        return whitener.drawn_in(self.problem.residual, np.tensordot(mean, columns, 1))
+
+    def _grown(self, state: _State, *, relearn: bool) -> _State:
+        """Groups taken one by one while they gain, each exchanged for any that does better."""
+        while len(state.terms) < (LAW_SEARCH.most if relearn else LAW_SEARCH.most_first):
+            white = self._whitened(state)
+            gains, priors = white.scores(state.terms)
+            best = self._simplest(gains)
+            if gains[best] < LAW_SEARCH.gain:
+                break
+            terms = [*state.terms, Term(self.groups[best], priors[best])]
+            if relearn:
+                state = self._learn(self._exchanged(white, terms), self.problem.residual)
+            else:
+                state = replace(state, terms=terms)
+        return state if relearn or not state.terms else replace(state, terms=self._exchanged(white, state.terms))
+
+    def _exchanged(self, white: Whitened, terms: list[Term]) -> list[Term]:
+        """Each term beside the others as its best prior has it, or another group in its place."""
+        for _ in range(LAW_SEARCH.rounds):
+            before = _which(terms)
+            for k in range(len(terms)):
+                others = [t for i, t in enumerate(terms) if i != k]
+                gains, priors = white.scores(others)
+                own = self.groups.index(terms[k].group)
+                best = self._simplest(gains)
+                simpler = len(self.groups[best].axes) < len(terms[k].group.axes)
+                ahead = gains[best] > gains[own] + LAW_SEARCH.exchange
+                take = best if ahead or simpler else own
+                terms = [Term(self.groups[take], priors[take]) if i == k else t for i, t in enumerate(terms)]
+            if _which(terms) == before or len(terms) == 1:
+                break
+        return terms
+
+    def _simplest(self, gains: Array) -> int:
+        """The group of the highest gain; one of fewer covariates of it, in its place, that comes near."""
+        best = int(np.argmax(gains))
+        own = self.groups[best]
+        named = [i for i, g in enumerate(self.groups) if g.effect and gains[i] > gains[best] - LAW_SEARCH.simpler]
+        if named and not own.effect:
+            return max(named, key=lambda i: float(gains[i]))
+        if len(own.axes) < 2:
+            return best
+        near = [
+            int(i)
+            for i in np.flatnonzero(gains > gains[best] - LAW_SEARCH.simpler)
+            if self.groups[int(i)].kind[:2] == own.kind[:2]
+            and set(self.groups[int(i)].depends_on) < set(own.depends_on)
+        ]
+        return max(near, key=lambda i: float(gains[i])) if near else best
+
+    def _proved(self, state: _State) -> _State:
+        """Without the terms whose removal costs too little with the noise learnt again."""
+        while state.terms:
+            costs = self._costs(state)
+            worst = int(np.argmin(costs))
+            if costs[worst] >= LAW_SEARCH.gain:
+                break
+            terms = [t for i, t in enumerate(state.terms) if i != worst]
+            state = self._learn(terms, self.problem.residual)
+            if terms:
+                terms = self._exchanged(self._whitened(state), terms)
+                state = self._learn(terms, self.problem.residual)
+        return state
+
+    def _costs(self, state: _State) -> list[float]:
+        costs = []
+        for k, term in enumerate(state.terms):
+            others = [t for i, t in enumerate(state.terms) if i != k]
+            _, without = self._noise(others, state.residual)
+            costs.append(state.evidence - without - float(np.log(term.group.tries)))
+        return costs
+
+    def _told(self, state: _State) -> Found:
+        white = self._whitened(state)
+        costs = self._costs(state)
+        order = sorted(range(len(costs)), key=lambda k: -costs[k])
+        terms = [state.terms[k] for k in order]
+        classes = []
+        for k in range(len(terms)):
+            gains, _ = white.scores([t for i, t in enumerate(terms) if i != k])
+            classes.append(self._class(terms[k].group, gains))
+        gains_told = tuple(costs[k] for k in order)
+        return Found(
+            self.problem,
+            tuple(terms),
+            state.noise,
+            state.evidence,
+            gains_told,
+            tuple(classes),
+            state.residual,
+            self.families,
+            float(np.max(white.scores(terms)[0], initial=-np.inf)),
+        )
+
+    def _class(self, own: Group, gains: Array) -> tuple[Group, ...]:
+        """Groups of which this session cannot tell one from another, one of each kind."""
+        best = float(gains.max())
+        found: list[Group] = [own]
+        for i in np.argsort(-gains):
+            group = self.groups[int(i)]
+            behind = best - float(gains[i])
+            if behind > LAW_SEARCH.same_confounded or len(found) >= LAW_SEARCH.most_class:
+                break
+            if any(group.kind == g.kind for g in found):
+                continue
+            if behind <= LAW_SEARCH.same or self._confounded(own, group):
+                found.append(group)
+        return tuple(found)
+
+    def _confounded(self, one: Group, other: Group) -> bool:
+        """Whether what sets two groups apart are covariates of which one is a function of the other here."""
+        if one.effect or other.effect:
+            return False
+        mine = [name for name in one.depends_on if name not in other.depends_on]
+        its = [name for name in other.depends_on if name not in one.depends_on]
+        if one.place != other.place or len(mine) != len(its) or not mine:
+            return False
+        known, first, second = self.problem, one.units[0], other.units[0]
+        return all(
+            confounded(values_of(known, a, first), values_of(known, b, second), LAW_SEARCH.function)
+            for a, b in zip(mine, its, strict=True)
+        )
+
+
+def _which(terms: list[Term]) -> set[int]:
+    return {id(t.group) for t in terms}
+
+
+def independent(free: Array, floor: Array) -> Array:
+    """(Q, C, n) columns that span what is free, each of the size of the floor and none twice."""
+    if not len(free):
+        return free
+    white = (free / floor).reshape(len(free), -1)
+    size = np.linalg.norm(white, axis=1, keepdims=True)
+    white = white[size[:, 0] > 0] / size[size[:, 0] > 0]
+    _, values, rows = np.linalg.svd(white, full_matrices=False)
+    kept = rows[values > 1e-9 * values[0]]
+    return np.asarray(kept.reshape(-1, *free.shape[1:]) * floor)

@@ -1,0 +1,154 @@
+"""What happens within a pose: readings that settle, creep or oscillate while the tool stands still.
+
+A pose counts by its mean, so what its rows do about that mean would be lost. It is looked at here: the rows of all
+poses, each less its own mean, laid over one another by the time since the stop. A common course (settling of a bench,
+warm-up at each stop) shows in the mean over poses; a course that differs from pose to pose (creep after a change of
+load) in the size of the poses' trends, beyond what neighbouring differences of the rows allow; an oscillation as a line
+in their spectra.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import fdtrc
+
+from highside.arrays import Array
+from highside.diagnosis.core.result import Diagnosis, Finding
+from highside.diagnosis.poses.policy import WITHIN
+
+Ints = NDArray[np.intp]
+CHANNELS = ("ax", "ay", "az")
+CHECK = "within_pose"
+
+
+@dataclass(frozen=True)
+class _Course:
+    """What the rows of a channel do within a pose, in words, with its size (g, from start to end) and p of chance."""
+
+    words: str
+    size_g: float
+    p: float
+
+
+def within_poses(accel_g: Array, rows: Sequence[Ints], row_seconds: float) -> tuple[Finding, ...]:
+    """What the rows (3, N) do within poses of these row numbers; one finding a kind of course."""
+    length = int(np.median([r.size for r in rows])) if rows else 0
+    kept = [r[:length] for r in rows if r.size >= length]
+    if length < WITHIN.least_rows or len(kept) < WITHIN.least_poses:
+        return ()
+    found: dict[str, list[tuple[str, _Course]]] = {}
+    for c, name in enumerate(CHANNELS):
+        stacked = np.stack([accel_g[c, r] for r in kept])
+        left = stacked - stacked.mean(axis=1, keepdims=True)
+        for course in _courses(left, row_seconds):
+            found.setdefault(course.words, []).append((name, course))
+    return tuple(_finding(words, each) for words, each in found.items())
+
+
+def with_courses(diagnosis: Diagnosis, found: Sequence[Finding]) -> Diagnosis:
+    """The diagnosis with what happens within poses: where that is, the simulation has not explained the recording."""
+    if not found:
+        return diagnosis
+    hints = (*(f"{', '.join(one.channels)}: {one.remedy}" for one in found), *diagnosis.remainder.hints)
+    remainder = replace(diagnosis.remainder, hints=hints)
+    if diagnosis.verdict == "nothing_left_out":
+        p = min(one.p for one in found)
+        return replace(
+            diagnosis, verdict="unknown", remainder=replace(remainder, p=p), intake=(*diagnosis.intake, *found)
+        )
+    return replace(diagnosis, remainder=remainder, intake=(*diagnosis.intake, *found))
+
+
+def _finding(words: str, each: Sequence[tuple[str, _Course]]) -> Finding:
+    sizes = ", ".join(f"{name} by {1e6 * course.size_g:.3g} ug" for name, course in each)
+    remedy = f"{words}: {sizes}; wait longer before a pose is read, or look for what moves"
+    return Finding(CHECK, tuple(name for name, _ in each), min(course.p for _, course in each), remedy)
+
+
+def _courses(left: Array, row_seconds: float) -> list[_Course]:
+    """Courses of a channel from rows (poses, length) less their means."""
+    poses, length = left.shape
+    shapes = _shapes(length)
+    phi = _memory(left - (left @ shapes.T) @ shapes)
+    # rows that are correlated trend by chance: what a filter makes independent is tested
+    white, design = _filtered(left, phi), _filtered(np.vstack([np.ones(length), shapes]), phi)
+    q, r = np.linalg.qr(design.T)
+    scores = white @ q
+    freedom = poses * (length - 1 - len(design))
+    noise = float(np.sum((white - scores @ q.T) ** 2)) / freedom
+    if noise <= 0.0:
+        return []
+    trends = scores[:, 1:]
+    found = []
+    # the mean over the poses: one course that all have in common
+    common = trends.mean(axis=0)
+    gain = poses * float(common @ common) / noise
+    p = float(fdtrc(len(shapes), freedom, gain / len(shapes)))
+    if p < WITHIN.chance and gain > WITHIN.share * length:
+        course = (left.mean(axis=0) @ shapes.T) @ shapes
+        found.append(_Course(_settles(course, row_seconds), float(np.ptp(course)), p))
+    # the poses' own trends about it
+    own = trends - common
+    square = float(np.sum(own**2)) / (noise * (poses - 1) * len(shapes))
+    p = float(fdtrc((poses - 1) * len(shapes), freedom, square))
+    if p < WITHIN.chance and square > WITHIN.least_ratio:
+        each = np.linalg.solve(r, (scores - scores.mean(axis=0)).T)[1:].T @ shapes
+        excess = 1.0 - 1.0 / square
+        size = float(np.sqrt(excess * np.mean(np.ptp(each, axis=1) ** 2)))
+        found.append(_Course("readings creep while a pose is held, each pose its own way", size, p))
+    line = _line(left - (left @ shapes.T) @ shapes, phi, row_seconds)
+    return [*found, *([line] if line is not None else [])]
+
+
+def _memory(left: Array) -> float:
+    """Correlation of neighbouring rows (poses, length) about their mean and trends, with what taking these off costs
+    (Kendall, Biometrika 41, 1954, for the mean; as much again for a trend)."""
+    length = left.shape[1]
+    found = float(np.sum(left[:, 1:] * left[:, :-1]) / max(float(np.sum(left**2)), 1e-300)) * length / (length - 1)
+    return float(np.clip(found + (2 + 4 * found) / length, 0.0, WITHIN.most_memory))
+
+
+def _filtered(rows: Array, phi: float) -> Array:
+    """Rows (m, length) without their correlation, (m, length - 1)."""
+    return np.asarray(rows[:, 1:] - phi * rows[:, :-1])
+
+
+def _settles(course: Array, row_seconds: float) -> str:
+    """The common course in words: one that dies away, or one that goes on."""
+    third = max(1, course.size // 3)
+    early, late = abs(course[0] - course[third]), abs(course[-third] - course[-1])
+    if early > WITHIN.settled * late:
+        return f"readings settle within the first {third * row_seconds:.2g} s of each pose"
+    return "readings drift alike in every pose"
+
+
+def _shapes(length: int) -> Array:
+    """(2, length) orthonormal: a straight line, and a decay over a fifth of the pose beyond it."""
+    u = np.linspace(0.0, 1.0, length)
+    q, _ = np.linalg.qr(np.stack([np.ones(length), u, np.exp(-u / WITHIN.decay)]).T)
+    return np.asarray(q[:, 1:].T)
+
+
+def _line(left: Array, phi: float, row_seconds: float) -> _Course | None:
+    """An oscillation that stands out of the mean spectrum of the poses."""
+    rows = _filtered(left, phi)
+    window = np.hanning(rows.shape[1])
+    power = np.mean(np.abs(np.fft.rfft(rows * window, axis=1)) ** 2, axis=0)[WITHIN.first_cell : -1]
+    if power.size < 2 * WITHIN.cells:
+        return None
+    at = int(np.argmax(power))
+    cells = np.abs(np.arange(power.size) - at)
+    near = (cells > WITHIN.lobe) & (cells <= WITHIN.cells)
+    level = float(np.mean(power[near]))
+    # a mean over poses of exponentials: a chi-square with two degrees of freedom a pose
+    p = power.size * float(fdtrc(2 * len(left), 2 * len(left) * int(near.sum()) / WITHIN.lobe, power[at] / level))
+    if p > WITHIN.chance or power[at] < WITHIN.line_ratio * level:
+        return None
+    turns = (at + WITHIN.first_cell) / rows.shape[1]
+    passed = abs(1.0 - phi * np.exp(-2j * np.pi * turns))
+    size = 4 * float(np.sqrt(max(power[at] - level, 0.0))) / float(window.sum()) / passed
+    return _Course(f"readings oscillate at {turns / row_seconds:.3g} Hz while a pose is held", size, min(p, 1.0))

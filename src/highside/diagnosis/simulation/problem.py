@@ -1,0 +1,442 @@
+"""A recording beside another program's prediction, prepared for the diagnosis: linear effects in coloured noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.arrays import Array
+from highside.diagnosis.core.candidate_set import Term
+from highside.diagnosis.core.fit import JointFit
+from highside.diagnosis.core.held_out import gain_interval
+from highside.diagnosis.core.memory import Channel, SlowEffect
+from highside.diagnosis.core.policy import INTERVALS
+from highside.diagnosis.core.probability import student_quantile
+from highside.diagnosis.core.problem import ReportData, SelectionState
+from highside.diagnosis.core.problem_policy import ProblemPolicy
+from highside.diagnosis.core.regression import outside
+from highside.diagnosis.core.result import Diagnosis, Fit, FittedParameter, Location
+from highside.diagnosis.core.rivals import Rivalry
+from highside.diagnosis.rows.gram import HeldOutRows, Key, RandomWalkChannel, accumulate
+from highside.diagnosis.rows.jitter import with_jitter
+from highside.diagnosis.rows.noise import RotationNoise, estimate
+from highside.diagnosis.rows.problem import RowsProblem, RowsSelectionState, chance_of
+from highside.diagnosis.simulation.design import About, SimulationDesign, covariates_of
+from highside.diagnosis.simulation.policy import SIMULATION, SIMULATION_CHOICE
+from highside.diagnosis.simulation.session import OFFSET, SKEW, SimulationSession
+from highside.physics.channels import OnChannels
+
+
+@dataclass(frozen=True)
+class SimulationProblem(RowsProblem):
+    """n rows of some channels beside their prediction."""
+
+    session: SimulationSession
+    design: SimulationDesign
+
+    @classmethod
+    def beside(cls, session: SimulationSession, free: tuple[str, ...], seed: int) -> SimulationProblem:
+        """Make the columns, take the base off, learn the noise; again about the delays that are found.
+
+        To first order a lag is found from none, and a filter's delay looks like one. A lag beyond that is started from
+        as it was measured; what the recording is better explained from is kept.
+        """
+        found = cls._settled(session, free, seed, {})
+        a = session.alignment
+        end = abs(a.rate) * float(session.elapsed_s[-1])
+        if a.same_clock and 2 * np.pi * session.band_hz * max(abs(a.lag_s), end) > SIMULATION_CHOICE.phase:
+            start: About = {OFFSET: (a.lag_s,)} if not a.rate else {OFFSET: (a.lag_s,), SKEW: (a.rate,)}
+            moved = cls._settled(session, free, seed, start)
+            if moved._better_than(found):
+                return moved
+        return found
+
+    @classmethod
+    def _settled(cls, session: SimulationSession, free: tuple[str, ...], seed: int, about: About) -> SimulationProblem:
+        problem = cls._about(session, free, seed, about)
+        before, about = about, problem._nonlinear()
+        for _ in range(SIMULATION_CHOICE.turns):
+            if _near(before, about):
+                break
+            problem = cls._about(session, free, seed, about)
+            before, about = about, problem._nonlinear()
+        return problem
+
+    def _better_than(self, other: SimulationProblem) -> bool:
+        """Whether a first choice leaves less here, or as much with fewer effects."""
+        sizes, left = [], []
+        for scene in (self, other):
+            members = [m for m in scene._plain.selector.select() if scene.candidates[m.candidate].named]
+            kept = slice(None) if scene.session.left_out is None else ~scene.session.left_out
+            rest = scene.fit(members, scene.noise).residual[:, kept]
+            left.append(float(np.sum(np.log(np.maximum(np.mean(rest**2, axis=1), 1e-30)))))
+            sizes.append(len(members))
+        if abs(left[0] - left[1]) < SIMULATION_CHOICE.alike:
+            return sizes[0] < sizes[1]
+        return left[0] < left[1]
+
+    def _nonlinear(self) -> About:
+        """What a first choice says of effects that are not linear."""
+        terms = [m for m in self._plain.selector.select() if self.candidates[m.candidate].named]
+        found = self.fit(terms, self.noise).parameters
+        about: dict[str, tuple[float, ...]] = {}
+        for candidate in self.candidates:
+            effect = candidate.effect
+            if isinstance(effect, OnChannels) and effect.relinearised:
+                fitted = found.get(candidate.id, {})
+                values = [(fitted[p.name].value if p.name in fitted else 0.0, p.gate[0]) for p in effect.parameters]
+                # what cannot be negative is nothing where it was fitted so
+                sizes = tuple(max(value, 0.0) if least == 0.0 else value for value, least in values)
+                if any(sizes):
+                    about[candidate.id] = sizes
+        return about
+
+    @classmethod
+    def _about(cls, session: SimulationSession, free: tuple[str, ...], seed: int, about: About) -> SimulationProblem:
+        design = SimulationDesign(session, free, about)
+        session = session.about(about)
+        residual = session.readings - session.original
+        if design.base.size:
+            columns = np.stack([design.column(int(k)) for k in design.base])
+            kept = np.ones(session.n) if session.left_out is None else 1.0 - session.left_out
+            sizes = np.maximum(residual.std(axis=1, keepdims=True), 1e-12)
+            rows = (columns / sizes * kept).reshape(len(columns), -1)
+            weights = np.linalg.lstsq(rows.T, (residual / sizes * kept).reshape(-1), rcond=1e-9)[0]
+            residual = residual - np.tensordot(weights, columns, 1)
+        noise = _by_activity(design, estimate(design, residual, seed), residual)
+        grams, segments = accumulate(design, noise, residual)
+        chance, rest = chance_of(design, noise, residual, grams, segments)
+        return cls(
+            design.candidates,
+            design.unobservable,
+            free,
+            seed,
+            session,
+            design,
+            residual,
+            noise,
+            grams,
+            segments,
+            chance,
+            rest,
+        )
+
+    @cached_property
+    def _plain(self) -> RowsSelectionState:
+        """As judged without any memory."""
+        return super().prepare(self.coloured_noise)
+
+    def prepare(self, noise: RotationNoise) -> RowsSelectionState:
+        limits = self._plain
+        found = super().prepare(noise) if noise.memories else limits
+        # what is drawn to find the thresholds has no random walk in it: they are those of the noise without
+        selector = replace(found.selector, threshold=limits.selector.threshold, most=SIMULATION_CHOICE.most_named)
+        return replace(found, selector=selector, scan_threshold=limits.scan_threshold)
+
+    def locate_whole(
+        self, selection: SelectionState[RotationNoise], signal: Array, terms: Sequence[Term], p: float, share: float
+    ) -> tuple[Location, ...]:
+        # the covariates are what was recorded, and have no cells
+        return self.locate(selection, signal, selection.selector.space_with(terms), p, share)
+
+    def completed(self, diagnosis: Diagnosis) -> Diagnosis:
+        # causes and manoeuvres are given for the library's own effects
+        return with_jitter(diagnosis, self.noise, self.channels)
+
+    @property
+    def policy(self) -> ProblemPolicy:
+        return SIMULATION
+
+    def believed(self, selection: SelectionState[RotationNoise], terms: list[Term]) -> list[Term]:
+        selector = selection.selector
+        terms = [m for m in terms if not self._within_random_walk(selection.noise, m, terms)]
+
+        def gain(subset: Sequence[Term]) -> float:
+            left = outside(selector.space_with(subset), selector.residual)
+            return float(selector.residual @ selector.residual - left @ left)
+
+        # of an effect that is a thousand times its noise, what no formula has exactly is still significant; beside a
+        # clock that was moved that looks like another delay, and no further effect
+        moved = any(self.candidates[m.candidate].id in self.design.tangents for m in terms)
+        kept, total = list(terms), gain(terms)
+        for term in reversed(terms):
+            candidate = self.candidates[term.candidate]
+            least = SIMULATION_CHOICE.least_named if candidate.named else SIMULATION_CHOICE.least_product
+            if moved and isinstance(candidate.effect, OnChannels) and not candidate.effect.relinearised:
+                least *= SIMULATION_CHOICE.beside_clock
+            others = [m for m in kept if m != term]
+            if others and total - gain(others) < least * total:
+                kept = others
+        return kept
+
+    def _within_random_walk(self, noise: RotationNoise, term: Term, terms: Sequence[Term]) -> bool:
+        """Whether an offset is no larger than the mean of a random walk as large as the noise may hold."""
+        effect = self.candidates[term.candidate].effect
+        if effect is None or not effect.constant or not noise.memories:
+            return False
+        numbers = [
+            int(k) for m in terms if self.candidates[m.candidate].named for k in self.variant(m).columns if k >= 0
+        ]
+        every = np.concatenate([self.design.base, np.array(numbers, dtype=np.intp)])
+        gram, moment = self._inner(every)
+        sizes = np.linalg.lstsq(gram, moment, rcond=1e-12)[0]
+        for number in self.variant(term).columns:
+            c = int(np.flatnonzero(self.design.where[number] >= 0)[0])
+            rows = float(np.sum(noise.weight[c] > 0))
+            white = np.mean(noise.weight[c]) * np.sum(noise.filters[c])
+            mean = sizes[int(np.flatnonzero(every == number)[0])] * white
+            if abs(mean) > SIMULATION_CHOICE.far * np.sqrt(noise.memories[c].upper * rows / 3):
+                return False
+        return True
+
+    def likelihoods(self, terms: Sequence[Term]) -> list[Channel]:
+        block = self.block(terms)
+        found: list[Channel] = []
+        for c in range(len(self.channels)):
+            where = np.concatenate([self.design.where[self.design.base, c], block[:, c]])
+            found.append(RandomWalkChannel(self.random_walks[c].random_walks_only(), np.unique(where[where >= 0])))
+        return found
+
+    def slow(self) -> list[SlowEffect]:
+        found = []
+        for i, candidate in enumerate(self.candidates):
+            if candidate.slow:
+                for j, variant in enumerate(candidate.variants):
+                    number = int(variant.columns[0])
+                    if variant.columns.size == 1 and number >= 0:
+                        found.append(SlowEffect(i, j, self.design.where[number]))
+        return found
+
+    def fit(self, terms: Sequence[Term], noise: RotationNoise, *, with_second_order: bool = True) -> JointFit:
+        """Least squares of base and terms in the space of the judged noise."""
+        if not terms:
+            return JointFit({}, self.residual, ())
+        numbers = [np.asarray(self._whole(m), dtype=np.intp) for m in terms]
+        moved = self._clock_moved(terms, numbers)
+        claimed = np.concatenate(numbers)
+        every = np.concatenate([self.design.base, claimed[claimed >= 0]])
+        gram, moment = self._inner(every)
+        if moved:
+            whole = np.array(list(moved), dtype=np.intp)
+            both = self._inner(np.concatenate([every, whole]))[0]
+            moment = moment - both[: every.size, every.size :] @ np.array(list(moved.values()))
+        size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        values, vectors = np.linalg.eigh(gram / np.outer(size, size))
+        good = values > 1e-9 * values[-1]
+        inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T / np.outer(size, size)
+        solution = inverse @ moment
+        # blocks of rows that depart together count as one: the sandwich of their scores, never less than the plain one
+        scores = np.zeros((self.chance[0].shape[0], every.size))
+        for c, products in enumerate(self.chance):
+            functions = self.design.where[every, c]
+            scores[:, functions >= 0] += products[:, functions[functions >= 0]]
+        robust = inverse @ (scores.T @ scores) @ inverse
+        std = np.sqrt(np.maximum(np.maximum(np.diag(inverse), np.diag(robust)), 0.0))
+        half = student_quantile(INTERVALS.upper, self.noise.freedom)
+        tables: dict[str, dict[str, FittedParameter]] = {}
+        outside: list[str] = []
+        left = self.residual.copy()
+        for number, amount in moved.items():
+            left -= amount * self.design.column(number)
+        at = self.design.base.size
+        for k in range(every.size):
+            left -= solution[k] * self.design.column(int(every[k]))
+        for term, own in zip(terms, numbers, strict=True):
+            effect = self.design.effect_of(term.candidate)
+            starts = self.design.about.get(effect.id, ()) if effect.id in self.design.tangents else ()
+            table: dict[str, FittedParameter] = {}
+            for i, (parameter, number) in enumerate(zip(effect.parameters, own, strict=True)):
+                if number < 0:
+                    continue
+                value, error = float(solution[at]) + (starts[i] if starts else 0.0), float(std[at])
+                at += 1
+                table[parameter.name] = FittedParameter(
+                    value, error, value - half * error, value + half * error, parameter.unit
+                )
+                if value + 2 * error < parameter.gate[0] or value - 2 * error > parameter.gate[1]:
+                    outside.append(f"{effect.id}.{parameter.name}")
+            tables[effect.id] = table
+        return JointFit(tables, left, tuple(outside))
+
+    def _clock_moved(self, terms: Sequence[Term], numbers: list[NDArray[np.intp]]) -> dict[int, float]:
+        """What moves the clock is taken out as it is, and fitted by what a little more of it would do: the columns that
+        are taken out, with their amounts; in `numbers` those by which they are fitted take their place."""
+        moved: dict[int, float] = {}
+        for i, term in enumerate(terms):
+            values = self.design.about.get(self.candidates[term.candidate].id, ())
+            tangents = self.design.tangents.get(self.candidates[term.candidate].id)
+            if any(values) and tangents is not None:
+                moved |= {int(k): value for k, value in zip(numbers[i], values, strict=True) if k >= 0}
+                numbers[i] = np.where(numbers[i] >= 0, tangents, -1)
+        return moved
+
+    def _whole(self, term: Term) -> NDArray[np.intp]:
+        """All amplitudes of the effect at the term's shape; of one that acts on single channels, those alone."""
+        candidate, variant = self.candidates[term.candidate], self.variant(term)
+        if variant.whole:
+            return variant.columns
+        whole = next(v for v in candidate.variants if v.whole and v.shape == variant.shape)
+        kept = np.isin(whole.columns, variant.columns)
+        return np.where(kept, whole.columns, -1)
+
+    def _inner(self, numbers: NDArray[np.intp]) -> tuple[Array, Array]:
+        """(K, K) and (K,) whitened inner products of columns with one another and with the residual."""
+        gram, moment = np.zeros((numbers.size, numbers.size)), np.zeros(numbers.size)
+        for c, own in enumerate(self.grams):
+            functions = self.design.where[numbers, c]
+            shows = np.flatnonzero(functions >= 0)
+            total = own.total
+            gram[np.ix_(shows, shows)] += total[np.ix_(functions[shows], functions[shows])]
+            moment[shows] += total[functions[shows], -1]
+        return gram, moment
+
+    def advice(self, term: Term, r: Rivalry, fit: JointFit) -> str:
+        return self.design.effect_of(term.candidate).splitter
+
+    def proof(self, terms: Sequence[Term], fit: JointFit) -> Fit:
+        held = HeldOutRows(self.design, self.grams)
+        parts = [np.asarray(self.variant(m).columns, dtype=np.intp) for m in terms]
+        numbers = np.concatenate([np.empty(0, dtype=np.intp), *parts])
+        before, after = held.energies(numbers[:0], held.folds), held.energies(numbers, held.folds)
+        rows = np.array([held.scored(fold) for fold in held.folds])
+        low, high = gain_interval(before, after)
+        shown = self.shown(terms)
+        unit = self.session.units[shown[0]]
+        kept = slice(None) if self.session.left_out is None else ~self.session.left_out
+        plain = self._plain_held_out(numbers, shown)
+        names = ", ".join(self.session.names[c] for c in shown)
+        words = (
+            f"{len(held.folds)} contiguous stretches; figures are of {names}; gain = share of the whitened mean square "
+            f"of all channels removed ({1 - after.sum() / before.sum():.1%} of {int(rows.sum())} readings)"
+        )
+        return Fit(
+            unit=unit,
+            rmse_before=float(np.sqrt(np.mean(self.residual[shown][:, kept] ** 2))),
+            rmse_after=float(np.sqrt(np.mean(fit.residual[shown][:, kept] ** 2))),
+            heldout_rmse_before=plain[0],
+            heldout_rmse_after=plain[1],
+            heldout_gain_low=low,
+            heldout_gain_high=high,
+            noise_floor=float(np.sqrt(np.mean(self.noise.sigma[shown] ** 2))),
+            how_held_out=words,
+        )
+
+    def shown(self, terms: Sequence[Term]) -> list[int]:
+        """The channels that the figures are of: the one that the first claim changes most, in units of its noise, and
+        all others of its unit."""
+        first = 0
+        if terms:
+            numbers = np.asarray(self.variant(terms[0]).columns, dtype=np.intp)
+            columns = [self.design.column(int(k)) / self.noise.sigma[:, None] for k in numbers[numbers >= 0]]
+            first = int(np.argmax(np.sum(np.square(columns), axis=(0, 2))))
+        return [c for c, unit in enumerate(self.session.units) if unit == self.session.units[first]]
+
+    def _plain_held_out(self, numbers: NDArray[np.intp], shown: Sequence[int]) -> tuple[float, float]:
+        """Rms, in the channels' unit, of stretches that the weights were not fitted to: without and with columns."""
+        fold = self.segments.fold
+        kept = np.ones(self.session.n, dtype=bool) if self.session.left_out is None else ~self.session.left_out
+        parts = sorted({key for gram in self.grams for key in gram.parts})
+        found = []
+        for chosen in (numbers[:0], numbers):
+            every = np.concatenate([self.design.base, chosen[chosen >= 0]])
+            columns = np.array([self.design.column(int(k))[shown] for k in every])
+            total, count = 0.0, 0
+            for number in np.unique(fold):
+                rows = (fold == number) & kept
+                left = self.residual[shown][:, rows]
+                if every.size:
+                    solution = self._solution(every, [key for key in parts if key[0] != number])
+                    left = left - np.tensordot(solution, columns[:, :, rows], 1)
+                total, count = total + float(np.sum(left**2)), count + left.size
+            found.append(float(np.sqrt(total / max(count, 1))))
+        return found[0], found[1]
+
+    def _solution(self, every: NDArray[np.intp], keys: Sequence[Key]) -> Array:
+        if not every.size:
+            return np.empty(0)
+        part = replace(
+            self, grams=[replace(g, parts={k: g.parts[k] for k in keys if k in g.parts}) for g in self.grams]
+        )
+        gram, moment = part._inner(every)
+        size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        return np.asarray(np.linalg.lstsq(gram / np.outer(size, size), moment / size, rcond=1e-9)[0] / size)
+
+    def report_data(self, fit: JointFit | None) -> ReportData:
+        after = self.residual if fit is None else fit.residual
+        return ReportData(
+            self.session,
+            self.residual,
+            after,
+            self.channels,
+            self.session.units,
+            covariates_of(self.session),
+            sigma=tuple(float(s) for s in self.noise.sigma),
+        )
+
+    def noise_summary(self) -> dict[str, Any]:
+        a = self.session.alignment
+        return {
+            **super().noise_summary(),
+            "sigma": dict(zip(self.channels, (float(s) for s in self.noise.sigma), strict=True)),
+            "alignment": {
+                "lag_s": a.lag_s,
+                "shift_s": a.shift_s,
+                "correlation": a.correlation,
+                "same_clock": a.same_clock,
+                "rate": a.rate,
+                "lags_s": dict(a.lags_s),
+                "overlap_s": float(np.ptp(self.session.state.t_s)),
+                "left_out": 0.0 if self.session.left_out is None else float(np.mean(self.session.left_out)),
+                "rows_hz": 1.0 / self.session.step_s,
+                "band_hz": self.session.band_hz,
+            },
+        }
+
+
+def _near(one: About, other: About) -> bool:
+    """Whether another turn would change nothing that shows."""
+    if one.keys() != other.keys():
+        return False
+    settled = {name: SIMULATION_CHOICE.exact if name in (OFFSET, SKEW) else SIMULATION_CHOICE.settled for name in one}
+    return all(
+        abs(a - b) <= settled[name] * max(abs(a), abs(b))
+        for name, values in one.items()
+        for a, b in zip(values, other[name], strict=True)
+    )
+
+
+def _by_activity(design: SimulationDesign, noise: RotationNoise, residual: Array) -> RotationNoise:
+    """The noise with its size following how much it moves, in whatever way: by bins of activity."""
+    session = design.session
+    activity = session.state.vibration_rms_g
+    order = np.argsort(activity, kind="stable")
+    bins = np.array_split(order, max(1, min(SIMULATION_CHOICE.most_bins, session.n // SIMULATION_CHOICE.least_in_bin)))
+    weight = noise.weight.copy()
+    for c, functions in enumerate(design.functions(slice(0, session.n), residual)):
+
+        def left(c: int = c, functions: Array = functions) -> Array:
+            white = replace(noise, weight=weight).whiten(c, functions, slice(0, session.n))
+            explained = np.linalg.lstsq(white[:-1].T, white[-1], rcond=1e-9)[0]
+            return np.asarray(white[-1] - explained @ white[:-1])
+
+        for _ in range(2):
+            innovations, counts = left(), weight[c] > 0
+            full = [
+                rows[counts[rows]]
+                for rows in bins
+                if counts[rows].sum() > SIMULATION_CHOICE.least_in_bin // SIMULATION_CHOICE.full
+            ]
+            if len(full) < SIMULATION_CHOICE.least_bins:
+                break
+            sizes = [float(np.sqrt(np.mean(innovations[rows] ** 2))) for rows in full]
+            middles = [float(activity[rows].mean()) for rows in full]
+            weight[c] /= np.maximum(np.interp(activity, middles, sizes), SIMULATION_CHOICE.quietest * max(sizes))
+        innovations = left()
+        freedom = int(np.sum(weight[c] > 0)) - design.sizes[c]
+        weight[c] *= np.sqrt(freedom / max(float(innovations @ innovations), 1e-300))
+    return replace(noise, weight=weight)

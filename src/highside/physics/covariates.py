@@ -1,0 +1,108 @@
+"""What a law may depend on: one function for each name, of the chain's state and the load on the triad.
+
+`COVARIATES` is the one place in which a name is added. A name that stands not in it is a numeric column of the
+recording (`ChainState.extra`). Angles are in degrees, rates in deg/s, the load in g, time in s since the first row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from highside.arrays import AnyArray
+from highside.errors import InputError
+from highside.physics.memory import low_pass
+from highside.physics.state import ChainState
+
+OWN = -1
+"""axis of a channel that is not one of the triad"""
+
+
+@dataclass(frozen=True, slots=True)
+class Covariate:
+    """A quantity that varies: its unit, and its values (n,) from (state, load (3, n) g, axis 0 to 2 or `OWN`).
+
+    `periodic`: it is an angle that comes round after 360. `own`: it differs from axis to axis. `history`: it depends on
+    the rows before.
+    """
+
+    unit: str
+    title: str
+    of: Callable[[ChainState, AnyArray, int], AnyArray]
+    periodic: bool = False
+    own: bool = False
+    history: bool = False
+
+
+def _own_load(state: ChainState, load: AnyArray, axis: int) -> AnyArray:
+    return load[axis] if axis != OWN else np.zeros(state.n)
+
+
+def _on_axis(axis: int) -> Callable[[ChainState, AnyArray, int], AnyArray]:
+    return lambda state, load, own: load[axis]
+
+
+def _since_move(state: ChainState, load: AnyArray, axis: int) -> AnyArray:
+    """Time since the pose of a row began, s."""
+    if not state.n:
+        return np.zeros(0)
+    begins = np.flatnonzero(np.diff(state.pose, prepend=state.pose[0] - 1))
+    length = np.diff(np.append(begins, state.n))
+    return np.asarray(state.t_s - np.repeat(state.t_s[begins], length))
+
+
+def _previous_load(state: ChainState, load: AnyArray, axis: int) -> AnyArray:
+    """Load on the own axis in the pose before; in the first one its own."""
+    if not state.n:
+        return np.zeros(0)
+    begins = np.flatnonzero(np.diff(state.pose, prepend=state.pose[0] - 1))
+    length = np.diff(np.append(begins, state.n))
+    own = _own_load(state, load, axis)
+    first = np.real(own)[begins]
+    return np.repeat(np.concatenate([first[:1], first[:-1]]), length)
+
+
+def _filtered(tau_s: float) -> Callable[[ChainState, AnyArray, int], AnyArray]:
+    return lambda state, load, axis: low_pass(state.t_s, np.asarray(state.temp_c, dtype=float), tau_s)
+
+
+COVARIATES: dict[str, Covariate] = {
+    "load": Covariate("g", "load on the own axis", _own_load, own=True),
+    "load_x": Covariate("g", "load on x", _on_axis(0)),
+    "load_y": Covariate("g", "load on y", _on_axis(1)),
+    "load_z": Covariate("g", "load on z", _on_axis(2)),
+    "inc": Covariate("deg", "inclination", lambda s, f, a: np.degrees(s.inc_rad)),
+    "tf": Covariate("deg", "toolface", lambda s, f, a: np.mod(np.degrees(s.tf_rad), 360.0), periodic=True),
+    "tf_fraction": Covariate("deg", "toolface, order no whole number", lambda s, f, a: np.degrees(s.tf_rad)),
+    "rate": Covariate("deg/s", "rotation rate", lambda s, f, a: np.degrees(s.rotor_rate_radps)),
+    "rate_sign": Covariate(
+        "1",
+        "sense of rotation",
+        lambda s, f, a: np.where(s.rotor_rate_radps != 0, np.sign(s.rotor_rate_radps), s.direction),
+    ),
+    "acceleration": Covariate("deg/s2", "angular acceleration", lambda s, f, a: np.degrees(s.rotor_accel_radps2)),
+    "temp": Covariate("C", "temperature", lambda s, f, a: s.temp_c),
+    "temp_rate": Covariate("C/s", "rate of the temperature", lambda s, f, a: s.temp_rate_cps),
+    "temp_filtered_300": Covariate("C", "temperature that lags by 300 s", _filtered(300.0), history=True),
+    "temp_filtered_1200": Covariate("C", "temperature that lags by 1200 s", _filtered(1200.0), history=True),
+    "vibration": Covariate("g", "vibration", lambda s, f, a: s.vibration_rms_g),
+    "time": Covariate("s", "time", lambda s, f, a: s.t_s - s.t_s[:1]),
+    "time_since_move": Covariate("s", "time since the last move", _since_move, history=True),
+    "previous_load": Covariate("g", "load in the pose before", _previous_load, own=True, history=True),
+}
+"""All names that are known beforehand."""
+
+
+def covariate(name: str) -> Covariate:
+    """The covariate of that name; a name that is not known is that of a numeric column of the recording."""
+    if name in COVARIATES:
+        return COVARIATES[name]
+
+    def column(state: ChainState, load: AnyArray, axis: int) -> AnyArray:
+        if name not in state.extra:
+            raise InputError("is missing: a law of the model depends on it", field=name, remedy="add this column")
+        return state.extra[name]
+
+    return Covariate("", name, column)

@@ -1,0 +1,45 @@
+"""Sensitive axes that turn as the temperature changes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from highside.arrays import AnyArray
+from highside.physics.effect import (
+    AXES,
+    REFERENCE_TEMP_C,
+    LinearEffect,
+    Parameter,
+    Stage,
+    runs,
+    singles,
+)
+from highside.physics.state import ChainState
+
+PAIRS = tuple((i, j) for i in range(3) for j in range(3) if i != j)
+
+
+class TemperatureMisalignment(LinearEffect):
+    id = "temperature_misalignment"
+    title = "Temperature coefficient of the misalignment"
+    stage = Stage.THERMAL
+    formula = "mt_ij f_j (T - 25 C)"
+    story = (
+        "Warm, the mount of a sensor bends: each axis takes a share of the others' load that follows the temperature."
+    )
+    # 0.2 mrad/C turns an axis by 1 deg over 90 C: more is a mount that has come loose
+    parameters = tuple(Parameter(f"mt_{AXES[i]}{AXES[j]}", "rad/C", 1e-5, (-2e-4, 2e-4)) for i, j in PAIRS)
+    groups = (*runs(6, 2), *singles(6))
+    confused_with = ("misalignment", "temperature_scale")
+    splitter = "the same poses at two temperatures"
+    needs = ("temp_c",)
+
+    def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
+        warm = state.temp_c - REFERENCE_TEMP_C
+        basis = np.zeros((6, 3, state.n), dtype=x.dtype)
+        for k, (i, j) in enumerate(PAIRS):
+            basis[k, i] = warm * x[j]
+        return basis
+
+
+EFFECT = TemperatureMisalignment()

@@ -1,0 +1,113 @@
+"""The misfit of a recording step by step: the simulation as given, each claim taken in, what is left, the noise.
+
+One unit for all bars: the rms of what is systematic, so that bars subtract in plain sight. Of a channel with misfit d
+and noise sigma of a row this is sqrt(mean(d^2) - sigma^2): noise alone leaves no bar, however many rows there are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from highside.arrays import Array
+from highside.diagnosis.core.problem import ReportData
+from highside.report.diagnosis_figures import AFTER, BEFORE, SHADE, sigma_of, unit_of
+from highside.report.plots import new_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["Steps", "steps_of", "waterfall"]
+
+CHANCE_95 = 1.645
+"""One-sided 95 % quantile of the normal distribution: what noise alone exceeds in one of 20 recordings."""
+PREFIXES = ((1.0, "g"), (1e3, "mg"), (1e6, "ug"))
+
+
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """Systematic misfit (rms over rows and channels) with ever more claims taken in.
+
+    `levels` has K + 1 values for K `names`: the simulation as given, then with the first claim, the first two, ...
+    `shares` (K,) are the parts of the mean square that each takes; `floor` is what noise alone exceeds in 5 % of
+    recordings of this length.
+    """
+
+    names: tuple[str, ...]
+    levels: tuple[float, ...]
+    shares: tuple[float, ...]
+    floor: float
+    unit: str
+
+    @property
+    def left(self) -> float:
+        """What all claims together leave."""
+        return self.levels[-1]
+
+
+def steps_of(data: ReportData) -> Steps:
+    """The steps of what a report draws; claims in the order of what they take. Without parts only the misfit itself."""
+    channels = range(len(data.channels))
+    units = {unit_of(data, k)[1] for k in channels}
+    sigmas = np.array([[sigma_of(data, k)] for k in channels])
+    alike = len(units) == 1
+    weights = np.ones_like(sigmas) if alike else 1.0 / sigmas
+    noise = float(np.mean((weights * sigmas) ** 2))
+
+    def excess(values: Array) -> float:
+        return max(float(np.mean((weights * values) ** 2)) - noise, 0.0)
+
+    power = {name: float(np.mean((weights * part) ** 2)) for name, part in data.parts.items()}
+    order = sorted(power, key=lambda name: -power[name])
+    total = sum(power.values()) or 1.0
+    shares = tuple(power[name] / total for name in order)
+    first, last = excess(data.before), excess(data.after)
+    # parts that run together do not add up in squares: what all explain is shared out by what each does alone
+    taken = np.cumsum((0.0, *shares))
+    squares = [first - done * max(first - last, 0.0) for done in taken]
+    size = data.before.size
+    floor = float(np.sqrt(noise * CHANCE_95 * np.sqrt(2.0 / size)))
+    factor, unit = (1.0, "times the noise of one row") if not alike else unit_of(data, 0)
+    if unit == "ug":
+        top = max(np.sqrt(first), floor)
+        factor, unit = next(((f, u) for f, u in PREFIXES if f * top >= 1.0), PREFIXES[-1])
+    levels = tuple(factor * float(np.sqrt(max(square, 0.0))) for square in squares)
+    return Steps(tuple(order), levels, shares, factor * floor, unit)
+
+
+def waterfall(steps: Steps, titles: dict[str, str]) -> Figure:
+    """Bars from the simulation as given down to what is left, with the floor of the noise as a line."""
+    names = ["simulation as given", *(titles.get(name, name) for name in steps.names), "what is left"]
+    figure, axes = new_figure(1, 1, height=0.55 + 0.42 * len(names))
+    axis = axes[0][0]
+    rows = np.arange(len(names))
+    left = steps.left if steps.names else steps.levels[0]
+    axis.barh(0, steps.levels[0], color=BEFORE, height=0.62)
+    _label(axis, 0, steps.levels[0], f"{steps.levels[0]:.3g} {steps.unit}")
+    for k in range(len(steps.names)):
+        low, high = steps.levels[k + 1], steps.levels[k]
+        axis.barh(k + 1, high - low, left=low, color=SHADE, height=0.62)
+        axis.plot([high, high], [k - 0.31, k + 1.31], color=SHADE, linewidth=0.8)
+        _label(axis, k + 1, high, f"{_percent(steps.shares[k])} of what is explained")
+    last = len(names) - 1
+    axis.barh(last, left, color=AFTER, height=0.62)
+    within = " (within the noise)" if left <= steps.floor else ""
+    _label(axis, last, max(left, steps.floor), f"{left:.3g} {steps.unit}{within}")
+    axis.axvline(steps.floor, color=AFTER, linestyle="--", linewidth=1.0)
+    axis.set_yticks(rows, names)
+    axis.invert_yaxis()
+    axis.grid(visible=False, axis="y")
+    axis.set_xlim(0, 1.32 * max(*steps.levels, steps.floor))
+    axis.set(xlabel=f"systematic misfit, rms, {steps.unit}; dashed: what noise alone would leave at most")
+    return figure
+
+
+def _percent(share: float) -> str:
+    return f"{share:.0%}" if share >= 0.005 else "less than 1 %"
+
+
+def _label(axis: Axes, row: int, at: float, words: str) -> None:
+    axis.annotate(words, (at, row), xytext=(5, 0), textcoords="offset points", va="center", fontsize=8)

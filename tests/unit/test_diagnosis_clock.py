@@ -1,0 +1,135 @@
+"""Clocks beside another program's prediction: lags of any size, a rate that is off, times of files on their own."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, lfilter, sosfiltfilt
+from scipy.spatial.transform import Rotation
+
+from highside.diagnosis.core.result import Diagnosis
+from highside.diagnosis.engine import diagnose_simulation
+from highside.diagnosis.simulation.session import SimulationSession, simulation_session
+
+Array = NDArray[np.float64]
+Columns = dict[str, Array]
+
+RATE_HZ, LENGTH_S, NOISE_G = 100.0, 40.0, 1e-3
+AXES = ("ax_g", "ay_g", "az_g")
+T_S = np.arange(0, LENGTH_S, 1 / RATE_HZ)
+
+
+@cache
+def by_hand(seed: int = 1) -> Array:
+    """(3, N) specific force of a sensor that a hand turns and moves about, g."""
+    rng = np.random.default_rng(seed)
+    turning = sosfiltfilt(butter(2, [0.2, 2.5], "band", fs=RATE_HZ, output="sos"), rng.standard_normal((3, T_S.size)))
+    turning *= np.radians(60) / turning.std(axis=1, keepdims=True)
+    attitude, down = np.eye(3), np.empty((3, T_S.size))
+    for k, step in enumerate(Rotation.from_rotvec(turning.T / RATE_HZ).as_matrix()):
+        down[:, k] = attitude.T[:, 2]
+        attitude = attitude @ step
+    moved = sosfiltfilt(butter(2, [0.3, 4.0], "band", fs=RATE_HZ, output="sos"), rng.standard_normal((3, T_S.size)))
+    return np.asarray(down + 0.2 * moved / moved.std())
+
+
+def of(force: Array, t_s: Array = T_S, noise: float = 0.0, seed: int = 7) -> Columns:
+    """A file's columns."""
+    rows = force + noise * np.random.default_rng(seed).standard_normal(force.shape)
+    return {"t_s": t_s, **dict(zip(AXES, rows, strict=False))}
+
+
+def told(recorded: Columns, predicted: Columns) -> tuple[Diagnosis, SimulationSession]:
+    session = simulation_session(recorded, predicted)
+    return diagnose_simulation(session, ())[0], session
+
+
+def names(found: Diagnosis) -> list[str]:
+    """The effects of the library that are claimed: what a filter at the end of the band leaves may be a law beside."""
+    return [claim.effect for claim in found.claims if not claim.effect.startswith("law")]
+
+
+@pytest.mark.parametrize("early_s", [0.01, 0.03, 0.05, 0.2, 2.0, -0.03])
+def test_a_prediction_that_is_early_is_named_a_time_offset_and_nothing_else(early_s: float) -> None:
+    """At 50 ms it was a lag of 40 ms beside an offset of 17 ms, at 200 ms a lag of 0.6 s, a scale and a lever arm."""
+    found, session = told(of(by_hand(), noise=NOISE_G), of(by_hand(), T_S - early_s))
+    assert [claim.effect for claim in found.claims] == ["time_offset"]
+    offset = found.claims[0].parameters["t0"]
+    assert offset.value == pytest.approx(early_s, abs=1e-4)
+    assert abs(offset.value - early_s) < 4 * offset.std
+    assert session.alignment.same_clock
+    assert session.alignment.lag_s == pytest.approx(early_s, abs=1e-3)
+    assert dict(session.alignment.lags_s) == pytest.approx(dict.fromkeys(AXES, early_s), abs=1e-3)
+
+
+def filtered(tau_s: float) -> Array:
+    """What a first-order filter of this time constant makes of the motion."""
+    decay, force = np.exp(-1 / RATE_HZ / tau_s), by_hand()
+    start = force[:, :1]
+    return np.asarray(lfilter([(1 - decay) / 2, (1 - decay) / 2], [1.0, -decay], force - start, axis=1) + start)
+
+
+def test_a_filters_delay_is_no_time_offset() -> None:
+    found, session = told(of(filtered(0.04), noise=NOISE_G), of(by_hand()))
+    assert names(found) == ["bandwidth_lag"]
+    assert found.claims[0].parameters["tau_accel"].value == pytest.approx(0.04, abs=1e-3)
+    assert session.alignment.lag_s > 0.02
+
+
+def test_an_offset_beside_another_effect_keeps_its_size() -> None:
+    force = by_hand() * np.array([[1.01], [1.0], [1.0]])
+    found, _ = told(of(force, noise=NOISE_G), of(by_hand(), T_S - 0.03))
+    sizes = {claim.effect: claim.parameters for claim in found.claims}
+    assert set(sizes) == {"time_offset", "scale"}
+    assert sizes["time_offset"]["t0"].value == pytest.approx(0.03, abs=1e-4)
+    assert sizes["scale"]["k_ax_g"].value == pytest.approx(0.01, abs=5e-4)
+
+
+def pendulum(frequency_hz: float) -> Array:
+    """(2, N) along and across of a pendulum that starts from one side."""
+    phase = 2 * np.pi * frequency_hz * T_S
+    return np.stack([0.2 * np.sin(phase), 0.05 * np.cos(2 * phase)])
+
+
+@pytest.mark.parametrize("off", [0.02, -0.03, 0.05])
+def test_a_periodic_motion_with_a_constant_that_is_off_is_a_rate(off: float) -> None:
+    """Shifted by whole periods until too little was left to compare, once."""
+    found, session = told(of(pendulum(0.8 * (1 - off)), noise=NOISE_G), of(pendulum(0.8)))
+    assert names(found) == ["clock_skew"]
+    assert found.claims[0].parameters["eps"].value == pytest.approx(off, abs=2e-4)
+    assert "rate of the clock or of the motion" in found.claims[0].story
+    assert session.alignment.same_clock
+    assert session.alignment.rate == pytest.approx(off, abs=2e-3)
+
+
+def test_a_clock_that_runs_off_by_little_is_a_rate_too() -> None:
+    force = np.stack([CubicSpline(T_S, row)(T_S * (1 - 5e-4)) for row in by_hand()])
+    found, _ = told(of(force, noise=NOISE_G), of(by_hand()))
+    assert names(found) == ["clock_skew"]
+    assert found.claims[0].parameters["eps"].value == pytest.approx(5e-4, abs=5e-6)
+
+
+def test_of_a_periodic_motion_the_nearest_lag_is_taken() -> None:
+    session = simulation_session(of(pendulum(0.8), noise=NOISE_G), of(pendulum(0.8), T_S - 0.1))
+    assert session.alignment.lag_s == pytest.approx(0.1, abs=2e-3)
+    assert session.alignment.rate == 0.0
+
+
+@pytest.mark.parametrize(("how", "same"), [("auto", True), ("none", True), ("offset", False)])
+def test_whose_clock_it_is_may_be_said(how: str, same: bool) -> None:
+    session = simulation_session(of(by_hand(), noise=NOISE_G), of(by_hand(), T_S - 0.5), how)  # type: ignore[arg-type]
+    assert session.alignment.same_clock is same
+    assert session.alignment.lag_s == pytest.approx(0.5, abs=1e-3)
+    assert session.alignment.shift_s == pytest.approx(0.0 if same else 0.5, abs=1e-3)
+
+
+def test_files_with_a_zero_of_time_of_their_own_leave_no_offset_behind() -> None:
+    """The lag is measured to a share of a row; what it lacks is adjusted, and no physics."""
+    found, session = told(of(by_hand(), noise=NOISE_G), of(by_hand(), T_S + 5000.003))
+    assert not session.alignment.same_clock
+    assert found.verdict == "nothing_left_out"
+    assert "time_offset" in {entry.effect for entry in found.not_testable}

@@ -1,0 +1,49 @@
+"""Cells stand for the rows of a rotation: every row once, one rate and one sector each, means as they are."""
+
+import numpy as np
+import pytest
+
+from highside.diagnosis.law_sessions import ChainSession, cells_of
+from highside.diagnosis.laws.policy import LAW_CELLS
+from highside.diagnosis.rows.session import RotationSession, rotation_session
+
+
+def session(step: float = 0.0) -> RotationSession:
+    rng = np.random.default_rng(1)
+    n = 20_000
+    t = np.arange(n) / 50
+    rate = np.where(t < 200, 40.0, -90.0)
+    tf = np.cumsum(rate) / 50
+    columns = {"t_s": t, "inc_ref_deg": np.full(n, 60.0), "tf_ref_deg": tf % 360, "rotor_rate_dps": rate}
+    read = np.stack([np.sin(np.radians(tf)), np.cos(np.radians(tf)), np.full(n, 0.5)]) + 1e-3 * rng.normal(size=(3, n))
+    read = np.round(read / step) * step if step else read
+    return rotation_session(columns, read, gravity_mps2=9.81)
+
+
+def test_every_row_is_in_one_cell_of_one_rate_and_one_sector() -> None:
+    rows = session()
+    cells = cells_of(rows)
+    assert cells.count.sum() == rows.n
+    assert cells.count.size < 2 * LAW_CELLS.most
+    rate, tf = rows.state.rotor_rate_radps, np.mod(rows.state.tf_rad, 2 * np.pi)
+    away = np.angle(np.exp(1j * (tf - tf[cells.middle][cells.number])))
+    # the first row of a stretch may have the rate of the one before
+    assert np.mean(rate == rate[cells.middle][cells.number]) > 0.999
+    assert np.abs(away).max() < 2 * np.pi / LAW_CELLS.sectors + 0.1
+    np.testing.assert_allclose(cells.mean(np.ones(rows.n)), 1.0)
+    assert np.all(np.diff(cells.middle) > 0)
+
+
+def test_the_floor_of_a_cell_is_the_scatter_of_its_rows_whatever_a_slow_misfit_does() -> None:
+    rows = session()
+    noise = 1e-3 * np.random.default_rng(2).normal(size=(3, rows.n))
+    misfit = 5e-3 * np.sin(rows.state.t_s / 100)
+    floor = ChainSession.of_rotation(rows, ("bias",), noise + misfit).floor
+    count = cells_of(rows).count
+    assert np.median(floor * np.sqrt(count)) == pytest.approx(1e-3, rel=0.15)
+
+
+@pytest.mark.parametrize("step", [0.0, 2 / 2048])
+def test_the_lattice_of_the_readings_is_known(step: float) -> None:
+    laws = ChainSession.of_rotation(session(step), ("bias",), np.zeros((3, 20_000)) + 1e-3)
+    np.testing.assert_allclose(laws.lattice, step, rtol=1e-6)

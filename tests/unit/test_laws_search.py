@@ -1,0 +1,198 @@
+"""Laws are found where they are, judged on another session; where there is none, noise of any kind is none."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from highside.diagnosis.core.fit import Observed, base_fit
+from highside.diagnosis.laws.chain import chain_problem
+from highside.diagnosis.laws.claims import told
+from highside.diagnosis.laws.evidence import Families, Whitened, best_priors
+from highside.diagnosis.laws.groups import groups_of
+from highside.diagnosis.laws.noise import LadderNoise, LawNoise, Whitener, ladder_lengths
+from highside.diagnosis.laws.problem import LawProblem
+from highside.diagnosis.laws.search import Found, Search
+from highside.physics.forward import ForwardModel
+from highside.physics.gravity import gravity_direction
+from highside.physics.state import ChainState
+
+FREE = ("bias", "scale", "misalignment")
+SIGMA = 2e-5
+PLAIN = ForwardModel.of({})
+
+Law = Callable[[ChainState], np.ndarray]
+
+
+def session(seed: int, n: int = 60) -> ChainState:
+    rng = np.random.default_rng(seed)
+    t = 60.0 * np.arange(n) + rng.uniform(0, 10, n)
+    temp = 35 + 15 * np.sin(2 * np.pi * t / t[-1] * 1.7 + seed) + rng.normal(0, 0.5, n)
+    return ChainState.build(
+        np.radians(rng.uniform(10, 170, n)),
+        np.radians(rng.uniform(0, 360, n)),
+        t_s=t,
+        temp_c=temp,
+        direction=rng.choice([-1.0, 1.0], n),
+    )
+
+
+def axis(k: int) -> np.ndarray:
+    return np.eye(3)[k][:, None]
+
+
+def offset_of_temp(state: ChainState) -> np.ndarray:
+    return axis(0) * 2e-4 * np.tanh((state.temp_c - 35) / 5)
+
+
+def scale_of_temp(state: ChainState) -> np.ndarray:
+    load = gravity_direction(state.inc_rad, state.tf_rad)
+    return axis(2) * load * 4e-4 * np.cos(state.temp_c / 6)
+
+
+def inclination_of_inclination(state: ChainState) -> np.ndarray:
+    return PLAIN.pose_sensitivity(state)[:, 0] * 3e-4 * np.sin(2.3 * state.inc_rad + 0.4)
+
+
+def toolface_of_toolface(state: ChainState) -> np.ndarray:
+    return PLAIN.pose_sensitivity(state)[:, 2] * 6e-4 * np.sin(3 * state.tf_rad + 1)
+
+
+def problem(state: ChainState, readings: np.ndarray) -> tuple[ForwardModel, LawProblem]:
+    observed = Observed(state, readings)
+    model, residual = base_fit(PLAIN, observed, FREE)
+    tangents = model.pose_sensitivity(state)[:, [0, 2]].transpose(1, 0, 2)
+    base = observed.jacobian(model, FREE)
+    floor = np.full(readings.shape, SIGMA)
+    return model, chain_problem(model, state, residual, base, floor, jitter=tangents)
+
+
+def closed(found: Found, law: Law) -> float:
+    """Share of the law's true contribution on another session, off what is free there, that the learnt one predicts."""
+    other = session(991)
+    true = law(other).reshape(-1)
+    learnt = PLAIN.with_laws([one.law for one in told(found)]).predict(other) - PLAIN.predict(other)
+    free = PLAIN.jacobian(other, FREE).reshape(12, -1)
+    off = np.eye(true.size) - np.linalg.pinv(free) @ free
+    true, left = off @ true, off @ (true - learnt.reshape(-1))
+    return 1 - float(left @ left) / float(true @ true)
+
+
+@pytest.mark.parametrize(
+    ("law", "place", "channel", "covariate"),
+    [
+        (offset_of_temp, "offset", "x", "temp"),
+        (scale_of_temp, "scale", "z", "temp"),
+        (inclination_of_inclination, "inclination", "inc", "inc"),
+        (toolface_of_toolface, "toolface", "tf", "tf"),
+    ],
+)
+def test_a_law_is_found_in_its_place_and_predicts_another_session(
+    law: Law, place: str, channel: str, covariate: str
+) -> None:
+    state = session(4)
+    noise = SIGMA * np.random.default_rng(5).normal(size=(3, state.n))
+    _, posed = problem(state, PLAIN.predict(state) + law(state) + noise)
+    found = Search(posed).run()
+    assert [(t.group.place, t.group.units[0].channel, t.group.depends_on) for t in found.terms] == [
+        (place, channel, (covariate,))
+    ]
+    assert closed(found, law) > 0.9
+    claim = told(found)[0].claim
+    assert claim.stable
+    assert claim.share == pytest.approx(1.0)
+    assert claim.heldout_gain is not None
+    assert claim.heldout_gain > 100
+
+
+def coloured(kind: str, state: ChainState, rng: np.random.Generator) -> np.ndarray:
+    white = SIGMA * rng.normal(size=(3, state.n))
+    if kind == "random walk":
+        return white + np.cumsum(SIGMA * 0.7 * rng.normal(size=(3, state.n)), axis=1)
+    if kind == "first order":
+        level = np.zeros((3, state.n))
+        for k in range(1, state.n):
+            level[:, k] = 0.9 * level[:, k - 1] + SIGMA * rng.normal(size=3)
+        return white / 2 + level
+    if kind == "1/f":
+        frequency = np.maximum(np.fft.rfftfreq(state.n), 1 / state.n)
+        drawn = rng.normal(size=(3, frequency.size)) + 1j * rng.normal(size=(3, frequency.size))
+        pink = np.fft.irfft(drawn / np.sqrt(frequency), state.n)
+        return white / 2 + 3 * SIGMA * pink / pink.std()
+    angles = 3 * SIGMA * rng.normal(size=(2, state.n))
+    across = PLAIN.pose_sensitivity(state)
+    return white + across[:, 0] * angles[0] + across[:, 2] * angles[1]
+
+
+@pytest.mark.parametrize("kind", ["random walk", "first order", "1/f", "set angles"])
+def test_noise_is_no_law(kind: str) -> None:
+    state = session(6, 48)
+    _, posed = problem(state, PLAIN.predict(state) + coloured(kind, state, np.random.default_rng(8)))
+    white = Whitened(Families(posed, groups_of(posed)), Whitener(posed, LawNoise.floor_alone(posed)), posed.residual)
+    # with the floor alone it would be one
+    assert white.scores([])[0].max() > 12
+    assert Search(posed).run().terms == ()
+
+
+def test_the_gain_of_a_group_is_the_ratio_of_two_densities() -> None:
+    state = session(9, 30)
+    rng = np.random.default_rng(10)
+    _, posed = problem(state, PLAIN.predict(state) + offset_of_temp(state) + SIGMA * rng.normal(size=(3, 30)))
+    search = Search(posed, [g for g in groups_of(posed) if g.label in ("offset_x_temp", "scale_z_temp")])
+    white = Whitened(search.families, Whitener(search.problem, LawNoise.floor_alone(search.problem)), posed.residual)
+    gains, priors = white.scores([])
+    group, prior = search.groups[0], priors[0]
+    # by the covariance of the readings outside of what is free
+    free = (search.problem.free / SIGMA).reshape(len(search.problem.free), -1)
+    outside = np.linalg.svd(free)[2][len(free) :]
+    reading = outside @ (posed.residual / SIGMA).reshape(-1)
+    columns = np.zeros((group.size, 3, 30))
+    columns[:, list(group.channels)] = group.columns()
+    columns = (columns / SIGMA).reshape(group.size, -1) @ outside.T
+    whole = np.eye(len(reading)) + columns.T @ np.diag(prior.variances(group.orders)) @ columns
+    want = 0.5 * (reading @ reading - reading @ np.linalg.solve(whole, reading) - np.linalg.slogdet(whole)[1])
+    assert gains[0] == pytest.approx(want, rel=1e-6)
+
+
+def test_no_other_prior_of_the_grid_does_better() -> None:
+    rng = np.random.default_rng(11)
+    rows = rng.normal(size=(6, 40))
+    gram, drive = (rows @ rows.T)[None], (rows @ rng.normal(size=40) * 3)[None]
+    gain, size, length = best_priors(gram, drive, np.arange(1.0, 7.0)[None])
+    variances = size[0] * (1 + (np.arange(1, 7) / length[0]) ** 2) ** -2.0
+    whole = np.diag(1 / variances) + gram[0]
+    want = 0.5 * (drive[0] @ np.linalg.solve(whole, drive[0]) - np.linalg.slogdet(whole)[1] - np.sum(np.log(variances)))
+    assert gain[0] == pytest.approx(want, rel=1e-9)
+
+
+def test_the_ladder_whitens_as_its_covariance_does() -> None:
+    rng = np.random.default_rng(12)
+    t = np.cumsum(rng.uniform(0.5, 2, 25))
+    white, lengths = rng.uniform(0.5, 2, 25), ladder_lengths(t)
+    apart = np.abs(t[:, None] - t)
+    covariance = np.diag(white) + 0.7 * np.exp(-apart[:, :, None] / lengths).sum(axis=2)
+    made = LadderNoise.of(white, t, 0.7, lengths)
+    column = rng.normal(size=(1, 25))
+    assert made.log_determinant[0] == pytest.approx(np.linalg.slogdet(covariance)[1])
+    turned = made.white(column)[0]
+    assert float(turned[0] @ turned[0]) == pytest.approx(column[0] @ np.linalg.solve(covariance, column[0]))
+
+
+def test_a_formula_is_told_where_it_predicts_as_well_as_the_curve() -> None:
+    state = session(13, 90)
+    noise = SIGMA * np.random.default_rng(14).normal(size=(3, state.n))
+    readings = PLAIN.predict(state) + axis(1) * 6e-4 * (state.temp_c > 40) + noise
+    found = Search(problem(state, readings)[1]).run()
+    claim = told(found)[0].claim
+    assert claim.depends_on == ("temp",)
+    assert claim.formula is not None
+    assert "[temp >= " in claim.formula
+
+
+def test_without_a_second_session_of_its_own_the_floor_is_not_raised_by_the_misfit() -> None:
+    state = session(15, 48)
+    strong = PLAIN.predict(state) + 100 * offset_of_temp(state)
+    noise = SIGMA * np.random.default_rng(16).normal(size=(3, state.n))
+    found = Search(problem(state, strong + noise)[1]).run()
+    assert [t.group.depends_on for t in found.terms][:1] == [("temp",)]
+    assert found.noise.factor.max() < 1.5

@@ -1,0 +1,66 @@
+"""What happens while a pose is held is looked at: a mean would hide it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from highside.arrays import Array
+from highside.diagnosis.poses.within import within_poses
+
+POSES, ROWS, STEP_S, SIGMA_G = 24, 50, 0.2, 2e-4
+
+
+def rows_of() -> list[np.ndarray]:
+    return [np.arange(k * ROWS, (k + 1) * ROWS) for k in range(POSES)]
+
+
+def recording(course: Array, seed: int = 1, memory: float = 0.0) -> Array:
+    """Rows (3, N) at levels of their own, with noise and a course (POSES, ROWS) on the second channel."""
+    rng = np.random.default_rng(seed)
+    noise = rng.standard_normal((3, POSES, ROWS))
+    for k in range(1, ROWS):
+        noise[:, :, k] = memory * noise[:, :, k - 1] + np.sqrt(1 - memory**2) * noise[:, :, k]
+    rows = rng.uniform(-1, 1, (3, POSES, 1)) + SIGMA_G * noise
+    rows[1] += course
+    return np.asarray(rows.reshape(3, -1))
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5, 0.8])
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_does_nothing_within_a_pose(seed: int, memory: float) -> None:
+    assert within_poses(recording(np.zeros((POSES, ROWS)), seed, memory), rows_of(), STEP_S) == ()
+
+
+@pytest.mark.parametrize("size_g", [2e-4, 1e-3, 1.0])
+def test_settling_is_found_with_its_channel_and_size(size_g: float) -> None:
+    course = size_g * np.exp(-np.arange(ROWS) / 8) * np.ones((POSES, 1))
+    found = within_poses(recording(course), rows_of(), STEP_S)
+    assert {one.check for one in found} == {"within_pose"} and {one.channels for one in found} == {("ay",)}
+    assert "settle within the first" in found[0].remedy
+    size = float(found[0].remedy.split("ay by ")[1].split(" ug")[0])
+    assert abs(1e-6 * size / size_g - 1) < 0.3
+
+
+def test_creep_that_follows_the_pose_is_found() -> None:
+    rng = np.random.default_rng(3)
+    course = 3e-4 * rng.standard_normal((POSES, 1)) * np.linspace(-1, 1, ROWS)
+    found = within_poses(recording(course), rows_of(), STEP_S)
+    assert any("creep" in one.remedy and one.channels == ("ay",) for one in found)
+
+
+def test_a_line_is_found_with_its_frequency() -> None:
+    rng = np.random.default_rng(4)
+    phase = rng.uniform(0, 2 * np.pi, (POSES, 1))
+    course = 1.5e-4 * np.sin(2 * np.pi * 1.1 * STEP_S * np.arange(ROWS) + phase)
+    found = within_poses(recording(course), rows_of(), STEP_S)
+    assert [one.channels for one in found] == [("ay",)]
+    hz = float(found[0].remedy.split("oscillate at ")[1].split(" Hz")[0])
+    size = float(found[0].remedy.split("ay by ")[1].split(" ug")[0])
+    assert abs(hz - 1.1) < 0.05 and abs(size - 300) < 60
+
+
+def test_too_few_rows_or_poses_say_nothing() -> None:
+    rows = recording(np.zeros((POSES, ROWS)))
+    assert within_poses(rows, [r[:4] for r in rows_of()], STEP_S) == ()
+    assert within_poses(rows, rows_of()[:3], STEP_S) == ()
