@@ -19,6 +19,7 @@ from highside.bench.session.entries import Noted
 from highside.bench.setup import header_of
 from highside.config.bench import load_bench
 from highside.config.recorder import RecorderSettings
+from highside.errors import InputError
 from highside.link.base import Chunk
 from highside.recording.calibration_store import CalibrationStore
 from highside.recording.files import make_directory, write_whole
@@ -79,6 +80,22 @@ def test_a_whole_file_is_synced_then_renamed_then_its_directory(tmp_path: Path, 
     assert first == "sync" and beside.startswith(".file.") and size == 3000
     assert second == ("replace", "file", 3000)
     assert third[:2] == ("sync", ".")
+
+
+def test_what_did_not_arrive_whole_never_replaces_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    place = tmp_path / "file"
+    write_whole(place, b"old")
+    sync = os.fsync
+
+    def emptied(descriptor: int) -> None:
+        os.ftruncate(descriptor, 0)
+        sync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", emptied)
+    with pytest.raises(InputError, match="0 bytes of 3 arrived"):
+        write_whole(place, b"new")
+    assert place.read_bytes() == b"old"
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_every_new_directory_is_synced_into_its_parent(tmp_path: Path, calls: Calls) -> None:

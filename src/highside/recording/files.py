@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import gzip
 import io
 import os
@@ -41,6 +42,9 @@ def write_whole(path: Path, data: bytes) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
+            if (written := os.fstat(file.fileno()).st_size) != len(data):
+                # never put an incomplete file in the place of a whole one, whoever else held the descriptor
+                raise OSError(errno.EIO, f"{written} bytes of {len(data)} arrived")
         Path(beside).replace(target)
         beside = None
         flush_directory(target.parent)

@@ -176,9 +176,14 @@ def css_string(text: str) -> Markup:
 
 @cache
 def _environment() -> Environment:
-    """Templates with everything escaped, in which a name that is not there is an error."""
+    """Templates with everything escaped, in which a name that is not there is an error; each is read once, so that an
+    installation that is being replaced does not change the pages of a process that runs."""
     found = Environment(
-        loader=PackageLoader("highside.report"), autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True
+        loader=PackageLoader("highside.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+        auto_reload=False,
     )
     found.filters["css_string"] = css_string
     return found
