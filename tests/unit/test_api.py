@@ -5,8 +5,10 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
+import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ import pyarrow as pa
 import pytest
 
 import highside
+from highside.cli.options import in_options
 from highside.errors import InputError
 
 MODEL: dict[str, Any] = {
@@ -115,7 +118,7 @@ def test_every_name_can_be_imported_and_is_documented() -> None:
 def test_functions_say_columns_units_and_errors(name: str) -> None:
     words = " ".join((inspect.getdoc(getattr(highside, name)) or "").split())
     assert "Raises InputError" in words, f"{name} does not say what it raises"
-    if name not in ("simulate", "calibrate", "new_effect"):
+    if name not in ("simulate", "calibrate", "new_effect", "allow_bytes"):
         assert "_deg" in words or "`t_s`" in words or name in ("fit_self",), f"{name} names no column"
     for argument in inspect.signature(getattr(highside, name)).parameters:
         if argument not in ("seed", "fitted", "by"):
@@ -337,7 +340,7 @@ def test_drift_says_what_its_azimuth_rests_on(turning: highside.Recording) -> No
     assert isinstance(followed.data, pd.DataFrame)
     assert len(followed.data) == turning.n
     assert followed.basis
-    with pytest.raises(InputError, match="smooth: has no meaning with --method recursive"):
+    with pytest.raises(InputError, match="smooth: has no meaning with the method recursive"):
         highside.drift(turning, "recursive", smooth=True)
     with pytest.raises(InputError, match="'kinematik' is unknown; one of literal"):
         highside.drift(turning, "kinematik")  # type: ignore[call-overload]
@@ -421,3 +424,47 @@ def test_a_package_opens_with_what_it_is_and_names_its_ways_in(package: str) -> 
     for name in opened.__all__:
         if not hasattr(opened, name):
             assert importlib.import_module(f"{package}.{name}").__doc__, name
+
+
+PACKAGES = ("api", "attitude", "calibration", "diagnosis", "gyro", "physics", "reading", "recording", "rotation")
+"""What the functions of the API are made of: their words reach programs too."""
+
+
+def said_by(path: Path) -> Iterator[str]:
+    """All texts of a module but its docstrings."""
+    tree = ast.parse(path.read_text())
+    about = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in about:
+            yield node.value
+
+
+def test_what_the_library_says_names_arguments_and_no_options(project_root: Path) -> None:
+    """An option may be named with its command alone, which a program's user can type too."""
+    option = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
+    known = re.compile(r"(highside|calibrate solve|RECORD)( [a-z]+)* --[a-z][a-z-]+")
+    wrong = []
+    for package in PACKAGES:
+        for path in sorted((project_root / "src/highside" / package).rglob("*.py")):
+            wrong += [f"{path.name}: {text}" for text in said_by(path) if option.search(known.sub("", text))]
+    assert wrong == []
+
+
+def test_a_remedy_fits_the_program_and_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError) as fault:
+        highside.calibrate({name: np.zeros(6) for name in ("ax_g", "ay_g", "az_g")}, tool="t")
+    assert 'reference="magnitude"' in str(fault.value) and "--" not in str(fault.value)
+    assert "(or use --reference magnitude)" in in_options(fault.value)
+    named = InputError("is wrong", where="model=a.csv", remedy="leave model= out")
+    assert in_options(named) == "model=a.csv: is wrong; leave --model out"
+
+
+def test_a_long_file_is_read_when_the_program_allows_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("highside.reading.files._allowed", 64)
+    monkeypatch.setattr("highside.reading.files._asked", False)
+    place = tmp_path / "rows.csv"
+    place.write_text("t_s,ax_g\n" + "0.5,0.25\n" * 20)
+    with pytest.raises(InputError, match=r"has more than 64 bytes; if it is meant so: .*highside\.allow_bytes"):
+        highside.read(place)
+    highside.allow_bytes(4096)
+    assert highside.read(place).n == 20

@@ -160,7 +160,7 @@ def test_a_pose_outside_of_the_zones_is_not_covered_and_nothing_passes() -> None
 
 
 def test_a_limit_must_be_one() -> None:
-    with pytest.raises(InputError, match="--limit-inc-deg"):
+    with pytest.raises(InputError, match="limit_inc_deg"):
         verified(poses(), limit_inc_deg=0.0)
 
 

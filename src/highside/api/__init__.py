@@ -28,6 +28,7 @@ from highside.api.simulation import Simulation, predict, simulate
 from highside.api.turntable import SelfFit, TurntableFit, fit_self, fit_turntable
 from highside.config.model import Model
 from highside.errors import HighsideError, InputError, Refused
+from highside.reading.files import allow_bytes
 from highside.recording.table import PoseTable, Recording, Table
 from highside.rotation import Compensation
 
@@ -50,6 +51,7 @@ __all__ = [
     "Simulation",
     "Table",
     "TurntableFit",
+    "allow_bytes",
     "calibrate",
     "compare_rotation",
     "compensate",

@@ -87,7 +87,7 @@ def _by_model(table: TableT, model: ModelLike) -> tuple[TableT, str, tuple[str, 
             "knows no effect of the bench",
             where=None if isinstance(model, Model | Mapping) else str(model),
             field="effects.included",
-            remedy="leave --model out: the joint method estimates the sensor's own terms itself",
+            remedy="leave model= out: the joint method estimates the sensor's own terms itself",
         )
     inc_ref, tf_ref = table.require("inc_ref_deg", "tf_ref_deg")
     names = ("inc_ref_deg", "tf_ref_deg", "direction", "temp_c", "t_s")

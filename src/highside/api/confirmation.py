@@ -105,12 +105,12 @@ class Confirmation:
 def confirm(model: ModelLike, recording: File | Columns | FrameT) -> Confirmation:
     """Say of each law and effect of a model how much of it another session shows.
 
-    `model`: what `diagnose --write-model` wrote (or its tables, or a `Model`). `recording`: another session of the same
-    sensor, as for `diagnose`: a file, DataFrame, dict of arrays or Recording with `t_s` in s, `ax_g, ay_g, az_g` in g
-    and a reference (`inc_ref_deg`, `tf_ref_deg`). What the model lets free (offset, scale, misalignment) is fitted
-    anew. The shares of all claims are fitted together, each a factor of what the claim does in this session; their
-    errors come from blocks of the session, so that noise which is correlated within a block widens them. Raises
-    InputError for a model without claims, and for a recording that is not in order.
+    `model`: what `Diagnosis.model` gives, its tables, or a file of it (`diagnose --write-model`). `recording`: another
+    session of the same sensor, as for `diagnose`: a file, DataFrame, dict of arrays or Recording with `t_s` in s,
+    `ax_g, ay_g, az_g` in g and a reference (`inc_ref_deg`, `tf_ref_deg`). What the model lets free (offset, scale,
+    misalignment) is fitted anew. The shares of all claims are fitted together, each a factor of what the claim does in
+    this session; their errors come from blocks of the session, so that noise which is correlated within a block widens
+    them. Raises InputError for a model without claims, and for a recording that is not in order.
     """
     knows = model_of(model)
     where = None if isinstance(model, Model | dict) else str(model)
@@ -122,7 +122,9 @@ def confirm(model: ModelLike, recording: File | Columns | FrameT) -> Confirmatio
     claims = [(e, p) for e, p in forward.effects if not e.random and e.id not in knows.sensor.free and p.size]
     if not claims:
         raise InputError(
-            "holds no law and no effect to confirm", where=where, remedy="give what diagnose --write-model wrote"
+            "holds no law and no effect to confirm",
+            where=where,
+            remedy="give the model that diagnose made of what it found",
         )
     rows = rows_of(recording)
     state, kept = state_of(rows, knows)

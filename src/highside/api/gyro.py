@@ -174,7 +174,7 @@ def _require_meaning(method: str, **given: bool) -> None:
     }
     for name, stated in given.items():
         if stated and method not in allowed[name]:
-            raise InputError(f"has no meaning with --method {method}", field=name, remedy="leave it out")
+            raise InputError(f"has no meaning with the method {method}", field=name, remedy="leave it out")
 
 
 def _rows(table: Recording) -> tuple[Array, Array, Array]:

@@ -161,7 +161,7 @@ def fit_self(
         curves = self_turntable(found, doubt)
         validity = Validity()
         if of == "decoded" and calibration is None:
-            remarks.append("the accelerometers' own errors pass for the turntable's: give --calibration or --of rotor")
+            remarks.append("the accelerometers' own errors pass for the turntable's: give calibration= or of='rotor'")
     made = Compensation(curves, validity, " ".join(names), _digest(recordings, tables))
     said = dict.fromkeys([*remarks, *(remark for curve in curves.values() for remark in curve.remarks)])
     return SelfFit(made, inclinations, sum(one.turns for one in found), tuple(remarks), tuple(said))

@@ -143,7 +143,7 @@ class PoseSet:
             raise InputError(
                 f"missing column{'s' if len(missing) > 1 else ''} {', '.join(missing)}",
                 where=where,
-                remedy="a pose table has inc_ref_deg, tf_ref_deg, ax, ay, az (or use --reference magnitude)"
+                remedy='a pose table has inc_ref_deg, tf_ref_deg, ax, ay, az (or use reference="magnitude")'
                 if reference == "pose"
                 else "a pose table has ax, ay, az",
             )
@@ -185,7 +185,7 @@ class PoseSet:
     def reference(self) -> tuple[Array, Array]:
         """Inclination and toolface (N,) set by the bench. Raises InputError in a session without."""
         if self.inc_ref_rad is None or self.tf_ref_rad is None:
-            raise InputError("the poses have no reference attitude", remedy="use --reference magnitude")
+            raise InputError("the poses have no reference attitude", remedy='use reference="magnitude"')
         return self.inc_ref_rad, self.tf_ref_rad
 
     def noise_of_one(self) -> Array:

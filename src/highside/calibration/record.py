@@ -233,7 +233,7 @@ def build_record(
 ) -> CalibrationRecord:
     """Put a record together. `pose_columns`: the pose table as it was read (degrees, g), `raw_sha256`: of its file."""
     if not tool_id.strip():
-        raise InputError("the tool has no name", remedy="give --tool")
+        raise InputError("the tool has no name", remedy="give tool=")
     if expires_s is not None and expires_s <= now_s:
         raise InputError("the record would expire before it is made", remedy="give a positive number of days")
     content: dict[str, Any] = {
@@ -404,8 +404,8 @@ def solve_poses(columns: PoseColumns, request: SolveRequest, *, where: str | Non
             others = " or ".join(other.name for other in all_methods().values() if other.by_magnitude is not None)
             raise InputError(
                 f"method {request.method} needs the attitude of every pose",
-                field="--reference magnitude",
-                remedy=f"use --method {others}",
+                field="reference",
+                remedy=f"use the method {others}",
             )
         return method.by_magnitude(poses)
     return method.solve(poses, request, BenchAccuracy(pose_rad=math.radians(request.pose_sigma_deg)))

@@ -100,7 +100,7 @@ def roll_test(
     `inc_sigma_deg`: how well the rest keeps the inclination (one standard deviation). Raises InputError for limits that
     are none, Refused where the poses are no roll test.
     """
-    for name, limit in (("--limit-inc-deg", limit_inc_deg), ("--limit-gtotal-mg", limit_g_total_g)):
+    for name, limit in (("limit_inc_deg", limit_inc_deg), ("limit_g_total_g", limit_g_total_g)):
         if not (math.isfinite(limit) and limit > 0.0):
             raise InputError(f"{limit:g} is no limit", field=name, remedy="give a positive number")
     found = indicated(record, poses)

@@ -184,7 +184,7 @@ def checked_name(name: str) -> str:
     """The name of a signer, stripped. Raises InputError."""
     name = " ".join(name.split())
     if not name or len(name) > NAME_MAX or not name.isprintable():
-        raise InputError(f"is not a name of 1 to {NAME_MAX} characters", field="--name")
+        raise InputError(f"is not a name of 1 to {NAME_MAX} characters", field="name")
     return name
 
 

@@ -348,7 +348,7 @@ def verify_poses(
 
 def _require_limits(limit_inc_deg: float, limit_tf_deg: float) -> None:
     """Raises InputError for a limit that is none."""
-    for name, limit in (("--limit-inc-deg", limit_inc_deg), ("--limit-tf-deg", limit_tf_deg)):
+    for name, limit in (("limit_inc_deg", limit_inc_deg), ("limit_tf_deg", limit_tf_deg)):
         if not (math.isfinite(limit) and limit > 0.0):
             raise InputError(f"{limit:g} is no limit", field=name, remedy="give a positive number of degrees")
 

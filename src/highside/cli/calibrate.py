@@ -127,7 +127,7 @@ def solve(
 
         # before the work: a key that cannot be used is known at once
         private = signing_key(key)
-    with as_options("pose_sigma_deg", "gravity_mps2", "expires_days"):
+    with as_options("method", "fallback", "reference", "pose_sigma_deg", "gravity_mps2", "expires_days"):
         made = calibrate(
             poses_file,
             method,

@@ -91,6 +91,8 @@ def diagnose(
     from highside.diagnosis.core.method import Method
 
     take_in(effects)
+    with as_options("without"):
+        parts = Method.without(without)
     knows = Model() if model is None else load_model(model)
     with progress_on_terminal() as progress:
         if summary is not None:
@@ -114,9 +116,7 @@ def diagnose(
             with as_options(**{"first_s, last_s": "--from, --to"}):
                 rows = api.rows_of(rows, first_s=first_s, last_s=last_s)
             progress(0.0, f"{rows.n} rows")
-            made = api.diagnose(
-                rows, knows, simulation=simulation, align=align, seed=seed, method=Method.without(without)
-            )
+            made = api.diagnose(rows, knows, simulation=simulation, align=align, seed=seed, method=parts)
     for note in made.notes:
         echo(note)
     diagnosis = made.found

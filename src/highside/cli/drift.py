@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from highside.cli.options import as_options
+from highside.cli.options import as_options, in_options
 from highside.cli.say import echo
 from highside.errors import InputError
 
@@ -109,7 +109,7 @@ def drift(
     done.data.write(output)
     echo(f"{done.data.n} rows, {method.value}; azimuth from {done.basis}", err=True)
     for note in done.notes:
-        echo(f"note: {note}", err=True)
+        echo(f"note: {in_options(note)}", err=True)
 
 
 def _intervals(text: str | None) -> list[tuple[float, float]]:

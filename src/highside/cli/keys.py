@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from highside.cli.options import as_options
 from highside.cli.say import echo, echo_json
 from highside.errors import InputError, Refused
 
@@ -35,7 +36,8 @@ def new(
     from highside.calibration.signature import new_key
     from highside.recording.keys import write_key
 
-    key = new_key(name)
+    with as_options("name"):
+        key = new_key(name)
     secret = typer.prompt("Passphrase", hide_input=True, confirmation_prompt=True).encode() if passphrase else None
     public = write_key(file, key, secret)
     echo(f"{file}: private key (readable by you alone), {public}: public key {key.fingerprint}")

@@ -34,6 +34,7 @@ from highside.cli import (
     simulate,
     toolface,
 )
+from highside.cli.options import as_options, in_options
 from highside.cli.say import echo
 from highside.errors import HighsideError
 from highside.printable import one_line
@@ -70,7 +71,8 @@ def _top(
     if max_bytes is not None:
         from highside.reading.files import allow_bytes, size
 
-        allow_bytes(size(max_bytes))
+        with as_options("max_bytes"):
+            allow_bytes(size(max_bytes))
 
 
 app.command()(confirm.confirm)
@@ -126,7 +128,7 @@ def main() -> None:
     except (typer.Abort, KeyboardInterrupt):
         sys.exit(130)
     except HighsideError as error:
-        echo(f"highside: {error}", err=True)
+        echo(f"highside: {in_options(error)}", err=True)
         sys.exit(error.exit_status)
     except BrokenPipeError:
         # the reader of our output went away (`| head`): not an error of ours

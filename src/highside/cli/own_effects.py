@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from highside.cli.options import as_options
 from highside.cli.say import echo
 
 EffectFolders = Annotated[
@@ -28,6 +29,7 @@ def take_in(folders: Sequence[Path] | None) -> None:
     """
     from highside.physics.effects import left_out, use_folders
 
-    use_folders(folders or ())
+    with as_options(effects="--effects"):
+        use_folders(folders or ())
     for line in left_out():
         echo(line, err=True)

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from highside.cli.options import as_options
 from highside.cli.say import echo, echo_json
 from highside.cli.self_fit import fit_self
 from highside.cli.turntable import turntable
@@ -69,16 +70,17 @@ def fit_command(
     from highside.api.rotation import fit_rotation
     from highside.recording.files import write_whole
 
-    found = fit_rotation(
-        recording,
-        method=method.value,
-        rate_terms=rate_terms,
-        network_input=network_input.value,
-        seed=seed,
-        inclination_deg=inclination_deg,
-        roll_deg=roll_deg,
-        pitch_deg=pitch_deg,
-    )
+    with as_options("rate_terms"):
+        found = fit_rotation(
+            recording,
+            method=method.value,
+            rate_terms=rate_terms,
+            network_input=network_input.value,
+            seed=seed,
+            inclination_deg=inclination_deg,
+            roll_deg=roll_deg,
+            pitch_deg=pitch_deg,
+        )
     compensation = found.compensation
     page = None
     if html is not None:
@@ -156,7 +158,8 @@ def compare(
     """Fit all methods to the same rows: residuals, errors on whole turns not used by the fit, both relative to sine."""
     from highside.api.rotation import compare_rotation
 
-    found = compare_rotation(recording, rate_terms=rate_terms, network_input=network_input.value, seed=seed)
+    with as_options("rate_terms"):
+        found = compare_rotation(recording, rate_terms=rate_terms, network_input=network_input.value, seed=seed)
     result: dict[str, Any] = {}
     for channel, (samples, comparison, difference) in found.items():
         result[channel] = {

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from highside.cli.options import as_options
+from highside.cli.options import as_options, in_options
 from highside.cli.say import echo, echo_json
 
 
@@ -71,7 +71,7 @@ def fit_self(
         }
         inclinations = found.inclinations_deg
         said |= {"inclination_deg": inclinations[0] if len(inclinations) == 1 else inclinations}
-        said |= {"remarks": list(found.remarks)}
+        said |= {"remarks": [in_options(remark) for remark in found.remarks]}
         echo_json(json.dumps(said))
         return
     at = ", ".join(f"{one:.2f}" for one in found.inclinations_deg)
@@ -82,4 +82,4 @@ def fit_self(
             f" uncertain by {one['std_worst_arcmin']:.3f}'"
         )
     for remark in found.sentences:
-        echo(remark, err=True)
+        echo(in_options(remark), err=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from highside.cli.options import as_options
 from highside.cli.say import echo, echo_json
 from highside.errors import InputError
 
@@ -69,13 +70,14 @@ def verify(
     poses = read_poses(poses_file, reference="magnitude" if roll else "pose")
     found: Verification | RollTest
     if roll:
-        found = roll_test(
-            record,
-            poses,
-            limit_inc_deg=limit_inc_deg,
-            limit_g_total_g=1e-3 * limit_gtotal_mg,
-            inc_sigma_deg=pose_sigma_deg,
-        )
+        with as_options(limit_inc_deg="--limit-inc-deg", limit_g_total_g="--limit-gtotal-mg"):
+            found = roll_test(
+                record,
+                poses,
+                limit_inc_deg=limit_inc_deg,
+                limit_g_total_g=1e-3 * limit_gtotal_mg,
+                inc_sigma_deg=pose_sigma_deg,
+            )
     else:
         if limit_tf_deg is None:
             raise InputError("is missing", field="--limit-tf-deg", remedy="give the limit on T, or --roll")
@@ -86,16 +88,17 @@ def verify(
                 field="--same-bench",
                 remedy="leave it out, and state --tilt-sigma-deg",
             )
-        found = verify_poses(
-            record,
-            poses,
-            limit_inc_deg=limit_inc_deg,
-            limit_tf_deg=limit_tf_deg,
-            bench=BenchAccuracy(math.radians(tilt_sigma_deg), math.radians(pose_sigma_deg)),
-            tilt=tilt,
-            toolface_zero_std_deg=toolface_zero_sigma_deg,
-            free_toolface_zero=free_toolface_zero,
-        )
+        with as_options("limit_inc_deg", "limit_tf_deg"):
+            found = verify_poses(
+                record,
+                poses,
+                limit_inc_deg=limit_inc_deg,
+                limit_tf_deg=limit_tf_deg,
+                bench=BenchAccuracy(math.radians(tilt_sigma_deg), math.radians(pose_sigma_deg)),
+                tilt=tilt,
+                toolface_zero_std_deg=toolface_zero_sigma_deg,
+                free_toolface_zero=free_toolface_zero,
+            )
         _require_attainable(found)
     plain = found.to_dict()
     if output is not None:

@@ -144,7 +144,7 @@ def _checked_reference(request: Request, *, every_row: bool = True) -> Intake:
             where=request.where,
             field="inc_ref_deg, tf_ref_deg or rotor_deg",
             remedy="add these columns; or put [reference] kind = "
-            '"magnitude" into the model if only |g| is known; or give another program\'s output with --simulation',
+            '"magnitude" into the model if only |g| is known; or give another program\'s output with simulation=',
         )
     return check(request.columns, ("inc_ref_deg", _toolface(request.columns)), request.axes, every_row=every_row)
 
@@ -249,7 +249,7 @@ def _beside(request: Request) -> Answer:
             "the model says that another program predicts the recording",
             where=request.where,
             field="reference.kind",
-            remedy="give its output with --simulation SIM.csv",
+            remedy="give its output with simulation=",
         )
     try:
         session = simulation_session(request.columns, request.predicted, request.align)

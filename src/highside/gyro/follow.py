@@ -59,7 +59,7 @@ def follow(
     )
     if method == "none":
         return result
-    by = "by the gate on vibration" if rest is None else "within --rest"
+    by = "by the gate on vibration" if rest is None else "within rest="
     note = f"gravity believed in {int(quiet.sum())} of {quiet.size} rows, {by}"
     if not quiet.any():
         note += ": nowhere is it quiet, so that the gyro alone carries the attitude and no drift is known"

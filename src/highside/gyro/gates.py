@@ -48,12 +48,12 @@ LEARN_S = 20.0
 
 NO_REST = (
     f"the recording does not begin with {LEARN_S:g} s of rest, so that no stop is found in it and the azimuth rests on"
-    " less; name the stops with --rest, or begin at rest"
+    " less; name the stops with rest=, or begin at rest"
 )
 """What is to be said of stops where `Gate.still` stays unknown."""
 NO_REST_GATE = (
     f": it does not begin with {LEARN_S:g} s of rest to compare with, so that all but rough vibration is believed; name"
-    " the stops with --rest, or begin at rest"
+    " the stops with rest=, or begin at rest"
 )
 """The same of a method that tests vibration only."""
 NO_REST_LIVE = (

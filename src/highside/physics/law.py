@@ -344,7 +344,7 @@ class LawEffect(Effect):
             raise InputError(
                 "acts on channels beside another program's output alone",
                 field=f"laws.{law.slug}.place",
-                remedy="it is for highside diagnose --simulation",
+                remedy="it is for diagnose with simulation=",
             )
         self.law = law
         self.id = law.id

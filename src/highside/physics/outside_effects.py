@@ -36,10 +36,10 @@ IDENTIFIER = re.compile(r"[a-z][a-z0-9_]*")
 def effects_of_folder(folder: Path) -> list[tuple[str, Effect]]:
     """(file, effect) of every Python file of a folder, by name; files that begin with _ are left to the others."""
     if not folder.is_dir():
-        raise InputError("is not a folder", where=str(folder), field="--effects", remedy="name a folder of effects")
+        raise InputError("is not a folder", where=str(folder), field="effects", remedy="name a folder of effects")
     files = sorted(path for path in folder.glob("*.py") if not path.name.startswith("_"))
     if not files:
-        raise InputError("holds no effect", where=str(folder), field="--effects", remedy="put NAME.py files into it")
+        raise InputError("holds no effect", where=str(folder), field="effects", remedy="put NAME.py files into it")
     return [(str(path), effect_of_file(path)) for path in files]
 
 

@@ -33,12 +33,15 @@ _LONGEST_SIZE = 15
 _allowed = MAX_FILE_BYTES
 _asked = False
 
+IF_MEANT = "if it is meant so: highside --max-bytes SIZE ..., or highside.allow_bytes(SIZE) in a program"
+"""What to do about a file that is too long, or expands too much."""
+
 
 def allow_bytes(count: int) -> None:
     """Read files of up to `count` bytes from now on, however they are packed: the user said so. Raises InputError."""
     global _allowed, _asked
     if count < 1:
-        raise InputError(f"{count} bytes are none", field="--max-bytes", remedy="give at least 1, e.g. 8G")
+        raise InputError(f"{count} bytes are none", field="max_bytes", remedy="give at least 1, e.g. 8G")
     _allowed, _asked = count, True
 
 
@@ -66,7 +69,7 @@ class _Expanding(io.RawIOBase):
             raise InputError(
                 f"expands to more than {MAX_RATIO} times its size, as no recording does",
                 where=str(self._path),
-                remedy="if it is meant so: highside --max-bytes SIZE ...",
+                remedy=IF_MEANT,
             )
         return count
 
@@ -83,7 +86,7 @@ def size(text: str) -> int:
     if number[-1:] in _UNITS:
         number, unit = number[:-1], _UNITS[number[-1]]
     if not number.isascii() or not number.isdigit() or len(number) > _LONGEST_SIZE:
-        raise InputError(f"{text!r} is no size", field="--max-bytes", remedy="give bytes, or a number with K, M or G")
+        raise InputError(f"{text!r} is no size", field="max_bytes", remedy="give bytes, or a number with K, M or G")
     return int(number) * unit
 
 
@@ -180,7 +183,11 @@ def _whole(file: IO[bytes], path: Path, limit: int) -> bytes:
 
 def _too_big(path: Path, how: str, limit: int | None = None) -> InputError:
     limit = _allowed if limit is None else limit
-    remedy = "if it is meant so: highside --max-bytes SIZE ..." if limit == _allowed else "give the right file"
+    remedy = (
+        "if it is meant so: highside --max-bytes SIZE ..., or highside.allow_bytes"
+        if limit == _allowed
+        else "give the right file"
+    )
     return InputError(f"{how} {in_words(limit)}", where=str(path), remedy=remedy)
 
 

@@ -125,4 +125,4 @@ def _mcap(recording: Recording, progress: Progress) -> bytes:
 
 
 def _not_installed(what: str) -> InputError:
-    return InputError(f"{what} needs the export libraries", field="--to", remedy="install highside[export]")
+    return InputError(f"{what} needs the export libraries", remedy="pip install 'highside[export]'")

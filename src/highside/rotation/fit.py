@@ -40,7 +40,7 @@ def fit(samples: Samples, method: CurveMethod, options: FitOptions = DEFAULTS, *
     Raises InputError for an option the method does not have and Refused where the samples cannot carry the method.
     """
     if options.rate_terms and method not in (CurveMethod.POLYNOMIAL9, CurveMethod.AUTO):
-        raise InputError(f"{method.value} has no rate terms", field="--rate-terms", remedy="use polynomial9 or auto")
+        raise InputError(f"{method.value} has no rate terms", field="rate_terms", remedy="use polynomial9 or auto")
     if method is CurveMethod.AUTO:
         return _auto(samples, options, held_out=held_out)
     curve = _fit(samples, method, options)

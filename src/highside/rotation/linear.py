@@ -114,7 +114,7 @@ def _solved(
 
 def _rate_of(samples: Samples) -> Array:
     if samples.rate_radps is None:
-        raise InputError("rate terms need the rotor rate", remedy="give rotor_rate_dps or leave --rate-terms out")
+        raise InputError("rate terms need the rotor rate", remedy="give rotor_rate_dps or leave rate_terms= out")
     return samples.rate_radps
 
 
@@ -126,7 +126,7 @@ def identifiable_rate(samples: Samples, angle_rows: Array, powers: int) -> tuple
     rate is constant or no term is left, InputError where no rate is given.
     """
     if powers not in (1, 2):
-        raise InputError(f"{powers} rate terms", field="--rate-terms", remedy="0, 1 or 2")
+        raise InputError(f"{powers} rate terms", field="rate_terms", remedy="0, 1 or 2")
     rate = _rate_of(samples)
     spread = float(rate.std())
     if spread <= CONSTANT_RATE * max(float(np.abs(rate).max()), 1e-12):

@@ -44,7 +44,7 @@ def faults() -> Mapping[str, Plugin]:
     return _found()[1]
 
 
-def get(name: str, *, field: str = "--method") -> Method:
+def get(name: str, *, field: str = "method") -> Method:
     """The method of that name. Raises InputError, of the `field`, that names those there are."""
     if name in faults():
         broken = faults()[name]

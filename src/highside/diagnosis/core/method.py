@@ -31,7 +31,7 @@ class Method:
             return cls()
         if part not in cls.__slots__:
             names = ", ".join(cls.__slots__)
-            raise InputError(f"'{part}' is no part of the method", field="--without", remedy=f"one of {names}")
+            raise InputError(f"'{part}' is no part of the method", field="without", remedy=f"one of {names}")
         return replace(cls(), **{part: False})
 
 

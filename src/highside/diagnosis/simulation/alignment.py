@@ -69,8 +69,7 @@ def align(
     if value < ALIGNMENT.alike:
         raise InputError(
             f"resembles the recording nowhere (best correlation {value:.2f})",
-            remedy="give both files on one clock (--align none keeps it), or check names, units and signs of the "
-            "columns",
+            remedy='give both on one clock (align="none" keeps it), or check names, units and signs of the columns',
         )
     lags = _each(x, y, hz, start, lag)
     return Alignment(lag, lag, value, False, lags_s=tuple(zip(measured, lags, strict=True)))

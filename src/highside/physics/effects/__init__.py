@@ -104,7 +104,7 @@ def get(effect_id: str) -> Effect:
     if effect_id in registry():
         raise InputError(
             f"the effect '{effect_id}' acts on channels beside another program's output alone",
-            remedy="it is for highside diagnose --simulation",
+            remedy="it is for diagnose with simulation=",
         )
     near = difflib.get_close_matches(effect_id, effects, n=3, cutoff=0.4)
     remedy = f"did you mean {' or '.join(near)}?" if near else f"known are: {', '.join(effects)}"
@@ -112,5 +112,5 @@ def get(effect_id: str) -> Effect:
     if unfit:
         remedy = unfit[0]
     elif not _folders:
-        remedy += "; effects of your own: --effects DIR"
+        remedy += "; effects of your own: highside diagnose --effects DIR, or highside.physics.effects.use_folders"
     raise InputError(f"unknown effect '{effect_id}'", remedy=remedy)
