@@ -165,7 +165,7 @@ def _signed(changes: Callable[[dict[str, Any]], None]) -> str:
 def test_other_units_and_other_schemas_are_refused_by_name_even_with_a_right_hash() -> None:
     units = _signed(lambda d: d["units"].update(reading="m/s2"))
     assert reason_of(lambda: parse_record(units)) is RecordReason.UNIT_MISMATCH
-    schema = _signed(lambda d: d.update(schema="highside.calibration/2"))
+    schema = _signed(lambda d: d.update(schema="highside.calibration/3"))
     assert reason_of(lambda: parse_record(schema)) is RecordReason.UNKNOWN_SCHEMA
 
 

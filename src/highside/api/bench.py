@@ -1,20 +1,27 @@
-"""What is known of a bench is taken off its settings before they are used as references."""
+"""What is known of a bench is taken off its settings before they are used as references.
+
+Of a model's laws those of the bench (`BENCH_PLACES`) are taken off the angles here, those of the sensor
+(`SENSOR_PLACES`) are handed on: a record keeps them. Others say nothing of a pose of an accelerometer.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
 from highside.attitude.angles import wrap_signed
-from highside.config.model import Model, as_toml, load_model, parse_model
+from highside.calibration.sensor_laws import BENCH_PLACES, BY_LOAD, GIVEN, SENSOR_PLACES
+from highside.config.model import Model, ToolTable, as_toml, load_model, parse_model
 from highside.errors import InputError
+from highside.physics.covariates import COVARIATES
 from highside.physics.effect import Stage
 from highside.physics.forward import ForwardModel
+from highside.physics.law import PREFIX, Law, LawEffect
 from highside.physics.state import ChainState
 from highside.reading import read_bytes
 from highside.recording.table import Table
@@ -28,6 +35,8 @@ ModelLike: TypeAlias = Model | str | os.PathLike[str] | Mapping[str, Any]
 CompensationLike: TypeAlias = Compensation | str | os.PathLike[str]
 TableT = TypeVar("TableT", bound=Table)
 
+TOLD_BY_POSES = frozenset({*BY_LOAD, "temp", "rate", "rate_sign"})
+"""covariates that a table of poses gives; a law of the bench that depends on others is not taken off"""
 UPRIGHT_SIN = 1e-3
 """Where sin(inclination) is less (0.06 deg), a tool has no toolface to correct."""
 
@@ -48,15 +57,26 @@ def load_compensation(compensation: CompensationLike) -> Compensation:
     return Compensation.from_json(read_bytes(Path(compensation)), where=str(compensation))
 
 
-def on_true_bench(
-    table: TableT, turntable: CompensationLike | None, model: ModelLike | None
-) -> tuple[TableT, str | None, tuple[str, ...]]:
-    """A pose table with references where the bench truly stood, the ids of what was taken off, and what to say of it.
+class OnTrueBench(NamedTuple):
+    """A pose table with references where the bench truly stood, and what goes with it."""
 
-    Raises InputError where the table lacks its references, or a model knows nothing of the bench.
+    table: Any
+    taken_off: str | None
+    """ids of what was taken off"""
+    notes: tuple[str, ...]
+    laws: tuple[Law, ...]
+    """of the sensor, not taken off yet"""
+
+
+def on_true_bench(table: Table, turntable: CompensationLike | None, model: ModelLike | None) -> OnTrueBench:
+    """A pose table freed of what is known of its bench, by the fit of its turntable and by a model.
+
+    Raises InputError where the table lacks its references or what a law depends on, or where a model knows nothing of
+    the bench and no law of the sensor.
     """
     ids: list[str] = []
     notes: list[str] = []
+    laws: tuple[Law, ...] = ()
     if turntable is not None:
         known = load_compensation(turntable)
         inc_ref, tf_ref = table.require("inc_ref_deg", "tf_ref_deg")
@@ -64,42 +84,98 @@ def on_true_bench(
         table = _moved(table, {"inc_ref_deg": true_inc, "tf_ref_deg": true_tf})
         ids.append(known.id)
     if model is not None:
-        table, model_id, left = _by_model(table, model)
-        ids.append(model_id)
-        if left:
-            named = "the model" if isinstance(model, Model | Mapping) else model
-            notes.append(f"of {named} only the bench is used; estimated anew: {', '.join(left)}")
-    return table, " ".join(ids) or None, tuple(notes)
+        knows, where = model_of(model), None if isinstance(model, Model | Mapping) else str(model)
+        laws, idle = _laws_of_the_sensor(knows, where)
+        bench = _bench_of(knows)
+        if not bench.effects and not laws:
+            raise InputError(
+                "knows no effect of the bench, and no law",
+                where=where,
+                field="effects.included",
+                remedy="leave model= out: the joint method estimates the sensor's own terms itself",
+            )
+        if bench.effects:
+            table = _by_bench(table, bench, where)
+        content = as_toml(knows).encode() if where is None else read_bytes(Path(where))
+        ids.append("model:" + hashlib.sha256(content).hexdigest())
+        notes += _notes(where or "the model", knows, bench, laws, idle)
+    return OnTrueBench(table, " ".join(ids) or None, tuple(notes), laws)
 
 
 def _moved(table: TableT, columns: Mapping[str, Any]) -> TableT:
     return type(table)({**table.columns, **columns}, table.texts, table.order, table.source)
 
 
-def _by_model(table: TableT, model: ModelLike) -> tuple[TableT, str, tuple[str, ...]]:
-    """References where the model's bench truly stood, an id of that model, and the ids of the effects of the sensor
-    that the model has beside (a calibration estimates those itself)."""
-    knows = model_of(model)
-    forward = knows.forward()
-    bench = {e.id: p for e, p in forward.effects if e.stage in (Stage.POSE, Stage.GRAVITY) and not e.random}
-    if not bench:
+def _laws_of_the_sensor(knows: Model, where: str | None) -> tuple[tuple[Law, ...], tuple[str, ...]]:
+    """Laws that a record keeps, and the slugs of those that neither a record nor the references can use."""
+    laws = tuple(law for law in knows.known_laws if law.place in SENSOR_PLACES)
+    if laws and knows.tool.axes != ToolTable().axes:
         raise InputError(
-            "knows no effect of the bench",
-            where=None if isinstance(model, Model | Mapping) else str(model),
-            field="effects.included",
-            remedy="leave model= out: the joint method estimates the sensor's own terms itself",
+            "the laws are of the tool's axes, the poses of the maker's",
+            where=where,
+            field="tool.axes",
+            remedy="map the axes in the codec's configuration (`highside decode --config`), and diagnose again",
         )
+    known = (*SENSOR_PLACES, *BENCH_PLACES)
+    idle = [law.slug for law in knows.known_laws if law.place not in known or (law not in laws and not _of_poses(law))]
+    return laws, tuple(idle)
+
+
+def _of_poses(law: Law) -> bool:
+    """Whether a table of poses can say what a law depends on: no time, and nothing that came before."""
+    return not any(name in COVARIATES and name not in TOLD_BY_POSES for name in law.depends_on)
+
+
+def _bench_of(knows: Model) -> ForwardModel:
+    """What a model knows of the bench: its effects, and such laws as follow from what a pose table says."""
+    forward = knows.forward()
+    usable = {law.id for law in knows.known_laws if law.place in BENCH_PLACES and _of_poses(law)}
+    return ForwardModel(
+        tuple(
+            (effect, p)
+            for effect, p in forward.effects
+            if effect.stage in (Stage.POSE, Stage.GRAVITY)
+            and not effect.random
+            and (effect.id in usable or not effect.id.startswith(PREFIX))
+        )
+    )
+
+
+def _by_bench(table: TableT, bench: ForwardModel, where: str | None) -> TableT:
+    """References where the bench truly stood."""
     inc_ref, tf_ref = table.require("inc_ref_deg", "tf_ref_deg")
-    names = ("inc_ref_deg", "tf_ref_deg", "direction", "temp_c", "t_s")
+    laws = [effect.law for effect, _ in bench.effects if isinstance(effect, LawEffect)]
+    needed = {name for law in laws for name in law.depends_on}
+    own = sorted(name for name in needed if name not in COVARIATES)
+    complete = [*own, *(["temp_c"] if "temp" in needed else [])]
+    if complete:
+        table.complete(*complete)
+    names = ("inc_ref_deg", "tf_ref_deg", "direction", "temp_c", "t_s", *own)
     columns = {name: table.columns[name] for name in names if name in table.columns}
     columns.setdefault("t_s", np.arange(inc_ref.size, dtype=float))
     columns["pose"] = np.arange(inc_ref.size, dtype=float)
-    state = ChainState.from_columns(columns)
-    known = ForwardModel.of({name: values for name, values in forward.parameters().items() if name in bench})
-    inc, tf = known.truth(state)
+    inc, tf = bench.truth(ChainState.from_columns(columns))
     upright = np.abs(np.sin(np.radians(inc_ref))) < UPRIGHT_SIN
     d_tf = np.where(upright, 0.0, wrap_signed(tf - np.radians(tf_ref)))
-    moved = {"inc_ref_deg": np.degrees(inc), "tf_ref_deg": tf_ref + np.degrees(d_tf)}
-    content = as_toml(knows).encode() if isinstance(model, Model | Mapping) else read_bytes(Path(model))
-    sensor = tuple(e.id for e, _ in forward.effects if e.id not in bench and not e.random)
-    return _moved(table, moved), "model:" + hashlib.sha256(content).hexdigest(), sensor
+    return _moved(table, {"inc_ref_deg": np.degrees(inc), "tf_ref_deg": tf_ref + np.degrees(d_tf)})
+
+
+def _notes(name: str, knows: Model, bench: ForwardModel, laws: Sequence[Law], idle: Sequence[str]) -> Iterator[str]:
+    """What a user must know of how a model was used."""
+    used = {effect.id for effect, _ in bench.effects}
+    left = [e.id for e, _ in knows.forward().effects if e.id not in used and not e.random]
+    left = [effect_id for effect_id in left if not effect_id.startswith(PREFIX)]
+    if left:
+        only = "the bench and the laws are" if laws else "the bench is"
+        yield f"of {name} only {only} used; estimated anew: {', '.join(left)}"
+    if laws:
+        yield f"of {name} the record keeps the laws {', '.join(law.slug for law in laws)}"
+    for law in laws:
+        blind = [c for c in law.depends_on if c in COVARIATES and c not in BY_LOAD and c not in GIVEN]
+        if blind:
+            yield (
+                f"the law {law.slug} depends on {', '.join(blind)}, which no single reading tells: it is never taken"
+                " off, and its size is in every standard deviation"
+            )
+    if idle:
+        yield f"not used, for neither a pose nor a reading tells what they depend on or act on: {', '.join(idle)}"

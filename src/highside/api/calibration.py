@@ -26,6 +26,7 @@ from highside.calibration.record import (
     verify,
 )
 from highside.calibration.remark import Remark
+from highside.calibration.sensor_laws import pose_covariates, without_laws
 from highside.calibration.signature import SigningKey
 from highside.calibration.summary import summary
 from highside.errors import InputError
@@ -112,7 +113,9 @@ def calibrate(
     which poses of a ring, `fallback` what corrects elsewhere) or "conventional". `pose_sigma_deg`: standard deviation
     of a setting of the bench. `tool`, `serial`, `bench`, `operator`, `gravity_mps2` with `gravity_std_mps2`,
     `temp_c` and `expires_days` go into the record. `turntable`: errors of the bench's own encoder and axis; `model`:
-    a model that knows effects of the bench; both are taken off the references first. `key` signs the record.
+    a model (`Diagnosis.write_model`) whose effects and laws of the bench are known; both are taken off the references
+    first. Its laws of the sensor are taken off the readings and kept in the record, which takes them off whatever it
+    corrects. `key` signs the record.
 
     A Calibration is made of a pose set that is refused too: see `Calibration.refused`. Raises InputError for a table or
     an argument that is not in order, Refused where no calibration follows at all.
@@ -127,9 +130,9 @@ def calibrate(
     source = read_solver_table(poses)
     where = source.table.source or "pose table"
     tool_id, serial = tool_of_session(source.table.columns, source.table.texts, tool, serial, where)
-    table, bench_id, notes = on_true_bench(source.table, turntable, model)
-    columns = solver_columns(table.columns, table.texts)
-    solution = solve_poses(columns, request, where=where)
+    table, bench_id, notes, laws = on_true_bench(source.table, turntable, model)
+    columns = solver_columns(table.columns, table.texts) | pose_covariates(laws, table.columns, where=where)
+    solution = solve_poses(without_laws(columns, laws), request, where=where)
     now = time.time()
     gravity_std = None if gravity_mps2 is None else gravity_std_mps2
     record = build_record(
@@ -145,6 +148,7 @@ def calibrate(
         environment=Environment(bench, operator, temp_c, gravity_mps2, gravity_std, bench_id),
         now_s=now,
         expires_s=None if expires_days is None else now + expires_days * DAY_S,
+        laws=laws,
     )
     if key is not None:
         record = record.signed(key, now_s=now)
@@ -284,7 +288,7 @@ class Calibration:
         a = table.complete(*names)
         require_g(a, table.source)
         noise = self._noise(table, noise_g, of_means=names[0] == "ax")
-        done = apply_record(self.record, a, noise, table.columns.get("temp_c"), frame=frame)
+        done = apply_record(self.record, a, noise, table.columns.get("temp_c"), frame=frame, columns=table.columns)
         texts = {"zone": done.zones} if zones else None
         return CorrectedReadings(taken.with_columns(done.columns, texts), done)
 

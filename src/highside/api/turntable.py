@@ -185,7 +185,7 @@ def _errors(table: Recording, of: str, calibration: CalibrationRecord | File | N
     if calibration is not None:
         known = calibration if isinstance(calibration, CalibrationRecord) else read_record(Path(calibration))
         file = None if isinstance(calibration, CalibrationRecord) else str(calibration)
-        a = corrected_accel(known, a, table.columns.get("temp_c"), where=file)
+        a = corrected_accel(known, a, table.columns.get("temp_c"), where=file, columns=table.columns)
     t_s = table.t_s
     if np.any(np.diff(t_s) <= 0.0):
         raise InputError("time stands or goes back", where=where, field="t_s", remedy="sort the rows by time")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,9 +12,8 @@ import numpy as np
 from highside.arrays import Array
 from highside.attitude.angles import wrap_positive
 from highside.attitude.block import attitude_block, attitude_std_block
-from highside.calibration.linear_correction import LinearCorrection
 from highside.calibration.record import CalibrationRecord, correction_from_record
-from highside.calibration.schedule import ScheduledCorrection
+from highside.calibration.sensor_laws import BlockCorrection, LawCorrection
 from highside.errors import InputError
 
 __all__ = ["ADDED", "Applied", "apply_record", "corrected_accel"]
@@ -36,6 +36,10 @@ class Applied:
     """which correction made each row; "none" where no zone holds"""
     temperature_outside: int
     """rows in a zone but beyond the calibrated temperatures: their uncertainty is grown"""
+    law_outside: int = 0
+    """rows in a zone but beyond the range that a law of the record was learnt in: it falls to 0, its band grows"""
+    law_not_applied: int = 0
+    """rows in a zone for which a law lacks what it depends on: their uncertainty is grown by the law's size"""
 
     @property
     def rows_by_zone(self) -> dict[str, int]:
@@ -55,20 +59,23 @@ def apply_record(
     temp_c: Array | None = None,
     *,
     frame: Literal["gravity", "bench"] = "gravity",
+    columns: Mapping[str, Array] | None = None,
 ) -> Applied:
     """Correct readings `a` (3, N) in g with the noise of a row (one value or (N,), g) at temperatures (N,) in C.
 
-    `frame`: what I and T are referred to. Raises TypeError for a record whose correction knows single readings only.
+    `columns`: what else was recorded, (N,) by name; laws of the record may depend on it. `frame`: what I and T are
+    referred to. Raises TypeError for a record whose correction knows single readings only.
     """
     correction = _block_correction(record)
     n = a.shape[1]
-    columns = {name: np.full(n, np.nan) for name in ADDED}
+    made = {name: np.full(n, np.nan) for name in ADDED}
     zones = np.full(n, NO_ZONE, dtype=object)
-    temperature_outside = 0
+    counts = {"temperature_outside": 0, "law_outside": 0, "law_unknown": 0}
     for start in range(0, n, ROWS_AT_ONCE):
         rows = slice(start, min(start + ROWS_AT_ONCE, n))
         own = noise_g[rows] if isinstance(noise_g, np.ndarray) else noise_g
-        done = correction.corrected_block(a[:, rows], own, None if temp_c is None else temp_c[rows])
+        now = _beside(correction, columns, rows)
+        done = now.corrected_block(a[:, rows], own, None if temp_c is None else temp_c[rows])
         inc, tf = attitude_block(done.g)
         inc_std, tf_std, _ = attitude_std_block(done.g, done.cov)
         if frame == "bench":
@@ -76,25 +83,42 @@ def apply_record(
         inc_std[done.zone < 0] = np.nan
         tf_std[done.zone < 0] = np.nan
         for name, values in zip(ADDED, (inc, tf, inc_std, tf_std), strict=True):
-            columns[name][rows] = np.round(np.rad2deg(values), DECIMALS)
+            made[name][rows] = np.round(np.rad2deg(values), DECIMALS)
         zones[rows] = np.array([*done.names, NO_ZONE], dtype=object)[done.zone]
-        temperature_outside += int(np.count_nonzero(done.temperature_outside & (done.zone >= 0)))
-    return Applied(columns, tuple(zones.tolist()), temperature_outside)
+        for name in counts:
+            where = getattr(done, name)
+            counts[name] += 0 if where is None else int(np.count_nonzero(where & (done.zone >= 0)))
+    return Applied(made, tuple(zones.tolist()), *counts.values())
+
+
+def _beside(correction: BlockCorrection, columns: Mapping[str, Array] | None, rows: slice) -> BlockCorrection:
+    """The correction with what was recorded beside the readings of some rows, where its laws depend on it."""
+    if not isinstance(correction, LawCorrection) or columns is None:
+        return correction
+    return correction.knowing({name: columns[name][rows] for name in correction.laws.columns if name in columns})
 
 
 def corrected_accel(
-    record: CalibrationRecord, a: Array, temp_c: Array | None = None, *, where: str | None = None
+    record: CalibrationRecord,
+    a: Array,
+    temp_c: Array | None = None,
+    *,
+    where: str | None = None,
+    columns: Mapping[str, Array] | None = None,
 ) -> Array:
-    """Corrected gravity (3, N) in g. Raises InputError for a record that corrects no blocks of accelerations."""
+    """Corrected gravity (3, N) in g; `columns` as in `apply_record`.
+
+    Raises InputError for a record that corrects no blocks of accelerations.
+    """
     correction = correction_from_record(record)
-    if not isinstance(correction, LinearCorrection | ScheduledCorrection):
+    if not isinstance(correction, BlockCorrection):
         raise InputError("does not correct accelerations", where=where)
-    return correction.correct_block(a, temp_c)
+    return _beside(correction, columns, slice(None)).correct_block(a, temp_c)
 
 
-def _block_correction(record: CalibrationRecord) -> LinearCorrection | ScheduledCorrection:
+def _block_correction(record: CalibrationRecord) -> BlockCorrection:
     correction = correction_from_record(record)
-    if not isinstance(correction, LinearCorrection | ScheduledCorrection):
+    if not isinstance(correction, BlockCorrection):
         raise TypeError(f"{type(correction).__name__} cannot be applied in blocks")
     return correction
 

@@ -29,6 +29,8 @@ ZERO_COVARIANCE: Covariance = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 OUTSIDE_ZONE = "outside_zone"
 TEMPERATURE_OUTSIDE = "temperature_outside"
 TEMPERATURE_UNKNOWN = "temperature_unknown"
+LAW_OUTSIDE = "law_outside_range"
+LAW_UNKNOWN = "law_not_applied"
 
 
 class Corrected(NamedTuple):
@@ -72,6 +74,10 @@ class BlockCorrected:
     zone: NDArray[np.intp]
     names: tuple[str, ...]
     temperature_outside: NDArray[np.bool_]
+    law_outside: NDArray[np.bool_] | None = None
+    """(N,) where a law of the sensor was asked beyond the range it was learnt in; None: there are no laws"""
+    law_unknown: NDArray[np.bool_] | None = None
+    """(N,) where one could not be applied"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -203,12 +203,19 @@ class LinearCorrection:
             student = by_terms[1] if len(by_terms) > 1 else None
         return cov, student
 
-    def corrected_block(self, a: Array, noise_g: Array | float, temp_c: Array | float | None = None) -> BlockCorrected:
-        """Correct readings `a` (3, N) whose own standard deviation is `noise_g` (one, or (N,)) in each axis."""
+    def corrected_block(
+        self, a: Array, noise_g: Array | float, temp_c: Array | float | None = None, more: Array | None = None
+    ) -> BlockCorrected:
+        """Correct readings `a` (3, N) whose own standard deviation is `noise_g` (one, or (N,)) in each axis.
+
+        `more` (6, N) g^2: covariance of what was taken off them before.
+        """
         g = self.correct_block(a, temp_c)
         cov, student = self.covariances_block(g, temp_c)
         reading = self.reading_covariance(temp_c) * np.square(np.broadcast_to(noise_g, a.shape[1:]))
         total = cov + reading
+        if more is not None:
+            total += self.carried_block(more, temp_c)
         if student is not None:
             total = total + widening_block(student, cov, total)
         inside = np.isfinite(g[2])
@@ -238,11 +245,23 @@ class LinearCorrection:
 
     def reading_covariance(self, temp_c: Array | float | None = None) -> Array:
         """Covariance (6, 1) that a reading noise of one g in each axis becomes (mean temperature, scale is small)."""
-        finite = np.asarray(np.nan if temp_c is None else temp_c, dtype=float)
-        finite = finite[np.isfinite(finite)]
-        C = np.array(self.coefficients(float(finite.mean()) if finite.size else None).c).reshape(3, 3)
+        C = self._matrix(temp_c)
         carried = C @ C.T
         return np.array([[carried[i, j]] for i, j in UPPER])
+
+    def carried_block(self, cov: Array, temp_c: Array | float | None = None) -> Array:
+        """Covariances (6, N) of readings as those of corrected vectors (mean temperature)."""
+        C, full = self._matrix(temp_c), np.empty((3, 3, cov.shape[1]))
+        for k, (i, j) in enumerate(UPPER):
+            full[i, j] = full[j, i] = cov[k]
+        full = np.einsum("ij,jkn,lk->iln", C, full, C)
+        return np.stack([full[i, j] for i, j in UPPER])
+
+    def _matrix(self, temp_c: Array | float | None) -> Array:
+        """(3, 3) at the mean temperature."""
+        finite = np.asarray(np.nan if temp_c is None else temp_c, dtype=float)
+        finite = finite[np.isfinite(finite)]
+        return np.array(self.coefficients(float(finite.mean()) if finite.size else None).c).reshape(3, 3)
 
     def temperature_outside(self, temp_c: Array | float | None, count: int) -> NDArray[np.bool_]:
         """Which of `count` readings were made outside of the temperatures trusted."""

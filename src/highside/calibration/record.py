@@ -30,12 +30,16 @@ from highside.calibration.methods import all_methods, get
 from highside.calibration.poses import PoseSet
 from highside.calibration.result import CalibrationResult
 from highside.calibration.schedule import ScheduledCorrection
+from highside.calibration.sensor_laws import LawCorrection, SensorLaws, laws_of_content, without_laws
 from highside.calibration.signature import RECORD, Signature, SignatureError, SigningKey, TrustedKeys, UnknownKeyError
 from highside.calibration.zone import SHARED_NAMES
 from highside.errors import InputError, Refused
+from highside.physics.law import Law
 from highside.reading import MALFORMED, parse_json
 
 SCHEMA = "highside.calibration/1"
+SCHEMA_WITH_LAWS = "highside.calibration/2"
+"""of a record with `laws`: who does not take them off the readings must not use it"""
 UNITS = {
     "reading": "g",
     "offset": "g",
@@ -128,6 +132,8 @@ class CalibrationRecord:
     """rough global correction by which zones are chosen where there is no fallback"""
     signature: Signature | None = None
     """who vouches for it; only `check_signature` says whether that holds"""
+    laws: tuple[Law, ...] = ()
+    """of the sensor, taken off a reading before it is corrected"""
 
     @property
     def tool_id(self) -> str:
@@ -162,7 +168,8 @@ class CalibrationRecord:
 
     @property
     def pose_columns(self) -> PoseColumns:
-        return dict(self.content["pose_table"])
+        """As they were solved: without what the laws of the record say. As measured: `content["pose_table"]`."""
+        return without_laws(self.content["pose_table"], self.laws)
 
     def to_json(self) -> str:
         """The file: readable, one line at the end; numbers as in the content."""
@@ -230,14 +237,16 @@ def build_record(
     expires_s: float | None = None,
     fallback: CalibrationResult | None = None,
     guide: CalibrationResult | None = None,
+    laws: Sequence[Law] = (),
 ) -> CalibrationRecord:
-    """Put a record together. `pose_columns`: the pose table as it was read (degrees, g), `raw_sha256`: of its file."""
+    """Put a record together. `pose_columns`: the pose table as it was read (degrees, g), `raw_sha256`: of its file;
+    `laws` of the sensor: taken off these readings before they were solved."""
     if not tool_id.strip():
         raise InputError("the tool has no name", remedy="give tool=")
     if expires_s is not None and expires_s <= now_s:
         raise InputError("the record would expire before it is made", remedy="give a positive number of days")
     content: dict[str, Any] = {
-        "schema": SCHEMA,
+        "schema": SCHEMA_WITH_LAWS if laws else SCHEMA,
         "units": dict(UNITS),
         "tool": {"id": tool_id, "serial": serial},
         "created": to_utc(now_s),
@@ -252,6 +261,8 @@ def build_record(
         "fallback": None if fallback is None else fallback.to_dict(),
         "guide": None if guide is None else guide.to_dict(),
     }
+    if laws:
+        content["laws"] = [law.to_dict() for law in laws]
     # through JSON and back, so that what is used now is exactly what will be read later
     content = parse_json(canonical(content))
     return _typed(content_id(content), content)
@@ -268,8 +279,11 @@ def parse_record(text: str | bytes, *, where: str | None = None) -> CalibrationR
         raise InputError("is no calibration record", where=where, remedy=remedy)
     at = f"{where}: " if where else ""
     stated, beside = data.pop("id"), data.pop("signature", None)
-    if data["schema"] != SCHEMA:
-        raise RecordError(RecordReason.UNKNOWN_SCHEMA, f"{at}schema {data['schema']!r}, this software reads {SCHEMA!r}")
+    if data["schema"] not in (SCHEMA, SCHEMA_WITH_LAWS):
+        raise RecordError(
+            RecordReason.UNKNOWN_SCHEMA,
+            f"{at}schema {data['schema']!r}, this software reads {SCHEMA!r} and {SCHEMA_WITH_LAWS!r}",
+        )
     found = content_id(data)
     if not isinstance(stated, str) or stated != found:
         raise RecordError(
@@ -300,6 +314,7 @@ def _typed(record_id: str, content: Mapping[str, Any], at: str = "") -> Calibrat
             result=CalibrationResult.from_dict(content["result"]),
             fallback=None if content["fallback"] is None else CalibrationResult.from_dict(content["fallback"]),
             guide=None if content["guide"] is None else CalibrationResult.from_dict(content["guide"]),
+            laws=laws_of_content(content, content["schema"] == SCHEMA_WITH_LAWS),
         )
         # the views that are made on demand must work too
         _ = (record.tool_id, record.serial, record.created_s, record.valid_from_s, record.expires_s, record.request)
@@ -345,7 +360,12 @@ def verify(
 
 
 def correction_from_record(record: CalibrationRecord) -> Correction:
-    """The record's calibration ready for use: a single correction, or a schedule of zones."""
+    """The record's calibration ready for use: a single correction, or a schedule of zones; behind its laws, if any."""
+    bare = _without_its_laws(record)
+    return LawCorrection(bare, SensorLaws(record.laws)) if record.laws else bare
+
+
+def _without_its_laws(record: CalibrationRecord) -> LinearCorrection | ScheduledCorrection:
     trust = temperature_trust(record)
     result = record.result
     local = [zone for zone in result.zones if zone.is_local]

@@ -163,8 +163,13 @@ class ScheduledCorrection:
         out[:, ~held] = np.nan
         return out
 
-    def corrected_block(self, a: Array, noise_g: Array | float, temp_c: Array | float | None = None) -> BlockCorrected:
-        """Correct readings `a` (3, N) whose own standard deviation is `noise_g` (one, or (N,)) in each axis."""
+    def corrected_block(
+        self, a: Array, noise_g: Array | float, temp_c: Array | float | None = None, more: Array | None = None
+    ) -> BlockCorrected:
+        """Correct readings `a` (3, N) whose own standard deviation is `noise_g` (one, or (N,)) in each axis.
+
+        `more` (6, N) g^2: covariance of what was taken off them before.
+        """
         count = a.shape[1]
         g, cov, reading = np.zeros_like(a), np.zeros((6, count)), np.zeros((6, count))
         shared = np.zeros((len(SHARED_NAMES), 3, count))
@@ -177,9 +182,11 @@ class ScheduledCorrection:
             one = part.correct_block(a[:, rows], temps)
             g[:, rows] += one * w
             reading[:, rows] += part.reading_covariance(temps) * np.square(_of_rows(noise_g, rows)) * w
+            if more is not None:
+                cov[:, rows] += part.carried_block(more[:, rows], temps) * w
             outside[rows] |= part.temperature_outside(temps, rows.size)
-            more = w > most[rows]
-            zone[rows[more]], most[rows[more]] = k, w[more]
+            ahead = w > most[rows]
+            zone[rows[ahead]], most[rows[ahead]] = k, w[ahead]
             own = w if self._unknown else 1.0 - (1.0 - w) ** 2 if part is self.fallback else w**2
             calibration, student = part.covariances_block(one, temps)
             levers = None if self._unknown else part.coefficients(None).shared

@@ -63,6 +63,10 @@ def summary(record: CalibrationRecord) -> dict[str, Any]:
             }
             for closure in result.closures
         ],
+        "laws": [
+            {"slug": law.slug, "place": law.place, "channels": list(law.channels), "depends_on": list(law.depends_on)}
+            for law in record.laws
+        ],
         "uncertainty": uncertainty(record),
         "remarks": [
             {"reason": remark.reason.value, "text": remark.text, "poses": list(remark.poses), "refused": remark.refused}

@@ -28,11 +28,10 @@ from highside.attitude.scalar import UNIFORM_ANGLE_STD_RAD
 from highside.calibration.bench_level import VERTICAL_RAD, BenchLevel, LevelSource, Mask, best_level, leaning
 from highside.calibration.budget import ComparisonBudget, K, Width, budgets, compared
 from highside.calibration.comparison import attitudes_set
-from highside.calibration.linear_correction import LinearCorrection
 from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.poses import PoseSet
 from highside.calibration.record import CalibrationRecord, correction_from_record
-from highside.calibration.schedule import ScheduledCorrection
+from highside.calibration.sensor_laws import BlockCorrection, at_rest
 from highside.errors import InputError
 
 
@@ -258,8 +257,9 @@ class Indicated:
 def indicated(record: CalibrationRecord, poses: PoseSet) -> Indicated:
     """The corrected attitudes of N poses."""
     correction = correction_from_record(record)
-    if not isinstance(correction, LinearCorrection | ScheduledCorrection):
+    if not isinstance(correction, BlockCorrection):
         raise TypeError(f"{type(correction).__name__} cannot be applied in blocks")
+    correction = at_rest(correction)
     temp = poses.temp_c
     alone = correction.corrected_block(poses.a, 0.0, temp)
     noise = np.sqrt(np.mean(poses.noise_of_mean() ** 2, axis=0))

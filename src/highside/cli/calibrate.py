@@ -12,6 +12,7 @@ import typer
 
 from highside.cli import bench, bench_sessions, certificate, verification
 from highside.cli.options import as_options
+from highside.cli.own_effects import EffectFolders, take_in
 from highside.cli.say import echo, echo_json, report_omitted
 from highside.errors import InputError, Refused
 
@@ -111,8 +112,9 @@ def solve(
         Path | None, typer.Option(help="Errors of the bench's own encoder and axis (`rotation turntable`).")
     ] = None,
     model: Annotated[
-        Path | None, typer.Option("--model", help="Model file: its bench effects (`diagnose --write-model`).")
+        Path | None, typer.Option("--model", help="Model file: its bench, its laws (`diagnose --write-model`).")
     ] = None,
+    effects: EffectFolders = None,
     key: Annotated[Path | None, typer.Option("--key", help="Sign the record with this key (`highside keys`).")] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -121,6 +123,8 @@ def solve(
     from highside.calibration.methods import faults
 
     report_omitted("calibration method", faults())
+    if model is not None:
+        take_in(effects)
     private = None
     if key is not None:
         from highside.cli.keys import signing_key
@@ -198,6 +202,8 @@ def apply(
             "zones": done.rows_by_zone,
             "outside_zone": done.outside_zone,
             "temperature_outside": done.temperature_outside,
+            "law_outside_range": done.law_outside,
+            "law_not_applied": done.law_not_applied,
         }
         echo_json(json.dumps({"rows": data.n, "output": str(output), "cal_id": calibration.id, **counts}))
         return
@@ -207,6 +213,12 @@ def apply(
         echo(f"{done.outside_zone} rows lie outside of every zone and have no inclination or toolface")
     if done.temperature_outside:
         echo(f"{done.temperature_outside} rows lie outside of the calibrated temperatures: uncertainty grown")
+    if done.law_outside:
+        echo(f"{done.law_outside} rows lie outside of what a law was learnt in: it falls to 0 there, uncertainty grown")
+    if done.law_not_applied:
+        echo(
+            f"{done.law_not_applied} rows lack what a law depends on: it is not applied, uncertainty grown by its size"
+        )
 
 
 @app.command()
@@ -364,6 +376,10 @@ def _summary_lines(s: dict[str, Any]) -> list[str]:
     ]
     if s["signature"]:
         lines.append(f"signed    {s['signature']['time']} by {s['signature']['signer']} (see `highside keys verify`)")
+    lines += [
+        f"law       {law['slug']}: {law['place']} {', '.join(law['channels'])}, by {', '.join(law['depends_on'])}"
+        for law in s["laws"]
+    ]
     worst = s["worst_pose"]
     if worst and worst["sigmas"] > 0.0:
         lines.append(f"worst     pose {worst['pose']}, {worst['sigmas']:.1f} sigma")

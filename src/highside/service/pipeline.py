@@ -3,9 +3,8 @@
 Everything here is synchronous and follows *device* time, so that the same bytes give the same results whatever chunks
 they arrive in and however fast. A batch is decoded in one call; an attitude is made when the first frame at or after
 the next multiple of the output period arrives, from the readings of the averaging window that ends with that frame
-(a fixed grid, no waiting for a later frame). An attitude refers to the middle of its window.
-
-What is made of a window is in `window`, of a stop in `stillness` and `surveys`.
+(a fixed grid, no waiting for a later frame). An attitude refers to the middle of its window. What is made of a window
+is in `window`, of a stop in `stillness` and `surveys`.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from collections.abc import Callable, Iterator
 from highside.attitude.scalar import attitude_with_std
 from highside.calibration.correction import Corrected, Correction
 from highside.calibration.rolling_bias import RollingBias
+from highside.calibration.sensor_laws import knowing
 from highside.codec.frame import ByteCodec, CanCodec, Frame
 from highside.config.rig import ToolfaceSettings, VibrationSettings
 from highside.config.settings import (
@@ -154,9 +154,8 @@ class Pipeline:
     ) -> Pipeline:
         """A pipeline under new `settings` that goes on where this one, made under `before`, stands.
 
-        This one is left as it is, so that it can go on if the successor is not wanted. Codec, counters and window are
-        the same objects: between two batches one takes the other's place, and only one of them is given batches. What
-        a setting decides is made anew where that setting has changed.
+        This one is left as it is, and can go on if the successor is not wanted. Codec, counters and window are the same
+        objects: only one of the two is given batches. What a setting decides is made anew where that has changed.
         """
         self.process_held()
         new = copy.copy(self)
@@ -270,11 +269,11 @@ class Pipeline:
     def _close_block(self, frame: Frame) -> None:
         block = self._block
         t, mean, temp = block.take()
-        corrected = self._correction.correct(mean, temp_c=temp)
+        corrected = knowing(self._correction, frame, self.codec.extra_columns).correct(mean, temp_c=temp)
         self.rebalancer.add(t, corrected.gx, corrected.gy, corrected.gz)
         if self.drift is not None:
             if self._rebalance.apply:
-                corrected = self._in_force().correct(mean, temp_c=temp)
+                corrected = self._in_force(frame).correct(mean, temp_c=temp)
             gx, gy, gz = corrected.gx, corrected.gy, corrected.gz
             heading: float | None = 0.0
             if self._rotation is not None and self._rotation.corrects_heading:
@@ -313,7 +312,7 @@ class Pipeline:
         xx, yy, zz = statistics.variance
         temps = [row.temp_c for row in rows if row.temp_c is not None]
         temp = sum(temps) / len(temps) if temps else None
-        corrected = self._in_force().correct(statistics.mean, (xx, 0.0, 0.0, yy, 0.0, zz), temp)
+        corrected = self._in_force(frame).correct(statistics.mean, (xx, 0.0, 0.0, yy, 0.0, zz), temp)
         rotor = None if self._rotation is None else mean_error(row.rotor for row in rows)
         attitude = self._attitude(corrected, frame, t, len(rows), t - rows[0].t, temp, flags, rotor)
         self.attitudes += 1
@@ -323,8 +322,9 @@ class Pipeline:
             self._watch_stillness(statistics, fresh, frame, t)
         self._fresh = 0
 
-    def _in_force(self) -> Correction:
-        return self.rebalancer.wrap(self._correction) if self._rebalance.apply else self._correction
+    def _in_force(self, frame: Frame) -> Correction:
+        correction = knowing(self._correction, frame, self.codec.extra_columns)
+        return self.rebalancer.wrap(correction) if self._rebalance.apply else correction
 
     def _watch_stillness(self, window: WindowStatistics, fresh: list[WindowReading], frame: Frame, t: float) -> None:
         still, settings = self._stillness, self._survey_settings
@@ -360,7 +360,7 @@ class Pipeline:
             # not one bit of noise in all that time: a dead converter, not a still tool
             return True
         noise = tuple(v / n for v in variance)
-        corrected = self._in_force().correct(mean, (noise[0], 0.0, 0.0, noise[1], 0.0, noise[2]), temp)
+        corrected = self._in_force(frame).correct(mean, (noise[0], 0.0, 0.0, noise[1], 0.0, noise[2]), temp)
         attitude = self._attitude(corrected, frame, t, n, duration, temp, [], rotor)
         accept = self._survey_settings.accept
         verdict = judge(attitude, self.gravity, accept, max(self.shock.since_g), complete=complete)

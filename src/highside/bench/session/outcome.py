@@ -224,17 +224,16 @@ def errors_against(
     """Rms errors of I and T in degrees against a sensor whose truth is known (`m = matrix g + offset`, at `temp_c`),
     without reading noise, over the attitudes of use. What the simulated bench is judged by."""
     from highside.attitude.block import attitude_block
-    from highside.calibration.linear_correction import LinearCorrection
     from highside.calibration.record import correction_from_record
-    from highside.calibration.schedule import ScheduledCorrection
+    from highside.calibration.sensor_laws import BlockCorrection, at_rest
 
     inc, tf = attitudes_of_use(Solution(record.result, record.fallback, record.guide))
     raw = np.asarray(matrix) @ gravity_direction(inc, tf) + offset[:, None]
     temps = None if temp_c is None else np.full(inc.size, temp_c)
     correction = correction_from_record(record)
-    if not isinstance(correction, LinearCorrection | ScheduledCorrection):
+    if not isinstance(correction, BlockCorrection):
         raise TypeError(f"{type(correction).__name__} cannot be applied in blocks")
-    found_inc, found_tf = attitude_block(correction.corrected_block(raw, 0.0, temps).g)
+    found_inc, found_tf = attitude_block(at_rest(correction).corrected_block(raw, 0.0, temps).g)
     d_tf = np.mod(found_tf - tf + np.pi, 2.0 * np.pi) - np.pi
     return (
         float(np.rad2deg(np.sqrt(np.nanmean((found_inc - inc) ** 2)))),
