@@ -118,7 +118,7 @@ def _drop_column(columns: dict[str, Array]) -> None:
     [
         (_swap, "swapped_axis"), (_mg, "wrong_unit"), (_turn, "inverted_axis"), (_nan, "missing_values"),
         (_hold, "constant_channel"), (_backwards, "reversed_time"), (_shuffle, "reordered_frames"),
-        (_lose, "dropped_frames"), (_repeat, "duplicated_frames"), (_noise_only, "not_gravity"),
+        (_repeat, "duplicated_frames"), (_noise_only, "not_gravity"),
         (_stick, "stuck_bit"), (_drop_column, "missing_column"),
     ],
 )  # fmt: skip
@@ -133,6 +133,17 @@ def test_each_fault_has_its_own_name_and_spoils_the_data(
     assert found.findings[0].check == name
     assert found.findings[0].p < 1e-6
     assert found.findings[0].remedy
+
+
+def test_lost_frames_are_told_and_spoil_nothing_until_most_are_lost() -> None:
+    columns = healthy(0)
+    _lose(columns)
+    found = checked(columns)
+    assert not found.spoiled
+    assert found.findings[0].check == "dropped_frames"
+    assert found.findings[0].p < 1e-6
+    kept = np.random.default_rng(1).random(columns["t_s"].size) < 0.4
+    assert checked({name: column[kept] for name, column in columns.items()}).spoiled
 
 
 @pytest.mark.parametrize(("spoil", "name"), [(_lose, "dropped_frames"), (_repeat, "duplicated_frames")])

@@ -192,7 +192,8 @@ def _rotates(request: Request) -> bool:
 
 def _rotation(request: Request) -> Answer:
     """Continuous rotation with a known reference, row by row."""
-    found = _checked_reference(request)
+    request, lacking = _without_missing(request, "inc_ref_deg", _toolface(request.columns))
+    found = _with_lacking(_checked_reference(request), lacking)
     if found.spoiled:
         return _bad_data(request, found)
     raw = request.complete(*ACCELEROMETERS)

@@ -148,11 +148,11 @@ class ChainState:
         moves = "pose" not in columns and t_s.size > 1
         still = np.zeros(t_s.size)
         if moves:
-            tf = np.unwrap(tf)
+            tf = unwrapped(tf, t_s)
         if "rotor_rate_dps" in columns:
             rate = np.radians(columns["rotor_rate_dps"])
         else:
-            rate = np.gradient(tf, t_s) if moves else still
+            rate = slopes(tf, t_s) if moves else still
         pose_number = np.nan_to_num(np.asarray(columns["pose"], dtype=float), nan=-1.0) if "pose" in columns else None
         pose = np.zeros(t_s.size, dtype=np.int64) if pose_number is None else pose_number.astype(np.int64)
         return cls.build(
@@ -162,8 +162,8 @@ class ChainState:
             direction=columns.get("direction", np.where(rate < 0, -1.0, 1.0)),
             temp_c=columns.get("temp_c", 25.0),
             rotor_rate_radps=rate,
-            rotor_accel_radps2=np.gradient(rate, t_s) if moves else still,
-            inc_rate_radps=np.gradient(inc, t_s) if moves else still,
+            rotor_accel_radps2=slopes(rate, t_s) if moves else still,
+            inc_rate_radps=slopes(inc, t_s) if moves else still,
             vibration_rms_g=columns.get("vibration_rms_g", 0.0),
             vibration_x_rms_g=columns.get("vibration_x_rms_g", 0.0),
             vibration_y_rms_g=columns.get("vibration_y_rms_g", 0.0),
@@ -239,6 +239,43 @@ class ChainState:
             },
             extra={name: values[index] for name, values in self.extra.items()},
         )
+
+
+LONG_GAP = 1.5
+"""usual spacings from which rows are missing between two: healthy clocks jitter by less"""
+
+
+def _gaps(t_s: AnyArray) -> NDArray[np.bool_]:
+    """(N - 1,) whether rows are missing between two neighbours."""
+    steps = np.diff(t_s)
+    return np.asarray(steps > LONG_GAP * np.median(steps))
+
+
+def unwrapped(angle_rad: AnyArray, t_s: AnyArray) -> AnyArray:
+    """(N,) an angle without its turns; where rows are missing it goes on at the mean of the rates on both sides."""
+    gaps = _gaps(t_s)
+    if not gaps.any() or gaps.all():
+        return np.unwrap(angle_rad)
+    change, seconds = np.diff(angle_rad), np.diff(t_s)
+    wrapped = np.mod(change + np.pi, 2 * np.pi) - np.pi
+    known = np.flatnonzero(~gaps)
+    rate = wrapped[known] / seconds[known]
+    lost = np.flatnonzero(gaps)
+    after = np.searchsorted(known, lost)
+    about = (rate[np.maximum(after - 1, 0)] + rate[np.minimum(after, known.size - 1)]) / 2 * seconds[lost]
+    wrapped[lost] = about + np.mod(change[lost] - about + np.pi, 2 * np.pi) - np.pi
+    return np.concatenate([angle_rad[:1], angle_rad[0] + np.cumsum(wrapped)])
+
+
+def slopes(values: AnyArray, t_s: AnyArray) -> AnyArray:
+    """(N,) derivative by time: central differences, beside missing rows those of the side that is there."""
+    found = np.gradient(values, t_s)
+    gaps = _gaps(t_s)
+    if gaps.any():
+        each = np.diff(values) / np.diff(t_s)
+        before, behind = gaps[1:] & ~gaps[:-1], gaps[:-1] & ~gaps[1:]
+        found[1:-1] = np.where(before, each[:-1], np.where(behind, each[1:], found[1:-1]))
+    return np.asarray(found)
 
 
 def since_stop(t_s: AnyArray, pose: Ints) -> AnyArray:

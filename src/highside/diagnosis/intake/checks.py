@@ -53,8 +53,8 @@ def check(
     """Check the columns (N,) of a recording. `needed` are those the diagnosis cannot do without.
 
     `axes` says which channel, with which sign, is the tool's x, y and z. Without a reference `attitude` nothing says
-    which axis should feel what. Where not `every_row` counts, as in averages of poses, frames that are lost are
-    reported but do no harm: each row has its time.
+    which axis should feel what. Where not `every_row` counts, as in averages of poses, any number of lost frames
+    is reported and does no harm; elsewhere up to `CLOCK.lost_share`: each row has its time.
     """
     missing = [name for name in (*COLUMNS, *needed) if name not in columns]
     if missing:

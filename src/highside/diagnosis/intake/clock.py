@@ -84,7 +84,11 @@ def _lost(steps: Array, inside: NDArray[np.bool_], usual: float, seq: Array | No
     share = lost / (n + lost)
     spoils = share > CLOCK.lost_share
     words = f"{lost} frames are lost in {gaps} gaps ({share:.1%}): " + (
-        "check the link and record again" if spoils else "few enough to go on with"
+        "check the link and record again"
+        if spoils
+        else "few enough to go on with"
+        if share < CLOCK.lost_few
+        else "the rows that are there are diagnosed, each at its own time; check the link"
     )
     return [(Finding(DROPPED_FRAMES.id, ("seq" if seq is not None else "t_s",), p, words), spoils)]
 

@@ -15,12 +15,14 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.result import Diagnosis, Location
+from highside.diagnosis.rotation.lines import on_grid
 from highside.diagnosis.rotation.policy import BURSTS
+from highside.diagnosis.rows.session import RotationSession
 
 
 @dataclass(frozen=True)
 class Burst:
-    """From row to row, its frequency in turns a row, the channels, and the probability of chance."""
+    """From place to place, its frequency in turns a step, the channels, and the probability of chance."""
 
     start: int
     stop: int
@@ -29,11 +31,15 @@ class Burst:
     p: float
 
 
-def found_burst(rest: Sequence[tuple[slice, Array]]) -> Burst | None:
-    """The clearest burst in runs of rows, with what is left of them whitened (C, n); None where chance does it."""
+def found_burst(rest: Sequence[tuple[slice, Array]], places: Array) -> Burst | None:
+    """The clearest burst in runs of rows, with what is left of them whitened (C, n); None where chance does it.
+
+    `places` (N,) are the times of all rows in steps: rows that are missing leave gaps.
+    """
+    runs = [(int(places[part.start]), on_grid(rows, places[part])) for part, rows in rest]
     cells = 0
     best: tuple[float, int, int, int, float] | None = None
-    for k, (_, rows) in enumerate(rest):
+    for k, (_, rows) in enumerate(runs):
         for start, length in _windows(rows.shape[1]):
             power = np.abs(np.fft.rfft(rows[:, start : start + length], axis=1)[:, BURSTS.first_cell : -1]) ** 2
             cells += power.size
@@ -44,12 +50,12 @@ def found_burst(rest: Sequence[tuple[slice, Array]]) -> Burst | None:
     if best is None or best[0] < np.log(cells / BURSTS.chance):
         return None
     height, k, _, length, frequency = best
-    part, rows = rest[k]
+    first, rows = runs[k]
     start, stop, frequency, energy = _extent(rows, frequency, 1.0 / length)
     channels = np.flatnonzero(energy > max(BURSTS.channel_share * energy.max(), np.log(BURSTS.odds)))
     return Burst(
-        part.start + start,
-        part.start + stop,
+        first + start,
+        first + stop,
         frequency,
         tuple(int(c) for c in channels),
         float(min(1.0, cells * np.exp(-height))),
@@ -89,7 +95,9 @@ def _extent(rows: Array, frequency: float, width: float) -> tuple[int, int, floa
     return best[1], best[2], best[3], best[4]
 
 
-def with_burst(diagnosis: Diagnosis, burst: Burst | None, t_s: Array, channels: Sequence[str]) -> Diagnosis:
+def with_burst(
+    diagnosis: Diagnosis, burst: Burst | None, session: RotationSession, channels: Sequence[str]
+) -> Diagnosis:
     """The diagnosis with a burst reported, where nothing else was found: it has no name.
 
     Beside names or other remainders it is left to them: what they leave may come and go with the rate.
@@ -97,8 +105,9 @@ def with_burst(diagnosis: Diagnosis, burst: Burst | None, t_s: Array, channels: 
     if burst is None or diagnosis.verdict != "nothing_left_out":
         return diagnosis
     names = tuple(channels[c] for c in burst.channels)
-    ends = (float(t_s[burst.start]), float(t_s[burst.stop - 1]))
-    hz = burst.frequency * (t_s.size - 1) / float(t_s[-1] - t_s[0])
+    t_s, places = session.state.t_s, session.places
+    ends = (float(np.interp(burst.start, places, t_s)), float(np.interp(burst.stop - 1, places, t_s)))
+    hz = burst.frequency * float(places[-1]) / float(t_s[-1] - t_s[0])
     place = Location(names, "t_s", (ends,), None, 1.0, burst.p)
     words = f"a vibration of {hz:.3g} Hz comes and goes on {', '.join(names)}"
     remainder = replace(diagnosis.remainder, location=(place,), hints=(words, *diagnosis.remainder.hints), p=burst.p)

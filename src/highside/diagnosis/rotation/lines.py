@@ -60,9 +60,10 @@ def _peak(power: Array, skip: NDArray[np.bool_]) -> tuple[int, int] | None:
 
 
 def _frequency(session: RotationSession, rows: Array) -> float | None:
-    n = session.n
+    places = session.places
+    n = int(places[-1]) + 1
     length = next_fast_len(LINES_POLICY.padded * n, real=True)
-    spectrum = np.abs(rfft(rows, length, axis=1)) ** 2
+    spectrum = np.abs(rfft(on_grid(rows, places), length, axis=1)) ** 2
     skip = np.zeros(spectrum.shape[1], dtype=bool)
     # what is slower than a few waves is drift
     skip[: LINES_POLICY.slowest * length // n] = True
@@ -72,8 +73,17 @@ def _frequency(session: RotationSession, rows: Array) -> float | None:
     # the frequency between the cells: the best of a fine grid on the row itself
     at, channel = peak
     tries = at / length + np.linspace(-LINES_POLICY.about, LINES_POLICY.about, LINES_POLICY.finer) / n
-    best = _best(tries, np.arange(n, dtype=float), rows[channel])
+    best = _best(tries, places, rows[channel])
     return best / session.step_s
+
+
+def on_grid(rows: Array, places: Array) -> Array:
+    """Rows (C, n) at whole places that rise, 0 at those that are missing."""
+    if places[-1] - places[0] + 1 == places.size:
+        return rows
+    filled = np.zeros((len(rows), int(places[-1] - places[0]) + 1))
+    filled[:, (places - places[0]).astype(np.intp)] = rows
+    return filled
 
 
 def _best(tries: Array, places: Array, row: Array) -> float:

@@ -241,7 +241,7 @@ class RotationProblem(RowsProblem):
 
     def completed(self, diagnosis: Diagnosis) -> Diagnosis:
         summary = with_manoeuvres(located_by_cause(diagnosis, self.model, self.session.state), self.session.state)
-        summary = with_burst(summary, found_burst(self.rest), self.session.state.t_s, self.channels)
+        summary = with_burst(summary, found_burst(self.rest, self.session.places), self.session, self.channels)
         return with_jitter(summary, self.noise, self.channels)
 
     def report_data(self, fit: JointFit | None) -> ReportData:

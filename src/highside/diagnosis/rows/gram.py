@@ -50,6 +50,8 @@ class Segments:
     core: NDArray[np.bool_]
     block: Ints
     flip: Ints
+    at: Array
+    """(blocks,) middle of each block, in steps"""
 
     @classmethod
     def of(cls, design: Design, lead: int) -> Segments:
@@ -67,8 +69,11 @@ class Segments:
             | (fold == GRAMS.folds - 1) & (rows >= starts[-2] + gap)
         )
         length = max(GRAMS.block_s, session.n * session.step_s / GRAMS.max_blocks)
-        block = (rows * session.step_s / length).astype(np.intp)
-        return cls(fold, session.rate_group, core, block, (rows * session.step_s / GRAMS.flip_s).astype(np.intp))
+        # a block that lost all of its rows is none
+        block = _numbered((session.places * session.step_s / length).astype(np.intp))
+        flip = _numbered((session.places * session.step_s / GRAMS.flip_s).astype(np.intp))
+        at = np.bincount(block, weights=session.places + 0.5) / np.bincount(block)
+        return cls(fold, session.rate_group, core, block, flip, at)
 
 
 @dataclass(frozen=True)
@@ -83,6 +88,8 @@ class Gram:
     """(blocks,) rows of each block that count"""
     rows: dict[Key, float]
     """rows of each part that count"""
+    at: Array
+    """(blocks,) middle of each block, in steps"""
 
     @property
     def total(self) -> Array:
@@ -117,7 +124,7 @@ def accumulate(design: Design, noise: RotationNoise, residual: Array) -> tuple[l
     counts = [
         np.bincount(segments.block, weights=(w > 0).astype(float), minlength=blocks).astype(float) for w in noise.weight
     ]
-    return [Gram(*kept) for kept in zip(parts, sums, counts, rows, strict=True)], segments
+    return [Gram(*kept, segments.at) for kept in zip(parts, sums, counts, rows, strict=True)], segments
 
 
 @dataclass(frozen=True)
@@ -138,6 +145,11 @@ def _chunk(white: Array, weight: Array, segments: Segments, part: slice) -> _Chu
         pieces.append((name, np.asarray(piece @ piece.T), float(np.sum(weight[start:stop] > 0))))
     starts = [start for start, _ in _runs(segments.block[part])]
     return _Chunk(pieces, np.add.reduceat(white, starts, axis=1))
+
+
+def _numbered(values: Ints) -> Ints:
+    """The same runs of rising numbers, numbered without a gap."""
+    return np.asarray(np.cumsum(np.diff(values, prepend=values[:1]) != 0), dtype=np.intp)
 
 
 def _runs(values: NDArray[np.generic]) -> list[tuple[int, int]]:
@@ -161,7 +173,7 @@ class RandomWalkGrams:
         used = gram.counts > 0
         counts = gram.counts[used]
         means = gram.sums[:, used] / counts
-        steps = np.cumsum(counts) - counts / 2
+        steps = gram.at[used]
         lengths, shares = np.array(MEMORIES).T
         typical = float(np.median(counts))
         forgets = np.isfinite(lengths)

@@ -160,6 +160,9 @@ class RowSessionsPolicy:
 
     min_rows: int = 1000
     """Fewer rows are too short a stretch for a noise with memory to be known. Chosen in 4048651; no run is recorded."""
+    missing: float = 1e-3
+    """Share by which a recording lasts longer than its rows, from which rows are missing. Source: a thinned recording
+    lasts up to one row more, of a thousand at least."""
     rate_groups: int = 12
     """Groups of steady rates, at most. Chosen in 4048651; no run is recorded."""
     steady: float = 0.02

@@ -53,6 +53,13 @@ class RotationSession:
         """Time from row to row."""
         return self.state.row_seconds
 
+    @cached_property
+    def places(self) -> Array:
+        """(n,) time of each row since the first in steps; their numbers where no rows are missing."""
+        number = np.arange(self.n, dtype=float)
+        elapsed = (self.state.t_s - self.state.t_s[0]) / self.step_s
+        return np.round(elapsed) if elapsed[-1] > (1 + ROW_SESSIONS.missing) * number[-1] else number
+
     def thinned(self, rows: int, seed: int) -> RotationSession:
         """About `rows` of the n rows: of each equally long run one, drawn by `seed`, so that no turning keeps step.
 

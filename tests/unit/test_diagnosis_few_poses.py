@@ -1,0 +1,55 @@
+"""Stepped sessions of 12 to 15 poses: what so few can show is found, what they cannot is told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from highside import api
+from highside.physics.forward import ForwardModel
+from highside.physics.state import ChainState
+
+Array = NDArray[np.float64]
+
+MODEL = {"sensor": {"free": ["bias", "scale", "misalignment"]}}
+SENSOR = {"bias": {"b_x": 1.2e-3, "b_y": -8e-4, "b_z": 1.5e-3}, "scale": {"s_x": 3e-3, "s_y": -2e-3, "s_z": 1e-3}}
+ROWS = 10
+
+
+def stepped(n: int, seed: int, **effects: dict[str, float]) -> dict[str, Array]:
+    """Poses of ten rows each, in directions all around."""
+    rng = np.random.default_rng(seed)
+    inc, tf = np.round(np.degrees(np.arccos(rng.uniform(-1, 1, n))), 3), np.round(rng.uniform(0, 360, n), 3)
+    t_s = np.arange(n) * 15.0
+    state = ChainState.build(np.radians(inc), np.radians(tf), t_s=t_s)
+    readings = np.repeat(ForwardModel.of({**SENSOR, **effects}).predict(state), ROWS, axis=1)
+    readings = readings + rng.normal(0, 6e-5, readings.shape)
+    columns = {"t_s": (t_s[:, None] + np.arange(ROWS)).ravel(), "pose": np.repeat(np.arange(float(n)), ROWS)}
+    columns |= dict(zip(("ax_g", "ay_g", "az_g"), readings, strict=True))
+    return columns | {"inc_ref_deg": np.repeat(inc, ROWS), "tf_ref_deg": np.repeat(tf, ROWS)}
+
+
+@pytest.mark.parametrize("n", [12, 13, 14, 15])
+def test_nothing_is_found_in_few_poses_where_nothing_is_left_out(n: int) -> None:
+    """They were refused."""
+    found = api.diagnose(stepped(n, n), MODEL).found
+    assert found.verdict == "nothing_left_out"
+    assert found.coverage is not None
+    assert found.coverage.intervals_used == n
+    # what so few cannot distinguish is said, effect by effect
+    assert found.coverage.effects_tested == found.coverage.effects_known - len(found.not_testable)
+    assert len(found.not_testable) > 10
+
+
+@pytest.mark.parametrize("n", [13, 15])
+def test_what_few_poses_can_show_is_named(n: int) -> None:
+    found = api.diagnose(stepped(n, 2, sag={"s": 2e-3}), MODEL).found
+    assert found.verdict == "named"
+    (claim,) = found.claims
+    assert "sag" in claim.equivalence_class
+
+
+def test_what_few_poses_show_and_cannot_name_is_no_silence() -> None:
+    found = api.diagnose(stepped(12, 2, quadratic={"k2_x": 1e-3}), MODEL).found
+    assert found.verdict not in ("nothing_left_out", "bad_data", "not_testable")
