@@ -1,13 +1,17 @@
 """Damaged files and messages given to every parser: each is accepted or refused by name, nothing else.
 
-    python tests/faults/fuzz.py --inputs 1000000 [--parser NAME]... [--seconds S] [--seed N] [--keep DIR] [--counts DIR]
+    python tests/faults/fuzz.py --inputs 1000000 [--parser NAME]... [--seconds S] [--seed N] [--keep DIR] [--books FILE]
+    python tests/faults/fuzz.py --told [--books FILE]
 
 Prints a table `parser | inputs | accepted | refused by name | escaped` and exits with 1 if anything escaped: another
 exception than the program's own errors, an error of more than one line, or an input that took longer than 10 s. A
 parser that is not done after `--seconds` ends there; the table tells how far it came. Equal seeds give equal inputs.
-With `--counts` the books are kept in a file of that folder, and the next run with the same seed goes on behind the last
-input of this one: what takes hours can be spread over nights. The table then tells the sums, and what is interrupted
-loses the last minute.
+
+With `--books` what became of the inputs is kept in a file (`tests/faults/fuzzed.json` is tracked), and the next run
+with the same seed goes on behind the last input of this one: what takes hours can be spread over nights. An
+interruption loses the last minute. The books say for each parser which inputs of which seed were given to which state
+of its code (the hash of its modules); `--inputs` counts those that the present code took, `--told` prints them beside
+all others.
 """
 
 from __future__ import annotations
@@ -22,12 +26,11 @@ import sys
 import time
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import FrameType
-from typing import Any
 
 sys.path[:0] = [str(Path(__file__).resolve().parent)]
 
@@ -37,6 +40,7 @@ from highside.errors import HighsideError  # noqa: E402
 
 LONGEST_S = 10
 """for one input; what takes longer is an escape: a service would be ended by its watchdog"""
+BOOKS = Path(__file__).with_name("fuzzed.json")
 KEPT_S = 60.0
 """Seconds after which the books are written again"""
 MEMORY_BYTES = 6 << 30
@@ -80,7 +84,7 @@ def alarm() -> Iterator[None]:
 def fuzz(parser: Parser, inputs: int, seed: int, seconds: float = 1e9, first: int = 0) -> Tally:
     """Give a parser up to `inputs` damaged inputs, from number `first` on."""
     tally = Tally()
-    start = time.monotonic()
+    start, computed = time.monotonic(), time.process_time()
     with alarm(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for number in range(first, first + inputs):
@@ -91,7 +95,7 @@ def fuzz(parser: Parser, inputs: int, seed: int, seconds: float = 1e9, first: in
             signal.alarm(LONGEST_S)
             _one(parser, data, tally)
             signal.alarm(0)
-    tally.seconds = time.monotonic() - start
+    tally.seconds = time.process_time() - computed
     return tally
 
 
@@ -123,48 +127,107 @@ def _escape(tally: Tally, what: str, data: bytes) -> None:
     tally.examples.setdefault(what, data)
 
 
-class Counts:
-    """What became of all inputs so far, by parser, in a file of a folder; without a folder, nothing is kept."""
+@dataclass(slots=True)
+class Entry:
+    """What one state of a parser's code made of a stretch of inputs."""
 
-    def __init__(self, folder: Path | None, seed: int) -> None:
-        self._path = None if folder is None else folder / f"fuzz-seed-{seed}.json"
-        self._of: dict[str, dict[str, Any]] = {}
-        if self._path is not None:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            if self._path.exists():
-                self._of = json.loads(self._path.read_text())
+    code: str
+    """first digits of the SHA-256 of the parser's modules"""
+    seed: int
+    first: int
+    inputs: int = 0
+    accepted: int = 0
+    refused: int = 0
+    escaped: dict[str, int] = field(default_factory=dict)
+    seconds: float = 0.0
+    """of the processor"""
+    date: str = ""
 
-    def of(self, name: str) -> Tally:
-        kept = dict(self._of.get(name, {}))
-        return Tally(escaped=Counter(kept.pop("escaped", {})), **kept)
+    def add(self, more: Tally) -> None:
+        assert more.balanced()
+        self.inputs += more.inputs
+        self.accepted += more.accepted
+        self.refused += more.refused
+        self.escaped = dict(Counter(self.escaped) + more.escaped)
+        self.seconds = round(self.seconds + more.seconds, 1)
+        self.date = time.strftime("%Y-%m-%d")
 
-    def add(self, name: str, more: Tally) -> Tally:
-        """The sum; on disk when this returns."""
-        tally = self.of(name)
-        for what in ("inputs", "accepted", "refused", "escaped", "seconds"):
-            setattr(tally, what, getattr(tally, what) + getattr(more, what))
-        assert tally.balanced()
-        self._of[name] = {
-            what: getattr(tally, what) for what in ("inputs", "accepted", "refused", "escaped", "seconds")
-        }
+
+class Books:
+    """What became of all inputs so far, by parser, in a file; without one, nothing is kept."""
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._of: dict[str, list[Entry]] = {}
+        if path is not None and path.exists():
+            kept = json.loads(path.read_text())
+            self._of = {name: [Entry(**entry) for entry in entries] for name, entries in kept.items()}
+
+    def of(self, parser: Parser) -> Tally:
+        """All that the present code of a parser took."""
+        return _sum(entry for entry in self._of.get(parser.name, ()) if entry.code == parser.code)
+
+    def before(self, parser: Parser) -> Tally:
+        """What earlier code of it took."""
+        return _sum(entry for entry in self._of.get(parser.name, ()) if entry.code != parser.code)
+
+    def next(self, parser: Parser, seed: int) -> int:
+        """The first input of a seed that the present code has not had."""
+        had = [e for e in self._of.get(parser.name, ()) if (e.code, e.seed) == (parser.code, seed)]
+        return max((entry.first + entry.inputs for entry in had), default=0)
+
+    def add(self, parser: Parser, seed: int, first: int, more: Tally) -> None:
+        """On disk when this returns."""
+        entries = self._of.setdefault(parser.name, [])
+        for entry in entries:
+            if (entry.code, entry.seed, entry.first + entry.inputs) == (parser.code, seed, first):
+                break
+        else:
+            entries.append(entry := Entry(parser.code, seed, first))
+        entry.add(more)
         if self._path is not None:
             beside = self._path.with_suffix(".new")
-            beside.write_text(json.dumps(self._of, indent=1))
+            rows = {name: [asdict(entry) for entry in of] for name, of in self._of.items()}
+            beside.write_text(json.dumps(rows, indent=1) + "\n")
             beside.replace(self._path)
-        tally.examples = more.examples
-        return tally
 
 
-def at_most(parser: Parser, inputs: int, seed: int, seconds: float, counts: Counts) -> Tally:
-    """Go on from what is kept until `inputs` are reached or `seconds` are over; kept once a minute."""
-    end, tally = time.monotonic() + seconds, counts.of(parser.name)
-    examples: dict[str, bytes] = {}
-    while tally.inputs < inputs and (left := end - time.monotonic()) > 0:
-        more = fuzz(parser, inputs - tally.inputs, seed, min(left, KEPT_S), tally.inputs)
+def _sum(entries: Iterable[Entry]) -> Tally:
+    total = Tally()
+    for entry in entries:
+        for what in ("inputs", "accepted", "refused", "seconds"):
+            setattr(total, what, getattr(total, what) + getattr(entry, what))
+        total.escaped.update(entry.escaped)
+    return total
+
+
+def at_most(parser: Parser, inputs: int, seed: int, seconds: float, books: Books) -> Tally:
+    """Go on from what is kept until the present code has had `inputs`, or `seconds` are over; kept once a minute."""
+    end, examples = time.monotonic() + seconds, dict[str, bytes]()
+    while (had := books.of(parser).inputs) < inputs and (left := end - time.monotonic()) > 0:
+        first = books.next(parser, seed)
+        more = fuzz(parser, inputs - had, seed, min(left, KEPT_S), first)
         examples = more.examples | examples
-        tally = counts.add(parser.name, more)
+        books.add(parser, seed, first, more)
+    tally = books.of(parser)
     tally.examples = examples
     return tally
+
+
+HEAD = "| parser | inputs | accepted | refused by name | escaped | a second of processor |\n|---|---|---|---|---|---|"
+
+
+def told(parsers: Sequence[Parser], books: Books) -> str:
+    """The books as a table."""
+    lines = ["| parser | inputs, its present code | accepted | refused by name | escaped | inputs, code before |",
+             "|---|---|---|---|---|---|"]  # fmt: skip
+    for parser in parsers:
+        now, before = books.of(parser), books.before(parser)
+        lines.append(
+            f"| {parser.name} | {now.inputs:,} | {now.accepted:,} | {now.refused:,} | {now.escaped.total():,} |"
+            f" {before.inputs:,} |"
+        )
+    return "\n".join(lines)
 
 
 def row(name: str, tally: Tally) -> str:
@@ -181,18 +244,17 @@ def main() -> int:
     arguments.add_argument("--seconds", type=float, default=1e9, help="at most, for each parser")
     arguments.add_argument("--seed", type=int, default=1)
     arguments.add_argument("--keep", type=Path, help="folder for one input of each kind of escape")
-    arguments.add_argument(
-        "--counts", type=Path, help="folder where the books are kept: the next run goes on from there"
-    )
+    arguments.add_argument("--books", type=Path, help="file where the books are kept: the next run goes on from there")
+    arguments.add_argument("--told", action="store_true", help="give no inputs, print what the books hold")
     asked = arguments.parse_args()
     # an environment of a hundred variables is looked through for each field of each configuration
     for name in set(os.environ) - {"PATH", "HOME"}:
         del os.environ[name]
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     try:
-        counts = Counts(asked.counts, asked.seed)
-    except (OSError, ValueError) as error:
-        arguments.error(f"--counts {asked.counts}: {error}; name another folder")
+        books = Books(asked.books or (BOOKS if asked.told else None))
+    except (OSError, ValueError, TypeError) as error:
+        arguments.error(f"--books {asked.books}: {error}; name another file")
     bench = Bench()
     escaped = 0
     try:
@@ -200,11 +262,14 @@ def main() -> int:
         unknown = set(asked.parser or ()) - {parser.name for parser in parsers}
         if unknown:
             arguments.error(f"no parser {unknown}; there are: {', '.join(parser.name for parser in parsers)}")
-        print("| parser | inputs | accepted | refused by name | escaped | rate |\n|---|---|---|---|---|---|")
+        if asked.told:
+            print(told(parsers, books))
+            return 0
+        print(HEAD)
         for parser in parsers:
             if asked.parser and parser.name not in asked.parser:
                 continue
-            tally = at_most(parser, asked.inputs, asked.seed, asked.seconds, counts)
+            tally = at_most(parser, asked.inputs, asked.seed, asked.seconds, books)
             print(row(parser.name, tally), flush=True)
             escaped += tally.escaped.total()
             for number, (what, count) in enumerate(tally.escaped.most_common(12)):

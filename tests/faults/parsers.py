@@ -6,6 +6,7 @@ used, too, as far as its owner would at once: a calibration corrects, a journal 
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
 import os
@@ -14,6 +15,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +51,7 @@ from highside.service.rig.toolface import ToolfaceLog
 Make = Callable[[random.Random], bytes]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Parser:
     """`make` gives a damaged input, `parse` says whether it was accepted."""
 
@@ -58,6 +60,23 @@ class Parser:
     parse: Callable[[bytes], bool]
     sound: tuple[bytes, ...]
     """inputs without damage, which must be accepted"""
+    modules: tuple[str, ...] = ()
+    """files and folders below `src/highside` that hold what reads it, besides `reading`"""
+
+    @cached_property
+    def code(self) -> str:
+        """Which state of the code it is: the first digits of the SHA-256 of its modules."""
+        return code_of(("reading", *self.modules))
+
+
+def code_of(modules: Sequence[str]) -> str:
+    """Hash of the Python files of these modules, and of what damages the inputs."""
+    top = seeds.ROOT / "src" / "highside"
+    files = [Path(__file__).with_name("mutate.py")]
+    for name in modules:
+        found = sorted((top / name).rglob("*.py")) if (top / name).is_dir() else [top / f"{name}.py"]
+        files += found
+    return hashlib.sha256(b"\0".join(path.read_bytes() for path in files)).hexdigest()[:12]
 
 
 def of(*inputs: bytes, damage: Callable[[bytes, random.Random], bytes] = damaged) -> Make:
@@ -70,16 +89,19 @@ def of_document(document: Any, write: Callable[[Any], bytes]) -> Make:
     return lambda rng: write(made.damaged(rng))
 
 
-def _signed_again(document: Any) -> bytes:
-    return seeds.signed_again(document) if isinstance(document, dict) else json.dumps(document).encode()
+def signed_again(*documents: bytes) -> Make:
+    """Damage by the structure, under an id that fits: one of the documents, by chance."""
+    parsed = [json.loads(document) for document in documents]
+    makes = [of_document(document, seeds.SignedAgain(document)) for document in parsed]
+    return lambda rng: rng.choice(makes)(rng)
 
 
-def _chained_again(lines: Any) -> bytes:
-    return seeds.chained_again(lines) if isinstance(lines, list) else b"{}\n"
-
-
-def _journal_lines() -> list[Any]:
-    return [json.loads(line) for line in seeds.journal().splitlines()]
+def chained_again(journal: bytes) -> Make:
+    """Damage by the structure of a journal, its hashes made anew."""
+    lines = [json.loads(line) for line in journal.splitlines()]
+    for line in lines:
+        del line["h"]
+    return of_document(lines, seeds.ChainedAgain(lines))
 
 
 class Bench:
@@ -252,6 +274,15 @@ def _at_once(work: Coroutine[Any, Any, Any]) -> Any:
     raise AssertionError("it waits")
 
 
+CONFIG = ("config",)
+CALIBRATION = ("calibration", "recording/calibration_store", "attitude")
+TABLES = ("recording/table",)
+ROTATION = ("rotation",)
+RIG = ("service/rig/surveys", "service/rig/toolface")
+SESSION = ("bench/mqtt", "bench/session")
+DRIFT = ("service/saved_drift", "service/drift_keeper", "service/drift_stage")
+
+
 def all_parsers(bench: Bench) -> Sequence[Parser]:
     """In the order of the table."""
     config = seeds.ROOT / "config"
@@ -262,50 +293,57 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
     shipped = (config / "highside.toml").read_bytes()
     services = (seeds.SERVICE_PLAIN, shipped, seeds.SERVICE)
     dbcs = (seeds.DBC, (config / "highside.dbc").read_bytes())
-    record, compensation = seeds.record().to_json().encode(), seeds.compensation()
+    record, compensations = seeds.record().to_json().encode(), seeds.compensations()
     override = (b"mqtt.port=1883", b'tool.id="x"', b"codec.columns={ax=1}")
     entry = {"number": 1, "tool": "t1", "record": "0" * 64, "action": "activate", "at": "2026-11-22T10:00:00Z"}
     activation = json.dumps(entry | {"undoes": None}).encode()
     journal = seeds.journal()
     return (
-        Parser("service TOML", of(*services), bench.service_toml, services),
-        Parser("bench TOML", of(*bench_files), bench.bench_toml, tuple(bench_files)),
-        Parser("certificate TOML", of(fields), bench.certificate_toml, (fields,)),
-        Parser("model TOML", of(*models), bench.model_toml, tuple(models)),
-        Parser("codec TOML", of(codec), bench.codec_toml, (codec,)),
-        Parser("--set", of(*override), bench.override, override),
-        Parser("DBC text", of(*dbcs), bench.dbc, dbcs),
-        Parser("calibration record", of(record), bench.record, (record,)),
-        Parser("record, hashed again", of_document(json.loads(record), _signed_again), bench.record, (record,)),
-        Parser("activation", of(activation), bench.activation, (activation,)),
-        Parser("compensation", of(compensation), bench.compensation, (compensation,)),
+        Parser("service TOML", of(*services), bench.service_toml, services, CONFIG),
+        Parser("bench TOML", of(*bench_files), bench.bench_toml, tuple(bench_files), CONFIG),
+        Parser("certificate TOML", of(fields), bench.certificate_toml, (fields,), CONFIG),
+        Parser("model TOML", of(*models), bench.model_toml, tuple(models), (*CONFIG, "physics")),
+        Parser("codec TOML", of(codec), bench.codec_toml, (codec,), (*CONFIG, "codec")),
+        Parser("--set", of(*override), bench.override, override, CONFIG),
+        Parser("DBC text", of(*dbcs), bench.dbc, dbcs, ("codec/can_dbc",)),
+        Parser("calibration record", of(record), bench.record, (record,), CALIBRATION),
+        Parser("record, hashed again", signed_again(record), bench.record, (record,), CALIBRATION),
+        Parser("activation", of(activation), bench.activation, (activation,), ("recording/calibration_store",)),
+        Parser("compensation", of(compensations[0]), bench.compensation, compensations, ROTATION),
         Parser(
-            "compensation, hashed again",
-            of_document(json.loads(compensation), _signed_again),
-            bench.compensation,
-            (compensation,),
+            "compensation, hashed again", signed_again(*compensations), bench.compensation, compensations, ("rotation",)
         ),
-        Parser("drift state", of(seeds.drift_state()), bench.drift_state, (seeds.drift_state(),)),
+        Parser("drift state", of(seeds.drift_state()), bench.drift_state, (seeds.drift_state(),), DRIFT),
         Parser(
             "drift state, by structure",
             of_document(json.loads(seeds.drift_state()), lambda d: json.dumps(d).encode()),
             bench.drift_state,
             (seeds.drift_state(),),
+            DRIFT,
         ),
-        Parser("toolface log", of(seeds.toolface_log()), bench.toolface, (seeds.toolface_log(),)),
-        Parser("surveys", of(seeds.surveys()), bench.surveys, (seeds.surveys(),)),
-        Parser("journal", of(journal), bench.journal, (journal,)),
-        Parser("journal, chained again", of_document(_journal_lines(), _chained_again), bench.journal, (journal,)),
+        Parser(
+            "toolface log", of(seeds.toolface_log()), bench.toolface, (seeds.toolface_log(),), ("service/rig/toolface",)
+        ),
+        Parser("surveys", of(seeds.surveys()), bench.surveys, (seeds.surveys(),), RIG),
+        Parser("journal", of(journal), bench.journal, (journal,), SESSION),
+        Parser("journal, chained again", chained_again(journal), bench.journal, (journal,), SESSION),
         Parser(
             "recording CSV",
             of(seeds.recording(), seeds.recording_plain()),
             bench.recording,
             (seeds.recording(), seeds.recording_plain()),
+            TABLES,
         ),
-        Parser("recording CSV.gz", of(seeds.recording_plain(), damage=damaged_gzip), bench.recording, ()),
-        Parser("pose table", of(seeds.poses()), bench.pose_table, (seeds.poses(),)),
-        Parser(".hsw", of(seeds.wire()), bench.wire, (seeds.wire(),)),
-        Parser("candump", of(seeds.candump()), bench.candump, (seeds.candump(),)),
-        Parser("drift/command", of(*seeds.DRIFT_COMMANDS), bench.drift_command, seeds.DRIFT_COMMANDS[:1]),
-        Parser("session/command", of(*seeds.SESSION_COMMANDS), bench.session_command, seeds.SESSION_COMMANDS),
+        Parser("recording CSV.gz", of(seeds.recording_plain(), damage=damaged_gzip), bench.recording, (), TABLES),
+        Parser("pose table", of(seeds.poses()), bench.pose_table, (seeds.poses(),), TABLES),
+        Parser(".hsw", of(seeds.wire()), bench.wire, (seeds.wire(),), ("recording/wire", "link/replay")),
+        Parser("candump", of(seeds.candump()), bench.candump, (seeds.candump(),), ("recording/candump",)),
+        Parser("drift/command", of(*seeds.DRIFT_COMMANDS), bench.drift_command, seeds.DRIFT_COMMANDS[:1], DRIFT),
+        Parser(
+            "session/command",
+            of(*seeds.SESSION_COMMANDS),
+            bench.session_command,
+            seeds.SESSION_COMMANDS,
+            ("bench/mqtt", "bench/session"),
+        ),
     )

@@ -96,16 +96,12 @@ class Tests:
         )
 
 
-KEEP = "HIGHSIDE_FAULTS_KEEP"
-"""variable of the environment: the folder of `--keep`, for what keeps books of its own there"""
-
-
 def fuzz(number: int, _folder: Path, *, strict: bool) -> Row:
     """26: damaged inputs for every parser."""
     command = [sys.executable, str(ROOT / "tests" / "faults" / "fuzz.py"), "--inputs", str(number)]
     command += ["--seconds", "120" if strict else "1"]
-    if keep := os.environ.get(KEEP):
-        command += ["--counts", str(Path(keep) / "fuzz")]
+    if strict:
+        command += ["--seed", "26", "--books", str(ROOT / "tests" / "faults" / "fuzzed.json")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     rows = [line.split("|")[1:-1] for line in done.stdout.splitlines()[2:] if line.startswith("|")]
     counts = [int(cells[1].replace(",", "")) for cells in rows]
@@ -282,7 +278,6 @@ def main() -> int:
             asked.keep.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             arguments.error(f"--keep {asked.keep}: cannot be made a folder ({error.strerror}); name another place")
-        os.environ[KEEP] = str(asked.keep.resolve())
     rows = all_of(jobs, asked.number, short=asked.short, kept=Kept(asked.keep))
     if asked.write:
         write(rows)

@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 import sys
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -133,8 +134,8 @@ def record() -> CalibrationRecord:
 
 
 @cache
-def compensation() -> bytes:
-    """Three curves: harmonics, a polynomial with the rate, a network."""
+def compensations() -> tuple[bytes, ...]:
+    """Three curves (harmonics, a polynomial with the rate, a network) together, then one by one."""
     theta = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)
     error = 20.0 * np.sin(theta) + 0.1 * np.random.default_rng(1).standard_normal(180)
     samples = Samples.build(theta, error, 0.1 * (1.0 + np.floor(theta / 1.6)))
@@ -143,7 +144,8 @@ def compensation() -> bytes:
         "toolface": fit(samples, CurveMethod.POLYNOMIAL9, FitOptions(rate_terms=1), held_out=False),
         "heading": fit(samples, CurveMethod.NETWORK, FitOptions(), held_out=False),
     }
-    return Compensation(curves, Validity(40.0), "turns.csv", "0" * 64).to_json().encode()
+    sets = (curves, *({name: curve} for name, curve in curves.items()))
+    return tuple(Compensation(one, Validity(40.0), "turns.csv", "0" * 64).to_json().encode() for one in sets)
 
 
 def drift_stage() -> DriftStage:
@@ -224,20 +226,48 @@ def candump() -> bytes:
     return "".join(format_candump(frame, "can0") for frame in frames).encode()
 
 
-def signed_again(content: dict[str, Any]) -> bytes:
-    """A document whose id is the hash of what it says now: as whoever tampers with it would do."""
-    content = {name: value for name, value in content.items() if name != "id"}
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
-    return json.dumps({"id": hashlib.sha256(text.encode()).hexdigest(), **content}).encode()
+class Texts:
+    """JSON texts of the values that damaged versions of a document share with it: written once, found by identity."""
+
+    def __init__(self, shared: Iterable[Any], **style: Any) -> None:
+        self._style = style
+        self._of = {id(value): (value, self._write(value)) for value in shared if isinstance(value, dict | list)}
+
+    def __call__(self, value: Any) -> str:
+        known = self._of.get(id(value))
+        return known[1] if known is not None else self._write(value)
+
+    def _write(self, value: Any) -> str:
+        return json.dumps(value, separators=(",", ":"), **self._style)
 
 
-def chained_again(lines: list[Any]) -> bytes:
-    """Lines of a journal whose hashes follow from one another."""
-    out, chain = [], ""
-    for line in lines:
-        content = dict(line) if isinstance(line, dict) else {"d": line}
-        content.pop("h", None)
-        text = json.dumps(content, separators=(",", ":"))
-        chain = hashlib.sha256((chain + text).encode("ascii", "replace")).hexdigest()[:16]
-        out.append(f'{text[:-1]},"h":"{chain}"}}\n'.encode("ascii"))
-    return b"".join(out)
+class SignedAgain:
+    """Writes damaged versions of a document with the hash of what they say now as their id: as whoever tampers with
+    one would do."""
+
+    def __init__(self, document: dict[str, Any]) -> None:
+        self._texts = Texts(document.values(), sort_keys=True)
+
+    def __call__(self, document: Any) -> bytes:
+        if not isinstance(document, dict):
+            return json.dumps(document).encode()
+        named = sorted((name, value) for name, value in document.items() if name != "id")
+        body = ",".join(f"{json.dumps(name)}:{self._texts(value)}" for name, value in named)
+        return f'{{"id":"{hashlib.sha256(f"{{{body}}}".encode()).hexdigest()}",{body}}}'.encode()
+
+
+class ChainedAgain:
+    """Writes damaged versions of a journal's lines with hashes that follow from one another."""
+
+    def __init__(self, lines: list[Any]) -> None:
+        self._texts = Texts(lines)
+
+    def __call__(self, lines: Any) -> bytes:
+        if not isinstance(lines, list):
+            return b"{}\n"
+        out, chain = [], ""
+        for line in lines:
+            text = self._texts(line if isinstance(line, dict) else {"d": line})
+            chain = hashlib.sha256((chain + text).encode("ascii", "replace")).hexdigest()[:16]
+            out.append(f'{text[:-1]},"h":"{chain}"}}\n'.encode("ascii"))
+        return b"".join(out)

@@ -55,12 +55,24 @@ def test_books_that_are_kept_are_gone_on_with(tmp_path: Path) -> None:
             raise KeyError("x")
         return data[0] < 128
 
-    parser = Parser("made", lambda rng: rng.randbytes(4), parse, ())
-    fuzz.at_most(parser, 70, 5, 60.0, fuzz.Counts(tmp_path, 5))
-    tally = fuzz.at_most(parser, 200, 5, 60.0, fuzz.Counts(tmp_path, 5))
+    def made(name: str) -> Parser:
+        return Parser("made", lambda rng: rng.randbytes(4), parse, (), (name,))
+
+    def books() -> fuzz.Books:
+        return fuzz.Books(tmp_path / "books.json")
+
+    parser = made("codec/can_dbc")
+    fuzz.at_most(parser, 70, 5, 60.0, books())
+    tally = fuzz.at_most(parser, 200, 5, 60.0, books())
     assert (tally.inputs, tally.escaped.total(), tally.balanced()) == (200, 1, True)
     assert seen == [random.Random(f"5 made {number}").randbytes(4) for number in range(200)]
-    assert fuzz.at_most(parser, 200, 5, 60.0, fuzz.Counts(tmp_path, 5)).inputs == len(seen) == 200
+    assert fuzz.at_most(parser, 200, 5, 60.0, books()).inputs == len(seen) == 200
+    # another seed adds to it; code that has changed has had none of them
+    assert fuzz.at_most(parser, 264, 6, 60.0, books()).inputs == len(seen) == 264
+    changed = made("printable")
+    assert fuzz.at_most(changed, 64, 5, 60.0, books()).inputs == 64
+    assert books().before(changed).inputs == 264
+    assert seen[264:] == seen[:64]
 
 
 def test_an_exception_a_long_line_and_a_long_time_are_escapes(monkeypatch: pytest.MonkeyPatch) -> None:
