@@ -116,6 +116,24 @@ def test_nothing_is_left_out_of_the_whole_model(tmp_path: Path, shared_data: Pat
     assert found["minimum_detectable"]["quadratic"]["value"] < 3e-3
 
 
+@pytest.mark.parametrize(
+    ("name", "step_mg", "share"), [("imu_tk", 0.5, 0.5), ("mpu9150_imu0", 5.0, 0.3), ("mpu9150_imu1", 10.0, 0.5)]
+)
+def test_a_step_in_a_real_session_by_hand_is_not_nothing(
+    tmp_path: Path, shared_data: Path, name: str, step_mg: float, share: float
+) -> None:
+    """From a share of the session on all axes read more: named, or refused with the size of what is left."""
+    columns = columns_of(shared_data, name)
+    later = columns["t_s"] >= columns["t_s"][0] + share * np.ptp(columns["t_s"])
+    for axis, part in zip("xyz", (0.62, -0.49, 0.61), strict=True):
+        columns[f"a{axis}_g"] = columns[f"a{axis}_g"] + 1e-3 * step_mg * part * later
+    write_recording(tmp_path / "rec.csv", Recording(columns))
+    found = diagnose(tmp_path, tmp_path / "rec.csv", "bias scale misalignment")
+    assert found["verdict"] != "nothing_left_out"
+    claimed = {effect for claim in found["claims"] for effect in claim["equivalence_class"]}
+    assert "bias_step" in claimed or "more than they repeat" in found["remainder"]["hints"][0]
+
+
 @pytest.mark.parametrize(("name", "from_s"), [("sunsided", 60.0), ("tomisuarez", 0.0)])
 def test_nothing_is_invented_at_rest(tmp_path: Path, shared_data: Path, name: str, from_s: float) -> None:
     """Of `sunsided` without its first minute: it reads less after it was switched on (the next test)."""

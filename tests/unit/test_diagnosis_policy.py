@@ -28,7 +28,7 @@ ELSEWHERE = {
     ("core/fit.py", 12): "the variance of a uniform law is a twelfth of its width squared",
     ("intake/checks.py", 1e3): "mg in a g",
     ("intake/checks.py", 1e6): "ug in a g",
-    ("magnitude/problem.py", 1e3): "mg in a g",
+    ("magnitude/remainder.py", 1e3): "mg in a g",
     ("magnitude/noise.py", 9): "behind all stages of the chain",
     ("core/floor.py", 6): "the variance of a second difference of white noise",
     ("core/floor.py", 12): "the variance of a uniform law is a twelfth of its width squared",

@@ -18,7 +18,7 @@ from highside.diagnosis.core.problem import N, Problem, SelectionState
 from highside.diagnosis.core.result import Claim, Coverage, Diagnosis, FittedParameter
 from highside.diagnosis.core.shares import shares_of
 from highside.diagnosis.core.stability import Stability
-from highside.diagnosis.core.unexplained import unexplained, with_excess, with_lattice
+from highside.diagnosis.core.unexplained import hinted, unexplained, with_excess, with_lattice
 
 
 def checked(
@@ -30,7 +30,19 @@ def checked(
     if problem.method.refusal:
         found = unexplained(problem.floor_excess(selection.terms), memories)
         diagnosis = with_excess(diagnosis, found, problem.readings, problem.policy.floor_ratio)
-    return replace(diagnosis, coverage=_coverage(problem, diagnosis))
+    return _as_far_as_covered(replace(diagnosis, coverage=_coverage(problem, diagnosis)))
+
+
+def _as_far_as_covered(diagnosis: Diagnosis) -> Diagnosis:
+    """Nothing left out of the lesser part of a session says nothing of the session."""
+    covered = diagnosis.coverage
+    if covered is None or covered.intervals_used is None or covered.intervals_expected is None:
+        return diagnosis
+    used, expected = covered.intervals_used, covered.intervals_expected
+    if diagnosis.verdict != "nothing_left_out" or used >= CHECKED.covered * expected:
+        return diagnosis
+    words = f"only {used} of about {expected} holds were still enough to be read: hold the tool still, on a rest"
+    return hinted(replace(diagnosis, verdict="not_testable"), words)
 
 
 def without_rounding(problem: Problem[N], diagnosis: Diagnosis) -> Diagnosis:

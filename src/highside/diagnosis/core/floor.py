@@ -85,8 +85,13 @@ def floor_of_means(values: Array, rows: Sequence[Ints]) -> NoiseFloor | None:
 
 
 def _of_a_row(channel: Array, rows: Sequence[Ints]) -> tuple[float, float]:
-    """Variance of a row by which the mean of an interval is uncertain, and the degrees of freedom it is known to."""
-    best = (0.0, 1.0)
+    """Variance of a row by which the mean of an interval is uncertain, and the degrees of freedom it is known to.
+
+    A longer stretch counts where its variance is the larger one by more than chance: else the shorter one, which is
+    known far better. Where it is, rows are correlated, and the largest counts of those that are known well. One
+    interval that is long enough shows what the others are too short for.
+    """
+    best, correlated = (0.0, 1.0), False
     length = 1
     longest = max(r.size for r in rows)
     while length <= max(1, longest // FLOOR.stretches):
@@ -103,11 +108,20 @@ def _of_a_row(channel: Array, rows: Sequence[Ints]) -> tuple[float, float]:
         if known < FLOOR.least_differences and length > 1:
             break
         if known:
-            variance = length * squares / known
-            if variance > best[0]:
-                best = (variance, max(FLOOR.overlap * known, 1.0))
+            found = (length * squares / known, max(FLOOR.overlap * known, 1.0))
+            clearly = _longer(found, best)
+            correlated |= clearly and length > 1
+            if length == 1 or clearly or (correlated and known >= FLOOR.many_differences and found[0] > best[0]):
+                best = found
         length *= 2
     return best
+
+
+def _longer(found: tuple[float, float], best: tuple[float, float]) -> bool:
+    """Whether a variance with its degrees of freedom exceeds another one by more than chance."""
+    if best[0] <= 0.0:
+        return found[0] > 0.0
+    return bool(fdtrc(found[1], best[1], found[0] / best[0]) < FLOOR.longer)
 
 
 def excess(residual: Array, columns: Array, floor: NoiseFloor) -> Excess:

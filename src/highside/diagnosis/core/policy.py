@@ -436,9 +436,14 @@ class FloorPolicy:
     `ProblemPolicy.floor_ratio`."""
     stretches: int = 4
     """Stretches of an interval whose means are compared, at least. Source: a definition."""
-    least_differences: int = 30
-    """Differences of means by which a longer stretch is judged, at least: their variance is known to a quarter. Source:
-    the chi-square law, sqrt(2 / 30)."""
+    least_differences: int = 6
+    """Differences of means by which a longer stretch is judged, at least. Source: with the four degrees of freedom
+    that they have at `longer`, a standard deviation of twice the shorter ones' passes."""
+    many_differences: int = 30
+    """Differences by which a variance is known well, to a quarter. Source: the chi-square law, sqrt(2 / 30)."""
+    longer: float = 1e-3
+    """Probability of chance below which the variance of a longer stretch stands in place of a shorter one's. Source:
+    ten lengths are tried; one session in a hundred is then given a floor that is too high."""
     overlap: float = 2 / 3
     """Degrees of freedom of a successive difference: neighbours share a mean. Source: von Neumann et al., Ann. Math.
     Statist. 12, 1941, for white noise."""
@@ -479,6 +484,9 @@ STABILITY = StabilityPolicy()
 class CheckedPolicy:
     """When a reported size must be wider."""
 
+    covered: float = 0.5
+    """Share of the holds below which nothing left out of those that were still says nothing of the session. Source: a
+    definition, the lesser part."""
     remainder: float = 1.5
     """Mean square that is left, in those of the noise, from which intervals are widened by its root. Source: a fit of
     thirty degrees of freedom exceeds 1.5 by chance in 4 %."""

@@ -54,6 +54,12 @@ def words_of(found: Excess, readings: str) -> str:
     )
 
 
+def hinted(diagnosis: Diagnosis, words: str) -> Diagnosis:
+    """The diagnosis with a hint that stands before the others."""
+    hints = (words, *(hint for hint in diagnosis.remainder.hints if hint != words))
+    return replace(diagnosis, remainder=replace(diagnosis.remainder, hints=hints))
+
+
 def with_excess(diagnosis: Diagnosis, found: Excess | None, readings: str, ratio: float) -> Diagnosis:
     """The diagnosis with scatter above the floor reported; from a factor of `ratio` on something is left, named or
     not."""

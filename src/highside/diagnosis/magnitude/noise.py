@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import fdtrc
 
 from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate
 from highside.diagnosis.core.location import Basis
 from highside.diagnosis.core.memory import Innovating
-from highside.diagnosis.core.policy import CANDIDATE_SET, FITS, REGRESSION
+from highside.diagnosis.core.policy import CANDIDATE_SET, FITS, FLOOR, REGRESSION
 from highside.diagnosis.core.regression import log10_p, outside, span
 from highside.diagnosis.magnitude.policy import MAGNITUDE_NOISE
 from highside.diagnosis.magnitude.session import MagnitudeSession
@@ -104,10 +105,20 @@ def _size(columns: Array) -> Array:
 
 def scatter(session: MagnitudeSession, residual: Array, rich: Array) -> MagnitudeNoise:
     """Scatter of the readings beyond the rich columns. Poses of a hand scatter alike whatever their length; blocks of a
-    rest by the number of rows they hold."""
+    rest by the number of rows they hold.
+
+    Where few readings are left to show it, most of what is sought may hide in it. So where the readings of a hand
+    scatter no more than they repeat, by their rows, what both say is taken together.
+    """
     relative = np.sqrt(np.median(session.count) / session.count) if session.rest else np.ones(session.n)
     space = span(rich[:, 0] / relative, tolerance=MAGNITUDE_NOISE.independent)
     left = outside(space, residual[0] / relative)
     freedom = session.n - space.shape[0]
-    size = max(float(np.sqrt(left @ left / freedom)), 1e-9)
-    return MagnitudeNoise(size * relative, float(freedom))
+    square = float(left @ left) / freedom
+    floor = session.floor
+    if floor is not None and not session.rest:
+        known = float(np.mean(floor.sigma**2))
+        if fdtrc(freedom, floor.freedom, square / known) > FLOOR.chance:
+            square = (freedom * square + floor.freedom * known) / (freedom + floor.freedom)
+            freedom += floor.freedom
+    return MagnitudeNoise(max(float(np.sqrt(square)), 1e-9) * relative, float(freedom))

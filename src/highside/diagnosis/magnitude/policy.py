@@ -84,6 +84,12 @@ class MagnitudeNoisePolicy:
     independent: float = 1e-4
     """Share of the largest singular value from which a direction of the rich model is independent. Chosen in 6be9111;
     no run is recorded."""
+    resembling: float = 1.5
+    """Times that magnitudes disagree more than they repeat from which what resembles something is not nothing. Source:
+    thirteen degrees of freedom exceed it by chance in 0.6 %."""
+    slow_chance: float = 0.003
+    """Probability of chance, of all slow effects together, below which what one of them explains is not nothing.
+    Source: a third of `CandidateSetPolicy.alarm_rate`; the variants that are counted overlap."""
 
 
 MAGNITUDE_NOISE = MagnitudeNoisePolicy()
@@ -166,6 +172,11 @@ class MagnitudeSessionsPolicy:
     window_rows: int = 10
     """Rows of such a window, at least: of fewer the scatter is not known well enough. Chosen in 2c0290f; no run is
     recorded."""
+    held_rad: float = float(np.radians(2.0))
+    """rad (2 deg); turn from window to window below which a tool was held, if not still. Source: a hand that holds
+    without a rest trembles by a degree; the next attitude is `distinct_rad` away at least."""
+    held_s: float = 2.0
+    """s; it was held for so long at least. Source: as `window_s`, the shortest still interval is of four windows."""
     least_hz: float = 1e-3
     """Hz; no recording is taken to be slower. Chosen in 6be9111; no run is recorded."""
     room_c: float = 25.0
@@ -175,13 +186,10 @@ class MagnitudeSessionsPolicy:
 MAGNITUDE_SESSIONS = MagnitudeSessionsPolicy()
 
 
-MAGNITUDE = ProblemPolicy(floor_ratio=3.0)
+MAGNITUDE = ProblemPolicy()
 """Magnitudes of changing attitudes are judged as the rest is; how many names are given depends on the readings
 (`MagnitudeChoicePolicy.per_name`). Chosen in 6be9111; no run is recorded. Untouched public recordings of tools turned
-by hand leave 0.8, 0.8 and 2.6 times their floor. In the last (imu_tk) attitudes are set again up to seven times: the
-same attitude, to 3 degrees, repeats to 135 ug, where the model of offset, scale and misalignment leaves 114 ug. So no
-function of attitude is missing: offsets that were never compensated wander between visits. What is below the bound is
-still said with its size."""
+by hand leave 0.9, 0.9 and 0.95 times their floor (tests/integration/test_diagnose_real.py)."""
 
 AT_REST = ProblemPolicy(floor_ratio=2.5, slow=SlowLimits(forgiven=0.05))
 """At rest all that shows is slow: a temperature coefficient that is not quite constant leaves a little that looks like

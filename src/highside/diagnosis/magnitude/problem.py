@@ -29,7 +29,6 @@ from highside.diagnosis.core.result import Diagnosis, Fit, Location, NotTestable
 from highside.diagnosis.core.rivals import Rivalry
 from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.core.stability import Stability, splits_of, stability
-from highside.diagnosis.core.unexplained import words_of
 from highside.diagnosis.magnitude.candidates import (
     bases_of,
     beyond_linear,
@@ -43,6 +42,7 @@ from highside.diagnosis.magnitude.noise import MagnitudeNoise, plainly_required,
 from highside.diagnosis.magnitude.observed import Magnitudes
 from highside.diagnosis.magnitude.policy import AT_REST, MAGNITUDE, MAGNITUDE_CHOICE
 from highside.diagnosis.magnitude.projected_random_walk import ProjectedWalkLikelihoods, ProjectedWalkNoise
+from highside.diagnosis.magnitude.remainder import READINGS, levels_differ, with_what_is_left
 from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.diagnosis.magnitude.shapes import sharpened
 from highside.physics.effect import Stage
@@ -72,7 +72,7 @@ class MagnitudeProblem(Problem[MagnitudeNoise]):
     about: Shapes = field(default_factory=dict)
     """effects beside the free ones, with their shapes, at whose fitted sizes everything is taken to first order"""
 
-    readings = "magnitudes of still readings"
+    readings = READINGS
 
     @classmethod
     def of(cls, session: MagnitudeSession, model: ForwardModel, free: tuple[str, ...], seed: int) -> MagnitudeProblem:
@@ -401,10 +401,17 @@ class MagnitudeProblem(Problem[MagnitudeNoise]):
             words = f"{', '.join(undetermined)} may be refitted and cannot be determined by this recording"
             remainder = replace(diagnosis.remainder, hints=(words, *diagnosis.remainder.hints))
             diagnosis = replace(diagnosis, verdict="not_testable", remainder=remainder)
-        if self.session.rest and diagnosis.verdict == "nothing_left_out" and (words := self._differ()):
+        if (
+            self.session.rest
+            and diagnosis.verdict == "nothing_left_out"
+            and (words := levels_differ(self.session, self.free, self.policy.floor_ratio))
+        ):
             remainder = replace(diagnosis.remainder, hints=(words, *diagnosis.remainder.hints))
             diagnosis = replace(diagnosis, verdict="not_testable", remainder=remainder)
-        diagnosis = self._with_what_is_left(diagnosis)
+        left = self.floor_excess([])
+        if left is not None:
+            slow = [c for c in self.candidates if c.slow and c.named]
+            diagnosis = with_what_is_left(diagnosis, left, self.session, slow, self.base[:, 0], self.residual[0])
         if not self.session.rest or not diagnosis.claims:
             return diagnosis
         words = (
@@ -413,37 +420,6 @@ class MagnitudeProblem(Problem[MagnitudeNoise]):
         )
         remainder = replace(diagnosis.remainder, hints=(words, *diagnosis.remainder.hints))
         return replace(diagnosis, remainder=remainder)
-
-    def _differ(self) -> str:
-        """Of a rest in a few attitudes, in words, what the free parameters have taken up between them; else nothing.
-
-        A jump that also turns the reading a little is one attitude more, and offset and scale fit any level in it.
-        """
-        session = self.session
-        if session.floor is None or not self.free or not np.any(session.group):
-            return ""
-        size = np.linalg.norm(session.mean, axis=0)
-        found = excess((size - size.mean())[None], np.ones((1, 1, session.n)), session.floor)
-        if not found.above(self.policy.floor_ratio):
-            return ""
-        return (
-            f"the magnitude differs by {1e3 * float(np.ptp(size)):.3g} mg between the {int(session.group.max()) + 1} "
-            f"attitudes of this rest, and {', '.join(self.free)}, which may be refitted, take up any such difference"
-        )
-
-    def _with_what_is_left(self, diagnosis: Diagnosis) -> Diagnosis:
-        """A random walk is no explanation of readings that disagree more than they repeat: how much is said."""
-        left = self.floor_excess([])
-        # what resembles something and is above the floor is not nothing, whatever its noise
-        nothing = diagnosis.verdict == "nothing_left_out"
-        if left is None or not left.above(1.0) or not (diagnosis.verdict in ("wander", "partial") or nothing):
-            return diagnosis
-        if nothing and not diagnosis.remainder.resembles:
-            return diagnosis
-        words = words_of(left, self.readings)
-        hints = (words, *(hint for hint in diagnosis.remainder.hints if hint != words))
-        remainder = replace(diagnosis.remainder, hints=hints)
-        return replace(diagnosis, verdict="unknown" if nothing else diagnosis.verdict, remainder=remainder)
 
     def _not_parted(self) -> list[NotTestable]:
         """Free effects of which the magnitudes show nothing that the other free ones do not show as well."""

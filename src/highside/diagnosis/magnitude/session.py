@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -109,7 +109,8 @@ def magnitude_session(columns: Mapping[str, Array], accel_g: Array, *, gravity_m
     rows = [interval.rows() for interval in intervals]
     attitudes, found = _announced(accel_g, rows, rate_hz)
     if attitudes >= MAGNITUDE_SESSIONS.min_attitudes:
-        return _session(columns, accel_g, rows, np.arange(len(rows)), False, attitudes, found, gravity_mps2)
+        session = _session(columns, accel_g, rows, np.arange(len(rows)), False, attitudes, found, gravity_mps2)
+        return replace(session, expected=_held(columns, accel_g, rate_hz))
     if "pose" not in columns:
         # a rest may drift: without the slow change of the magnitude it is detected whole
         with suppress(InputError):
@@ -144,6 +145,20 @@ def _still(accel_g: Array, rate_hz: float) -> list[StillInterval]:
     return find_still_intervals(
         accel_g, rate_hz, window_s=max(MAGNITUDE_SESSIONS.window_s, MAGNITUDE_SESSIONS.window_rows / rate_hz)
     )
+
+
+def _held(columns: Mapping[str, Array], accel_g: Array, rate_hz: float) -> int:
+    """How often the tool was held, still or not: as numbered, else stretches in which it points nearly the same way."""
+    if "pose" in columns:
+        pose = columns["pose"]
+        return int(np.unique(pose[pose >= 0]).size)
+    rows = max(MAGNITUDE_SESSIONS.window_rows, round(MAGNITUDE_SESSIONS.window_s * rate_hz))
+    windows = accel_g.shape[1] // rows
+    direction = unit(accel_g[:, : windows * rows].reshape(3, windows, rows).mean(axis=2))
+    near = np.linalg.norm(np.diff(direction, axis=1), axis=0) < MAGNITUDE_SESSIONS.held_rad
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], near.astype(int), [0]])))
+    lengths = (edges[1::2] - edges[::2] + 1) * rows / rate_hz
+    return int(np.sum(lengths >= MAGNITUDE_SESSIONS.held_s))
 
 
 def _slow_magnitude(accel_g: Array, rate_hz: float) -> Array:
