@@ -13,7 +13,7 @@ from highside.diagnosis.core.rivals import Refitted, Rivalry
 from highside.diagnosis.engine import diagnose_rotation
 from highside.diagnosis.rotation.pilot import may_be_nonlinear
 from highside.diagnosis.rotation.policy import PILOT
-from highside.diagnosis.rows.design import Design
+from highside.diagnosis.rows.design import ChainDesign
 from highside.diagnosis.rows.noise import plain
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.effect import Effect
@@ -71,7 +71,7 @@ def test_inner_products_and_bends_by_runs_are_those_of_the_whole() -> None:
     model, residual = base_fit(ForwardModel.of({}), whole, FREE)
     _, other = base_fit(ForwardModel.of({}), parts, FREE)
     assert np.abs(residual - other).max() < 1e-12
-    design = Design(session, model, FREE)
+    design = ChainDesign(session, model, FREE)
     names = [c.id for c in design.candidates]
     terms = [Term(names.index(name), 0) for name in STRONG]
     noise = plain(np.full(3, 8e-5), session.n)
@@ -88,7 +88,7 @@ def test_inner_products_and_bends_by_runs_are_those_of_the_whole() -> None:
 
 def test_some_functions_are_those_among_all() -> None:
     session = recording({}, turning(25.0), gyros=True)
-    design = Design(session, ForwardModel.of({}), FREE)
+    design = ChainDesign(session, ForwardModel.of({}), FREE)
     rng = np.random.default_rng(2)
     only = [rng.permutation(m)[: m // 3] for m in design.sizes]
     part = slice(300, 500)
@@ -112,7 +112,7 @@ def test_some_rows_are_drawn_one_from_each_run() -> None:
 def test_a_column_shows_on_a_channel_that_it_reaches_in_rare_ramps_alone() -> None:
     # ramps are 4 of 1504 s: what a late clock does to the rate about the tool's axis shows in them alone
     session = recording({}, turning(300.0), gyros=True)
-    design = Design(session, ForwardModel.of({}), FREE)
+    design = ChainDesign(session, ForwardModel.of({}), FREE)
     late = next(c for c in design.candidates if c.id == "time_offset")
     assert np.all(design.where[late.variants[0].columns][:, [0, 1, 5]] >= 0)
 

@@ -10,7 +10,7 @@ from highside.diagnosis.core.fit import Observed, base_fit
 from highside.diagnosis.core.markov import LevelNoise, VectorNoise
 from highside.diagnosis.engine import diagnose_rotation
 from highside.diagnosis.rotation.lines import found_lines
-from highside.diagnosis.rows.design import Design, Line
+from highside.diagnosis.rows.design import ChainDesign, Line
 from highside.diagnosis.rows.gram import HeldOutRows, RandomWalkGrams, Space, accumulate
 from highside.diagnosis.rows.noise import RotationNoise, estimate
 from highside.diagnosis.rows.session import RotationSession, rotation_session
@@ -60,10 +60,10 @@ def fitted(session: RotationSession) -> tuple[ForwardModel, Array]:
 
 
 @pytest.fixture(scope="module")
-def prepared() -> tuple[Design, RotationNoise, Array]:
+def prepared() -> tuple[ChainDesign, RotationNoise, Array]:
     session = recording({"quadratic": {"k2_x": 3e-5}}, turning(), colour=0.6)
     model, residual = fitted(session)
-    design = Design(session, model, FREE, [Line("tone", 13.0, 1000)])
+    design = ChainDesign(session, model, FREE, [Line("tone", 13.0, 1000)])
     return design, estimate(design, residual, 1), residual
 
 
@@ -109,7 +109,7 @@ class TestDesign:
         ],
     )  # fmt: skip
     def test_columns_in_chunks_are_what_the_effect_adds(
-        self, prepared: tuple[Design, RotationNoise, Array], effect: str, size: float
+        self, prepared: tuple[ChainDesign, RotationNoise, Array], effect: str, size: float
     ) -> None:
         design, _, _ = prepared
         candidate = next(c for c in design.candidates if c.id == effect)
@@ -129,7 +129,7 @@ class TestDesign:
     def test_what_is_not_recorded_leaves_no_trace(self) -> None:
         state = turning(vibration=())
         session = recording({}, state)
-        design = Design(session, fitted(session)[0], FREE)
+        design = ChainDesign(session, fitted(session)[0], FREE)
         reasons = {blind.effect.id: blind.why for blind in design.unobservable}
         assert "vibration" in reasons["vibration_rectification"]
         assert "gyros" in reasons["gyro_scale"]
@@ -137,7 +137,7 @@ class TestDesign:
 
 class TestInnerProducts:
     def test_coordinates_have_the_inner_products_of_the_whitened_columns(
-        self, prepared: tuple[Design, RotationNoise, Array]
+        self, prepared: tuple[ChainDesign, RotationNoise, Array]
     ) -> None:
         design, noise, residual = prepared
         grams, _ = accumulate(design, noise, residual)
@@ -156,7 +156,7 @@ class TestInnerProducts:
         assert np.allclose(found @ space.residual / size, white @ target / size, atol=1e-3)
 
     def test_held_out_errors_are_those_of_fits_without_the_fold(
-        self, prepared: tuple[Design, RotationNoise, Array]
+        self, prepared: tuple[ChainDesign, RotationNoise, Array]
     ) -> None:
         design, noise, residual = prepared
         grams, segments = accumulate(design, noise, residual)
@@ -177,14 +177,14 @@ class TestInnerProducts:
         errors = target[:, scored] - np.tensordot(solution, white[:, :, scored], 1)
         assert energies[4] == pytest.approx(float(np.sum(errors**2)), rel=1e-5)
 
-    def test_a_walk_of_no_size_changes_nothing(self, prepared: tuple[Design, RotationNoise, Array]) -> None:
+    def test_a_walk_of_no_size_changes_nothing(self, prepared: tuple[ChainDesign, RotationNoise, Array]) -> None:
         design, noise, residual = prepared
         gram = accumulate(design, noise, residual)[0][0]
         assert np.allclose(RandomWalkGrams.of(gram).grams[0], gram.total, atol=1e-9 * np.max(np.abs(gram.total)))
 
 
 class TestNoise:
-    def test_colour_is_found_beside_an_effect(self, prepared: tuple[Design, RotationNoise, Array]) -> None:
+    def test_colour_is_found_beside_an_effect(self, prepared: tuple[ChainDesign, RotationNoise, Array]) -> None:
         _, noise, _ = prepared
         turned = np.exp(-1j * np.linspace(0, np.pi, 9)[1:])
         for polynomial in noise.filters:
@@ -200,7 +200,7 @@ class TestNoise:
         late = state.shifted(3e-5 * rng.standard_normal(state.n))
         session = RotationSession(sensor.predict(late) + SIGMA * rng.standard_normal((3, state.n)), state)
         model, residual = fitted(session)
-        noise = estimate(Design(session, model, FREE), residual, 1)
+        noise = estimate(ChainDesign(session, model, FREE), residual, 1)
         assert noise.jitter[:2, 0].min() > 30
         assert noise.jitter[:2, 1] == pytest.approx(3e-5, rel=0.15)
         assert noise.jitter[2, 0] == 0.0
@@ -209,7 +209,7 @@ class TestNoise:
         session = recording({}, turning())
         session.readings[1, 777] += 40 * SIGMA
         model, residual = fitted(session)
-        noise = estimate(Design(session, model, FREE), residual, 1)
+        noise = estimate(ChainDesign(session, model, FREE), residual, 1)
         assert noise.impulses == 1
         assert noise.weight[1, 777] == 0.0
 

@@ -11,7 +11,7 @@ from highside.diagnosis.core.result import Diagnosis
 from highside.diagnosis.engine import diagnose_rotation
 from highside.diagnosis.rotation.lines import found_lines
 from highside.diagnosis.rotation.means import Sectors, mean_errors
-from highside.diagnosis.rows.design import Design
+from highside.diagnosis.rows.design import ChainDesign
 from highside.diagnosis.rows.gram import HeldOutRows, RandomWalkChannel, RandomWalkGrams, accumulate
 from highside.diagnosis.rows.noise import estimate
 from highside.diagnosis.rows.session import RotationSession
@@ -77,7 +77,7 @@ def test_means_of_noise_are_as_large_as_they_are_expected_to_be(rising: ChainSta
         random_sensor(rng).predict(rising) + SIGMA * rng.standard_normal((3, rising.n)), rising
     )  # fmt: skip
     model, residual = base_fit(ForwardModel.of({}), Observed(rising, session.readings), FREE)
-    design = Design(session, model, FREE)
+    design = ChainDesign(session, model, FREE)
     noise = estimate(design, residual, 1)
     grams, segments = accumulate(design, noise, residual)
     sectors = Sectors.of(design, noise, residual, segments, design.base, [0])
@@ -102,7 +102,7 @@ def test_what_forgets_is_no_walk(rising: ChainState) -> None:
     for level, walks in ((forgets, False), (walk, True)):
         session = RotationSession(sensor + SIGMA * (white + level), rising)
         model, residual = base_fit(ForwardModel.of({}), Observed(rising, session.readings), FREE)
-        design = Design(session, model, FREE)
+        design = ChainDesign(session, model, FREE)
         # the colour is left to the memory on purpose
         grams, _ = accumulate(design, estimate(design, residual, 1, coloured=False), residual)
         base = np.unique(design.where[design.base])

@@ -17,7 +17,7 @@ from highside.diagnosis.core.candidates import Candidate, pose_candidates
 from highside.diagnosis.core.result import Verdict
 from highside.diagnosis.engine import diagnose_poses, diagnose_rotation
 from highside.diagnosis.poses.session import pose_session
-from highside.diagnosis.rows.design import Design, Line
+from highside.diagnosis.rows.design import ChainDesign, Line
 from highside.diagnosis.rows.session import RotationSession
 from highside.errors import InputError
 from highside.physics import effects
@@ -111,9 +111,9 @@ def test_the_variants_of_poses_do_not_hang_on_how_parameters_are_spelt(monkeypat
 def test_the_variants_of_a_rotation_do_not_hang_on_how_parameters_are_spelt(monkeypatch: pytest.MonkeyPatch) -> None:
     library, session = Respelt(monkeypatch), turning()
     lines = [Line("tone", 3.3, 100), Line("aliased_vibration", 7.3, 100)]
-    before = Design(session, ForwardModel.of({}), ("bias",), lines)
+    before = ChainDesign(session, ForwardModel.of({}), ("bias",), lines)
     library.respell()
-    after = Design(session, ForwardModel.of({}), ("bias",), lines)
+    after = ChainDesign(session, ForwardModel.of({}), ("bias",), lines)
     same(before.candidates, after.candidates)
     for one, other in zip(before.functions(slice(100, 300)), after.functions(slice(100, 300)), strict=True):
         np.testing.assert_array_equal(one, other)

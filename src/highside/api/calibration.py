@@ -120,12 +120,7 @@ def calibrate(
     A Calibration is made of a pose set that is refused too: see `Calibration.refused`. Raises InputError for a table or
     an argument that is not in order, Refused where no calibration follows at all.
     """
-    if not 0.0 < pose_sigma_deg < LARGEST_POSE_SIGMA_DEG:
-        raise InputError(f"{pose_sigma_deg:g} deg is not a bench", field="pose_sigma_deg")
-    if gravity_mps2 is not None and not GRAVITY_MPS2[0] < gravity_mps2 < GRAVITY_MPS2[1]:
-        raise InputError(f"{gravity_mps2:g} m/s2 is not on this earth", field="gravity_mps2", remedy="9.780 to 9.832")
-    if expires_days is not None and not expires_days > 0.0:
-        raise InputError("must be more than 0", field="expires_days")
+    _require_arguments(pose_sigma_deg, gravity_mps2, expires_days)
     request = SolveRequest(method, triples, reference, pose_sigma_deg, fallback if get(method).by_ring else NO_FALLBACK)
     source = read_solver_table(poses)
     where = source.table.source or "pose table"
@@ -153,6 +148,16 @@ def calibrate(
     if key is not None:
         record = record.signed(key, now_s=now)
     return Calibration(record, notes=notes, remarks=_remarks(solution))
+
+
+def _require_arguments(pose_sigma_deg: float, gravity_mps2: float | None, expires_days: float | None) -> None:
+    """Raises InputError for what cannot be."""
+    if not 0.0 < pose_sigma_deg < LARGEST_POSE_SIGMA_DEG:
+        raise InputError(f"{pose_sigma_deg:g} deg is not a bench", field="pose_sigma_deg")
+    if gravity_mps2 is not None and not GRAVITY_MPS2[0] < gravity_mps2 < GRAVITY_MPS2[1]:
+        raise InputError(f"{gravity_mps2:g} m/s2 is not on this earth", field="gravity_mps2", remedy="9.780 to 9.832")
+    if expires_days is not None and not expires_days > 0.0:
+        raise InputError("must be more than 0", field="expires_days")
 
 
 class SolverSource(NamedTuple):

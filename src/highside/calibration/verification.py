@@ -17,7 +17,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -282,6 +282,41 @@ def tilt_of(record: CalibrationRecord) -> BenchLevel | None:
     return BenchLevel(*result.tilt_rad, parameters.std("tilt_x"), parameters.std("tilt_y"))
 
 
+class _AngleErrors(NamedTuple):
+    """Errors (N,) of I or T with their standard deviations, rad, and the limit on them, deg."""
+
+    error: Array
+    std: Array
+    limit_deg: float
+
+
+def _verified_pose(
+    i: int,
+    name: str,
+    found: Indicated,
+    reference: tuple[Array, Array, Mask],
+    judged: tuple[_AngleErrors, _AngleErrors],
+    budgets_of: tuple[ComparisonBudget, ComparisonBudget],
+) -> VerifiedPose:
+    """Row i: angles outside of every zone, and toolfaces near the vertical, are not judged."""
+    inc_ref, tf_ref, has_tf = reference
+    inc, tf = judged
+    set_deg = math.degrees(inc_ref[i]), math.degrees(tf_ref[i])
+    zone, inc_budget, tf_budget = found.zone[i], *budgets_of
+    if not np.isfinite(found.inc[i]):
+        return VerifiedPose(name, *set_deg, None, None, None, None, zone, inc_budget, tf_budget)
+    expected = math.hypot(inc.std[i], found.inc_cal[i])
+    inc_judged = _judge_angle(inc.error[i], inc.std[i], inc.limit_deg, expected)
+    tf_judged = tf_deg = None
+    if has_tf[i]:
+        wide = min(float(tf.std[i]), UNIFORM_ANGLE_STD_RAD)
+        expected = math.hypot(wide, found.tf_cal[i])
+        tf_judged = _judge_angle(tf.error[i], wide, tf.limit_deg, expected)
+        tf_deg = math.degrees(found.tf[i])
+    inc_deg = math.degrees(found.inc[i])
+    return VerifiedPose(name, *set_deg, inc_deg, tf_deg, inc_judged, tf_judged, zone, inc_budget, tf_budget)
+
+
 def verify_poses(
     record: CalibrationRecord,
     poses: PoseSet,
@@ -317,23 +352,12 @@ def verify_poses(
     if free_toolface_zero:
         zero = _zero(tf_error, tf_std, has_tf & np.isfinite(found.inc))
         tf_error = difference(tf_error, zero)
-    covered = np.isfinite(found.inc)
-    rows = []
-    for i, name in enumerate(poses.ids):
-        inc_judged = tf_judged = None
-        if covered[i]:
-            expected = math.hypot(inc_std[i], found.inc_cal[i])
-            inc_judged = _judge_angle(inc_error[i], inc_std[i], limit_inc_deg, expected)
-            if has_tf[i]:
-                wide = min(float(tf_std[i]), UNIFORM_ANGLE_STD_RAD)
-                expected = math.hypot(wide, found.tf_cal[i])
-                tf_judged = _judge_angle(tf_error[i], wide, limit_tf_deg, expected)
-        set_deg = math.degrees(inc_ref[i]), math.degrees(tf_ref[i])
-        inc_deg = math.degrees(found.inc[i]) if covered[i] else None
-        tf_deg = math.degrees(found.tf[i]) if covered[i] and has_tf[i] else None
-        both = inc_judged, tf_judged
-        zone, inc_budget, tf_budget = found.zone[i], inc_budgets[i], tf_budgets[i]
-        rows.append(VerifiedPose(name, *set_deg, inc_deg, tf_deg, *both, zone, inc_budget, tf_budget))
+    reference = inc_ref, tf_ref, has_tf
+    judged = _AngleErrors(inc_error, inc_std, limit_inc_deg), _AngleErrors(tf_error, tf_std, limit_tf_deg)
+    rows = [
+        _verified_pose(i, name, found, reference, judged, (inc_budgets[i], tf_budgets[i]))
+        for i, name in enumerate(poses.ids)
+    ]
     return Verification(
         record.id,
         tuple(rows),

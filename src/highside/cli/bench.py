@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from highside.bench.driver import BenchDriver
     from highside.bench.session.snapshot import Snapshot
     from highside.cli.bench_face import PlainFace, RichFace
-    from highside.config.bench import StoreTable
+    from highside.config.bench import BenchFile, StoreTable
     from highside.web.server import BenchPage
 
 ConfigOption = Annotated[Path, typer.Option("--config", help="TOML file of the session; see config/bench-*.toml.")]
@@ -65,13 +65,8 @@ def bench(
 
     settings = load_bench(config, overrides)
     start_logging("warning")
-    if auto and settings.simulated is None:
-        raise InputError(
-            "is not there, and only a simulated bench can be operated by itself",
-            where=str(config),
-            field="simulated",
-            remedy="leave --auto out, or use config/bench-simulated.toml",
-        )
+    if auto:
+        _require_simulated(config, settings)
     _say_what_lies_elsewhere(config, settings.store)
     if which is not None and not resume:
         raise InputError(f"{which!r} names a session to go on with", field="SESSION", remedy=f"--resume {which}")
@@ -101,6 +96,17 @@ def bench(
         echo(f"record {driver.stored}")
     if driver.session.state is not SessionState.ACCEPTED or verdict not in (None, "pass"):
         raise typer.Exit(1)
+
+
+def _require_simulated(config: Path, settings: BenchFile) -> None:
+    """Raises InputError for a bench that cannot be operated by itself."""
+    if settings.simulated is None:
+        raise InputError(
+            "is not there, and only a simulated bench can be operated by itself",
+            where=str(config),
+            field="simulated",
+            remedy="leave --auto out, or use config/bench-simulated.toml",
+        )
 
 
 def _say_what_lies_elsewhere(config: Path, store: StoreTable) -> None:

@@ -121,16 +121,12 @@ def solve(
     """Solve a pose table and write a calibration record. Exit 1: something was refused (see what is said)."""
     from highside.api.calibration import calibrate
     from highside.calibration.methods import faults
+    from highside.cli.keys import signing_key_if_any
 
     report_omitted("calibration method", faults())
     if model is not None:
         take_in(effects)
-    private = None
-    if key is not None:
-        from highside.cli.keys import signing_key
-
-        # before the work: a key that cannot be used is known at once
-        private = signing_key(key)
+    private = signing_key_if_any(key)  # before the work: a key that cannot be used is known at once
     with as_options("method", "fallback", "reference", "pose_sigma_deg", "gravity_mps2", "expires_days"):
         made = calibrate(
             poses_file,

@@ -33,6 +33,7 @@ def certificate(
 ) -> None:
     """Write a certificate: result, uncertainty budget (GUM, k = 2), as found / as left, method, poses, identity."""
     from highside.calibration.record import RecordError, RecordReason, to_utc
+    from highside.cli.keys import signing_key_if_any
     from highside.cli.verification import read_poses
     from highside.config.certificate import CertificateFields, load_certificate_fields
     from highside.recording.calibration_store import read_record
@@ -44,11 +45,7 @@ def certificate(
 
     need_plots()  # before the work: the sheets are drawn
 
-    private = None
-    if key is not None:
-        from highside.cli.keys import signing_key
-
-        private = signing_key(key)
+    private = signing_key_if_any(key)
     record = read_record(record_file)
     fields = CertificateFields() if fields_file is None else load_certificate_fields(fields_file)
     previous = None if previous_file is None else read_record(previous_file)

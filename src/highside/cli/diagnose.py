@@ -12,6 +12,7 @@ from highside.cli.own_effects import EffectFolders, take_in
 from highside.cli.say import echo
 
 if TYPE_CHECKING:
+    from highside.diagnosis.core.result import Diagnosis
     from highside.recording.table import Recording
 
 
@@ -61,41 +62,20 @@ def diagnose(
     ] = None,
 ) -> None:
     """Say where a recording departs from the simulation, what was left out, and how sure that is."""
-    from highside.cli.diagnose_progress import progress_on_terminal
-    from highside.errors import InputError
-    from highside.recording.files import write_whole
-    from highside.report.diagnosis_claims import claim_size
-    from highside.report.diagnosis_page import NO_FIGURES
-    from highside.report.diagnosis_words import VERDICTS, blame, tested
-    from highside.report.plots import can_plot
-
-    source = recording or summary
-    if (recording is None) == (summary is None) or source is None:
-        raise InputError("give one of them", field="RECORDING, --summary", remedy="a recording or an error table")
-    if simulation is not None and (summary is not None or write_model is not None):
-        raise InputError(
-            "goes with a recording alone",
-            field="--simulation",
-            remedy="leave --summary and --write-model out: what the other program lacks is for that program to take up",
-        )
-    if align != "auto" and simulation is None:
-        raise InputError("goes with --simulation alone", field="--align", remedy="give the other program's output too")
-    # what goes with an error table or another program's output needs no model: nothing is known then, beside the sensor
-    bare = simulation is not None or summary is not None
-    for name, value in (("--model", model), ("--out", out)):
-        if value is None and not (name == "--model" and bare):
-            raise InputError("is missing", field=name, remedy="see highside diagnose --help")
-    assert out is not None
     from highside.api import diagnosis as api
+    from highside.cli.diagnose_progress import progress_on_terminal
     from highside.config.model import Model, load_model
     from highside.diagnosis.core.method import Method
+    from highside.recording.files import write_whole
 
+    out = _require_consistent(recording, model, out, summary, simulation, write_model, align)
     take_in(effects)
     with as_options("without"):
         parts = Method.without(without)
     knows = Model() if model is None else load_model(model)
     with progress_on_terminal() as progress:
-        if summary is not None:
+        if recording is None:
+            assert summary is not None
             with as_options("corrected_by"):
                 made = api.diagnose_table(
                     summary,
@@ -107,21 +87,75 @@ def diagnose(
                     progress=progress,
                 )
         else:
-            assert recording is not None
-            rows: Path | Recording = recording
-            if codec is not None or config is not None:
-                from highside.cli.decode import decode_recording
-
-                rows = decode_recording(recording, codec, config)
-            with as_options(**{"first_s, last_s": "--from, --to"}):
-                rows = api.rows_of(rows, first_s=first_s, last_s=last_s)
+            rows = _rows_of(recording, codec, config, first_s, last_s)
             progress(0.0, f"{rows.n} rows")
             made = api.diagnose(rows, knows, simulation=simulation, align=align, seed=seed, method=parts)
     for note in made.notes:
         echo(note)
-    diagnosis = made.found
-    told = made.model_toml() if write_model is not None else None
+    learnt = made.model_toml() if write_model is not None else None
     made.save(out)
+    _show(made.found, out)
+    if write_model is not None:
+        if learnt is not None:
+            write_whole(write_model, learnt.encode())
+        else:
+            echo(f"{write_model}: not written, since nothing was given a name", err=True)
+    if made.found.verdict == "bad_data":
+        raise typer.Exit(1)
+
+
+def _require_consistent(
+    recording: Path | None,
+    model: Path | None,
+    out: Path | None,
+    summary: Path | None,
+    simulation: Path | None,
+    write_model: Path | None,
+    align: str,
+) -> Path:
+    """The directory to write to. Raises InputError for options that are missing or exclude each other."""
+    from highside.errors import InputError
+
+    if (recording is None) == (summary is None):
+        raise InputError("give one of them", field="RECORDING, --summary", remedy="a recording or an error table")
+    if simulation is not None and (summary is not None or write_model is not None):
+        raise InputError(
+            "goes with a recording alone",
+            field="--simulation",
+            remedy="leave --summary and --write-model out: what the other program lacks is for that program to take up",
+        )
+    if align != "auto" and simulation is None:
+        raise InputError("goes with --simulation alone", field="--align", remedy="give the other program's output too")
+    # what goes with an error table or another program's output needs no model: nothing is known then, beside the sensor
+    if model is None and simulation is None and summary is None:
+        raise InputError("is missing", field="--model", remedy="see highside diagnose --help")
+    if out is None:
+        raise InputError("is missing", field="--out", remedy="see highside diagnose --help")
+    return out
+
+
+def _rows_of(
+    recording: Path, codec: str | None, config: Path | None, first_s: float | None, last_s: float | None
+) -> Recording:
+    """The rows wanted, decoded first where a codec is named. Raises InputError."""
+    from highside.api import diagnosis as api
+
+    rows: Path | Recording = recording
+    if codec is not None or config is not None:
+        from highside.cli.decode import decode_recording
+
+        rows = decode_recording(recording, codec, config)
+    with as_options(**{"first_s, last_s": "--from, --to"}):
+        return api.rows_of(rows, first_s=first_s, last_s=last_s)
+
+
+def _show(diagnosis: Diagnosis, out: Path) -> None:
+    """The diagnosis in lines: verdict, claims, causes, what to look at."""
+    from highside.report.diagnosis_claims import claim_size
+    from highside.report.diagnosis_page import NO_FIGURES
+    from highside.report.diagnosis_words import VERDICTS, blame, tested
+    from highside.report.plots import can_plot
+
     named = ", ".join(claim.effect for claim in diagnosis.claims)
     echo(f"{diagnosis.verdict} - {VERDICTS[diagnosis.verdict]}{': ' + named if named else ''}{tested(diagnosis)}")
     for claim in diagnosis.claims:
@@ -134,10 +168,3 @@ def diagnose(
         echo(f"{finding.check} ({', '.join(finding.channels)}): {finding.remedy}")
     if not can_plot():
         echo(f"{out / 'report.html'}: {NO_FIGURES}", err=True)
-    if write_model is not None:
-        if told is not None:
-            write_whole(write_model, told.encode())
-        else:
-            echo(f"{write_model}: not written, since nothing was given a name", err=True)
-    if diagnosis.verdict == "bad_data":
-        raise typer.Exit(1)

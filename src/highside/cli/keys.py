@@ -96,6 +96,11 @@ def signing_key(path: Path) -> SigningKey:
     return read_key(path, ask=ask if sys.stdin.isatty() else None)
 
 
+def signing_key_if_any(path: Path | None) -> SigningKey | None:
+    """As `signing_key`, where a key was given."""
+    return None if path is None else signing_key(path)
+
+
 def _sign(file: Path, key: SigningKey) -> None:
     from highside.recording.calibration_store import read_record
     from highside.recording.files import write_whole

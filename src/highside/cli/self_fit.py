@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from highside.cli.options import as_options, in_options
 from highside.cli.say import echo, echo_json
+
+if TYPE_CHECKING:
+    from highside.api.turntable import SelfFit
 
 
 class PartName(StrEnum):
@@ -58,25 +61,31 @@ def fit_self(
             gyro_bias_dph=gyro_bias_dph,
             gyro_misalignment_arcmin=gyro_misalignment_arcmin,
         )
-    made = found.compensation
-    write_whole(output, made.to_json().encode())
-    described = found.described()
+    write_whole(output, found.compensation.to_json().encode())
     if as_json:
-        said: dict[str, Any] = {
-            "output": str(output),
-            "id": made.id,
-            "of": of.value,
-            "turns": found.turns,
-            "curves": described,
-        }
-        inclinations = found.inclinations_deg
-        said |= {"inclination_deg": inclinations[0] if len(inclinations) == 1 else inclinations}
-        said |= {"remarks": [in_options(remark) for remark in found.remarks]}
-        echo_json(json.dumps(said))
-        return
+        _print_json(found, of, output)
+    else:
+        _print_lines(found, of, output)
+
+
+def _print_json(found: SelfFit, of: PartName, output: Path) -> None:
+    inclinations = found.inclinations_deg
+    printed: dict[str, Any] = {
+        "output": str(output),
+        "id": found.compensation.id,
+        "of": of.value,
+        "turns": found.turns,
+        "curves": found.described(),
+        "inclination_deg": inclinations[0] if len(inclinations) == 1 else inclinations,
+        "remarks": [in_options(remark) for remark in found.remarks],
+    }
+    echo_json(json.dumps(printed))
+
+
+def _print_lines(found: SelfFit, of: PartName, output: Path) -> None:
     at = ", ".join(f"{one:.2f}" for one in found.inclinations_deg)
-    echo(f"{output}: {of.value} errors of {found.turns:.1f} turns at I = {at} deg, {made.id[:12]}")
-    for name, one in described.items():
+    echo(f"{output}: {of.value} errors of {found.turns:.1f} turns at I = {at} deg, {found.compensation.id[:12]}")
+    for name, one in found.described().items():
         echo(
             f"  {name:<11} order {one['order']:<2} amplitude {one['half_range_arcmin']:.3f}',"
             f" uncertain by {one['std_worst_arcmin']:.3f}'"

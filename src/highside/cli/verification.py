@@ -15,6 +15,7 @@ from highside.errors import InputError
 
 if TYPE_CHECKING:
     from highside.calibration.poses import PoseSet
+    from highside.calibration.record import CalibrationRecord
     from highside.calibration.roll_test import RollTest
     from highside.calibration.verification import Verification, VerifiedQuantity
 
@@ -53,19 +54,12 @@ def verify(
 
     Exit 0: pass; 1: fail or undecided.
     """
-    from highside.calibration.linear_errors import BenchAccuracy
     from highside.calibration.roll_test import roll_test
-    from highside.calibration.verification import Conformity, tilt_of, verify_poses
+    from highside.calibration.verification import Conformity
     from highside.recording.calibration_store import read_record
     from highside.recording.files import write_whole
 
-    for name, value in (
-        ("--pose-sigma-deg", pose_sigma_deg),
-        ("--tilt-sigma-deg", tilt_sigma_deg),
-        ("--toolface-zero-sigma-deg", toolface_zero_sigma_deg),
-    ):
-        if not (math.isfinite(value) and 0.0 <= value < 10.0):
-            raise InputError(f"{value:g} is no standard deviation of a bench", field=name, remedy="give 0 to 10 deg")
+    _require_deviations(pose_sigma_deg, tilt_sigma_deg, toolface_zero_sigma_deg)
     record = read_record(record_file)
     poses = read_poses(poses_file, reference="magnitude" if roll else "pose")
     found: Verification | RollTest
@@ -79,27 +73,16 @@ def verify(
                 inc_sigma_deg=pose_sigma_deg,
             )
     else:
-        if limit_tf_deg is None:
-            raise InputError("is missing", field="--limit-tf-deg", remedy="give the limit on T, or --roll")
-        tilt = tilt_of(record) if same_bench else None
-        if same_bench and tilt is None:
-            raise InputError(
-                f"the method {record.result.method} of this record takes the bench as level and knows no tilt",
-                field="--same-bench",
-                remedy="leave it out, and state --tilt-sigma-deg",
-            )
-        with as_options("limit_inc_deg", "limit_tf_deg"):
-            found = verify_poses(
-                record,
-                poses,
-                limit_inc_deg=limit_inc_deg,
-                limit_tf_deg=limit_tf_deg,
-                bench=BenchAccuracy(math.radians(tilt_sigma_deg), math.radians(pose_sigma_deg)),
-                tilt=tilt,
-                toolface_zero_std_deg=toolface_zero_sigma_deg,
-                free_toolface_zero=free_toolface_zero,
-            )
-        _require_attainable(found)
+        found = _verified(
+            record,
+            poses,
+            limits_deg=(limit_inc_deg, limit_tf_deg),
+            pose_sigma_deg=pose_sigma_deg,
+            tilt_sigma_deg=tilt_sigma_deg,
+            same_bench=same_bench,
+            toolface_zero_sigma_deg=toolface_zero_sigma_deg,
+            free_toolface_zero=free_toolface_zero,
+        )
     plain = found.to_dict()
     if output is not None:
         write_whole(output, (json.dumps(plain, indent=1, allow_nan=False) + "\n").encode())
@@ -109,6 +92,57 @@ def verify(
         echo("\n".join(lines(found)))
     if found.verdict is not Conformity.PASS:
         raise typer.Exit(1)
+
+
+def _require_deviations(pose_deg: float, tilt_deg: float, toolface_zero_deg: float) -> None:
+    """Raises InputError for what is no standard deviation of a bench."""
+    for name, value in (
+        ("--pose-sigma-deg", pose_deg),
+        ("--tilt-sigma-deg", tilt_deg),
+        ("--toolface-zero-sigma-deg", toolface_zero_deg),
+    ):
+        if not (math.isfinite(value) and 0.0 <= value < 10.0):
+            raise InputError(f"{value:g} is no standard deviation of a bench", field=name, remedy="give 0 to 10 deg")
+
+
+def _verified(
+    record: CalibrationRecord,
+    poses: PoseSet,
+    *,
+    limits_deg: tuple[float, float | None],
+    pose_sigma_deg: float,
+    tilt_sigma_deg: float,
+    same_bench: bool,
+    toolface_zero_sigma_deg: float,
+    free_toolface_zero: bool,
+) -> Verification:
+    """The record at poses of known attitude. Raises InputError for options that cannot be met."""
+    from highside.calibration.linear_errors import BenchAccuracy
+    from highside.calibration.verification import tilt_of, verify_poses
+
+    limit_inc_deg, limit_tf_deg = limits_deg
+    if limit_tf_deg is None:
+        raise InputError("is missing", field="--limit-tf-deg", remedy="give the limit on T, or --roll")
+    tilt = tilt_of(record) if same_bench else None
+    if same_bench and tilt is None:
+        raise InputError(
+            f"the method {record.result.method} of this record takes the bench as level and knows no tilt",
+            field="--same-bench",
+            remedy="leave it out, and state --tilt-sigma-deg",
+        )
+    with as_options("limit_inc_deg", "limit_tf_deg"):
+        found = verify_poses(
+            record,
+            poses,
+            limit_inc_deg=limit_inc_deg,
+            limit_tf_deg=limit_tf_deg,
+            bench=BenchAccuracy(math.radians(tilt_sigma_deg), math.radians(pose_sigma_deg)),
+            tilt=tilt,
+            toolface_zero_std_deg=toolface_zero_sigma_deg,
+            free_toolface_zero=free_toolface_zero,
+        )
+    _require_attainable(found)
+    return found
 
 
 def _require_attainable(found: Verification) -> None:

@@ -174,7 +174,8 @@ PlanConfig = Annotated[
 
 
 class SessionTable(ConfigTable):
-    """When a pose is good enough, and what is known of the sensor beforehand. Absent fields: as the plan has them."""
+    """When a pose is good enough, and what is known of the sensor beforehand. Absent fields: as the plan has them
+    (`bench.session.plans.Limits`, which says what each is)."""
 
     std_error_g: float | None = Field(default=None, gt=0, description="A hold ends when its mean is this certain.")
     min_hold_s: float | None = Field(default=None, gt=0, le=600)

@@ -19,6 +19,7 @@ import difflib
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -28,13 +29,14 @@ from pydantic_core import ErrorDetails
 from highside.codec.axes import AxisMap
 from highside.config.mistakes import UNKNOWN, Mistake, reported_together
 from highside.config.model_effects import EffectsTable, SensorTable, known_effect
-from highside.config.model_motion import KINDS, LegTable, Motion
+from highside.config.model_motion import KINDS, Motion
 from highside.config.settings import read_toml
 from highside.errors import InputError
 from highside.physics.effect import AXES
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import normal_gravity_mps2
 from highside.physics.law import Law, effect_of
+from highside.physics.motion import Leg
 from highside.physics.plan import Session, Site
 from highside.reading.config_table import ConfigTable
 from highside.units import STANDARD_GRAVITY_MPS2
@@ -230,7 +232,7 @@ def _mistake(detail: ErrorDetails) -> Mistake:
         keys = [keys[0], *keys[2:]]
     message = detail["msg"].removeprefix("Value error, ")
     remedy = ""
-    if detail["type"] == "extra_forbidden":
+    if detail["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
         message, remedy = UNKNOWN, _nearest(keys, detail["loc"])
     elif detail["type"] == "missing":
         message, remedy = "is missing", "add it"
@@ -246,13 +248,14 @@ def _mistake(detail: ErrorDetails) -> Mistake:
 
 def _nearest(keys: list[str], location: tuple[int | str, ...]) -> str:
     """What may have been meant by an unknown field."""
-    model: type[BaseModel] = Model
+    known = list(Model.model_fields)
     if len(keys) > 1:
         if keys[0] == "motion":
-            model = LegTable if "legs" in keys[1:-1] else KINDS[str(location[1])]
+            in_leg = "legs" in keys[1:-1]
+            known = [f.name for f in fields(Leg)] if in_leg else list(KINDS[str(location[1])].model_fields)
         else:
             annotation = Model.model_fields[keys[0]].annotation
             if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-                model = annotation
-    near = difflib.get_close_matches(keys[-1], model.model_fields, n=1)
-    return f"did you mean {near[0]}?" if near else f"allowed: {', '.join(model.model_fields)}"
+                known = list(annotation.model_fields)
+    near = difflib.get_close_matches(keys[-1], known, n=1)
+    return f"did you mean {near[0]}?" if near else f"allowed: {', '.join(known)}"

@@ -1,4 +1,8 @@
-"""The table `[motion]` of the model file: how the tool of a simulation is moved, by `kind`."""
+"""The table `[motion]` of the model file: how the tool of a simulation is moved, by `kind`.
+
+What a kind means in poses and rows is a plan of `physics.plan`; the tables are the ways to write one down. They are not
+the plans: rings and single poses, full turns, rates in Hz or deg/s all become the same few plans.
+"""
 
 from __future__ import annotations
 
@@ -136,27 +140,17 @@ class RotationMotion(_Motion):
         )
 
 
-class LegTable(ConfigTable):
-    """A piece of a drilling leg."""
-
-    duration_s: Positive
-    inclination_to_deg: Annotated[float, Field(ge=0, le=180)] | None = None
-    turn_deg: Finite = 0.0
-    vibration_g: Annotated[float, Field(ge=0)] = 0.0
-
-
 class LegsMotion(_Motion):
     """A programme of legs: standing, turning, inclining, shaking."""
 
     kind: Literal["legs"]
-    legs: Annotated[tuple[LegTable, ...], Field(min_length=1)]
+    legs: Annotated[tuple[Leg, ...], Field(min_length=1)]
     inclination_deg: Annotated[float, Field(ge=0, le=180)] = 5.0
     toolface_deg: Finite = 0.0
     sample_hz: Positive = 50.0
 
     def plan(self) -> Plan:
-        legs = tuple(Leg(leg.duration_s, leg.inclination_to_deg, leg.turn_deg, leg.vibration_g) for leg in self.legs)
-        return LegPlan(legs, self.inclination_deg, self.toolface_deg, self.sample_hz)
+        return LegPlan(self.legs, self.inclination_deg, self.toolface_deg, self.sample_hz)
 
 
 KINDS: dict[str, type[BaseModel]] = {

@@ -51,7 +51,11 @@ _LEAST_COS = 0.05
 
 @dataclass(frozen=True, slots=True)
 class FilterSettings:
-    """Priors and noise of the filter. Defaults are those of a tactical gyro (0.1 deg/sqrt(h), 0.1 deg/h/sqrt(h))."""
+    """Priors and noise of the filter, SI. Defaults: a tactical gyro's (0.1 deg/sqrt(h), 0.1 deg/h/sqrt(h)).
+
+    The table `[drift]` (`config.drift.DriftSettings`) gives some of them in an engineer's units, beside what the filter
+    does not know (how long a state is kept). `filter_state.Constants` are what follows from these for the updates.
+    """
 
     latitude_rad: float | None = None
     azimuth_rad: float | None = None

@@ -30,7 +30,7 @@ VERTICAL_COS = 0.05
 
 
 class Constants(NamedTuple):
-    """What does not change while the filter runs."""
+    """What does not change while the filter runs: numbers alone, for the compiled updates, from `FilterSettings`."""
 
     earth_e: float
     earth_n: float

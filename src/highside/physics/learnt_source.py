@@ -98,17 +98,7 @@ def effect_source(law: Law, effect_id: str, words: Words) -> str:
     kind = "".join(part.capitalize() for part in effect_id.split("_"))
     formula = law.formula or f"a curve of {' and '.join(law.depends_on)}"
     lines = [
-        f'"""{title[0].upper()}{title[1:]}: learnt as a law from {words.source}."""',
-        "",
-        "from __future__ import annotations",
-        "",
-        "import numpy as np",
-        "",
-        "from highside.arrays import AnyArray",
-        "from highside.physics.effect import Parameter, Stage, singles",
-        *(["from highside.physics.law import Law"] if "Law." in constant else []),
-        "from highside.physics.learnt import LearntEffect",
-        "",
+        *_head(title, words, constant),
         constant,
         "",
         "",
@@ -141,6 +131,23 @@ def effect_source(law: Law, effect_id: str, words: Words) -> str:
         f"EFFECT = {kind}()",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _head(title: str, words: Words, constant: str) -> list[str]:
+    """What the file says of itself, and its imports."""
+    return [
+        f'"""{title[0].upper()}{title[1:]}: learnt as a law from {words.source}."""',
+        "",
+        "from __future__ import annotations",
+        "",
+        "import numpy as np",
+        "",
+        "from highside.arrays import AnyArray",
+        "from highside.physics.effect import Parameter, Stage, singles",
+        *(["from highside.physics.law import Law"] if "Law." in constant else []),
+        "from highside.physics.learnt import LearntEffect",
+        "",
+    ]
 
 
 def _parameter(channel: str, unit: str, size: float) -> str:

@@ -22,10 +22,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import ConfigDict, Field
 
 from highside.arrays import Array
 
@@ -37,14 +38,19 @@ TONE_RANGE_HZ = (4.0, 45.0)
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """A piece of motion. Angles in degrees as one writes a programme by hand; `vibration_g` is the rms of each axis."""
+    """A piece of motion. Angles in degrees as one writes a programme by hand; `vibration_g` is the rms of each axis.
 
-    duration_s: float
-    inclination_to_deg: float | None = None
+    The model file's `[[motion.legs]]` are these too: what is annotated holds for what is read from a file.
+    """
+
+    __pydantic_config__: ClassVar = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    duration_s: Annotated[float, Field(gt=0)]
+    inclination_to_deg: Annotated[float, Field(ge=0, le=180)] | None = None
     """where the inclination is at the end of the leg; None: it stays"""
     turn_deg: float = 0.0
     """by how much the toolface turns, signed, may exceed 360"""
-    vibration_g: float = 0.0
+    vibration_g: Annotated[float, Field(ge=0)] = 0.0
 
     @property
     def still(self) -> bool:

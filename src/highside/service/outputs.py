@@ -11,7 +11,12 @@ from highside.service.rig.surveys import SurveyVerdict
 
 @dataclass(frozen=True, slots=True)
 class AttitudeOutput:
-    """One output of the pipeline; angles in degrees, accelerations in g, times in seconds."""
+    """One output of the pipeline; angles in degrees, accelerations in g, times in seconds.
+
+    Not the message: `messages.AttitudeMessage` is the contract of the wire (null for what is not known, wall clock,
+    sequence number), this the value that surveys, WITS and metrics take too, with NaN, the window's means and the
+    `Azimuth` as one. What fields the message takes from it, its annotations say, and the writer is made from them.
+    """
 
     t_device_s: float
     t_mono: float

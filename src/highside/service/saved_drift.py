@@ -36,7 +36,7 @@ class HeadingAlignment(_Strict):
 
 
 class Stamp(_Strict):
-    """When something was kept, by three clocks."""
+    """When something was kept, by three clocks: a `clock.Moment` as it stands in a file."""
 
     wall_s: float
     synced: bool

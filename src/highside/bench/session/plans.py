@@ -88,6 +88,9 @@ class TemperatureStage:
 class Limits:
     """When a pose is good enough, and what is known of the sensor before it is measured.
 
+    The table `[session]` (`config.bench.SessionTable`) is not this: there an absent field stands for what the kind of
+    plan begins with. Here all have values, which the journal keeps. A test holds the names of both equal.
+
     `std_error_g`: the hold ends when the standard error of the mean (worst axis) is below this, not before `min_hold_s`
     and not after `max_hold_s`. `align_deg`: what may be missing to a pose beside what the sensor's own errors explain;
     these are taken from `prior_offset_g` and `prior_matrix` (one standard deviation each) until poses tell more.
@@ -121,6 +124,9 @@ class Limits:
 @dataclass(frozen=True, slots=True)
 class Criterion:
     """What a verification or roll test judges (`record`: the id of the calibration), and by which limits.
+
+    Of the plan in the file (`config.bench.VerificationPlan`, `RollTestPlan`) what the journal needs to judge again the
+    same: there `record` may say "the active one" or be a file, and poses are given; here the id is settled.
 
     A verification has limits on the errors of I and T at a bench whose tilts are known to `tilt_sigma_deg` each
     (`same_bench`: as the record has found them), its tool clamped in toolface to `toolface_zero_sigma_deg`

@@ -133,7 +133,7 @@ class Capture(_Model):
 
 
 class PoseRow(_Model):
-    """One pose of the plan, or one found."""
+    """One pose of the plan, or one found, as faces show it: a `ledger.PoseLine` in figures and sentences."""
 
     pose: str
     inc_deg: float | None = Field(description="The bench's setting; null in a session without reference.")

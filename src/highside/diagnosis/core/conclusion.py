@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -58,29 +59,20 @@ def is_significant(problem: Problem[N], selection: SelectionState[N], terms: Seq
 def conclude(
     problem: Problem[N], selection: SelectionState[N], correlation: SerialCorrelation[N], version: str
 ) -> tuple[Diagnosis, ReportData]:
-    chosen = selection.terms
+    """What is reported of the terms chosen, and the data of the report's figures."""
     believed = problem.believed(selection, _widened(problem, selection))
-    if believed != chosen:
+    if believed != selection.terms:
         selection = replace(selection, terms=believed, fit=None, refits={})
-    terms, selector, random_walk = selection.terms, selection.selector, correlation.random_walk
+    terms, selector = selection.terms, selection.selector
     named = [m for m in terms if problem.candidates[m.candidate].named]
     after = _scan(problem, selection, terms)
     significant = float(after.log_p[after.most_significant]) > selection.scan_threshold
     fit = selection.fit if selection.fit is not None else problem.fit(named, selection.noise)
     rivalries = [_rivalry(problem, selection, m, fit) for m in terms]
-    explained = _gain(selector, terms)
-    significant_bases = after.log_p.reshape(-1, len(problem.channels)).max(axis=0) > selection.scan_threshold
-    left = float(after.excess[significant_bases].sum()) if significant else 0.0
-    share = explained / (explained + left) if explained + left > 0 else 1.0
-    if significant and not terms:
-        # nothing but time or temperature is followed, and no slow effect beat the random walk
-        passing = np.flatnonzero(after.log_p > selection.scan_threshold)
-        random_walk |= all(
-            selection.scan.bases[selection.scan.cells[i][1]].covariate in SLOW_COVARIATES for i in passing
-        )
+    share = _explained_share(problem, selection, after) if significant else 1.0
+    random_walk = correlation.random_walk or (significant and not terms and _follows_slow_alone(selection, after))
     clear = float(after.log_p[after.most_significant]) > selection.scan_threshold + problem.policy.marginal
-    alone = [explained - _gain(selector, [o for o in terms if o != m]) for m in terms]
-    manifest = not significant and sum(gain < CONCLUSION.manifest for gain in alone) <= 1
+    manifest = not significant and _each_manifest(selector, terms)
     verdict = _verdict(problem, terms, rivalries, fit, random_walk, significant, share if clear else 1.0, manifest)
     if verdict == "named_plus" and share < CONCLUSION.changing and _changes(problem, selection, terms, after, share):
         verdict = "partial"
@@ -112,29 +104,46 @@ def conclude(
         problem.unobservable,
         problem.free,
     )
-    noise = {
+    noise = _noise_summary(problem, selection, correlation, random_walk)
+    diagnosis = Diagnosis(
+        verdict, location, claims, proof, (), remainder, tuple(lacking), smallest, noise, problem.seed, version
+    )
+    diagnosis = checked(problem, selection, diagnosis, correlation.memories)
+    return without_rounding(problem, problem.completed(diagnosis)), problem.report_data(fit if named else None)
+
+
+def _explained_share(problem: Problem[N], selection: SelectionState[N], after: _Scanned) -> float:
+    """What the terms explain of all that is not chance, the scan being significant beside them."""
+    explained = _gain(selection.selector, selection.terms)
+    significant_bases = after.log_p.reshape(-1, len(problem.channels)).max(axis=0) > selection.scan_threshold
+    left = float(after.excess[significant_bases].sum())
+    return explained / (explained + left) if explained + left > 0 else 1.0
+
+
+def _follows_slow_alone(selection: SelectionState[N], after: _Scanned) -> bool:
+    """Whether nothing but time or temperature is followed. Without a term: no slow effect beat the random walk."""
+    passing = np.flatnonzero(after.log_p > selection.scan_threshold)
+    return all(selection.scan.bases[selection.scan.cells[i][1]].covariate in SLOW_COVARIATES for i in passing)
+
+
+def _each_manifest(selector: Selector, terms: Sequence[Term]) -> bool:
+    """Whether all terms but one at most are large beside what chance explains."""
+    explained = _gain(selector, terms)
+    alone = [explained - _gain(selector, [o for o in terms if o != m]) for m in terms]
+    return sum(gain < CONCLUSION.manifest for gain in alone) <= 1
+
+
+def _noise_summary(
+    problem: Problem[N], selection: SelectionState[N], correlation: SerialCorrelation[N], random_walk: bool
+) -> dict[str, Any]:
+    return {
         **problem.noise_summary(),
         "memory_evidence": [m.gain for m in correlation.memories],
         "memory_poses": ["random_walk" if np.isinf(m.length) else m.length for m in correlation.memories],
         "random_walk": random_walk,
-        "threshold_log10_p": selector.threshold,
+        "threshold_log10_p": selection.selector.threshold,
         "scan_threshold_log10_p": selection.scan_threshold,
     }
-    diagnosis = Diagnosis(
-        verdict,
-        location,
-        claims,
-        proof,
-        (),
-        remainder,
-        tuple(lacking),
-        smallest,
-        noise,
-        problem.seed,
-        version,
-    )
-    diagnosis = checked(problem, selection, diagnosis, correlation.memories)
-    return without_rounding(problem, problem.completed(diagnosis)), problem.report_data(fit if named else None)
 
 
 def _rivalry(problem: Problem[N], selection: SelectionState[N], claim: Term, fit: JointFit) -> Rivalry:

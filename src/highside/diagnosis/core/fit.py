@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.candidate_set import Term
@@ -304,8 +305,7 @@ def joint_fit(
     every = [*now.free_names(names or []), *amplitude_names]
     if not every:
         return JointFit({}, observed.residual(now), (), model=now)
-    inverse = np.zeros((len(every), len(every)))
-    undetermined = np.zeros(len(every), dtype=bool)
+    precision = _Precision(np.zeros((len(every), len(every))), np.zeros(len(every), dtype=bool))
     for step_number in range(steps):
         which = shape_names if step_number >= 2 or near is not None else []
         moved = [*every, *which]
@@ -316,41 +316,10 @@ def joint_fit(
             old = now.get_free([name])[0]
             values[k] = float(np.clip(values[k], old / FITS.stride, old * FITS.stride))
         now = now.set_free(values, moved) if moved else now
-        scale = np.sqrt(np.diag(inner))
-        # what a design does not move is determined no better for being scaled up
-        scale = np.where(scale > FITS.unmoved * scale.max(initial=0.0), scale, np.inf)
-        gram = inner / np.outer(scale, scale)
-        scale = np.where(np.isfinite(scale), scale, 1.0)
-        powers, vectors = np.linalg.eigh(gram)
-        determined = powers > FITS.undetermined * powers[-1]
-        inverse = (vectors[:, determined] / powers[determined]) @ vectors[:, determined].T / np.outer(scale, scale)
-        undetermined = np.sum(vectors[:, ~determined] ** 2, axis=1) > FITS.partly_undetermined
+        precision = _precision(inner)
         if which == shape_names and float(step @ inner @ step) < FITS.settled:
             break
-    every = [*every, *shape_names]
-    std = np.sqrt(np.maximum(np.diag(inverse), 0.0))
-    half = student_quantile(INTERVALS.upper, freedom)
-    fitted: dict[str, dict[str, FittedParameter]] = {}
-    implausible = []
-    for candidate, variant in chosen:
-        assert candidate.effect is not None
-        table: dict[str, FittedParameter] = {}
-        for parameter in candidate.effect.parameters:
-            name = f"{candidate.id}.{parameter.name}"
-            value = float(now.get_free([name])[0])
-            low, high = parameter.gate
-            if name in every and undetermined[every.index(name)]:
-                # the recording says nothing of it beyond what is plausible
-                table[parameter.name] = FittedParameter(value, (high - low) / np.sqrt(12), low, high, parameter.unit)
-                continue
-            error = float(std[every.index(name)]) if name in every else 0.0
-            table[parameter.name] = FittedParameter(
-                value, error, value - half * error, value + half * error, parameter.unit
-            )
-            if value + 2 * error < low or value - 2 * error > high:
-                implausible.append(name)
-        fitted[candidate.id] = table
-        del variant
+    fitted, implausible = _intervals(now, chosen, [*every, *shape_names], precision, freedom)
     left = observed.residual(now)
     chi_square = float(np.sum(noise.white(left) ** 2))
     second_order, beyond = None, 0.0
@@ -364,4 +333,53 @@ def joint_fit(
         beyond = float(np.sum((rest - _solve(white, rest) @ white) ** 2))
         if beyond < FITS.second_order or linear - chi_square <= -FITS.second_order:
             second_order = None
-    return JointFit(fitted, left, tuple(implausible), second_order, chi_square, now, beyond)
+    return JointFit(fitted, left, implausible, second_order, chi_square, now, beyond)
+
+
+class _Precision(NamedTuple):
+    """(P, P) covariance of what a fit determines, and (P,) what it does not."""
+
+    covariance: Array
+    undetermined: NDArray[np.bool_]
+
+
+def _precision(inner: Array) -> _Precision:
+    """Of (P, P) inner products of whitened columns."""
+    scale = np.sqrt(np.diag(inner))
+    # what a design does not move is determined no better for being scaled up
+    scale = np.where(scale > FITS.unmoved * scale.max(initial=0.0), scale, np.inf)
+    gram = inner / np.outer(scale, scale)
+    scale = np.where(np.isfinite(scale), scale, 1.0)
+    powers, vectors = np.linalg.eigh(gram)
+    determined = powers > FITS.undetermined * powers[-1]
+    inverse = (vectors[:, determined] / powers[determined]) @ vectors[:, determined].T / np.outer(scale, scale)
+    return _Precision(inverse, np.sum(vectors[:, ~determined] ** 2, axis=1) > FITS.partly_undetermined)
+
+
+def _intervals(
+    fitted: ForwardModel, chosen: Chosen, names: Sequence[str], precision: _Precision, freedom: float
+) -> tuple[dict[str, dict[str, FittedParameter]], tuple[str, ...]]:
+    """The parameters of the chosen effects by effect, with intervals, and those outside of what is plausible."""
+    std = np.sqrt(np.maximum(np.diag(precision.covariance), 0.0))
+    half = student_quantile(INTERVALS.upper, freedom)
+    found: dict[str, dict[str, FittedParameter]] = {}
+    implausible = []
+    for candidate, _ in chosen:
+        assert candidate.effect is not None
+        table: dict[str, FittedParameter] = {}
+        for parameter in candidate.effect.parameters:
+            name = f"{candidate.id}.{parameter.name}"
+            value = float(fitted.get_free([name])[0])
+            low, high = parameter.gate
+            if name in names and precision.undetermined[names.index(name)]:
+                # the recording says nothing of it beyond what is plausible
+                table[parameter.name] = FittedParameter(value, (high - low) / np.sqrt(12), low, high, parameter.unit)
+                continue
+            error = float(std[names.index(name)]) if name in names else 0.0
+            table[parameter.name] = FittedParameter(
+                value, error, value - half * error, value + half * error, parameter.unit
+            )
+            if value + 2 * error < low or value - 2 * error > high:
+                implausible.append(name)
+        found[candidate.id] = table
+    return found, tuple(implausible)

@@ -6,7 +6,7 @@ among them, because an interaction without a group of its own goes unseen or is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -46,71 +46,82 @@ class Basis:
 
 def pose_bases(state: ChainState, force: Array) -> list[Basis]:
     """The covariates of a session of poses that vary in it; `force` (3, n) in g."""
-    tf, inc, n = state.tf_rad, state.inc_rad, state.n
-    tf_deg = np.mod(np.degrees(tf), 360.0)
-    inc_deg = np.degrees(inc)
     x, y, z = force
-    bases: list[Basis] = []
-
-    def add(covariate: str, along: Array, functions: Sequence[Array], harmonics: tuple[int, ...] = ()) -> None:
-        bases.append(
-            Basis(covariate, np.asarray(along), np.stack([np.asarray(f, dtype=float) for f in functions]), harmonics)
-        )
-
-    stations = np.unique(state.station).size
-    orders = tuple(k for k in range(1, PLACES.harmonics + 1) if 2 * k <= stations)
-    if orders:
-        add("tf_ref_deg", tf_deg, [f(k * tf) for k in orders for f in (np.cos, np.sin)], orders)
-    inclination_stations = np.unique(state.ring).size
-    if inclination_stations > 1:
-        add(
-            "inc_ref_deg",
-            inc_deg,
-            [
-                f(k * inc)
-                for k in range(1, min(PLACES.inclination_orders, inclination_stations))
-                for f in (np.cos, np.sin)
-            ],
-        )
-        if (
-            inclination_stations > CANDIDATES.inclination_stations
-            and CANDIDATES.least_at_station * inclination_stations <= n
-        ):
-            # one inclination station may be off: no smooth function shows that
-            add("inc_ref_deg", inc_deg, [state.ring == k for k in np.unique(state.ring)])
-        if orders:
-            add(
-                "inc_ref_deg x tf_ref_deg",
-                inc_deg,
-                [z * f(k * tf) for k in orders[: PLACES.product_orders] for f in (np.cos, np.sin)],
-            )
     square = [x * x, y * y, x * y, x * z, y * z]
     cubic = [x**3, y**3, z**3, x * x * y, x * x * z, y * y * z, x * y * z]
-    add("gravity_direction", inc_deg, [*square, *cubic])
-    if np.ptp(state.direction) > 0:
-        d = np.asarray(state.direction)
-        add("direction", d, [d])
-        add("direction x tf_ref_deg", tf_deg, [d * np.cos(tf), d * np.sin(tf)])
-        add("direction x gravity_direction", inc_deg, [d * z, *(d * term for term in square)])
-    if np.ptp(state.temp_c) > PLACES.warm_span_c:
-        q = (state.temp_c - state.temp_c.mean()) / state.temp_c.std()
-        add("temp_c", state.temp_c, [q, q**2, q**3])
-        if orders:
-            add(
-                "temp_c x tf_ref_deg",
-                state.temp_c,
-                [q * f(k * tf) for k in orders[: PLACES.product_orders] for f in (np.cos, np.sin)],
-            )
-        add("temp_c x gravity_direction", state.temp_c, [q * x, q * y, q * z, *(q * term for term in square)])
-    if np.ptp(state.vibration_rms_g) > 0:
-        add("vibration_rms_g", state.vibration_rms_g, [state.vibration_rms_g, state.vibration_rms_g**2])
-    u = (state.t_s - state.t_s[0]) / max(float(np.ptp(state.t_s)), 1e-9)
-    add(
-        "t_s",
-        state.t_s,
-        [np.cos(np.pi * k * u) for k in range(1, max(2, min(PLACES.time_orders, n // PLACES.poses_a_wave)))],
-    )
+    stations = np.unique(state.station).size
+    orders = tuple(k for k in range(1, PLACES.harmonics + 1) if 2 * k <= stations)
+    return [
+        *_attitude_bases(state, z, orders),
+        _basis("gravity_direction", np.degrees(state.inc_rad), [*square, *cubic]),
+        *_direction_bases(state, z, square),
+        *_temperature_bases(state, force, square, orders),
+        *_vibration_bases(state),
+        _time_basis(state),
+    ]
+
+
+def _basis(covariate: str, along: Array, functions: Sequence[Array], harmonics: tuple[int, ...] = ()) -> Basis:
+    return Basis(covariate, np.asarray(along), np.stack([np.asarray(f, dtype=float) for f in functions]), harmonics)
+
+
+def _harmonics(angle: Array, orders: Iterable[int]) -> list[Array]:
+    """cos and sin of each order."""
+    return [f(k * angle) for k in orders for f in (np.cos, np.sin)]
+
+
+def _attitude_bases(state: ChainState, z: Array, orders: tuple[int, ...]) -> list[Basis]:
+    tf, inc = state.tf_rad, state.inc_rad
+    inc_deg = np.degrees(inc)
+    bases: list[Basis] = []
+    if orders:
+        bases.append(_basis("tf_ref_deg", np.mod(np.degrees(tf), 360.0), _harmonics(tf, orders), orders))
+    stations = np.unique(state.ring).size
+    if stations <= 1:
+        return bases
+    smooth = _harmonics(inc, range(1, min(PLACES.inclination_orders, stations)))
+    bases.append(_basis("inc_ref_deg", inc_deg, smooth))
+    if stations > CANDIDATES.inclination_stations and CANDIDATES.least_at_station * stations <= state.n:
+        # one inclination station may be off: no smooth function shows that
+        bases.append(_basis("inc_ref_deg", inc_deg, [state.ring == k for k in np.unique(state.ring)]))
+    if orders:
+        product = [z * f for f in _harmonics(tf, orders[: PLACES.product_orders])]
+        bases.append(_basis("inc_ref_deg x tf_ref_deg", inc_deg, product))
     return bases
+
+
+def _direction_bases(state: ChainState, z: Array, square: list[Array]) -> list[Basis]:
+    if not np.ptp(state.direction) > 0:
+        return []
+    tf, d = state.tf_rad, np.asarray(state.direction)
+    return [
+        _basis("direction", d, [d]),
+        _basis("direction x tf_ref_deg", np.mod(np.degrees(tf), 360.0), [d * np.cos(tf), d * np.sin(tf)]),
+        _basis("direction x gravity_direction", np.degrees(state.inc_rad), [d * z, *(d * term for term in square)]),
+    ]
+
+
+def _temperature_bases(state: ChainState, force: Array, square: list[Array], orders: tuple[int, ...]) -> list[Basis]:
+    if not np.ptp(state.temp_c) > PLACES.warm_span_c:
+        return []
+    q = (state.temp_c - state.temp_c.mean()) / state.temp_c.std()
+    bases = [_basis("temp_c", state.temp_c, [q, q**2, q**3])]
+    if orders:
+        product = [q * f for f in _harmonics(state.tf_rad, orders[: PLACES.product_orders])]
+        bases.append(_basis("temp_c x tf_ref_deg", state.temp_c, product))
+    loaded = [*(q * axis for axis in force), *(q * term for term in square)]
+    return [*bases, _basis("temp_c x gravity_direction", state.temp_c, loaded)]
+
+
+def _vibration_bases(state: ChainState) -> list[Basis]:
+    rms = state.vibration_rms_g
+    return [_basis("vibration_rms_g", rms, [rms, rms**2])] if np.ptp(rms) > 0 else []
+
+
+def _time_basis(state: ChainState) -> Basis:
+    u = (state.t_s - state.t_s[0]) / max(float(np.ptp(state.t_s)), 1e-9)
+    orders = max(2, min(PLACES.time_orders, state.n // PLACES.poses_a_wave))
+    return _basis("t_s", state.t_s, [np.cos(np.pi * k * u) for k in range(1, orders)])
 
 
 def on_channel(functions: Array, channel: int) -> Array:

@@ -182,24 +182,7 @@ def next_poses(
     `claim` is the candidate, its shape and the fitted amplitudes; `base` (P, 3, n) and `white_per_g` (3,) (1 / noise of
     a channel) describe what has been measured. Time, temperature and vibration stay as they were at the end.
     """
-    grid = [
-        (i, t, d)
-        for i in range(0, 180 + 1, RIVALS.inclinations_deg)
-        for t in np.arange(0, 360, RIVALS.toolfaces_deg)
-        for d in (1, -1)
-    ]
-    inc, tf, direction = (np.array(column, dtype=float) for column in zip(*grid, strict=True))
-    if not np.ptp(state.direction):
-        direction = np.full(direction.size, float(state.direction[0]))
-    new = ChainState.build(
-        np.radians(inc),
-        np.radians(tf),
-        t_s=np.full(inc.size, float(state.t_s[-1])),
-        direction=direction,
-        temp_c=float(state.temp_c[-1]),
-        vibration_rms_g=float(state.vibration_rms_g[-1]),
-        gravity_mps2=state.gravity_mps2,
-    )
+    offered, new = _offered(state)
     candidate, shape, amplitude = claim
     assert candidate.effect is not None
 
@@ -207,7 +190,7 @@ def next_poses(
         assert candidate.effect is not None
         return np.tensordot(amplitude, columns_of(model, where, candidate.effect, shape), 1)[None]
 
-    nothing = np.empty((0, 3, inc.size))
+    nothing = np.empty((0, 3, new.n))
     base_new = np.asarray(model.jacobian(new, list(free)), dtype=float) if free else nothing
     pairs = []
     for rival, rival_shape in rivals:
@@ -226,8 +209,29 @@ def next_poses(
         chosen.append(best)
         grams = [gram + new[best] for gram, (_, new) in zip(grams, pairs, strict=True)]
     after = min(beyond(gram[None])[0] for gram in grams)
-    return PoseAdvice(
-        tuple((float(inc[i]), float(tf[i]), int(direction[i])) for i in chosen), float(before), float(after)
+    poses = tuple((float(inc), float(tf), int(direction)) for inc, tf, direction in offered[:, chosen].T)
+    return PoseAdvice(poses, float(before), float(after))
+
+
+def _offered(state: ChainState) -> tuple[Array, ChainState]:
+    """The poses to choose from: (3, n) of inclination and toolface, deg, and direction, and the states in them."""
+    grid = [
+        (i, t, d)
+        for i in range(0, 180 + 1, RIVALS.inclinations_deg)
+        for t in np.arange(0, 360, RIVALS.toolfaces_deg)
+        for d in (1, -1)
+    ]
+    inc, tf, direction = (np.array(column, dtype=float) for column in zip(*grid, strict=True))
+    if not np.ptp(state.direction):
+        direction = np.full(direction.size, float(state.direction[0]))
+    return np.stack([inc, tf, direction]), ChainState.build(
+        np.radians(inc),
+        np.radians(tf),
+        t_s=np.full(inc.size, float(state.t_s[-1])),
+        direction=direction,
+        temp_c=float(state.temp_c[-1]),
+        vibration_rms_g=float(state.vibration_rms_g[-1]),
+        gravity_mps2=state.gravity_mps2,
     )
 
 

@@ -31,7 +31,7 @@ from highside.diagnosis.rotation.means import Sectors, mean_errors
 from highside.diagnosis.rotation.pilot import PilotFit, Subsample, pilot_second_order
 from highside.diagnosis.rotation.policy import MEANS, PILOT, ROTATION
 from highside.diagnosis.rotation.support import rotation_cells, windows
-from highside.diagnosis.rows.design import Design
+from highside.diagnosis.rows.design import ChainDesign
 from highside.diagnosis.rows.gram import HeldOutRows, accumulate
 from highside.diagnosis.rows.jitter import with_jitter
 from highside.diagnosis.rows.noise import RotationNoise, estimate, plain, rounding
@@ -77,7 +77,7 @@ class RotationProblem(RowsProblem):
             second_order = pilot_second_order(model, observed, free if method.refit else (), subsample, pilot)
             residual = residual - second_order
         residual = residual + rounding(session.readings, residual, seed)
-        design = Design(session, model, free, found_lines(session, residual))
+        design = ChainDesign(session, model, free, found_lines(session, residual))
         noise = estimate(design, residual, seed, coloured=method.colour)
         grams, segments = accumulate(design, noise, residual)
         chance, rest = chance_of(design, noise, residual, grams, segments)

@@ -67,100 +67,115 @@ class Group:
 
 def rotation_groups(state: ChainState) -> list[Group]:
     """Groups for the covariates that vary in a recording."""
+    top = max(float(np.abs(np.asarray(state.rotor_rate_radps, dtype=float)).max()), 1e-9)
+    return [
+        *_attitude_groups(state),
+        *_rate_groups(state, top),
+        *_acceleration_groups(state, top),
+        *_vibration_groups(state),
+        *_temperature_groups(state),
+        *_time_groups(state),
+    ]
+
+
+def _attitude_groups(state: ChainState) -> list[Group]:
     found: list[Group] = []
-    tf_deg = np.mod(np.degrees(state.tf_rad), 360.0)
+    if float(np.ptp(state.tf_rad)) > 2 * np.pi:
+        tf_deg = np.mod(np.degrees(state.tf_rad), 360.0)
+        orders = tuple(range(1, BASES.harmonics + 1))
+        found.append(Group("tf_ref_deg", tf_deg, lambda rows: rows.harmonics(1, BASES.harmonics), orders))
+    inc_deg = np.degrees(state.inc_rad)
+    if np.ptp(inc_deg) > BASES.inclined_deg:
+        found.append(Group("inc_ref_deg", inc_deg, _of_inclination, slow=True))
+        found.append(Group("gravity_direction", inc_deg, _monomials))
+    return found
+
+
+def _rate_groups(state: ChainState, top: float) -> list[Group]:
+    """Of the rotor's rate in units of `top`, rad/s."""
     rate = np.asarray(state.rotor_rate_radps, dtype=float)
+    if not float(np.ptp(rate)) > BASES.rate_span * top:
+        return []
     rate_dps = np.degrees(rate)
-    top = max(float(np.abs(rate).max()), 1e-9)
-    start, length = float(state.t_s[0]), max(float(np.ptp(state.t_s)), 1e-9)
-    orders = tuple(range(1, BASES.harmonics + 1))
-    turns = float(np.ptp(state.tf_rad)) > 2 * np.pi
-    varied = float(np.ptp(rate)) > BASES.rate_span * top
 
     def speed(rows: Rows) -> Array:
         return np.asarray(rows.state.rotor_rate_radps / top, dtype=float)
 
-    if turns:
-        found.append(Group("tf_ref_deg", tf_deg, lambda rows: rows.harmonics(1, BASES.harmonics), orders))
-    if np.ptp(np.degrees(state.inc_rad)) > BASES.inclined_deg:
-        found.append(Group("inc_ref_deg", np.degrees(state.inc_rad), _of_inclination, slow=True))
-        found.append(Group("gravity_direction", np.degrees(state.inc_rad), _monomials))
-    if varied:
-        found.append(Group("rotor_rate_dps", rate_dps, lambda rows: _powers(speed(rows)), slow=True))
-        found.append(
-            Group(
-                "rotor_rate_dps x tf_ref_deg",
-                rate_dps,
-                lambda rows: [
-                    f(speed(rows)) * part for f in (_same, np.square, np.abs, np.sign) for part in rows.harmonics(1, 1)
-                ],
-            )
-        )
-        found.append(
-            Group(
-                "rotor_rate_dps x 2 tf_ref_deg",
-                rate_dps,
-                lambda rows: [
-                    f(speed(rows)) * part for f in (_same, np.square, np.sign) for part in rows.harmonics(2, 3)
-                ],
-            )
-        )
+    def once(rows: Rows) -> list[Array]:
+        return [f(speed(rows)) * part for f in (_same, np.square, np.abs, np.sign) for part in rows.harmonics(1, 1)]
+
+    def twice(rows: Rows) -> list[Array]:
+        return [f(speed(rows)) * part for f in (_same, np.square, np.sign) for part in rows.harmonics(2, 3)]
+
+    return [
+        Group("rotor_rate_dps", rate_dps, lambda rows: _powers(speed(rows)), slow=True),
+        Group("rotor_rate_dps x tf_ref_deg", rate_dps, once),
+        Group("rotor_rate_dps x 2 tf_ref_deg", rate_dps, twice),
+    ]
+
+
+def _acceleration_groups(state: ChainState, top: float) -> list[Group]:
     accel = np.asarray(state.rotor_accel_radps2, dtype=float)
-    if np.ptp(accel) > BASES.ramps * top:
-        most = float(np.abs(accel).max())
+    if not np.ptp(accel) > BASES.ramps * top:
+        return []
+    most = float(np.abs(accel).max())
 
-        def spin_up(rows: Rows) -> list[Array]:
-            a = np.asarray(rows.state.rotor_accel_radps2 / most, dtype=float)
-            return [a, *(a * part for part in rows.harmonics(1, 1))]
+    def spin_up(rows: Rows) -> list[Array]:
+        a = np.asarray(rows.state.rotor_accel_radps2 / most, dtype=float)
+        return [a, *(a * part for part in rows.harmonics(1, 1))]
 
-        found.append(Group("rotor_accel_dps2", np.degrees(accel), spin_up))
+    return [Group("rotor_accel_dps2", np.degrees(accel), spin_up)]
+
+
+def _vibration_groups(state: ChainState) -> list[Group]:
     vibration = np.asarray(state.vibration_rms_g, dtype=float)
-    if np.ptp(vibration) > 0:
-        largest = float(vibration.max())
+    if not np.ptp(vibration) > 0:
+        return []
+    largest = float(vibration.max())
 
-        def shaken(rows: Rows) -> list[Array]:
-            v = np.asarray(rows.state.vibration_rms_g / largest, dtype=float)
-            return [v, v * v]
+    def shaken(rows: Rows) -> list[Array]:
+        v = np.asarray(rows.state.vibration_rms_g / largest, dtype=float)
+        return [v, v * v]
 
-        found.append(Group("vibration_rms_g", vibration, shaken, slow=True))
-        found.append(
-            Group(
-                "vibration_rms_g x tf_ref_deg",
-                vibration,
-                lambda rows: [shaken(rows)[1] * part for part in rows.harmonics(1, 2)],
-            )
-        )
-    if np.ptp(state.temp_c) > BASES.warm_span_c:
-        warm = _warmth(state)
-        found.append(Group("temp_c", np.asarray(state.temp_c), lambda rows: _cubic(warm(rows)), slow=True))
-        found.append(
-            Group(
-                "temp_c x tf_ref_deg",
-                np.asarray(state.temp_c),
-                lambda rows: [warm(rows) * part for part in rows.harmonics(1, 4)],
-            )
-        )
-        found.append(
-            Group(
-                "temp_c^2 x tf_ref_deg",
-                np.asarray(state.temp_c),
-                lambda rows: [warm(rows) ** 2 * part for part in rows.harmonics(1, 2)],
-            )
-        )
+    def in_turn(rows: Rows) -> list[Array]:
+        return [shaken(rows)[1] * part for part in rows.harmonics(1, 2)]
+
+    return [
+        Group("vibration_rms_g", vibration, shaken, slow=True),
+        Group("vibration_rms_g x tf_ref_deg", vibration, in_turn),
+    ]
+
+
+def _temperature_groups(state: ChainState) -> list[Group]:
+    if not np.ptp(state.temp_c) > BASES.warm_span_c:
+        return []
+    warm, along = _warmth(state), np.asarray(state.temp_c)
+
+    def linear(rows: Rows) -> list[Array]:
+        return [warm(rows) * part for part in rows.harmonics(1, 4)]
+
+    def squared(rows: Rows) -> list[Array]:
+        return [warm(rows) ** 2 * part for part in rows.harmonics(1, 2)]
+
+    return [
+        Group("temp_c", along, lambda rows: _cubic(warm(rows)), slow=True),
+        Group("temp_c x tf_ref_deg", along, linear),
+        Group("temp_c^2 x tf_ref_deg", along, squared),
+    ]
+
+
+def _time_groups(state: ChainState) -> list[Group]:
+    start, length = float(state.t_s[0]), max(float(np.ptp(state.t_s)), 1e-9)
+    along = np.asarray(state.t_s)
 
     def waves(rows: Rows) -> list[Array]:
         u = (rows.state.t_s - start) / length
         return [np.asarray(np.cos(np.pi * k * u)) for k in range(1, BASES.time_waves + 1)]
 
-    found.append(Group("t_s", np.asarray(state.t_s), waves, slow=True))
-    found.append(
-        Group(
-            "t_s x tf_ref_deg",
-            np.asarray(state.t_s),
-            lambda rows: [(2 * (rows.state.t_s - start) / length - 1) * part for part in rows.harmonics(1, 3)],
-        )
-    )
-    return found
+    def in_turn(rows: Rows) -> list[Array]:
+        return [(2 * (rows.state.t_s - start) / length - 1) * part for part in rows.harmonics(1, 3)]
+
+    return [Group("t_s", along, waves, slow=True), Group("t_s x tf_ref_deg", along, in_turn)]
 
 
 @dataclass(frozen=True)

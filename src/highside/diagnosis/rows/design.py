@@ -10,6 +10,7 @@ a step, the frequency of a line).
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -83,43 +84,34 @@ def _telling(state: ChainState) -> Ints:
     return np.unique(np.concatenate(rows))
 
 
-class Design:
-    """The columns of a session beside a fitted base `model` whose effects `free` are adjusted anyway.
+class Design(ABC):
+    """The columns of a session beside a base whose effects `free` are adjusted anyway.
 
     `where` (P, C): for each column the number of its function on each channel, -1 for none. `base` are the numbers of
-    the base's columns; `cells` those of each (channel, group), in the order of `cell_of`.
+    the base's columns; `cells` those of each (channel, group), in the order of `cell_of`; `sizes` (C,) how many
+    functions a channel has.
     """
 
-    def __init__(
-        self, session: RotationSession, model: ForwardModel, free: Sequence[str], lines: Sequence[Line] = ()
-    ) -> None:
-        self.session, self.model, self.free, self.lines = session, model, tuple(free), tuple(lines)
-        self._sources: list[_Source] = []
-        self._recipes: list[tuple[int, int, Recipe]] = []
-        """of the shared functions: the first of a recipe, how many it makes"""
-        self._shared = 0
-        self._own = np.zeros(len(session.channels), dtype=np.intp)
-        self._slow_functions: dict[tuple[tuple[float, ...], bool, bytes], int] = {}
-        """the shared functions of time or temperature, by their shape and their values on the probe"""
-        self._columns: list[Ints] = []
-        """of each column the numbers on the channels; shared ones from `DESIGN.far` on until their place is known"""
-        self._probe_state = session.state.rows(np.concatenate([[0], _telling(session.state)]))
-        self.base = np.array(self._add_base(), dtype=np.intp)
+    where: Ints
+    base: Ints
+    sizes: list[int]
+    groups: list[Group]
+
+    def __init__(self, session: RotationSession, free: Sequence[str], lines: Sequence[Line] = ()) -> None:
+        self.session, self.free, self.lines = session, tuple(free), tuple(lines)
         self.candidates: list[Candidate] = []
         self.unobservable: list[Unobservable] = []
-        self._add_effects(lines)
-        self._add_interactions()
-        self.groups: list[Group] = rotation_groups(session.state)
         self.cells: list[Ints] = []
         self.cell_of: list[tuple[int, int]] = []
-        for b, group in enumerate(self.groups):
-            functions = self._share(group.make)
-            for c in range(len(session.channels)):
-                self.cell_of.append((c, b))
-                self.cells.append(np.array([self._on(c, f) for f in functions]))
-        where = np.array(self._columns)
-        self.where = np.where(where >= DESIGN.far, where - DESIGN.far + self._own, where)
-        self.sizes = [int(own) + self._shared for own in self._own]
+        self._columns: list[Ints] = []
+        """of each column the numbers on the channels"""
+
+    @abstractmethod
+    def functions(self, part: slice, below: Array | None = None, only: Sequence[Ints] | None = None) -> list[Array]:
+        """The functions (m_c, n) of each channel on a run of rows; with rows `below` (C, N), (m_c + 1, n).
+
+        Or `only` those of the numbers (k_c,) of each channel, in their order.
+        """
 
     def turns(self) -> list[Array]:
         """(N,) revolutions of the tool, then of each line, from any beginning."""
@@ -136,11 +128,53 @@ class Design:
         """Runs of rows that together are the whole recording."""
         yield from chunks_of(self.session.n)
 
-    def functions(self, part: slice, below: Array | None = None, only: Sequence[Ints] | None = None) -> list[Array]:
-        """The functions (m_c, n) of each channel on a run of rows; with rows `below` (C, N), (m_c + 1, n).
+    def readings_of(self, column: int, amplitude: float, part: slice) -> Array:
+        """(C, n) what a column adds on a run of rows."""
+        functions = self.functions(part)
+        result = np.zeros((len(functions), functions[0].shape[1]))
+        for c, number in enumerate(self.where[column]):
+            if number >= 0:
+                result[c] = amplitude * functions[c][number]
+        return result
 
-        Or `only` those of the numbers (k_c,) of each channel, in their order.
-        """
+    def _add(self, own: Ints) -> int:
+        self._columns.append(own)
+        return len(self._columns) - 1
+
+
+class ChainDesign(Design):
+    """The columns beside a fitted base `model`: effects go through its chain.
+
+    While columns are gathered, shared functions are numbered from `DESIGN.far` on: their place is known at the end.
+    """
+
+    def __init__(
+        self, session: RotationSession, model: ForwardModel, free: Sequence[str], lines: Sequence[Line] = ()
+    ) -> None:
+        super().__init__(session, free, lines)
+        self.model = model
+        self._sources: list[_Source] = []
+        self._recipes: list[tuple[int, int, Recipe]] = []
+        """of the shared functions: the first of a recipe, how many it makes"""
+        self._shared = 0
+        self._own = np.zeros(len(session.channels), dtype=np.intp)
+        self._slow_functions: dict[tuple[tuple[float, ...], bool, bytes], int] = {}
+        """the shared functions of time or temperature, by their shape and their values on the probe"""
+        self._probe_state = session.state.rows(np.concatenate([[0], _telling(session.state)]))
+        self.base = np.array(self._add_base(), dtype=np.intp)
+        self._add_effects(lines)
+        self._add_interactions()
+        self.groups = rotation_groups(session.state)
+        for b, group in enumerate(self.groups):
+            functions = self._share(group.make)
+            for c in range(len(session.channels)):
+                self.cell_of.append((c, b))
+                self.cells.append(np.array([self._on(c, f) for f in functions]))
+        where = np.array(self._columns)
+        self.where = np.where(where >= DESIGN.far, where - DESIGN.far + self._own, where)
+        self.sizes = [int(own) + self._shared for own in self._own]
+
+    def functions(self, part: slice, below: Array | None = None, only: Sequence[Ints] | None = None) -> list[Array]:
         wanted = [np.arange(m) for m in self.sizes] if only is None else only
         place = [np.full(m, -1, dtype=np.intp) for m in self.sizes]
         for own, numbers in zip(place, wanted, strict=True):
@@ -169,15 +203,6 @@ class Design:
         if below is not None:
             for c, made_of in enumerate(result):
                 made_of[-1] = below[c, part]
-        return result
-
-    def readings_of(self, column: int, amplitude: float, part: slice) -> Array:
-        """(C, n) what a column adds on a run of rows."""
-        functions = self.functions(part)
-        result = np.zeros((len(functions), functions[0].shape[1]))
-        for c, number in enumerate(self.where[column]):
-            if number >= 0:
-                result[c] = amplitude * functions[c][number]
         return result
 
     # -- what there is
@@ -369,10 +394,6 @@ class Design:
         own = np.full(self._own.size, -1, dtype=np.intp)
         own[channel] = DESIGN.far + function
         return self._add(own)
-
-    def _add(self, own: Ints) -> int:
-        self._columns.append(own)
-        return len(self._columns) - 1
 
     def _evaluate(self, state: ChainState, wanted: Sequence[tuple[Effect, Array, tuple[int, ...]]]) -> list[Array]:
         """(k, C, n) of each (effect, vector, amplitudes)."""

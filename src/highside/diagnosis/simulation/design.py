@@ -36,45 +36,44 @@ def acting(session: SimulationSession, about: About) -> list[tuple[OnChannels, C
 class SimulationDesign(Design):
     """The columns of a session beside a base of the effects `free`, which are adjusted anyway."""
 
+    session: SimulationSession
+
     def __init__(self, session: SimulationSession, free: Sequence[str], about: About) -> None:
         session = session.about(about)
-        self.session, self.lines, self.about = session, (), about
-        self.free = tuple(free)
+        super().__init__(session, free)
+        self.about = about
         self._rows: list[list[Array]] = [[] for _ in session.names]
-        self._columns: list[Ints] = []
-        base: list[int] = []
-        self.candidates: list[Candidate] = []
-        self.column_values: dict[int, Array] = {}
-        shown = set()
-        scatter = np.maximum((session.readings - session.original).std(axis=1), 1e-12)
-        too_small: list[str] = []
-        self.tangents: dict[str, NDArray[np.intp]] = {}
+        self.tangents: dict[str, Ints] = {}
         """Of effects that move the clock the columns by which they are fitted"""
-        for effect, term in acting(session, about):
+        self._add_effects(session)
+        self._add_products(session)
+        self.groups = _groups(session)
+        for b, functions in enumerate(_functions(session)):
+            for c in range(len(session.names)):
+                self.cell_of.append((c, b))
+                self.cells.append(np.array([self._put_on(c, f) for f in functions], dtype=np.intp))
+        self.where = np.array(self._columns)
+        self.sizes = [len(rows) for rows in self._rows]
+        self._stacked = [np.stack(rows) for rows in self._rows]
+
+    def _add_effects(self, session: SimulationSession) -> None:
+        """The base, the effects of the library that may act on these channels, and why others cannot be seen."""
+        base: list[int] = []
+        shown: set[str] = set()
+        too_small: list[str] = []
+        scatter = np.maximum((session.readings - session.original).std(axis=1), 1e-12)
+        for effect, term in acting(session, self.about):
             if term.tangents is not None:
                 self.tangents[effect.id] = np.array([self._put(column) for column in term.tangents], dtype=np.intp)
             if term.adjusted:
                 base += [number for number in self.tangents[effect.id].tolist() if number >= 0]
                 continue
             shown.add(effect.id)
-            limits = np.array([max(abs(g) for g in p.gate) for p in effect.parameters])
-            tried = []
-            for columns in term.columns:
-                size = limits * np.linalg.norm(columns / scatter[:, None], axis=(1, 2))
-                kept = [
-                    column if s > SIMULATION_COLUMNS.marginal else np.zeros_like(column)
-                    for column, s in zip(columns, size, strict=True)
-                ]
-                tried.append([self._put(column) for column in kept])
+            tried = [self._put_visible(effect, columns, scatter) for columns in term.columns]
             if effect.id in self.free:
                 base += [number for number in tried[0] if number >= 0]
                 continue
-            variants = []
-            for numbers in tried:
-                for part in effect.parts:
-                    own = np.array([numbers[k] for k in part], dtype=np.intp)
-                    if np.any(own >= 0):
-                        variants.append(Variant({}, own, whole=len(part) == len(numbers)))
+            variants = _variants(effect, tried)
             names = tuple(p.name for p in effect.parameters)
             if variants:
                 self.candidates.append(Candidate(effect.id, effect, names, tuple(variants)))
@@ -87,17 +86,16 @@ class SimulationDesign(Design):
         self.unobservable = [Unobservable(OnChannels(e), e.channel_needs) for e in absent]
         small = "even the largest size that is plausible would not show in this recording"
         self.unobservable += [Unobservable(OnChannels(registry()[name]), small) for name in too_small]
-        self._add_products(session)
-        self.groups = _groups(session)
-        self.cells: list[Ints] = []
-        self.cell_of: list[tuple[int, int]] = []
-        for b, functions in enumerate(_functions(session)):
-            for c in range(len(session.names)):
-                self.cell_of.append((c, b))
-                self.cells.append(np.array([self._put_on(c, f) for f in functions], dtype=np.intp))
-        self.where = np.array(self._columns)
-        self.sizes = [len(rows) for rows in self._rows]
-        self._stacked = [np.stack(rows) for rows in self._rows]
+
+    def _put_visible(self, effect: Effect, columns: Array, scatter: Array) -> list[int]:
+        """Numbers of columns (k, C, n); -1 for those that even at the largest plausible size are small beside the
+        scatter (C,) of the readings."""
+        limits = np.array([max(abs(g) for g in p.gate) for p in effect.parameters])
+        size = limits * np.linalg.norm(columns / scatter[:, None], axis=(1, 2))
+        return [
+            self._put(column if s > SIMULATION_COLUMNS.marginal else np.zeros_like(column))
+            for column, s in zip(columns, size, strict=True)
+        ]
 
     def functions(self, part: slice, below: Array | None = None, only: Sequence[Ints] | None = None) -> list[Array]:
         """As those of a `Design`."""
@@ -123,8 +121,7 @@ class SimulationDesign(Design):
         for c in np.flatnonzero(shows):
             own[c] = len(self._rows[c])
             self._rows[c].append(column[c])
-        self._columns.append(own)
-        return len(self._columns) - 1
+        return self._add(own)
 
     def _put_on(self, channel: int, function: Array) -> int:
         column = np.zeros((len(self._rows), function.size))
@@ -157,6 +154,17 @@ class SimulationDesign(Design):
                         )
             if variants:
                 self.candidates.append(Candidate(f"interaction:{name}", None, ("a",), tuple(variants)))
+
+
+def _variants(effect: Effect, tried: Sequence[Sequence[int]]) -> list[Variant]:
+    """The parts of an effect that may act alone, of each set of its columns, where one shows."""
+    variants = []
+    for numbers in tried:
+        for part in effect.parts:
+            own = np.array([numbers[k] for k in part], dtype=np.intp)
+            if np.any(own >= 0):
+                variants.append(Variant({}, own, whole=len(part) == len(numbers)))
+    return variants
 
 
 def _covariates(session: SimulationSession) -> list[tuple[str, Array, list[Array], bool]]:

@@ -181,12 +181,7 @@ def simulation_session(
 
     Raises InputError that says what the files lack.
     """
-    names = tuple(n for n in columns if n in predicted and n not in NO_CHANNELS)
-    empty = [n for n in names if np.isnan(columns[n]).all() or np.isnan(predicted[n]).all()]
-    names = tuple(n for n in names if n not in empty)
-    if not names:
-        has = ", ".join(n for n in predicted if n not in NO_CHANNELS) or "none"
-        raise InputError("has no channel that the recording has too", remedy=f"its channels are: {has}")
+    names = _common_channels(columns, predicted)
     t_s, t_sim = np.asarray(columns["t_s"]), np.asarray(predicted["t_s"])
     for times, what in ((t_s, "recording"), (t_sim, "prediction")):
         if times.size < SIMULATION_SESSIONS.least_side or np.any(np.diff(times) < 0):
@@ -195,30 +190,16 @@ def simulation_session(
     side_sim = {n: _turned(n, predicted[n]) for n in names}
     found = align(t_s, side, t_sim, side_sim, align_by)
     t_sim = t_sim + found.shift_s
-    # rows of the recording as they are, where they are as many as are wanted
-    start, stop = max(t_s[0], t_sim[0]), min(t_s[-1], t_sim[-1])
-    start = float(t_s[np.searchsorted(t_s, start)])
     raw_hz = min(usual_rate(t_s), usual_rate(t_sim))
-    lag_s, rate = (found.lag_s, found.rate) if found.same_clock else (0.0, 0.0)
-    band = _band(t_s, side, t_sim + lag_s + rate * (t_sim - start), side_sim, (start, stop))
-    least, most = (
-        SIMULATION_SESSIONS.least_rows / max(stop - start, 1e-9),
-        min(raw_hz, SIMULATION_SESSIONS.most_rows / max(stop - start, 1e-9)),
-    )
-    grid_hz = float(min(max(SIMULATION_SESSIONS.per_band * band, least), most))
-    if (stop - start) * grid_hz < SIMULATION_SESSIONS.least_rows / 2:
-        raise InputError(
-            f"only {stop - start:.3g} s of recording and prediction lie over one another",
-            remedy=f"give at least {SIMULATION_SESSIONS.least_rows / 2 / raw_hz:.3g} s",
-        )
-    grid = np.arange(start, stop, 1 / grid_hz)
+    grid, grid_hz = _common_grid(t_s, side, t_sim, side_sim, found, raw_hz)
+    band_hz = SIMULATION_SESSIONS.band * grid_hz
 
     def sampled(times: Array, values: Array) -> Array:
-        return _sampled(grid, times, values, SIMULATION_SESSIONS.band * grid_hz, raw_hz)
+        return _sampled(grid, times, values, band_hz, raw_hz)
 
     longest = SIMULATION_SESSIONS.gap_steps / raw_hz
     measured = np.stack([sampled(t_s, side[n]) for n in names])
-    prediction = _prediction(t_sim, [side_sim[n] for n in names], SIMULATION_SESSIONS.band * grid_hz, raw_hz, longest)
+    prediction = _prediction(t_sim, [side_sim[n] for n in names], band_hz, raw_hz, longest)
     model = prediction.at(grid)
     _refuse_copies(names, measured, np.stack([sampled(t_sim, side_sim[n]) for n in names]))
     for c, name in enumerate(names):
@@ -231,32 +212,62 @@ def simulation_session(
     covariates = {
         name: model[names.index(name)] if name in names else sampled(t_s, columns[name])
         for name in (*RATES, SPEED)
-        if name in names or (name in columns and not np.isnan(columns[name]).all())
+        if name in names or _recorded(columns, name)
     }
     rates = {name[1]: np.radians(covariates[name]) for name in RATES if name in covariates}
-    temp = (
-        sampled(t_s, columns["temp_c"])
-        if "temp_c" in columns and not np.isnan(columns["temp_c"]).all()
-        else SIMULATION_SESSIONS.room_c
-    )
+    temp = sampled(t_s, columns["temp_c"]) if _recorded(columns, "temp_c") else SIMULATION_SESSIONS.room_c
     nothing = np.zeros(grid.size)
     state = ChainState.build(
         nothing, nothing, t_s=grid, temp_c=temp, row_seconds=1 / grid_hz, vibration_rms_g=_activity(model, rates)
     )
+    left_out = lost if lost.any() else None
+    speed = covariates.get(SPEED)
     return SimulationSession(
-        measured,
-        state,
-        lost if lost.any() else None,
-        names,
-        model,
-        model,
-        rates,
-        covariates.get(SPEED),
-        found,
-        SIMULATION_SESSIONS.band * grid_hz,
-        prediction,
-        always_lost=lost if lost.any() else None,
+        measured, state, left_out, names, model, model, rates, speed, found, band_hz, prediction, always_lost=left_out
     )
+
+
+def _common_channels(columns: Mapping[str, Array], predicted: Mapping[str, Array]) -> tuple[str, ...]:
+    """The channels that both have. Raises InputError where there is none."""
+    names = tuple(
+        n
+        for n in columns
+        if n in predicted and n not in NO_CHANNELS and not (np.isnan(columns[n]).all() or np.isnan(predicted[n]).all())
+    )
+    if not names:
+        has = ", ".join(n for n in predicted if n not in NO_CHANNELS) or "none"
+        raise InputError("has no channel that the recording has too", remedy=f"its channels are: {has}")
+    return names
+
+
+def _recorded(columns: Mapping[str, Array], name: str) -> bool:
+    return name in columns and not np.isnan(columns[name]).all()
+
+
+def _common_grid(
+    t_s: Array,
+    side: Mapping[str, Array],
+    t_sim: Array,
+    side_sim: Mapping[str, Array],
+    found: Alignment,
+    raw_hz: float,
+) -> tuple[Array, float]:
+    """Times (n,) where both sides lie over one another, and how many a second: rows of the recording as they are, where
+    they are as many as are wanted. Raises InputError where they are too few."""
+    policy = SIMULATION_SESSIONS
+    start, stop = max(t_s[0], t_sim[0]), min(t_s[-1], t_sim[-1])
+    start = float(t_s[np.searchsorted(t_s, start)])
+    lag_s, rate = (found.lag_s, found.rate) if found.same_clock else (0.0, 0.0)
+    band = _band(t_s, side, t_sim + lag_s + rate * (t_sim - start), side_sim, (start, stop))
+    length = max(stop - start, 1e-9)
+    least, most = policy.least_rows / length, min(raw_hz, policy.most_rows / length)
+    grid_hz = float(min(max(policy.per_band * band, least), most))
+    if (stop - start) * grid_hz < policy.least_rows / 2:
+        raise InputError(
+            f"only {stop - start:.3g} s of recording and prediction lie over one another",
+            remedy=f"give at least {policy.least_rows / 2 / raw_hz:.3g} s",
+        )
+    return np.arange(start, stop, 1 / grid_hz), grid_hz
 
 
 def _smeared(lost: NDArray[np.bool_], band: float) -> NDArray[np.bool_]:
