@@ -171,3 +171,13 @@ def test_an_effect_that_is_there_is_not_written_over(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is there already"):
         new_effect(tmp_path / "answer.json", "mine", tmp_path)
     assert "filled in" in path.read_text()
+
+
+def test_an_answer_of_an_earlier_version_is_learnt_from_all_the_same(tmp_path: Path, clean: None) -> None:
+    """Its keys of the noise had other names."""
+    noise = {"wanders": True, "memory_poses": ["walk", 12.5], "memory_evidence": [9.1, 4.0]}
+    file, texts = tmp_path / "diagnosis.json", []
+    for folder, found in (("now", answer(DENT)), ("then", answer(DENT) | {"noise": noise})):
+        file.write_text(json.dumps(found))
+        texts.append(new_effect(file, "as_ever", tmp_path / folder).read_text())
+    assert texts[0] == texts[1]

@@ -8,7 +8,7 @@ import signal
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -60,11 +60,12 @@ def make(
     serial: str | None = "42",
     days: float | None = 30.0,
     fallback: str = "none",
+    reference: Literal["pose", "magnitude"] = "pose",
     environment: Environment = Environment("bench 1", "operator", 25.0, 9.81234, 2e-5),  # noqa: B008 - frozen
     **more: list[float],
 ) -> CalibrationRecord:
     table = columns(seed, **more)
-    request = SolveRequest(method, fallback=fallback)
+    request = SolveRequest(method, reference=reference, fallback=fallback)
     found = solve_poses(table, request)
     return build_record(
         tool_id=tool,
@@ -154,9 +155,9 @@ def test_a_changed_id_is_tampering() -> None:
     assert reason_of(lambda: parse_record(json.dumps(data | {"id": "0" * 64}))) is RecordReason.TAMPERED
 
 
-def _signed(changes: Callable[[dict[str, Any]], None]) -> str:
+def _signed(changes: Callable[[dict[str, Any]], None], record: CalibrationRecord | None = None) -> str:
     """A record changed by somebody who knows how to hash."""
-    data = json.loads(make().to_json())
+    data = json.loads((record or make()).to_json())
     del data["id"]
     changes(data)
     return json.dumps({"id": content_id(data), **data})
@@ -167,6 +168,25 @@ def test_other_units_and_other_schemas_are_refused_by_name_even_with_a_right_has
     assert reason_of(lambda: parse_record(units)) is RecordReason.UNIT_MISMATCH
     schema = _signed(lambda d: d.update(schema="highside.calibration/3"))
     assert reason_of(lambda: parse_record(schema)) is RecordReason.UNKNOWN_SCHEMA
+
+
+def test_a_record_by_magnitude_of_an_earlier_version_is_read_and_applied() -> None:
+    """What its fit says of poses held out had another name then."""
+    record = make("joint", reference="magnitude")
+    options = record.content["result"]["options"]
+
+    def as_then(content: dict[str, Any]) -> None:
+        then = content["result"]["options"]
+        then["left_out_rms_g"] = then.pop("held_out_rms_g")
+
+    earlier = parse_record(_signed(as_then, record))
+    assert "held_out_rms_g" in options and earlier.id != record.id
+    assert earlier.content["result"]["options"]["left_out_rms_g"] == options["held_out_rms_g"]
+    assert largest_difference(earlier, recompute(earlier)) == 0.0
+    correction, now = correction_from_record(earlier), correction_from_record(record)
+    assert isinstance(correction, LinearCorrection) and isinstance(now, LinearCorrection)
+    reading = np.array([[0.1], [0.7], [0.7]])
+    assert np.array_equal(correction.correct_block(reading), now.correct_block(reading))
 
 
 @pytest.mark.parametrize("part", ["result", "tool", "created", "environment", "pose_table", "guide", "request"])
