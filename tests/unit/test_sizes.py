@@ -13,7 +13,7 @@ FUNCTION, MODULE = 60, 450
 """lines, with signature and docstring"""
 LONG_FUNCTIONS = {
     "cli/bench.py:bench": (66, "20 lines declare options; the rest starts, runs and ends one session"),
-    "cli/calibrate.py:solve": (66, "26 lines declare options, 20 hand them on by name"),
+    "cli/calibrate.py:solve": (68, "28 lines declare options, 20 hand them on by name"),
     "cli/diagnose.py:diagnose": (87, "48 lines declare options, 20 hand them on by name"),
     "cli/drift.py:drift": (84, "56 lines declare options, 15 hand them on by name"),
     "cli/verification.py:verify": (72, "30 lines declare options, 20 hand them on by name"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self, TypedDict, Unpack, overload
@@ -18,6 +19,7 @@ from highside.calibration.pose_table import require_g, solver_columns, still_pos
 from highside.calibration.record import (
     CalibrationRecord,
     Environment,
+    PoseColumns,
     build_record,
     largest_difference,
     parse_record,
@@ -30,6 +32,7 @@ from highside.calibration.sensor_laws import pose_covariates, without_laws
 from highside.calibration.signature import SigningKey
 from highside.calibration.summary import summary
 from highside.errors import InputError
+from highside.physics.law import Law
 from highside.recording.calibration_store import read_record
 from highside.recording.files import write_whole
 from highside.recording.frames import Columns, File, FrameT, source_of, take
@@ -128,11 +131,28 @@ def calibrate(
     table, bench_id, notes, laws = on_true_bench(source.table, turntable, model)
     columns = solver_columns(table.columns, table.texts) | pose_covariates(laws, table.columns, where=where)
     solution = solve_poses(without_laws(columns, laws), request, where=where)
-    now = time.time()
     gravity_std = None if gravity_mps2 is None else gravity_std_mps2
+    environment = Environment(bench, operator, temp_c, gravity_mps2, gravity_std, bench_id)
+    record = _record(request, solution, source, columns, laws, environment, (tool_id, serial), expires_days, key)
+    return Calibration(record, notes=notes, remarks=_remarks(solution))
+
+
+def _record(
+    request: SolveRequest,
+    solution: Solution,
+    source: SolverSource,
+    columns: PoseColumns,
+    laws: Sequence[Law],
+    environment: Environment,
+    tool: tuple[str, str | None],
+    expires_days: float | None,
+    key: SigningKey | None,
+) -> CalibrationRecord:
+    """The record of a solution of now, signed where a key is given."""
+    now = time.time()
     record = build_record(
-        tool_id=tool_id,
-        serial=serial,
+        tool_id=tool[0],
+        serial=tool[1],
         request=request,
         result=solution.result,
         fallback=solution.fallback,
@@ -140,14 +160,12 @@ def calibrate(
         pose_columns=columns,
         raw_sha256=source.sha256,
         raw_name=source.name,
-        environment=Environment(bench, operator, temp_c, gravity_mps2, gravity_std, bench_id),
+        environment=environment,
         now_s=now,
         expires_s=None if expires_days is None else now + expires_days * DAY_S,
         laws=laws,
     )
-    if key is not None:
-        record = record.signed(key, now_s=now)
-    return Calibration(record, notes=notes, remarks=_remarks(solution))
+    return record if key is None else record.signed(key, now_s=now)
 
 
 def _require_arguments(pose_sigma_deg: float, gravity_mps2: float | None, expires_days: float | None) -> None:
