@@ -33,6 +33,7 @@ PURPOSE = {
     "bench": "the bench session, pure, and what drives it",
     "service": "the daemon; service.rig: surveys, WITS, metrics",
     "config": "what a file of settings may say",
+    "importing": "recordings of other programs, with evidence",
     "link": "serial, SocketCAN, python-can, replay, simulated tool",
     "recording": "files: recordings, wire segments, calibration store",
     "codec": "bytes or CAN frames to Frames, without input or output",

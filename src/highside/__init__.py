@@ -20,6 +20,7 @@ The parts, from the bottom up (which may use which stands in `pyproject.toml`, d
     diagnosis     which physics a recording asks for that the model lacks
     codec         bytes or CAN frames to readings
     recording     files, and tables of other libraries
+    importing     recordings of other programs
     link          serial, SocketCAN, python-can, replay, the simulated tool
     config        what files of settings and models may say
     service       the daemon, and what is around inclination and toolface for the rig
@@ -69,6 +70,7 @@ if TYPE_CHECKING:
         fit_rotation,
         fit_self,
         fit_turntable,
+        import_recording,
         new_effect,
         predict,
         read,
@@ -107,6 +109,7 @@ __all__ = [
     "fit_rotation",
     "fit_self",
     "fit_turntable",
+    "import_recording",
     "new_effect",
     "predict",
     "read",

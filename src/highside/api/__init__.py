@@ -1,6 +1,6 @@
 """What `import highside` gives: from files, DataFrames and dicts of arrays to the numerics, and back in the same kind.
 
-    recording     `read`, `Recording`
+    recording     `read`, `Recording`, `import_recording` (files of other programs)
     calibration   `find_poses`, `calibrate`, `Calibration` (and `Calibration.correct`)
     simulation    `simulate`, `predict`
     diagnosis     `diagnose`, `diagnose_table`, `Diagnosis`
@@ -21,6 +21,7 @@ from highside.api.calibration import Calibration, CorrectedReadings, calibrate, 
 from highside.api.confirmation import Confirmation, confirm
 from highside.api.diagnosis import Diagnosis, diagnose, diagnose_table
 from highside.api.gyro import Drift, drift
+from highside.api.importing import import_recording
 from highside.api.learning import new_effect
 from highside.api.recording import read
 from highside.api.rotation import CompensatedRecording, FitOfRotation, compare_rotation, compensate, fit_rotation
@@ -63,6 +64,7 @@ __all__ = [
     "fit_rotation",
     "fit_self",
     "fit_turntable",
+    "import_recording",
     "new_effect",
     "predict",
     "read",

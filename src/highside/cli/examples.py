@@ -9,6 +9,7 @@ EXAMPLES: dict[str, str] = {
     "predict": "config/model-known.toml poses.csv -o predicted.csv",
     "decode": "session.hsw --codec tool -o session.csv.gz",
     "export": "session.csv.gz --to mcap",
+    "import": "phone.csv -o session.csv.gz --units m/s2,rad/s --yes",
     "replay": "session.hsw --to pty --link /tmp/tool",
     "demo": "--seconds 20",
     "detect": "--port /dev/ttyUSB0 --seconds 2",

@@ -25,6 +25,7 @@ from highside.cli import (
     effects,
     examples,
     export,
+    importing,
     keys,
     predict,
     replay,
@@ -91,6 +92,7 @@ app.command()(run.run)
 app.command()(simulate.simulate)
 app.add_typer(effects.app)
 app.command()(export.export)
+app.command("import")(importing.import_file)
 app.add_typer(keys.app)
 app.add_typer(toolface.app)
 app.command()(run.check)

@@ -11,6 +11,8 @@ package alone; a test holds the rest of the sources to that.
     documents  JSON, lines of JSON, TOML
     messages   JSON that a pydantic model describes
     table      the header and the rows of a CSV file
+    columnar   Parquet, Arrow and MCAP
+    arrays     NumPy's arrays and archives
     dbc        what a DBC file may say before its parser sees it
 """
 
@@ -27,7 +29,7 @@ from highside.reading.files import (
 )
 from highside.reading.messages import parse_message, text_member
 from highside.reading.table import csv_header, csv_rows
-from highside.reading.texts import decode_text
+from highside.reading.texts import decode_foreign, decode_text
 
 __all__ = [
     "CERTIFICATES_MAX",
@@ -37,6 +39,7 @@ __all__ = [
     "check_dbc",
     "csv_header",
     "csv_rows",
+    "decode_foreign",
     "decode_text",
     "instant",
     "open_binary",

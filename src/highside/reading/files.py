@@ -45,6 +45,11 @@ def allow_bytes(count: int) -> None:
     _allowed, _asked = count, True
 
 
+def allowed_bytes() -> int:
+    """Bytes that a file may have, unzipped."""
+    return _allowed
+
+
 class _Expanding(io.RawIOBase):
     """A gzip stream that counts: what comes out, and how much went in for it."""
 

@@ -36,11 +36,11 @@ def csv_header(line: str, *, where: str) -> tuple[str, ...]:
     return names
 
 
-def csv_rows(lines: Sequence[str], *, where: str, first_line: int = 2) -> Iterator[list[str]]:
+def csv_rows(lines: Sequence[str], *, where: str, first_line: int = 2, delimiter: str = ",") -> Iterator[list[str]]:
     """The cells of each line. Raises InputError that names the line."""
     number = first_line
     try:
-        for row in csv.reader(lines, strict=True):
+        for row in csv.reader(lines, strict=True, delimiter=delimiter):
             yield row
             number += 1
     except csv.Error as error:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from highside.codec.frame import ADDED_COLUMNS, FRAME_COLUMNS, Frame
 from highside.errors import InputError
 from highside.reading import csv_header, csv_rows, decode_text, read_bytes
+from highside.reading.columnar import MCAP_MAGIC, PARQUET_MAGIC, mcap_json_columns, parquet_columns
 from highside.recording.files import write_whole
 
 if TYPE_CHECKING:
@@ -181,6 +182,8 @@ class Table:
         data = read_bytes(Path(path))
         if not data.strip():
             raise InputError("is empty", where=where)
+        if data.startswith((PARQUET_MAGIC, MCAP_MAGIC)):
+            return cls._of_columns(data, where)
         text = decode_text(data, where=where, expected="CSV file")
         header, _, body = text.partition("\n")
         names = csv_header(header.removesuffix("\r"), where=where)
@@ -194,6 +197,22 @@ class Table:
             return cls(dict(zip(names, fast, strict=True)), order=names, source=where)
         columns, texts = _cell_by_cell(lines, names, cls.known, where)
         return cls(columns, texts, names, where)
+
+    @classmethod
+    def _of_columns(cls, data: bytes, where: str) -> Self:
+        """A Parquet or MCAP file as `export` writes them."""
+        parquet = data.startswith(PARQUET_MAGIC)
+        found = parquet_columns(data, where=where) if parquet else mcap_json_columns(data, where=where)
+        columns, texts = {}, {}
+        for column in found:
+            if column.numbers is not None and not column.instant:
+                _finite_where_known(column.name, column.numbers, cls.known, where)
+                columns[column.name] = column.numbers
+            elif column.texts is not None:
+                texts[column.name] = column.texts
+        if not columns and not texts:
+            raise InputError(f"has no {cls.rows_are}", where=where)
+        return cls(columns, texts, tuple(c.name for c in found if c.name in columns or c.name in texts), where)
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write a file as a whole (never half); `.gz` zips it. Raises InputError where it cannot be written."""
@@ -357,6 +376,17 @@ def _cell_by_cell(
         else:
             columns[name] = values
     return columns, texts
+
+
+def _finite_where_known(name: str, values: Column, known: tuple[str, ...], where: str) -> None:
+    """As the cells of a CSV are held to: no infinite number where one is known, no row without its time."""
+    wrong = np.isinf(values) if name in known else np.zeros(0, dtype=bool)
+    if wrong.any():
+        at = f"{where}: row {int(np.argmax(wrong)) + 1}"
+        raise InputError("is not a finite number", where=at, field=name, remedy=f"{expected_in(name)} are expected")
+    if name == "t_s" and np.isnan(values).any():
+        at = f"{where}: row {int(np.argmax(np.isnan(values))) + 1}"
+        raise InputError("every row needs its time", where=at, field=name)
 
 
 def _number(cell: str) -> float | None:

@@ -1,0 +1,90 @@
+"""`highside import`: a recording of another program becomes a Recording; what is inferred is shown first."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from highside.cli.say import echo
+
+if TYPE_CHECKING:
+    from highside.importing.core.proposal import Proposal
+
+_EVIDENCE_SHOWN = 3
+
+
+def import_file(
+    file: Annotated[
+        Path, typer.Argument(help="A recording of any program: CSV dialects, Parquet, Arrow, MCAP, NumPy.")
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write: .csv, .csv.gz or .parquet.")],
+    mapping: Annotated[
+        list[str] | None, typer.Option("--map", metavar="NAME=COLUMN[:UNIT]", help="Say what a column is; repeatable.")
+    ] = None,
+    units: Annotated[str | None, typer.Option("--units", help="Units of the file, e.g. m/s2,rad/s,C,ms.")] = None,
+    axes: Annotated[
+        str | None, typer.Option("--axes", help="The tool's x, y, z in the file's axes, e.g. \"-yxz\".")
+    ] = None,
+    rate_hz: Annotated[float | None, typer.Option("--rate", help="Rows a second, for a file without a time.")] = None,
+    table: Annotated[
+        str | None, typer.Option("--table", help="Which sheet, topic or array of a file with several.")
+    ] = None,
+    part: Annotated[
+        int | None, typer.Option("--part", help="Which part of a file whose clock began again, from 1.")
+    ] = None,
+    profile: Annotated[
+        str | None, typer.Option("--profile", help="Keep the mapping under this name, or use the one that is kept.")
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Take what is shown without a question.")] = False,
+) -> None:
+    """Turn a recording of another program into a Recording: columns, units, time and axes with their evidence."""
+    from highside.api.importing import propose_import, write_imported
+    from highside.importing.core.wishes import Wishes, parse_mapping
+    from highside.importing.files import recording_of, refuse_open
+    from highside.importing.profiles import store
+
+    texts = tuple(text.strip() for text in (units or "").split(",") if text.strip())
+    wishes = Wishes(parse_mapping(mapping or []), texts, axes, rate_hz, table, part)
+    proposal, wishes, kept = propose_import(file, wishes, profile)
+    _show(proposal)
+    ask = sys.stdin.isatty() and not yes
+    refuse_open(proposal, accepted=yes or ask)
+    if ask and not typer.confirm("Use it?", default=True, err=True):
+        raise typer.Abort
+    imported = recording_of(proposal)
+    write_imported(imported.recording, output)
+    for line in (*proposal.table.remarks, *imported.findings):
+        echo(f"  {line}", err=True)
+    if profile is not None and (not kept or mapping):
+        echo(f"  kept as profile {profile}: {store(profile, proposal, wishes)}", err=True)
+    echo(
+        f"{output}: {imported.recording.n} of {proposal.table.n} rows, {len(imported.recording.order)} columns",
+        err=True,
+    )
+
+
+def _show(proposal: Proposal) -> None:
+    """The proposal as a table on the error output."""
+    rows = [("column", "from", "unit", "", "evidence")]
+    for guess in proposal.guesses:
+        reasons = "; ".join(guess.evidence[:_EVIDENCE_SHOWN])
+        rows.append((guess.target, guess.column, guess.unit.name if guess.unit else "", guess.sure.value, reasons))
+    if proposal.rate_hz is not None:
+        rows.append(("t_s", "(row)", f"1/{proposal.rate_hz:g} s", "given", "--rate"))
+    rows.append(
+        ("axes", "", proposal.axes.axes, "given" if proposal.axes_given else "", "; ".join(proposal.axes.evidence))
+    )
+    widths = [max(len(row[place]) for row in rows) for place in range(4)]
+    echo(f"{proposal.table.where}: {proposal.table.form}, {proposal.table.n} rows", err=True)
+    for row in rows:
+        cells = "  ".join(cell.ljust(width) for cell, width in zip(row[:4], widths, strict=True))
+        echo(f"  {cells}  {row[4]}".rstrip(), err=True)
+    for names, what in ((proposal.kept, "as they are"), (proposal.omitted, "omitted, row numbers")):
+        if names:
+            shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+            echo(f"  {what}: {shown}", err=True)
+    for doubt in proposal.doubts:
+        echo(f"  {'open' if doubt.open else 'look at'}: {doubt.what}; {doubt.remedy}", err=True)

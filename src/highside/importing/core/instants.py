@@ -1,0 +1,112 @@
+"""Dates and times of day written as text, to whole nanoseconds: ISO 8601, `31.12.2026 23:59:58,5`, `12/31/2026 ...`.
+
+Which of two numbers is the day is decided by the column as a whole: one above 12 decides it; where none is and the date
+never changes it does not matter for the steps of time; else it stays open.
+"""
+
+from __future__ import annotations
+
+import datetime
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+DAY_NS = 86_400_000_000_000
+_CLOCK = r"(?P<hour>\d{1,2}):(?P<minute>\d{2})(?::(?P<second>\d{2})(?:[.,:](?P<fraction>\d{1,9}))?)?"
+_ZONE = r"(?:\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2}|[+-]\d{2}))?"
+_HALF = r"(?:\s*(?P<half>[AaPp][Mm]))?"
+_ISO = re.compile(rf"(?P<a>\d{{4}})[-/](?P<b>\d{{1,2}})[-/](?P<c>\d{{1,2}})[T ]\s*{_CLOCK}{_ZONE}")
+_LOCAL = re.compile(
+    rf"(?P<a>\d{{1,2}})(?P<mark>[./-])(?P<b>\d{{1,2}})[./-](?P<c>\d{{4}})[T ,]\s*{_CLOCK}{_HALF}{_ZONE}"
+)
+_TIME = re.compile(rf"{_CLOCK}{_HALF}")
+
+
+@dataclass(frozen=True, slots=True)
+class Instants:
+    """Nanoseconds (N,) since 1970, or since midnight for times of day alone; the written form; what is open."""
+
+    ns: NDArray[np.int64]
+    written: str
+    of_day: bool = False
+    doubt: str | None = None
+
+
+def instants(cells: tuple[str, ...]) -> Instants | None:
+    """The times of a column of texts, or None where one of them is no date or time of day."""
+    if not cells:
+        return None
+    first = cells[0].strip().strip('"')
+    for pattern, written in ((_ISO, "ISO 8601"), (_LOCAL, "local date"), (_TIME, "time of day")):
+        if pattern.fullmatch(first):
+            found = [pattern.fullmatch(cell.strip()) for cell in cells]
+            if all(found):
+                return _counted([match for match in found if match], written)
+    return None
+
+
+def _counted(found: list[re.Match[str]], written: str) -> Instants | None:
+    clock = np.array([_of_day(match) for match in found], dtype=np.int64)
+    if (clock < 0).any():
+        return None
+    if written == "time of day":
+        return Instants(clock, written, of_day=True)
+    dates = [(match["a"], match["b"], match["c"]) for match in found]
+    different = set(dates)
+    doubt = None
+    day_first = True
+    if written == "local date":
+        day_first, doubt = _day_first(different, {match["mark"] for match in found})
+        written = "day.month.year" if day_first else "month/day/year"
+    days: dict[tuple[str, str, str], int] = {}
+    for date in different:
+        year, month, day = (
+            map(int, date)
+            if written == "ISO 8601"
+            else map(int, (date[2], date[1 if day_first else 0], date[0 if day_first else 1]))
+        )
+        try:
+            days[date] = datetime.date(year, month, day).toordinal() - _EPOCH
+        except ValueError:
+            return None
+    day_ns = np.array([days[date] - 1 for date in dates], dtype=np.int64) * DAY_NS
+    return Instants(day_ns + clock, written, doubt=doubt)
+
+
+_EPOCH = datetime.date(1970, 1, 1).toordinal()
+
+
+def _of_day(match: re.Match[str]) -> int:
+    """Nanoseconds since midnight UTC (of the written zone where there is one); -1 for what no clock shows."""
+    parts = match.groupdict()
+    hour, minute, second = int(parts["hour"]), int(parts["minute"]), int(parts["second"] or 0)
+    half = parts.get("half")
+    if half:
+        if not 1 <= hour <= 12:
+            return -1
+        hour = hour % 12 + (12 if half.lower() == "pm" else 0)
+    if hour > 23 or minute > 59 or second > 60:
+        return -1
+    nanoseconds = int((parts["fraction"] or "0").ljust(9, "0"))
+    total = (hour * 3600 + minute * 60 + second) * 1_000_000_000 + nanoseconds
+    zone = parts.get("zone")
+    if zone and zone[0] in "+-":
+        digits = zone[1:].replace(":", "").ljust(4, "0")
+        shift = (int(digits[:2]) * 3600 + int(digits[2:]) * 60) * 1_000_000_000
+        total += -shift if zone[0] == "+" else shift
+    # moved by a day where a zone may be written, so that -1 stays free; `_counted` takes it off
+    return total + (DAY_NS if "zone" in parts else 0)
+
+
+def _day_first(dates: set[tuple[str, str, str]], marks: set[str]) -> tuple[bool, str | None]:
+    firsts, seconds = {int(a) for a, _, _ in dates}, {int(b) for _, b, _ in dates}
+    if max(firsts) > 12 or marks == {"."}:
+        return True, None
+    if max(seconds) > 12:
+        return False, None
+    if len(dates) == 1:
+        return True, None
+    a, b, c = sorted(dates)[0]
+    return True, f"{a}/{b}/{c} may be day/month or month/day, and the date changes"

@@ -1,0 +1,57 @@
+"""The numbers that decide what a foreign column is. Each with its unit and where it comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class ImportPolicy:
+    """When a guess is certain, likely or open."""
+
+    gravity_share: float = 0.05
+    """1: how far the median of |a| may be from one g for a unit to be inferred from values alone. A MEMS triad without
+    calibration is within 3 % (data sheets of MPU-6050, LSM6DSO: 40 to 60 mg a channel). 1,024 counts and 1,000 mg
+    both fit then, and it is open which."""
+    named_gravity_share: float = 0.2
+    """1: how far it may be for a unit that the file names to be believed: motion and large offsets, but no other
+    unit (the nearest two, g and m/s2, are ten times apart)."""
+    resolutions: tuple[int, ...] = (256, 512, 1024, 2048, 4096, 8192, 16384, 32768)
+    """counts per g of 8 to 16 bit converters with full scales of 1 to 16 g (data sheets)"""
+    rate_hz: tuple[float, float] = (1.0, 8000.0)
+    """Hz: rates at which inertial sensors are logged; a unit of time is inferred where one alone gives such a rate"""
+    named_rate_hz: tuple[float, float] = (0.01, 100_000.0)
+    """Hz: rates outside of which even a named unit of time is doubted"""
+    epoch_s: tuple[float, float] = (946_684_800.0, 4_102_444_800.0)
+    """s: 2000-01-01 to 2100-01-01; numbers in it, in s, ms, us or ns, are times since 1970"""
+    rate_rad_s: float = 40.0
+    """rad/s: 2,290 deg/s, above the widest usual full scale (2,000 deg/s): larger numbers are no rad/s"""
+    rate_dps: float = 4500.0
+    """deg/s: above the widest full scale of any (4,000 deg/s): larger numbers are no deg/s"""
+    kinematic_share: float = 0.25
+    """1: how far the rate of the gravity direction may be from that of the gyros for their unit to be inferred; deg/s
+    and rad/s are 57 times apart"""
+    kinematic_correlation: float = 0.8
+    """1: least correlation of the two for the comparison to count"""
+    kinematic_turn_rad: float = 0.2
+    """rad: least turn of the gravity direction in all for the comparison to count"""
+    celsius: tuple[float, float] = (-60.0, 230.0)
+    """deg C: readings of down-hole electronics"""
+    kelvin: tuple[float, float] = (240.0, 500.0)
+    """K: the same; 230 to 240 is neither by itself"""
+    angle_rms_deg: float = 10.0
+    """deg: rms angle between accelerometer and reference below which axes and unit of the reference agree"""
+    angle_ratio: float = 3.0
+    """1: how many times worse the next arrangement of axes must be for one to be inferred"""
+    gap_steps: float = 1.5
+    """1: a step of more than so many usual ones is a gap (the jitter of USB and radio loggers stays below)"""
+    catch_up_rows: int = 100
+    """rows within which a late row is followed by later times; beyond, the clock began again"""
+    shown_rows: int = 5
+    """rows named in a message"""
+    judged_rows: int = 200_000
+    """rows on which values are judged, spread evenly: the medians stand to 1 % with far fewer"""
+
+
+POLICY = ImportPolicy()
+"""what the commands use"""

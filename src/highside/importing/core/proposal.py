@@ -1,0 +1,390 @@
+"""What the columns of a foreign table are, as a proposal: each with its evidence and how certain it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from highside.codec.axes import AxisMap
+from highside.errors import InputError
+from highside.importing.core.axes import AxesGuess, axes_by_reference
+from highside.importing.core.columns import MANY, by_range, named_column, row_number, worth_as_time
+from highside.importing.core.policy import POLICY, ImportPolicy
+from highside.importing.core.source import Numbers, SourceColumn, SourceTable
+from highside.importing.core.timing import TimeReading, read_time
+from highside.importing.core.units import Quantity, Unit, unit_wanted
+from highside.importing.core.vectors import UnitGuess, acceleration_unit, rate_unit
+from highside.importing.core.wishes import NOTHING, Wishes
+from highside.importing.core.words import Meaning, meaning
+from highside.recording.table import RECORDING_COLUMNS
+
+KNOWN = frozenset(RECORDING_COLUMNS)
+ACCELERATIONS = ("ax_g", "ay_g", "az_g")
+RATES = ("gx_dps", "gy_dps", "gz_dps")
+_TRIADS = ((Quantity.ACCELERATION, ACCELERATIONS), (Quantity.RATE, RATES))
+
+
+class Sure(StrEnum):
+    """How certain a guess is. `open` cannot be used before the user decides; `likely` rests on values alone."""
+
+    GIVEN = "given"
+    CERTAIN = "certain"
+    LIKELY = "likely"
+    OPEN = "open"
+
+
+@dataclass(frozen=True, slots=True)
+class Guess:
+    """One column of ours, the column of the file it comes from, its unit there, and why."""
+
+    target: str
+    column: str
+    unit: Unit | None
+    sure: Sure
+    evidence: tuple[str, ...]
+    open: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """What must be decided or confirmed, and the option that does it."""
+
+    what: str
+    remedy: str
+    open: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """All of it. `kept` are columns that go over as they are, by their name in the file."""
+
+    table: SourceTable
+    guesses: tuple[Guess, ...]
+    time: TimeReading | None
+    rate_hz: float | None
+    axes: AxesGuess
+    axes_given: bool
+    kept: tuple[str, ...]
+    omitted: tuple[str, ...]
+    doubts: tuple[Doubt, ...]
+    part: int | None = None
+
+    def guess(self, target: str) -> Guess | None:
+        """The guess for a column of ours."""
+        return next((guess for guess in self.guesses if guess.target == target), None)
+
+
+def propose(table: SourceTable, wishes: Wishes, policy: ImportPolicy = POLICY) -> Proposal:
+    """A proposal for this table. Raises InputError for a wish that the table cannot meet."""
+    wishes.check(RECORDING_COLUMNS)
+    return _Proposing(table, wishes, policy).proposal()
+
+
+@dataclass(slots=True)
+class _Proposing:
+    table: SourceTable
+    wishes: Wishes
+    policy: ImportPolicy
+    meanings: dict[str, Meaning] = field(default_factory=dict)
+    given: dict[str, tuple[SourceColumn, str | None]] = field(default_factory=dict)
+    guesses: dict[str, Guess] = field(default_factory=dict)
+    doubts: list[Doubt] = field(default_factory=list)
+    time: TimeReading | None = None
+    other_times: set[str] = field(default_factory=set)
+
+    def proposal(self) -> Proposal:
+        for column in self.table.columns:
+            self.meanings[column.name] = meaning(column.name, column.unit, KNOWN)
+        for target, text in self.wishes.mapping.items():
+            if text != NOTHING:
+                self.given[target] = named_column(self.table, target, text)
+        self._time()
+        for quantity, targets in _TRIADS:
+            self._triad(quantity, targets)
+        self._single_columns()
+        axes = self._axes()
+        used = {guess.column for guess in self.guesses.values()} | {self.time.column if self.time else ""}
+        omitted = tuple(c.name for c in self.table.columns if c.name not in used and row_number(c))
+        kept = tuple(c.name for c in self.table.columns if c.name not in used and c.name not in omitted)
+        order = {name: place for place, name in enumerate(RECORDING_COLUMNS)}
+        return Proposal(
+            self.table,
+            tuple(sorted(self.guesses.values(), key=lambda guess: order[guess.target])),
+            self.time,
+            self.wishes.rate_hz if self.time is None else None,
+            axes,
+            self.wishes.axes is not None,
+            kept,
+            omitted,
+            tuple(self.doubts),
+            self.wishes.part,
+        )
+
+    # --- time -----------------------------------------------------------------------------------------------------
+
+    def _time(self) -> None:
+        if self.wishes.rate_hz is not None:
+            return
+        if "t_s" in self.given:
+            column, text = self.given["t_s"]
+            unit = unit_wanted(text, Quantity.TIME) if text else self.wishes.unit_of(Quantity.TIME)
+            own = self.meanings[column.name].unit
+            self.time = read_time(column, unit or (own if own and own.quantity is Quantity.TIME else None), self.policy)
+            if self.time is None:
+                raise InputError("is no time", where=self.table.where, field=column.name, remedy="--map t_s=COLUMN:ms")
+            self._time_guess(Sure.GIVEN if unit or self.time.named else None)
+            return
+        found = list(self._times())
+        if not found:
+            what = (
+                "no column is a time"
+                if self.table.rate_hz is None
+                else f"no time; it says {self.table.rate_hz:g} rows/s"
+            )
+            rate = "HZ" if self.table.rate_hz is None else f"{self.table.rate_hz:g}"
+            self.doubts.append(Doubt(what, f"--rate {rate}, or --map t_s=COLUMN:ms", True))
+            return
+        found.sort(key=worth_as_time)
+        self.time = found[0]
+        self.other_times = {reading.column for reading in found[1:]}
+        self._time_guess(None)
+
+    def _times(self) -> Iterator[TimeReading]:
+        for column in self.table.columns:
+            said = self.meanings[column.name]
+            if not (said.quantity is Quantity.TIME or column.instant or column.name == self.table.hints.get("t_s")):
+                continue
+            unit = said.unit if said.unit is not None and said.quantity is Quantity.TIME else None
+            reading = read_time(column, self.wishes.unit_of(Quantity.TIME) or unit, self.policy)
+            if reading is not None and (reading.step_ns > 0 or column.n < 2):
+                yield reading
+
+    def _time_guess(self, sure: Sure | None) -> None:
+        time = self.time
+        assert time is not None
+        open_ = time.open if sure is not Sure.GIVEN else None
+        sure = sure or (Sure.OPEN if open_ else Sure.LIKELY if time.likely else Sure.CERTAIN)
+        rate = f"{1e9 / time.step_ns:.5g} rows/s" if time.step_ns else "one row"
+        evidence = time.evidence if any("rows/s" in text for text in time.evidence) else (*time.evidence, rate)
+        self.guesses["t_s"] = Guess(
+            "t_s", time.column, Unit(time.unit, Quantity.TIME, 1.0), sure, (*evidence, *time.notes), open_
+        )
+        self._doubt(self.guesses["t_s"], f"--map t_s={time.column}:UNIT (s, ms, us, ns, ticks/HZ)")
+
+    # --- triads ---------------------------------------------------------------------------------------------------
+
+    def _triad(self, quantity: Quantity, targets: tuple[str, str, str]) -> None:
+        wanted = [self.wishes.mapping.get(target) for target in targets]
+        if all(text == NOTHING for text in wanted):
+            return
+        if any(target in self.given for target in targets):
+            missing = [target for target in targets if target not in self.given]
+            if missing:
+                raise InputError(f"{missing[0]} is missing", field="--map", remedy=f"give all of {', '.join(targets)}")
+            columns = [self.given[target][0] for target in targets]
+            texts = [self.given[target][1] for target in targets]
+            first = next((text for text in texts if text), None)
+            units = None if first is None else [unit_wanted(text or first, quantity) for text in texts]
+            self._place(quantity, targets, columns, units)
+            return
+        found = list(self._candidates(quantity))
+        judged = [(self._judge(quantity, columns), columns) for columns in found]
+        fitting = [pair for pair in judged if pair[0].open is None]
+        exact = [pair for pair in judged if [c.name for c in pair[1]] == list(targets)]
+        best = exact or (fitting if fitting else judged)
+        if not best:
+            if quantity is Quantity.ACCELERATION:
+                names = ", ".join(column.name for column in self.table.columns[:MANY])
+                more = ", ..." if len(self.table.columns) > MANY else ""
+                self.doubts.append(Doubt(
+                    f"no three columns are accelerations; it has {names}{more}",
+                    "--map ax_g=COLUMN:UNIT (and ay_g, az_g), or ax_g=none", True))  # fmt: skip
+            return
+        if len(best) > 1:
+            names = " or ".join("(" + ", ".join(c.name for c in columns) + ")" for _, columns in best[:3])
+            self.doubts.append(
+                Doubt(
+                    f"{len(best)} triads may be the {quantity}: {names}",
+                    f"--map {targets[0]}=COLUMN, and the others",
+                    True,
+                )
+            )
+            return
+        self._place(quantity, targets, best[0][1])
+
+    def _candidates(self, quantity: Quantity) -> Iterator[list[SourceColumn]]:
+        groups: dict[str, dict[int, SourceColumn]] = {}
+        double: set[str] = set()
+        for column in self.table.columns:
+            said = self.meanings[column.name]
+            hinted = next((ours for ours, name in self.table.hints.items() if name == column.name), None)
+            wanted = ACCELERATIONS if quantity is Quantity.ACCELERATION else RATES
+            if hinted in wanted:
+                groups.setdefault("by the form", {})[wanted.index(hinted)] = column
+                continue
+            bare = quantity is Quantity.ACCELERATION and said.quantity is None and said.group == ""
+            if column.numbers is None or said.axis is None or not (said.quantity is quantity or bare):
+                continue
+            members = groups.setdefault(said.group, {})
+            if said.axis in members:
+                double.add(said.group)
+            members[said.axis] = column
+        for group, members in groups.items():
+            if len(members) == 3 and group not in double:
+                yield [members[0], members[1], members[2]]
+            elif self._speaks_of(quantity, members):
+                names = ", ".join(column.name for column in members.values())
+                what = "names an axis twice" if group in double else "lacks an axis"
+                self.doubts.append(
+                    Doubt(
+                        f"{names}: {what}",
+                        f"--map a{'x'}_g=COLUMN"
+                        if quantity is Quantity.ACCELERATION
+                        else "--map gx_dps=COLUMN, or gx_dps=none",
+                        True,
+                    )
+                )
+
+    def _speaks_of(self, quantity: Quantity, members: dict[int, SourceColumn]) -> bool:
+        return any(self.meanings[column.name].quantity is quantity for column in members.values())
+
+    def _judge(self, quantity: Quantity, columns: list[SourceColumn], units: list[Unit] | None = None) -> UnitGuess:
+        """`units`: what the user gives for each axis."""
+        named = self.wishes.unit_of(quantity)
+        own = {unit for column in columns if (unit := self.meanings[column.name].unit) and unit.quantity is quantity}
+        if named is None and units is None and len(own) > 1:
+            names = ", ".join(sorted(unit.name for unit in own))
+            return UnitGuess(None, (f"named {names}",), f"its columns are of different units ({names})")
+        block = np.vstack([np.full(c.n, np.nan) if c.numbers is None else c.numbers for c in columns])
+        named = named or next(iter(own), None)
+        if units is not None:
+            named = units[0]
+            block = np.vstack([row if unit is named else (row - unit.zero) * unit.factor / named.factor + named.zero
+                               for row, unit in zip(block, units, strict=True)])  # fmt: skip
+        whole = bool((np.isnan(block) | (block == np.rint(block))).all())
+        if quantity is Quantity.ACCELERATION:
+            return acceleration_unit(block, named, whole, self.policy)
+        return rate_unit(block, named, self._vector(ACCELERATIONS), self._seconds(), whole, self.policy)
+
+    def _seconds(self) -> Numbers | None:
+        """Times in s (N,) as far as they are known yet."""
+        if self.time is not None:
+            since: Numbers = (self.time.ns - self.time.ns[0]) * 1e-9
+            return since
+        rate = self.wishes.rate_hz or self.table.rate_hz
+        return np.arange(self.table.n) / rate if rate else None
+
+    def _place(
+        self,
+        quantity: Quantity,
+        targets: tuple[str, str, str],
+        columns: list[SourceColumn],
+        units: list[Unit] | None = None,
+    ) -> None:
+        texts = [column.name for column in columns if column.numbers is None]
+        if texts:
+            remedy = "map another column"
+            raise InputError("holds texts, numbers are expected", where=self.table.where, field=texts[0], remedy=remedy)
+        guess = self._judge(quantity, columns, units)
+        decided = units is not None or self.wishes.unit_of(quantity) is not None
+        open_ = None if decided else guess.open
+        evidence = guess.evidence
+        if guess.open is not None and decided:
+            evidence = (*evidence, f"taken as given, though {guess.open}")
+        sure = Sure.GIVEN if decided else Sure.OPEN if open_ else Sure.LIKELY if guess.likely else Sure.CERTAIN
+        for place, (target, column) in enumerate(zip(targets, columns, strict=True)):
+            unit = guess.unit if units is None else units[place]
+            self.guesses[target] = Guess(target, column.name, unit, sure, evidence, open_)
+            evidence = ("as its x axis",)
+        name, example = columns[0].name, "m/s2" if quantity is Quantity.ACCELERATION else "rad/s"
+        more = "" if quantity is Quantity.ACCELERATION else ", or gx_dps=none (and the others)"
+        remedy = (
+            f"--units {example}, or --map {targets[0]}={name}:UNIT (and the other axes; UNIT may be lsb/16384){more}"
+        )
+        self._doubt(self.guesses[targets[0]], remedy)
+
+    def _vector(self, targets: tuple[str, str, str]) -> Numbers | None:
+        found = [self.guesses.get(target) for target in targets]
+        columns = [self.table.column(guess.column) for guess in found if guess is not None and guess.unit is not None]
+        if len(columns) < 3 or any(column is None or column.numbers is None for column in columns):
+            return None
+        units = [guess.unit for guess in found if guess is not None and guess.unit is not None]
+        return np.vstack([
+            (column.numbers - unit.zero) * unit.factor + unit.offset
+            for column, unit in zip(columns, units, strict=True) if column is not None and column.numbers is not None
+        ])  # fmt: skip
+
+    # --- single columns -------------------------------------------------------------------------------------------
+
+    def _single_columns(self) -> None:
+        for target, (column, text) in self.given.items():
+            if target not in self.guesses:
+                self._single(target, column, text, given=True)
+        used = {guess.column for guess in self.guesses.values()} | self.other_times
+        candidates: dict[str, list[SourceColumn]] = {}
+        for column in self.table.columns:
+            meant = self.meanings[column.name].target
+            if meant is None or meant in self.guesses or column.name in used or column.numbers is None:
+                continue
+            if meant in ("t_s", *ACCELERATIONS, *RATES) or self.wishes.mapping.get(meant) == NOTHING:
+                continue
+            candidates.setdefault(meant, []).append(column)
+        for target, columns in candidates.items():
+            exact = [column for column in columns if column.name == target]
+            if len(columns) > 1 and not exact:
+                names = " or ".join(column.name for column in columns)
+                self.doubts.append(Doubt(f"{target} may be {names}", f"--map {target}=COLUMN, or {target}=none", True))
+                continue
+            self._single(target, (exact or columns)[0], None, given=False)
+
+    def _single(self, target: str, column: SourceColumn, text: str | None, *, given: bool) -> None:
+        quantity = meaning(target, None, KNOWN).quantity or Quantity.NUMBER
+        if column.numbers is None:
+            raise InputError("holds texts, numbers are expected", where=self.table.where, field=column.name)
+        unit = unit_wanted(text, quantity) if text else None
+        sure = Sure.GIVEN if given else Sure.CERTAIN
+        evidence: tuple[str, ...] = ("its name",)
+        open_: str | None = None
+        if unit is None and quantity is not Quantity.NUMBER:
+            own = self.meanings[column.name].unit
+            unit = own if own is not None and own.quantity is quantity else self.wishes.unit_of(quantity)
+            evidence = (f"named {unit.name}",) if unit else evidence
+            if unit is None:
+                unit, evidence, open_ = by_range(quantity, column.numbers, self.policy)
+                sure = Sure.OPEN if open_ else Sure.LIKELY
+        self.guesses[target] = Guess(target, column.name, unit, sure, evidence, open_)
+        self._doubt(self.guesses[target], f"--map {target}={column.name}:UNIT, or {target}=none")
+
+    # --- axes -----------------------------------------------------------------------------------------------------
+
+    def _axes(self) -> AxesGuess:
+        if self.wishes.axes is not None:
+            AxisMap.parse(self.wishes.axes)
+            return AxesGuess(self.wishes.axes, ("as given",))
+        gravity = self._vector(ACCELERATIONS)
+        references = [self.guesses.get(name) for name in ("inc_ref_deg", "tf_ref_deg")]
+        if gravity is None or any(guess is None or guess.unit is None for guess in references):
+            return AxesGuess("xyz", ("as in the file: no reference says how they lie in the tool",))
+        inc, tf = (self._converted(guess) for guess in references if guess is not None)
+        guess = axes_by_reference(gravity, inc, tf, self.policy)
+        if guess.open or guess.likely:
+            what = guess.open or f"axes {guess.axes} agree with the reference, those of the file do not"
+            self.doubts.append(Doubt(what, f"--axes {guess.axes} (or another arrangement)", bool(guess.open)))
+        return guess
+
+    def _converted(self, guess: Guess) -> Numbers:
+        column = self.table.column(guess.column)
+        assert column is not None and column.numbers is not None and guess.unit is not None
+        return (column.numbers - guess.unit.zero) * guess.unit.factor + guess.unit.offset
+
+    def _doubt(self, guess: Guess, remedy: str) -> None:
+        if guess.sure is Sure.OPEN:
+            self.doubts.append(Doubt(f"{guess.target} from {guess.column}: {guess.open}", remedy, True))
+        elif guess.sure is Sure.LIKELY:
+            unit = guess.unit.name if guess.unit else "no unit"
+            self.doubts.append(
+                Doubt(f"{guess.target} from {guess.column} in {unit} rests on its values alone", remedy, False)
+            )

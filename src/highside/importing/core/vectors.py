@@ -1,0 +1,142 @@
+"""Units of accelerations and rates by their values: |a| of one g, the turn of gravity that gyros must explain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.importing.core.policy import POLICY, ImportPolicy
+from highside.importing.core.units import STANDARD_GRAVITY, Quantity, Unit, unit_named
+
+Block = NDArray[np.float64]
+_BY_VALUE = (("g", 1.0), ("m/s2", STANDARD_GRAVITY), ("mg", 1000.0))
+_LEAST_ROWS = 16
+"""rows below which the turn of gravity is not looked at"""
+
+
+@dataclass(frozen=True, slots=True)
+class UnitGuess:
+    """A unit and the reasons for it. `open`: what stays undecided; `likely`: by values alone."""
+
+    unit: Unit | None
+    evidence: tuple[str, ...]
+    open: str | None = None
+    likely: bool = False
+
+
+def magnitude(block: Block, policy: ImportPolicy = POLICY) -> float:
+    """Median of |a| of a (3, N) block; NaN where nothing is finite."""
+    size = np.linalg.norm(block[:, :: max(1, block.shape[1] // policy.judged_rows)], axis=0)
+    size = size[np.isfinite(size)]
+    return float(np.median(size)) if size.size else float("nan")
+
+
+def acceleration_unit(block: Block, named: Unit | None, whole: bool, policy: ImportPolicy = POLICY) -> UnitGuess:
+    """The unit of a triad (3, N) as it stands in the file; `whole`: whether all its numbers are whole."""
+    size = magnitude(block, policy)
+    shown = f"median |a| {size:.5g}"
+    if not np.isfinite(size) or size == 0.0:
+        return UnitGuess(None, (shown,), "holds no acceleration")
+    if named is not None:
+        in_g = magnitude((block - named.zero) * named.factor, policy)
+        evidence = (f"named {named.name}", f"median |a| {in_g:.4f} g")
+        if abs(in_g - 1.0) <= policy.named_gravity_share:
+            return UnitGuess(named, evidence)
+        return UnitGuess(named, evidence, f"named {named.name}, but then |a| is {in_g:.3g} g")
+    fits = [name for name, one_g in _BY_VALUE if abs(size / one_g - 1.0) <= policy.gravity_share]
+    if whole:
+        fits += [f"lsb/{n}" for n in policy.resolutions if abs(size / n - 1.0) <= policy.gravity_share]
+    if len(fits) == 1:
+        return UnitGuess(_unit(fits[0]), (f"no unit named; {shown}: one g in {fits[0]}",), likely=True)
+    if fits:
+        return UnitGuess(_unit(fits[0]), (f"no unit named; {shown}",), f"its unit may be {' or '.join(fits)}")
+    return UnitGuess(None, (f"no unit named; {shown}",), f"{shown} is one g in no known unit")
+
+
+def _unit(name: str) -> Unit:
+    if name.startswith("lsb/"):
+        return Unit(name, Quantity.ACCELERATION, 1.0 / float(name[4:]))
+    unit = unit_named(name, Quantity.ACCELERATION)
+    assert unit is not None
+    return unit
+
+
+def rate_unit(
+    block: Block,
+    named: Unit | None,
+    gravity: Block | None,
+    t_s: Block | None,
+    whole: bool,
+    policy: ImportPolicy = POLICY,
+) -> UnitGuess:
+    """The unit of a triad of rates (3, N), by its name and by the turn of gravity (3, N) over t_s (N,).
+
+    `whole`: whether all numbers are whole, as counts of a converter are: then their size shows nothing.
+    """
+    finite = block[np.isfinite(block)]
+    largest = float(np.abs(finite).max()) if finite.size else float("nan")
+    evidence = [f"largest {largest:.4g}"]
+    turn = None if gravity is None or t_s is None else turn_ratio(block, gravity, t_s, policy)
+    if named is not None:
+        dps = largest * abs(named.factor)
+        evidence = [f"named {named.name}", f"largest {dps:.4g} deg/s"]
+        problem = f"named {named.name}, but then a rate is {dps:.4g} deg/s" if dps > policy.rate_dps else None
+        if turn is not None:
+            # `turn` is rad/s of gravity per number in the file
+            ratio = np.degrees(turn) / named.factor
+            evidence.append(f"gravity turns {ratio:.3g} times as fast as they say")
+            if abs(ratio - 1.0) > policy.kinematic_share:
+                problem = f"named {named.name}, but gravity turns {ratio:.3g} times as fast"
+        return UnitGuess(named, tuple(evidence), problem)
+    if turn is not None:
+        for name in ("deg/s", "rad/s", "mdeg/s"):
+            unit = unit_named(name, Quantity.RATE)
+            assert unit is not None
+            if abs(np.degrees(turn) / unit.factor - 1.0) <= policy.kinematic_share:
+                return UnitGuess(unit, (f"no unit named; gravity turns as they say in {name}",), likely=True)
+        return UnitGuess(None, tuple(evidence), "gravity does not turn as they say in any known unit")
+    if whole and largest > 1.0:
+        return UnitGuess(None, tuple(evidence), "its unit is not named, and whole numbers may be counts")
+    if largest > policy.rate_rad_s and largest <= policy.rate_dps:
+        return UnitGuess(unit_named("deg/s", Quantity.RATE), (f"no unit named; {evidence[0]}: no rad/s",), likely=True)
+    return UnitGuess(None, tuple(evidence), "its unit is not named, and nothing moves enough to show it")
+
+
+def turn_ratio(rates: Block, gravity: Block, t_s: Block, policy: ImportPolicy = POLICY) -> float | None:
+    """How fast gravity turns, in rad/s, per unit of the rates: k of du/dt = -k w x u by least squares.
+
+    None where it turns too little, or where the two do not go together (another frame, lost rows).
+    """
+    good = np.isfinite(rates).all(axis=0) & np.isfinite(gravity).all(axis=0) & np.isfinite(t_s)
+    rates, gravity, t_s = rates[:, good], gravity[:, good], t_s[good]
+    n = t_s.size
+    if n < _LEAST_ROWS:
+        return None
+    # over windows of about 0.1 s or four rows: noise of the accelerometer is no turn
+    step = float(np.median(np.diff(t_s)))
+    width = max(4, min(round(0.1 / step) if step > 0 else 4, n // 4))
+    count = n // width
+    means = gravity[:, : count * width].reshape(3, count, width).mean(axis=2)
+    size = np.linalg.norm(means, axis=0)
+    if (size == 0).any():
+        return None
+    u = means / size
+    w = rates[:, : count * width].reshape(3, count, width).mean(axis=2)
+    centre = t_s[: count * width].reshape(count, width).mean(axis=1)
+    dt = np.diff(centre)
+    usable = (dt > 0) & (dt < 3 * width * step)
+    turn = np.diff(u, axis=1)
+    rest = np.linalg.norm(turn, axis=0)
+    predicted = -np.cross(0.5 * (w[:, 1:] + w[:, :-1]), 0.5 * (u[:, 1:] + u[:, :-1]), axis=0) * dt
+    # where gravity turns clearly more than it usually flickers
+    moving = usable & (rest > 4 * float(np.median(rest)) if float(np.median(rest)) * count < 1.0 else usable)
+    if float(rest[moving].sum()) < policy.kinematic_turn_rad:
+        return None
+    a, b = predicted[:, moving].ravel(), turn[:, moving].ravel()
+    power = float(a @ a)
+    if power == 0.0:
+        return None
+    correlation = float(a @ b) / float(np.sqrt(power * (b @ b)))
+    return float(a @ b) / power if abs(correlation) >= policy.kinematic_correlation else None

@@ -1,0 +1,261 @@
+"""Text with one row a line: CSV in its dialects, tab and semicolon, decimal comma, blanks, lines before the header.
+
+The dialect is what most of the first lines agree on. A cell becomes a number only if the whole of it is one in the
+notation of the file; a column with one cell that is not stays a column of texts.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from highside.errors import InputError
+from highside.importing.core.source import SourceColumn, SourceTable
+from highside.importing.core.units import unit_named
+from highside.reading import csv_rows, decode_foreign
+from highside.reading.table import MAX_COLUMNS, MAX_HEADER_CHARACTERS
+
+_LOOKED_AT = 200
+"""lines by which the dialect is judged"""
+_DELIMITERS = (";", "\t", "|", ",")
+_NAMES = {";": "semicolons", "\t": "tabs", "|": "bars", ",": "commas", " ": "blanks"}
+_POINT = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_COMMA = re.compile(r"[+-]?(?:\d+,?\d*|,\d+)(?:[eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?\d{1,3},\d{3}")
+_GROUPED = re.compile(r"[+-]?\d{1,3}(?:[.,' ]\d{3})+[.,]\d+|[+-]?\d{1,3}(?:[.,' ]\d{3}){2,}")
+_MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "nat", "#n/a", "<na>"})
+_WHOLE = re.compile(r"[+-]?\d{1,18}")
+_RATE = re.compile(r"^\W*(?:fs|rate|sample\s*rate|sampling\s*(?:rate|frequency))\b[^0-9]*([0-9.]+)", re.IGNORECASE)
+_SHOWN = 40
+
+
+@dataclass(frozen=True, slots=True)
+class _Dialect:
+    delimiter: str
+    header: int | None
+    """place of the header among the lines, None where there is none"""
+    units: int | None
+    """place of a second line of the header, with units"""
+    first: int
+    """place of the first row"""
+    width: int
+
+
+def read_delimited(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
+    """The one table of a text. Raises InputError that names the line of what is wrong."""
+    text, encoding = decode_foreign(data, where=where)
+    lines = text.split("\n")
+    ended = not lines[-1].strip()
+    while lines and not lines[-1].strip():
+        lines.pop()
+    if not lines:
+        raise InputError("is empty", where=where)
+    remarks: list[str] = []
+    said = re.fullmatch(r"sep=(.)", lines[0].strip())
+    forced = said[1] if said else None
+    if forced:
+        lines[0] = ""
+    dialect = _dialect(lines, forced, where)
+    names, units = _header(lines, dialect, where)
+    rows = _rows(lines, dialect, where, ended, remarks)
+    if not rows:
+        raise InputError("has a header but no rows", where=where)
+    if not ended and not remarks:
+        remarks.append("the last line has no end: its last number may be cut short")
+    cells = list(zip(*rows, strict=True))
+    comma = _decimal_comma(cells, dialect, where, remarks)
+    rate = next((float(found[1]) for line in lines[: dialect.first] if (found := _RATE.match(line))), None)
+    columns = tuple(
+        _column(name, column, units.get(name), comma, dialect.first + 1, where)
+        for name, column in zip(names, cells, strict=True)
+    )
+    separator = _NAMES.get(dialect.delimiter, repr(dialect.delimiter))
+    form = f"text, {separator}, {'decimal comma, ' if comma else ''}{encoding}"
+    return (SourceTable(columns, form, where, stem, dialect.first + 1, rate, tuple(remarks)),)
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    if delimiter == " ":
+        return line.split()
+    if '"' not in line:
+        return line.split(delimiter)
+    return next(csv_rows([line], where="", delimiter=delimiter), [])
+
+
+def _dialect(lines: Sequence[str], forced: str | None, where: str) -> _Dialect:
+    head = [(place, line) for place, line in enumerate(lines[:_LOOKED_AT]) if line.strip()]
+    longest = max(len(line) for _, line in head)
+    if longest > MAX_HEADER_CHARACTERS:
+        raise InputError("a line has no end", where=f"{where}: line 1", remedy="give a table with one row a line")
+    best: tuple[int, str, int] | None = None
+    for delimiter in (forced,) if forced else (*_DELIMITERS, " "):
+        try:
+            widths = Counter(len(_split(line, delimiter)) for _, line in head)
+        except InputError:
+            continue
+        width, count = max(widths.items(), key=lambda pair: (pair[1], pair[0]))
+        # blanks stand in many texts: they count only where nothing else does
+        agree = count - (1 if delimiter == " " else 0)
+        if width > 1 and agree * 2 >= len(head) and (best is None or agree > best[0]):
+            best = (agree, delimiter, width)
+    if best is None:
+        raise InputError(
+            "is no table: no separator divides its lines into columns", where=where,
+            remedy="give one row a line, cells separated by comma, semicolon, tab, bar or blank",
+        )  # fmt: skip
+    _, delimiter, width = best
+    if width > MAX_COLUMNS:
+        raise InputError(f"has more than {MAX_COLUMNS} columns", where=where, remedy="give the right file")
+    fitting = [place for place, line in head if len(_split(line, delimiter)) == width]
+    numeric = [place for place in fitting if _mostly_numbers(_split(lines[place], delimiter))]
+    first = numeric[0] if numeric else (fitting[1] if len(fitting) > 1 else len(lines))
+    before = [place for place in fitting if place < first]
+    if not before and first > 0 and delimiter != " ":
+        # a header that lacks the name of the index, or has one separator more
+        near = [place for place, line in head if place < first and abs(len(_split(line, delimiter)) - width) == 1]
+        before = near[-1:]
+    units = None
+    if len(before) >= 2 and _all_units(_split(lines[before[-1]], delimiter)):
+        units = before[-1]
+        before = before[:-1]
+    return _Dialect(delimiter, before[-1] if before else None, units, first, width)
+
+
+def _mostly_numbers(cells: Sequence[str]) -> bool:
+    """Whether a line is a row and no header: half of its cells are numbers, or all that are not are dates."""
+    filled = [cell.strip().strip('"') for cell in cells if cell.strip()]
+    numbers = sum(bool(_POINT.fullmatch(cell) or _COMMA.fullmatch(cell)) for cell in filled)
+    return bool(filled) and numbers * 2 >= len(filled)
+
+
+def _all_units(cells: Sequence[str]) -> bool:
+    filled = [cell.strip().strip('"[]()') for cell in cells if cell.strip().strip('"[]()-')]
+    known = sum(unit_named(cell) is not None for cell in filled)
+    return bool(filled) and known * 2 >= len(filled)
+
+
+def _header(lines: Sequence[str], dialect: _Dialect, where: str) -> tuple[tuple[str, ...], dict[str, str]]:
+    if dialect.header is None:
+        return tuple(f"column {place + 1}" for place in range(dialect.width)), {}
+    text = lines[dialect.header].lstrip()
+    text = text.lstrip("#%").lstrip() if text[:1] in "#%" and text[:1] else text
+    names = [name.strip().strip('"').strip() for name in _split(text, dialect.delimiter)]
+    if len(names) == dialect.width - 1:
+        names = ["", *names]
+    names = names[: dialect.width]
+    names = [name or f"column {place + 1}" for place, name in enumerate(names)]
+    double = [name for name, count in Counter(names).items() if count > 1]
+    if double:
+        raise InputError(
+            "the header names this column twice", where=f"{where}: line {dialect.header + 1}", field=double[0],
+            remedy="rename one of them",
+        )  # fmt: skip
+    units: dict[str, str] = {}
+    if dialect.units is not None:
+        for name, cell in zip(names, _split(lines[dialect.units], dialect.delimiter), strict=False):
+            if unit_named(cell.strip().strip('"[]()')) is not None:
+                units[name] = cell.strip().strip('"[]()')
+    return tuple(names), units
+
+
+def _rows(lines: Sequence[str], dialect: _Dialect, where: str, ended: bool, remarks: list[str]) -> list[Sequence[str]]:
+    body = lines[dialect.first :]
+    quoted = any('"' in line for line in body)
+    rows: list[Sequence[str]] = []
+    if quoted and dialect.delimiter != " ":
+        split = list(csv_rows(body, where=where, first_line=dialect.first + 1, delimiter=dialect.delimiter))
+    else:
+        split = [line.split() if dialect.delimiter == " " else line.split(dialect.delimiter) for line in body]
+    for place, cells in enumerate(split):
+        if len(cells) == dialect.width:
+            rows.append(cells)
+            continue
+        line = dialect.first + place + 1
+        if len(cells) == dialect.width + 1 and not cells[-1].strip():
+            rows.append(cells[:-1])
+        elif place == len(split) - 1 and not ended and len(cells) < dialect.width:
+            remarks.append(f"line {line} is torn and was omitted")
+        elif not any(cell.strip() for cell in cells):
+            raise InputError("is empty, and rows follow it", where=f"{where}: line {line}", remedy="take it out")
+        else:
+            raise InputError(
+                f"has {len(cells)} cells where the others have {dialect.width}", where=f"{where}: line {line}",
+                remedy="correct that line",
+            )  # fmt: skip
+    return rows
+
+
+def _decimal_comma(cells: Sequence[Sequence[str]], dialect: _Dialect, where: str, remarks: list[str]) -> bool:
+    """Whether numbers have a comma for a point. Raises InputError where both are used."""
+    if dialect.delimiter == ",":
+        quoted = next(
+            (
+                cell
+                for column in cells
+                for cell in column[:_LOOKED_AT]
+                if "," in cell and _COMMA.fullmatch(cell.strip())
+            ),
+            None,
+        )
+        return quoted is not None
+    comma = point = surely = False
+    for column in cells:
+        for place, cell in enumerate(column):
+            stripped = cell.strip()
+            if _GROUPED.fullmatch(stripped) and not ("." in stripped) ^ ("," in stripped):
+                raise InputError(
+                    f"{stripped[:_SHOWN]!r} groups its digits", where=f"{where}: line {dialect.first + place + 1}",
+                    remedy="write numbers without separators of thousands",
+                )  # fmt: skip
+            if "," in stripped and _COMMA.fullmatch(stripped):
+                comma = True
+                surely = surely or not _THOUSANDS.fullmatch(stripped)
+            elif "." in stripped and _POINT.fullmatch(stripped):
+                point = True
+    if comma and point:
+        raise InputError(
+            "numbers are written with comma and with point", where=where, remedy="save it with one of them"
+        )
+    if comma and not surely:
+        raise InputError(
+            "every comma stands before three digits: decimals or thousands", where=where,
+            remedy="save it with a decimal point, or without separators of thousands",
+        )  # fmt: skip
+    return comma
+
+
+def _column(
+    name: str, cells: Sequence[str], unit: str | None, comma: bool, first_line: int, where: str
+) -> SourceColumn:
+    pattern = _COMMA if comma else _POINT
+    stripped = [cell.strip() for cell in cells]
+    values = np.empty(len(stripped))
+    whole = True
+    for place, cell in enumerate(stripped):
+        if pattern.fullmatch(cell):
+            values[place] = float(cell.replace(",", ".") if comma else cell)
+            whole = whole and _WHOLE.fullmatch(cell) is not None
+        elif cell.lower() in _MISSING:
+            values[place] = np.nan
+            whole = False
+        else:
+            if _mostly_numbers(stripped[:_LOOKED_AT]) and place > 0:
+                # numbers all along and then a text: a fault of the file, not a column of words
+                raise InputError(
+                    f"{cell[:_SHOWN]!r} is no number", where=f"{where}: line {first_line + place}", field=name,
+                    remedy="correct that cell, or leave it empty",
+                )  # fmt: skip
+            return SourceColumn(name, texts=tuple(stripped), unit=unit)
+    if np.isinf(values).any():
+        line = first_line + int(np.argmax(np.isinf(values)))
+        raise InputError(
+            "is not a finite number", where=f"{where}: line {line}", field=name, remedy="correct that cell"
+        )
+    if np.isnan(values).all() and any(stripped):
+        return SourceColumn(name, texts=tuple(stripped), unit=unit)
+    integers = np.array([int(cell) for cell in stripped], dtype=np.int64) if whole and stripped else None
+    return SourceColumn(name, numbers=values, integers=integers, unit=unit)

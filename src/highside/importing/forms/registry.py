@@ -1,0 +1,44 @@
+"""All forms of files that are read, in the order in which they are tried. A form is added here and nowhere else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from highside.importing.core.source import SourceTable
+from highside.importing.forms import arrays, columnar, delimited
+from highside.reading.columnar import ARROW_MAGIC, MCAP_MAGIC, PARQUET_MAGIC
+
+HEAD_BYTES = 512
+"""by which a form is recognised"""
+
+Reader = Callable[[bytes, str, str], tuple[SourceTable, ...]]
+"""content, name of the file for errors, its stem -> the tables in it"""
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """A form of files: what it is called, how its content is recognised (its name says nothing), its reader."""
+
+    name: str
+    matches: Callable[[bytes], bool]
+    read: Reader
+
+
+def _zip_with(member: bytes) -> Callable[[bytes], bool]:
+    return lambda data: data[:4] == b"PK\x03\x04" and member in data[:HEAD_BYTES] + data[-(64 << 10) :]
+
+
+FORMS = (
+    Form("Parquet", lambda data: data[:4] == PARQUET_MAGIC, columnar.read_parquet),
+    Form("Arrow", lambda data: data[:6] == ARROW_MAGIC, columnar.read_arrow),
+    Form("MCAP", lambda data: data[:8] == MCAP_MAGIC, columnar.read_mcap),
+    Form("NumPy archive", _zip_with(b".npy"), arrays.read_npz),
+    Form("NumPy array", lambda data: data[:6] == b"\x93NUMPY", arrays.read_npy),
+    Form("text", lambda data: True, delimited.read_delimited),
+)
+
+
+def form_of(data: bytes) -> Form:
+    """The form of this content; text where it is of no other."""
+    return next(form for form in FORMS if form.matches(data))

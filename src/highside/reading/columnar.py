@@ -1,0 +1,220 @@
+"""Columns of Parquet, Arrow and MCAP files from bytes, within the limits of all files.
+
+The libraries are the formats' own (extra `export`), imported when such a file is met.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.errors import InputError
+from highside.reading.documents import parse_json
+from highside.reading.files import allowed_bytes, in_words
+from highside.reading.table import MAX_COLUMNS
+
+PARQUET_MAGIC = b"PAR1"
+ARROW_MAGIC = b"ARROW1"
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+_CELL_BYTES = 8
+_SHOWN = 120
+
+
+@dataclass(frozen=True, slots=True)
+class ReadColumn:
+    """One column: `numbers` (N,) with NaN where missing, or texts; `integers` where all are whole and there, and then
+    `instant` marks nanoseconds since 1970. `unit`: what the file says of it."""
+
+    name: str
+    numbers: NDArray[np.float64] | None
+    texts: tuple[str, ...] | None = None
+    integers: NDArray[np.int64] | None = None
+    unit: str | None = None
+    instant: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class McapMessage:
+    """A message of an MCAP file, its content as bytes."""
+
+    topic: str
+    encoding: str
+    schema_name: str
+    schema_encoding: str
+    schema: bytes
+    log_time_ns: int
+    data: bytes
+
+
+def parquet_columns(data: bytes, *, where: str) -> list[ReadColumn]:
+    """The columns of a Parquet file. Raises InputError for what is damaged or too large."""
+    pq = _library("pyarrow.parquet", where)
+
+    def read() -> Any:
+        file = pq.ParquetFile(io.BytesIO(data))
+        meta = file.metadata
+        _fits(meta.num_rows, meta.num_columns, where)
+        unpacked = sum(meta.row_group(k).total_byte_size for k in range(meta.num_row_groups))
+        if unpacked > allowed_bytes():
+            raise _too_large(where)
+        return file.read()
+
+    return _table(_guarded(read, "Parquet", where), where)
+
+
+def arrow_columns(data: bytes, *, where: str) -> list[ReadColumn]:
+    """The columns of an Arrow (Feather) file. Raises InputError for what is damaged or too large."""
+    feather = _library("pyarrow.feather", where)
+
+    def read() -> Any:
+        table = feather.read_table(io.BytesIO(data))
+        _fits(table.num_rows, table.num_columns, where)
+        return table
+
+    return _table(_guarded(read, "Arrow", where), where)
+
+
+def mcap_messages(data: bytes, *, where: str) -> Iterator[McapMessage]:
+    """The messages of an MCAP file in the order of their time. Raises InputError for what is damaged."""
+    reader = _library("mcap.reader", where)
+    limit = allowed_bytes()
+    try:
+        opened = reader.SeekingReader(io.BytesIO(data), validate_crcs=True, record_size_limit=limit)
+        size = 0
+        for schema, channel, message in opened.iter_messages():
+            size += len(message.data)
+            if size > limit:
+                raise _too_large(where)
+            yield McapMessage(
+                channel.topic, channel.message_encoding, schema.name if schema else "",
+                schema.encoding if schema else "", schema.data if schema else b"", message.log_time, message.data,
+            )  # fmt: skip
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:
+        raise _damaged("MCAP", error, where) from None
+
+
+def mcap_json_columns(data: bytes, *, where: str, topic: str | None = None) -> list[ReadColumn]:
+    """The fields of the JSON messages of an MCAP file (of one topic, if it is given) as columns.
+
+    Raises InputError for a message that is no flat object, and where no message is JSON.
+    """
+    names: dict[str, None] = {}
+    rows: list[dict[str, Any]] = []
+    for message in mcap_messages(data, where=where):
+        if message.encoding != "json" or (topic is not None and message.topic != topic):
+            continue
+        value = parse_json(message.data, where=f"{where}: message {len(rows) + 1}")
+        if not isinstance(value, dict):
+            raise InputError("is no object with fields", where=f"{where}: message {len(rows) + 1}")
+        flat = dict(flattened(value))
+        names.update(dict.fromkeys(flat))
+        if len(names) > MAX_COLUMNS:
+            raise InputError(f"has more than {MAX_COLUMNS} fields", where=where, remedy="give the right file")
+        rows.append(flat)
+    if not rows:
+        raise InputError("holds no message in JSON", where=where)
+    return [column_of(name, [row.get(name) for row in rows], where) for name in names]
+
+
+def flattened(value: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Fields of fields as `outer.inner`, members of short lists as `name[0]`."""
+    for key, inner in value.items():
+        name = f"{prefix}.{key}" if prefix else key
+        if isinstance(inner, dict):
+            yield from flattened(inner, name)
+        elif isinstance(inner, list):
+            yield from ((f"{name}[{k}]", one) for k, one in enumerate(inner[:9]) if not isinstance(one, dict | list))
+        else:
+            yield name, inner
+
+
+def column_of(name: str, values: list[Any], where: str) -> ReadColumn:
+    """A column of values that are numbers, texts or None. Raises InputError where numbers and texts are mixed."""
+    present = [value for value in values if value is not None]
+    if any(isinstance(value, str) for value in present):
+        if not all(isinstance(value, str) for value in present):
+            raise InputError("is a number in one row and a text in another", where=where, field=name)
+        return ReadColumn(name, None, tuple("" if value is None else value for value in values))
+    numbers = np.array([np.nan if value is None else float(value) for value in values])
+    whole = bool(present) and len(present) == len(values) and all(type(value) is int for value in present)
+    return ReadColumn(name, numbers, integers=np.array(values, dtype=np.int64) if whole else None)
+
+
+def _table(table: Any, where: str) -> list[ReadColumn]:
+    names = [str(name) for name in table.column_names]
+    double = next((name for name in names if names.count(name) > 1), None)
+    if double is not None:
+        raise InputError("names this column twice", where=where, field=double)
+    return [
+        column
+        for name, field in zip(names, table.schema, strict=True)
+        if (column := _column(name, field, table.column(name))) is not None
+    ]
+
+
+def _column(name: str, field: Any, array: Any) -> ReadColumn | None:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    kind = field.type
+    unit = (field.metadata or {}).get(b"unit", b"").decode("utf-8", "replace") or None
+    if pa.types.is_timestamp(kind) and array.null_count == 0:
+        ns = array.cast(pa.timestamp("ns", tz=kind.tz)).cast(pa.int64()).to_numpy()
+        return ReadColumn(name, ns.astype(np.float64), integers=ns, unit=unit, instant=True)
+    if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind):
+        numbers = np.asarray(array.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
+        whole = pa.types.is_integer(kind) and array.null_count == 0 and kind != pa.uint64()
+        return ReadColumn(name, numbers, integers=array.cast(pa.int64()).to_numpy() if whole else None, unit=unit)
+    if pa.types.is_dictionary(kind):
+        array = pc.cast(array, kind.value_type)
+        kind = kind.value_type
+    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+        return ReadColumn(name, None, tuple("" if text is None else text for text in array.to_pylist()), unit=unit)
+    return None
+
+
+def _guarded(read: Callable[[], Any], kind: str, where: str) -> Any:
+    try:
+        return read()
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:
+        raise _damaged(kind, error, where) from None
+
+
+def _damaged(kind: str, error: Exception, where: str) -> InputError:
+    said = " ".join(str(error).split())[:_SHOWN] or type(error).__name__
+    return InputError(f"is a damaged {kind} file ({said})", where=where, remedy="give the right file")
+
+
+def _fits(rows: int, columns: int, where: str) -> None:
+    if columns > MAX_COLUMNS:
+        raise InputError(f"has more than {MAX_COLUMNS} columns", where=where, remedy="give the right file")
+    if rows * columns * _CELL_BYTES > allowed_bytes():
+        raise _too_large(where)
+
+
+def _too_large(where: str) -> InputError:
+    limit = in_words(allowed_bytes())
+    return InputError(
+        f"expands to more than {limit}", where=where, remedy="if it is meant so: highside --max-bytes SIZE ..."
+    )
+
+
+def _library(name: str, where: str) -> Any:
+    import importlib
+
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        package = name.partition(".")[0]
+        raise InputError(
+            f"needs {package}, which is not installed", where=where, remedy="pip install 'highside[export]'"
+        ) from None
