@@ -271,13 +271,15 @@ def test_what_no_single_reading_tells_is_never_taken_off_and_always_stated() -> 
 def test_a_law_of_the_bench_is_taken_off_the_angles_and_stays_with_the_bench(tmp_path: Path) -> None:
     lean = {
         "slug": "dial", "place": "inclination", "channels": ["inc"], "formula": "", "coefficients": [[1.5e-3]],
-        "axes": [{"covariate": "inc", "low": 0.0, "high": 130.0, "functions": [["bump", 70.0, 12.0]]}],
+        "axes": [{"covariate": "inc", "low": -50.0, "high": 130.0, "functions": [["bump", 70.0, 12.0]]}],
     }  # fmt: skip
-    made = session([10.0, 40.0, 65.0, 75.0, 90.0, 120.0], [45.0, 135.0, 225.0, 315.0], [25.0, 25.0], 4, lean)
+    # also with the table turned the other way: from which side a pose was set is kept
+    made = session([-40.0, 10.0, 40.0, 65.0, 75.0, 90.0, 120.0], [45.0, 135.0, 225.0, 315.0], [25.0, 25.0], 4, lean)
     aware = highside.calibrate(made.poses, tool="t", model={"laws": [lean]})
     bare = highside.calibrate(made.poses, tool="t")
     assert not aware.record.laws and aware.record.content["environment"]["turntable"].startswith("model:")
-    true = np.array([pose["inc_true_deg"] for pose in made.truth["poses"]])
+    sides = np.sign([pose["inc_ref_deg"] for pose in made.truth["poses"]])
+    true = sides * np.array([pose["inc_true_deg"] for pose in made.truth["poses"]])
     found = np.array(aware.record.pose_columns["inc_ref_deg"], dtype=float)
     given = np.array(bare.record.pose_columns["inc_ref_deg"], dtype=float)
     assert np.max(np.abs(found - true)) < 1e-6 < 0.05 < np.max(np.abs(given - true))

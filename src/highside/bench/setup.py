@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from dataclasses import fields, replace
 from pathlib import Path
+
+import numpy as np
 
 from highside import __version__
 from highside.bench.session import plans
@@ -14,7 +17,10 @@ from highside.bench.session.verdict import require_judgeable
 from highside.bench.simulated_bench import SimulatedBench
 from highside.bench.simulated_operator import Habits, OperatorMistake
 from highside.calibration.record import CalibrationRecord, Environment, verify
+from highside.calibration.sensor_laws import AT_REST, SensorLaws
 from highside.config import bench as config
+from highside.config.model import load_model
+from highside.config.model_bench import bench_columns, bench_of, laws_of_the_sensor, true_references
 from highside.errors import InputError
 from highside.link.device import DeviceSettings
 from highside.link.wire import PtyWire
@@ -139,6 +145,31 @@ def turntable_of(settings: config.BenchFile) -> Compensation | None:
     return Compensation.from_json(read_bytes(path), where=str(path))
 
 
+def by_model(plan: plans.SessionPlan, path: Path) -> plans.SessionPlan:
+    """The plan with where a model says that the bench truly stands, and with its laws of the sensor.
+
+    Raises InputError for a model that says neither, and for laws that depend on what a session does not measure.
+    """
+    knows = load_model(path)
+    laws, bench = laws_of_the_sensor(knows, str(path)), bench_of(knows)
+    for name in (*SensorLaws(laws).columns, *bench_columns(bench)):
+        if name not in AT_REST and not (name == "temp_c" and name not in bench_columns(bench)):
+            raise InputError(
+                f"a law of this model depends on {name}, which a bench session does not tell",
+                where=str(path),
+                field="laws",
+                remedy="leave that law out, or use `calibrate solve` with a table that has the column",
+            )
+    if not laws and not bench.effects:
+        raise InputError("knows no effect of the bench, and no law", where=str(path), field="effects.included")
+    if bench.effects and plan.reference == "pose" and plan.poses:
+        inc, tf = (np.array(values) for values in zip(*(pose.reference for pose in plan.poses), strict=True))
+        true = true_references(bench, {"inc_ref_deg": inc, "tf_ref_deg": tf})
+        settings = zip(plan.poses, *(values.tolist() for values in true), strict=True)
+        plan = replace(plan, poses=tuple(replace(p, true_inc_deg=i, true_tf_deg=t) for p, i, t in settings))
+    return replace(plan, laws=laws)
+
+
 def header_of(settings: config.BenchFile, name: str, t_wall_s: float, operator: str | None) -> Header:
     """The first line of a new journal."""
     bench, judged, plan = settings.bench, judged_by(settings), plan_of(settings)
@@ -149,6 +180,10 @@ def header_of(settings: config.BenchFile, name: str, t_wall_s: float, operator: 
         table = turntable_of(settings)
     if table is not None and plan.reference == "pose" and plan.poses:
         plan = at_true_settings(plan, table)
+    ids = [] if table is None else [table.id]
+    if bench.model is not None and judged is None:
+        plan = by_model(plan, bench.model)
+        ids.append("model:" + hashlib.sha256(read_bytes(bench.model)).hexdigest())
     return Header(
         session=name,
         tool_id=settings.tool.id,
@@ -160,7 +195,7 @@ def header_of(settings: config.BenchFile, name: str, t_wall_s: float, operator: 
             bench.temp_c,
             bench.gravity_mps2,
             None if bench.gravity_mps2 is None else bench.gravity_std_mps2,
-            None if table is None else table.id,
+            " ".join(ids) or None,
         ),
         expires_days=settings.store.expires_days,
         software=__version__,

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -43,6 +44,7 @@ from highside.physics.law import Law
 from highside.physics.state import ChainState
 
 __all__ = [
+    "AT_REST",
     "BENCH_PLACES",
     "BY_LOAD",
     "GIVEN",
@@ -96,7 +98,6 @@ class SensorLaws:
     """Laws of the sensor, ready for use. Raises InputError for one of another place."""
 
     laws: tuple[Law, ...]
-    _sizes: tuple[tuple[float, ...], ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for law in self.laws:
@@ -106,7 +107,10 @@ class SensorLaws:
                     field=f"laws.{law.slug}.place",
                     remedy=f"of a record: {', '.join(SENSOR_PLACES)}",
                 )
-        object.__setattr__(self, "_sizes", tuple(size_of(law) for law in self.laws))
+
+    @cached_property
+    def _sizes(self) -> tuple[tuple[float, ...], ...]:
+        return tuple(size_of(law) for law in self.laws)
 
     @property
     def columns(self) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from highside.cli.bench_sessions import go_on_instead, left_unfinished
+from highside.cli.own_effects import EffectFolders, take_in
 from highside.cli.say import echo, echo_json
 from highside.errors import InputError
 
@@ -52,6 +53,7 @@ def bench(
         bool, typer.Option("--plain", help="Lines instead of a live picture, for serial consoles.")
     ] = False,
     operator: Annotated[str | None, typer.Option(help="Your name, for the record.")] = None,
+    effects: EffectFolders = None,
 ) -> None:
     """Walk through a calibration session on the bench, or one that judges a calibration.
 
@@ -65,6 +67,8 @@ def bench(
 
     settings = load_bench(config, overrides)
     start_logging("warning")
+    if settings.bench.model is not None:
+        take_in(effects)
     if auto:
         _require_simulated(config, settings)
     _say_what_lies_elsewhere(config, settings.store)

@@ -203,6 +203,11 @@ class BenchTable(ConfigTable):
         default=None, description="The fit of this bench's turntable (plan `turntable`); absent: in [store], by `name`."
     )
     use_turntable: bool = Field(default=True, description="Take it off the settings, where there is one.")
+    model: Path | None = Field(
+        default=None,
+        description="A model (`diagnose --write-model`): its bench is taken off the settings, its laws of the sensor"
+        " off the poses, and the record keeps these.",
+    )
 
 
 class StoreTable(ConfigTable):
@@ -290,6 +295,7 @@ PATHS = (
     ("plan", "record_file"),
     ("link", "path"),
     ("bench", "turntable"),
+    ("bench", "model"),
     ("store", "directory"),
     ("store", "sessions"),
     ("store", "signing_key"),

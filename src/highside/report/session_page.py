@@ -52,7 +52,7 @@ def session_page(journal: Journal) -> str:
     )
     page.bullets([*(f"refused: {text}" for text in solved.refused), *solved.remarks])
     with plotting():
-        add_methods(page, ledger.pose_columns(), ledger.request(), solved.solution, header.environment.gravity_mps2)
+        add_methods(page, ledger.solver_columns(), ledger.request(), solved.solution, header.environment.gravity_mps2)
     return page.html()
 
 

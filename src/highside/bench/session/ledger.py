@@ -39,6 +39,7 @@ from highside.bench.session.snapshot import PoseState
 from highside.calibration.method import SolveRequest
 from highside.calibration.methods.joint import METHOD as JOINT
 from highside.calibration.poses import PoseSet
+from highside.calibration.sensor_laws import AT_REST, SensorLaws, without_laws
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,6 +243,12 @@ class Ledger:
         columns["pose"] = [line.id for line, _ in lines]
         return columns
 
+    def solver_columns(self) -> dict[str, Any]:
+        """`pose_columns` without what the plan's laws say; as measured while a temperature that they need lacks."""
+        columns = self.pose_columns()
+        lacking = [n for n in SensorLaws(self.plan.laws).columns if n not in columns and n not in AT_REST]
+        return columns if lacking else without_laws(columns, self.plan.laws)
+
     def _reference(self, line: PoseLine) -> tuple[float, float]:
         """Where the bench stood, deg."""
         planned = self._planned.get(line.id)
@@ -250,7 +257,7 @@ class Ledger:
     def pose_set(self, reference: Reference | None = None) -> PoseSet:
         """The accepted poses as the solvers take them, with the plan's reference or another; at least one must have
         been taken."""
-        return PoseSet.from_columns(self.pose_columns(), reference=reference or self.plan.reference)  # type: ignore[arg-type]
+        return PoseSet.from_columns(self.solver_columns(), reference=reference or self.plan.reference)
 
     def raw_sha256(self) -> str:
         """Hash of the raw readings of the accepted poses, in the order of time."""

@@ -24,6 +24,7 @@ from highside.calibration.methods import solves_rings
 from highside.calibration.record import CalibrationRecord, PoseColumns, build_record, solve_poses
 from highside.calibration.remark import Reason
 from highside.calibration.result import CalibrationResult
+from highside.calibration.sensor_laws import without_laws
 from highside.errors import HighsideError, InputError
 from highside.physics.gravity import gravity_direction
 from highside.rotation.compensation import Compensation
@@ -76,7 +77,7 @@ def solve(ledger: Ledger, judged: CalibrationRecord | None = None) -> Solved:
         why = f"{len(ledger.done)} poses were taken, {max(plan.min_poses, 1)} are needed"
         return Solved(revision, None, why, (), None, None, (why,), ())
     try:
-        solution = solve_poses(ledger.pose_columns(), ledger.request())
+        solution = solve_poses(without_laws(ledger.pose_columns(), plan.laws), ledger.request())
     except HighsideError as error:
         why = str(error)
         return Solved(revision, None, why, (), None, None, (why,), ())
@@ -290,6 +291,7 @@ def make_record(header: Header, ledger: Ledger, solved: Solved, t_wall_s: float)
         fallback=solved.solution.fallback,
         guide=solved.solution.guide,
         pose_columns=ledger.pose_columns(),
+        laws=ledger.plan.laws,
         raw_sha256=ledger.raw_sha256(),
         raw_name=f"session {header.session}",
         environment=environment,

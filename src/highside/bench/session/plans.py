@@ -26,6 +26,7 @@ from highside.calibration.methods.balance import METHOD as BALANCE
 from highside.calibration.methods.conventional import METHOD as CONVENTIONAL
 from highside.calibration.methods.joint import METHOD as JOINT
 from highside.errors import InputError
+from highside.physics.law import Law
 
 Reference = Literal["pose", "magnitude"]
 
@@ -59,7 +60,7 @@ MAX_POSES = 2000
 class PlannedPose:
     """A pose to take: the bench's settings in degrees (negative inclination: the table turned the other way).
 
-    `true_*`: where the bench stands at these settings, by the fit of its turntable; None: where it says.
+    `true_*`: where the bench stands at these settings, by the fit of its turntable or a model; None: where it says.
     """
 
     id: str
@@ -158,6 +159,8 @@ class SessionPlan:
     fallback: str = "none"
     min_poses: int = 1
     criterion: Criterion | None = None
+    laws: tuple[Law, ...] = ()
+    """of the sensor: taken off the poses before they are solved, and kept in the record"""
 
     def __post_init__(self) -> None:
         if self.open_ended:
@@ -180,7 +183,10 @@ class SessionPlan:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for the journal; every float comes back exactly."""
-        return asdict(self) | {"kind": self.kind.value}
+        plain = asdict(replace(self, laws=())) | {"kind": self.kind.value}
+        # absent where there are none: journals made without stay as they are
+        del plain["laws"]
+        return plain | ({"laws": [law.to_dict() for law in self.laws]} if self.laws else {})
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> SessionPlan:
@@ -192,6 +198,7 @@ class SessionPlan:
                     "poses": tuple(PlannedPose(**pose) for pose in data["poses"]),
                     "stages": tuple(TemperatureStage(**stage) for stage in data["stages"]),
                     "limits": Limits(**data["limits"]),
+                    "laws": tuple(Law.from_dict(law) for law in data.get("laws", ())),
                     "criterion": None if data.get("criterion") is None else Criterion(**data["criterion"]),
                 }
             )

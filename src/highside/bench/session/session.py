@@ -248,7 +248,7 @@ class BenchSession:
             return None
         self._looking_ahead = True
         self._so_far = (revision, self.uncertainty)
-        return partial(outcome.solve_so_far, self.ledger.pose_columns(), self.ledger.request(), self.plan)
+        return partial(outcome.solve_so_far, self.ledger.solver_columns(), self.ledger.request(), self.plan)
 
     def finish_look_ahead(self, uncertainty: UncertaintyState | None) -> None:
         """The answer of `look_ahead`'s job."""
