@@ -17,13 +17,11 @@ LONG_FUNCTIONS = {
     "cli/diagnose.py:diagnose": (87, "48 lines declare options, 20 hand them on by name"),
     "cli/drift.py:drift": (84, "56 lines declare options, 15 hand them on by name"),
     "cli/verification.py:verify": (72, "30 lines declare options, 20 hand them on by name"),
-    "diagnosis/intake/checks.py:check": (63, "one order of checks: each says whether those after it mean anything"),
     "service/outbox_memory.py:OutboxMemory.__init__": (64, "declares every account with its meaning, nothing else"),
 }
 """By file and name: the lines at most, and why it is one function."""
 LONG_MODULES: dict[str, tuple[int, str]] = {
     "diagnosis/core/policy.py": (500, "numbers that decide with unit, meaning and the run that set each: a table"),
-    "diagnosis/magnitude/problem.py": (490, "one problem in the order of the interface that it fulfils"),
 }
 
 

@@ -56,15 +56,10 @@ def check(
     which axis should feel what. Where not `every_row` counts, as in averages of poses, any number of lost frames
     is reported and does no harm; elsewhere up to `CLOCK.lost_share`: each row has its time.
     """
-    missing = [name for name in (*COLUMNS, *needed) if name not in columns]
-    if missing:
-        return _spoiled([Finding("missing_column", tuple(missing), 0.0, f"record {', '.join(missing)} as well")])
-    held = ~np.isnan(columns["pose"]) if "pose" in columns else np.ones(columns["t_s"].size, dtype=bool)
-    holes = [name for name in ("t_s", *COLUMNS, *needed) if np.isnan(columns[name][held]).any()]
-    if holes:
-        count = max(int(np.isnan(columns[name][held]).sum()) for name in holes)
-        words = f"{count} of {int(held.sum())} values are missing: repeat those poses or leave the rows out"
-        return _spoiled([Finding("missing_values", tuple(_short(name) for name in holes), 0.0, words)])
+    incomplete = _incomplete(columns, needed)
+    if incomplete:
+        return _spoiled([incomplete])
+    held = _rows_held(columns)
     clock = [_harmless(*found) if not every_row else found for found in clock_findings(columns, held)]
     time = [finding for finding, _ in clock]
     accel = np.stack([columns[name][held] for name in COLUMNS])
@@ -105,6 +100,25 @@ def check(
     reported += [*shocks, *(f for c in range(3) if (f := _quantisation(accel[c], c)))]
     flats = {c: (share, limit) for c, (share, limit, _) in clipped.items()}
     return Intake((*spoiling, *reported), bool(spoiling), flats, rows[impulses])
+
+
+def _rows_held(columns: Mapping[str, Array]) -> NDArray[np.bool_]:
+    """(N,) rows that belong to a pose, or all."""
+    return ~np.isnan(columns["pose"]) if "pose" in columns else np.ones(columns["t_s"].size, dtype=bool)
+
+
+def _incomplete(columns: Mapping[str, Array], needed: Sequence[str]) -> Finding | None:
+    """Columns or values that the diagnosis cannot do without and that are not there."""
+    missing = [name for name in (*COLUMNS, *needed) if name not in columns]
+    if missing:
+        return Finding("missing_column", tuple(missing), 0.0, f"record {', '.join(missing)} as well")
+    held = _rows_held(columns)
+    holes = [name for name in ("t_s", *COLUMNS, *needed) if np.isnan(columns[name][held]).any()]
+    if not holes:
+        return None
+    count = max(int(np.isnan(columns[name][held]).sum()) for name in holes)
+    words = f"{count} of {int(held.sum())} values are missing: repeat those poses or leave the rows out"
+    return Finding("missing_values", tuple(_short(name) for name in holes), 0.0, words)
 
 
 def _harmless(finding: Finding, spoils: bool) -> tuple[Finding, bool]:

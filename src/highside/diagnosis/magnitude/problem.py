@@ -21,14 +21,14 @@ from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.core.memory import Channel, Innovating, Likelihoods, Memory, SlowEffect
 from highside.diagnosis.core.memory import intervals as in_intervals
 from highside.diagnosis.core.policy import CANDIDATE_SET, HELD_OUT, INTERVALS, REGRESSION, SELECTION
-from highside.diagnosis.core.problem import Problem, ReportData, SelectionState
+from highside.diagnosis.core.problem import ReportData, SelectionState
 from highside.diagnosis.core.problem_policy import ProblemPolicy
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.core.repeatability import Remaining
 from highside.diagnosis.core.result import Diagnosis, Fit, Location, NotTestable
 from highside.diagnosis.core.rivals import Rivalry
 from highside.diagnosis.core.selection import Selector
-from highside.diagnosis.core.stability import Stability, splits_of, stability
+from highside.diagnosis.core.still_problem import StillProblem
 from highside.diagnosis.magnitude.candidates import (
     bases_of,
     beyond_linear,
@@ -55,7 +55,7 @@ CHANNEL = "g_total"
 
 
 @dataclass(frozen=True)
-class MagnitudeProblem(Problem[MagnitudeNoise]):
+class MagnitudeProblem(StillProblem[MagnitudeNoise]):
     """n still readings of unknown attitude."""
 
     session: MagnitudeSession
@@ -370,27 +370,6 @@ class MagnitudeProblem(Problem[MagnitudeNoise]):
     def floor_excess(self, terms: Sequence[Term], *, pose_errors: bool = True) -> Excess | None:
         floor = self.session.floor
         return None if floor is None else excess(self.residual, np.concatenate([self.base, self.block(terms)]), floor)
-
-    def stability(self, selection: SelectionState[MagnitudeNoise], term: Term) -> Stability | None:
-        selector = selection.selector
-        others = selector.space_with([o for o in selection.terms if o != term])
-        return stability(
-            self.variant(term).columns,
-            selection.noise.white,
-            others,
-            selector.residual,
-            selector.freedom,
-            splits_of(self.session.state),
-        )
-
-    def mean_square_left(self, selection: SelectionState[MagnitudeNoise]) -> float | None:
-        space = selection.selector.space_with(selection.terms)
-        left = outside(space, selection.selector.residual)
-        return float(left @ left) / max(left.size - len(space), 1)
-
-    @property
-    def intervals(self) -> tuple[int, int] | None:
-        return self.session.n, max(self.session.n, self.session.expected)
 
     def completed(self, diagnosis: Diagnosis) -> Diagnosis:
         lacking = (*diagnosis.not_testable, *self._not_parted())

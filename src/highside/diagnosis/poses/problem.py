@@ -20,13 +20,13 @@ from highside.diagnosis.core.location import locate, locate_whole, on_channel, p
 from highside.diagnosis.core.memory import Channel, Likelihoods, Memory, SlowEffect
 from highside.diagnosis.core.method import WHOLE, Method
 from highside.diagnosis.core.policy import FITS, RIVALS, SELECTION
-from highside.diagnosis.core.problem import Problem, ReportData, SelectionState, parts_of
+from highside.diagnosis.core.problem import ReportData, SelectionState, parts_of
 from highside.diagnosis.core.problem_policy import ProblemPolicy
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.core.result import Diagnosis, Fit, Location
 from highside.diagnosis.core.rivals import Rivalry, next_poses
 from highside.diagnosis.core.selection import Selector
-from highside.diagnosis.core.stability import Stability, splits_of, stability
+from highside.diagnosis.core.still_problem import StillProblem
 from highside.diagnosis.core.untestable import with_manoeuvres
 from highside.diagnosis.poses import noise as noise_model
 from highside.diagnosis.poses.noise import PoseNoise
@@ -38,7 +38,7 @@ from highside.physics.gravity import unit
 
 
 @dataclass(frozen=True)
-class PoseProblem(Problem[PoseNoise]):
+class PoseProblem(StillProblem[PoseNoise]):
     """n poses with known attitudes."""
 
     session: PoseSession
@@ -195,27 +195,6 @@ class PoseProblem(Problem[PoseNoise]):
         normal = unit(self.force)
         along = np.sum(normal * self.residual, axis=0)[None]
         return excess(along, np.sum(normal * columns, axis=1)[:, None], floor.projected(normal))
-
-    def stability(self, selection: SelectionState[PoseNoise], term: Term) -> Stability | None:
-        selector = selection.selector
-        others = selector.space_with([o for o in selection.terms if o != term])
-        return stability(
-            self.variant(term).columns,
-            selection.noise.white,
-            others,
-            selector.residual,
-            selector.freedom,
-            splits_of(self.session.state),
-        )
-
-    def mean_square_left(self, selection: SelectionState[PoseNoise]) -> float | None:
-        space = selection.selector.space_with(selection.terms)
-        left = outside(space, selection.selector.residual)
-        return float(left @ left) / max(left.size - len(space), 1)
-
-    @property
-    def intervals(self) -> tuple[int, int] | None:
-        return self.session.n, max(self.session.n, self.session.expected)
 
     def completed(self, diagnosis: Diagnosis) -> Diagnosis:
         placed = with_manoeuvres(located_by_cause(diagnosis, self.model, self.session.state), self.session.state)
