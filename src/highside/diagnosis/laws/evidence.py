@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.laws.groups import Group
-from highside.diagnosis.laws.noise import Whitener, evidence
+from highside.diagnosis.laws.noise import Whitener, cholesky_and_half, evidence
 from highside.diagnosis.laws.policy import LAW_EVIDENCE, LAW_SEARCH
 from highside.diagnosis.laws.problem import LawProblem
 
@@ -53,6 +55,8 @@ class _Family:
     orders: Array
     """(G, m)"""
     raw: Array
+    tries: Array
+    """(G,) logarithm of how many like it are tried"""
 
 
 class Families:
@@ -69,9 +73,78 @@ class Families:
                 channels,
                 np.stack([groups[i].orders for i in members]),
                 np.stack([groups[i].columns() for i in members]),
+                np.log([float(groups[i].tries) for i in members]),
             )
             for (_, channels), members in alike.items()
         ]
+        self._last: _WhiteFamilies | None = None
+
+    def whitened(self, whitener: Whitener) -> _WhiteFamilies:
+        """All groups under a noise; those of the last noise are kept."""
+        if self._last is None or not self._last.whitener.like(whitener):
+            self._last = None
+            self._last = _WhiteFamilies(self, whitener)
+        return self._last
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A family under a noise: columns (G, m, c n), their inner products (G, m, m)."""
+
+    family: _Family
+    channels: tuple[int, ...]
+    columns: Array
+    gram: Array
+
+
+class _WhiteFamilies:
+    """All groups under one noise, and their inner products with whatever was set beside them."""
+
+    def __init__(self, families: Families, whitener: Whitener) -> None:
+        self.problem, self.whitener = families.problem, whitener
+        self.parts = [self._part(family) for family in families.families]
+        self.free = whitener.white(families.problem.free)
+        self._white: dict[Group, Array] = {}
+        self._across: dict[Group, list[Array]] = {}
+        self._free_across: list[Array] | None = None
+
+    def _part(self, family: _Family) -> _Part:
+        count, size, c, n = family.raw.shape
+        flat = family.raw.reshape(count * size, c, n)
+        channels = family.channels
+        if self.whitener.mixes:
+            full = np.zeros((count * size, self.problem.count, n))
+            full[:, list(channels)] = flat
+            white, channels = self.whitener.white(full), tuple(range(self.problem.count))
+        else:
+            white = np.stack([self.whitener.channel(ch, flat[:, k]) for k, ch in enumerate(channels)], axis=1)
+        columns = white.reshape(count, size, -1)
+        return _Part(family, channels, columns, columns @ columns.transpose(0, 2, 1))
+
+    def with_rows(self, rows: Array) -> list[Array]:
+        """Of each part the inner products (G, m, K) with whitened rows (K, C, n)."""
+        made = []
+        for part in self.parts:
+            count, size, width = part.columns.shape
+            beside = rows[:, list(part.channels)].reshape(len(rows), -1)
+            made.append((part.columns.reshape(count * size, width) @ beside.T).reshape(count, size, -1))
+        return made
+
+    def columns_of(self, group: Group) -> Array:
+        """(m, C, n) whitened columns of a group."""
+        if group not in self._white:
+            self._white[group] = self.whitener.white(raw_columns_of(self.problem, group))
+        return self._white[group]
+
+    def across(self, terms: Sequence[Term]) -> list[Array]:
+        """Of each part the inner products (G, m, K) with all that is free and with the terms."""
+        if self._free_across is None:
+            self._free_across = self.with_rows(self.free)
+        for term in terms:
+            if term.group not in self._across:
+                self._across[term.group] = self.with_rows(self.columns_of(term.group))
+        own = [self._across[term.group] for term in terms]
+        return [np.concatenate([free, *(one[i] for one in own)], axis=2) for i, free in enumerate(self._free_across)]
 
 
 class Whitened:
@@ -79,24 +152,22 @@ class Whitened:
 
     def __init__(self, families: Families, whitener: Whitener, residual: Array) -> None:
         self.families, self.whitener = families, whitener
-        problem = families.problem
         self.residual = whitener.white(residual[None])[0]
-        self.free = whitener.white(problem.free)
-        self._parts = []
-        for family in families.families:
-            count, size, c, n = family.raw.shape
-            flat = family.raw.reshape(count * size, c, n)
-            if whitener.mixes:
-                full = np.zeros((count * size, problem.count, n))
-                full[:, list(family.channels)] = flat
-                white, channels = whitener.white(full), tuple(range(problem.count))
-            else:
-                white = np.stack([whitener.channel(ch, flat[:, k]) for k, ch in enumerate(family.channels)], axis=1)
-                channels = family.channels
-            columns = white.reshape(count, size, -1)
-            gram = columns @ columns.transpose(0, 2, 1)
-            seen = columns @ self.residual[list(channels)].reshape(-1)
-            self._parts.append((family, channels, columns, gram, seen))
+        self._scored: dict[tuple[object, ...], tuple[Array, list[Prior]]] = {}
+
+    @cached_property
+    def groups(self) -> _WhiteFamilies:
+        """The groups, whitened."""
+        return self.families.whitened(self.whitener)
+
+    @cached_property
+    def free(self) -> Array:
+        """(P, C, n) all that is free, whitened."""
+        return self.whitener.white(self.families.problem.free)
+
+    @cached_property
+    def _seen(self) -> list[Array]:
+        return [seen[:, :, 0] for seen in self.groups.with_rows(self.residual[None])]
 
     def columns(self, terms: list[Term]) -> tuple[Array, Array]:
         """Whitened columns (K, C, n) of all that is free and of the terms, and their prior precisions (K,)."""
@@ -117,9 +188,21 @@ class Whitened:
         inverse = _inverse(flat @ flat.T, prior)
         return inverse @ (flat @ self.residual.reshape(-1)), inverse
 
-    def scores(self, terms: list[Term]) -> tuple[Array, list[Prior]]:
-        """(G,) nats that each group gains beside the terms, at its best prior, and these priors."""
-        columns, prior = self.columns(terms)
+    def scores(
+        self, terms: list[Term], *, least: float = 0.0, within: float = LAW_SEARCH.same_confounded
+    ) -> tuple[Array, list[Prior]]:
+        """(G,) nats that each group gains beside the terms, at its best prior, and these priors.
+
+        -inf: more than `within` behind the best, or behind `least` where none comes up to that.
+        """
+        key = (least, within, *((term.group, term.prior) for term in terms))
+        if key not in self._scored:
+            self._scored[key] = self._gains(terms, least, within)
+        return self._scored[key]
+
+    def _gains(self, terms: list[Term], least: float, within: float) -> tuple[Array, list[Prior]]:
+        beside = [self.groups.free, *(self.groups.columns_of(term.group) for term in terms)]
+        columns, prior = np.concatenate(beside), prior_of(self.families.problem, terms)
         flat = columns.reshape(len(columns), -1)
         inverse = _inverse(flat @ flat.T, prior)
         coefficients = inverse @ (flat @ self.residual.reshape(-1))
@@ -127,25 +210,24 @@ class Whitened:
         gains = np.full(len(groups), -np.inf)
         priors = [Prior(1.0, 1.0)] * len(groups)
         left = []
-        for _, channels, own, gram, seen in self._parts:
-            beside = columns[:, list(channels)].reshape(len(columns), -1)
-            across = own @ beside.T
-            remaining = gram - across @ inverse @ across.transpose(0, 2, 1)
-            left.append(_shown(gram, remaining, seen - across @ coefficients))
+        for part, across, seen in zip(self.groups.parts, self.groups.across(terms), self._seen, strict=True):
+            remaining = part.gram - across @ inverse @ across.transpose(0, 2, 1)
+            left.append(_shown(part.gram, remaining, seen - across @ coefficients))
         # no prior gains more than the best fit does: what cannot come near the best is not looked at
-        bounds = [_bound(*one) for one in left]
+        parts = self.groups.parts
+        bounds = [_bound(*one) - part.family.tries for one, part in zip(left, parts, strict=True)]
         order = np.sort(np.concatenate(bounds)) if bounds else np.zeros(1)
         high = float(order[-min(LAW_EVIDENCE.first, order.size)])
-        for least, most in ((high, np.inf), (None, high)):
-            worth = least if least is not None else float(gains.max(initial=0.0)) - LAW_SEARCH.same_confounded
-            for (family, *_), (gram, drive), bound in zip(self._parts, left, bounds, strict=True):
-                take = np.flatnonzero((bound >= worth) & (bound < most))
+        for first in (True, False):
+            worth = high if first else float(gains.max(initial=least)) - within
+            for part, (gram, drive), bound in zip(parts, left, bounds, strict=True):
+                take = np.flatnonzero((bound >= worth) & ((bound >= high) == first))
                 if not take.size:
                     continue
-                gain, size, length = best_priors(gram[take], drive[take], family.orders[take])
+                gain, size, length = best_priors(gram[take], drive[take], part.family.orders[take])
                 for k, j in enumerate(take):
-                    i = family.members[int(j)]
-                    gains[i] = gain[k] - np.log(groups[i].tries)
+                    i = part.family.members[int(j)]
+                    gains[i] = gain[k] - part.family.tries[j]
                     priors[i] = Prior(float(size[k]), float(length[k]))
         return gains, priors
 
@@ -166,10 +248,13 @@ def _bound(gram: Array, drive: Array) -> Array:
     size = np.sqrt(np.maximum(power, LAW_EVIDENCE.ridge * most))
     unit = gram / size[:, :, None] / size[:, None, :] + LAW_EVIDENCE.ridge * np.eye(gram.shape[1])
     along = drive / size
-    values, vectors = np.linalg.eigh(unit)
-    # a difference of large numbers leaves values below zero by rounding
-    along = np.einsum("gkv,gk->gv", vectors, along)
-    return np.asarray(0.5 * np.sum(along**2 / np.maximum(values, LAW_EVIDENCE.ridge), axis=1))
+    try:
+        return np.asarray(0.5 * np.sum(cholesky_and_half(unit, along)[1] ** 2, axis=1))
+    except np.linalg.LinAlgError:
+        # a difference of large numbers leaves values below zero by rounding
+        values, vectors = np.linalg.eigh(unit)
+        turned = np.einsum("gkv,gk->gv", vectors, along)
+        return np.asarray(0.5 * np.sum(turned**2 / np.maximum(values, LAW_EVIDENCE.ridge), axis=1))
 
 
 def best_priors(gram: Array, drive: Array, orders: Array) -> tuple[Array, Array, Array]:
@@ -202,11 +287,14 @@ def best_priors(gram: Array, drive: Array, orders: Array) -> tuple[Array, Array,
 def raw_columns(problem: LawProblem, terms: list[Term]) -> Array:
     """(K, C, n) columns of the terms."""
     parts = [np.empty((0, problem.count, problem.n))]
-    for term in terms:
-        full = np.zeros((term.group.size, problem.count, problem.n))
-        full[:, list(term.group.channels)] = term.group.columns()
-        parts.append(full)
-    return np.concatenate(parts)
+    return np.concatenate([*parts, *(raw_columns_of(problem, term.group) for term in terms)])
+
+
+def raw_columns_of(problem: LawProblem, group: Group) -> Array:
+    """(m, C, n) columns of a group."""
+    full = np.zeros((group.size, problem.count, problem.n))
+    full[:, list(group.channels)] = group.columns()
+    return full
 
 
 def reduced(problem: LawProblem, terms: list[Term]) -> tuple[Array, Array]:

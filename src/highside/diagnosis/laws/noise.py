@@ -74,9 +74,8 @@ class Whitener:
             cov[:, diagonal, diagonal] = white.T
             for size, way in zip(noise.jitter, problem.jitter, strict=True):
                 cov += size**2 * way.T[:, :, None] * way.T[:, None, :]
-            lower = np.linalg.cholesky(cov)
-            self._root = np.linalg.inv(lower)
-            self.log_determinant = 2 * float(np.log(np.diagonal(lower, axis1=1, axis2=2)).sum())
+            self._lower = np.ascontiguousarray(np.linalg.cholesky(cov).transpose(1, 2, 0))
+            self.log_determinant = 2 * float(np.log(self._lower[diagonal, diagonal]).sum())
             self._scale = np.sqrt(np.diagonal(cov, axis1=1, axis2=2).T)
             return
         self._scale = np.sqrt(white)
@@ -85,6 +84,11 @@ class Whitener:
             self._filters.append(made)
             own = 2 * float(np.log(self._scale[c]).sum()) if made is None else float(made.log_determinant[0])
             self.log_determinant += own
+
+    def like(self, other: Whitener) -> bool:
+        """Whether it whitens as another does."""
+        mine, its = vars(self.noise), vars(other.noise)
+        return self.problem is other.problem and all(np.array_equal(mine[name], its[name]) for name in mine)
 
     def channel(self, c: int, columns: Array) -> Array:
         """(k, n) columns of one channel, where channels do not mix."""
@@ -98,7 +102,13 @@ class Whitener:
     def white(self, columns: Array) -> Array:
         """(k, C, n) columns, whitened."""
         if self.mixes:
-            return np.asarray(np.einsum("nij,kjn->kin", self._root, columns))
+            made = np.empty(columns.shape)
+            for i, row in enumerate(self._lower):
+                left = columns[:, i]
+                for j in range(i):
+                    left = left - row[j] * made[:, j]
+                made[:, i] = left / row[i]
+            return made
         return np.stack([self.channel(c, columns[:, c]) for c in range(self.problem.count)], axis=1)
 
     def drawn_in(self, residual: Array, fitted: Array) -> Array:
@@ -188,12 +198,28 @@ def evidence(inner: Array, prior: Array, log_determinant: Array) -> Array:
     right = inner[:, :k, k]
     size = np.sqrt(np.maximum(np.diagonal(whole, axis1=1, axis2=2), 1e-300))
     unit = whole / size[:, :, None] / size[:, None, :] + 1e-12 * np.eye(k)
-    lower = np.linalg.cholesky(unit)
-    half = np.linalg.solve(lower, (right / size)[:, :, None])[:, :, 0]
-    logs = 2 * np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1) + 2 * np.log(size).sum(axis=1)
+    diagonal, half = cholesky_and_half(unit, right / size)
+    logs = 2 * np.log(diagonal).sum(axis=1) + 2 * np.log(size).sum(axis=1)
     known = np.log(prior[prior > 0]).sum()
     left = inner[:, k, k] - np.sum(half**2, axis=1)
     return np.asarray(-0.5 * (log_determinant + logs + left - known))
+
+
+def cholesky_and_half(unit: Array, right: Array) -> tuple[Array, Array]:
+    """Of lower factors L of matrices (B, k, k) the diagonals (B, k), and L^-1 `right` (B, k): the last row of the
+    factor of the matrix that has `right` as one more row and column. Raises LinAlgError for one that is not positive.
+    """
+    count, k = right.shape
+    if not k:
+        return np.empty((count, 0)), np.empty((count, 0))
+    # the size of the new row is of no account; its corner must leave the whole positive, and is not used
+    size = np.sqrt(np.maximum(np.sum(right**2, axis=1), 1e-300))
+    whole = np.empty((count, k + 1, k + 1))
+    whole[:, :k, :k] = unit
+    whole[:, k, :k] = whole[:, :k, k] = right / size[:, None]
+    whole[:, k, k] = 1e300
+    lower = np.linalg.cholesky(whole)
+    return np.diagonal(lower, axis1=1, axis2=2)[:, :k], lower[:, k, :k] * size[:, None]
 
 
 class NoiseLearner:
@@ -261,16 +287,20 @@ class _Filters:
 
     def settings(self, rows: Array) -> _Settings:
         """Inner products of rows (K, n) under each."""
-        plain = rows / self.sigma
-        inner = [(plain @ plain.T)[None]]
+        shown = np.flatnonzero(np.any(rows != 0, axis=1))
+        acting = rows[shown]
+        plain = acting / self.sigma
+        found = [(plain @ plain.T)[None]]
         filters: list[LevelNoise | LadderNoise] = [*self.levels, *self.ladders]
         for made in filters:
-            turned = made.white(rows)
-            inner.append(turned @ turned.transpose(0, 2, 1))
+            turned = made.white(acting)
+            found.append(turned @ turned.transpose(0, 2, 1))
+        inner = np.zeros((sum(len(one) for one in found), len(rows), len(rows)))
+        inner[:, shown[:, None], shown[None]] = np.concatenate(found)
         white = np.array([2 * float(np.log(self.sigma).sum())])
         logs = np.concatenate([white, *(made.log_determinant for made in filters)])
         cost = np.where(np.arange(logs.size) > 0, LAW_NOISE.cost, 0.0)
-        return _Settings(np.concatenate(inner), logs, self.share, self.length, self.ladder, cost)
+        return _Settings(inner, logs, self.share, self.length, self.ladder, cost)
 
 
 def _with_memory(problem: LawProblem, settings: list[_Settings], prior: Array) -> tuple[LawNoise, float]:
@@ -283,8 +313,14 @@ def _with_memory(problem: LawProblem, settings: list[_Settings], prior: Array) -
         return own.inner[chosen[c]] / factor[c] ** 2, float(own.log_determinant[chosen[c]]) + 2 * n * np.log(factor[c])
 
     best = -np.inf
+    looked: list[tuple[float, ...]] = [()] * count
     for _ in range(LAW_NOISE.turns):
         for c, own in enumerate(settings):
+            # beside the same as before the same is best
+            state = (*map(float, chosen), *factor.tolist())
+            if looked[c] == state:
+                continue
+            looked[c] = state
             parts = [of(d) for d in range(count)]
             fitted = np.append(-_mean(sum((inner for inner, _ in parts), np.zeros_like(own.inner[0])), prior), 1.0)
             rest = sum((inner for d, (inner, _) in enumerate(parts) if d != c), np.zeros_like(own.inner[0]))
@@ -326,13 +362,16 @@ def _with_jitter(problem: LawProblem, both: Array, prior: Array) -> tuple[LawNoi
     unit = [float(np.sqrt(np.mean(problem.floor**2) / max(float(np.mean(way**2)), 1e-30))) for way in problem.jitter]
     noise = LawNoise.floor_alone(problem)
 
+    known: dict[tuple[float, ...], float] = {}
+
     def of(one: LawNoise) -> float:
-        made = Whitener(problem, one)
-        turned = made.white(both).reshape(len(both), -1)
-        count = int(np.count_nonzero(one.jitter))
-        return float(evidence((turned @ turned.T)[None], prior, np.array([made.log_determinant]))[0]) - (
-            LAW_NOISE.cost * count
-        )
+        key = (*one.factor.tolist(), *one.jitter.tolist())
+        if key not in known:
+            made = Whitener(problem, one)
+            turned = made.white(both).reshape(len(both), -1)
+            own = evidence((turned @ turned.T)[None], prior, np.array([made.log_determinant]))
+            known[key] = float(own[0]) - LAW_NOISE.cost * int(np.count_nonzero(one.jitter))
+        return known[key]
 
     best = -np.inf
     for _ in range(LAW_NOISE.turns):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -31,8 +32,12 @@ class Found:
     residual: Array
     """(C, n) with values far from the fit drawn in"""
     families: Families
-    next_gain: float
-    """nats that the best further group would gain, the noise as it is"""
+
+    @cached_property
+    def next_gain(self) -> float:
+        """Nats that the best further group would gain, the noise as it is."""
+        gains, _ = self.whitened().scores(list(self.terms), within=0.0)
+        return float(np.max(gains, initial=-np.inf))
 
     def whitened(self) -> Whitened:
         """Everything under the noise that was learnt."""
@@ -55,6 +60,7 @@ class Search:
         self.groups = groups_of(self.problem) if groups is None else groups
         self.families = Families(self.problem, self.groups)
         self.learner = NoiseLearner(self.problem)
+        self._learnt: list[tuple[Array, dict[tuple[tuple[float, ...], ...], tuple[LawNoise, float]]]] = []
 
     def run(self) -> Found:
         """Both starts; the higher evidence stays."""
@@ -62,7 +68,8 @@ class Search:
         first = self._learn([], self.problem.residual)
         quiet = self._whitened(_State([], floor, 0.0, self.problem.residual))
         # where the floor alone shows nothing, no noise shows more
-        if float(np.max(quiet.scores([])[0], initial=-np.inf)) < LAW_SEARCH.gain:
+        gains, _ = quiet.scores([], least=LAW_SEARCH.gain, within=LAW_SEARCH.simpler)
+        if float(np.max(gains, initial=-np.inf)) < LAW_SEARCH.gain:
             return self._told(first)
         one = self._proved(self._grown(first, relearn=True))
         other = self._grown(_State([], floor, -np.inf, self.problem.residual), relearn=False)
@@ -110,7 +117,15 @@ class Search:
         return _State(terms, noise, found, drawn)
 
     def _noise(self, terms: list[Term], residual: Array) -> tuple[LawNoise, float]:
-        return self.learner.learn(*reduced(self.problem, terms), residual)
+        """The noise beside these terms and its evidence: what was learnt once of a residual is known."""
+        known = next((found for one, found in self._learnt if one is residual), None)
+        if known is None:
+            known = {}
+            self._learnt.append((residual, known))
+        key = tuple(sorted((float(id(t.group)), t.prior.size, t.prior.length) for t in terms))
+        if key not in known:
+            known[key] = self.learner.learn(*reduced(self.problem, terms), residual)
+        return known[key]
 
     def _drawn_in(self, state: _State) -> Array:
         whitener = Whitener(self.problem, state.noise)
@@ -122,7 +137,7 @@ class Search:
         """Groups taken one by one while they gain, each exchanged for any that does better."""
         while len(state.terms) < (LAW_SEARCH.most if relearn else LAW_SEARCH.most_first):
             white = self._whitened(state)
-            gains, priors = white.scores(state.terms)
+            gains, priors = white.scores(state.terms, least=LAW_SEARCH.gain, within=LAW_SEARCH.simpler)
             best = self._simplest(gains)
             if gains[best] < LAW_SEARCH.gain:
                 break
@@ -139,7 +154,7 @@ class Search:
             before = _which(terms)
             for k in range(len(terms)):
                 others = [t for i, t in enumerate(terms) if i != k]
-                gains, priors = white.scores(others)
+                gains, priors = white.scores(others, within=LAW_SEARCH.simpler)
                 own = self.groups.index(terms[k].group)
                 best = self._simplest(gains)
                 simpler = len(self.groups[best].axes) < len(terms[k].group.axes)
@@ -208,7 +223,6 @@ class Search:
             tuple(classes),
             state.residual,
             self.families,
-            float(np.max(white.scores(terms)[0], initial=-np.inf)),
         )
 
     def _class(self, own: Group, gains: Array) -> tuple[Group, ...]:
