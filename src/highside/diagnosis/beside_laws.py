@@ -151,7 +151,7 @@ def _chosen(session: LawSession, model: ForwardModel, claims: Sequence[Claim], n
     search = Search(problem, [*groups_of(problem), *own])
     kept = search.beside(own, beside.terms)
     # a search that begins with a name may not find its way to the one law that stands for it and the rest
-    tried = [kept, search.run(), Search(problem).run()]
+    tried = [kept, search.run(), search.without_effects().run()]
 
     def worth(found: Found) -> float:
         whole = {t.group.effect for t in found.terms if t.group.effect} == {c.effect for c in claims}

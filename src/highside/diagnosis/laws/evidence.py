@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -77,14 +78,26 @@ class Families:
             )
             for (_, channels), members in alike.items()
         ]
-        self._last: _WhiteFamilies | None = None
+        self.barred: frozenset[int] = frozenset()
+        """numbers of groups that are not scored"""
+        self._kept: list[_WhiteFamilies] = []
+        """under the last noises"""
+
+    def without_effects(self) -> Families:
+        """The same without the library's effects; what is whitened is shared."""
+        made = copy(self)
+        made.barred = frozenset(i for i, group in enumerate(self.groups) if group.effect)
+        return made
 
     def whitened(self, whitener: Whitener) -> _WhiteFamilies:
         """All groups under a noise; those of the last noise are kept."""
-        if self._last is None or not self._last.whitener.like(whitener):
-            self._last = None
-            self._last = _WhiteFamilies(self, whitener)
-        return self._last
+        for one in self._kept:
+            if one.whitener.like(whitener):
+                return one
+        room = LAW_EVIDENCE.kept // max(sum(family.raw.size for family in self.families), 1)
+        del self._kept[: max(0, len(self._kept) - max(room - 1, 0))]
+        self._kept.append(_WhiteFamilies(self, whitener))
+        return self._kept[-1]
 
 
 @dataclass(frozen=True)
@@ -107,6 +120,7 @@ class _WhiteFamilies:
         self._white: dict[Group, Array] = {}
         self._across: dict[Group, list[Array]] = {}
         self._free_across: list[Array] | None = None
+        self._seen: tuple[Array, list[Array]] | None = None
 
     def _part(self, family: _Family) -> _Part:
         count, size, c, n = family.raw.shape
@@ -130,6 +144,13 @@ class _WhiteFamilies:
             made.append((part.columns.reshape(count * size, width) @ beside.T).reshape(count, size, -1))
         return made
 
+    def seen(self, residual: Array) -> list[Array]:
+        """Of each part the inner products (G, m) with a residual (C, n), not whitened; those of the last are kept."""
+        if self._seen is None or self._seen[0] is not residual:
+            made = self.with_rows(self.whitener.white(residual[None]))
+            self._seen = residual, [one[:, :, 0] for one in made]
+        return self._seen[1]
+
     def columns_of(self, group: Group) -> Array:
         """(m, C, n) whitened columns of a group."""
         if group not in self._white:
@@ -152,7 +173,7 @@ class Whitened:
 
     def __init__(self, families: Families, whitener: Whitener, residual: Array) -> None:
         self.families, self.whitener = families, whitener
-        self.residual = whitener.white(residual[None])[0]
+        self.residual, self._raw = whitener.white(residual[None])[0], residual
         self._scored: dict[tuple[object, ...], tuple[Array, list[Prior]]] = {}
 
     @cached_property
@@ -164,10 +185,6 @@ class Whitened:
     def free(self) -> Array:
         """(P, C, n) all that is free, whitened."""
         return self.whitener.white(self.families.problem.free)
-
-    @cached_property
-    def _seen(self) -> list[Array]:
-        return [seen[:, :, 0] for seen in self.groups.with_rows(self.residual[None])]
 
     def columns(self, terms: list[Term]) -> tuple[Array, Array]:
         """Whitened columns (K, C, n) of all that is free and of the terms, and their prior precisions (K,)."""
@@ -209,19 +226,22 @@ class Whitened:
         groups = self.families.groups
         gains = np.full(len(groups), -np.inf)
         priors = [Prior(1.0, 1.0)] * len(groups)
-        left = []
-        for part, across, seen in zip(self.groups.parts, self.groups.across(terms), self._seen, strict=True):
+        left, seen_of = [], self.groups.seen(self._raw)
+        for part, across, seen in zip(self.groups.parts, self.groups.across(terms), seen_of, strict=True):
             remaining = part.gram - across @ inverse @ across.transpose(0, 2, 1)
             left.append(_shown(part.gram, remaining, seen - across @ coefficients))
         # no prior gains more than the best fit does: what cannot come near the best is not looked at
         parts = self.groups.parts
         bounds = [_bound(*one) - part.family.tries for one, part in zip(left, parts, strict=True)]
-        order = np.sort(np.concatenate(bounds)) if bounds else np.zeros(1)
+        barred = self.families.barred
+        for bound, part in zip(bounds, parts, strict=True):
+            bound[[i in barred for i in part.family.members]] = -np.inf
+        order = np.sort(np.concatenate([[0.0], *bounds]))
         high = float(order[-min(LAW_EVIDENCE.first, order.size)])
         for first in (True, False):
             worth = high if first else float(gains.max(initial=least)) - within
             for part, (gram, drive), bound in zip(parts, left, bounds, strict=True):
-                take = np.flatnonzero((bound >= worth) & ((bound >= high) == first))
+                take = np.flatnonzero((bound >= worth) & ((bound >= high) == first) & np.isfinite(bound))
                 if not take.size:
                     continue
                 gain, size, length = best_priors(gram[take], drive[take], part.family.orders[take])

@@ -87,7 +87,7 @@ class Group:
     @cached_property
     def channels(self) -> tuple[int, ...]:
         """Channels that it acts on."""
-        touched = np.any([np.any(u.field != 0, axis=1) for u in self.units], axis=0)
+        touched = np.any([u.acts for u in self.units], axis=0)
         return tuple(int(c) for c in np.flatnonzero(touched))
 
     @cached_property
@@ -106,13 +106,18 @@ class Group:
         return np.concatenate([b[:, None] * u.field[None, ch] for u, b in zip(self.units, self.basis, strict=True)])
 
 
+Bases = dict[tuple[tuple[Axis, ...], tuple[int, ...]], Array]
+"""functions (u, m, n) of axes, as the units of these axes of the triad know them: many places have the same"""
+
+
 def groups_of(problem: LawProblem) -> list[Group]:
     """All that is tried."""
     found = []
+    bases: Bases = {}
     for units in _together(problem.places):
-        found += list(_singles(problem, units))
-        found += list(_pairs(problem, units))
-        found += list(_shapes(problem, units))
+        found += list(_singles(problem, units, bases))
+        found += list(_pairs(problem, units, bases))
+        found += list(_shapes(problem, units, bases))
     return [g for g in found if g.channels]
 
 
@@ -170,19 +175,27 @@ def axis_of(name: str, values: Array, count: int, *, constant: bool, turns: int)
 
 
 def _group(
-    problem: LawProblem, units: tuple[PlaceField, ...], axes: tuple[Axis, ...], order: Array, tries: int = 1
+    problem: LawProblem,
+    units: tuple[PlaceField, ...],
+    axes: tuple[Axis, ...],
+    order: Array,
+    bases: Bases,
+    tries: int = 1,
 ) -> Group:
-    basis = []
-    for unit in units:
-        result = axes[0].basis(values_of(problem, axes[0].covariate, unit))
-        for axis in axes[1:]:
-            own = axis.basis(values_of(problem, axis.covariate, unit))
-            result = (result[:, None] * own[None]).reshape(-1, own.shape[1])
-        basis.append(result)
-    return Group(units, axes, order, np.stack(basis), tries)
+    key = axes, tuple(unit.own for unit in units)
+    if key not in bases:
+        basis = []
+        for unit in units:
+            result = axes[0].basis(values_of(problem, axes[0].covariate, unit))
+            for axis in axes[1:]:
+                own = axis.basis(values_of(problem, axis.covariate, unit))
+                result = (result[:, None] * own[None]).reshape(-1, own.shape[1])
+            basis.append(result)
+        bases[key] = np.stack(basis)
+    return Group(units, axes, order, bases[key], tries)
 
 
-def _singles(problem: LawProblem, units: tuple[PlaceField, ...]) -> Iterator[Group]:
+def _singles(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) -> Iterator[Group]:
     constant = PLACES[units[0].place].constant
     for name, values, distinct in _varying(problem, units):
         if name == "tf_fraction":
@@ -190,10 +203,10 @@ def _singles(problem: LawProblem, units: tuple[PlaceField, ...]) -> Iterator[Gro
         count = min(LAW_GROUPS.cosines, distinct - 1)
         turns = min(LAW_GROUPS.orders, max(1, distinct // 2))
         axis, order = axis_of(name, values, count, constant=constant, turns=turns)
-        yield _group(problem, units, (axis,), order)
+        yield _group(problem, units, (axis,), order, bases)
 
 
-def _pairs(problem: LawProblem, units: tuple[PlaceField, ...]) -> Iterator[Group]:
+def _pairs(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) -> Iterator[Group]:
     if units[0].place in ("matrix", "timing"):
         return
     known = {name: (values, distinct) for name, values, distinct in _varying(problem, units)}
@@ -209,10 +222,10 @@ def _pairs(problem: LawProblem, units: tuple[PlaceField, ...]) -> Iterator[Group
             made.append(axis_of(name, values, count, constant=True, turns=turns))
         (first, k), (second, j) = made
         order = np.hypot(k[:, None], j[None]).reshape(-1)
-        yield _group(problem, units, (first, second), order, LAW_GROUPS.pairs)
+        yield _group(problem, units, (first, second), order, bases, LAW_GROUPS.pairs)
 
 
-def _shapes(problem: LawProblem, units: tuple[PlaceField, ...]) -> Iterator[Group]:
+def _shapes(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) -> Iterator[Group]:
     """Steps, ramps and decays in time, dents in toolface, orders that are no whole numbers: one or two columns each."""
     if units[0].place in ("matrix", "timing"):
         return
@@ -228,12 +241,12 @@ def _shapes(problem: LawProblem, units: tuple[PlaceField, ...]) -> Iterator[Grou
         shapes += [Function("ramp", (float(at),)) for at in some[1:]]
         shapes += [Function("decay", (float(at), s * (high - low))) for at in (low, *some) for s in LAW_GROUPS.decays]
         for shape in shapes:
-            yield _group(problem, units, (Axis("time", low, high, (shape,)),), zero, len(shapes))
+            yield _group(problem, units, (Axis("time", low, high, (shape,)),), zero, bases, len(shapes))
     if "tf" in known:
         centres = np.arange(LAW_GROUPS.dents) * (360.0 / LAW_GROUPS.dents)
         dents = [Function("dent", (float(c), w)) for c in centres for w in LAW_GROUPS.dent_widths_deg]
         for shape in dents:
-            yield _group(problem, units, (Axis("tf", 0.0, 360.0, (shape,)),), zero, len(dents))
+            yield _group(problem, units, (Axis("tf", 0.0, 360.0, (shape,)),), zero, bases, len(dents))
     if "tf_fraction" in known:
         values = known["tf_fraction"]
         for k in range(1, LAW_GROUPS.fractions):
@@ -242,7 +255,7 @@ def _shapes(problem: LawProblem, units: tuple[PlaceField, ...]) -> Iterator[Grou
                 continue
             both = tuple(Function(kind, (order,)) for kind in ("cos", "sin"))
             axis = Axis("tf_fraction", float(values.min()), float(values.max()), both)
-            yield _group(problem, units, (axis,), np.zeros(2), LAW_GROUPS.fractions)
+            yield _group(problem, units, (axis,), np.zeros(2), bases, LAW_GROUPS.fractions)
 
 
 def confounded(one: Array, other: Array, share: float) -> bool:

@@ -217,7 +217,7 @@ def cholesky_and_half(unit: Array, right: Array) -> tuple[Array, Array]:
     whole = np.empty((count, k + 1, k + 1))
     whole[:, :k, :k] = unit
     whole[:, k, :k] = whole[:, :k, k] = right / size[:, None]
-    whole[:, k, k] = 1e300
+    whole[:, k, k] = 1.0 / np.finfo(float).tiny
     lower = np.linalg.cholesky(whole)
     return np.diagonal(lower, axis1=1, axis2=2)[:, :k], lower[:, k, :k] * size[:, None]
 

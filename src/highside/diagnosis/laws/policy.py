@@ -67,6 +67,9 @@ class LawEvidencePolicy:
     """Square of whitened columns below which they are nothing. Source: rounding of columns that what is free takes."""
     first: int = 24
     """Groups of the highest bounds that are looked at first. Source: chosen; one of them is the best nearly always."""
+    kept: int = 20_000_000
+    """Numbers of whitened columns that are kept, of the noises tried last; of one noise always. Source: memory of
+    160 MB; poses keep four and more noises, rotations one."""
 
 
 LAW_EVIDENCE = LawEvidencePolicy()

@@ -8,6 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
 
 from highside.arrays import Array
 
@@ -21,6 +25,11 @@ class PlaceField:
     field: Array
     own: int = -1
     """axis of the triad whose load is its own; -1: none"""
+
+    @cached_property
+    def acts(self) -> NDArray[np.bool_]:
+        """(C,) on which channels."""
+        return np.asarray(np.any(self.field != 0, axis=1))
 
 
 @dataclass(frozen=True)

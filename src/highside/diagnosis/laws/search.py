@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -61,6 +62,12 @@ class Search:
         self.families = Families(self.problem, self.groups)
         self.learner = NoiseLearner(self.problem)
         self._learnt: list[tuple[Array, dict[tuple[tuple[float, ...], ...], tuple[LawNoise, float]]]] = []
+
+    def without_effects(self) -> Search:
+        """The same search among laws alone; what was learnt and whitened is shared."""
+        made = copy(self)
+        made.families = self.families.without_effects()
+        return made
 
     def run(self) -> Found:
         """Both starts; the higher evidence stays."""
