@@ -257,6 +257,17 @@ def test_laws_of_load_rate_and_a_further_column_are_inverted_live_as_in_batch() 
     assert all("law_not_applied" in one.flags for one in lost)
 
 
+def test_poses_of_a_recording_keep_what_laws_depend_on() -> None:
+    made = session(*RINGS, [20.0, 61.0], 2)
+    pose = made.recording["pose"]
+    columns = {**made.recording.columns, "mud bar": np.where(np.isfinite(pose), 10.0 * pose, np.nan)}
+    # a gap of one pose leaves the column out: half a column would be refused later, without the reason
+    gap = {**columns, "supply V": np.where(pose == 3.0, np.nan, 5.0)}
+    found = highside.find_poses(gap)
+    assert found["mud bar"] == pytest.approx(10.0 * found["pose"])
+    assert "supply V" not in found
+
+
 def test_what_no_single_reading_tells_is_never_taken_off_and_always_stated() -> None:
     plain = {**STEEP, "axes": [{**STEEP["axes"][0], "covariate": "time"}]}
     laws = SensorLaws((Law.from_dict(plain),))

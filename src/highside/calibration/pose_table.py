@@ -12,6 +12,7 @@ from highside.calibration.poses import PoseSet
 from highside.calibration.record import RecordError, RecordReason
 from highside.calibration.still_intervals import find_still_intervals, labelled_intervals, poses_from_intervals
 from highside.errors import InputError, Refused
+from highside.physics.state import KNOWN_COLUMNS
 
 __all__ = ["StillPoses", "require_g", "solver_columns", "still_poses", "tool_of_session"]
 
@@ -48,8 +49,8 @@ def still_poses(a: Array, columns: Mapping[str, Array], *, min_s: float, window_
     """Find the still intervals of readings `a` (3, N) in g, or take those that a column `pose` names.
 
     `columns` are those of the recording, each (N,): `t_s` in s, and of `inc_ref_deg`, `tf_ref_deg`, `temp_c`, `pose`,
-    `direction` what there is. Raises InputError (units that are not g, time that does not advance) and Refused (no
-    usable pose).
+    `direction` what there is; of further ones the means are kept, for laws that depend on them. Raises InputError
+    (units that are not g, time that does not advance) and Refused (no usable pose).
     """
     require_g(a, where)
     t = columns["t_s"]
@@ -82,10 +83,20 @@ def still_poses(a: Array, columns: Mapping[str, Array], *, min_s: float, window_
     made |= {f"std_a{axis}": poses.std[i] for i, axis in enumerate("xyz")}
     if poses.temp_c is not None and not np.isnan(poses.temp_c).any():
         made["temp_c"] = poses.temp_c
+    rows_of = [interval.rows() for interval in kept]
+    for name in (name for name in columns if _is_further(name)):
+        means = np.array([columns[name][rows].mean() for rows in rows_of])
+        if np.isfinite(means).all():
+            made[name] = means
     for name in ("pose", "direction"):
         if name in columns and not np.isnan(columns[name][starts]).any():
             made[name] = columns[name][starts]
     return StillPoses(made, left_out)
+
+
+def _is_further(name: str) -> bool:
+    """Whether laws may depend on a column beside the temperature: vibration, the maker's own quantities."""
+    return name == "vibration_rms_g" or (name not in KNOWN_COLUMNS and name != "azi_ref_deg")
 
 
 def _reference_fault(inc_deg: Array, tf_deg: Array) -> str | None:

@@ -15,10 +15,10 @@ law falls to 0, the mean of its prior, and its standard deviation grows to the s
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,11 +73,13 @@ GIVEN = {
 """covariates that come beside a reading, and the columns that give them"""
 AT_REST = {"rotor_rate_dps": 0.0, "vibration_rms_g": 0.0}
 """what is so of every pose, recorded or not"""
-PASSES = 4
+PASSES = 3
 """of the load by which a law is evaluated, from the raw reading on. A law changes by less than 1e-2 per g of load, and
-a raw reading is within 0.1 g of it: the last pass moves it by less than 1e-9 g."""
+a raw reading is within 0.1 g of it: after three passes the load is known to 1e-7 g, and the law to 1e-9 g."""
 STEPS = {1: 201, 2: 41}
 """values of each covariate over which the size of a law is taken, by their number"""
+
+ROWS, COLUMNS = (np.array(which) for which in zip(*UPPER, strict=True))
 
 Columns = Mapping[str, Array | float]
 
@@ -123,36 +125,67 @@ class SensorLaws:
         """Whether what they say depends on the load, which is known by the corrected reading only."""
         return any(law.place != "offset" or BY_LOAD & set(law.depends_on) for law in self.laws)
 
+    def value_at(self, load: Array, given: Columns) -> Array:
+        """(3, N) g: as `at`, without its error."""
+        state, value = _state(load, given), np.zeros((3, load.shape[1]))
+        for law, table in zip(self.laws, self._tables, strict=True):
+            for number, (channel, one) in enumerate(_channels(law, state, load)):
+                value += law.at.act(channel, table[number] @ one.basis, load)
+        return value
+
     def at(self, load: Array, given: Columns) -> Departure:
         """What they say under loads (3, N) in g; `given`: values or (N,) by the names of columns, NaN where unknown."""
         n = load.shape[1]
         state = _state(load, given)
         value, cov = np.zeros((3, n)), np.zeros((6, n))
         outside, unknown = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
-        for law, sizes in zip(self.laws, self._sizes, strict=True):
-            spread = np.asarray(law.covariance, dtype=float) if law.covariance else None
-            fields, bases, falls = [], [], []
-            for number, channel in enumerate(law.channels):
-                covariates = _covariates(law, state, load, channel)
-                known = np.isfinite(covariates).all(axis=0)
-                safe = [np.where(known, u, axis.low) for u, axis in zip(covariates, law.axes, strict=True)]
-                basis = law.basis(safe) * known
-                fall = np.prod([axis.held(u)[1] for u, axis in zip(safe, law.axes, strict=True)], axis=0) * known
-                coefficients = np.asarray(law.coefficients[number])
-                value += law.at.act(channel, coefficients @ basis, load)
-                outside |= known & ~law.inside(safe)
-                unknown |= ~known
-                fields.append(np.broadcast_to(law.at.act(channel, np.ones(n), load), (3, n)))
-                bases.append(basis)
-                falls.append(fall)
-            m = len(law.coefficients[0])
-            for i, one in enumerate(fields):
-                cov += _outer(one, one) * (sizes[i] ** 2 * (1.0 - falls[i] ** 2))
-                for j, other in enumerate(fields if spread is not None else ()):
-                    assert spread is not None
-                    block = spread[i * m : (i + 1) * m, j * m : (j + 1) * m]
-                    cov += _outer(one, other) * np.sum(bases[i] * (block @ bases[j]), axis=0)
+        for law, table, sizes in zip(self.laws, self._tables, self._sizes, strict=True):
+            found = [(law.at.act(channel, np.ones(n), load), one) for channel, one in _channels(law, state, load)]
+            m = table.shape[1]
+            for i, (field_i, one) in enumerate(found):
+                value += field_i * (table[i] @ one.basis)
+                outside |= one.known & ~law.inside(one.at)
+                unknown |= ~one.known
+                fall = np.prod([axis.held(u)[1] for u, axis in zip(one.at, law.axes, strict=True)], axis=0) * one.known
+                cov += _outer(field_i, field_i) * (sizes[i] ** 2 * (1.0 - fall * fall))
+                if not law.covariance:
+                    continue
+                for j, (field_j, other) in enumerate(found):
+                    block = self._spreads[law.slug][i * m : (i + 1) * m, j * m : (j + 1) * m]
+                    cov += _outer(field_i, field_j) * np.sum(one.basis * (block @ other.basis), axis=0)
         return Departure(value, cov, outside, unknown)
+
+    @cached_property
+    def _tables(self) -> tuple[Array, ...]:
+        return tuple(np.array(law.coefficients, dtype=float) for law in self.laws)
+
+    @cached_property
+    def _spreads(self) -> dict[str, Array]:
+        return {law.slug: np.array(law.covariance, dtype=float) for law in self.laws}
+
+
+class _OnChannel(NamedTuple):
+    """What a law depends on at N rows, on one of its channels."""
+
+    basis: Array
+    """(m, N), 0 where it is not known"""
+    at: list[Array]
+    """(N,) values of each covariate, any within the range where they are not known"""
+    known: NDArray[np.bool_]
+
+
+def _channels(law: Law, state: ChainState, load: Array) -> Iterator[tuple[str, _OnChannel]]:
+    """The channels of a law; those that see the same covariates share one evaluation."""
+    same, one = not any(COVARIATES[name].own for name in law.depends_on if name in COVARIATES), None
+    for channel in law.channels:
+        if one is None or not same:
+            covariates = _covariates(law, state, load, channel)
+            known = np.isfinite(covariates[0])
+            for u in covariates[1:]:
+                known &= np.isfinite(u)
+            safe = [np.where(known, u, axis.low) for u, axis in zip(covariates, law.axes, strict=True)]
+            one = _OnChannel(law.basis(safe) * known, safe, known)
+        yield channel, one
 
 
 def size_of(law: Law) -> tuple[float, ...]:
@@ -180,7 +213,8 @@ def _state(load: Array, given: Columns) -> ChainState:
     n = load.shape[1]
 
     def rows(name: str) -> Array:
-        return np.broadcast_to(np.asarray(given.get(name, np.nan), dtype=float), (n,))
+        value = given.get(name, math.nan)
+        return value if isinstance(value, np.ndarray) and value.ndim else np.full(n, value)
 
     none = np.zeros(n)
     return ChainState(
@@ -218,7 +252,7 @@ def _covariates(law: Law, state: ChainState, load: Array, channel: str) -> list[
 
 def _outer(one: Array, other: Array) -> Array:
     """(6, N) symmetric part of the outer product of (3, N) with (3, N)."""
-    return np.stack([0.5 * (one[i] * other[j] + one[j] * other[i]) for i, j in UPPER])
+    return np.asarray(0.5 * (one[ROWS] * other[COLUMNS] + one[COLUMNS] * other[ROWS]))
 
 
 # -- readings
@@ -243,13 +277,13 @@ class LawCorrection:
     def correct(self, a: Vector, cov: Covariance = ZERO_COVARIANCE, temp_c: float | None = None) -> Corrected:
         raw = np.array(a)[:, None]
         given = self.given if temp_c is None else {**self.given, "temp_c": temp_c}
-        load, passes = raw, PASSES if self.laws.by_load else 1
-        for number in range(1, passes + 1):
-            found = self.laws.at(load, given)
-            x, y, z = (raw - found.value)[:, 0].tolist()
-            if number < passes:
-                one = self.inner.correct((x, y, z), cov, temp_c)
-                load = raw if math.isnan(one.gx) else np.array([[one.gx], [one.gy], [one.gz]])
+        load = raw
+        for _ in range(PASSES if self.laws.by_load else 0):
+            x, y, z = (raw - self.laws.value_at(load, given))[:, 0].tolist()
+            one = self.inner.correct((x, y, z), temp_c=temp_c)
+            load = raw if math.isnan(one.gx) else np.array([[one.gx], [one.gy], [one.gz]])
+        found = self.laws.at(load, given)
+        x, y, z = (raw - found.value)[:, 0].tolist()
         l0, l1, l2, l3, l4, l5 = found.cov[:, 0].tolist()
         c0, c1, c2, c3, c4, c5 = cov
         done = self.inner.correct((x, y, z), (c0 + l0, c1 + l1, c2 + l2, c3 + l3, c4 + l4, c5 + l5), temp_c)
@@ -258,11 +292,11 @@ class LawCorrection:
 
     def _departure(self, a: Array, temp_c: Array | float | None) -> Departure:
         given = self.given if temp_c is None else {**self.given, "temp_c": temp_c}
-        found = self.laws.at(a, given)
-        for _ in range(PASSES - 1 if self.laws.by_load else 0):
-            load = self.inner.correct_block(a - found.value, temp_c)
-            found = self.laws.at(np.where(np.isfinite(load), load, a), given)
-        return found
+        load = a
+        for _ in range(PASSES if self.laws.by_load else 0):
+            g = self.inner.correct_block(a - self.laws.value_at(load, given), temp_c)
+            load = np.where(np.isfinite(g), g, a)
+        return self.laws.at(load, given)
 
     def correct_block(self, a: Array, temp_c: Array | float | None = None) -> Array:
         """Corrected vectors (3, N) from raw readings (3, N); NaN where no correction holds."""

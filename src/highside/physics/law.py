@@ -52,7 +52,7 @@ Span = tuple[float, float]
 Shape = Callable[..., AnyArray]
 
 
-def _cosine(u: AnyArray, span: Span, order: float) -> AnyArray:
+def _cosine(u: AnyArray, span: Span, order: AnyArray | float) -> AnyArray:
     low, high = span
     return np.cos(np.pi * order * (u - low) / (high - low if high > low else 1.0))
 
@@ -128,7 +128,16 @@ class Axis:
     def basis(self, u: AnyArray) -> AnyArray:
         """(m, n) the functions at values (n,), tapered beyond the range."""
         span, (held, fall) = (self.low, self.high), self.held(u)
+        if self._orders is not None:
+            return np.asarray(_cosine(held, span, self._orders) * fall)
         return np.asarray(np.stack([f(held, span) for f in self.functions]) * fall)
+
+    @cached_property
+    def _orders(self) -> AnyArray | None:
+        """(m, 1) of functions that are cosines all: these are computed together."""
+        if any(f.kind != "cosine" for f in self.functions):
+            return None
+        return np.array([f.numbers for f in self.functions])
 
     def held(self, u: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Values (n,) held within the range, and the factors (n,) by which what lies beyond it falls off."""
