@@ -466,3 +466,38 @@ def test_broken_method_is_one_line_and_stops_only_those_who_use_it(tmp_path: Pat
         "highside: --method: the method 'broken' of the installed package broken-methods 0.1 cannot be used:"
         " ZeroDivisionError: division by zero; fix or remove that package"
     ]
+
+
+def test_reference_of_the_recipe_gives_the_attitudes(tmp_path: Path) -> None:
+    recipe = blocks("A kind of reference")
+    assert len(recipe) == 2
+    path = patched(recipe, tmp_path / "src")
+    (tmp_path / "truth.toml").write_text(
+        '[sensor]\nbias_g = [1.2e-3, -0.8e-3, 1.5e-3]\n[effects]\nincluded = ["quadratic", "reading_noise"]\n'
+        "[effects.quadratic]\nk2_x = 4e-4\n[effects.reading_noise]\ndensity_ug = 60\n[motion]\n"
+        'kind = "poses"\ninclinations_deg = [10, 35, 60, 85, 110]\n'
+        "toolfaces_deg = [0, 45, 90, 135, 180, 225, 270, 315]\n"
+        "hold_s = 5\nrow_s = 0.1\nmove_s = 4\nrecord_moves = true\n"
+    )
+    known, recording = tmp_path / "known.toml", tmp_path / "session.csv"
+    known.write_text('[sensor]\nfree = ["bias", "scale", "misalignment"]\n')
+    done = highside("simulate", tmp_path / "truth.toml", "-o", recording, "--seed", "2", path=path)
+    assert done.returncode == 0, done.stderr
+    rows = np.genfromtxt(recording, delimiter=",", names=True)
+    master = gravity_direction(np.radians(rows["inc_ref_deg"]), np.radians(rows["tf_ref_deg"]))
+    master += 1e-5 * np.random.default_rng(1).standard_normal(master.shape)
+    names = "t_s,ax_g,ay_g,az_g"
+    with_master = np.column_stack([*(rows[name] for name in names.split(",")), *master])
+    header = names + ",master_ax_g,master_ay_g,master_az_g"
+    np.savetxt(tmp_path / "m.csv", with_master, "%.17g", ",", header=header, comments="")
+    arguments = ("diagnose", tmp_path / "m.csv", "--model", known, "--out", tmp_path / "report")
+    done = highside(*arguments, path=path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "report" / "diagnosis.json").read_text())
+    (claim,) = found["claims"]
+    assert (found["verdict"], claim["effect"]) == ("named", "quadratic")
+    k2_x = claim["parameters"]["k2_x"]
+    assert k2_x["low"] < 4e-4 < k2_x["high"] < k2_x["low"] + 1e-4
+    # without the recipe nothing says where the tool was
+    done = highside(*arguments, path=tmp_path)
+    assert done.returncode == 2 and "nothing says where the tool was" in done.stderr
