@@ -249,6 +249,9 @@ def test_what_the_core_lacks_is_said_before_the_work(
     core.refuses("calibrate", "certificate", record, "-o", "cert.html", says=plot, cwd=tmp_path)
     core.refuses("export", session, "--to", "parquet", says="highside[export]", cwd=tmp_path)
     core.refuses("export", session, "--to", "mcap", says="highside[export]", cwd=tmp_path)
+    (tmp_path / "x.h5").write_bytes(b"\x89HDF\r\n\x1a\n and nothing")
+    core.refuses("import", "x.h5", "-o", "out.csv", says="pip install 'highside[import]'", cwd=tmp_path)
+    (tmp_path / "x.h5").unlink()
     core.refuses("keys", "new", "my.key", "--name", "me", says="pip install 'highside[sign]'", cwd=tmp_path)
     bench = project_root / "config" / "bench-simulated.toml"
     core.refuses("calibrate", "bench", "--config", bench, "--auto", "--web", says="highside[web]", cwd=tmp_path)
@@ -330,6 +333,28 @@ def exports(it: Installed, _root: Path, data: Path, folder: Path) -> None:
         assert (folder / f"session.{kind}").stat().st_size > 1000
 
 
+def imports(it: Installed, _root: Path, _data: Path, folder: Path) -> None:
+    it.python(
+        "import numpy as np, openpyxl, h5py\n"
+        f"folder = {str(folder)!r}\n"
+        "book = openpyxl.Workbook()\n"
+        "rows = [(k / 100, 0.0, 0.0, 9.8) for k in range(20)]\n"
+        "for row in [('time_s', 'acc_x_mps2', 'acc_y_mps2', 'acc_z_mps2'), *rows]: book.active.append(row)\n"
+        "book.save(folder + '/x.xlsx')\n"
+        "with h5py.File(folder + '/x.h5', 'w') as file:\n"
+        "    file['time_s'], file['acc_mps2'] = np.array(rows)[:, 0], np.array(rows)[:, 1:]\n"
+    )
+    for name in ("x.xlsx", "x.h5"):
+        done = it.highside("import", name, "-o", "out.csv", cwd=folder)
+        assert done.returncode == 0, done.stderr
+    (folder / "x.bag").write_bytes(b"#ROSBAG V2.0\n and nothing")
+    (folder / "x.ulg").write_bytes(b"ULog\x01\x12\x35\x01 and nothing")
+    for name in ("x.bag", "x.ulg"):
+        done = it.highside("import", name, "-o", "out.csv", cwd=folder)
+        assert done.returncode == 2
+        assert "is a damaged" in done.stderr or "holds no topic" in done.stderr, done.stderr
+
+
 def takes_frames(it: Installed, _root: Path, _data: Path, _folder: Path) -> None:
     # neither pandas nor polars comes along, who calls has them; what only speaks Arrow needs pyarrow beside
     assert it.has("narwhals")
@@ -385,6 +410,7 @@ EXTRAS: dict[str, tuple[Does, ...]] = {
     "web": (serves_the_bench, draws),
     "metrics": (serves_figures,),
     "export": (exports,),
+    "import": (imports, exports),
     "frames": (takes_frames,),
     "sign": (signs,),
     "fast": (compiles,),
@@ -418,7 +444,7 @@ def everything_oldest(install: Callable[[str, str], Installed]) -> Installed:
     return install("all", "lowest-direct")
 
 
-@pytest.mark.parametrize("does", [reads_a_dbc, draws, prints, serves_figures, exports, signs, compiles])
+@pytest.mark.parametrize("does", [reads_a_dbc, draws, prints, serves_figures, exports, imports, signs, compiles])
 def test_all_extras_at_their_oldest(
     does: Does, everything_oldest: Installed, project_root: Path, bench_data: Path, tmp_path: Path
 ) -> None:

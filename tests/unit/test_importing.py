@@ -205,6 +205,30 @@ def test_axes_are_held_against_the_reference(tmp_path: Path) -> None:
         read(tmp_path / "y.csv", accept=True)
 
 
+def test_phone_loggers(tmp_path: Path) -> None:
+    own = session()
+    a = own[ACCEL].to_numpy() * STANDARD_GRAVITY
+    # phyphox, "Acceleration (with g)"
+    phyphox = pd.DataFrame({"Time (s)": own.t_s} | {f"Acceleration {x} (m/s^2)": a[:, k] for k, x in enumerate("xyz")})
+    phyphox.assign(**{"Absolute acceleration (m/s^2)": np.linalg.norm(a, axis=1)}).to_csv(
+        tmp_path / "Raw Data.csv", index=False, quoting=2
+    )
+    same(read(tmp_path / "Raw Data.csv"), own, columns=["t_s", *ACCEL])
+    # the same program without gravity: nothing to calibrate by
+    linear = phyphox.copy()
+    linear.iloc[:, 1:] -= a.mean(axis=0)
+    linear.iloc[:, 1:] *= 0.01
+    linear.columns = [name.replace("Acc", "Linear Acc") for name in linear.columns]
+    linear.to_csv(tmp_path / "linear.csv", index=False)
+    with pytest.raises(InputError, match="named m/s2, but then"):
+        read(tmp_path / "linear.csv", accept=True)
+    # Sensor Logger: TotalAcceleration.csv
+    ns = 1_752_345_678_000_000_000 + np.rint(own.t_s * 1e9).astype(np.int64)
+    total = pd.DataFrame({"time": ns, "seconds_elapsed": own.t_s, "z": a[:, 2], "y": a[:, 1], "x": a[:, 0]})
+    total.to_csv(tmp_path / "TotalAcceleration.csv", index=False)
+    same(read(tmp_path / "TotalAcceleration.csv", accept=True), own, columns=["t_s", *ACCEL])
+
+
 # --- time and rows ---------------------------------------------------------------------------------------------------
 
 

@@ -30,10 +30,11 @@ def import_recording(
 ) -> Recording:
     """A Recording of N rows out of a file of another program: `t_s`, `ax_g`, ... whatever they are called there.
 
-    `file`: text in any dialect of CSV, Parquet, Arrow, MCAP with JSON, NumPy. `mapping`: column of ours to `COLUMN` or
-    `COLUMN:unit` of the file, or `none`; `units`: units of the file, one a quantity (`("m/s2", "rad/s")`); `axes`: the
-    tool's axes in the file's (`"-yxz"`); `rate_hz`: rows/s where it has no time; `table`: which sheet, topic or length
-    of arrays; `part`: which part, from 1, where its clock began again; `profile`: a mapping kept by `highside import`.
+    `file`: CSV in any dialect, Excel, Parquet, Arrow, NumPy, MATLAB, HDF5, MCAP, ROS, PX4. `mapping`: column of ours
+    to `COLUMN` or `COLUMN:unit` of the file, or `none`; `units`: units of the file, one a quantity, as
+    `("m/s2", "rad/s")`; `axes`: the tool's axes in the file's (`"-yxz"`); `rate_hz`: rows/s where it has no time;
+    `table`: which sheet, topic or length of arrays; `part`: which part, from 1, where its clock began again;
+    `profile`: a mapping kept by `highside import`.
     What rests on values alone is used only with `accept`; what is open never. Raises InputError that says which
     argument (of the command: which option) decides it.
     """

@@ -18,7 +18,7 @@ _EVIDENCE_SHOWN = 3
 
 def import_file(
     file: Annotated[
-        Path, typer.Argument(help="A recording of any program: CSV dialects, Parquet, Arrow, MCAP, NumPy.")
+        Path, typer.Argument(help="A recording of another program: CSV, Excel, Parquet, MATLAB, HDF5, MCAP, PX4, ROS.")
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write: .csv, .csv.gz or .parquet.")],
     mapping: Annotated[

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 from highside.errors import InputError
-from highside.importing.core.proposal import ACCELERATIONS, Doubt, Proposal, Sure, propose
+from highside.importing.core.proposal import ACCELERATIONS, RATES, Doubt, Proposal, Sure, propose
 from highside.importing.core.recording import ImportedRecording, recording_of
 from highside.importing.core.source import SourceTable
 from highside.importing.core.wishes import Wishes
@@ -25,7 +26,10 @@ def open_foreign(path: Path, wishes: Wishes) -> Proposal:
     if not data.strip():
         raise InputError("is empty", where=where)
     stem = path.name.removesuffix(".gz").rsplit(".", 1)[0]
-    tables = form_of(data).read(data, where, stem)
+    with warnings.catch_warnings():
+        # what a library thinks of a file is no line for the user: it is read, or refused
+        warnings.simplefilter("ignore")
+        tables = form_of(data).read(data, where, stem)
     if wishes.table is not None:
         tables = tuple(table for table in tables if table.name == wishes.table) or _no_table(tables, wishes.table)
     if len(tables) == 1:
@@ -46,6 +50,9 @@ def _the_one(tables: tuple[SourceTable, ...], wishes: Wishes) -> Proposal:
     with_accelerations = [p for p in made if p.guess(ACCELERATIONS[0]) is not None]
     settled = [p for p in with_accelerations if all(g.open is None for g in p.guesses if g.target in ACCELERATIONS)]
     chosen = settled or with_accelerations
+    if len(chosen) > 1:
+        # of several the one that has rates beside them, if there is but one
+        chosen = [p for p in chosen if p.guess(RATES[0]) is not None] or chosen
     if len(chosen) == 1:
         return chosen[0]
     names = ", ".join((p.table.name or "?") for p in (chosen or made)[:8])

@@ -80,7 +80,9 @@ class Proposal:
 def propose(table: SourceTable, wishes: Wishes, policy: ImportPolicy = POLICY) -> Proposal:
     """A proposal for this table. Raises InputError for a wish that the table cannot meet."""
     wishes.check(RECORDING_COLUMNS)
-    return _Proposing(table, wishes, policy).proposal()
+    # a damaged number of 1e300 may be squared: it fits no unit then
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _Proposing(table, wishes, policy).proposal()
 
 
 @dataclass(slots=True)

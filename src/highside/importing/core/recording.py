@@ -108,7 +108,8 @@ def _converted(numbers: Numbers, unit: object) -> Numbers:
         return np.where(np.isinf(numbers), np.nan, numbers)
     if unit.factor == 1.0 and unit.offset == 0.0 and unit.zero == 0.0:
         return np.where(np.isinf(numbers), np.nan, numbers)
-    values = (numbers - unit.zero) * unit.factor + unit.offset
+    with np.errstate(over="ignore"):
+        values = (numbers - unit.zero) * unit.factor + unit.offset
     return np.where(np.isinf(values), np.nan, values)
 
 

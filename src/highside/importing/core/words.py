@@ -48,7 +48,10 @@ def meaning(name: str, own_unit: str | None, known: frozenset[str]) -> Meaning:
         return _own(name, own_unit)
     brackets = _IN_BRACKETS.findall(name)
     bare = _IN_BRACKETS.sub(" ", name).strip()
-    words = [word.lower() for word in _WORDS.findall(bare)]
+    chunks = re.split(r"[\s_.]+", bare)
+    tail = chunks[-1].lower() if len(chunks) > 1 and chunks[-1].lower() in SUFFIXES else None
+    words = [word.lower() for word in _WORDS.findall(" ".join(chunks[:-1]) if tail else bare)]
+    words = [*words, tail] if tail else words
     index = next((int(text) for text in brackets if text in ("0", "1", "2")), None)
     unit_text = own_unit or next((text for text in brackets if text not in ("0", "1", "2")), None)
     unit = unit_named(unit_text) if unit_text else None

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from highside.errors import InputError
 from highside.importing.core.source import SourceColumn, SourceTable
+from highside.importing.forms.messages import imu_of_mcap
 from highside.reading.columnar import ReadColumn, arrow_columns, mcap_json_columns, mcap_messages, parquet_columns
 
 
@@ -20,7 +21,7 @@ def read_arrow(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
 
 
 def read_mcap(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
-    """One table a topic with JSON messages. Raises InputError."""
+    """One table a topic: those in JSON, else those of `sensor_msgs/Imu`. Raises InputError."""
     topics: dict[str, str] = {}
     for message in mcap_messages(data, where=where):
         topics.setdefault(message.topic, message.encoding)
@@ -28,8 +29,7 @@ def read_mcap(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
         raise InputError("holds no message", where=where)
     json_topics = [topic for topic, encoding in topics.items() if encoding == "json"]
     if not json_topics:
-        said = ", ".join(f"{topic} ({encoding})" for topic, encoding in list(topics.items())[:8])
-        raise InputError(f"holds no topic in JSON; it has {said}", where=where, remedy="export it as CSV or Parquet")
+        return imu_of_mcap(mcap_messages(data, where=where), where)
     return tuple(
         _table(mcap_json_columns(data, where=where, topic=topic), "MCAP, JSON", where, topic) for topic in json_topics
     )

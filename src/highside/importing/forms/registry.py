@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from highside.importing.core.source import SourceTable
-from highside.importing.forms import arrays, columnar, delimited
+from highside.importing.forms import arrays, columnar, delimited, excel, matlab, messages, vectornav
 from highside.reading.columnar import ARROW_MAGIC, MCAP_MAGIC, PARQUET_MAGIC
 
 HEAD_BYTES = 512
@@ -35,6 +35,12 @@ FORMS = (
     Form("MCAP", lambda data: data[:8] == MCAP_MAGIC, columnar.read_mcap),
     Form("NumPy archive", _zip_with(b".npy"), arrays.read_npz),
     Form("NumPy array", lambda data: data[:6] == b"\x93NUMPY", arrays.read_npy),
+    Form("Excel", _zip_with(b"xl/workbook"), excel.read_excel),
+    Form("MATLAB 5", lambda data: data[:19] == matlab.MAT5, matlab.read_mat5),
+    Form("HDF5", matlab.is_hdf5, matlab.read_hdf5),
+    Form("PX4 ULog", lambda data: data[:7] == messages.ULOG, messages.read_ulog),
+    Form("ROS 1 bag", lambda data: data[:12] == messages.ROSBAG, messages.read_rosbag),
+    Form("VectorNav ASCII", vectornav.is_vectornav, vectornav.read_vectornav),
     Form("text", lambda data: True, delimited.read_delimited),
 )
 

@@ -1,0 +1,93 @@
+"""MATLAB files of version 5 (scipy) and 7.3, which are HDF5, and HDF5 files of others (h5py): their arrays by name."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.errors import InputError
+from highside.importing.core.source import SourceTable
+from highside.importing.forms.arrays import tables_of
+from highside.importing.forms.missing import damaged, not_installed
+from highside.reading.arrays import check_mat5
+from highside.reading.files import allowed_bytes, in_words
+
+MAT5 = b"MATLAB 5.0 MAT-file"
+HDF5 = b"\x89HDF\r\n\x1a\n"
+_DEEPEST = 8
+"""structures within structures"""
+
+
+def read_mat5(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
+    """The arrays of a MATLAB 5 file, fields of structures as `outer.inner`. Raises InputError."""
+    check_mat5(data, where=where)
+    from scipy.io import loadmat
+
+    try:
+        found = loadmat(io.BytesIO(data), squeeze_me=False, chars_as_strings=True)  # type: ignore[arg-type]
+        arrays = {name: array for key, value in found.items() if not key.startswith("__")
+                  for name, array in _fields(key, value, 0)}  # fmt: skip
+    except MemoryError:
+        raise
+    except Exception as error:
+        raise damaged("MATLAB", error, where) from None
+    return tables_of(arrays, "MATLAB 5", where)
+
+
+def _fields(name: str, value: Any, depth: int) -> Iterator[tuple[str, NDArray[Any]]]:
+    array = np.asarray(value)
+    if array.dtype.names and array.size == 1 and depth < _DEEPEST:
+        for field in array.dtype.names:
+            yield from _fields(f"{name}.{field}", array[field].ravel()[0], depth + 1)
+    elif array.dtype.kind in "biuf":
+        yield name, array
+
+
+def is_hdf5(data: bytes) -> bool:
+    """Whether it is HDF5: by its mark at the beginning, or behind the block of text that MATLAB 7.3 writes."""
+    return data[:8] == HDF5 or data[512:520] == HDF5
+
+
+def read_hdf5(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
+    """The datasets of an HDF5 file, with their attribute `units`. Raises InputError."""
+    try:
+        import h5py
+    except ImportError:
+        raise not_installed("h5py", where) from None
+    arrays: dict[str, NDArray[Any]] = {}
+    units: dict[str, str] = {}
+    size = 0
+
+    def take(key: str | bytes, item: Any) -> None:
+        nonlocal size
+        # a name that is no UTF-8 comes as bytes
+        name = key.decode("utf-8", "replace") if isinstance(key, bytes) else key
+        # what lies in other files is not looked at
+        if not isinstance(item, h5py.Dataset) or item.is_virtual or item.external:
+            return
+        if item.dtype.kind not in "biuf" and not item.dtype.names:
+            return
+        size += item.size * item.dtype.itemsize
+        if size > allowed_bytes():
+            raise InputError(
+                f"expands to more than {in_words(allowed_bytes())}", where=where,
+                remedy="if it is meant so: highside --max-bytes SIZE ...",
+            )  # fmt: skip
+        arrays[name] = item[()]
+        unit = item.attrs.get("units", item.attrs.get("unit"))
+        if isinstance(unit, str | bytes):
+            units[name] = unit if isinstance(unit, str) else unit.decode("utf-8", "replace")
+
+    try:
+        with h5py.File(io.BytesIO(data), "r") as file:
+            file.visititems(take)
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:
+        raise damaged("HDF5", error, where) from None
+    form = "MATLAB 7.3" if data[:6] == b"MATLAB" else "HDF5"
+    return tables_of(arrays, form, where, units)

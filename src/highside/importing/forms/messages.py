@@ -1,0 +1,159 @@
+"""Messages of robots and autopilots: PX4 ULog (pyulog), ROS 1 bags and `sensor_msgs/Imu` within MCAP (rosbags).
+
+The types define what their fields are and in which units: m/s2 and rad/s. Values are held against that all the same.
+"""
+
+from __future__ import annotations
+
+import io
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from highside.errors import InputError
+from highside.importing.core.source import SourceColumn, SourceTable, number_column
+from highside.importing.forms.missing import damaged, not_installed
+from highside.reading.columnar import McapMessage
+from highside.reading.files import allowed_bytes
+
+ULOG = b"ULog\x01\x12\x35"
+ROSBAG = b"#ROSBAG V2.0"
+IMU = "sensor_msgs/msg/Imu"
+_AXES = "xyz"
+_ULOG_TRIADS = {
+    "sensor_combined": (("accelerometer_m_s2[{}]", "a"), ("gyro_rad[{}]", "g")),
+    "sensor_accel": (("{}", "a"),),
+    "sensor_gyro": (("{}", "g"),),
+    "vehicle_acceleration": (("xyz[{}]", "a"),),
+    "vehicle_angular_velocity": (("xyz[{}]", "g"),),
+}
+"""topic of PX4 to the fields of its triads"""
+_UNITS = {"a": "m/s2", "g": "rad/s"}
+_OURS = {"a": "a{}_g", "g": "g{}_dps"}
+
+
+def read_ulog(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
+    """One table a topic of a PX4 log. Raises InputError."""
+    try:
+        from pyulog import ULog
+    except ImportError:
+        raise not_installed("pyulog", where) from None
+    try:
+        log = ULog(io.BytesIO(data))
+        found = [(topic.name, int(topic.multi_id), dict(topic.data)) for topic in log.data_list]
+        dropped = len(log.dropouts)
+    except MemoryError:
+        raise
+    except Exception as error:
+        raise damaged("ULog", error, where) from None
+    remarks = (f"the logger itself dropped data {dropped} times",) if dropped else ()
+    tables = tuple(_topic(name, multi, arrays, where, remarks) for name, multi, arrays in found if arrays)
+    if not tables:
+        raise InputError("holds no topic with data", where=where)
+    return tables
+
+
+def _topic(name: str, multi: int, arrays: dict[str, Any], where: str, remarks: tuple[str, ...]) -> SourceTable:
+    units, hints = {"timestamp": "us"}, {"t_s": "timestamp"}
+    for pattern, kind in _ULOG_TRIADS.get(name, ()):
+        for k, axis in enumerate(_AXES):
+            field = pattern.format(k if "[" in pattern else axis)
+            if field in arrays:
+                units[field] = _UNITS[kind]
+                hints[_OURS[kind].format(axis)] = field
+    if "temperature" in arrays:
+        units["temperature"] = "C"
+    columns = tuple(
+        number_column(field, np.asarray(values), units.get(field))
+        for field, values in arrays.items()
+        if np.asarray(values).dtype.kind in "iuf"
+    )
+    title = f"{name}/{multi}" if multi else name
+    return SourceTable(columns, f"PX4 ULog, topic {title}", where, title, remarks=remarks, hints=hints)
+
+
+def read_rosbag(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
+    """One table a topic of `sensor_msgs/Imu` in a ROS 1 bag. Raises InputError."""
+    try:
+        from rosbags.rosbag1 import Reader
+    except ImportError:
+        raise not_installed("rosbags", where) from None
+    topics: dict[str, list[Any]] = {}
+    others: set[str] = set()
+    size = 0
+    try:
+        store = _store("ros1")
+        # the library opens files by name alone
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "x.bag"
+            path.write_bytes(data)
+            with Reader(path) as bag:
+                for connection, _, raw in bag.messages():
+                    size += len(raw)
+                    if size > allowed_bytes():
+                        raise InputError("expands to more than a file may have", where=where, remedy="split the bag")
+                    if connection.msgtype == IMU:
+                        topics.setdefault(connection.topic, []).append(store.deserialize_ros1(raw, IMU))
+                    else:
+                        others.add(f"{connection.topic} ({connection.msgtype})")
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:
+        raise damaged("ROS bag", error, where) from None
+    return _imu_tables(topics, others, "ROS 1 bag", where)
+
+
+def imu_of_mcap(messages: Iterable[McapMessage], where: str) -> tuple[SourceTable, ...]:
+    """The topics of `sensor_msgs/Imu` among the messages of an MCAP file, written by ROS 2 or ROS 1.
+
+    Raises InputError where there are none, with what there is.
+    """
+    topics: dict[str, list[Any]] = {}
+    others: set[str] = set()
+    stores: dict[str, Any] = {}
+    for message in messages:
+        name = message.schema_name.replace("/msg/", "/").replace("/", "/msg/")
+        if name != IMU or message.encoding not in ("cdr", "ros1"):
+            others.add(f"{message.topic} ({message.schema_name or message.encoding})")
+            continue
+        try:
+            store = stores.setdefault(message.encoding, None) or _store(message.encoding)
+            stores[message.encoding] = store
+            read = store.deserialize_cdr if message.encoding == "cdr" else store.deserialize_ros1
+            topics.setdefault(message.topic, []).append(read(message.data, IMU))
+        except ImportError:
+            raise not_installed("rosbags", where) from None
+        except MemoryError:
+            raise
+        except Exception as error:
+            raise damaged("MCAP", error, where) from None
+    return _imu_tables(topics, others, "MCAP, sensor_msgs/Imu", where)
+
+
+def _store(encoding: str) -> Any:
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
+
+
+def _imu_tables(topics: dict[str, list[Any]], others: set[str], form: str, where: str) -> tuple[SourceTable, ...]:
+    if not topics:
+        said = ", ".join(sorted(others)[:8]) or "nothing"
+        raise InputError(f"holds no sensor_msgs/Imu; it has {said}", where=where, remedy="export it as CSV")
+    return tuple(_imu_table(topic, found, form, where) for topic, found in topics.items())
+
+
+def _imu_table(topic: str, found: list[Any], form: str, where: str) -> SourceTable:
+    ns = np.array([m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec for m in found], dtype=np.int64)
+    columns = [SourceColumn("header.stamp", ns.astype(np.float64), integers=ns, instant=True)]
+    hints = {"t_s": "header.stamp"}
+    for field, kind in (("linear_acceleration", "a"), ("angular_velocity", "g")):
+        for axis in _AXES:
+            name = f"{field}.{axis}"
+            values = np.array([getattr(getattr(m, field), axis) for m in found], dtype=np.float64)
+            columns.append(number_column(name, values, _UNITS[kind]))
+            hints[_OURS[kind].format(axis)] = name
+    return SourceTable(tuple(columns), f"{form}, topic {topic}", where, topic, hints=hints)
