@@ -415,6 +415,9 @@ HEAD = 'VERSION ""\nBU_: A\nBO_ 1 M: 8 A\n'
         ("BO_ 2 N: 64 A\n SG_ x : 0|513@1+ (1,0) [0|0] \"\" A", "a signal of 513 bits, its message has at most 512"),
         ('BA_ "GenMsgCycleTime" BO_ 1 1e99999999;', "the number 1e99999999 is too large"),
         ("SG_MUL_VAL_ 1 x m 0-4294967295;", "the range 0-4294967295 has too many values"),
+        ("SG_MUL_VAL_ 1 x m 0-0, -513591-3;", "SG_MUL_VAL_ without message, signal, multiplexer and ranges"),
+        ("SG_MUL_VAL_ 1 x m 0 4294967295;", "SG_MUL_VAL_ without message, signal, multiplexer and ranges"),
+        ("SG_MUL_VAL_ 1 x m +0-4294967295;", "SG_MUL_VAL_ without message, signal, multiplexer and ranges"),
     ],
 )  # fmt: skip
 def test_a_size_that_no_bus_has_is_refused_before_anything_is_built_of_it(line: str, says: str) -> None:

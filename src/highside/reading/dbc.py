@@ -29,6 +29,8 @@ MAX_MULTIPLEXER_VALUES = 1 << 16
 _PASSED_OVER = re.compile(r"//.*?\n|\"(?:\\\"|[^\"])*?\"")
 _NUMBER = re.compile(r"\d[\d.]*(?:[eE][+-]?\d+)?")
 _SIZE = re.compile(r"\bBO_\s+\d+\s+\w+\s*:\s*(?P<bytes>-?\d+)|(?P<start>-?\d+)\s*\|\s*(?P<bits>-?\d+)\s*@")
+_MULTIPLEXED = re.compile(r"\bSG_MUL_VAL_\s*(?=[-+\d])([^;]*)")
+_RANGES = re.compile(r"\d+\s+\w+\s+\w+\s+(?P<ranges>\d+\s*-\s*\d+(?:\s*,\s*\d+\s*-\s*\d+)*)\s*")
 _RANGE = re.compile(r"(\d+)\s*-\s*(\d+)")
 _SHOWN = 40
 
@@ -44,12 +46,20 @@ def check_dbc(text: str, *, where: str) -> None:
             shown = found[0] if len(found[0]) <= _SHOWN else f"{found[0][:_SHOWN]}..."
             raise _bad(f"the number {shown} is too large", bare, found.start(), where)
     _check_sizes(bare, where)
-    if "SG_MUL_VAL_" in bare:
-        values = 0
-        for found in _RANGE.finditer(bare, bare.index("SG_MUL_VAL_")):
+    _check_ranges(bare, where)
+
+
+def _check_ranges(bare: str, where: str) -> None:
+    values = 0
+    for statement in _MULTIPLEXED.finditer(bare):
+        # the parser takes a sign, and two numbers without a dash, too: what is then a range may have any length
+        said = _RANGES.fullmatch(statement[1])
+        if said is None:
+            raise _bad("SG_MUL_VAL_ without message, signal, multiplexer and ranges", bare, statement.start(), where)
+        for found in _RANGE.finditer(said["ranges"]):
             values += max(int(found[2]) - int(found[1]), 0)
             if values > MAX_MULTIPLEXER_VALUES:
-                raise _bad(f"the range {found[0]} has too many values", bare, found.start(), where)
+                raise _bad(f"the range {found[0]} has too many values", bare, statement.start(), where)
 
 
 def _check_sizes(bare: str, where: str) -> None:
