@@ -199,6 +199,27 @@ def test_a_square_of_the_load_is_named(tmp_path: Path, broad: tuple[Columns, Col
         assert claims(found)["quadratic"]["parameters"][f"k2_{name}"]["value"] == pytest.approx(0.01, abs=3e-3)
 
 
+@pytest.mark.parametrize("effect", ["temperature_misalignment", "reference_voltage"])
+def test_further_effects_of_the_chain_are_named_on_channels(
+    tmp_path: Path, broad: tuple[Columns, Columns], effect: str
+) -> None:
+    predicted, force, _ = moving(broad)
+    t = predicted["t_s"]
+    # from the surface to the bottom of a hole and back, twice
+    warm = 60.0 * np.cos(4.0 * np.pi * t / t[-1])
+    values, name, size = {
+        "temperature_misalignment": (
+            force + np.array([[0.0], [1.5e-4], [0.0]]) * warm * force[0], "mt_ay_g_ax_g", 1.5e-4
+        ),
+        "reference_voltage": (force * (1.0 + 1e-4 * warm), "vt", 1e-4),
+    }[effect]  # fmt: skip
+    found, _ = diagnose(tmp_path, made(broad, values) | {"temp_c": 85.0 + warm}, predicted)
+    assert found["verdict"] in ("named", "named_plus")
+    assert list(claims(found)) == [effect]
+    fitted = found["claims"][0]["parameters"][name]
+    assert fitted["value"] == pytest.approx(size, abs=4 * fitted["std"])
+
+
 def test_a_product_that_no_effect_makes_is_given_no_name_of_the_library(
     tmp_path: Path, broad: tuple[Columns, Columns]
 ) -> None:

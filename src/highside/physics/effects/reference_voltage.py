@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from highside.arrays import AnyArray
+from highside.physics.channels import SLOW, Channels, ChannelTerm
 from highside.physics.effect import REFERENCE_TEMP_C, LinearEffect, Parameter, Stage, singles
 from highside.physics.state import ChainState
 
@@ -27,9 +30,17 @@ class ReferenceVoltage(LinearEffect):
     splitter = "loads on all axes at two temperatures: scale factors of their own differ from axis to axis"
     needs = ("t_s",)
     groups = singles(2)
+    channel_needs = "the temperature (temp_c) is not recorded, or does not change"
 
     def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         return np.stack([x * (state.temp_c - REFERENCE_TEMP_C), x * (state.t_s - state.t_s[:1])])
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        # of one channel alone it is a scale factor like any other
+        if seen.temp_c is None or len(seen.names) < 2:
+            return ()
+        columns = np.asarray(seen.predicted * (seen.temp_c - seen.temp_c.mean()))
+        return [ChannelTerm(self.parameters[:1], (columns[None],), (SLOW, 0, 4))]
 
 
 EFFECT = ReferenceVoltage()

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from highside.arrays import AnyArray
+from highside.physics.channels import SLOW, Channels, ChannelTerm
 from highside.physics.effect import (
     AXES,
     REFERENCE_TEMP_C,
@@ -33,6 +36,7 @@ class TemperatureMisalignment(LinearEffect):
     confused_with = ("misalignment", "temperature_scale")
     splitter = "the same poses at two temperatures"
     needs = ("temp_c",)
+    channel_needs = "the temperature (temp_c) is not recorded, or does not change"
 
     def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         warm = state.temp_c - REFERENCE_TEMP_C
@@ -40,6 +44,20 @@ class TemperatureMisalignment(LinearEffect):
         for k, (i, j) in enumerate(PAIRS):
             basis[k, i] = warm * x[j]
         return basis
+
+    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+        if seen.temp_c is None:
+            return ()
+        warm, terms = seen.temp_c - seen.temp_c.mean(), []
+        for place, members in seen.of_kind("accel"):
+            both = [(c, d) for c in members for d in members if c != d]
+            parameters = tuple(
+                Parameter(f"mt_{seen.names[c]}_{seen.names[d]}", "1/C", 1e-5, (-2e-4, 2e-4)) for c, d in both
+            )
+            if both:
+                columns = seen.on([(c, warm * seen.predicted[d]) for c, d in both])
+                terms.append(ChannelTerm(parameters, (columns,), (SLOW, place, 3)))
+        return terms
 
 
 EFFECT = TemperatureMisalignment()
