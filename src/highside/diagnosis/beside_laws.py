@@ -194,6 +194,10 @@ def _alone(session: LawSession, model: ForwardModel, near: Sequence[str]) -> _Ou
     names = tuple(
         named_claim(found, k, library.get(t.group.effect)) for k, t in enumerate(found.terms) if t.group.effect
     )
+    changing = {claim.effect for claim in names if not claim.stable}
+    if changing:
+        # beside laws too a size that is no constant has no name
+        return _alone(session, model, [name for name in near if name not in changing])
     return _Outcome(names, tuple(told(found)), found)
 
 

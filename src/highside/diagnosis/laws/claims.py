@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from highside.arrays import Array
+from highside.diagnosis.core.policy import STABILITY
 from highside.diagnosis.core.result import Claim, Curve, FittedParameter
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.evidence import Term, Whitened, raw_columns
@@ -244,6 +245,7 @@ def named_claim(found: Found, k: int, effect: Effect) -> Claim:
         for i, v, s, h in zip(effect.amplitudes, value, std, half, strict=True)
     }
     rivals = tuple(g.effect or f"{PREFIX}{g.label}" for g in found.classes[k])
+    does = np.tensordot(mean[part], raw_columns(found.problem, [terms[k]]), 1)
     return Claim(
         effect=effect.id,
         story=effect.story,
@@ -257,6 +259,7 @@ def named_claim(found: Found, k: int, effect: Effect) -> Claim:
         share=_shares(white, terms)[k],
         channels=tuple(found.problem.channels[c] for c in group.channels),
         heldout_gain=heldout(white, terms, k),
+        stable=bool(-np.log10(max(stability(found, white, terms, k, does), 1e-300)) < STABILITY.log_p),
     )
 
 
