@@ -70,6 +70,8 @@ def why_not(*, systemd: bool = False) -> str | None:
         return "the package user-mode-linux is not installed (nor unpacked below $UML_DIR)"
     search = os.pathsep.join([os.environ.get("PATH", ""), *SBIN])
     missing = [name for name in NEEDED_COMMANDS if shutil.which(name, path=search) is None]
+    if _has_wide_registers() and shutil.which("gcc") is None:
+        missing.append("gcc")
     if systemd and not Path("/lib/systemd/systemd").exists():
         missing.append("systemd")
     return f"not installed: {', '.join(missing)} (see .ci/packages)" if missing else None
@@ -133,7 +135,7 @@ def _boot(kernel: Kernel, run: Path, *, memory: str, systemd: bool, timeout_s: f
     ]  # fmt: skip
     if systemd:
         arguments += ["systemd.unit=guest.target", "systemd.default_device_timeout_sec=1", "systemd.show_status=1"]
-    environment = os.environ | {"TMPDIR": str(_memory_directory(memory, run))}
+    environment = os.environ | {"TMPDIR": str(_memory_directory(memory, run))} | _wide_registers(run)
     with (run / "console").open("wb") as console:
         process = subprocess.Popen(
             arguments, stdin=subprocess.DEVNULL, stdout=console, stderr=console, env=environment, start_new_session=True
@@ -146,6 +148,19 @@ def _boot(kernel: Kernel, run: Path, *, memory: str, systemd: bool, timeout_s: f
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
             process.wait()
+
+
+def _has_wide_registers() -> bool:
+    return "amx_tile" in _read(Path("/proc/cpuinfo"))
+
+
+def _wide_registers(run: Path) -> dict[str, str]:
+    """What the kernel needs in its environment on a processor with AMX (see `wide_registers.c`)."""
+    if not _has_wide_registers():
+        return {}
+    library = run / "wide_registers.so"
+    subprocess.run(["gcc", "-shared", "-fPIC", "-O2", "-o", library, HERE / "wide_registers.c"], check=True)
+    return {"LD_PRELOAD": str(library)}
 
 
 def _memory_directory(memory: str, fallback: Path) -> Path:
