@@ -179,7 +179,7 @@ def test_a_torn_file_is_read_as_far_as_it_is_whole_or_refused(tmp_path: Path, na
 
 
 @pytest.mark.parametrize("name", WRITTEN)
-def test_changed_bytes_never_end_in_another_error(tmp_path: Path, name: str) -> None:
+def test_changed_bytes_never_end_in_another_error(tmp_path: Path, name: str, capfd: pytest.CaptureFixture[str]) -> None:
     WRITTEN[name](tmp_path / name)
     data = bytearray((tmp_path / name).read_bytes())
     rng = np.random.default_rng(4)
@@ -190,6 +190,7 @@ def test_changed_bytes_never_end_in_another_error(tmp_path: Path, name: str) -> 
         (tmp_path / "changed").write_bytes(changed)
         found = read_or_refused(tmp_path / "changed")
         assert not isinstance(found, str) or "\n" not in found
+    assert capfd.readouterr() == ("", ""), "a library printed"
 
 
 def line(text: str) -> str:

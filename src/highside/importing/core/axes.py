@@ -44,10 +44,10 @@ def axes_by_reference(gravity: Block, inc_deg: Block, tf_deg: Block, policy: Imp
             text = "".join(("-" if signs[axis] < 0 else "") + "xyz"[order[axis]] for axis in range(3))
             errors.append((rms, text, _handed(order, signs)))
     own = next(rms for rms, text, _ in errors if text == "xyz")
-    if own <= policy.angle_rms_deg:
-        return AxesGuess("xyz", (f"as in the file: {own:.2g} deg rms from the reference",))
     errors.sort()
     best, next_best = errors[0], errors[1]
+    if own <= max(policy.angle_floor_deg, min(policy.angle_rms_deg, policy.angle_ratio * best[0])):
+        return AxesGuess("xyz", (f"as in the file: {own:.2g} deg rms from the reference",))
     said = (f"{best[0]:.2g} deg rms from the reference; as in the file {own:.3g} deg",)
     if best[0] > policy.angle_rms_deg or next_best[0] < policy.angle_ratio * best[0]:
         return AxesGuess("xyz", (f"as in the file: {own:.3g} deg rms from the reference",),

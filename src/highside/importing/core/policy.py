@@ -18,10 +18,14 @@ class ImportPolicy:
     unit (the nearest two, g and m/s2, are ten times apart)."""
     resolutions: tuple[int, ...] = (256, 512, 1024, 2048, 4096, 8192, 16384, 32768)
     """counts per g of 8 to 16 bit converters with full scales of 1 to 16 g (data sheets)"""
+    counts_share: float = 0.01
+    """1: within it whole numbers are taken for counts of a resolution although mg are named; 1,000 and 1,024 are 2.4 %
+    apart (tests/unit/test_importing_mistakes.py)"""
     rate_hz: tuple[float, float] = (1.0, 8000.0)
     """Hz: rates at which inertial sensors are logged; a unit of time is inferred where one alone gives such a rate"""
-    named_rate_hz: tuple[float, float] = (0.01, 100_000.0)
-    """Hz: rates outside of which even a named unit of time is doubted"""
+    named_rate_hz: tuple[float, float] = (0.1, 10_000.0)
+    """Hz: rates outside of which even a named unit of time is doubted; of a file logged at 10 to 100 rows/s a unit that
+    is wrong by a thousand falls outside on either side (tests/unit/test_importing_mistakes.py)"""
     epoch_s: tuple[float, float] = (946_684_800.0, 4_102_444_800.0)
     """s: 2000-01-01 to 2100-01-01; numbers in it, in s, ms, us or ns, are times since 1970"""
     rate_rad_s: float = 40.0
@@ -31,8 +35,9 @@ class ImportPolicy:
     kinematic_share: float = 0.25
     """1: how far the rate of the gravity direction may be from that of the gyros for their unit to be inferred; deg/s
     and rad/s are 57 times apart"""
-    kinematic_correlation: float = 0.8
-    """1: least correlation of the two for the comparison to count"""
+    kinematic_correlation: float = 0.9
+    """1: least correlation of the two for the comparison to count: noise that leaves it there takes at most 19 % off
+    the ratio"""
     kinematic_turn_rad: float = 0.2
     """rad: least turn of the gravity direction in all for the comparison to count"""
     celsius: tuple[float, float] = (-60.0, 230.0)
@@ -41,6 +46,8 @@ class ImportPolicy:
     """K: the same; 230 to 240 is neither by itself"""
     angle_rms_deg: float = 10.0
     """deg: rms angle between accelerometer and reference below which axes and unit of the reference agree"""
+    angle_floor_deg: float = 1.0
+    """deg: rms below which no other arrangement is looked for: a sensor without calibration on a bench that leans"""
     angle_ratio: float = 3.0
     """1: how many times worse the next arrangement of axes must be for one to be inferred"""
     gap_steps: float = 1.5

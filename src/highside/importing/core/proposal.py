@@ -137,7 +137,7 @@ class _Proposing:
             self.time = read_time(column, unit or (own if own and own.quantity is Quantity.TIME else None), self.policy)
             if self.time is None:
                 raise InputError("is no time", where=self.table.where, field=column.name, remedy="--map t_s=COLUMN:ms")
-            self._time_guess(Sure.GIVEN if unit or self.time.named else None)
+            self._time_guess(Sure.GIVEN if unit else None)
             return
         found = list(self._times())
         if not found:
@@ -174,7 +174,10 @@ class _Proposing:
         self.guesses["t_s"] = Guess(
             "t_s", time.column, Unit(time.unit, Quantity.TIME, 1.0), sure, (*evidence, *time.notes), open_
         )
-        self._doubt(self.guesses["t_s"], f"--map t_s={time.column}:UNIT (s, ms, us, ns, ticks/HZ)")
+        column = self.table.column(time.column)
+        written = column is not None and column.texts is not None
+        how = "write dates as YYYY-MM-DD" if written else f"--map t_s={time.column}:UNIT (s, ms, us, ns, ticks/HZ)"
+        self._doubt(self.guesses["t_s"], how)
 
     # --- triads ---------------------------------------------------------------------------------------------------
 

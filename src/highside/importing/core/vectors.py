@@ -43,6 +43,11 @@ def acceleration_unit(block: Block, named: Unit | None, whole: bool, policy: Imp
         in_g = magnitude((block - named.zero) * named.factor, policy)
         evidence = (f"named {named.name}", f"median |a| {in_g:.4f} g")
         if abs(in_g - 1.0) <= policy.named_gravity_share:
+            # 1,024 counts a g pass for mg that are 2 % off
+            nearer = [n for n in policy.resolutions if abs(size / n - 1.0) < policy.counts_share]
+            if whole and nearer and abs(in_g - 1.0) > policy.counts_share:
+                what = f"named {named.name} ({in_g:.3f} g), but its whole numbers are nearer to {nearer[0]} counts a g"
+                return UnitGuess(named, evidence, what)
             return UnitGuess(named, evidence)
         return UnitGuess(named, evidence, f"named {named.name}, but then |a| is {in_g:.3g} g")
     fits = [name for name, one_g in _BY_VALUE if abs(size / one_g - 1.0) <= policy.gravity_share]
@@ -130,11 +135,9 @@ def turn_ratio(rates: Block, gravity: Block, t_s: Block, policy: ImportPolicy = 
     turn = np.diff(u, axis=1)
     rest = np.linalg.norm(turn, axis=0)
     predicted = -np.cross(0.5 * (w[:, 1:] + w[:, :-1]), 0.5 * (u[:, 1:] + u[:, :-1]), axis=0) * dt
-    # where gravity turns clearly more than it usually flickers
-    moving = usable & (rest > 4 * float(np.median(rest)) if float(np.median(rest)) * count < 1.0 else usable)
-    if float(rest[moving].sum()) < policy.kinematic_turn_rad:
+    if float(rest[usable].sum()) < policy.kinematic_turn_rad:
         return None
-    a, b = predicted[:, moving].ravel(), turn[:, moving].ravel()
+    a, b = predicted[:, usable].ravel(), turn[:, usable].ravel()
     power = float(a @ a)
     if power == 0.0:
         return None

@@ -5,6 +5,7 @@ The types define what their fields are and in which units: m/s2 and rad/s. Value
 
 from __future__ import annotations
 
+import contextlib
 import io
 import tempfile
 from collections.abc import Iterable
@@ -42,10 +43,14 @@ def read_ulog(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
     except ImportError:
         raise not_installed("pyulog", where) from None
     try:
-        log = ULog(io.BytesIO(data))
+        # the library prints what it thinks of a file
+        with contextlib.redirect_stdout(io.StringIO()):
+            log = ULog(io.BytesIO(data))
+        if log.file_corruption:
+            raise InputError("is a damaged ULog file", where=where, remedy="give the whole file")
         found = [(topic.name, int(topic.multi_id), dict(topic.data)) for topic in log.data_list]
         dropped = len(log.dropouts)
-    except MemoryError:
+    except (InputError, MemoryError):
         raise
     except Exception as error:
         raise damaged("ULog", error, where) from None
