@@ -60,6 +60,15 @@ class _Family:
     """(G,) logarithm of how many like it are tried"""
 
 
+def _stacked(groups: list[Group]) -> Array:
+    """(G, m, c, n) columns of groups that are alike, each made in its place."""
+    first = groups[0].columns()
+    result = np.empty((len(groups), *first.shape))
+    for own, group in zip(result, groups, strict=True):
+        own[:] = group.columns()
+    return result
+
+
 class Families:
     """All groups of a problem, stacked where they are alike."""
 
@@ -73,7 +82,7 @@ class Families:
                 members,
                 channels,
                 np.stack([groups[i].orders for i in members]),
-                np.stack([groups[i].columns() for i in members]),
+                _stacked([groups[i] for i in members]),
                 np.log([float(groups[i].tries) for i in members]),
             )
             for (_, channels), members in alike.items()
@@ -131,7 +140,9 @@ class _WhiteFamilies:
             full[:, list(channels)] = flat
             white, channels = self.whitener.white(full), tuple(range(self.problem.count))
         else:
-            white = np.stack([self.whitener.channel(ch, flat[:, k]) for k, ch in enumerate(channels)], axis=1)
+            white = np.empty(flat.shape)
+            for k, ch in enumerate(channels):
+                white[:, k] = self.whitener.channel(ch, flat[:, k])
         columns = white.reshape(count, size, -1)
         return _Part(family, channels, columns, columns @ columns.transpose(0, 2, 1))
 

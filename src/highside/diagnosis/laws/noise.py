@@ -96,8 +96,10 @@ class Whitener:
         if made is None:
             return np.asarray(columns / self._scale[c])
         step = max(1, LAW_NOISE.many // columns.shape[1])
-        parts = [made.white(columns[i : i + step])[0] for i in range(0, len(columns), step)]
-        return np.concatenate(parts) if parts else columns
+        result = np.empty(columns.shape)
+        for i in range(0, len(columns), step):
+            result[i : i + step] = made.white(columns[i : i + step])[0]
+        return result
 
     def white(self, columns: Array) -> Array:
         """(k, C, n) columns, whitened."""
@@ -327,9 +329,21 @@ def _with_memory(problem: LawProblem, settings: list[_Settings], prior: Array) -
             logs = sum(log for d, (_, log) in enumerate(parts) if d != c)
             left = np.einsum("i,sij,j->s", fitted, own.inner, fitted) / n
             sizes = np.maximum(np.sqrt(np.maximum(left, 0.0))[:, None] * np.array(LAW_NOISE.factors), 1.0)
-            tried = own.inner[:, None] / sizes[:, :, None, None] ** 2 + rest
             total = own.log_determinant[:, None] + 2 * n * np.log(sizes) + logs
-            found = evidence(tried.reshape(-1, *rest.shape), prior, total.reshape(-1))
+            # few at a time: the matrices stay in the processor's cache
+            step = max(1, LAW_NOISE.matrices // rest.size)
+            found = np.concatenate(
+                [
+                    evidence(
+                        (own.inner[i : i + step, None] / sizes[i : i + step, :, None, None] ** 2 + rest).reshape(
+                            -1, *rest.shape
+                        ),
+                        prior,
+                        total[i : i + step].reshape(-1),
+                    )
+                    for i in range(0, len(sizes), step)
+                ]
+            )
             found -= np.repeat(own.cost, sizes.shape[1])
             where = int(np.argmax(found))
             chosen[c], factor[c] = where // sizes.shape[1], sizes.reshape(-1)[where]

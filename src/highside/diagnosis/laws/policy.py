@@ -106,6 +106,9 @@ class LawNoisePolicy:
     """Numbers of one pass of the filter; more are passed in parts. Source: memory of 32 MB."""
     at_once: int = 100_000
     """Settings times values of one pass. Source: the same memory with forty columns."""
+    matrices: int = 50_000
+    """Numbers of the inner products of settings whose evidence is taken at once. Source: a processor's cache of 1 MB,
+    in which they and their factors have room."""
     clip: float = 4.0
     """Sigmas about the present fit beyond which a value is drawn in. Source: the trial that set the method: false laws
     in heavy tails 2 of 60 without, 0 with."""
