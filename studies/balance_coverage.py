@@ -28,7 +28,7 @@ from highside.diagnosis.table.explained import explain, prepare
 from highside.diagnosis.table.policy import EXPLAINING
 from highside.diagnosis.table.posterior import instruments
 from highside.papers.balance_prediction import DRAWS, Predictions, predict, run_ensemble
-from highside.papers.balance_session import COLUMNS, INCLINATIONS_DEG, METHODS, BalancePlan, cells_of, run_session
+from highside.papers.balance_session import COLUMNS, INCLINATIONS_DEG, METHODS, PaperPlan, cells_of, run_session
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 
@@ -95,7 +95,7 @@ def tables_of(cells: NDArray[np.float64]) -> dict[str, list[dict[str, Any]]]:
 def one(seed: int) -> tuple[Predictions, tuple[str, ...], tuple[str, ...]]:
     """Predictions of the tables of one instrument, the effects it has and those found in its table 1."""
     model, noise_g = drawn_instrument(seed)
-    session = run_session(BalancePlan.of_the_paper(), model, noise_g, np.random.default_rng([seed, 2]))
+    session = run_session(PaperPlan.of_the_paper(), model, noise_g, np.random.default_rng([seed, 2]))
     tables = tables_of(cells_of(session.errors_deg()))
     inc = np.array([row["inc_ref_deg"] for row in tables["table1"]])
     told = np.array([[row[name] for name in COLUMNS] for row in tables["table1"]])

@@ -164,12 +164,12 @@ def test_the_mean_toolface_of_a_triple_follows_from_the_means_of_inclination(run
 
 def test_the_same_holds_on_any_simulated_instrument() -> None:
     """The rule of the triples is geometry: it holds with the signs of `gravity_direction`, to second order."""
-    from highside.papers.balance_session import INCLINATIONS_DEG, BalancePlan, cells_of, run_session
+    from highside.papers.balance_session import INCLINATIONS_DEG, PaperPlan, cells_of, run_session
     from highside.papers.balance_triples import BEFORE
     from highside.physics.forward import ForwardModel
 
     model = ForwardModel.of({"encoder_first_harmonic": {"c1": 2e-3, "s1": -1e-3}, "bias": {"b_x": 5e-4}})
-    cells = cells_of(run_session(BalancePlan.of_the_paper(), model, 0.0, np.random.default_rng(1)).errors_deg())
+    cells = cells_of(run_session(PaperPlan.of_the_paper(), model, 0.0, np.random.default_rng(1)).errors_deg())
     row = INCLINATIONS_DEG.index(1.206)
     less = {m: cells[METHODS.index(m), row] - cells[METHODS.index("average"), row] for m in METHODS[1:5]}
     for triple, other in BEFORE.items():

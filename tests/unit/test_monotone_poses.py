@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from highside.diagnosis.core.method import Method
+from highside.diagnosis.core.method import ProcedureParts
 from highside.diagnosis.engine import diagnose_poses
 from highside.physics.forward import ForwardModel
 from studies import diagnosis_deck as deck
@@ -18,7 +18,7 @@ STATE = deck.design()
 )
 def test_a_name_does_not_vanish_with_the_size_of_the_effect(effect: str, strength: float) -> None:
     session, _ = deck.single(STATE, effect, strength, seed=11)
-    method = Method.without("laws")
+    method = ProcedureParts.without("laws")
     found, _ = diagnose_poses(session, ForwardModel.of({}), deck.FREE, method=method)
     if found.verdict == "implausible_fit":
         assert effect in found.remainder.resembles

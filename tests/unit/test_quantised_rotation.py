@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from highside.diagnosis.core.method import Method
+from highside.diagnosis.core.method import ProcedureParts
 from highside.diagnosis.core.result import Diagnosis
 from highside.diagnosis.engine import diagnose_rotation
 from highside.diagnosis.rows.session import RotationSession
@@ -25,7 +25,7 @@ def diagnosed(step_g: float, seed: int, effects: dict[str, dict[str, float]] | N
     sensor = random_sensor(rng).with_effects(effects or {})
     readings = sensor.predict(state) + 3e-5 * rng.standard_normal((3, state.n))
     readings = np.round(readings / step_g) * step_g if step_g else readings
-    method = Method.without("laws")
+    method = ProcedureParts.without("laws")
     return diagnose_rotation(RotationSession(readings, state), ForwardModel.of({}), FREE, method=method)[0]
 
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from highside import api
-from highside.diagnosis.core.method import Method
+from highside.diagnosis.core.method import ProcedureParts
 from highside.diagnosis.rotation.bursts import found_burst
 from highside.diagnosis.rotation.lines import found_lines, on_grid
 from highside.diagnosis.rows.session import RotationSession
@@ -58,7 +58,7 @@ def test_an_effect_is_named_although_rows_are_missing(how: str, colour: float) -
         columns["ay_g"] = np.where(lost, np.nan, columns["ay_g"])
     else:
         columns = {name: column[~lost] for name, column in columns.items()}
-    method = Method.without("laws") if colour else Method()
+    method = ProcedureParts.without("laws") if colour else ProcedureParts()
     found = api.diagnose(columns, MODEL, method=method).found
     assert found.verdict == "named"
     assert [claim.effect for claim in found.claims] == ["quadratic"]
@@ -73,7 +73,7 @@ def test_nothing_is_found_where_nothing_is_left_out() -> None:
     columns = columns_of(5, 0.6)
     lost = lost_rows(columns["t_s"].size, 0.3, "burst", 6)
     kept = {name: column[~lost] for name, column in columns.items()}
-    found = api.diagnose(kept, MODEL, method=Method.without("laws")).found
+    found = api.diagnose(kept, MODEL, method=ProcedureParts.without("laws")).found
     assert found.verdict == "nothing_left_out"
     assert [finding.check for finding in found.intake] == ["dropped_frames"]
 

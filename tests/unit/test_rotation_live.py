@@ -22,7 +22,7 @@ from highside.papers.rotation_scenarios import A, draw
 from highside.physics.gravity import gravity_direction
 from highside.physics.motion import Leg, Motion
 from highside.physics.rotation_chain import Faults, azimuth_errors
-from highside.rotation import Compensation, Curve, CurveMethod, FitOptions, NetworkInput, Samples, Validity, fit
+from highside.rotation import Compensation, CurveMethod, ErrorCurve, FitOptions, NetworkInput, Samples, Validity, fit
 from highside.rotation.live import ROTATION_GAP, ROTATION_OUTSIDE, ROTOR_UNKNOWN, LiveCompensation, point
 from highside.rotation.recorded import attitudes as attitudes_of
 from highside.rotation.recorded import azimuths
@@ -46,7 +46,7 @@ CURVES = [fit(SAMPLES, method, options, held_out=False) for method, options in O
 
 
 @pytest.mark.parametrize("curve", CURVES, ids=[f"{m.value} {o.rate_terms} {o.network_input.value}" for m, o in OPTIONS])
-def test_one_angle_at_a_time_is_the_curve(curve: Curve) -> None:
+def test_one_angle_at_a_time_is_the_curve(curve: ErrorCurve) -> None:
     at = point(curve)
 
     @settings(max_examples=60, deadline=None)

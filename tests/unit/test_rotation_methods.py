@@ -10,8 +10,8 @@ import pytest
 from highside.errors import InputError, Refused
 from highside.papers.rotation_scenarios import SCENARIOS, A, B, Draw, Scenario, draw
 from highside.rotation import (
-    Curve,
     CurveMethod,
+    ErrorCurve,
     NetworkInput,
     Samples,
     auto,
@@ -36,16 +36,16 @@ def samples_of(one: Draw) -> Samples:
     return Samples.build(one.theta_rad, one.error)
 
 
-def rms_to_truth(curve: Curve, one: Draw) -> float:
+def rms_to_truth(curve: ErrorCurve, one: Draw) -> float:
     return float(np.sqrt(np.mean((curve(one.theta_rad) - one.truth) ** 2)))
 
 
-def mean_abs(curve: Curve, one: Draw) -> float:
+def mean_abs(curve: ErrorCurve, one: Draw) -> float:
     return float(np.mean(np.abs(one.error - curve(one.theta_rad))))
 
 
 @cache
-def curves(scenario: str, method: CurveMethod) -> dict[tuple[int, int], tuple[Curve, Draw]]:
+def curves(scenario: str, method: CurveMethod) -> dict[tuple[int, int], tuple[ErrorCurve, Draw]]:
     """Every seed and channel, fitted once for all tests."""
     drawn = {(seed, channel): draw(SCENARIOS[scenario], seed, channel) for seed in SEEDS for channel in CHANNELS}
     return {key: (fit(samples_of(one), method), one) for key, one in drawn.items()}
@@ -450,7 +450,7 @@ def test_a_networks_curve_without_its_network_is_refused() -> None:
     """And a network beside another form: either would fail at its first use."""
     one = draw(A, 0, 0, rows=200)
     data = network(samples_of(one), iterations=5).to_dict()
-    assert Curve.from_dict(data).form == "network"
+    assert ErrorCurve.from_dict(data).form == "network"
     for changed in (data | {"network": None}, data | {"form": "fourier"}):
         with pytest.raises(ValueError, match="belong together"):
-            Curve.from_dict(changed)
+            ErrorCurve.from_dict(changed)

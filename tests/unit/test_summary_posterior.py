@@ -9,7 +9,7 @@ from highside.diagnosis.table.chain import Procedure
 from highside.diagnosis.table.explained import Explained, explain, prepare
 from highside.diagnosis.table.policy import EXPLAINING
 from highside.diagnosis.table.posterior import Posterior, instruments
-from highside.papers.balance_session import INCLINATIONS_DEG, BalancePlan, cells_of, run_session
+from highside.papers.balance_session import INCLINATIONS_DEG, PaperPlan, cells_of, run_session
 from highside.physics.forward import ForwardModel
 
 NOISE_G = 40e-6
@@ -30,7 +30,7 @@ MODEL = ForwardModel.of(
 
 @pytest.fixture(scope="module")
 def explained() -> Explained:
-    session = run_session(BalancePlan.of_the_paper(), MODEL, NOISE_G, np.random.default_rng(3))
+    session = run_session(PaperPlan.of_the_paper(), MODEL, NOISE_G, np.random.default_rng(3))
     told = cells_of(session.errors_deg())[0]
     free = ("bias", "scale", "misalignment")
     problem = prepare(np.array(INCLINATIONS_DEG), told, Procedure("conventional3"), ForwardModel.of({}), free, None, 1)

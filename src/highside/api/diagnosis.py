@@ -15,7 +15,7 @@ from highside.api.bench import ModelLike, model_of
 from highside.arrays import Array
 from highside.config.model import Model, as_toml
 from highside.diagnosis.beside_laws import laws_of
-from highside.diagnosis.core.method import WHOLE, Method
+from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import Claim, Finding, Fit, Location, Remainder, Verdict
 from highside.diagnosis.core.result import Diagnosis as Found
@@ -166,7 +166,7 @@ def diagnose(
     first_s: float | None = None,
     last_s: float | None = None,
     seed: int = 1,
-    method: Method = WHOLE,
+    method: ProcedureParts = WHOLE,
 ) -> Diagnosis:
     """Say where a recording departs from what a model predicts, what was left out, and how sure that is.
 

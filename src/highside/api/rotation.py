@@ -14,7 +14,7 @@ from highside.errors import InputError
 from highside.recording.frames import Columns, File, FrameT, source_of, take
 from highside.recording.shown import figure_of, html_table
 from highside.recording.table import Recording
-from highside.rotation import Compensation, Curve, CurveMethod, FitOptions, NetworkInput, Samples, Validity, fit
+from highside.rotation import Compensation, CurveMethod, ErrorCurve, FitOptions, NetworkInput, Samples, Validity, fit
 from highside.rotation.compare import CurveComparison
 from highside.rotation.compare import compare as compare_methods
 from highside.rotation.direction import DirectionDifference, direction_difference
@@ -239,7 +239,7 @@ def _samples(table: Recording, *, with_rate: bool) -> dict[str, Samples]:
     return {c: samples_of(c, table.columns, with_rate=with_rate, where=table.source) for c in present}
 
 
-def _curves(curves: Mapping[str, Curve]) -> Figure:
+def _curves(curves: Mapping[str, ErrorCurve]) -> Figure:
     figure = figure_of(len(curves))
     theta = np.linspace(0.0, 2.0 * np.pi, 361)
     for axis, (name, curve) in zip(figure.axes, curves.items(), strict=True):

@@ -129,7 +129,7 @@ def session_name(directory: Path, tool_id: str, t_wall_s: float) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundJournal:
     """A session of a tool on the disk. `state`: how it ended, "unfinished", "not begun", "in use" or "damaged"."""
 
     path: Path
@@ -149,7 +149,7 @@ class Found:
         return f"{self.done} poses" if self.poses is None else f"{self.done} of {self.poses} poses"
 
 
-def sessions(directory: Path, tool_id: str, is_stored: Callable[[str], bool]) -> Iterator[Found]:
+def sessions(directory: Path, tool_id: str, is_stored: Callable[[str], bool]) -> Iterator[FoundJournal]:
     """The sessions of a tool, the newest first, each read on request."""
     if not directory.is_dir():
         return
@@ -158,11 +158,11 @@ def sessions(directory: Path, tool_id: str, is_stored: Callable[[str], bool]) ->
         yield _found(path, is_stored)
 
 
-def _found(path: Path, is_stored: Callable[[str], bool]) -> Found:
+def _found(path: Path, is_stored: Callable[[str], bool]) -> FoundJournal:
     try:
         journal = read_journal(read_bytes(path), where=str(path))
     except InputError:
-        return Found(path, "damaged")
+        return FoundJournal(path, "damaged")
     ledger, plan = journal.ledger(), journal.header.plan
     ended, done = ledger.ended, len(ledger.done)
     if ended is not None:
@@ -174,7 +174,7 @@ def _found(path: Path, is_stored: Callable[[str], bool]) -> Found:
         # one in which nothing was measured has nothing to go on with
         state, resumable = ("unfinished" if ledger.began else "not begun"), done > 0
     poses = None if plan.open_ended else len(plan.poses)
-    return Found(path, state, plan.title, done, poses, journal.header.t_wall_s, resumable)
+    return FoundJournal(path, state, plan.title, done, poses, journal.header.t_wall_s, resumable)
 
 
 def _in_use(path: Path) -> bool:
@@ -187,13 +187,13 @@ def _in_use(path: Path) -> bool:
     return False
 
 
-def unfinished(directory: Path, tool_id: str, is_stored: Callable[[str], bool]) -> Found | None:
+def unfinished(directory: Path, tool_id: str, is_stored: Callable[[str], bool]) -> FoundJournal | None:
     """The newest session that may be gone on with: one with poses that has not ended, or whose accepted record is not
     stored yet; None: none."""
     return next((found for found in sessions(directory, tool_id, is_stored) if found.resumable), None)
 
 
-def to_offer(directory: Path, tool_id: str, is_stored: Callable[[str], bool]) -> Found | None:
+def to_offer(directory: Path, tool_id: str, is_stored: Callable[[str], bool]) -> FoundJournal | None:
     """The session to offer to whoever begins a new one: unfinished, and none with poses has come to its end since."""
     for found in sessions(directory, tool_id, is_stored):
         if found.resumable:

@@ -101,7 +101,7 @@ def judged_by(settings: config.BenchFile) -> tuple[CalibrationRecord, plans.Crit
     return record, criterion
 
 
-class _Settings(Table):
+class _PosesToSet(Table):
     """A table of poses to set: only the bench's settings are requested."""
 
     mandatory = ("inc_ref_deg", "tf_ref_deg")
@@ -110,7 +110,7 @@ class _Settings(Table):
 
 
 def _reference_columns(plan: config.CustomPlan) -> list[tuple[float, float]]:
-    table = _Settings.read(plan.file)
+    table = _PosesToSet.read(plan.file)
     inc, tf = table.complete("inc_ref_deg", "tf_ref_deg")
     return list(zip(inc.tolist(), tf.tolist(), strict=True))
 

@@ -12,7 +12,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.calibration.forward import BASE_NAMES
 from highside.calibration.linear_errors import BenchAccuracy
-from highside.calibration.mixed_model import PoseProblem, initial_variances, rough_start, solve
+from highside.calibration.mixed_model import PoseRegression, initial_variances, rough_start, solve
 from highside.calibration.pose_rejection import poses_reconsidered, reject_outlying
 from highside.calibration.poses import PoseSet
 
@@ -20,7 +20,7 @@ from highside.calibration.poses import PoseSet
 def departures(poses: PoseSet, bench: BenchAccuracy) -> Array:
     """Standard deviations (N,) of each pose from what the others predict. Raises numpy's LinAlgError where the poses
     determine nothing."""
-    session = PoseProblem.of(poses, bench, 0.0, None)
+    session = PoseRegression.of(poses, bench, 0.0, None)
     start = initial_variances(session, bench)
     used = np.ones(len(poses), dtype=bool)
     fit = solve(session, BASE_NAMES, start, used, rough_start(session, BASE_NAMES))

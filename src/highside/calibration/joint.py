@@ -43,7 +43,7 @@ from highside.calibration.joint_result import result_of
 from highside.calibration.linear_errors import NOMINAL_BENCH, BenchAccuracy
 from highside.calibration.mixed_model import (
     MixedModelFit,
-    PoseProblem,
+    PoseRegression,
     ThermalTerms,
     covariance_over_ring_errors,
     covariance_with_variances,
@@ -92,7 +92,7 @@ def joint(
     them are bad; a request that the poses cannot answer in full is answered, with a remark marked `refused`.
     """
     _require_enough(poses)
-    session = PoseProblem.of(poses, bench, toolface_zero_rad, thermal)
+    session = PoseRegression.of(poses, bench, toolface_zero_rad, thermal)
     forced = tuple(
         name
         for group, names in GROUPS.items()
@@ -138,7 +138,7 @@ def joint(
 def deviance_of(poses: PoseSet, thermal: ThermalTerms | None, bench: BenchAccuracy = NOMINAL_BENCH) -> float:
     """Minus twice the log evidence (but for a constant) of the affine sensor with these terms in temperature, the bench
     as stated. The terms' priors are proper, so that evidences of different sets of terms compare."""
-    session = PoseProblem.of(poses, bench, 0.0, thermal)
+    session = PoseRegression.of(poses, bench, 0.0, thermal)
     names = BASE_NAMES + (thermal.names if thermal else ())
     used = np.ones(len(poses), dtype=bool)
     start = initial_variances(session, bench)
@@ -156,7 +156,7 @@ def _require_enough(poses: PoseSet) -> None:
         )
 
 
-def _optional_groups(session: PoseProblem, nonlinear: Selection, encoder: Selection) -> list[str]:
+def _optional_groups(session: PoseRegression, nonlinear: Selection, encoder: Selection) -> list[str]:
     """Groups that are left to the evidence and that the number of poses and stations allows."""
     out = []
     if nonlinear == "auto" and len(session.poses) >= MIN_NONLINEAR_POSES:
@@ -174,7 +174,7 @@ def log_bayes(fit: MixedModelFit, group: tuple[str, ...]) -> float:
     return 0.5 * squared + 0.5 * float(np.linalg.slogdet(covariance)[1]) - float(np.log(prior).sum())
 
 
-def _require_agreement(session: PoseProblem, fit: MixedModelFit, variances: Variances) -> None:
+def _require_agreement(session: PoseRegression, fit: MixedModelFit, variances: Variances) -> None:
     """Refuse poses that scatter as if their settings had nothing to do with their readings."""
     bench = max(variances.pose_inc + variances.ring_inc, variances.pose_tf + variances.station_tf)
     reading = variances.reading * float(np.mean(session.noise**2))

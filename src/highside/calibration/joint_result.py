@@ -19,7 +19,7 @@ from highside.calibration.forward import (
 from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.mixed_model import (
     MixedModelFit,
-    PoseProblem,
+    PoseRegression,
 )
 from highside.calibration.pose_rejection import swapped_pairs
 from highside.calibration.poses import Indices
@@ -31,7 +31,7 @@ from highside.physics.effect import AXES
 
 
 def result_of(
-    session: PoseProblem,
+    session: PoseRegression,
     fit: MixedModelFit,
     variances: Variances,
     used: NDArray[np.bool_],
@@ -103,7 +103,7 @@ def _misfit(fit: MixedModelFit, variances: Variances, used: NDArray[np.bool_]) -
 
 
 def _pose_remarks(
-    session: PoseProblem, fit: MixedModelFit, variances: Variances, bad: Indices, away: Array
+    session: PoseRegression, fit: MixedModelFit, variances: Variances, bad: Indices, away: Array
 ) -> list[Remark]:
     poses = session.poses
     remarks = []
@@ -132,7 +132,7 @@ def _pose_remarks(
     ]
 
 
-def _observability_remarks(session: PoseProblem, fit: MixedModelFit) -> list[Remark]:
+def _observability_remarks(session: PoseRegression, fit: MixedModelFit) -> list[Remark]:
     """What the poses cannot separate: parameters about which they say little more than was known before."""
     share = np.sqrt(np.diag(fit.covariance)) / fit.prior
     base = [i for i, name in enumerate(fit.names) if name in BASE_NAMES]
@@ -199,7 +199,7 @@ def _root_condition(fit: MixedModelFit) -> float:
     return float(np.sqrt(sizes[-1] / sizes[0]))
 
 
-def _reading_noise(session: PoseProblem, variances: Variances) -> float:
+def _reading_noise(session: PoseRegression, variances: Variances) -> float:
     """Noise of one reading: as measured, or where it was not, as the residuals say."""
     stated = float(np.mean(session.noise**2 * session.poses.n))
     return float(np.sqrt(stated if session.poses.std_known else stated * variances.reading))

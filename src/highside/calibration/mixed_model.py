@@ -36,7 +36,7 @@ class ThermalTerms:
 
 
 @dataclass(frozen=True, slots=True)
-class PoseProblem:
+class PoseRegression:
     """What of a session does not change between solutions: N poses with R rings and S stations."""
 
     poses: PoseSet
@@ -55,7 +55,7 @@ class PoseProblem:
     @classmethod
     def of(
         cls, poses: PoseSet, bench: BenchAccuracy, toolface_zero_rad: float, thermal: ThermalTerms | None = None
-    ) -> PoseProblem:
+    ) -> PoseRegression:
         inc, tf = poses.reference()
         return cls(
             poses=poses,
@@ -78,7 +78,7 @@ def _indicator(groups: Indices) -> Array:
     return np.asarray(groups[:, None] == np.arange(int(groups.max()) + 1), dtype=float)
 
 
-def initial_variances(session: PoseProblem, bench: BenchAccuracy) -> Variances:
+def initial_variances(session: PoseRegression, bench: BenchAccuracy) -> Variances:
     half = 0.5 * bench.pose_rad**2
     return Variances(half, half, half, half)
 
@@ -96,7 +96,7 @@ class Equations:
 
     @classmethod
     def of(
-        cls, session: PoseProblem, design: Array, by_inc: Array, by_tf: Array, y: Array, used: NDArray[np.bool_]
+        cls, session: PoseRegression, design: Array, by_inc: Array, by_tf: Array, y: Array, used: NDArray[np.bool_]
     ) -> Equations:
         """From the derivatives (3, N, P), (3, N), (3, N) of the readings and the linearised readings `y` (3, N)."""
         count, size = y.shape[1], design.shape[2]
@@ -147,7 +147,7 @@ class MixedModelFit:
         return self.theta[[self.names.index(name) for name in names]]
 
 
-def rough_start(session: PoseProblem, names: tuple[str, ...]) -> Array:
+def rough_start(session: PoseRegression, names: tuple[str, ...]) -> Array:
     """Where to linearise first: matrix and offset by plain least squares, drawn a little to the nominal sensor."""
     rows = np.vstack([gravity_direction(session.state.inc_rad, session.state.tf_rad), np.ones(len(session.poses))])
     nominal = np.eye(3, 4)
@@ -160,7 +160,7 @@ def rough_start(session: PoseProblem, names: tuple[str, ...]) -> Array:
 
 
 def solve(
-    session: PoseProblem, names: tuple[str, ...], variances: Variances, used: NDArray[np.bool_], at: Array
+    session: PoseRegression, names: tuple[str, ...], variances: Variances, used: NDArray[np.bool_], at: Array
 ) -> MixedModelFit:
     """One Gauss-Newton step from `at` with given variances: penalised generalised least squares."""
     reading, design, by_inc, by_tf = session.linearise(names, at)
@@ -199,7 +199,7 @@ class System:
     """`log|V| + y' V^-1 y` but for a constant"""
 
 
-def whitened(session: PoseProblem, equations: Equations, variances: Variances) -> tuple[Array, Array, Array, float]:
+def whitened(session: PoseRegression, equations: Equations, variances: Variances) -> tuple[Array, Array, Array, float]:
     """Design, rings and stations (N, 3, P + R + S), directions of dI, dT and of the three axes' noise (N, 3, 5), and
     readings (3 N,), each pose by its own covariance, zero where not used; the logarithm of the determinant."""
     stacked, parts, used, size = equations.stacked, equations.parts, equations.used, equations.size
@@ -217,7 +217,7 @@ def whitened(session: PoseProblem, equations: Equations, variances: Variances) -
     return columns, white[:, :, size : size + 5], yw, log_det
 
 
-def evaluate(session: PoseProblem, equations: Equations, prior: Array, variances: Variances) -> System:
+def evaluate(session: PoseRegression, equations: Equations, prior: Array, variances: Variances) -> System:
     """The system of the equations at given variances, the parameters' priors `prior` (P,) in it."""
     columns, pose_columns, yw, log_det = whitened(session, equations, variances)
     count = columns.shape[0]
@@ -239,7 +239,7 @@ def evaluate(session: PoseProblem, equations: Equations, prior: Array, variances
     )
 
 
-def _penalty(prior: Array, variances: Variances, session: PoseProblem) -> Array:
+def _penalty(prior: Array, variances: Variances, session: PoseRegression) -> Array:
     return np.concatenate(
         [
             1.0 / prior**2,
@@ -249,7 +249,7 @@ def _penalty(prior: Array, variances: Variances, session: PoseProblem) -> Array:
     )
 
 
-def reml_variances(session: PoseProblem, fit: MixedModelFit, start: Variances, bench: BenchAccuracy) -> Variances:
+def reml_variances(session: PoseRegression, fit: MixedModelFit, start: Variances, bench: BenchAccuracy) -> Variances:
     """Restricted maximum likelihood of the variance components: minimises `log|V| + y' V^-1 y`, V with the parameters'
     priors in it (which accounts for their number), plus `_variance_penalty`."""
     prior = VariancePrior.of(session, bench)
@@ -306,7 +306,7 @@ class VariancePrior:
     reading: float
 
     @classmethod
-    def of(cls, session: PoseProblem, bench: BenchAccuracy) -> VariancePrior:
+    def of(cls, session: PoseRegression, bench: BenchAccuracy) -> VariancePrior:
         """What is known of the variances of a session beforehand."""
         return cls(bench.pose_rad**2, _READING_PRIOR_KNOWN if session.poses.std_known else _READING_PRIOR_ASSUMED)
 
@@ -334,7 +334,7 @@ class VariancePrior:
         return np.array(gradient), np.array(curvature)
 
 
-def _information(session: PoseProblem, system: System, size: int, v: Array) -> tuple[Array, Array, Array]:
+def _information(session: PoseRegression, system: System, size: int, v: Array) -> tuple[Array, Array, Array]:
     """Gradient and average-information matrix of `deviance` by the logarithms of the variances `v` (5,).
 
     With P the projected inverse of V and Z the columns that share a variance: `d/dv = tr(Z' P Z) - |Z' P y|^2`; the
@@ -373,7 +373,7 @@ def _information(session: PoseProblem, system: System, size: int, v: Array) -> t
 
 
 def covariance_with_variances(
-    session: PoseProblem, fit: MixedModelFit, variances: Variances, bench: BenchAccuracy
+    session: PoseRegression, fit: MixedModelFit, variances: Variances, bench: BenchAccuracy
 ) -> tuple[Array, Array]:
     """Covariance (P, P) of the parameters, the variance components being estimated and not known, and its widening.
 
@@ -406,7 +406,7 @@ def covariance_with_variances(
 
 
 def covariance_over_ring_errors(
-    session: PoseProblem, fit: MixedModelFit, bench: BenchAccuracy, variances: Variances
+    session: PoseRegression, fit: MixedModelFit, bench: BenchAccuracy, variances: Variances
 ) -> Array:
     """Covariance (P, P) of the parameters about `fit.theta`, over what errors a ring may have in common.
 

@@ -13,7 +13,7 @@ from highside.calibration.forward import (
 )
 from highside.calibration.mixed_model import (
     MixedModelFit,
-    PoseProblem,
+    PoseRegression,
     solve,
     studentised,
 )
@@ -24,7 +24,7 @@ MAX_BAD_SHARE = 0.1
 
 
 def reject_outlying(
-    session: PoseProblem, fit: MixedModelFit, variances: Variances, used: NDArray[np.bool_]
+    session: PoseRegression, fit: MixedModelFit, variances: Variances, used: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], MixedModelFit]:
     """Reject, one at a time, the pose that departs most, while it departs by more than five standard deviations.
 
@@ -53,7 +53,7 @@ _MEDIAN_DEPARTURE = 1.538
 
 
 def poses_reconsidered(
-    session: PoseProblem, fit: MixedModelFit, variances: Variances, used: NDArray[np.bool_]
+    session: PoseRegression, fit: MixedModelFit, variances: Variances, used: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], MixedModelFit, Array]:
     """Which poses are used (N,), the solution by these, and each pose's `departure` (N,), all three of the final
     variances: a pose rejected under others may agree now, one that was used may not."""
@@ -66,7 +66,7 @@ def poses_reconsidered(
     return used, fit, away
 
 
-def departure(session: PoseProblem, fit: MixedModelFit, variances: Variances, used: NDArray[np.bool_]) -> Array:
+def departure(session: PoseRegression, fit: MixedModelFit, variances: Variances, used: NDArray[np.bool_]) -> Array:
     """Departure of every pose (N,) from what the others predict, in standard deviations: `studentised` for poses used;
     for those rejected the distance of their reading from its prediction, all variances counted."""
     out = studentised(fit, used)
@@ -80,7 +80,7 @@ def departure(session: PoseProblem, fit: MixedModelFit, variances: Variances, us
 
 
 def _raw_columns(
-    session: PoseProblem, fit: MixedModelFit, variances: Variances, i: int, noise_of: int
+    session: PoseRegression, fit: MixedModelFit, variances: Variances, i: int, noise_of: int
 ) -> tuple[Array, Array]:
     """Columns (3, P + R + S) of pose `i` and its own covariance (3, 3), with the reading noise of pose `noise_of`."""
     one = slice(i, i + 1)
@@ -91,7 +91,7 @@ def _raw_columns(
 
 
 def swapped_pairs(
-    session: PoseProblem, fit: MixedModelFit, variances: Variances, bad: Indices
+    session: PoseRegression, fit: MixedModelFit, variances: Variances, bad: Indices
 ) -> list[tuple[int, int]]:
     """Pairs among the rejected poses whose readings fit each other's setting."""
     if bad.size < 2:

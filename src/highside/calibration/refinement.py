@@ -27,7 +27,7 @@ from highside.calibration.linear_errors import NOMINAL_BENCH, BenchAccuracy
 from highside.calibration.mixed_model import (
     Equations,
     MixedModelFit,
-    PoseProblem,
+    PoseRegression,
     VariancePrior,
     covariance_with_variances,
     evaluate,
@@ -75,7 +75,7 @@ def refine(result: CalibrationResult, poses: PoseSet, *, bench: BenchAccuracy = 
     names = result.main.parameters.names
     if len(poses) < MIN_POSES or not set(names) <= _KNOWN:
         return untouched  # few poses, or terms in temperature
-    session = PoseProblem.of(poses, bench, result.toolface_zero_rad)
+    session = PoseRegression.of(poses, bench, result.toolface_zero_rad)
     used = result.poses.used
     stated = initial_variances(session, bench)
     at = result.main.parameters.block(names)
@@ -139,7 +139,7 @@ def _worth_keeping(names: tuple[str, ...], size: StructureSize) -> tuple[str, ..
 
 
 def _with_sizes(
-    session: PoseProblem,
+    session: PoseRegression,
     fit: MixedModelFit,
     variances: Variances,
     size: StructureSize,
@@ -186,7 +186,9 @@ def _with_sizes(
 class _Likelihood:
     """Marginal likelihood of sizes and lengths; twice its negative logarithm, but for a constant."""
 
-    def __init__(self, session: PoseProblem, fit: MixedModelFit, bench: BenchAccuracy, used: NDArray[np.bool_]) -> None:
+    def __init__(
+        self, session: PoseRegression, fit: MixedModelFit, bench: BenchAccuracy, used: NDArray[np.bool_]
+    ) -> None:
         self._session, self._bench, self._plain = session, bench, fit
         self._prior = VariancePrior.of(session, bench)
         self._names = fit.names + OWN_LOAD_NAMES + DIRECTION_NAMES

@@ -14,7 +14,7 @@ from highside.printable import printable
 
 if TYPE_CHECKING:
     from highside.bench.driver import BenchDriver
-    from highside.bench.journal_file import Found
+    from highside.bench.journal_file import FoundJournal
     from highside.config.bench import BenchFile
 
 ConfigOption = Annotated[Path, typer.Option("--config", help="TOML file of the session; see config/bench-*.toml.")]
@@ -52,7 +52,7 @@ def sessions(
         echo(line.rstrip())
 
 
-def _plain(one: Found) -> dict[str, object]:
+def _plain(one: FoundJournal) -> dict[str, object]:
     return {
         "session": one.name,
         "file": str(one.path),

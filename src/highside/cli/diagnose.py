@@ -65,13 +65,13 @@ def diagnose(
     from highside.api import diagnosis as api
     from highside.cli.diagnose_progress import progress_on_terminal
     from highside.config.model import Model, load_model
-    from highside.diagnosis.core.method import Method
+    from highside.diagnosis.core.method import ProcedureParts
     from highside.recording.files import write_whole
 
     out = _require_consistent(recording, model, out, summary, simulation, write_model, align)
     take_in(effects)
     with as_options("without"):
-        parts = Method.without(without)
+        parts = ProcedureParts.without(without)
     knows = Model() if model is None else load_model(model)
     with progress_on_terminal() as progress:
         if recording is None:

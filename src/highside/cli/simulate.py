@@ -14,7 +14,7 @@ import typer
 
 from highside.cli.own_effects import EffectFolders, take_in
 from highside.cli.say import echo
-from highside.cli.simulate_drift import DriftExperiment, write_experiment
+from highside.cli.simulate_drift import ExperimentName, write_experiment
 
 
 def simulate(
@@ -24,7 +24,7 @@ def simulate(
     seed: Annotated[int, typer.Option("--seed", min=0, help="The same seed gives the same file, byte for byte.")] = 1,
     poses: Annotated[Path | None, typer.Option("--poses", help="Also write the pose table of the stops (CSV).")] = None,
     experiment: Annotated[
-        DriftExperiment | None, typer.Option("--experiment", help="An experiment on gyro drift instead of a model.")
+        ExperimentName | None, typer.Option("--experiment", help="An experiment on gyro drift instead of a model.")
     ] = None,
     elevation_deg: Annotated[
         float, typer.Option("--elevation-deg", min=-89, max=89, help="Of the rotating table, above the horizontal.")

@@ -13,7 +13,7 @@ from pathlib import Path
 from highside.cli.say import echo
 
 
-class DriftExperiment(StrEnum):
+class ExperimentName(StrEnum):
     TURNTABLE = "turntable"
     VIBRATION_TABLE = "vibration-table"
     DRILLING = "drilling"
@@ -22,7 +22,7 @@ class DriftExperiment(StrEnum):
     ROTATING_ROD = "rotating-rod"
 
 
-def write_experiment(name: DriftExperiment, elevation_deg: float, output: Path, seed: int) -> None:
+def write_experiment(name: ExperimentName, elevation_deg: float, output: Path, seed: int) -> None:
     """Write the Recording of an experiment and the truth beside it; says what was written."""
     from highside import __version__
     from highside.papers import drift_scenarios as scenarios
@@ -30,12 +30,12 @@ def write_experiment(name: DriftExperiment, elevation_deg: float, output: Path, 
     from highside.recording.table import Recording, write_recording
 
     made = {
-        DriftExperiment.TURNTABLE: scenarios.turntable,
-        DriftExperiment.VIBRATION_TABLE: scenarios.vibration_table,
-        DriftExperiment.DRILLING: scenarios.drilling,
-        DriftExperiment.ROTATING_TABLE: lambda: scenarios.rotating_table(elevation_deg),
-        DriftExperiment.CURVED_HOLE: scenarios.curved_hole,
-        DriftExperiment.ROTATING_ROD: scenarios.rotating_rod,
+        ExperimentName.TURNTABLE: scenarios.turntable,
+        ExperimentName.VIBRATION_TABLE: scenarios.vibration_table,
+        ExperimentName.DRILLING: scenarios.drilling,
+        ExperimentName.ROTATING_TABLE: lambda: scenarios.rotating_table(elevation_deg),
+        ExperimentName.CURVED_HOLE: scenarios.curved_hole,
+        ExperimentName.ROTATING_ROD: scenarios.rotating_rod,
     }
     data = scenarios.record(made[name](), seed)
     e = data.experiment

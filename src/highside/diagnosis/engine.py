@@ -19,7 +19,7 @@ from highside.diagnosis.core.candidates import INCLINATION_STATION
 from highside.diagnosis.core.conclusion import conclude, is_significant
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.memory import Channel, beats_random_walk, slow_scores
-from highside.diagnosis.core.method import WHOLE, Method
+from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.policy import FITS, PROCEDURE, RIVALS
 from highside.diagnosis.core.problem import N, Problem, ReportData, SelectionState
 from highside.diagnosis.core.result import Diagnosis
@@ -63,7 +63,7 @@ def diagnose_poses(
     *,
     seed: int = 1,
     version: str = "",
-    method: Method = WHOLE,
+    method: ProcedureParts = WHOLE,
 ) -> tuple[Diagnosis, ReportData]:
     """Diagnose n poses against a model whose effects `free` may be refitted. The same seed gives the same answer."""
     problem = PoseProblem.of(session, model, tuple(free), seed, method)
@@ -80,7 +80,7 @@ def diagnose_rotation(
     *,
     seed: int = 1,
     version: str = "",
-    method: Method = WHOLE,
+    method: ProcedureParts = WHOLE,
 ) -> tuple[Diagnosis, ReportData]:
     """As `diagnose_poses`, for the n rows of a continuous rotation.
 

@@ -37,7 +37,7 @@ OF_MAGNITUDES = ("offset", "scale", "scale_all", "matrix")
 
 
 @dataclass(frozen=True)
-class Cells:
+class CellMeans:
     """Means over cells of rows: `number` (n,) of each row's cell, in time order; -1 for a row of none."""
 
     number: Ints
@@ -65,7 +65,7 @@ class ChainSession:
     floor: Array
     """(C, m) of a pose, a row or a cell"""
     places: tuple[str, ...]
-    cells: Cells | None = None
+    cells: CellMeans | None = None
     jitters: bool = False
     delay_s: float = 0.0
     """how much later than the time zero of the claims its first value is"""
@@ -264,14 +264,14 @@ def linear(session: LawSession, model: ForwardModel, laws: Sequence[Law]) -> Arr
     return np.asarray(sum((one[0] for one in made), np.zeros_like(session.floor)))
 
 
-def cells_of(session: RotationSession) -> Cells:
+def cells_of(session: RotationSession) -> CellMeans:
     """Sectors of toolface within some turns at one rate; where rows are few each is its own."""
     state, n = session.state, session.n
     rows = np.arange(n)
     kept = np.ones(n, dtype=bool) if session.left_out is None else ~session.left_out
     if n <= LAW_CELLS.most:
         number = np.where(kept, np.cumsum(kept) - 1, -1)
-        return Cells(number, np.ones(int(kept.sum())), rows[kept])
+        return CellMeans(number, np.ones(int(kept.sum())), rows[kept])
     turn = 2 * np.pi
     angle = state.tf_rad - state.tf_rad.min()
     sector = np.floor(np.mod(angle, turn) / turn * LAW_CELLS.sectors).astype(int)
@@ -303,4 +303,4 @@ def cells_of(session: RotationSession) -> Cells:
     place[order] = np.arange(order.size)
     number = np.where(used, place[np.maximum(number, 0)], -1)
     count, middle = count[order], middle[order]
-    return Cells(number, count.astype(float), middle)
+    return CellMeans(number, count.astype(float), middle)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.core.method import WHOLE, Method
+from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.problem import ReportData
 from highside.diagnosis.core.result import Diagnosis, Finding
 from highside.diagnosis.engine import diagnose_magnitudes, diagnose_poses, diagnose_rotation, diagnose_simulation
@@ -70,7 +70,7 @@ class Request:
     """as `free`, beside a prediction: nothing unless the model says so"""
     seed: int = 1
     version: str = ""
-    method: Method = WHOLE
+    method: ProcedureParts = WHOLE
     where: str | None = None
     """names the recording in errors"""
     predicted_where: str | None = None

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from highside.arrays import Array
 from highside.calibration.balance import TRIPLES
 from highside.diagnosis.table.posterior import Drawn
-from highside.papers.balance_session import COLUMNS, INCLINATIONS_DEG, METHODS, BalancePlan, cells_of, run_session
+from highside.papers.balance_session import COLUMNS, INCLINATIONS_DEG, METHODS, PaperPlan, cells_of, run_session
 
 LEVEL = 0.95
 DRAWS = 300
@@ -70,7 +70,7 @@ class Ensemble:
 
 def run_ensemble(draws: Sequence[Drawn], seed: int) -> Ensemble:
     """Run the experiment on each draw. The same seed gives the same numbers."""
-    plan = BalancePlan.of_the_paper()
+    plan = PaperPlan.of_the_paper()
     cells, inc, tf = [], [], []
     for k, drawn in enumerate(draws):
         session = run_session(plan, drawn.model, drawn.noise_g, np.random.default_rng([seed, k]), drawn.own_g)

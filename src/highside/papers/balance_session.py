@@ -34,7 +34,7 @@ _THREE, _RINGS = 3, 4 * len(INCLINATIONS_DEG)
 
 
 @dataclass(frozen=True)
-class BalancePlan:
+class PaperPlan:
     """All poses of the experiment: the three conventional ones, four on each ring, and the turns."""
 
     inc_rad: Array
@@ -42,7 +42,7 @@ class BalancePlan:
     state: ChainState
 
     @classmethod
-    def of_the_paper(cls) -> BalancePlan:
+    def of_the_paper(cls) -> PaperPlan:
         """The poses in the order conventional, rings, turns."""
         three_inc, three_tf = position_plan(3)
         ring_inc, ring_tf = pose_grid(INCLINATIONS_DEG, BALANCE_TOOLFACES_DEG)
@@ -55,7 +55,7 @@ class BalancePlan:
 class BalanceRun:
     """One run of the experiment: `readings` (3, N, 4) in g of the plan's poses, and where the tool was, (N,) rad."""
 
-    plan: BalancePlan
+    plan: PaperPlan
     readings: Array
     inc_true_rad: Array
     tf_true_rad: Array
@@ -105,7 +105,7 @@ class BalanceRun:
 
 
 def run_session(
-    plan: BalancePlan, instrument: ForwardModel, noise_g: float, rng: np.random.Generator, own_g: Array | None = None
+    plan: PaperPlan, instrument: ForwardModel, noise_g: float, rng: np.random.Generator, own_g: Array | None = None
 ) -> BalanceRun:
     """Run the experiment on an instrument (its random effects say how the bench stops).
 

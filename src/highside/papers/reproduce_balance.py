@@ -23,8 +23,8 @@ from highside.papers.balance_session import (
     INCLINATIONS_DEG,
     METHODS,
     STATIONS_DEG,
-    BalancePlan,
     BalanceRun,
+    PaperPlan,
     run_session,
 )
 from highside.papers.published_instrument import PublishedInstrument, published
@@ -70,7 +70,7 @@ def reproduce(instrument: PublishedInstrument, seed: int = 7) -> Reproduction:
 
 
 def _sessions(instrument: PublishedInstrument, seed: int) -> list[BalanceRun]:
-    plan = BalancePlan.of_the_paper()
+    plan = PaperPlan.of_the_paper()
     return [
         run_session(plan, d.model, d.noise_g, np.random.default_rng([seed, k]), d.own_g)
         for k, d in enumerate(instrument.posterior.draws[:TRUTH_DRAWS])

@@ -21,7 +21,7 @@ from highside.papers.rotation_scenarios import CHANNELS, SCENARIOS, Draw, draw
 from highside.report.document import Page
 from highside.report.plots import new_figure, plotting
 from highside.report.rotation_page import COLOURS, NAMES
-from highside.rotation import Curve, CurveMethod, Samples, fit
+from highside.rotation import CurveMethod, ErrorCurve, Samples, fit
 from highside.rotation.compare import METHODS, CurveScore, score
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def measure_times(one: Draw, *, quick: int = QUICK_REPEATS, slow: int = SLOW_REP
         call()
         return time.perf_counter() - start
 
-    def fitted(method: CurveMethod) -> Curve:
+    def fitted(method: CurveMethod) -> ErrorCurve:
         # building the samples (checks, coverage) is part of a fit
         return fit(Samples.build(one.theta_rad, one.error), method, held_out=False)
 

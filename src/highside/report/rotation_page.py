@@ -13,7 +13,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.report.document import Page
 from highside.report.plots import new_figure, plotting
-from highside.rotation import Compensation, Curve, CurveMethod, Samples
+from highside.rotation import Compensation, CurveMethod, ErrorCurve, Samples
 from highside.rotation.compare import CurveComparison
 from highside.rotation.curve import Form
 
@@ -101,7 +101,7 @@ def compare_page(source: str, compared: Mapping[str, tuple[Samples, CurveCompari
         return page.html()
 
 
-def _facts(curve: Curve, samples: Samples) -> list[tuple[str, str]]:
+def _facts(curve: ErrorCurve, samples: Samples) -> list[tuple[str, str]]:
     held = curve.held_out
     unit = {Form.FOURIER: "harmonics", Form.CHEBYSHEV: "degree", Form.NETWORK: "hidden units"}[curve.form]
     left = samples.error - curve(samples.theta_rad, samples.rate_radps)
@@ -131,7 +131,7 @@ def _row(method: CurveMethod, comparison: CurveComparison) -> list[str]:
     ]
 
 
-def _remarks(curves: Mapping[CurveMethod, Curve]) -> list[str]:
+def _remarks(curves: Mapping[CurveMethod, ErrorCurve]) -> list[str]:
     """Each remark once, with the methods it is about unless it is about all."""
     about: dict[str, list[str]] = {}
     for method, curve in curves.items():
@@ -146,7 +146,7 @@ def _places(samples: Samples) -> tuple[slice, Array]:
     return thin, np.mod(np.degrees(samples.theta_rad[thin]), 360.0)
 
 
-def _line(curve: Curve) -> tuple[Array, Array, Array]:
+def _line(curve: ErrorCurve) -> tuple[Array, Array, Array]:
     """Angles (deg), curve and its standard deviation over the turn, at the middle of the recorded rates."""
     at = np.linspace(0.0, 360.0, 721)[:-1]
     rate = None if curve.rate is None else np.full(at.size, curve.rate.centre_radps)
@@ -159,7 +159,7 @@ def _frame(axis: Axes, title: str, label: str = "arcmin") -> None:
     axis.set_xticks(range(0, 361, 90))
 
 
-def _shade(axis: Axes, curve: Curve) -> None:
+def _shade(axis: Axes, curve: ErrorCurve) -> None:
     if not curve.coverage.has_gap:
         return
     start = float(np.degrees(curve.coverage.gap_start_rad))
@@ -168,7 +168,7 @@ def _shade(axis: Axes, curve: Curve) -> None:
         axis.axvspan(max(start + shift, 0.0), max(min(end + shift, 360.0), 0.0), color=_GAP, alpha=0.15, lw=0)
 
 
-def _fit_figure(curve: Curve, samples: Samples) -> Figure:
+def _fit_figure(curve: ErrorCurve, samples: Samples) -> Figure:
     figure, (axes,) = new_figure(1, 2)
     thin, at = _places(samples)
     where, values, std = _line(curve)
@@ -184,7 +184,7 @@ def _fit_figure(curve: Curve, samples: Samples) -> Figure:
     return figure
 
 
-def _harmonics_figure(curve: Curve) -> Figure:
+def _harmonics_figure(curve: ErrorCurve) -> Figure:
     figure, ((axis,),) = new_figure(1, 1, height=2.4)
     a, b = curve.parameters[1 : 2 * curve.order : 2], curve.parameters[2 : 2 * curve.order + 1 : 2]
     variance = np.diag(curve.covariance)
@@ -201,7 +201,7 @@ def _harmonics_figure(curve: Curve) -> Figure:
     return figure
 
 
-def _curves_figure(curves: Mapping[CurveMethod, Curve], samples: Samples) -> Figure:
+def _curves_figure(curves: Mapping[CurveMethod, ErrorCurve], samples: Samples) -> Figure:
     figure, ((axis,),) = new_figure(1, 1, height=3.4)
     thin, at = _places(samples)
     axis.plot(at, samples.error[thin], ".", ms=2, color=_GREY)
@@ -217,7 +217,7 @@ def _curves_figure(curves: Mapping[CurveMethod, Curve], samples: Samples) -> Fig
     return figure
 
 
-def _left_figure(curves: Mapping[CurveMethod, Curve], samples: Samples) -> Figure:
+def _left_figure(curves: Mapping[CurveMethod, ErrorCurve], samples: Samples) -> Figure:
     figure, (axes,) = new_figure(1, len(curves), height=2.6)
     thin, at = _places(samples)
     rate = None if samples.rate_radps is None else samples.rate_radps[thin]

@@ -15,20 +15,20 @@ Fourier series that chooses its own order, holds outliers down and shrinks where
 """
 
 from highside.rotation.compensation import Compensation, Validity
-from highside.rotation.curve import CrossValidation, Curve, CurveMethod, NetworkInput
+from highside.rotation.curve import CrossValidation, CurveMethod, ErrorCurve, NetworkInput
 from highside.rotation.fit import FitOptions, fit
 from highside.rotation.fourier import auto
 from highside.rotation.linear import four_positions, harmonics2, polynomial9, sine
 from highside.rotation.network import network
 from highside.rotation.online import OnlineFit
-from highside.rotation.samples import Coverage, Samples
+from highside.rotation.samples import AngleCoverage, Samples
 
 __all__ = [
+    "AngleCoverage",
     "Compensation",
-    "Coverage",
     "CrossValidation",
-    "Curve",
     "CurveMethod",
+    "ErrorCurve",
     "FitOptions",
     "NetworkInput",
     "OnlineFit",

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from highside.errors import Refused
-from highside.rotation.curve import Curve, CurveMethod
+from highside.rotation.curve import CurveMethod, ErrorCurve
 from highside.rotation.fit import DEFAULTS, FitOptions, fit
 from highside.rotation.samples import Samples
 
@@ -23,7 +23,7 @@ METHODS = (CurveMethod.SINE, CurveMethod.HARMONICS2, CurveMethod.POLYNOMIAL9, Cu
 class CurveScore:
     """What a curve leaves of the rows it was fitted to, in the unit of the errors."""
 
-    curve: Curve
+    curve: ErrorCurve
     mean: float
     std: float
     mean_abs: float
@@ -45,7 +45,7 @@ class CurveComparison:
         return 1.0 - self.scores[method].mean_abs / first.mean_abs
 
 
-def score(curve: Curve, samples: Samples) -> CurveScore:
+def score(curve: ErrorCurve, samples: Samples) -> CurveScore:
     """What the curve leaves of the samples."""
     left = samples.error - curve(samples.theta_rad, samples.rate_radps)
     size = np.abs(left)

@@ -17,7 +17,7 @@ from highside import __version__
 from highside.errors import InputError, Refused
 from highside.printable import printable
 from highside.reading import MALFORMED, parse_json
-from highside.rotation.curve import Curve
+from highside.rotation.curve import ErrorCurve
 from highside.rotation.direction import RotorMotion
 
 SCHEMA = "highside.rotation/1"
@@ -58,7 +58,7 @@ class Compensation:
     """Curves by channel (`roll`, `pitch`, `heading`, or any name), in arcminutes; `source` names the recording,
     `motion` says how the rotor moved in it (None: not known)."""
 
-    curves: Mapping[str, Curve]
+    curves: Mapping[str, ErrorCurve]
     validity: Validity
     source: str
     source_sha256: str
@@ -109,7 +109,7 @@ class Compensation:
             raise Refused(f"{at}its unit is {data.get('unit')!r}, not {UNIT!r}")
         try:
             validity = Validity.from_dict(data["validity"])
-            curves = {str(name): Curve.from_dict(one) for name, one in data["curves"].items()}
+            curves = {str(name): ErrorCurve.from_dict(one) for name, one in data["curves"].items()}
             motion = None if "motion" not in data else RotorMotion.from_dict(data["motion"])
             source, version = data["source"], str(data["software"]["version"])
             found = cls(curves, validity, str(source["name"]), str(source["sha256"]), motion, version)

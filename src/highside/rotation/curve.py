@@ -17,7 +17,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.errors import InputError
 from highside.rotation.bases import RateTerms, chebyshev_rows, combined, fourier_rows, fourier_sum, scaled_angle
-from highside.rotation.samples import Coverage
+from highside.rotation.samples import AngleCoverage
 
 
 class CurveMethod(StrEnum):
@@ -62,7 +62,7 @@ class CrossValidation:
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class ErrorCurve:
     """The error of one channel against the rotor angle, in the unit of the samples it was fitted to.
 
     `order` counts harmonics, the degree of the polynomial, or hidden units. `parameters` (P,) with `covariance` (P, P):
@@ -77,7 +77,7 @@ class Curve:
     parameters: Array
     covariance: Array
     noise: float
-    coverage: Coverage
+    coverage: AngleCoverage
     rate: RateTerms | None = None
     network_input: NetworkInput | None = None
     hidden_bias: bool = True
@@ -178,7 +178,7 @@ class Curve:
             parameters=np.array(data["parameters"], dtype=float),
             covariance=np.array(data["covariance"], dtype=float),
             noise=float(data["noise"]),
-            coverage=Coverage.from_dict(data["coverage"]),
+            coverage=AngleCoverage.from_dict(data["coverage"]),
             rate=None
             if rate is None
             else RateTerms(float(rate["centre_radps"]), float(rate["spread_radps"]), tuple(map(int, rate["powers"]))),

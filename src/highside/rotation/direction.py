@@ -23,7 +23,7 @@ from scipy.special import stdtr, stdtrit
 from highside.arrays import Array
 from highside.attitude.angles import TURN, wrap_signed
 from highside.rotation.bases import fourier_rows
-from highside.rotation.curve import Curve
+from highside.rotation.curve import ErrorCurve
 from highside.rotation.samples import Samples
 
 Signs = NDArray[np.int8]
@@ -193,7 +193,7 @@ def directions(theta_rad: Array) -> Signs:
     return out
 
 
-def direction_difference(samples: Samples, curve: Curve) -> DirectionDifference | None:
+def direction_difference(samples: Samples, curve: ErrorCurve) -> DirectionDifference | None:
     """Whether the error differs by the direction of rotation; None without two whole turns each way.
 
     `curve`: the fit over all samples. Rows are in time order.

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from highside.errors import InputError
-from highside.rotation.curve import CrossValidation, Curve, CurveMethod, NetworkInput
+from highside.rotation.curve import CrossValidation, CurveMethod, ErrorCurve, NetworkInput
 from highside.rotation.fourier import LARGEST_ORDER, UTMOST_ORDER, auto
 from highside.rotation.linear import harmonics2, polynomial9, sine
 from highside.rotation.network import network
@@ -34,7 +34,7 @@ class FitOptions:
 DEFAULTS = FitOptions()
 
 
-def fit(samples: Samples, method: CurveMethod, options: FitOptions = DEFAULTS, *, held_out: bool = True) -> Curve:
+def fit(samples: Samples, method: CurveMethod, options: FitOptions = DEFAULTS, *, held_out: bool = True) -> ErrorCurve:
     """The curve of `method`, with its held-out error where there are two whole turns or more.
 
     Raises InputError for an option the method does not have and Refused where the samples cannot carry the method.
@@ -47,7 +47,7 @@ def fit(samples: Samples, method: CurveMethod, options: FitOptions = DEFAULTS, *
     return replace(curve, held_out=held_out_error(samples, method, options)) if held_out else curve
 
 
-def _fit(samples: Samples, method: CurveMethod, options: FitOptions) -> Curve:
+def _fit(samples: Samples, method: CurveMethod, options: FitOptions) -> ErrorCurve:
     if method is CurveMethod.SINE:
         return sine(samples)
     if method is CurveMethod.HARMONICS2:
@@ -61,7 +61,7 @@ def _fit(samples: Samples, method: CurveMethod, options: FitOptions) -> Curve:
     raise InputError(f"{method.value} is not fitted to a recording", remedy="use OnlineFit")
 
 
-def _auto(samples: Samples, options: FitOptions, *, held_out: bool) -> Curve:
+def _auto(samples: Samples, options: FitOptions, *, held_out: bool) -> ErrorCurve:
     """`auto` with as high an order as the errors support.
 
     An order at the top of its range says that there is more: higher ones are tried, and kept where whole turns that the
@@ -69,7 +69,7 @@ def _auto(samples: Samples, options: FitOptions, *, held_out: bool) -> Curve:
     harmonics do not come back from turn to turn, and the remark says so.
     """
 
-    def fitted(part: Samples, largest_order: int) -> Curve:
+    def fitted(part: Samples, largest_order: int) -> ErrorCurve:
         return auto(part, rate_terms=options.rate_terms, largest_order=largest_order)
 
     def unseen(largest_order: int) -> CrossValidation | None:
@@ -101,7 +101,7 @@ def held_out_error(samples: Samples, method: CurveMethod, options: FitOptions = 
     return _left_out(samples, lambda part: _fit(part, method, options))
 
 
-def _left_out(samples: Samples, make: Callable[[Samples], Curve]) -> CrossValidation | None:
+def _left_out(samples: Samples, make: Callable[[Samples], ErrorCurve]) -> CrossValidation | None:
     whole = samples.whole_revolutions
     if len(whole) < 2:
         return None

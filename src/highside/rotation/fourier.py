@@ -18,7 +18,7 @@ from highside.arrays import Array
 from highside.attitude.angles import TURN, wrap_positive
 from highside.errors import Refused
 from highside.rotation.bases import RateTerms, combined, fourier_rows, projected, triangle_of
-from highside.rotation.curve import Curve, CurveMethod, Form
+from highside.rotation.curve import CurveMethod, ErrorCurve, Form
 from highside.rotation.gap import bridged
 from highside.rotation.linear import identifiable_rate
 from highside.rotation.samples import Samples
@@ -34,7 +34,9 @@ _CONVERGED = 1e-5
 """largest change of a parameter, in standard deviations of a row, at which the robust rounds end"""
 
 
-def auto(samples: Samples, *, rate_terms: int = 0, largest_order: int = LARGEST_ORDER, robust: bool = True) -> Curve:
+def auto(
+    samples: Samples, *, rate_terms: int = 0, largest_order: int = LARGEST_ORDER, robust: bool = True
+) -> ErrorCurve:
     """Fit. Raises Refused where less than half of the turn is covered or requested rate terms cannot be identified."""
     samples.require_coverage()
     order = _order_allowed(samples, largest_order, 4)
@@ -71,18 +73,11 @@ def auto(samples: Samples, *, rate_terms: int = 0, largest_order: int = LARGEST_
     psi = np.clip(residual, -bound, bound)
     noise = _robust_std(residual, spent) if robust else float(np.sqrt(residual @ residual / max(1, samples.n - spent)))
     held_down = float(np.mean(np.abs(residual) > 4.0 * scale)) if robust else 0.0
-    if held_down > 0.01:
-        remarks.append(f"{100 * held_down:.1f} % of the rows lie more than four standard deviations off: held down")
-    if samples.coverage.warning:
-        remarks.append(samples.coverage.warning)
-    if used == order < largest_order and not samples.coverage.has_gap:
-        remarks.append(
-            f"the highest order that these rows can carry ({used}) was taken: finer structure may be left; more rows"
-            " over more of the turn would show it"
-        )
+    at_limit = used == order < largest_order and not samples.coverage.has_gap
+    remarks += _remarks(samples, held_down, used if at_limit else None)
     weight = float(np.mean(np.where(residual == 0.0, 1.0, psi / np.where(residual == 0.0, 1.0, residual))))
     places = np.concatenate([[0], np.arange(1 + extra, count), np.arange(1, 1 + extra)]).astype(int)
-    return Curve(
+    return ErrorCurve(
         CurveMethod.AUTO,
         Form.FOURIER,
         used,
@@ -94,6 +89,21 @@ def auto(samples: Samples, *, rate_terms: int = 0, largest_order: int = LARGEST_
         robust_weight=weight,
         remarks=tuple(remarks),
     )
+
+
+def _remarks(samples: Samples, held_down: float, at_limit: int | None) -> list[str]:
+    """Of a curve: rows held down as outliers, what was not covered, and the order, where it is `at_limit`."""
+    remarks = []
+    if held_down > 0.01:
+        remarks.append(f"{100 * held_down:.1f} % of the rows lie more than four standard deviations off: held down")
+    if samples.coverage.warning:
+        remarks.append(samples.coverage.warning)
+    if at_limit is not None:
+        remarks.append(
+            f"the highest order that these rows can carry ({at_limit}) was taken: finer structure may be left; more"
+            " rows over more of the turn would show it"
+        )
+    return remarks
 
 
 def _with_rate(rows: Array, samples: Samples, rate: RateTerms | None) -> Array:

@@ -10,8 +10,8 @@ import numpy as np
 from highside.arrays import Array
 from highside.errors import InputError, Refused
 from highside.rotation.bases import RateTerms, chebyshev_rows, fourier_rows, triangle_of
-from highside.rotation.curve import Curve, CurveMethod, Form
-from highside.rotation.samples import Coverage, Samples
+from highside.rotation.curve import CurveMethod, ErrorCurve, Form
+from highside.rotation.samples import AngleCoverage, Samples
 
 DEGREE = 9
 LEAST_OWN_SHARE = 0.02
@@ -19,17 +19,17 @@ LEAST_OWN_SHARE = 0.02
 CONSTANT_RATE = 1e-6
 
 
-def sine(samples: Samples) -> Curve:
+def sine(samples: Samples) -> ErrorCurve:
     """Method 1, R0 + a sin t + b cos t (equation 4). Raises Refused where less than half of the turn is covered."""
     return _harmonics(samples, 1, CurveMethod.SINE)
 
 
-def harmonics2(samples: Samples) -> Curve:
+def harmonics2(samples: Samples) -> ErrorCurve:
     """Method 2, with c sin 2t + d cos 2t (equation 5). Raises Refused where less than half of the turn is covered."""
     return _harmonics(samples, 2, CurveMethod.HARMONICS2)
 
 
-def four_positions(error: Array, noise: float = 0.0) -> Curve:
+def four_positions(error: Array, noise: float = 0.0) -> ErrorCurve:
     """Method 1 from the mean errors at 0, 90, 180 and 270 degrees alone, each with standard deviation `noise`.
 
     R0 is their mean, a = (R90 - R270) / 2, b = (R0deg - R180) / 2. Even harmonics cancel but for the fourth, which goes
@@ -40,8 +40,8 @@ def four_positions(error: Array, noise: float = 0.0) -> Curve:
         raise InputError("four positions need four finite errors, at 0, 90, 180 and 270 degrees")
     parameters = np.array([r.mean(), 0.5 * (r[1] - r[3]), 0.5 * (r[0] - r[2])])
     covariance = noise**2 * np.diag([0.25, 0.5, 0.5])
-    coverage = Coverage(4, 0.75, np.pi / 2, 0.0)
-    return Curve(
+    coverage = AngleCoverage(4, 0.75, np.pi / 2, 0.0)
+    return ErrorCurve(
         CurveMethod.SINE,
         Form.FOURIER,
         1,
@@ -53,7 +53,7 @@ def four_positions(error: Array, noise: float = 0.0) -> Curve:
     )
 
 
-def polynomial9(samples: Samples, rate_terms: int = 0) -> Curve:
+def polynomial9(samples: Samples, rate_terms: int = 0) -> ErrorCurve:
     """Method 3, polynomial of degree nine in x = t / pi - 1 and powers 1..rate_terms of the rate (equation 6).
 
     The paper's b_0 is omitted: it is a second constant. A power of the rate that the other columns explain is omitted
@@ -70,7 +70,7 @@ def polynomial9(samples: Samples, rate_terms: int = 0) -> Curve:
     return _solved(samples, rows, CurveMethod.POLYNOMIAL9, Form.CHEBYSHEV, DEGREE, rate, remarks)
 
 
-def _harmonics(samples: Samples, order: int, method: CurveMethod) -> Curve:
+def _harmonics(samples: Samples, order: int, method: CurveMethod) -> ErrorCurve:
     samples.require_coverage()
     return _solved(samples, fourier_rows(samples.theta_rad, order), method, Form.FOURIER, order, None, [])
 
@@ -83,7 +83,7 @@ def _solved(
     order: int,
     rate: RateTerms | None,
     remarks: list[str],
-) -> Curve:
+) -> ErrorCurve:
     """Least squares on the rows (P, N)."""
     p, n = rows.shape
     if n <= p:
@@ -99,7 +99,7 @@ def _solved(
     inverse = np.linalg.inv(R)
     noise = float(np.sqrt(rss / (n - p)))
     warning = samples.coverage.warning
-    return Curve(
+    return ErrorCurve(
         method,
         form,
         order,

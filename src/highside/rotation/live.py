@@ -26,7 +26,7 @@ import numpy as np
 from highside.attitude.angles import TURN, wrap_positive
 from highside.errors import Refused
 from highside.rotation.compensation import Compensation
-from highside.rotation.curve import Curve, Form, NetworkInput
+from highside.rotation.curve import ErrorCurve, Form, NetworkInput
 from highside.rotation.turntable import ARCMIN, AXIS_CHANNELS
 
 Point = Callable[[float, float | None], float]
@@ -70,7 +70,7 @@ class CompensatedHeading(NamedTuple):
     flags: tuple[str, ...]
 
 
-def point(curve: Curve) -> Point:
+def point(curve: ErrorCurve) -> Point:
     """`curve` as a function of one angle in plain floats; equal to the curve to rounding."""
     rate = curve.rate
     count = 0 if rate is None else len(rate.powers)
@@ -94,7 +94,7 @@ def point(curve: Curve) -> Point:
     return with_rate
 
 
-def _angle_part(curve: Curve, p: list[float]) -> Callable[[float], float]:
+def _angle_part(curve: ErrorCurve, p: list[float]) -> Callable[[float], float]:
     if curve.form is Form.FOURIER:
         constant = p[0]
         # the highest harmonic first
@@ -171,7 +171,7 @@ class LiveCompensation:
         self._heading_gaps = [] if heading is None or not heading.coverage.has_gap else [_gap(heading)]
 
     @staticmethod
-    def _points(curves: dict[str, Curve], *names: str) -> tuple[Point, ...]:
+    def _points(curves: dict[str, ErrorCurve], *names: str) -> tuple[Point, ...]:
         return tuple(point(curves[name]) for name in names if name in curves)
 
     def at(self, rotor_deg: float | None, rate_dps: float | None = None) -> RotorError | None:
@@ -246,7 +246,7 @@ def mean_error(errors: Iterable[RotorError | None]) -> RotorError | None:
     return RotorError(known[-1].theta_rad, inclination / n, toolface / n, across / n)
 
 
-def std_table(curve: Curve) -> list[float]:
+def std_table(curve: ErrorCurve) -> list[float]:
     """Standard deviation of the curve, rad, in the middle of each degree (at the rate in the middle of those seen)."""
     theta = np.asarray((np.arange(_STD_STEPS) + 0.5) * (TURN / _STD_STEPS), dtype=float)
     rate = None if curve.rate is None else np.full(theta.size, curve.rate.centre_radps)
@@ -260,7 +260,7 @@ def std_place(theta_rad: float) -> int:
     return int(theta_rad / TURN * _STD_STEPS) % _STD_STEPS
 
 
-def _gap(curve: Curve) -> tuple[float, float]:
+def _gap(curve: ErrorCurve) -> tuple[float, float]:
     return curve.coverage.gap_start_rad, curve.coverage.largest_gap_rad
 
 

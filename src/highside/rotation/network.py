@@ -14,7 +14,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.rotation.bases import combined, gram, projected
-from highside.rotation.curve import Curve, CurveMethod, Form, NetworkInput
+from highside.rotation.curve import CurveMethod, ErrorCurve, Form, NetworkInput
 from highside.rotation.samples import Samples
 
 HIDDEN = 8
@@ -33,7 +33,7 @@ def network(
     iterations: int = 200,
     hidden: int = HIDDEN,
     hidden_bias: bool = True,
-) -> Curve:
+) -> ErrorCurve:
     """Train on the samples. Raises Refused where less than half of the turn is covered."""
     samples.require_coverage()
     stride = -(-samples.n // MOST_ROWS)
@@ -54,7 +54,7 @@ def network(
         remarks.append(f"training stopped at {iterations} iterations; another seed gives another curve")
     if samples.n < 5 * weights.size:
         remarks.append(f"{samples.n} rows for {weights.size} parameters: the network follows the noise")
-    return Curve(
+    return ErrorCurve(
         CurveMethod.NETWORK,
         Form.NETWORK,
         hidden,

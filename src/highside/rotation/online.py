@@ -15,8 +15,8 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.errors import InputError
-from highside.rotation.curve import Curve, CurveMethod, Form
-from highside.rotation.samples import Coverage
+from highside.rotation.curve import CurveMethod, ErrorCurve, Form
+from highside.rotation.samples import AngleCoverage
 
 LEAST_MEMORY_TURNS = 1.0 / 6.0
 MOST_UNCERTAIN = 1.0
@@ -106,15 +106,15 @@ class OnlineFit:
         """The present curve at one angle."""
         return float(self._fill(theta_rad) @ self._state[-1])
 
-    def curve(self) -> Curve:
+    def curve(self) -> ErrorCurve:
         """The present state as a curve like those of the other methods."""
-        coverage = Coverage(
+        coverage = AngleCoverage(
             self._rows,
             self._travel / (2.0 * math.pi),
             0.0 if self._travel > 2 * math.pi else max(0.0, 2 * math.pi - self._travel),
             (self._theta or 0.0) % (2 * math.pi),
         )
-        return Curve(
+        return ErrorCurve(
             CurveMethod.ONLINE,
             Form.FOURIER,
             self.order,

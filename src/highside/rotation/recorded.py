@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from highside.arrays import Array
 from highside.attitude.angles import TURN, wrap_positive
 from highside.rotation.compensation import Compensation
-from highside.rotation.curve import Curve
+from highside.rotation.curve import ErrorCurve
 from highside.rotation.live import ATTITUDE_CHANNELS, HEADING, LEAST_LEVER_SIN, std_table
 from highside.rotation.turntable import ARCMIN, AXIS_CHANNELS
 
@@ -96,7 +96,7 @@ class _Rotor:
             square += np.square(np.array(std_table(curve))[self._place])
         return np.sqrt(square)
 
-    def _named(self, names: tuple[str, ...]) -> list[Curve]:
+    def _named(self, names: tuple[str, ...]) -> list[ErrorCurve]:
         return [self.curves[name] for name in names if name in self.curves]
 
 

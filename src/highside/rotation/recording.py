@@ -11,7 +11,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.errors import InputError
 from highside.rotation.compensation import Compensation
-from highside.rotation.curve import Curve
+from highside.rotation.curve import ErrorCurve
 from highside.rotation.direction import RotorMotion
 from highside.rotation.recorded import UncompensatedRows, attitudes, azimuths
 from highside.rotation.samples import Samples
@@ -179,13 +179,13 @@ def warnings_of(compensation: Compensation, columns: Columns) -> list[str]:
     return lines
 
 
-def shape_of(curve: Curve, theta_rad: Array) -> tuple[float, float]:
+def shape_of(curve: ErrorCurve, theta_rad: Array) -> tuple[float, float]:
     """Half of a curve's range over rotor angles (N,), and its largest standard deviation there, arcmin."""
     rate = None if curve.rate is None else np.full(theta_rad.size, curve.rate.centre_radps)
     return float(np.ptp(curve(theta_rad, rate)) / 2.0), float(curve.std(theta_rad, rate).max())
 
 
-def described(curve: Curve) -> dict[str, Any]:
+def described(curve: ErrorCurve) -> dict[str, Any]:
     """What a reader wants to know of a curve, as plain values in arcmin."""
     half_range, std_worst = shape_of(curve, np.linspace(0.0, 2.0 * np.pi, 721))
     return {

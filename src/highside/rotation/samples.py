@@ -23,7 +23,7 @@ LEAST_COVERED_RAD = np.pi
 
 
 @dataclass(frozen=True, slots=True)
-class Coverage:
+class AngleCoverage:
     """Which part of the turn the rows saw."""
 
     samples: int
@@ -94,13 +94,13 @@ class Samples:
         return int(self.theta_rad.size)
 
     @cached_property
-    def coverage(self) -> Coverage:
+    def coverage(self) -> AngleCoverage:
         wrapped = np.sort(wrap_positive(self.theta_rad))
         gaps = np.empty(wrapped.size)
         np.subtract(wrapped[1:], wrapped[:-1], out=gaps[:-1])
         gaps[-1] = wrapped[0] + TURN - wrapped[-1]
         at = int(np.argmax(gaps))
-        return Coverage(self.n, self._travel_rad[-1] / TURN, float(gaps[at]), float(wrapped[at]))
+        return AngleCoverage(self.n, self._travel_rad[-1] / TURN, float(gaps[at]), float(wrapped[at]))
 
     def require_coverage(self) -> None:
         """Raises Refused where less than half of the turn is covered."""

@@ -42,7 +42,7 @@ from highside.attitude.block import attitude_block
 from highside.attitude.quaternion import direction_cosines, from_rotation_vector, multiply, normalised
 from highside.errors import Refused
 from highside.rotation.bases import fourier_rows
-from highside.rotation.curve import Curve, CurveMethod
+from highside.rotation.curve import CurveMethod, ErrorCurve
 from highside.rotation.fit import FitOptions, fit
 from highside.rotation.samples import Samples
 
@@ -91,7 +91,7 @@ class SelfErrors:
             return 0.0
         return math.hypot(doubt.bias_radps / self.rate_radps, doubt.misalignment_rad)
 
-    def curves(self, doubt: GyroDoubt | None = None) -> dict[str, Curve]:
+    def curves(self, doubt: GyroDoubt | None = None) -> dict[str, ErrorCurve]:
         """`inclination` and `toolface` by `auto`, in arcminutes, with their held-out errors and limits."""
         circle = self.circle_rad(doubt or GyroDoubt())
         # a vertical that is off by a circle of radius c moves I by c and T by c / sin I
@@ -100,7 +100,7 @@ class SelfErrors:
         errors = {"inclination": self.inclination_rad, "toolface": self.toolface_rad}
         return {name: self._curve(arcmin * error, circle * levers[name]) for name, error in errors.items()}
 
-    def _curve(self, error: Array, circle: float) -> Curve:
+    def _curve(self, error: Array, circle: float) -> ErrorCurve:
         samples = Samples.build(self.theta_rad, error)
         curve = fit(samples, CurveMethod.AUTO, FitOptions())
         return _stated(curve, turn_to_turn(samples, curve), circle)
@@ -214,7 +214,7 @@ def _turned(t_s: Array, gyro: Array) -> Array:
     return normalised(q)
 
 
-def turn_to_turn(samples: Samples, curve: Curve) -> Array:
+def turn_to_turn(samples: Samples, curve: ErrorCurve) -> Array:
     """Standard deviation of each parameter by its scatter over the turns, (P,): noise of gyros is no noise of rows."""
     count = curve.parameters.size
     each = []
@@ -226,7 +226,7 @@ def turn_to_turn(samples: Samples, curve: Curve) -> Array:
     return np.std(each, axis=0, ddof=1) / math.sqrt(len(each)) if len(each) > 2 else np.zeros(count)
 
 
-def _stated(curve: Curve, scatter: Array, circle: float) -> Curve:
+def _stated(curve: ErrorCurve, scatter: Array, circle: float) -> ErrorCurve:
     """The curve with its constant set to zero, and the doubt of its harmonics."""
     parameters = curve.parameters.copy()
     parameters[0] = 0.0

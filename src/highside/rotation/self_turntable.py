@@ -22,14 +22,14 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.errors import Refused
-from highside.rotation.curve import Curve, CurveMethod
+from highside.rotation.curve import CurveMethod, ErrorCurve
 from highside.rotation.fit import FitOptions, fit
 from highside.rotation.samples import Samples
 from highside.rotation.self_reference import ErrorPart, GyroDoubt, SelfErrors, turn_to_turn
 from highside.rotation.turntable import ARCMIN, AXIS_CHANNELS, fit_turntable
 
 
-def self_turntable(recordings: Sequence[SelfErrors], doubt: GyroDoubt | None = None) -> dict[str, Curve]:
+def self_turntable(recordings: Sequence[SelfErrors], doubt: GyroDoubt | None = None) -> dict[str, ErrorCurve]:
     """Curves `encoder`, `across`, `along` in arcminutes from two recordings or more of one part, `rotor` or `decoded`.
 
     Raises Refused for the part `sensor`, and where the inclinations do not differ enough.
@@ -75,7 +75,7 @@ def _scatter(one: SelfErrors, along: bool, order: int) -> Array:
     return turn_to_turn(samples, curve)
 
 
-def _stated(curve: Curve, spread: Array, circle: float) -> Curve:
+def _stated(curve: ErrorCurve, spread: Array, circle: float) -> ErrorCurve:
     parameters = curve.parameters.copy()
     parameters[0] = 0.0
     own = np.sqrt(np.maximum(np.diag(curve.covariance), 1e-300))

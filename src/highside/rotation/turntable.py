@@ -20,8 +20,8 @@ from highside.arrays import Array
 from highside.errors import InputError, Refused
 from highside.rotation.bases import fourier_rows, fourier_sum, triangle_of
 from highside.rotation.compensation import Compensation, Validity
-from highside.rotation.curve import Curve, CurveMethod, Form
-from highside.rotation.samples import Coverage, Samples
+from highside.rotation.curve import CurveMethod, ErrorCurve, Form
+from highside.rotation.samples import AngleCoverage, Samples
 
 ARCMIN = np.pi / 10800.0
 AXIS_CHANNELS = ("encoder", "across", "along")
@@ -44,7 +44,7 @@ class TurntableCurve:
     noise_rad: float
     along_covariance: Array
     along_noise_rad: float
-    coverage: Coverage
+    coverage: AngleCoverage
 
     def toolface_error(self, theta_rad: Array, inc_rad: Array | float) -> Array:
         """(N,) rad, what the toolface reference is off at rotor angles (N,) and inclination(s)."""
@@ -58,8 +58,8 @@ class TurntableCurve:
         """As a file's content: channels `encoder`, `across` and `along`; the recording's name and hash."""
         half = self.encoder.size
 
-        def curve(values: Array, covariance: Array, noise_rad: float) -> Curve:
-            return Curve(
+        def curve(values: Array, covariance: Array, noise_rad: float) -> ErrorCurve:
+            return ErrorCurve(
                 CurveMethod.AUTO,
                 Form.FOURIER,
                 self.order,

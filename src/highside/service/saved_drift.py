@@ -10,23 +10,20 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from highside.errors import InputError, Refused
 from highside.gyro.gates import StillStatistics
 from highside.reading import parse_json, read_bytes
 from highside.recording.files import write_whole
 from highside.service import clock
+from highside.service.strict import Strict
 
 SAVED = {"q": 4, "bias": 3, "scale": 1, "accel_bias": 3, "P": 100, "psi0": 1, "stop": 5, "tally": 10}
 """parts of the filter's state that are kept, and how many numbers each has (P by rows)"""
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class HeadingAlignment(_Strict):
+class HeadingAlignment(Strict):
     """When and how the azimuth was given."""
 
     azimuth_deg: Annotated[float, Field(ge=0, le=360)]
@@ -35,7 +32,7 @@ class HeadingAlignment(_Strict):
     t: float | None = Field(description="UTC, seconds since 1970; null: not known.")
 
 
-class Stamp(_Strict):
+class Stamp(Strict):
     """When something was kept, by three clocks: a `clock.Moment` as it stands in a file."""
 
     wall_s: float
@@ -53,7 +50,7 @@ class Stamp(_Strict):
         return clock.age_s(self, now)
 
 
-class SavedDrift(_Strict):
+class SavedDrift(Strict):
     """What a drift stage knew."""
 
     latitude_deg: float | None
@@ -97,7 +94,7 @@ class SavedDrift(_Strict):
         return StillStatistics(self.still[0], self.still[1], self.still[2], np.array(self.still[3:]))
 
 
-class DriftFile(_Strict):
+class DriftFile(Strict):
     """The file."""
 
     format: Literal["highside.drift/1"] = "highside.drift/1"

@@ -14,12 +14,13 @@ import logging
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from highside.errors import HighsideError
 from highside.reading import parse_json, read_bytes
 from highside.recording.files import write_whole
 from highside.service.saved_drift import Stamp
+from highside.service.strict import Strict
 
 log = logging.getLogger("highside")
 
@@ -33,18 +34,14 @@ KEPT = 50
 KILLED = "killed, without a word"
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class End(_Strict):
+class End(Strict):
     """An end that nobody requested."""
 
     boot_s: float
     how: Annotated[str, Field(max_length=500)]
 
 
-class Starts(_Strict):
+class Starts(Strict):
     """The file."""
 
     format: Literal["highside.starts/1"] = "highside.starts/1"

@@ -13,7 +13,7 @@ from highside.arrays import Array
 from highside.bench.session.entries import HoldReadings
 from highside.bench.session.plans import Limits
 from highside.bench.session.reasons import Rejection
-from highside.bench.session.stillness import AllanCurve, NoiseFloor, ReadingWindow, drift_sigmas
+from highside.bench.session.stillness import AllanCurve, ReadingWindow, RunningNoiseFloor, drift_sigmas
 
 DRIFT_SIGMAS = 6.0
 MAX_GAP_S = 0.5
@@ -26,7 +26,9 @@ MIN_TRIMMED = 8
 class Hold:
     """Collects windows; `pose` is the pose taken for (None where poses are found by themselves)."""
 
-    def __init__(self, pose: str | None, floor: NoiseFloor, allan: AllanCurve, limits: Limits, rate_hz: float) -> None:
+    def __init__(
+        self, pose: str | None, floor: RunningNoiseFloor, allan: AllanCurve, limits: Limits, rate_hz: float
+    ) -> None:
         self.pose = pose
         self._floor = floor
         self._allan = allan

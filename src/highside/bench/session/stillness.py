@@ -64,7 +64,7 @@ def make_window(t_s: float, a: Array, temp_c: float | None) -> ReadingWindow:
     return ReadingWindow(t_s, a, mean, scatter, temp_c, bool(np.all(a == a[:, :1])))
 
 
-class NoiseFloor:
+class RunningNoiseFloor:
     """Noise of one reading at rest (3,), from the calmest times so far.
 
     The mean square scatter of an epoch of windows is an unbiased measure of its noise; epochs in which the tool was
@@ -165,7 +165,7 @@ class AllanCurve:
 class StillnessMonitor:
     """Judges window by window. `value` is the largest departure over its limit; `still` says it is at most 1."""
 
-    def __init__(self, floor: NoiseFloor, allan: AllanCurve) -> None:
+    def __init__(self, floor: RunningNoiseFloor, allan: AllanCurve) -> None:
         self.floor = floor
         self.allan = allan
         self.value = 0.0

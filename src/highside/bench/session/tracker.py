@@ -19,8 +19,8 @@ from highside.bench.session.stillness import (
     MIN_WINDOW_READINGS,
     WINDOW_S,
     AllanCurve,
-    NoiseFloor,
     ReadingWindow,
+    RunningNoiseFloor,
     StillnessMonitor,
     make_window,
 )
@@ -46,7 +46,7 @@ class Tracker:
 
     def __init__(self, limits: Limits, known_noise_g: float | None = None) -> None:
         self._limits = limits
-        self.floor = NoiseFloor(known_noise_g)
+        self.floor = RunningNoiseFloor(known_noise_g)
         self.allan = AllanCurve()
         self.stillness = StillnessMonitor(self.floor, self.allan)
         self.rate_hz: float | None = None

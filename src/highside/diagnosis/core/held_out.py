@@ -23,7 +23,7 @@ class Gains(Protocol):
         ...
 
 
-class HeldOut:
+class HeldOutBlocks:
     """Prediction of contiguous blocks from the rest, whitened; `base` (P, N) columns fitted always."""
 
     def __init__(self, base: Array, residual: Array, folds: Sequence[NDArray[np.intp]]) -> None:
@@ -60,8 +60,8 @@ class PoseGains:
     """
 
     candidate_set: CandidateSet
-    held_out: HeldOut
-    apart: HeldOut | None = None
+    held_out: HeldOutBlocks
+    apart: HeldOutBlocks | None = None
 
     def gain(self, before: Sequence[Term], after: Sequence[Term]) -> tuple[float, float]:
         held_out = self.held_out
@@ -103,7 +103,7 @@ def block_proof(
     how: str,
 ) -> Fit:
     """Misfit before and after, in sample and on left-out blocks; all in g, base and claims (P, N), residual (N,)."""
-    plain = HeldOut(base, residual, folds)
+    plain = HeldOutBlocks(base, residual, folds)
     before, held = plain.errors(claimed[:0]), plain.errors(claimed)
 
     def rms(parts: list[Array]) -> float:

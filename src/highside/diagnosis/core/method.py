@@ -12,7 +12,7 @@ from highside.errors import InputError
 
 
 @dataclass(frozen=True, slots=True)
-class Method:
+class ProcedureParts:
     """The parts of the procedure; all are in force unless the method itself is under test."""
 
     colour: bool = True
@@ -25,7 +25,7 @@ class Method:
     """else nothing but the library's effects is looked for"""
 
     @classmethod
-    def without(cls, part: str | None) -> Method:
+    def without(cls, part: str | None) -> ProcedureParts:
         """All parts but one. Raises InputError for a part that there is not."""
         if part is None:
             return cls()
@@ -35,4 +35,4 @@ class Method:
         return replace(cls(), **{part: False})
 
 
-WHOLE = Method()
+WHOLE = ProcedureParts()

@@ -21,7 +21,7 @@ from highside.diagnosis.core.fit import JointFit, ObservationModel
 from highside.diagnosis.core.floor import Excess
 from highside.diagnosis.core.location import Scan
 from highside.diagnosis.core.memory import Channel, Memory, SlowEffect
-from highside.diagnosis.core.method import WHOLE, Method
+from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.problem_policy import ProblemPolicy
 from highside.diagnosis.core.repeatability import Remaining
 from highside.diagnosis.core.result import Diagnosis, Fit, Location
@@ -115,7 +115,7 @@ class Problem(ABC, Generic[N]):
     unobservable: list[Unobservable]
     free: tuple[str, ...]
     seed: int
-    method: Method = field(default=WHOLE, kw_only=True)
+    method: ProcedureParts = field(default=WHOLE, kw_only=True)
     second_order: Array | float = field(default=0.0, kw_only=True)
     """(C, n) what strong effects do beyond first order: taken out of the residual, as all is chosen to first order"""
 

@@ -15,7 +15,7 @@ from highside.diagnosis.core.candidate_set import CandidateSet, Term, pose_flips
 from highside.diagnosis.core.candidates import pose_candidates, unnamed_interactions
 from highside.diagnosis.core.fit import JointFit, base_fit, joint_fit
 from highside.diagnosis.core.floor import Excess, excess
-from highside.diagnosis.core.held_out import HeldOut, PoseGains, block_gain, block_proof
+from highside.diagnosis.core.held_out import HeldOutBlocks, PoseGains, block_gain, block_proof
 from highside.diagnosis.core.location import Basis, followed, intervals, scan_of
 from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.core.memory import Channel, Innovating, Likelihoods, Memory, SlowEffect
@@ -194,7 +194,7 @@ class MagnitudeProblem(StillProblem[MagnitudeNoise]):
         rich = np.asarray(left / np.sqrt(np.maximum(1.0 - np.sum(space**2, axis=0), MAGNITUDE_CHOICE.least_left)))
         chance = pose_flips(rich, rng, 1)
         limit = threshold(candidate_set.score_test, candidate_set.owner, chance, base, noise.freedom)
-        held_out = HeldOut(noise.white(self.base), noise.white(self.residual), self._folds())
+        held_out = HeldOutBlocks(noise.white(self.base), noise.white(self.residual), self._folds())
         selector = Selector(
             candidate_set, base, residual, noise.freedom, limit, PoseGains(candidate_set, held_out), residual.size
         )
@@ -252,7 +252,7 @@ class MagnitudeProblem(StillProblem[MagnitudeNoise]):
 
     def holds_up(self, term: Term) -> bool:
         unit = self.noise.std
-        held_out = HeldOut(self.base[:, 0] / unit, self.residual[0] / unit, self._folds())
+        held_out = HeldOutBlocks(self.base[:, 0] / unit, self.residual[0] / unit, self._folds())
         energies = [
             np.array([float(e @ e) for e in held_out.errors(self.block(terms)[:, 0] / unit)]) for terms in ([], [term])
         ]

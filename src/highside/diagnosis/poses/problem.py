@@ -15,10 +15,10 @@ from highside.diagnosis.core.candidates import CHANNELS, Candidate, pose_candida
 from highside.diagnosis.core.causes import located_by_cause
 from highside.diagnosis.core.fit import JointFit, Observed, base_fit, joint_fit
 from highside.diagnosis.core.floor import Excess, excess
-from highside.diagnosis.core.held_out import HeldOut, PoseGains, block_proof, pose_folds
+from highside.diagnosis.core.held_out import HeldOutBlocks, PoseGains, block_proof, pose_folds
 from highside.diagnosis.core.location import locate, locate_whole, on_channel, pose_bases, pose_cells, scan_of
 from highside.diagnosis.core.memory import Channel, Likelihoods, Memory, SlowEffect
-from highside.diagnosis.core.method import WHOLE, Method
+from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.policy import FITS, RIVALS, SELECTION
 from highside.diagnosis.core.problem import ReportData, SelectionState, parts_of
 from highside.diagnosis.core.problem_policy import ProblemPolicy
@@ -56,7 +56,7 @@ class PoseProblem(StillProblem[PoseNoise]):
 
     @classmethod
     def of(
-        cls, session: PoseSession, model: ForwardModel, free: tuple[str, ...], seed: int, method: Method = WHOLE
+        cls, session: PoseSession, model: ForwardModel, free: tuple[str, ...], seed: int, method: ProcedureParts = WHOLE
     ) -> PoseProblem:
         """Fit the base, make the columns, learn the noise."""
         state = session.state
@@ -116,7 +116,7 @@ class PoseProblem(StillProblem[PoseNoise]):
         limit = threshold(candidate_set.score_test, candidate_set.owner, pose_flips(rich, rng), base, noise.freedom)
         rows = noise.white(fitted), noise.white(self.residual)
         folds, apart = (pose_folds(self.session.n, interleaved=i) for i in (False, True))
-        gains = PoseGains(candidate_set, HeldOut(*rows, folds), HeldOut(*rows, apart))
+        gains = PoseGains(candidate_set, HeldOutBlocks(*rows, folds), HeldOutBlocks(*rows, apart))
         selector = Selector(
             candidate_set, base, residual, noise.freedom, limit, gains, residual.size, starts=SELECTION.starts
         )
@@ -224,7 +224,7 @@ class PoseProblem(StillProblem[PoseNoise]):
         words = f"{len(folds)} contiguous blocks of poses"
         flat = self.residual.reshape(-1)
         base, claimed = (c.reshape(-1, flat.size) for c in (self.base, self.block(terms)))
-        plain = HeldOut(base, flat, folds)
+        plain = HeldOutBlocks(base, flat, folds)
         if any(plain.hides(self.block([m]).reshape(-1, flat.size)) for m in terms):
             folds = pose_folds(self.session.n, interleaved=True)
             words = f"{len(folds)} sets of every {len(folds)}th pose, since what was found lives within few poses"
@@ -255,7 +255,7 @@ class PoseProblem(StillProblem[PoseNoise]):
         }
 
 
-def _learned(session: PoseSession, residual: Array, rich: Array, tangents: Array, method: Method) -> PoseNoise:
+def _learned(session: PoseSession, residual: Array, rich: Array, tangents: Array, method: ProcedureParts) -> PoseNoise:
     """The noise of what the rich model does not explain."""
     return noise_model.estimate(
         residual,

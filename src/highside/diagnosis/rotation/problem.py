@@ -16,7 +16,7 @@ from highside.diagnosis.core.fit import JointFit, Observed, base_fit, joint_fit
 from highside.diagnosis.core.held_out import gain_interval
 from highside.diagnosis.core.location import followed
 from highside.diagnosis.core.memory import SlowEffect
-from highside.diagnosis.core.method import WHOLE, Method
+from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.policy import FITS, RIVALS
 from highside.diagnosis.core.problem import ReportData, SelectionState, parts_of
 from highside.diagnosis.core.problem_policy import ProblemPolicy
@@ -60,7 +60,7 @@ class RotationProblem(RowsProblem):
         model: ForwardModel,
         free: tuple[str, ...],
         seed: int,
-        method: Method = WHOLE,
+        method: ProcedureParts = WHOLE,
         pilot: PilotFit | None = None,
     ) -> RotationProblem:
         """Fit the base, learn the noise, pass over the rows. What a pilot fit's terms do beyond first order is taken

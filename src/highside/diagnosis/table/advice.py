@@ -13,7 +13,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.core.candidates import columns_of
 from highside.diagnosis.table.chain import CELLS, Draws, Linear, Sessions, draw, errors_in_common, tell
-from highside.diagnosis.table.fit import PEAK, Fitted, Table
+from highside.diagnosis.table.fit import PEAK, ErrorTable, Fitted
 from highside.diagnosis.table.policy import STATION_ADVICE, TABLE_FITS
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
@@ -21,7 +21,7 @@ from highside.physics.forward import ForwardModel
 
 def next_station(
     model: ForwardModel,
-    table: Table,
+    table: ErrorTable,
     base_names: Sequence[str],
     base_units: Array,
     best: Fitted,
@@ -69,7 +69,7 @@ def next_station(
 def _predicted(
     sessions: Sessions,
     model: ForwardModel,
-    table: Table,
+    table: ErrorTable,
     base_names: Sequence[str],
     base_units: Array,
     fitted: Fitted,

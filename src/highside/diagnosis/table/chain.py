@@ -203,7 +203,7 @@ def through(sessions: Sessions, clean: Array, columns: Array) -> Array:
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class PredictedCells:
     """What a table says of corrected readings: cells (M, R, 4) in deg of each draw, and the derivatives of their mean.
 
     `slope` (P + 1, R, 4): by the parameters and by the noise (deg a unit).
@@ -213,7 +213,7 @@ class Figures:
     slope: Array
 
 
-def tell(linear: Linear, values: Array, noise_g: float, draws: Draws, *, slopes: bool = True) -> Figures:
+def tell(linear: Linear, values: Array, noise_g: float, draws: Draws, *, slopes: bool = True) -> PredictedCells:
     """Mean and peak-to-peak of I and T over each revolution, in every draw."""
     sessions = linear.sessions
     field = linear.field(values)
@@ -255,7 +255,7 @@ def tell(linear: Linear, values: Array, noise_g: float, draws: Draws, *, slopes:
                 slope[-1, :, which + 1] += sign * np.sum(
                     np.moveaxis(weight, 1, 2) * flat_noise[drawn, :, row, at], axis=(0, 2)
                 )
-    return Figures(np.degrees(cells), np.degrees(slope / count))
+    return PredictedCells(np.degrees(cells), np.degrees(slope / count))
 
 
 def _angles(g: NDArray[np.float32], inc_rad: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

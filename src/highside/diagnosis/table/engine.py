@@ -30,12 +30,12 @@ from highside.diagnosis.core.result import (
 )
 from highside.diagnosis.table.advice import next_station
 from highside.diagnosis.table.chain import CELLS, Linear, Procedure, tell
-from highside.diagnosis.table.explained import Explained, Problem, explain, prepare
-from highside.diagnosis.table.fit import Fitted, Table, covariance_of_values, deviance_at, fit_set
+from highside.diagnosis.table.explained import Explained, TableProblem, explain, prepare
+from highside.diagnosis.table.fit import ErrorTable, Fitted, covariance_of_values, deviance_at, fit_set
 from highside.diagnosis.table.instrument import detectable, instrument
 from highside.diagnosis.table.policy import TABLE_VERDICT
 from highside.diagnosis.table.search import (
-    Ranking,
+    TableRanking,
     alike,
     left_out_row,
     other_amplitudes,
@@ -104,7 +104,7 @@ def diagnose_summary(
     problem = prepare(inc_deg, published, procedure, model, tuple(free), noise_g, seed)
     explained = explain(problem, lambda share, words: tell_progress(TABLE_VERDICT.progress[0] * share, words))
     problem, best, table = explained.problem, explained.best, explained.problem.table
-    rankings: dict[int, Ranking] = {}
+    rankings: dict[int, TableRanking] = {}
     for k in range(len(best.options)):
         if _shows_in_means(table, best, k):
             tell_progress(
@@ -116,7 +116,7 @@ def diagnose_summary(
     return _conclude(explained, rankings, version)
 
 
-def _conclude(explained: Explained, rankings: dict[int, Ranking], version: str) -> Summarised:
+def _conclude(explained: Explained, rankings: dict[int, TableRanking], version: str) -> Summarised:
     problem, best, tried, lost = explained.problem, explained.best, explained.tried, explained.lost
     table, base = problem.table, problem.base
     places = [_location(table, best, k) for k in range(len(best.options))]
@@ -172,7 +172,7 @@ def _conclude(explained: Explained, rankings: dict[int, Ranking], version: str) 
     )
 
 
-def _scatter_gain(table: Table, fitted: Fitted) -> float:
+def _scatter_gain(table: ErrorTable, fitted: Fitted) -> float:
     """How much more likely the cells are with a scatter beyond chance than without (deviance)."""
     mask = table.mask
     left = (table.published - fitted.cells).reshape(-1)[mask]
@@ -206,7 +206,7 @@ def _implausible(best: Fitted) -> list[str]:
     return outside
 
 
-def _parameters(problem: Problem, best: Fitted) -> list[dict[str, FittedParameter]]:
+def _parameters(problem: TableProblem, best: Fitted) -> list[dict[str, FittedParameter]]:
     std = np.sqrt(np.diag(covariance_of_values(problem.table, best)))
     result = []
     for k, option in enumerate(best.options):
@@ -224,7 +224,7 @@ def _parameters(problem: Problem, best: Fitted) -> list[dict[str, FittedParamete
     return result
 
 
-def _gain_p(table: Table, best: Fitted, index: int) -> float:
+def _gain_p(table: ErrorTable, best: Fitted, index: int) -> float:
     others = tuple(o for k, o in enumerate(best.options) if k != index)
     rest = fit_set(table, others, best)
     option = best.options[index]
@@ -232,7 +232,7 @@ def _gain_p(table: Table, best: Fitted, index: int) -> float:
     return min(1.0, p * option.tries)
 
 
-def _moves(table: Table, best: Fitted, index: int) -> Array:
+def _moves(table: ErrorTable, best: Fitted, index: int) -> Array:
     """(R, 4) sigma by which one term moves the cells that count."""
     without = best.values.copy()
     without[best.own(index)] = 0.0
@@ -241,7 +241,7 @@ def _moves(table: Table, best: Fitted, index: int) -> Array:
     return np.where(table.mask.reshape(-1, 4), (best.cells - said) / best.sigma(table), 0.0)
 
 
-def _shows_in_means(table: Table, best: Fitted, index: int) -> bool:
+def _shows_in_means(table: ErrorTable, best: Fitted, index: int) -> bool:
     """Whether a term moves a mean.
 
     A constant of toolface does not count: errors of the correction's own poses make one.
@@ -255,18 +255,18 @@ def _shows_in_means(table: Table, best: Fitted, index: int) -> bool:
     return energy > TABLE_VERDICT.shows and energy > TABLE_VERDICT.of_means * float(np.sum(moved**2))
 
 
-def _location(table: Table, best: Fitted, index: int) -> Location:
+def _location(table: ErrorTable, best: Fitted, index: int) -> Location:
     """Rows and columns that one term moves, in sigma."""
     moved = _moves(table, best, index)
     return _where(table, moved, 1.0, _gain_p(table, best, index))
 
 
-def _base_location(table: Table, base: Fitted, best: Fitted) -> Location:
+def _base_location(table: ErrorTable, base: Fitted, best: Fitted) -> Location:
     z = np.nan_to_num((table.published - base.cells) / np.sqrt(np.diag(best.chance)).reshape(-1, 4))
     return _where(table, z, 1.0, chi2_beyond(_scatter_gain(table, base), 1))
 
 
-def _where(table: Table, moved: Array, share: float, p: float) -> Location:
+def _where(table: ErrorTable, moved: Array, share: float, p: float) -> Location:
     moved = np.where(table.mask.reshape(-1, 4), moved, 0.0)
     by_column = np.sum(moved**2, axis=0)
     columns = [c for c in range(4) if by_column[c] > PLACES.channel_share * by_column.max()]
@@ -284,7 +284,9 @@ def _where(table: Table, moved: Array, share: float, p: float) -> Location:
     return Location(tuple(CELLS[c] for c in columns), "inc_ref_deg", tuple(intervals), None, share, p)
 
 
-def _claim(problem: Problem, best: Fitted, index: int, own: Ranking, parameters: dict[str, FittedParameter]) -> Claim:
+def _claim(
+    problem: TableProblem, best: Fitted, index: int, own: TableRanking, parameters: dict[str, FittedParameter]
+) -> Claim:
     effect = all_effects()[own.option.effect]
     instead = {name: fitted for name, fitted in own.instead.items() if name in own.same}
     advice = next_station(
@@ -305,7 +307,9 @@ def _claim(problem: Problem, best: Fitted, index: int, own: Ranking, parameters:
     )
 
 
-def _proof(table: Table, base: Fitted, best: Fitted, report_data: SummaryReportData, mask: NDArray[np.bool_]) -> Fit:
+def _proof(
+    table: ErrorTable, base: Fitted, best: Fitted, report_data: SummaryReportData, mask: NDArray[np.bool_]
+) -> Fit:
     """Each inclination predicted from the others, in units of the cells' final sigma."""
     cells = mask.reshape(-1, 4)
     rows = np.flatnonzero(cells.any(axis=1))
@@ -332,10 +336,10 @@ def _proof(table: Table, base: Fitted, best: Fitted, report_data: SummaryReportD
 
 
 def _remainder(
-    problem: Problem,
+    problem: TableProblem,
     best: Fitted,
     tried: Sequence[Fitted],
-    rankings: dict[int, Ranking],
+    rankings: dict[int, TableRanking],
     believed: list[int],
     lost: dict[int, float],
     beyond: float,

@@ -16,7 +16,7 @@ from highside.diagnosis.core.candidates import pose_candidates
 from highside.diagnosis.core.policy import REGRESSION
 from highside.diagnosis.core.result import NotTestable
 from highside.diagnosis.table.chain import Linear, Procedure, Sessions
-from highside.diagnosis.table.fit import Fitted, Option, Table, fit_set, options_of, rechanced
+from highside.diagnosis.table.fit import ErrorTable, Fitted, Option, fit_set, options_of, rechanced
 from highside.diagnosis.table.policy import EXPLAINING
 from highside.diagnosis.table.search import polished, search, unexplained_rows
 from highside.errors import InputError
@@ -40,14 +40,14 @@ def not_in_a_table() -> dict[str, str]:
 
 
 @dataclass(frozen=True)
-class Problem:
+class TableProblem:
     """What there is to explain and what may explain it: the model that is known, its parameters that may be refitted
     (`base_names`, in units of `base_units`), the table, the effects, and those that leave no trace in it."""
 
     model: ForwardModel
     base_names: list[str]
     base_units: Array
-    table: Table
+    table: ErrorTable
     options: list[Option]
     base: Fitted
     lacking: list[NotTestable]
@@ -58,13 +58,13 @@ class Problem:
 class Explained:
     """The best set, all that were tried (best score first), and rows left out with their probability."""
 
-    problem: Problem
+    problem: TableProblem
     best: Fitted
     tried: list[Fitted]
     lost: dict[int, float]
 
 
-def explain(problem: Problem, progress: Progress) -> Explained:
+def explain(problem: TableProblem, progress: Progress) -> Explained:
     """Search for the set of effects that the table requires; rows that it does not explain are left out."""
     found = search(
         problem.table, problem.options, problem.base, report=lambda s, w: progress(EXPLAINING.progress * s, w)
@@ -97,7 +97,7 @@ def prepare(
     free: tuple[str, ...],
     noise_g: float | None,
     seed: int,
-) -> Problem:
+) -> TableProblem:
     """The problem of R rows `published` (R, 4) in deg at inclinations (R,). Raises InputError where they say too
     little."""
     if POSE_ERROR.id not in model.ids:
@@ -122,14 +122,14 @@ def prepare(
         visible = np.mean(probe.columns**2, axis=(1, 2, 3)) > REGRESSION.independent * np.mean(columns**2, axis=(1, 2))
         kept = [int(k) for k in np.flatnonzero(visible)]
     base_columns = columns[kept] if columns is not None else np.empty((0, 3, sessions.state.n))
-    table = Table.of(sessions, published, model, base_columns, noise_g, seed)
+    table = ErrorTable.of(sessions, published, model, base_columns, noise_g, seed)
     if table.mask.sum() < EXPLAINING.min_cells:
         raise InputError(
             f"{int(table.mask.sum())} cells are too few for a diagnosis", remedy=f"give {EXPLAINING.min_cells}"
         )
     options, lacking = _options(sessions, model, free)
     base = rechanced(table, fit_set(table, ()))
-    return Problem(model, [names[k] for k in kept], units[kept], table, options, base, lacking, seed)
+    return TableProblem(model, [names[k] for k in kept], units[kept], table, options, base, lacking, seed)
 
 
 def _options(sessions: Sessions, model: ForwardModel, free: tuple[str, ...]) -> tuple[list[Option], list[NotTestable]]:

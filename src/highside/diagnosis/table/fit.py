@@ -70,7 +70,7 @@ def _which(variant: Variant, whole: Variant) -> list[int]:
 
 
 @dataclass(frozen=True)
-class Table:
+class ErrorTable:
     """What is to be explained: `published` (R, 4) deg with NaN where lost, and how it was measured.
 
     `base` (P, 3, R, S) are the fields of what is fitted anyway: what may be refitted, in typical units, and behind it
@@ -91,7 +91,7 @@ class Table:
     @classmethod
     def of(
         cls, sessions: Sessions, published: Array, model: ForwardModel, base: Array, noise_g: float | None, seed: int
-    ) -> Table:
+    ) -> ErrorTable:
         """At a model whose random effects say how the bench stops; `base` (P, 3, N) columns of its free parameters."""
         clean = np.asarray(model.predict(sessions.state), dtype=float)
         size = noise_g or TABLE_FITS.noise_g
@@ -122,7 +122,7 @@ class Table:
         known[: self.known.size] = self.known
         return np.asarray(known**-2.0)
 
-    def without_row(self, row: int) -> Table:
+    def without_row(self, row: int) -> ErrorTable:
         """The same with one more row left out."""
         use = self.use.copy()
         use[row] = False
@@ -153,11 +153,11 @@ class Fitted:
     jacobian: Array = field(repr=False)
     """(P + 1, 4 R): by the values and by the logarithm of the noise"""
 
-    def covariance(self, table: Table) -> Array:
+    def covariance(self, table: ErrorTable) -> Array:
         """(4 R, 4 R) of chance and what is unexplained."""
         return np.asarray(self.chance + np.diag((self.tau_rad * table.spread) ** 2))
 
-    def sigma(self, table: Table) -> Array:
+    def sigma(self, table: ErrorTable) -> Array:
         """(R, 4) deg."""
         return np.asarray(np.sqrt(np.diag(self.covariance(table))).reshape(-1, 4))
 
@@ -173,7 +173,7 @@ class Fitted:
         return slice(start, start + sizes[index])
 
 
-def covariance_of_values(table: Table, fitted: Fitted) -> Array:
+def covariance_of_values(table: ErrorTable, fitted: Fitted) -> Array:
     """(P + 1, P + 1) covariance of the values (typical units) and the logarithm of the noise."""
     mask = table.mask
     cov = fitted.covariance(table)[np.ix_(mask, mask)]
@@ -182,7 +182,7 @@ def covariance_of_values(table: Table, fitted: Fitted) -> Array:
     return np.asarray(np.linalg.inv(inner))
 
 
-def chance_of(table: Table, linear: Linear, values: Array, noise_g: float) -> Array:
+def chance_of(table: ErrorTable, linear: Linear, values: Array, noise_g: float) -> Array:
     """Covariance (4 R, 4 R) in deg^2 of what chance does to the cells; that of the prediction's own mean included."""
     cells = tell(linear, values, noise_g, table.many, slopes=False).cells.reshape(TABLE_FITS.chance_draws, -1)
     cov = np.cov(cells.T) * (1.0 + 1.0 / TABLE_FITS.fit_draws)
@@ -191,7 +191,7 @@ def chance_of(table: Table, linear: Linear, values: Array, noise_g: float) -> Ar
 
 
 def fit_set(
-    table: Table,
+    table: ErrorTable,
     options: Sequence[Option],
     start: Fitted | None = None,
     *,
@@ -234,7 +234,7 @@ def _guesses(fresh: NDArray[np.bool_]) -> list[Array]:
     return [alternate, np.ones(fresh.size)]
 
 
-def _start_values(table: Table, options: Sequence[Option], start: Fitted | None) -> Array:
+def _start_values(table: ErrorTable, options: Sequence[Option], start: Fitted | None) -> Array:
     """Values to start from; NaN for what is new."""
     values = [np.zeros(len(table.base)) if start is None else start.values[: len(table.base)]]
     known = {} if start is None else {(o.effect, o.shape, o.amplitudes): i for i, o in enumerate(start.options)}
@@ -248,7 +248,7 @@ def _start_values(table: Table, options: Sequence[Option], start: Fitted | None)
 
 
 def _descend(
-    table: Table, linear: Linear, theta: Array, chance: Array, tau: float, steps: int = TABLE_FITS.steps
+    table: ErrorTable, linear: Linear, theta: Array, chance: Array, tau: float, steps: int = TABLE_FITS.steps
 ) -> tuple[float, Array]:
     mask, base = table.mask, len(table.base)
     lower = np.linalg.cholesky((chance + np.diag((tau * table.spread) ** 2))[np.ix_(mask, mask)])
@@ -306,7 +306,7 @@ def deviance_at(tau: float, chance: Array, spread: Array, left: Array) -> float:
     return float(left @ np.linalg.solve(cov, left) + np.linalg.slogdet(cov)[1])
 
 
-def _most_likely_tau(table: Table, linear: Linear, theta: Array, chance: Array) -> tuple[float, float]:
+def _most_likely_tau(table: ErrorTable, linear: Linear, theta: Array, chance: Array) -> tuple[float, float]:
     from scipy.optimize import minimize_scalar
 
     mask = table.mask
@@ -322,7 +322,7 @@ def _most_likely_tau(table: Table, linear: Linear, theta: Array, chance: Array) 
     return float(np.exp(found.x)), float(found.fun)
 
 
-def _finished(table: Table, linear: Linear, options: tuple[Option, ...], theta: Array, chance: Array) -> Fitted:
+def _finished(table: ErrorTable, linear: Linear, options: tuple[Option, ...], theta: Array, chance: Array) -> Fitted:
     tau, deviance = _most_likely_tau(table, linear, theta, chance)
     said = tell(linear, theta[:-1], float(np.exp(theta[-1])), table.draws)
     slope = said.slope.reshape(theta.size, -1).copy()
@@ -344,7 +344,7 @@ def _finished(table: Table, linear: Linear, options: tuple[Option, ...], theta: 
     )
 
 
-def rechanced(table: Table, fitted: Fitted) -> Fitted:
+def rechanced(table: ErrorTable, fitted: Fitted) -> Fitted:
     """The same set fitted with the covariance of chance at its own parameters."""
     fields = [table.base, *(option.field for option in fitted.options)]
     linear = Linear(table.sessions, table.start, np.concatenate(fields))

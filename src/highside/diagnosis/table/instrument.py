@@ -10,13 +10,13 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.core.result import Detectable
 from highside.diagnosis.table.chain import Linear, Procedure, Sessions, draw, tell
-from highside.diagnosis.table.fit import Fitted, Option, Table
+from highside.diagnosis.table.fit import ErrorTable, Fitted, Option
 from highside.diagnosis.table.policy import INSTRUMENT
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 
 
-def detectable(table: Table, options: Sequence[Option], best: Fitted) -> dict[str, Detectable]:
+def detectable(table: ErrorTable, options: Sequence[Option], best: Fitted) -> dict[str, Detectable]:
     """Smallest size of each effect beside the best set, from the slopes at it."""
     mask = table.mask
     cov = best.covariance(table)[np.ix_(mask, mask)]

@@ -22,7 +22,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.table.chain import Linear, errors_in_common, tell
 from highside.diagnosis.table.explained import Explained, Progress
-from highside.diagnosis.table.fit import Fitted, Option, Table, chance_of, fit_set
+from highside.diagnosis.table.fit import ErrorTable, Fitted, Option, chance_of, fit_set
 from highside.diagnosis.table.instrument import instrument
 from highside.diagnosis.table.policy import POSTERIOR, TABLE_FITS
 from highside.diagnosis.table.priors import covariance_with_priors, log_prior_of_scatter, log_prior_of_set, log_share
@@ -112,7 +112,7 @@ class _Chance:
     reading: Array
 
     @classmethod
-    def of(cls, table: Table, fitted: Fitted) -> _Chance:
+    def of(cls, table: ErrorTable, fitted: Fitted) -> _Chance:
         linear = Linear(
             table.sessions, table.start, np.concatenate([table.base, *(option.field for option in fitted.options)])
         )
@@ -127,7 +127,7 @@ class _Chance:
 class _Evidence:
     """What the table says of values of one set."""
 
-    table: Table
+    table: ErrorTable
     chance: _Chance
     linear: Linear
     log_prior_of_set: float

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.table.fit import Fitted, Option, Table
+from highside.diagnosis.table.fit import ErrorTable, Fitted, Option
 from highside.diagnosis.table.policy import EXPLAINING, POSTERIOR, TABLE_FITS
 
 
@@ -34,7 +34,7 @@ def log_share(options: Sequence[Option], own: Option) -> float:
     return float(np.log(share / len(shapes)))
 
 
-def covariance_with_priors(table: Table, fitted: Fitted) -> Array:
+def covariance_with_priors(table: ErrorTable, fitted: Fitted) -> Array:
     """(P + 1, P + 1) of the values and the logarithm of the noise, with their priors."""
     mask = table.mask
     cov = fitted.covariance(table)[np.ix_(mask, mask)]

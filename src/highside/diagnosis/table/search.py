@@ -16,14 +16,14 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.probability import chi2_beyond
-from highside.diagnosis.table.fit import Fitted, Option, Table, fit_set, rechanced
+from highside.diagnosis.table.fit import ErrorTable, Fitted, Option, fit_set, rechanced
 from highside.diagnosis.table.policy import SEARCH
 
 Report = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
-class Search:
+class TableSearch:
     """All sets that were tried, best first, and the best."""
 
     best: Fitted
@@ -31,7 +31,7 @@ class Search:
 
 
 def search(
-    table: Table,
+    table: ErrorTable,
     options: Sequence[Option],
     base: Fitted,
     *,
@@ -39,7 +39,7 @@ def search(
     depth: int = SEARCH.max_effects,
     seeds: Sequence[Fitted] = (),
     report: Report | None = None,
-) -> Search:
+) -> TableSearch:
     """Beam search from the base fit (and from other fitted sets). The smallest set within `SEARCH.step` a term of the
     best score is the answer."""
     beam: list[Fitted] = [base, *seeds]
@@ -67,7 +67,7 @@ def search(
         if beam[0].score > before - SEARCH.going_on * SEARCH.step:
             break
     tried = sorted(every.values(), key=lambda f: f.score)
-    return Search(_smallest(tried), tried)
+    return TableSearch(_smallest(tried), tried)
 
 
 def _smallest(tried: Sequence[Fitted]) -> Fitted:
@@ -76,7 +76,7 @@ def _smallest(tried: Sequence[Fitted]) -> Fitted:
 
 
 @dataclass(frozen=True)
-class Ranking:
+class TableRanking:
     """One term of the best set: how much better sets with it are than sets without it, and what may replace it."""
 
     option: Option
@@ -92,8 +92,8 @@ class Ranking:
 
 
 def ranking(
-    table: Table, options: Sequence[Option], base: Fitted, best: Fitted, tried: Sequence[Fitted], index: int
-) -> Ranking:
+    table: ErrorTable, options: Sequence[Option], base: Fitted, best: Fitted, tried: Sequence[Fitted], index: int
+) -> TableRanking:
     """Search without one term's effect, beside the other terms, and compare."""
     option = best.options[index]
     others = tuple(o for k, o in enumerate(best.options) if k != index)
@@ -139,10 +139,10 @@ def ranking(
         for o in f.options
         if o.effect == option.effect
     }
-    return Ranking(option, float(without), (option.effect, *same), instead, clear, len(shapes))
+    return TableRanking(option, float(without), (option.effect, *same), instead, clear, len(shapes))
 
 
-def _by_means(table: Table, options: Sequence[Option], best: Fitted, index: int) -> dict[str, Fitted]:
+def _by_means(table: ErrorTable, options: Sequence[Option], best: Fitted, index: int) -> dict[str, Fitted]:
     """Effects that explain the means as well as one term does, and require no larger peak-to-peaks than there are.
 
     What is missing of a peak-to-peak may be any ripple, so it speaks for no effect; only too much speaks against one.
@@ -191,13 +191,13 @@ def other_amplitudes(best: Fitted, tried: Sequence[Fitted], index: int) -> list[
     return list(dict.fromkeys(found))[:4]
 
 
-def _needed(table: Table, fitted: Fitted, place: int) -> bool:
+def _needed(table: ErrorTable, fitted: Fitted, place: int) -> bool:
     """Whether a set is worse without one of its terms."""
     rest = tuple(o for k, o in enumerate(fitted.options) if k != place)
     return fit_set(table, rest, fitted).score - fitted.score > SEARCH.step
 
 
-def polished(table: Table, fitted: Fitted) -> Fitted:
+def polished(table: ErrorTable, fitted: Fitted) -> Fitted:
     """The same set from other signs of its amplitudes: peak-to-peaks hardly know them, and no fit crosses zero."""
     best = rechanced(table, fitted)
     for k in range(len(fitted.options)):
@@ -218,7 +218,7 @@ def _patterns(count: int) -> list[Array]:
     return [-np.ones(count), *(np.where(np.arange(count) == k, -1.0, 1.0) for k in range(count))]
 
 
-def left_out_row(table: Table, fitted: Fitted, row: int) -> tuple[Array, Array, Array]:
+def left_out_row(table: ErrorTable, fitted: Fitted, row: int) -> tuple[Array, Array, Array]:
     """Prediction of one row from the others: residual (4,), its covariance (4, 4) in deg, and which cells count."""
     part = fit_set(table.without_row(row), fitted.options, fitted, rounds=1)
     cov = part.covariance(table)
@@ -239,7 +239,7 @@ def left_out_row(table: Table, fitted: Fitted, row: int) -> tuple[Array, Array, 
     return np.nan_to_num(left[cells] - gain @ left[rest]), np.asarray(spread), mask
 
 
-def unexplained_rows(table: Table, fitted: Fitted) -> dict[int, float]:
+def unexplained_rows(table: ErrorTable, fitted: Fitted) -> dict[int, float]:
     """Rows that the others do not predict, with the probability of their departure."""
     found: dict[int, float] = {}
     rows = np.flatnonzero(table.use)

@@ -30,7 +30,7 @@ Labelled = Sequence[tuple[dict[str, str], float | None]]
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class Scrape:
     """What one scrape shows."""
 
     tool: str
@@ -44,7 +44,7 @@ class MetricsServer:
     Raises InputError where the extra is not installed or the address cannot be listened on.
     """
 
-    def __init__(self, settings: MetricsSettings, ask: Callable[[], Figures], loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(self, settings: MetricsSettings, ask: Callable[[], Scrape], loop: asyncio.AbstractEventLoop) -> None:
         try:
             import prometheus_client as prometheus
         except ImportError:
@@ -68,10 +68,10 @@ class MetricsServer:
         self.closed = False
         log.info("metrics at http://%s:%d/metrics", settings.host, self.port)
 
-    def figures(self) -> Figures | None:
+    def figures(self) -> Scrape | None:
         """From any thread; None while the loop does not answer."""
 
-        async def ask() -> Figures:
+        async def ask() -> Scrape:
             return self._ask()
 
         future = asyncio.run_coroutine_threadsafe(ask(), self._loop)
@@ -92,7 +92,7 @@ class MetricsServer:
 class _Collector:
     """What prometheus_client asks at each scrape."""
 
-    def __init__(self, figures: Callable[[], Figures | None]) -> None:
+    def __init__(self, figures: Callable[[], Scrape | None]) -> None:
         self._figures = figures
 
     def describe(self) -> Iterable[Metric]:
@@ -156,7 +156,7 @@ ATTITUDE = (
 """The figures of the latest attitude: member of the message, and what it is."""
 
 
-def metrics_of(figures: Figures) -> Iterator[Metric]:
+def metrics_of(figures: Scrape) -> Iterator[Metric]:
     """All metrics of one moment, each labelled with the tool."""
     of, health = _Families(figures.tool), figures.health
     for name, text in ATTITUDE:

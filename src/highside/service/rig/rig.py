@@ -23,7 +23,7 @@ from highside.service.in_force import error_text
 from highside.service.messages import HealthMessage, latest_payload, survey_dict
 from highside.service.outputs import AttitudeOutput, Survey
 from highside.service.pipeline import Pipeline
-from highside.service.rig.metrics import Figures, MetricsServer
+from highside.service.rig.metrics import MetricsServer, Scrape
 from highside.service.rig.surveys import GravityTrend, SurveyLog, TrendPoint, trend_of, trusted
 from highside.service.rig.toolface import ToolfaceLog, ToolfaceOffset
 from highside.service.rig.wits import Latest, WitsOutput
@@ -212,8 +212,8 @@ class Rig:
                 told_s = newest.attitude_s
                 tell(latest_payload(newest.attitude_t, newest.attitude))
 
-    def _figures(self) -> Figures:
-        return Figures(self._in_force().settings.tool.id, self._health(), self.latest.attitude)
+    def _figures(self) -> Scrape:
+        return Scrape(self._in_force().settings.tool.id, self._health(), self.latest.attitude)
 
     async def stop(self, timeout_s: float) -> None:
         """End; every survey handed over is on the disk afterwards, if the disk takes it."""
