@@ -61,12 +61,12 @@ class Parser:
     sound: tuple[bytes, ...]
     """inputs without damage, which must be accepted"""
     modules: tuple[str, ...] = ()
-    """files and folders below `src/highside` that hold what reads it, besides `reading`"""
+    """files and folders below `src/highside` that hold what reads it, besides `READING`"""
 
     @cached_property
     def code(self) -> str:
         """Which state of the code it is: the first digits of the SHA-256 of its modules."""
-        return code_of(("reading", *self.modules))
+        return code_of((*READING, *self.modules))
 
 
 def code_of(modules: Sequence[str]) -> str:
@@ -274,13 +274,14 @@ def _at_once(work: Coroutine[Any, Any, Any]) -> Any:
     raise AssertionError("it waits")
 
 
-CONFIG = ("config",)
+READING = tuple(f"reading/{name}" for name in ("documents", "files", "texts"))
+CONFIG = ("config", "reading/config_table")
 CALIBRATION = ("calibration", "recording/calibration_store", "attitude")
-TABLES = ("recording/table",)
+TABLES = ("recording/table", "reading/table", "reading/columnar", "reading/arrays")
 ROTATION = ("rotation",)
 RIG = ("service/rig/surveys", "service/rig/toolface")
-SESSION = ("bench/mqtt", "bench/session")
-DRIFT = ("service/saved_drift", "service/drift_keeper", "service/drift_stage")
+SESSION = ("bench/mqtt", "bench/session", "reading/messages")
+DRIFT = ("reading/messages", "service/saved_drift", "service/drift_keeper", "service/drift_stage")
 
 
 def all_parsers(bench: Bench) -> Sequence[Parser]:
@@ -305,7 +306,7 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
         Parser("model TOML", of(*models), bench.model_toml, tuple(models), (*CONFIG, "physics")),
         Parser("codec TOML", of(codec), bench.codec_toml, (codec,), (*CONFIG, "codec")),
         Parser("--set", of(*override), bench.override, override, CONFIG),
-        Parser("DBC text", of(*dbcs), bench.dbc, dbcs, ("codec/can_dbc",)),
+        Parser("DBC text", of(*dbcs), bench.dbc, dbcs, ("codec/can_dbc", "reading/dbc")),
         Parser("calibration record", of(record), bench.record, (record,), CALIBRATION),
         Parser("record, hashed again", signed_again(record), bench.record, (record,), CALIBRATION),
         Parser("activation", of(activation), bench.activation, (activation,), ("recording/calibration_store",)),
