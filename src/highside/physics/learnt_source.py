@@ -156,10 +156,10 @@ def _parameter(channel: str, unit: str, size: float) -> str:
 
 
 def _story(title: str, words: Words) -> list[str]:
-    told = f"{title[0].upper()}{title[1:]}: found as a law in {words.source}."
+    story = f"{title[0].upper()}{title[1:]}: found as a law in {words.source}."
     if words.readings:
-        told += f" It may be: {'; '.join(words.readings)}."
-    wrapped = textwrap.wrap(told, WIDE - 16, break_long_words=False)
+        story += f" It may be: {'; '.join(words.readings)}."
+    wrapped = textwrap.wrap(story, WIDE - 16, break_long_words=False)
     pieces = ["Not yet understood. "] + [part + (" " if k < len(wrapped) - 1 else "") for k, part in enumerate(wrapped)]
     return ["    story = (", *(f"        {piece!r}" for piece in pieces), "    )"]
 

@@ -89,9 +89,9 @@ def unit_of(report_data: ReportData, channel: int) -> tuple[float, str]:
 
 
 def sigma_of(report_data: ReportData, channel: int) -> float:
-    """The noise of one row of a channel; where none is told, the rms of what is left."""
-    told = report_data.sigma[channel] if channel < len(report_data.sigma) else 0.0
-    return told or float(np.sqrt(np.mean(report_data.after[channel] ** 2))) or 1.0
+    """The noise of one row of a channel; where none is known, the rms of what is left."""
+    known = report_data.sigma[channel] if channel < len(report_data.sigma) else 0.0
+    return known or float(np.sqrt(np.mean(report_data.after[channel] ** 2))) or 1.0
 
 
 def over_time(report_data: ReportData) -> Figure:
@@ -255,9 +255,9 @@ def _points(
     # thousands of points are an image of their own: as elements of the page they take seconds to write and to show
     axis.plot(along[some], values[some], ".", color=colour, alpha=alpha, markersize=size, rasterized=not few)
     which, count, middle = _binned(along)
-    told = "mean" if how is _mean else "rms"
+    kind = "mean" if how is _mean else "rms"
     shows = count > (0 if few else 1)
-    axis.plot(middle[shows], how(values, which, count)[shows], "-", color=colour, label=f"{word} ({told})")
+    axis.plot(middle[shows], how(values, which, count)[shows], "-", color=colour, label=f"{word} ({kind})")
 
 
 def _along(report_data: ReportData, covariate: str, channel: int = 0) -> tuple[Array, str]:
@@ -279,7 +279,7 @@ def _along(report_data: ReportData, covariate: str, channel: int = 0) -> tuple[A
         "vibration_rms_g": state.vibration_rms_g,
         "rotor_rate_dps": np.degrees(state.rotor_rate_radps),
     }
-    # the intervals of a product are told along its first covariate, but for a side of approach
+    # the intervals of a product are given along its first covariate, but for a side of approach
     parts = [part.removesuffix("^2") for part in covariate.split(" x ")]
     if parts[0] == "direction" and len(parts) > 1:
         parts = parts[1:]

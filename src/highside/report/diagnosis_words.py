@@ -71,7 +71,7 @@ def _covariate(name: str) -> str:
 
 PREFIXES = ((1.0, ""), (1e3, "m"), (1e6, "u"), (1e9, "n"))
 PREFIXED = ("g", "m", "s", "rad")
-"""units that are told in thousandths and millionths: these, and what is per something of them"""
+"""units that are written in thousandths and millionths: these, and what is per something of them"""
 
 
 def scale_of(size: float, unit: str) -> tuple[float, str]:
@@ -92,16 +92,16 @@ def rounded(value: float, error: float) -> str:
 
 def quantity(value: float, unit: str) -> str:
     """A size with its unit, readable."""
-    factor, told = scale_of(abs(value), unit)
-    return f"{factor * value:.3g} {told}".rstrip()
+    factor, shown_unit = scale_of(abs(value), unit)
+    return f"{factor * value:.3g} {shown_unit}".rstrip()
 
 
 def shown(value: float, unit: str) -> str:
     """A misfit with its unit, readable."""
     if unit == "sigma":
         return f"{value:.2f} sigma"
-    factor, told = scale_of(abs(value), unit)
-    return f"{factor * value:.4g} {told}"
+    factor, shown_unit = scale_of(abs(value), unit)
+    return f"{factor * value:.4g} {shown_unit}"
 
 
 def sureness(claim: Claim) -> str:
@@ -142,10 +142,12 @@ def sizes(claim: Claim) -> str:
 def ranges(place: Location) -> str:
     """Where along its covariate a mismatch is largest, with the digits that say something."""
 
-    def told(value: float) -> str:
+    def written(value: float) -> str:
         return f"{float(f'{value:.4g}'):g}"
 
-    return "; ".join(told(low) if low == high else f"{told(low)} to {told(high)}" for low, high in place.intervals)
+    return "; ".join(
+        written(low) if low == high else f"{written(low)} to {written(high)}" for low, high in place.intervals
+    )
 
 
 def where(places: Sequence[Location]) -> str:
@@ -156,13 +158,13 @@ def where(places: Sequence[Location]) -> str:
         axis = axis_name(place.covariate)
         parts.append(
             f"{', '.join(place.channels)} along {axis}{harmonic}"
-            + (f": largest at {told}" if (told := ranges(place)) else "")
+            + (f": largest at {where}" if (where := ranges(place)) else "")
         )
     return ". ".join(parts)
 
 
 def proof(fit: Fit) -> str:
-    """Misfit before and after, in sample and on readings that the fit had not seen."""
+    """Misfit before and after, in sample and on readings that the fit had not been given."""
     # each sentence in one unit of averaging: rows with the noise of a row, held-out means with that of such a mean
     row = fit.noise_floor if fit.row_noise is None else fit.row_noise
     one = "" if fit.row_noise is None else " of one row"
