@@ -12,7 +12,6 @@ SOURCES = Path(__file__).parents[2] / "src" / "highside"
 FUNCTION, MODULE = 60, 450
 """lines, with signature and docstring"""
 LONG_FUNCTIONS = {
-    "cli/bench.py:bench": (68, "20 lines declare options; the rest starts, runs and ends one session"),
     "cli/calibrate.py:solve": (68, "28 lines declare options, 20 hand them on by name"),
     "cli/diagnose.py:diagnose": (87, "48 lines declare options, 20 hand them on by name"),
     "cli/drift.py:drift": (84, "56 lines declare options, 15 hand them on by name"),

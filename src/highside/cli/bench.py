@@ -6,6 +6,7 @@ import asyncio
 import getpass
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -60,18 +61,12 @@ def bench(
     Exit 1: it ended without a result that was accepted, or with a verdict other than pass.
     """
     from highside.bench.driver import BenchDriver
-    from highside.bench.session.outcome import verdict_of
-    from highside.bench.session.snapshot import SessionState
     from highside.config.bench import load_bench
     from highside.service.logs import start_logging
 
     settings = load_bench(config, overrides)
     start_logging("warning")
-    if settings.bench.model is not None:
-        take_in(effects)
-    if auto:
-        _require_simulated(config, settings)
-    _say_what_lies_elsewhere(config, settings.store)
+    _prepare(config, settings, effects, auto=auto)
     if which is not None and not resume:
         raise InputError(f"{which!r} names a session to go on with", field="SESSION", remedy=f"--resume {which}")
     who = operator or ("simulated" if auto else getpass.getuser())
@@ -93,6 +88,14 @@ def bench(
         for one in begun:
             left_unfinished(one, config)
         raise
+    _conclude(driver, auto=auto)
+
+
+def _conclude(driver: BenchDriver, *, auto: bool) -> None:
+    """Say what a session ended with. Raises typer.Exit (1) for what scripts must see."""
+    from highside.bench.session.outcome import verdict_of
+    from highside.bench.session.snapshot import SessionState
+
     verdict = None if driver.session.solved is None else verdict_of(driver.session.solved)
     if auto:
         echo_json(json.dumps(summary(driver)))
@@ -102,9 +105,12 @@ def bench(
         raise typer.Exit(1)
 
 
-def _require_simulated(config: Path, settings: BenchFile) -> None:
-    """Raises InputError for a bench that cannot be operated by itself."""
-    if settings.simulated is None:
+def _prepare(config: Path, settings: BenchFile, effects: Sequence[Path] | None, *, auto: bool) -> None:
+    """What comes before a session. Raises InputError for a bench that cannot be operated by itself as `auto` says."""
+    if settings.bench.model is not None:
+        take_in(effects)
+    _say_what_lies_elsewhere(config, settings.store)
+    if auto and settings.simulated is None:
         raise InputError(
             "is not there, and only a simulated bench can be operated by itself",
             where=str(config),
