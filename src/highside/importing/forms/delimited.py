@@ -24,6 +24,7 @@ _LOOKED_AT = 200
 _DELIMITERS = (";", "\t", "|", ",")
 _NAMES = {";": "semicolons", "\t": "tabs", "|": "bars", ",": "commas", " ": "blanks"}
 _POINT = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_PLAIN = re.compile(rf"{_POINT.pattern}(?:\n{_POINT.pattern})*+")
 _COMMA = re.compile(r"[+-]?(?:\d+,?\d*|,\d+)(?:[eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?\d{1,3},\d{3}")
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:[.,' ]\d{3})+[.,]\d+|[+-]?\d{1,3}(?:[.,' ]\d{3}){2,}")
@@ -202,6 +203,8 @@ def _decimal_comma(cells: Sequence[Sequence[str]], dialect: _Dialect, where: str
             None,
         )
         return quoted is not None
+    if not any("," in cell for column in cells for cell in column):
+        return False
     comma = point = surely = False
     for column in cells:
         for place, cell in enumerate(column):
@@ -233,6 +236,13 @@ def _column(
 ) -> SourceColumn:
     pattern = _COMMA if comma else _POINT
     stripped = [cell.strip() for cell in cells]
+    # a column of plain numbers at once: one look at all of its cells instead of one at each
+    if not comma and _PLAIN.fullmatch("\n".join(stripped)):
+        at_once = np.array(list(map(float, stripped)))
+        if np.isfinite(at_once).all():
+            every = all(map(_WHOLE.fullmatch, stripped))
+            exact = np.array(list(map(int, stripped)), dtype=np.int64) if every else None
+            return SourceColumn(name, numbers=at_once, integers=exact, unit=unit)
     values = np.empty(len(stripped))
     whole = True
     for place, cell in enumerate(stripped):
