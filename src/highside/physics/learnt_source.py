@@ -1,4 +1,4 @@
-"""The file of an effect that was learnt as a law: its Python text, from the law and what was told of it.
+"""The file of an effect that was learnt as a law: its Python text, from the law and what was reported of it.
 
 A closed formula becomes the expression itself, a curve of one covariate a table, a law of several covariates its own
 values. One unit of an amplitude is what the law does at its largest within the range that was visited, so that

@@ -1,6 +1,6 @@
 """The claims of a diagnosis as a reader wants them: what, how large, which share of the misfit, how sure, or what else.
 
-Named effects and laws alike: a law is told by where it acts and what it follows, in words.
+Named effects and laws alike: a law is named by where it acts and what it follows, in words.
 """
 
 from __future__ import annotations

@@ -17,10 +17,10 @@ VERDICTS = {
     "law": "The simulation omits something that no effect of the library explains; found as a law",
     "partial": "Something was left out that the library does not fully explain; no name is given.",
     "unknown": "Something was left out that the library has no name for.",
-    "wander": "The zero offsets wander; slow effects cannot be told from that.",
+    "wander": "The zero offsets wander; slow effects cannot be distinguished from that.",
     "implausible_fit": "The only explanation found has parameters that are not plausible; no name is given.",
-    "not_testable": "This recording cannot show what was asked.",
-    "bad_data": "The data are not what they claim to be; physics was not asked.",
+    "not_testable": "This recording cannot show what was to be tested.",
+    "bad_data": "The data are not what they claim to be; physics was not tested.",
 }
 KINDS = {
     "nothing_left_out": "good",
@@ -105,9 +105,11 @@ def shown(value: float, unit: str) -> str:
 
 
 def sureness(claim: Claim) -> str:
-    """How sure a claim is, and of what it cannot be told apart."""
+    """How sure a claim is, and from what it cannot be distinguished."""
     others = [name for name in claim.equivalence_class if name != claim.effect]
-    alike = f"Cannot be told apart here from: {', '.join(others)}." if others else "No other known effect does as well."
+    alike = "No other known effect does as well."
+    if others:
+        alike = f"Cannot be distinguished here from: {', '.join(others)}."
     if not others and claim.rivals_ruled_out:
         rival = claim.rivals_ruled_out[0]
         alike += f" The nearest rival, {rival.effect}, loses by {rival.delta_bic:.0f} in BIC (beyond 10 is decisive)."
@@ -191,7 +193,7 @@ def _percent(share: float) -> str:
 def blame(diagnosis: Diagnosis, name: Callable[[Claim], str] = lambda claim: claim.effect) -> str:
     """Whether the bench or the sensor is to blame, by the stages of each claim's class; empty without claims.
 
-    Beside another program's prediction of any channel that is not asked.
+    Beside another program's prediction of any channel that is not considered.
     """
     if "alignment" in diagnosis.noise:
         return ""
@@ -200,7 +202,7 @@ def blame(diagnosis: Diagnosis, name: Callable[[Claim], str] = lambda claim: cla
     for claim in diagnosis.claims:
         stages = {effects[e].stage for e in claim.equivalence_class if e in effects} or {Stage(claim.stage)}
         found = {SIDES.get(stage, "the sensor") for stage in stages}
-        side = found.pop() if len(found) == 1 else f"{' or '.join(sorted(found))}, not to be told here"
+        side = found.pop() if len(found) == 1 else f"{' or '.join(sorted(found))}, which cannot be distinguished here"
         sides.setdefault(side, []).append(name(claim))
     return "; ".join(f"{side} ({', '.join(names)})" for side, names in sides.items())
 
