@@ -130,6 +130,7 @@ def test_errors_of_the_set_angles_are_identified_as_noise() -> None:
     session = pose_session(columns, accel(columns), gravity_mps2=9.80665)
     found, _ = diagnose_poses(session, ForwardModel.of({}), FREE)
     assert found.verdict == "nothing_left_out"
+    assert "taken for errors of the set angles" in found.remainder.hints[0]
 
 
 @pytest.mark.parametrize("step_g", [1e-3, 5e-3])

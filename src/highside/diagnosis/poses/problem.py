@@ -27,6 +27,7 @@ from highside.diagnosis.core.result import Diagnosis, Fit, Location
 from highside.diagnosis.core.rivals import Rivalry, next_poses
 from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.core.still_problem import StillProblem
+from highside.diagnosis.core.unexplained import hinted
 from highside.diagnosis.core.untestable import with_manoeuvres
 from highside.diagnosis.poses import noise as noise_model
 from highside.diagnosis.poses.noise import PoseNoise
@@ -197,6 +198,11 @@ class PoseProblem(StillProblem[PoseNoise]):
         return excess(along, np.sum(normal * columns, axis=1)[:, None], floor.projected(normal))
 
     def completed(self, diagnosis: Diagnosis) -> Diagnosis:
+        inc, tf = float(self.noise.inc), float(self.noise.tf)
+        if diagnosis.verdict == "nothing_left_out" and max(inc, tf) > float(np.max(self.noise.sigma)):
+            # in g per radian: what is left across gravity is larger than the sensor's own noise, and is taken for noise
+            words = f"what is left is taken for errors of the set angles: {np.degrees(inc):.2g} deg of inclination, "
+            diagnosis = hinted(diagnosis, f"{words}{np.degrees(tf):.2g} deg of toolface")
         placed = with_manoeuvres(located_by_cause(diagnosis, self.model, self.session.state), self.session.state)
         return with_courses(placed, self.session.within)
 
