@@ -47,7 +47,7 @@ def test_what_is_named_at_a_strength_is_named_at_ten_thousand_times_it(effect: s
     """Or refused as implausible, with the name."""
     for strength, must in ((1e3, True), (1e5, True), (1e7, False)):
         session, _ = deck.single(few_poses(), effect, strength, seed=11)
-        found, _ = diagnose_poses(session, ForwardModel.of({}), deck.FREE, method=Method.without("laws"))
+        found, _ = diagnose_poses(session, ForwardModel.of({}), deck.FREE, method=ProcedureParts.without("laws"))
         if found.verdict == "implausible_fit":
             assert not must, strength
             assert effect in found.remainder.resembles
