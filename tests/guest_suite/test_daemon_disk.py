@@ -112,7 +112,7 @@ def test_acquisition_goes_on_the_alarm_comes_and_goes_and_nothing_kept_is_harmed
         subscriber = Subscriber(broker.port)
         with running(elsewhere) as daemon:
             tool.start()
-            tool.connect()
+            tool.connect(timeout_s=60.0)  # a start under load took 20 s in a guest
             before = wait_for(
                 lambda: (h := health_of(subscriber)) and h["monitor"]["good"] > 50 and h, 60, "data", daemon
             )
