@@ -174,7 +174,8 @@ class Search:
 
     def _simplest(self, gains: Array) -> int:
         """The group of the highest gain; one of fewer covariates of it, in its place, that comes near."""
-        best = int(np.argmax(gains))
+        # groups that are the same functions in this recording tie to rounding: the first of them on any processor
+        best = int(np.argmax(gains >= float(gains.max()) - LAW_SEARCH.tie))
         own = self.groups[best]
         named = [i for i, g in enumerate(self.groups) if g.effect and gains[i] > gains[best] - LAW_SEARCH.simpler]
         if named and not own.effect:
