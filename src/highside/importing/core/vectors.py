@@ -96,7 +96,8 @@ def rate_unit(
                 problem = f"named {named.name}, but gravity turns {ratio:.3g} times as fast"
         return UnitGuess(named, tuple(evidence), problem)
     if turn is not None:
-        for name in ("deg/s", "rad/s", "mdeg/s"):
+        # mdeg/s is believed only where it is named: times in ms that pass for s make deg/s look like it
+        for name in ("deg/s", "rad/s"):
             unit = unit_named(name, Quantity.RATE)
             assert unit is not None
             if abs(np.degrees(turn) / unit.factor - 1.0) <= policy.kinematic_share:
