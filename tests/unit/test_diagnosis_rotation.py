@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.fit import Observed, base_fit
 from highside.diagnosis.core.markov import LevelNoise, VectorNoise
+from highside.diagnosis.core.method import WHOLE
 from highside.diagnosis.engine import diagnose_rotation
 from highside.diagnosis.rotation.lines import found_lines
 from highside.diagnosis.rows.design import ChainDesign, Line
@@ -235,6 +238,15 @@ class TestVerdicts:
         diagnosis, _ = diagnose_rotation(recording({}, turning(), colour=0.7), ForwardModel.of({}), FREE)
         assert diagnosis.verdict == "nothing_left_out"
         assert not diagnosis.claims
+
+    @pytest.mark.parametrize("seed", range(6))
+    def test_colour_of_a_short_recording_is_no_random_walk(self, seed: int) -> None:
+        """With what the projection of 170 functions takes of 1,200 rows given back, the filter is that of the noise."""
+        session = recording({}, turning(4.0), seed, colour=0.7)
+        parts = replace(WHOLE, laws=False)
+        diagnosis, _ = diagnose_rotation(session, ForwardModel.of({}), FREE, method=parts)
+        assert diagnosis.verdict == "nothing_left_out"
+        assert [f[1] for f in diagnosis.noise["filters"]] == pytest.approx([-0.7] * 3, abs=0.1)
 
     def test_a_lever_arm_is_named_with_its_size(self) -> None:
         truth = {"r_x": 6e-5, "r_y": -4e-5}

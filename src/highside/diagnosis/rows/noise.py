@@ -221,24 +221,56 @@ def with_random_walk(noise: RotationNoise, memories: Sequence[Memory]) -> Rotati
 
 
 def _colour(learning: _Learning, rng: np.random.Generator) -> Array:
-    """The filter that whitens a channel: a first guess, then what is left of colour after it, bias taken off."""
+    """The filter that whitens a channel: a first guess, then what is left of colour after it, bias taken off.
+
+    What the projection takes of coloured noise is known only where it is white, after a filter. Of filters that
+    multiply on, each small rest of colour is dropped that cannot be seen by itself, and what remains of it at low
+    frequencies passes for a random walk. So where the projection takes much, a short filter is chosen anew as a whole
+    until it has settled; one that is long (real surroundings: resonances, wind, roads) has terms that a single choice
+    could not have.
+    """
     polynomial = np.ones(1)
     for turn in range(3):
-        drawn = [rng.standard_normal((ROW_NOISE.draws, p.stop - p.start)) for p in learning.parts]
-        left, rank, projected = learning.outside(polynomial, drawn)
-        rows = sum(r.size for r in left)
-        level = sum(float(r @ r) for r in left) / (rows - rank)
-        found = _autocovariance([r[None] for r in left])[0] / level
-        # what projecting the functions off does to white noise, on average
-        bias = np.mean(_autocovariance(drawn) - _autocovariance(projected), axis=0)
-        step = _levinson(found + bias, rows)
+        autocovariance, rows, rank = _left_over(learning, polynomial, rng)
+        step = _levinson(autocovariance, rows)
         if step.size == 1:
             break
         polynomial = np.convolve(polynomial, step)
         if turn:
             # the refinement multiplies on; its far terms are nothing
             polynomial = polynomial[: 2 * ROW_NOISE.max_order + 1]
+    if polynomial.size > ROW_NOISE.max_order + 1 or rank < ROW_NOISE.projected_share * rows:
+        return polynomial
+    for _ in range(ROW_NOISE.colour_turns):
+        before = polynomial
+        autocovariance, rows, _ = _left_over(learning, polynomial, rng)
+        polynomial = _levinson(_unfiltered(autocovariance, polynomial), rows)
+        if polynomial.size == before.size and np.abs(polynomial - before).max() < ROW_NOISE.colour_settled:
+            break
     return polynomial
+
+
+def _left_over(learning: _Learning, polynomial: Array, rng: np.random.Generator) -> tuple[Array, int, int]:
+    """Autocovariance (lags,) of what a filter leaves of the noise, relative to its variance; how many rows; rank."""
+    drawn = [rng.standard_normal((ROW_NOISE.draws, p.stop - p.start)) for p in learning.parts]
+    left, rank, projected = learning.outside(polynomial, drawn)
+    rows = sum(r.size for r in left)
+    level = sum(float(r @ r) for r in left) / (rows - rank)
+    found = _autocovariance([r[None] for r in left])[0] / level
+    # what projecting the functions off does to white noise, on average
+    return found + np.mean(_autocovariance(drawn) - _autocovariance(projected), axis=0), rows, rank
+
+
+def _unfiltered(autocovariance: Array, polynomial: Array) -> Array:
+    """Autocovariance (lags,) of what a filter made the given one of, by their spectra."""
+    if polynomial.size == 1:
+        return autocovariance
+    lags = autocovariance.size
+    whole = np.zeros(ROW_NOISE.spectrum)
+    whole[:lags] = autocovariance
+    whole[1 - lags :] = autocovariance[:0:-1]
+    gain = np.abs(np.fft.rfft(polynomial, ROW_NOISE.spectrum)) ** 2
+    return np.asarray(np.fft.irfft(np.fft.rfft(whole).real / gain, ROW_NOISE.spectrum)[:lags], dtype=float)
 
 
 def _autocovariance(series: list[Array]) -> Array:
