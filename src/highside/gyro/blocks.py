@@ -51,7 +51,7 @@ def advance(
     x, y, z = w
     k = 0.5 * dt
     hx, hy, hz = k * x, k * y, k * z
-    c, s = _cos_and_sinc(hx * hx + hy * hy + hz * hz)
+    c, s = cos_and_sinc(hx * hx + hy * hy + hz * hz)
     ux, uy, uz = s * hx, s * hy, s * hz
     xx, yy, zz = ux * ux, uy * uy, uz * uz
     xy, xz, yz = ux * uy, ux * uz, uy * uz
@@ -100,7 +100,7 @@ def advance(
     )  # fmt: skip
 
 
-def _cos_and_sinc(h: Any) -> tuple[Any, Any]:
+def cos_and_sinc(h: Any) -> tuple[Any, Any]:
     """cos and sin(x) / x as series in h = x^2: the half angle of one sample is small."""
     c = 1.0 - h * (1 / 2 - h * (1 / 24 - h * (1 / 720 - h * (1 / 40320 - h * (1 / 3628800)))))
     s = 1.0 - h * (1 / 6 - h * (1 / 120 - h * (1 / 5040 - h * (1 / 362880 - h * (1 / 39916800)))))

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.gyro import filter_state
-from highside.gyro.blocks import EMPTY, MAX_GAP_S, SUMS, advance
+from highside.gyro.blocks import EMPTY, MAX_GAP_S, SUMS, advance, cos_and_sinc
 from highside.gyro.filter_state import quaternion_exp, quaternion_product
 
 LEAST_ROWS = 600_000
@@ -161,7 +161,7 @@ def _compile() -> Kernels | None:
     import numba
 
     names = dict(vars(filter_state))
-    source = _digest([names[name] for name in _COMPILED] + [advance, gather, follow], names)
+    source = _digest([names[name] for name in _COMPILED] + [cos_and_sinc, advance, gather, follow], names)
 
     def compiled(function: Any, names: dict[str, Any]) -> Any:
         # the same code, seeing the compiled forms of what it calls
@@ -178,7 +178,9 @@ def _compile() -> Kernels | None:
         names[name] = compiled(names[name], names)
     own = dict(globals())
     own |= {name: names[name] for name in _COMPILED}
-    own["advance"] = compiled(advance, dict(advance.__globals__))
+    around = dict(advance.__globals__)
+    around["cos_and_sinc"] = compiled(cos_and_sinc, around)
+    own["advance"] = compiled(advance, around)
     for name in ("gather", "follow"):
         own[name] = compiled(own[name], own)
     return Kernels(own["gather"], own["follow"])
