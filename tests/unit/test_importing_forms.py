@@ -178,6 +178,26 @@ def test_a_torn_file_is_read_as_far_as_it_is_whole_or_refused(tmp_path: Path, na
     np.testing.assert_allclose(found.accel(), accel[:, : found.n] / STANDARD_GRAVITY, rtol=0, atol=1e-6)
 
 
+@pytest.mark.timeout(60)
+def test_a_log_that_is_cut_within_an_unknown_message_is_not_read_for_ever(tmp_path: Path) -> None:
+    (tmp_path / "x.ulg").write_bytes(b"ULog\x01\x12\x35\x01 and nothing")
+    found = read_or_refused(tmp_path / "x.ulg")
+    assert isinstance(found, str)
+    assert "is a damaged ULog file (cut within a message)" in found
+
+
+def test_a_name_within_an_archive_that_is_no_text_is_said_to_be_damage(tmp_path: Path) -> None:
+    WRITTEN["x.xlsx"](tmp_path / "x.xlsx")
+    data = bytearray((tmp_path / "x.xlsx").read_bytes())
+    entry = data.rindex(b"PK\x01\x02")
+    data[entry + 9] |= 0x08  # its name is UTF-8
+    data[entry + 46] = 0xFF
+    (tmp_path / "x.xlsx").write_bytes(data)
+    found = read_or_refused(tmp_path / "x.xlsx")
+    assert isinstance(found, str)
+    assert "is a damaged archive" in found
+
+
 @pytest.mark.parametrize("name", WRITTEN)
 def test_changed_bytes_never_end_in_another_error(tmp_path: Path, name: str, capfd: pytest.CaptureFixture[str]) -> None:
     WRITTEN[name](tmp_path / name)

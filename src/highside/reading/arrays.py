@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import struct
 import zipfile
 import zlib
 from typing import Any, Literal
@@ -19,6 +20,10 @@ MAX_MEMBERS = 4096
 _PACKED = 15
 """kind of a part of a MATLAB 5 file that is packed"""
 _PIECE = 1 << 20
+_DAMAGED = (
+    zipfile.BadZipFile, zlib.error, struct.error, EOFError, NotImplementedError, RuntimeError, OSError, ValueError,
+)  # fmt: skip
+"""what `zipfile` raises over damaged bytes: names that are no UTF-8 and places before the start are ValueErrors"""
 
 
 def npy_array(data: bytes, *, where: str) -> NDArray[Any]:
@@ -49,7 +54,7 @@ def npz_arrays(data: bytes, *, where: str) -> dict[str, NDArray[Any]]:
                 if member.filename.endswith(".npy"):
                     name = member.filename.removesuffix(".npy")
                     found[name] = npy_array(archive.read(member), where=f"{where}: {name}")
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as error:
+    except _DAMAGED as error:
         raise InputError(f"is a damaged archive ({error})", where=where, remedy="give the right file") from None
     return found
 
@@ -77,7 +82,7 @@ def check_zip(data: bytes, *, where: str) -> None:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             check_archive(archive, len(data), where=where)
-    except (zipfile.BadZipFile, NotImplementedError, OSError) as error:
+    except _DAMAGED as error:
         raise InputError(f"is a damaged archive ({error})", where=where, remedy="give the right file") from None
 
 

@@ -36,6 +36,24 @@ _UNITS = {"a": "m/s2", "g": "rad/s"}
 _OURS = {"a": "a{}_g", "g": "g{}_dps"}
 
 
+class _Bounded(io.BytesIO):
+    """Bytes that end a reader which goes back again and again, as pyulog does where the last message is cut.
+
+    Of a whole file each byte is read once; a reader that looks for the next message moves on by a byte with two reads.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        super().__init__(data)
+        self._reads = 4 * len(data) + 1000
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """As of any file. Raises EOFError where a whole file would long have been read."""
+        self._reads -= 1
+        if self._reads < 0:
+            raise EOFError("cut within a message")
+        return super().read(size)
+
+
 def read_ulog(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
     """One table a topic of a PX4 log. Raises InputError."""
     try:
@@ -45,7 +63,7 @@ def read_ulog(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
     try:
         # the library prints what it thinks of a file
         with contextlib.redirect_stdout(io.StringIO()):
-            log = ULog(io.BytesIO(data))
+            log = ULog(_Bounded(data))
         if log.file_corruption:
             raise InputError("is a damaged ULog file", where=where, remedy="give the whole file")
         found = [(topic.name, int(topic.multi_id), dict(topic.data)) for topic in log.data_list]
