@@ -23,6 +23,7 @@ import tempfile
 import time
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -74,9 +75,9 @@ def command(*words: str) -> str | None:
     from highside.cli.main import app
 
     # the report is not judged, and its figures take a fifth of the time
-    Diagnosis.html = lambda self: ""  # type: ignore[method-assign]
+    without_report = mock.patch.object(Diagnosis, "html", return_value="")
     try:
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        with without_report, contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             app(list(words), standalone_mode=False)
     except BaseException as error:
         # a case that ends in an error is a result, and is counted
