@@ -225,13 +225,20 @@ def _colour(learning: _Learning, rng: np.random.Generator) -> Array:
 
     What the projection takes of coloured noise is known only where it is white, after a filter. Of filters that
     multiply on, each small rest of colour is dropped that cannot be seen by itself, and what remains of it at low
-    frequencies passes for a random walk. So where the projection takes much, a short filter is chosen anew as a whole
-    until it has settled; one that is long (real surroundings: resonances, wind, roads) has terms that a single choice
-    could not have.
+    frequencies passes for a random walk. So where the projection takes much, the filter is chosen anew as a whole until
+    it has settled. Elsewhere it may be longer (real surroundings: resonances, wind, roads) than one choice gives.
     """
     polynomial = np.ones(1)
-    for turn in range(3):
-        autocovariance, rows, rank = _left_over(learning, polynomial, rng)
+    autocovariance, rows, rank = _left_over(learning, polynomial, rng)
+    anew = rank >= ROW_NOISE.projected_share * rows
+    for turn in range(ROW_NOISE.colour_turns if anew else 3):
+        if turn:
+            autocovariance, rows, _ = _left_over(learning, polynomial, rng)
+        if anew:
+            before, polynomial = polynomial, _levinson(_unfiltered(autocovariance, polynomial), rows)
+            if polynomial.size == before.size and np.abs(polynomial - before).max() < ROW_NOISE.colour_settled:
+                break
+            continue
         step = _levinson(autocovariance, rows)
         if step.size == 1:
             break
@@ -239,14 +246,6 @@ def _colour(learning: _Learning, rng: np.random.Generator) -> Array:
         if turn:
             # the refinement multiplies on; its far terms are nothing
             polynomial = polynomial[: 2 * ROW_NOISE.max_order + 1]
-    if polynomial.size > ROW_NOISE.max_order + 1 or rank < ROW_NOISE.projected_share * rows:
-        return polynomial
-    for _ in range(ROW_NOISE.colour_turns):
-        before = polynomial
-        autocovariance, rows, _ = _left_over(learning, polynomial, rng)
-        polynomial = _levinson(_unfiltered(autocovariance, polynomial), rows)
-        if polynomial.size == before.size and np.abs(polynomial - before).max() < ROW_NOISE.colour_settled:
-            break
     return polynomial
 
 
