@@ -20,7 +20,7 @@ class BiasStep(Effect):
         *(Parameter(f"a_{axis}", "g", 5e-4, (-0.05, 0.05)) for axis in AXES),
         Parameter("t0", "s", 300.0, (0.0, 1e9), shape=True, epoch=True),
     )
-    confused_with = ("wander", "bias_drift", "turn_on_bias")
+    confused_with: tuple[str, ...] = ("wander", "bias_drift", "turn_on_bias")
     splitter = "return to a reference pose often: a step separates two levels, a random walk has none"
     needs = ("t_s",)
     depends_on_input = False

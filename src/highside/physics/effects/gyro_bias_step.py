@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from highside.arrays import AnyArray
-from highside.physics.effect import AXES, Effect, Parameter, Stage, singles
-from highside.physics.state import ChainState
+from highside.physics.effect import AXES, Parameter, Stage
+from highside.physics.effects.bias_step import BiasStep
 
 
-class GyroBiasStep(Effect):
+class GyroBiasStep(BiasStep):
     id = "gyro_bias_step"
     title = "Step of the gyros' offset"
     stage = Stage.GYRO
@@ -23,14 +22,6 @@ class GyroBiasStep(Effect):
     )
     confused_with = ("gyro_wander", "gyro_temperature_bias", "gyro_warmup")
     splitter = "stand still before and after: a step separates two levels, a random walk has none"
-    needs = ("t_s",)
-    depends_on_input = False
-    groups = singles(3)
-    slow = True
-
-    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
-        after = state.t_s - state.t_s[:1] >= p[3].real
-        return p[:3, None] * after
 
 
 EFFECT = GyroBiasStep()

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from highside.arrays import AnyArray
-from highside.physics.effect import AXES, Effect, Parameter, Stage, singles
-from highside.physics.effects.warmup import EFFECT as WARMUP
-from highside.physics.state import ChainState
+from highside.physics.effect import AXES, Parameter, Stage
+from highside.physics.effects.warmup import Warmup
 
 
-class GyroWarmup(Effect):
+class GyroWarmup(Warmup):
     id = "gyro_warmup"
     title = "Warm-up of the gyros"
     stage = Stage.GYRO
@@ -22,21 +18,10 @@ class GyroWarmup(Effect):
     # self-heating of some 20 C at the 0.05 deg/s/C of MEMS data sheets (Bosch BMI160) is 0.017 rad/s
     parameters = (
         *(Parameter(f"a_{axis}", "rad/s", 1e-4, (-0.02, 0.02)) for axis in AXES),
-        next(p for p in WARMUP.parameters if p.time_constant),
+        next(p for p in Warmup.parameters if p.time_constant),
     )
     confused_with = ("gyro_temperature_bias", "gyro_bias_step", "gyro_wander")
     splitter = "switch off and on again at constant temperature"
-    needs = ("t_s",)
-    depends_on_input = False
-    groups = singles(3)
-    slow = True
-
-    def delta(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
-        elapsed = state.t_s - state.t_s[:1]
-        return p[:3, None] * np.exp(-elapsed / p[3])
-
-    def restarted(self, p: AnyArray, earlier_s: float) -> tuple[AnyArray, AnyArray]:
-        return WARMUP.restarted(p, earlier_s)
 
 
 EFFECT = GyroWarmup()

@@ -31,7 +31,7 @@ class Warmup(Effect):
             grid=(30.0, 60.0, 120.0, 240.0, 480.0, 900.0, 1700.0),
         ),
     )
-    confused_with = ("thermal_lag", "wander", "bias_drift", "temperature_bias")
+    confused_with: tuple[str, ...] = ("thermal_lag", "wander", "bias_drift", "temperature_bias")
     splitter = "switch off and on again at constant temperature"
     needs = ("t_s",)
     depends_on_input = False
