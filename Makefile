@@ -3,7 +3,7 @@ VENV ?= .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
 
-.PHONY: demo test check data bench evidence blind lock clean
+.PHONY: demo test check data docs bench evidence blind lock clean
 
 ## demo: set up a virtual environment and show I and T of a simulated tool, live
 demo: $(VENV)/.run
@@ -24,6 +24,10 @@ check: $(VENV)/.test
 ## data: fetch the public recordings that the tests read (HIGHSIDE_DATA, else ../shared/data), checked by SHA-256
 data:
 	$(PYTHON) tests/data/fetch.py
+
+## docs: build the documentation site, which `highside docs` shows and a wheel built afterwards carries
+docs: $(VENV)/.test
+	$(BIN)/python docs/site/build.py
 
 .PHONY: packages
 packages:
@@ -54,6 +58,7 @@ evidence: $(VENV)/.test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.balance_coverage 54
 	$(BIN)/python -m studies.drift_scenarios --only "S1r elevation 0" --seeds 1 --no-rivals --efficiency 60 --consistency 100 --false-stops-h 10
 	$(BIN)/python -m studies.drift_limit
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.fleet_lots --fleets 50 --tools 40 --first-seed 90000
 	HIGHSIDE_SOAK_S=60 $(BIN)/python -m pytest -q -s tests/integration/test_soak.py tests/integration/test_mqtt_faults.py tests/integration/test_mqtt_sigkill.py
 
 ## faults: the fault scenarios at their own numbers (about two hours), measured into docs/faults.md; FAULTS="--scenario 4".
@@ -96,7 +101,18 @@ pictures: $(VENV)/.test
 ## lock: pin every dependency with its hashes (needs uv)
 lock:
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header --extra all --extra build pyproject.toml -o requirements.lock
+	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header --extra service --extra build -c requirements.lock pyproject.toml -o requirements-service.lock
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header --all-extras pyproject.toml -o requirements-test.lock
 
+## dist: the wheel and the sources into dist/; HIGHSIDE_SOURCE_URL=https://... makes pictures and links absolute
+.PHONY: dist
+dist: $(VENV)/.run
+	$(BIN)/python -m hatchling build -d dist -t sdist -t wheel
+
+## deb: the Debian package of the service into dist/ (needs debhelper)
+.PHONY: deb
+deb: $(VENV)/.run
+	PYTHON=$(CURDIR)/$(BIN)/python packaging/deb dist
+
 clean:
-	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) build dist src/highside/site .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis

@@ -19,7 +19,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.diagnosis.core.result import Diagnosis
+from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.engine import diagnose_poses
 from highside.diagnosis.poses.session import PoseSession
 from highside.physics import effects as library
@@ -175,11 +175,11 @@ def null(state: ChainState, kind: str, seed: int) -> PoseSession:
     return PoseSession(sensor.predict(state) + NULLS[kind](state, rng), np.ones(state.n), state)
 
 
-def diagnosed(session: PoseSession) -> Diagnosis:
+def diagnosed(session: PoseSession) -> DiagnosisResult:
     return diagnose_poses(session, ForwardModel.of({}), FREE)[0]
 
 
-def outcome(diagnosis: Diagnosis, truth: str) -> dict[str, bool]:
+def outcome(diagnosis: DiagnosisResult, truth: str) -> dict[str, bool]:
     """How a case with one effect ended."""
     named = [claim.effect for claim in diagnosis.claims]
     classes = {name for claim in diagnosis.claims for name in claim.equivalence_class}
@@ -192,7 +192,7 @@ def outcome(diagnosis: Diagnosis, truth: str) -> dict[str, bool]:
     }
 
 
-def in_words(diagnosis: Diagnosis) -> str:
+def in_words(diagnosis: DiagnosisResult) -> str:
     """Verdict with what was named, or what it resembles."""
     names = [c.effect for c in diagnosis.claims] or diagnosis.remainder.resembles or diagnosis.remainder.hints
     return f"{diagnosis.verdict}:{'+'.join(names)}"

@@ -20,6 +20,7 @@ The parts, from the bottom up (which may use which stands in `pyproject.toml`, d
     diagnosis     which physics a recording asks for that the model lacks
     codec         bytes or CAN frames to readings
     recording     files, and tables of other libraries
+    shown         results in a notebook, plots for the screen and for paper
     importing     recordings of other programs
     link          serial, SocketCAN, python-can, replay, the simulated tool
     config        what files of settings and models may say
@@ -41,6 +42,8 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from highside.api import (
         Calibration,
+        Certificate,
+        ComparedRotation,
         CompensatedRecording,
         Compensation,
         Confirmation,
@@ -49,8 +52,12 @@ if TYPE_CHECKING:
         Drift,
         FitOfRotation,
         HighsideError,
+        ImportProposal,
         InputError,
         Model,
+        Plot,
+        PlotLine,
+        PlotPanel,
         PoseTable,
         Recording,
         Refused,
@@ -60,6 +67,7 @@ if TYPE_CHECKING:
         TurntableFit,
         allow_bytes,
         calibrate,
+        certify,
         compare_rotation,
         compensate,
         confirm,
@@ -71,6 +79,7 @@ if TYPE_CHECKING:
         fit_self,
         fit_turntable,
         import_recording,
+        inspect_import,
         new_effect,
         predict,
         read,
@@ -79,6 +88,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Calibration",
+    "Certificate",
+    "ComparedRotation",
     "CompensatedRecording",
     "Compensation",
     "Confirmation",
@@ -87,8 +98,12 @@ __all__ = [
     "Drift",
     "FitOfRotation",
     "HighsideError",
+    "ImportProposal",
     "InputError",
     "Model",
+    "Plot",
+    "PlotLine",
+    "PlotPanel",
     "PoseTable",
     "Recording",
     "Refused",
@@ -99,6 +114,7 @@ __all__ = [
     "__version__",
     "allow_bytes",
     "calibrate",
+    "certify",
     "compare_rotation",
     "compensate",
     "confirm",
@@ -110,6 +126,7 @@ __all__ = [
     "fit_self",
     "fit_turntable",
     "import_recording",
+    "inspect_import",
     "new_effect",
     "predict",
     "read",

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import math
 import os
 import random
 import shutil
@@ -28,6 +29,7 @@ from highside.bench.session.driver import SessionDriver
 from highside.bench.session.journal import read_journal
 from highside.bench.session.snapshot import Command, Reply, SessionState
 from highside.calibration.record import correction_from_record
+from highside.calibration.signature import parse_trusted_keys
 from highside.codec.can_dbc import compile_dbc
 from highside.config.bench import load_bench
 from highside.config.certificate import load_certificate_fields
@@ -35,18 +37,24 @@ from highside.config.codecs import codec_from_file
 from highside.config.model import load_model
 from highside.config.mqtt import MqttSettings
 from highside.config.settings import load, parse_overrides, validate
+from highside.importing import profiles
+from highside.importing.core.wishes import Wishes
+from highside.importing.files import open_foreign, recording_of
 from highside.link.replay import events
 from highside.recording.calibration_store import CalibrationStore, read_record
 from highside.recording.candump import read_candump
+from highside.recording.keys import check_file, read_trusted_keys
 from highside.recording.table import read_poses, read_recording
 from highside.recording.wire import detect_kind, read_segments
 from highside.rotation.compensation import Compensation
 from highside.rotation.live import LiveCompensation
-from highside.service import saved_drift
+from highside.service import clock, saved_drift
 from highside.service.damage import DamageLog
 from highside.service.drift_keeper import DriftKeeper, DriftParts
+from highside.service.known_time import KnownTime
 from highside.service.rig.surveys import SurveyLog, trend_of
 from highside.service.rig.toolface import ToolfaceLog
+from highside.service.starts import StartLog
 
 Make = Callable[[random.Random], bytes]
 
@@ -193,6 +201,30 @@ class Bench:
         trend_of(log.recent(), "c1").as_dict()
         return log.damaged_lines == 0
 
+    def starts(self, data: bytes) -> bool:
+        """A damaged file tells nothing, and is replaced."""
+        self.put(data, "starts.json")
+        log = StartLog(self.folder)
+        log.begin()
+        log.as_dict()
+        log.end("as a test")
+        return log.alarm
+
+    def known_time(self, data: bytes) -> bool:
+        self.put(data, "clock.json")
+        known = KnownTime(self.folder)
+        return math.isfinite(known.present(clock.now()).surely_s)
+
+    def trusted_keys(self, data: bytes) -> bool:
+        read_trusted_keys(self.put(data, "trusted.pub"))
+        return True
+
+    def signature(self, data: bytes) -> bool:
+        signed = self.put(seeds.SIGNED, "signed.html")
+        self.put(data, "signed.html.sig")
+        check_file(signed, parse_trusted_keys(seeds.trusted_keys().decode()))
+        return True
+
     def journal(self, data: bytes) -> bool:
         read_journal(data, where="session.jsonl").ledger()
         return True
@@ -222,6 +254,29 @@ class Bench:
         for _ in reader:
             pass
         return reader.torn_bytes == 0 and reader.bad_lines == 0
+
+    def import_profile(self, data: bytes) -> bool:
+        before = os.environ.get("XDG_CONFIG_HOME")
+        os.environ["XDG_CONFIG_HOME"] = str(self.folder)
+        try:
+            place = profiles.place("bench")
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_bytes(data)
+            wishes = profiles.load("bench")
+        finally:
+            del os.environ["XDG_CONFIG_HOME"]
+            if before is not None:
+                os.environ["XDG_CONFIG_HOME"] = before
+        assert wishes is not None
+        return self._imported(seeds.foreign_csv(), wishes)
+
+    def import_csv(self, data: bytes) -> bool:
+        # lines of VectorNav have no time
+        return self._imported(data, Wishes(rate_hz=100.0 if data.startswith(b"$VN") else None))
+
+    def _imported(self, data: bytes, wishes: Wishes) -> bool:
+        recording_of(open_foreign(self.put(data, "foreign.csv"), wishes))
+        return True
 
     # --- commands ----------------------------------------------------------------------------------------------
 
@@ -280,6 +335,8 @@ CALIBRATION = ("calibration", "recording/calibration_store", "attitude")
 TABLES = ("recording/table", "reading/table", "reading/columnar", "reading/arrays")
 ROTATION = ("rotation",)
 RIG = ("service/rig/surveys", "service/rig/toolface")
+KEYS = ("recording/keys", "calibration/signature")
+IMPORT = ("importing", "reading/table")
 SESSION = ("bench/mqtt", "bench/session", "reading/messages")
 DRIFT = ("reading/messages", "service/saved_drift", "service/drift_keeper", "service/drift_stage")
 
@@ -326,6 +383,10 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
             "toolface log", of(seeds.toolface_log()), bench.toolface, (seeds.toolface_log(),), ("service/rig/toolface",)
         ),
         Parser("surveys", of(seeds.surveys()), bench.surveys, (seeds.surveys(),), RIG),
+        Parser("starts of the service", of(seeds.starts()), bench.starts, (seeds.starts(),), ("service/starts",)),
+        Parser("known time", of(seeds.known_time()), bench.known_time, (seeds.known_time(),), ("service/known_time",)),
+        Parser("trusted keys", of(seeds.trusted_keys()), bench.trusted_keys, (seeds.trusted_keys(),), KEYS),
+        Parser("signature", of(seeds.signature()), bench.signature, (seeds.signature(),), KEYS),
         Parser("journal", of(journal), bench.journal, (journal,), SESSION),
         Parser("journal, chained again", chained_again(journal), bench.journal, (journal,), SESSION),
         Parser(
@@ -337,6 +398,8 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
         ),
         Parser("recording CSV.gz", of(seeds.recording_plain(), damage=damaged_gzip), bench.recording, (), TABLES),
         Parser("pose table", of(seeds.poses()), bench.pose_table, (seeds.poses(),), TABLES),
+        Parser("import CSV", of(*seeds.FOREIGN), bench.import_csv, (seeds.foreign_csv(),), IMPORT),
+        Parser("import profile", of(seeds.PROFILE), bench.import_profile, (seeds.PROFILE,), IMPORT),
         Parser(".hsw", of(seeds.wire()), bench.wire, (seeds.wire(),), ("recording/wire", "link/replay")),
         Parser("candump", of(seeds.candump()), bench.candump, (seeds.candump(),), ("recording/candump",)),
         Parser("drift/command", of(*seeds.DRIFT_COMMANDS), bench.drift_command, seeds.DRIFT_COMMANDS[:1], DRIFT),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import math
+import operator
 import sys
 from collections.abc import Iterable
 from functools import cache
@@ -21,6 +23,7 @@ from rehearsal import Rehearsal  # noqa: E402
 from highside.bench.session import plans  # noqa: E402
 from highside.bench.session.plans import Limits  # noqa: E402
 from highside.calibration.record import CalibrationRecord, Environment, SolveRequest, build_record, solve_poses  # noqa: E402
+from highside.calibration.signature import FILE, SigningKey  # noqa: E402
 from highside.codec import tool  # noqa: E402
 from highside.codec.frame import CanFrame  # noqa: E402
 from highside.config.drift import DriftSettings  # noqa: E402
@@ -185,6 +188,80 @@ def surveys() -> bytes:
     return b"".join(json.dumps(line).encode() + b"\n" for line in lines)
 
 
+def starts() -> bytes:
+    """Of a service that was killed three times in the last minutes."""
+    now = Stamp.now(synced=False)
+    ends = [{"boot_s": now.boot_s - 10.0 * i, "how": "killed, without a word"} for i in range(3)]
+    return json.dumps({"format": "highside.starts/1", "boot_id": now.boot_id, "running": True, "ends": ends}).encode()
+
+
+def known_time() -> bytes:
+    """The clock followed a reference a minute ago."""
+    now = Stamp.now(synced=True)
+    kept = {"format": "highside.clock/1", "wall_s": 1.79e9, "boot_id": now.boot_id, "boot_s": now.boot_s - 60.0}
+    return json.dumps(kept).encode()
+
+
+SIGNED = b"<html>a certificate</html>"
+
+
+@cache
+def _key() -> SigningKey:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+    return SigningKey(Ed25519PrivateKey.from_private_bytes(bytes(range(32))), "Ann of the laboratory")
+
+
+@cache
+def trusted_keys() -> bytes:
+    return f"# those we trust\n{_key().public_line}\n".encode()
+
+
+@cache
+def signature() -> bytes:
+    """What stands in a `.sig` beside `SIGNED`."""
+    made = _key().sign(FILE, hashlib.sha256(SIGNED).hexdigest(), "2026-11-22T10:00:00Z")
+    return json.dumps(made.to_dict(), indent=1).encode()
+
+
+PROFILE = b"""rate_hz = 100.0
+axes = "xyz"
+units = ["m/s2", "rad/s"]
+[map]
+t_s = "timestamp:s"
+ax_g = "accel_x [m/s^2]"
+ay_g = "accel_y [m/s^2]"
+az_g = "accel_z [m/s^2]"
+gx_dps = "none"
+"""
+
+
+@cache
+def foreign_csv() -> bytes:
+    """As another program writes it: its own names and units, times with a date."""
+    lines = ["timestamp,accel_x [m/s^2],accel_y [m/s^2],accel_z [m/s^2],gyro_x [rad/s],gyro_y [rad/s],gyro_z [rad/s]"]
+    for i in range(12):
+        x, z = 9.81 * math.sin(0.3 + 0.05 * i), 9.81 * math.cos(0.3 + 0.05 * i)
+        lines.append(f"{0.01 * i:.3f},{x:.4f},0.12,{z:.4f},0.001,{0.05 + 0.001 * i:.4f},0")
+    return "\n".join(lines).encode() + b"\n"
+
+
+def _summed(line: bytes) -> bytes:
+    """A line as VectorNav writes it: with the sum of its bytes."""
+    return b"$%s*%02X\r\n" % (line, functools.reduce(operator.xor, line))
+
+
+FOREIGN = (
+    foreign_csv(),
+    foreign_csv().replace(b",", b";").replace(b".", b","),
+    b"\n".join(
+        b"%s,%s" % (b"2026-07-12T18:00:%02d.%03dZ" % divmod(100 * i, 1000) if i else b"time", line.partition(b",")[2])
+        for i, line in enumerate(foreign_csv().splitlines())
+    ),
+    _summed(b"VNYMR,+010.071,+000.278,-002.026,+00.0,+00.0,+00.0,-00.344,-00.049,-09.790,+00.0,-00.0,+00.0") * 6,
+)
+
+
 @cache
 def journal() -> bytes:
     """A whole session of four poses."""
@@ -227,18 +304,32 @@ def candump() -> bytes:
 
 
 class Texts:
-    """JSON texts of the values that damaged versions of a document share with it: written once, found by identity."""
+    """JSON texts of the values that damaged versions of a document share with it: written once, found by identity, at
+    every depth; only what is on the way to a damage is written anew."""
 
-    def __init__(self, shared: Iterable[Any], **style: Any) -> None:
-        self._style = style
-        self._of = {id(value): (value, self._write(value)) for value in shared if isinstance(value, dict | list)}
+    def __init__(self, shared: Iterable[Any], *, sort_keys: bool = False) -> None:
+        self._sorted = sort_keys
+        self._of: dict[int, tuple[Any, str]] = {}
+        for value in shared:
+            self._keep(value)
 
     def __call__(self, value: Any) -> str:
         known = self._of.get(id(value))
-        return known[1] if known is not None else self._write(value)
+        if known is not None:
+            return known[1]
+        inside = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+        if not any(isinstance(held, dict | list) for held in inside):
+            return json.dumps(value, separators=(",", ":"), sort_keys=self._sorted)
+        if isinstance(value, dict):
+            items = sorted(value.items()) if self._sorted else value.items()
+            return "{" + ",".join([f"{json.dumps(name)}:{self(held)}" for name, held in items]) + "}"
+        return "[" + ",".join([self(held) for held in value]) + "]"
 
-    def _write(self, value: Any) -> str:
-        return json.dumps(value, separators=(",", ":"), **self._style)
+    def _keep(self, value: Any) -> None:
+        if isinstance(value, dict | list):
+            for held in value.values() if isinstance(value, dict) else value:
+                self._keep(held)
+            self._of[id(value)] = (value, self(value))
 
 
 class SignedAgain:

@@ -74,16 +74,6 @@ def test_a_run_that_was_interrupted_goes_on_with_what_did_not_hold(tmp_path: Pat
     assert made == ["held", "failed", "in part", "failed", "in part"]
 
 
-def test_a_number_is_divided_among_runs_and_one_that_fails_is_a_failure() -> None:
-    good, bad = (
-        Row("7", "CAN", "1,000", "200", "2 passed", True, seconds=9.0),
-        Row("7", "CAN", "1,000", "200", "", False),
-    )
-    whole = run.together([good] * 5, "1,000")
-    assert (whole.held, whole.run, whole.seconds) == (True, "1,000 in 5 runs", 45.0)
-    assert not run.together([good, bad], "400").held
-
-
 def test_what_is_asked_wrongly_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

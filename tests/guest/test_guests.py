@@ -23,10 +23,12 @@ SUITE = ROOT / "tests" / "guest_suite"
 SUITES = {"systemd": "test_systemd", "power": "test_power_loss"}
 """suites with a guest of their own, and how their files begin; all other files are of the CAN suite"""
 CYCLES = int(os.environ.get("HIGHSIDE_CAN_CYCLES", "20"))
-VCAN_TIMEOUT_S = 340.0 + 2.0 * (CYCLES - 20)
-"""a cycle of a CAN interface that goes down and comes up takes less than a second"""
-SYSTEMD_TIMEOUT_S = 280.0
-POWER_TIMEOUT_S = 1500.0
+PATIENCE = float(os.environ.get("HIGHSIDE_GUEST_PATIENCE", "1"))
+"""Times the limits below: for a machine on which a guest gets a fraction of a processor."""
+VCAN_TIMEOUT_S = PATIENCE * (340.0 + 2.0 * (CYCLES - 20))
+"""a CAN interface down and up takes 0.1 s in a guest, deleted and made anew 0.2 s; ten times that on a busy machine"""
+SYSTEMD_TIMEOUT_S = PATIENCE * 280.0
+POWER_TIMEOUT_S = PATIENCE * 1500.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +40,8 @@ class Inner:
     passed: int
     skipped: int
     failed: int
+    figures: tuple[str, ...] = ()
+    """what the tests told of themselves as their property `measured`"""
 
 
 def suite_files(suite: str) -> list[Path]:
@@ -65,18 +69,22 @@ def pytest_command(files: list[Path], report: Path) -> list[str]:
 def judge(status: int | None, output: str, report: Path) -> Inner:
     """Read the inner report. A run that left none counts as nothing passed."""
     passed = skipped = failed = 0
+    figures: list[str] = []
     if report.exists() and report.stat().st_size:
-        for suite in ElementTree.parse(report).getroot().iter("testsuite"):
+        root = ElementTree.parse(report).getroot()
+        figures = [entry.get("value", "") for entry in root.iter("property") if entry.get("name") == "measured"]
+        for suite in root.iter("testsuite"):
             skipped += int(suite.get("skipped", "0"))
             failed += int(suite.get("failures", "0")) + int(suite.get("errors", "0"))
             passed += int(suite.get("tests", "0"))
         passed -= skipped + failed
-    return Inner(status, output, passed, skipped, failed)
+    return Inner(status, output, passed, skipped, failed, tuple(figures))
 
 
 def assert_complete(inner: Inner, files: list[Path]) -> None:
     """All that is written in the files has run and passed."""
     print(inner.output)
+    print(f"{inner.passed} passed inside", *inner.figures, sep="\n")
     expected = count_tests(files)
     assert expected > 0, f"no tests in {SUITE}"
     assert inner.status == 0, f"the inner run ended with {inner.status}: see its output above"
@@ -147,7 +155,7 @@ def demand_guest(*, systemd: bool) -> None:
 
 @pytest.mark.guest
 @pytest.mark.slow
-@pytest.mark.timeout(440 + 2 * CYCLES)
+@pytest.mark.timeout(VCAN_TIMEOUT_S + 140)
 def test_the_can_suite_passes_on_a_real_vcan(tmp_path: Path) -> None:
     files = suite_files("can")
     if host_has_vcan():
@@ -160,7 +168,7 @@ def test_the_can_suite_passes_on_a_real_vcan(tmp_path: Path) -> None:
 
 @pytest.mark.guest
 @pytest.mark.slow
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(SYSTEMD_TIMEOUT_S + 120)
 def test_the_systemd_suite_passes_under_a_real_systemd(tmp_path: Path) -> None:
     demand_guest(systemd=True)
     files = suite_files("systemd")
@@ -169,7 +177,7 @@ def test_the_systemd_suite_passes_under_a_real_systemd(tmp_path: Path) -> None:
 
 @pytest.mark.guest
 @pytest.mark.slow
-@pytest.mark.timeout(1580)
+@pytest.mark.timeout(POWER_TIMEOUT_S + 80)
 def test_the_power_loss_suite_passes_on_a_disk_that_forgets(tmp_path: Path) -> None:
     demand_guest(systemd=False)
     files = suite_files("power")

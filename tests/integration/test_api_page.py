@@ -14,7 +14,8 @@ import highside
 
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 SPOKEN_OF_ELSEWHERE = {"CompensatedRecording", "Compensation", "CorrectedReadings", "Drift", "FitOfRotation", "SelfFit",
-                       "Simulation", "Table", "TurntableFit", "Diagnosis"}  # fmt: skip
+                       "Simulation", "Table", "TurntableFit", "Diagnosis",
+                       "ComparedRotation", "Certificate", "ImportProposal"}  # fmt: skip
 """classes of answers: the functions that give them are on the page"""
 
 

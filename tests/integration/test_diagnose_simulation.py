@@ -108,7 +108,7 @@ def test_the_lever_arm_between_body_and_sensor_is_named_first(tmp_path: Path, br
     assert alignment["same_clock"] and alignment["shift_s"] == 0
     assert alignment["lag_s"] == pytest.approx(0.0025, abs=0.001)
     assert alignment["overlap_s"] == pytest.approx(183.8, abs=0.5)
-    assert 0.02 < alignment["left_out"] < 0.05  # the tracking is lost now and then
+    assert 0.02 < alignment["omitted"] < 0.05  # the tracking is lost now and then
     assert "183.8 s compared" in said
     assert {"temperature_bias", "centripetal"} <= {entry["effect"] for entry in found["not_testable"]}
     page = (tmp_path / "out" / "report.html").read_text()

@@ -167,7 +167,7 @@ def test_one_line_that_names_it_and_exit_status_2(
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(files, "_asked", False)
+    monkeypatch.setattr(files, "_configured", False)
     hostile = tmp_path / "hostile"
     if content is None:
         hostile.mkdir()

@@ -36,7 +36,7 @@ USED = (
 )
 """What a user may have left in a checkout."""
 NO_REGISTRY = re.compile(r"failed to fetch|dns error|error sending request|connection (refused|reset)", re.IGNORECASE)
-FORBIDDEN_ON_A_TOOL = ("nicegui", "fastapi", "numba", "llvmlite", "matplotlib", "pyarrow", "pandas")
+FORBIDDEN_ON_A_TOOL = ("nicegui", "fastapi", "numba", "llvmlite", "matplotlib", "bokeh", "pyarrow", "pandas")
 
 
 def uv(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -88,6 +88,7 @@ def wheel(project_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copytree(project_root / name, copy / name, ignore=left_out)
     for name in (
         "pyproject.toml",
+        "hatch_build.py",
         "README.md",
         "Makefile",
         ".gitignore",
@@ -370,6 +371,20 @@ def takes_frames(it: Installed, _root: Path, _data: Path, _folder: Path) -> None
     assert said == "this needs pyarrow, which is not installed; pip install 'highside[export]'"
 
 
+def shows_plots(it: Installed, _root: Path, data: Path, folder: Path) -> None:
+    it.python(
+        "import highside\n"
+        f"poses = highside.find_poses({str(data / 'session.csv')!r})\n"
+        "plot = highside.calibrate(poses, tool='t').plot()\n"
+        f"plot.save({str(folder / 'plot.html')!r})\n"
+        f"plot.save({str(folder / 'plot.svg')!r})\n"
+        "assert plot._repr_html_().startswith('<iframe')\n"
+    )
+    assert 100_000 < (folder / "plot.html").stat().st_size < 1_000_000
+    assert it.has("narwhals")
+    assert not it.has("pandas")
+
+
 def signs(it: Installed, _root: Path, data: Path, folder: Path) -> None:
     shutil.copy(data / "cal.json", folder / "cal.json")
     for words in (
@@ -402,6 +417,22 @@ def answer(url: str, process: subprocess.Popen[str], timeout_s: float = 120.0) -
     raise AssertionError(f"{url} does not answer: {process.communicate()[0]}")
 
 
+def sums_up_a_fleet(it: Installed, root: Path, data: Path, folder: Path) -> None:
+    (folder / "lot").mkdir()
+    for tool in ("one", "two"):
+        shutil.copy(data / "poses.csv", folder / "lot" / f"{tool}.csv")
+    model = root / "config" / "model-known.toml"
+    run = ("fleet", "diagnose", folder / "lot", "--model", model, "--out", folder / "out", "--workers", "1", "--json")
+    done = it.highside(*run)
+    assert done.returncode == 0, done.stderr
+    counts = json.loads(done.stdout)
+    # one content under two names has one result
+    assert (counts["recordings"], counts["failed"]) == (2, 0)
+    done = it.highside("fleet", "summary", folder / "out", "--json", "--html", folder / "fleet.html")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["repeated"] == 1
+
+
 Does = Callable[[Installed, Path, Path, Path], None]
 EXTRAS: dict[str, tuple[Does, ...]] = {
     "can": (reads_a_dbc,),
@@ -412,16 +443,18 @@ EXTRAS: dict[str, tuple[Does, ...]] = {
     "export": (exports,),
     "import": (imports, exports),
     "frames": (takes_frames,),
+    "notebook": (shows_plots, draws),
     "sign": (signs,),
     "fast": (compiles,),
+    "fleet": (sums_up_a_fleet,),
     "service": (reads_a_dbc, serves_figures, signs),
 }
 
 
 def test_each_extra_is_tried(project_root: Path) -> None:
     told = tomllib.loads((project_root / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    # those are no part of the product: the tests themselves, the build and the rivals of the benchmarks
-    assert set(EXTRAS) == set(told) - {"all", "test", "build", "rivals"}
+    # those are no part of the product: the tests themselves, the site's builder, the build, the benchmarks' rivals
+    assert set(EXTRAS) == set(told) - {"all", "test", "docs", "build", "rivals"}
 
 
 @pytest.mark.parametrize("extra", EXTRAS)
@@ -444,7 +477,10 @@ def everything_oldest(install: Callable[[str, str], Installed]) -> Installed:
     return install("all", "lowest-direct")
 
 
-@pytest.mark.parametrize("does", [reads_a_dbc, draws, prints, serves_figures, exports, imports, signs, compiles])
+@pytest.mark.parametrize(
+    "does",
+    [reads_a_dbc, draws, prints, serves_figures, exports, imports, shows_plots, signs, compiles, sums_up_a_fleet],
+)
 def test_all_extras_at_their_oldest(
     does: Does, everything_oldest: Installed, project_root: Path, bench_data: Path, tmp_path: Path
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import time
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -74,9 +75,12 @@ def test_whoever_loses_state_directory_tool_or_port_never_speaks_at_the_broker(t
             assert len(statuses) == 1
             assert statuses.pop() == b"online"
             assert not [t for t, *_ in subscriber.drain() if "/t2/" in t]
-            # the first one did not notice
-            line.write_all(b"".join(encode(i, i / 100.0, (0.1, 0.2, 0.97)) for i in range(200)))
-            wait_for(lambda: len(subscriber.payloads("attitude")) >= 19, 10, "attitudes", daemon)
+            # the first one did not notice; a silent line is opened anew every 10 s, and what it holds then thrown away
+            frames = (encode(i, i / 100.0, (0.1, 0.2, 0.97)) for i in range(60_000))
+            wait_for(
+                lambda: line.write_all(b"".join(islice(frames, 20))) or len(subscriber.payloads("attitude")) >= 19,
+                20, "attitudes", daemon,
+            )  # fmt: skip
             assert subscriber.latest("health")["broker"]["connects"] == 1
             assert daemon.terminate() == 0
         # what was held is free again, however the holder ended

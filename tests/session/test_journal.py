@@ -19,6 +19,7 @@ from highside.bench.session import plans
 from highside.bench.session.entries import Entry, TakenPose
 from highside.bench.session.journal import encode_all, read_journal
 from highside.bench.session.plans import Limits
+from highside.bench.session.reasons import Rejection
 from highside.bench.session.session import StorageError
 from highside.bench.session.snapshot import CommandName, SessionState
 from highside.bench.simulated_operator import OperatorMistake
@@ -115,7 +116,13 @@ def test_a_time_that_no_calendar_has_is_found(done: Rehearsal, t: float) -> None
         read_journal(encode_all(replace(done.session.header, t_wall_s=t), []))
 
 
-def test_lines_exchanged_or_left_out_are_found(done: Rehearsal) -> None:
+def test_what_earlier_journals_call_a_pose_that_the_solution_omits_is_read() -> None:
+    assert Rejection("left_out") is Rejection.OMITTED
+    with pytest.raises(ValueError, match="left_in"):
+        Rejection("left_in")
+
+
+def test_lines_exchanged_or_omitted_are_found(done: Rehearsal) -> None:
     lines = list(done.lines)
     for broken in (lines[:3] + lines[4:], [*lines[:2], lines[3], lines[2], *lines[4:]]):
         with pytest.raises(InputError, match="does not follow"):

@@ -49,7 +49,7 @@ class Followed(Rehearsal):
     @property
     def asked_again(self) -> list[RefusedHold | Reopened]:
         """Poses that were taken, or complete, and contradict the others; a hold begun anew is none."""
-        contradicts = (Rejection.OUTLIER, Rejection.CLOSURE, Rejection.LEFT_OUT)
+        contradicts = (Rejection.OUTLIER, Rejection.CLOSURE, Rejection.OMITTED)
         found = (entry for entry in self.entries if isinstance(entry, RefusedHold | Reopened))
         return [entry for entry in found if entry.reason in contradicts]
 

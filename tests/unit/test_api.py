@@ -288,7 +288,22 @@ def test_without_matplotlib_a_plot_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(InputError, match=r"matplotlib, which is not installed; pip install 'highside\[plot\]'"):
-        turning.plot()
+        turning.plot().figure()
+
+
+def test_without_bokeh_a_chart_says_what_to_install_and_a_notebook_shows_it_still(
+    turning: highside.Recording, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("highside.shown.screen.can_draw", lambda: False)
+    chart = turning.plot("ax_g")
+    with pytest.raises(InputError, match=r"needs Bokeh, which is not installed; pip install 'highside\[notebook\]'"):
+        chart.save(tmp_path / "chart.html")
+    assert list(tmp_path.iterdir()) == []
+    assert chart._repr_html_().startswith("<svg")
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    assert "pip install &#39;highside[notebook]&#39;" in chart._repr_html_()
+    with pytest.raises(InputError, match=r"x\.gif: is no kind of picture; end it in \.html"):
+        chart.save(tmp_path / "x.gif")
 
 
 # --- what the functions answer -------------------------------------------------------------------------------
@@ -376,7 +391,8 @@ def test_a_diagnosis_names_what_the_model_lacks(simulation: highside.Simulation,
     found.save(tmp_path / "report")
     assert {path.name for path in (tmp_path / "report").iterdir()} == {"diagnosis.json", "report.html"}
     assert "base_tilt" in found._repr_html_()
-    assert len(found.plot().axes) == 3
+    assert [line.name for line in found.plot().panels[2].lines] == ["before", "with the claims"]
+    assert found.plot().panels[0].lines[0].y.std() > 10 * found.plot().panels[0].lines[1].y.std()
 
 
 def test_results_show_themselves(
@@ -388,10 +404,9 @@ def test_results_show_themselves(
     followed = highside.drift(turning, "recursive")
     for shown in (simulation, simulation.recording, calibration, followed):
         assert "<table>" in shown._repr_html_()
-        figure = shown.plot()
-        figure.savefig(tmp_path / "figure.png")
+        shown.plot().save(tmp_path / "figure.png")
         assert (tmp_path / "figure.png").stat().st_size > 10_000
-    assert len(turning.plot("ax_g", "gz_dps").axes) == 2
+    assert len(turning.plot("ax_g", "gz_dps").figure().axes) == 2
 
 
 def test_of_a_table_in_memory_the_record_has_its_own_hash(simulation: highside.Simulation, tmp_path: Path) -> None:
@@ -461,7 +476,7 @@ def test_a_remedy_fits_the_program_and_the_command(tmp_path: Path, monkeypatch: 
 
 def test_a_long_file_is_read_when_the_program_allows_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("highside.reading.files._allowed", 64)
-    monkeypatch.setattr("highside.reading.files._asked", False)
+    monkeypatch.setattr("highside.reading.files._configured", False)
     place = tmp_path / "rows.csv"
     place.write_text("t_s,ax_g\n" + "0.5,0.25\n" * 20)
     with pytest.raises(InputError, match=r"has more than 64 bytes; if it is meant so: .*highside\.allow_bytes"):

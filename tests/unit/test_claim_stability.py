@@ -7,7 +7,7 @@ import pytest
 
 from highside.arrays import Array
 from highside.diagnosis.core.checked import _widened
-from highside.diagnosis.core.result import Claim, Diagnosis, FittedParameter
+from highside.diagnosis.core.result import Claim, DiagnosisResult, FittedParameter
 from highside.diagnosis.core.stability import Stability, splits_of, stability
 from highside.diagnosis.engine import diagnose_poses
 from highside.diagnosis.poses.session import PoseSession
@@ -73,7 +73,7 @@ def test_a_size_that_changes_half_way_is_not_named_as_a_constant() -> None:
 def test_sizes_beside_a_large_remainder_are_as_wide_as_it_makes_them() -> None:
     size = FittedParameter(1e-3, 1e-5, 9.8e-4, 1.02e-3, "rad")
     claim = Claim("sag", "", "", "pose", {"s": size}, 1e-9, ("sag",), (), "")
-    found = Diagnosis("named_plus", claims=(claim,))
+    found = DiagnosisResult("named_plus", claims=(claim,))
     steady = Stability("thirds of the session", 0.1, 0.0, (0.9, 1.0, 1.1))
     assert _widened(found, 1.1, [steady]) == found
     wide = _widened(found, 9.0, [steady])

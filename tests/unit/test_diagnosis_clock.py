@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
-from highside.diagnosis.core.result import Diagnosis
+from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.engine import diagnose_simulation
 from highside.diagnosis.simulation.session import SimulationSession, simulation_session
 
@@ -43,12 +43,12 @@ def of(force: Array, t_s: Array = T_S, noise: float = 0.0, seed: int = 7) -> Col
     return {"t_s": t_s, **dict(zip(AXES, rows, strict=False))}
 
 
-def told(recorded: Columns, predicted: Columns) -> tuple[Diagnosis, SimulationSession]:
+def told(recorded: Columns, predicted: Columns) -> tuple[DiagnosisResult, SimulationSession]:
     session = simulation_session(recorded, predicted)
     return diagnose_simulation(session, ())[0], session
 
 
-def names(found: Diagnosis) -> list[str]:
+def names(found: DiagnosisResult) -> list[str]:
     """The effects of the library that are claimed: what a filter at the end of the band leaves may be a law beside."""
     return [claim.effect for claim in found.claims if not claim.effect.startswith("law")]
 

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from highside.diagnosis.core.result import Diagnosis
+from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.engine import diagnose_poses
 from highside.diagnosis.poses.session import PoseSession, pose_session
 from highside.errors import InputError
@@ -149,7 +149,7 @@ def test_the_answer_has_the_fields_of_the_schema_and_only_finite_numbers() -> No
     ]  # fmt: skip
     assert plain["schema"] == "highside.diagnosis/1"
     json.loads(json.dumps(plain, allow_nan=False))
-    assert Diagnosis("bad_data").to_dict()["fit"] is None
+    assert DiagnosisResult("bad_data").to_dict()["fit"] is None
 
 
 def test_a_misalignment_that_may_not_be_refitted_is_found() -> None:

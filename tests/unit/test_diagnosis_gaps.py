@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from highside import api
-from highside.diagnosis.core.result import Diagnosis
+from highside.diagnosis.core.result import DiagnosisResult
 from highside.physics.forward import ForwardModel
 from highside.physics.gravity import attitude_of
 from highside.physics.state import ChainState
@@ -75,7 +75,7 @@ def averages(seed: int, spread: bool, **effects: dict[str, float]) -> dict[str, 
     return table
 
 
-def of_averages(table: dict[str, Array]) -> Diagnosis:
+def of_averages(table: dict[str, Array]) -> DiagnosisResult:
     return api.diagnose(table, {**MODEL, "reference": {"kind": "magnitude"}}).found
 
 

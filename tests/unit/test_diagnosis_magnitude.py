@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from highside.diagnosis.core.result import Diagnosis, FittedParameter
+from highside.diagnosis.core.result import DiagnosisResult, FittedParameter
 from highside.diagnosis.engine import diagnose_magnitudes
 from highside.diagnosis.magnitude.fit import from_the_start
 from highside.diagnosis.magnitude.session import MagnitudeSession, magnitude_session
@@ -45,7 +45,7 @@ def all_over(n: int) -> np.ndarray:
     return np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
 
 
-def by_hand(withheld: tuple[str, ...], seed: int, **effects: dict[str, float]) -> Diagnosis:
+def by_hand(withheld: tuple[str, ...], seed: int, **effects: dict[str, float]) -> DiagnosisResult:
     rng = np.random.default_rng(seed)
     free = tuple(name for name in FREE if name not in withheld)
     return diagnose_magnitudes(session({**REAL, **effects}, all_over(36), rng), ForwardModel.of({}), free)[0]
@@ -98,7 +98,7 @@ def test_what_follows_time_is_told_from_the_first_row_on() -> None:
     assert from_the_start(square, get("quadratic"), 25.0) == square
 
 
-def rest(seed: int, step_g: float, walk_g: float = 0.0) -> Diagnosis:
+def rest(seed: int, step_g: float, walk_g: float = 0.0) -> DiagnosisResult:
     """Ten minutes in one attitude with a step of the offset along gravity after four."""
     rng = np.random.default_rng(seed)
     t_s = np.arange(0, 600, 0.1)

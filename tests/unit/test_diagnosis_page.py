@@ -10,14 +10,23 @@ import pytest
 
 from highside.diagnosis.core.fit import JointFit, Observed
 from highside.diagnosis.core.problem import ReportData, parts_of
-from highside.diagnosis.core.result import Claim, Curve, Diagnosis, Fit, FittedParameter, Location, NotTestable
+from highside.diagnosis.core.result import (
+    Claim,
+    Curve,
+    Detectable,
+    DiagnosisResult,
+    Fit,
+    FittedParameter,
+    Location,
+    NotTestable,
+)
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 from highside.physics.plan import RotationPlan, Session, Site
 from highside.report.diagnosis_figures import over_time, residuals
 from highside.report.diagnosis_page import _places, page_of
-from highside.report.diagnosis_words import axis_name, proof, rounded, shown, sizes
+from highside.report.diagnosis_words import axis_name, proof, rounded, shown, sizes, verdict_words
 from highside.report.misfit_waterfall import steps_of
 from highside.report.plots import plotting
 
@@ -92,10 +101,10 @@ def claim_of(effect: str) -> Claim:
 def test_no_picture_stands_twice_on_the_page() -> None:
     one = report_data(np.array(1e-5))
     place = Location(("ax", "ay"), "tf_ref_deg", ((0.0, 90.0),), 1, 0.5, 1e-9)
-    twice = Diagnosis("partial", (place, replace(place, share_of_misfit=0.3)))
+    twice = DiagnosisResult("partial", (place, replace(place, share_of_misfit=0.3)))
     assert len(_places(twice, one)) == 1
     claims = (claim_of("lever_arm"), claim_of("time_offset"))
-    named = Diagnosis("named", (place, place), claims)
+    named = DiagnosisResult("named", (place, place), claims)
     parts = {"lever_arm": one.before - one.after, "time_offset": 0 * one.before}
     assert [effect for _, effect in _places(named, replace(one, parts=parts))] == ["lever_arm", "time_offset"]
     assert len(_places(named, one)) == 1, "where the parts are not known the two are one picture"
@@ -131,7 +140,7 @@ def test_a_law_stands_on_the_page_in_words_with_its_curve_and_band() -> None:
         claim_of("law:ax_temp"), place="offset", channels=("ax",), depends_on=("temp",), curve=curve,
         range=((15.0, 40.0),), share=0.9, readings=("a loose lead",), confirm="vary temperature", shape_within=0.1,
     )  # fmt: skip
-    page = page_of(Diagnosis("law", claims=(law,)), one, "rec.csv")
+    page = page_of(DiagnosisResult("law", claims=(law,)), one, "rec.csv")
     assert "<h1>The simulation omits an offset of ax that follows temperature (90%" in page
     assert "a curve: -200 ug at its largest (+-20), over temperature 15 to 40 C" in page
     assert "a loose lead" in page and "Another session confirms or refutes it: vary temperature." in page
@@ -166,7 +175,7 @@ def test_what_each_effect_does_adds_up_to_what_the_claims_do() -> None:
 
 def test_a_page_says_what_was_not_tested_in_words_that_a_phone_can_show() -> None:
     lacking = NotTestable("sag", "it is absorbed", "other inclinations & a roll")
-    page = page_of(Diagnosis("nothing_left_out", not_testable=(lacking,)), report_data(np.array(0.0)), "rec.csv")
+    page = page_of(DiagnosisResult("nothing_left_out", not_testable=(lacking,)), report_data(np.array(0.0)), "rec.csv")
     assert '<div class="wide told"><table>' in page
     assert re.search(r'data-name="what it needs">other inclinations &amp; a roll<', page)
     assert "Diagnosis of rec.csv" in page
@@ -212,3 +221,13 @@ def test_a_misfit_is_told_in_a_unit_that_suits_it(value: float, unit: str, told:
 def test_a_product_is_told_in_words() -> None:
     words = axis_name("temp_c x gravity_direction")
     assert words == "temperature, C (what it does there turns with direction of gravity)"
+
+
+def test_where_gravity_alone_is_known_nothing_is_told_with_what_would_not_show() -> None:
+    sizes = {"bias_step": Detectable(3.1e-4, "g"), "quadratic": Detectable(2e-4, "1/g")}
+    found = DiagnosisResult("nothing_left_out", minimum_detectable=sizes, noise={"repeats_g": 7e-5})
+    words = verdict_words(found)
+    assert "Nothing" not in words
+    assert "step of the zero offset 310 ug" in words
+    assert "quadratic" not in words
+    assert verdict_words(replace(found, noise={})).startswith("Nothing was left out")

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.core.fit import Observed, base_fit
 from highside.diagnosis.core.markov import LevelNoise, VectorNoise
-from highside.diagnosis.core.method import WHOLE
+from highside.diagnosis.core.method import WHOLE, ProcedureParts
+from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.engine import diagnose_rotation
 from highside.diagnosis.rotation.lines import found_lines
+from highside.diagnosis.rows.colour import with_long_memory
 from highside.diagnosis.rows.design import ChainDesign, Line
 from highside.diagnosis.rows.gram import HeldOutRows, RandomWalkGrams, Space, accumulate
 from highside.diagnosis.rows.noise import RotationNoise, estimate
@@ -228,6 +230,14 @@ class TestLines:
         lines = found_lines(session, fitted(session)[1])
         assert any(line.effect == "aliased_vibration" and line.value == pytest.approx(7.3, abs=6e-3) for line in lines)
 
+    @pytest.mark.parametrize("colour", [0.7, 0.9, 0.97])
+    def test_steep_noise_has_none(self, colour: float) -> None:
+        state = turning(4.0)
+        for seed in range(20):
+            noise = autoregressive((3, state.n), SIGMA, colour, np.random.default_rng(seed))
+            tones = {line.value for line in found_lines(RotationSession(noise, state), noise) if line.effect == "tone"}
+            assert tones <= {60.0}
+
     def test_noise_has_none(self) -> None:
         session = recording({}, turning(20.0))
         assert {line.value for line in found_lines(session, fitted(session)[1])} == {60.0}
@@ -247,6 +257,20 @@ class TestVerdicts:
         diagnosis, _ = diagnose_rotation(session, ForwardModel.of({}), FREE, method=parts)
         assert diagnosis.verdict == "nothing_left_out"
         assert [f[1] for f in diagnosis.noise["filters"]] == pytest.approx([-0.7] * 3, abs=0.1)
+
+    @pytest.mark.parametrize("seed", [100, 101])
+    def test_noise_that_remembers_a_thirtieth_of_a_recording_is_no_random_walk(self, seed: int) -> None:
+        session = recording({}, turning(4.0), seed, colour=0.97)
+        diagnosis, _ = diagnose_rotation(session, ForwardModel.of({}), FREE, method=ProcedureParts.without("laws"))
+        assert diagnosis.verdict == "nothing_left_out"
+        assert "independent stretches" in diagnosis.remainder.hints[0]
+
+    @pytest.mark.parametrize(("lead", "verdict"), [(2.0, "not_testable"), (9.0, "wander")])
+    def test_a_random_walk_is_claimed_where_it_is_told_from_noise_that_forgets(self, lead: float, verdict: str) -> None:
+        noise = {"memory_evidence": [90.0, 3.0], "memory_poses": ["random_walk", 12.0], "memory_lead": [lead, 0.0]}
+        found = with_long_memory(DiagnosisResult("wander", noise=noise), recording({}, turning(4.0)))
+        assert found.verdict == verdict
+        assert ("record ten times as long" in " ".join(found.remainder.hints)) == (verdict == "not_testable")
 
     def test_a_lever_arm_is_named_with_its_size(self) -> None:
         truth = {"r_x": 6e-5, "r_y": -4e-5}

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.candidates import time_constants
-from highside.diagnosis.core.memory import Likelihoods, SlowEffect, SlowScore, slow_scores
+from highside.diagnosis.core.memory import Likelihoods, Memory, SlowEffect, SlowScore, slow_scores
 from highside.diagnosis.core.policy import RIVALS
-from highside.diagnosis.core.rivals import Rivalry, beside_memory
+from highside.diagnosis.core.rival_refit import beside_refits
+from highside.diagnosis.core.rivals import Refitted, Rivalry, beside_memory
 from highside.diagnosis.engine import diagnose_poses
 from highside.diagnosis.poses.session import PoseSession
 from highside.physics.effects import get
@@ -52,6 +53,17 @@ def rivalry_of(seed: int, walk: float) -> tuple[Rivalry, float]:
     scores, _, _ = slow_scores([channel], SLOW)
     blank = Rivalry(np.full(2, np.inf), [Term(0, 0), Term(1, 0)], (1,))
     return beside_memory(blank, scores, Term(1, 0), set()), decided
+
+
+def test_a_rival_is_of_the_class_where_it_comes_within_6_in_bic() -> None:
+    far = Rivalry(np.array([0.0, 100.0, 100.0]), [Term(0, 0), Term(1, 0), Term(2, 0)], (0,))
+    assert beside_refits(far, [Refitted(Term(1, 0), 5.0), Refitted(Term(2, 0), 7.0)]).same == (0, 1)
+
+
+def test_a_random_walk_is_believed_from_a_gain_of_12_on() -> None:
+    weak, plain = (Memory(gain, 0.1, np.inf, 0.2) for gain in (11.0, 13.0))
+    assert (weak.is_random_walk, plain.is_random_walk) == (False, True)
+    assert not Memory(13.0, 0.1, 4.0, 0.2).is_random_walk, "its memory ends"
 
 
 def test_what_a_walk_makes_look_decisive_leaves_the_true_one_in_the_class() -> None:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from highside.calibration.conventional import position_plan
-from highside.diagnosis.table.chain import Correction, Linear, Procedure, Sessions, draw, tell
+from highside.diagnosis.table.chain import Correction, Linear, Procedure, Sessions, draw, predict_cells
 from highside.diagnosis.table.engine import Summarised, diagnose_summary
 from highside.diagnosis.table.instrument import predict_table
 from highside.errors import InputError
@@ -60,11 +60,11 @@ def test_the_slopes_of_the_cells_are_their_differences(corrected_by: Correction)
     linear = Linear.about(sessions, model, columns)
     draws = draw(sessions, model, 4, 1, 40e-6)
     at = np.array([1e-4, -2e-4, 3e-4, 4e-4, -3e-4, 5e-4, 2e-4])
-    slope = tell(linear, at, 40e-6, draws).slope
+    slope = predict_cells(linear, at, 40e-6, draws).slope
     for k in range(at.size):
         step = np.zeros(at.size)
         step[k] = 2e-6
-        up, down = (tell(linear, at + s * step, 40e-6, draws).cells.mean(axis=0) for s in (1, -1))
+        up, down = (predict_cells(linear, at + s * step, 40e-6, draws).cells.mean(axis=0) for s in (1, -1))
         # single precision, and an extreme may pass to the next station within the step
         assert np.allclose((up - down) / 4e-6, slope[k], atol=0.05 * np.abs(slope[k]).max() + 0.5)
 

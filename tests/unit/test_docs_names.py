@@ -14,6 +14,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 THEORY = ROOT / "docs" / "theory"
+REFERENCE = ROOT / "docs" / "reference"
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 
 FENCE = re.compile(r"^ *```.*?^ *```", re.MULTILINE | re.DOTALL)
@@ -72,6 +73,8 @@ def broken_links(page: Path) -> list[str]:
             continue
         path, _, anchor = target.partition("#")
         file = page.parent / path if path else page
+        if REFERENCE in file.resolve().parents:
+            continue  # made from the code when the site is built, which fails where such a link leads nowhere
         missing_anchor = anchor and file.suffix == ".md" and file.exists() and anchor not in anchors(file.read_text())
         if not file.exists() or missing_anchor:
             broken.append(target)

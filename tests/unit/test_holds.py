@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from highside.diagnosis.core.floor import floor_of_means
-from highside.diagnosis.core.result import Diagnosis
+from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.engine import diagnose_magnitudes
 from highside.diagnosis.magnitude.session import MagnitudeSession, magnitude_session
 from highside.physics.forward import ForwardModel
@@ -26,7 +26,7 @@ def directions(n: int) -> Array:
     return np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z])
 
 
-def held(n: int, still: int, seed: int, step_g: float = 0.0) -> Diagnosis:
+def held(n: int, still: int, seed: int, step_g: float = 0.0) -> DiagnosisResult:
     """n holds of three seconds, of which the first `still` are at rest and the others tremble by half a degree."""
     rng = np.random.default_rng(seed)
     to, parts = directions(n), []

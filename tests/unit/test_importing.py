@@ -128,7 +128,7 @@ def test_names_without_units_are_taken_only_when_accepted(tmp_path: Path) -> Non
     frame = pd.DataFrame({"timestamp": pd.to_datetime(own.t_s * 1e9 + 1.75e18), "accel_x": own.ax_g * STANDARD_GRAVITY,
                           "accel_y": own.ay_g * STANDARD_GRAVITY, "accel_z": own.az_g * STANDARD_GRAVITY})  # fmt: skip
     frame.to_csv(tmp_path / "dump.csv")
-    with pytest.raises(InputError, match=r"rests on its values alone.*--units m/s2.*--yes"):
+    with pytest.raises(InputError, match=r"rests on its values alone.*units=.*accept=True"):
         read(tmp_path / "dump.csv")
     same(read(tmp_path / "dump.csv", accept=True), own, columns=ACCEL)
     same(read(tmp_path / "dump.csv", units=["m/s2"]), own, columns=["t_s", *ACCEL], atol=1e-6)
@@ -139,7 +139,7 @@ def test_a_name_that_the_values_contradict_is_never_taken(tmp_path: Path) -> Non
     own[ACCEL] *= STANDARD_GRAVITY
     own.to_csv(tmp_path / "x.csv", index=False)
     for accept in (False, True):
-        with pytest.raises(InputError, match=r"named g, but then \|a\| is 9\.81 g; --units m/s2"):
+        with pytest.raises(InputError, match=r"named g, but then \|a\| is 9\.81 g; units="):
             read(tmp_path / "x.csv", accept=accept)
     same(read(tmp_path / "x.csv", units=["m/s2"]), session(), columns=ACCEL)
 
@@ -166,7 +166,7 @@ def test_rates_at_rest_without_a_unit_stay_open(tmp_path: Path) -> None:
     frame = pd.DataFrame({"time_s": np.arange(200) / 100, "acc_x": 0.0, "acc_y": 0.0, "acc_z": 1.0})
     frame[["gyr_x", "gyr_y", "gyr_z"]] = rng.normal(0, 0.1, (200, 3))
     frame.to_csv(tmp_path / "x.csv", index=False)
-    with pytest.raises(InputError, match=r"gx_dps from gyr_x: its unit is not named.*--units rad/s"):
+    with pytest.raises(InputError, match=r"gx_dps from gyr_x: its unit is not named.*units="):
         read(tmp_path / "x.csv", accept=True)
     out = read(tmp_path / "x.csv", accept=True, mapping=dict.fromkeys(("gx_dps", "gy_dps", "gz_dps"), "none"))
     assert not out.has("gx_dps")
@@ -256,10 +256,66 @@ def test_rows_are_counted_and_named(tmp_path: Path) -> None:
     assert (np.diff(found.recording.t_s) > 0).all()
 
 
+def test_a_session_of_stops_has_pauses_and_no_lost_rows(tmp_path: Path) -> None:
+    own = session(60)
+    own["t_s"] = np.concatenate([stop * 40 + np.arange(10) / 50 for stop in range(6)])
+    own[["t_s", *ACCEL]].to_csv(tmp_path / "x.csv", index=False)
+    found = recording_of(open_foreign(tmp_path / "x.csv", Wishes()))
+    assert found.findings == (
+        "5 pauses of 39.82 to 39.82 s in which no row was written, before: line 12, line 22, line 32, line 42, line 52",
+    )
+
+
+def test_steps_that_are_uneven_are_not_called_lost_rows(tmp_path: Path) -> None:
+    own = session(60)
+    own["t_s"] = np.cumsum(np.where(np.arange(60) % 3 == 0, 0.05, 0.02))
+    own[["t_s", *ACCEL]].to_csv(tmp_path / "x.csv", index=False)
+    found = recording_of(open_foreign(tmp_path / "x.csv", Wishes()))
+    assert found.findings == ("its steps of time are uneven: 20 to 50 ms for 9 of 10 rows; none is called lost",)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    bits=st.sampled_from([16, 24, 31, 32]),
+    begin=st.integers(0, 1 << 32),
+    tick=st.sampled_from([1000, 1024, 5000, 10_000]),
+    n=st.integers(40, 400),
+    lost=st.sets(st.integers(5, 35), max_size=3),
+)
+def test_a_counter_of_a_device_that_wraps_goes_on(bits: int, begin: int, tick: int, n: int, lost: set[int]) -> None:
+    from highside.importing.core.source import number_column
+    from highside.importing.core.timing import read_time, rows_of
+
+    kept = np.array([k for k in range(n) if k not in lost])
+    counter = (begin + kept * tick) % (1 << bits)
+    reading = read_time(number_column("micros", counter), unit_wanted("us", Quantity.TIME))
+    assert reading is not None
+    np.testing.assert_array_equal(reading.ns - reading.ns[0], kept * tick * 1000 - kept[0] * tick * 1000)
+    found = rows_of(reading.ns, np.zeros(kept.size - 1, dtype=bool), lambda row: str(row + 1))
+    said = [line for line in found.lines if "gaps" in line]
+    assert bool(said) == bool(lost)
+    if lost:
+        assert f"({len(lost)} rows of" in said[0]
+    assert len(found.parts) == 1
+
+
+def test_a_command_for_our_recordings_names_the_one_for_others(tmp_path: Path) -> None:
+    own = session(20)
+    own.rename(columns={"t_s": "time"}).to_csv(tmp_path / "x.csv", index=False)
+    own.to_csv(tmp_path / "y.csv", sep=";", decimal=",")
+    np.savez(tmp_path / "z.npz", t=own.t_s)
+    for name in ("x.csv", "y.csv", "z.npz"):
+        with pytest.raises(InputError, match=rf"of another program: highside import .*{name} -o REC"):
+            Recording.read(tmp_path / name)
+    own.drop(columns="ax_g").to_csv(tmp_path / "x.csv", index=False)
+    with pytest.raises(InputError, match=r"lacks the column ax_g.*highside import"):
+        Recording.read(tmp_path / "x.csv").accel()
+
+
 def test_a_clock_that_begins_again_is_two_recordings(tmp_path: Path) -> None:
     own = session(300)
     pd.concat([own, own.iloc[:150]]).to_csv(tmp_path / "x.csv", index=False)
-    with pytest.raises(InputError, match=r"begins again at line 302: 2 recordings.*--part N \(1 to 2\)"):
+    with pytest.raises(InputError, match=r"begins again at line 302: 2 recordings.*part=N \(1 to 2\)"):
         read(tmp_path / "x.csv")
     assert read(tmp_path / "x.csv", part=2).n == 150
     assert read(tmp_path / "x.csv", part=1).n == 300
@@ -268,7 +324,7 @@ def test_a_clock_that_begins_again_is_two_recordings(tmp_path: Path) -> None:
 def test_a_file_without_time_needs_a_rate(tmp_path: Path) -> None:
     own = session(50)
     own[ACCEL].to_csv(tmp_path / "x.csv", index=False)
-    with pytest.raises(InputError, match="no column is a time; --rate HZ"):
+    with pytest.raises(InputError, match="no column is a time; rate_hz=HZ"):
         read(tmp_path / "x.csv", accept=True)
     same(read(tmp_path / "x.csv", rate_hz=50), own, columns=["t_s", *ACCEL])
 
@@ -350,9 +406,10 @@ def test_every_reader_takes_what_export_writes(tmp_path: Path, to: ExportFormat)
 def test_arrays_of_three_columns_and_their_rate(tmp_path: Path) -> None:
     own = session()
     np.savez(tmp_path / "x.npz", imu_acc=own[ACCEL].to_numpy() * STANDARD_GRAVITY, fs=50.0, note=np.zeros((4, 4)))
-    with pytest.raises(InputError, match="it says 50 rows/s; --rate 50"):
-        read(tmp_path / "x.npz", accept=True)
-    same(read(tmp_path / "x.npz", accept=True, rate_hz=50), own, columns=["t_s", *ACCEL])
+    with pytest.raises(InputError, match="the file says 50 rows/s"):
+        read(tmp_path / "x.npz", units=["m/s2"])
+    for rate in (None, 50.0):
+        same(read(tmp_path / "x.npz", accept=True, rate_hz=rate), own, columns=["t_s", *ACCEL])
 
 
 # --- hostile ---------------------------------------------------------------------------------------------------------

@@ -128,6 +128,67 @@ def written_mcap(path: Path) -> None:
         writer.finish()  # type: ignore[no-untyped-call]
 
 
+TURNED = {0: np.ones(3), 1: np.array([-1.0, -1.0, 1.0])}
+"""how two sensors lie: the second half a turn about its z axis"""
+
+
+def written_dataflash(path: Path) -> None:
+    t, accel, rate = motion()
+
+    def described(number: int, length: int, name: bytes, letters: bytes, labels: bytes) -> bytes:
+        return b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", number, length, name, letters, labels)
+
+    out = described(128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
+    out += described(129, 13, b"BARO", b"Qc", b"TimeUS,Temp")
+    out += described(130, 38, b"IMU", b"QBffffffc", b"TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,T")
+    for k in range(N):
+        for sensor in (0, 1):
+            sign = TURNED[sensor]
+            stamp = 1000 + round(t[k] * 1e6)
+            out += b"\xa3\x95\x82" + struct.pack(
+                "<QB6fh", stamp, sensor, *(sign * rate[:, k]), *(sign * accel[:, k]), 2512
+            )
+    path.write_bytes(out)
+
+
+def test_a_log_of_ardupilot_has_a_table_for_each_sensor(tmp_path: Path) -> None:
+    written_dataflash(tmp_path / "1.bin")
+    t, accel, rate = motion()
+    with pytest.raises(InputError, match=r"IMU\[0\], IMU\[1\]"):
+        highside.import_recording(tmp_path / "1.bin")
+    for sensor, turned in TURNED.items():
+        sign = turned[:, None]
+        found = highside.import_recording(tmp_path / "1.bin", table=f"IMU[{sensor}]")
+        np.testing.assert_allclose(found.t_s - found.t_s[0], t, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(found.accel(), sign * accel / STANDARD_GRAVITY, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(found.gyro(), sign * np.degrees(rate), rtol=0, atol=1e-4)
+        np.testing.assert_allclose(found["temp_c"], 25.12)
+    whole = (tmp_path / "1.bin").read_bytes()
+    (tmp_path / "2.bin").write_bytes(whole[:4000] + b"noise" + whole[4000:-7])
+    proposal = open_foreign(tmp_path / "2.bin", Wishes(table="IMU[0]"))
+    assert "belong to no message" in proposal.table.remarks[0]
+    (tmp_path / "3.bin").write_bytes(whole[:100])
+    with pytest.raises(InputError, match="holds no message of a known type"):
+        highside.import_recording(tmp_path / "3.bin")
+
+
+def test_a_log_of_ardupilot_as_text(tmp_path: Path) -> None:
+    t, accel, rate = motion()
+    lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns",
+             "FMT, 130, 40, IMU, QffffffcB, TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,T,I",
+             "MSG, 100, hello, world"]  # fmt: skip
+    for k in range(N):
+        numbers = [repr(float(v)) for v in (*rate[:, k], *accel[:, k])]
+        lines.append(", ".join(["IMU", str(1000 + round(t[k] * 1e6)), *numbers, "25.1", "0"]))
+    (tmp_path / "x.log").write_text("\n".join(lines) + "\n")
+    found = highside.import_recording(tmp_path / "x.log")
+    np.testing.assert_allclose(found.accel(), accel / STANDARD_GRAVITY, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.t_s - found.t_s[0], t, rtol=0, atol=1e-6)
+    (tmp_path / "y.log").write_text("\n".join(lines).replace("IMU, 21000,", "IMU, zero,") + "\n")
+    with pytest.raises(InputError, match=r"line 5: IMU: holds a text among numbers"):
+        highside.import_recording(tmp_path / "y.log")
+
+
 WRITTEN: dict[str, Callable[[Path], None]] = {
     "x.xlsx": written_excel,
     "5.mat": written_mat5,
@@ -227,7 +288,7 @@ def test_vectornav_lines(tmp_path: Path) -> None:
     lines[10] = lines[10].replace("+", "-", 1)  # its sum is wrong now
     lines.insert(5, "$GPZDA,093434.00,09,08,2023,00,00*6D")
     (tmp_path / "vn.txt").write_text("\r\n".join(lines) + "\r\n")
-    with pytest.raises(InputError, match="no column is a time; --rate HZ"):
+    with pytest.raises(InputError, match="no column is a time; rate_hz=HZ"):
         highside.import_recording(tmp_path / "vn.txt")
     proposal = open_foreign(tmp_path / "vn.txt", Wishes(rate_hz=RATE_HZ))
     assert proposal.table.remarks == ("1 lines fail their sum, omitted: line 12", "1 other lines passed over")
@@ -242,7 +303,7 @@ def test_several_tables_need_a_name(tmp_path: Path) -> None:
     with pd.ExcelWriter(tmp_path / "x.xlsx", engine="openpyxl") as book:
         frame.to_excel(book, sheet_name="one", index=False)
         frame.iloc[:50].to_excel(book, sheet_name="two", index=False)
-    with pytest.raises(InputError, match="2 of its tables hold accelerations: one, two; --table NAME"):
+    with pytest.raises(InputError, match="2 of its tables hold accelerations: one, two; table="):
         highside.import_recording(tmp_path / "x.xlsx")
     assert highside.import_recording(tmp_path / "x.xlsx", table="two").n == 50
 

@@ -7,7 +7,7 @@ import pytest
 
 from highside.diagnosis.core.fit import Observed, base_fit
 from highside.diagnosis.laws.chain import chain_problem
-from highside.diagnosis.laws.claims import told
+from highside.diagnosis.laws.claims import reported_laws
 from highside.diagnosis.laws.evidence import Families, Whitened, best_priors
 from highside.diagnosis.laws.groups import groups_of
 from highside.diagnosis.laws.noise import LadderNoise, LawNoise, Whitener, ladder_lengths
@@ -71,7 +71,7 @@ def closed(found: Found, law: Law) -> float:
     """Share of the law's true contribution on another session, off what is free there, that the learnt one predicts."""
     other = session(991)
     true = law(other).reshape(-1)
-    learnt = PLAIN.with_laws([one.law for one in told(found)]).predict(other) - PLAIN.predict(other)
+    learnt = PLAIN.with_laws([one.law for one in reported_laws(found)]).predict(other) - PLAIN.predict(other)
     free = PLAIN.jacobian(other, FREE).reshape(12, -1)
     off = np.eye(true.size) - np.linalg.pinv(free) @ free
     true, left = off @ true, off @ (true - learnt.reshape(-1))
@@ -98,7 +98,7 @@ def test_a_law_is_found_in_its_place_and_predicts_another_session(
         (place, channel, (covariate,))
     ]
     assert closed(found, law) > 0.9
-    claim = told(found)[0].claim
+    claim = reported_laws(found)[0].claim
     assert claim.stable
     assert claim.share == pytest.approx(1.0)
     assert claim.heldout_gain is not None
@@ -183,7 +183,7 @@ def test_a_formula_is_told_where_it_predicts_as_well_as_the_curve() -> None:
     noise = SIGMA * np.random.default_rng(14).normal(size=(3, state.n))
     readings = PLAIN.predict(state) + axis(1) * 6e-4 * (state.temp_c > 40) + noise
     found = Search(problem(state, readings)[1]).run()
-    claim = told(found)[0].claim
+    claim = reported_laws(found)[0].claim
     assert claim.depends_on == ("temp",)
     assert claim.formula is not None
     assert "[temp >= " in claim.formula

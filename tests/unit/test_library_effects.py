@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from highside.diagnosis.core.result import Claim, Diagnosis
+from highside.diagnosis.core.result import Claim, DiagnosisResult
 from highside.diagnosis.engine import diagnose_poses
 from highside.diagnosis.poses.session import PoseSession, pose_session
 from highside.physics import effects as library
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Sizes = dict[str, float]
 
 
-def one_claim(found: Diagnosis, effect: str) -> Claim:
+def one_claim(found: DiagnosisResult, effect: str) -> Claim:
     assert [claim.effect for claim in found.claims] == [effect], deck.in_words(found)
     return found.claims[0]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from highside.arrays import Array
-from highside.diagnosis.core.result import Diagnosis
+from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.engine import diagnose_magnitudes
 from highside.diagnosis.magnitude.session import magnitude_session
 from highside.physics.forward import ForwardModel
@@ -16,7 +16,7 @@ SIGMA_G = 3e-4
 """of a row, ten rows a second"""
 
 
-def rest(signal: Array, seed: int = 2) -> Diagnosis:
+def rest(signal: Array, seed: int = 2) -> DiagnosisResult:
     """A rest of which all three channels read more by a signal (N,) in g."""
     n = signal.size
     t_s = 0.1 * np.arange(n)
@@ -29,7 +29,7 @@ def rest(signal: Array, seed: int = 2) -> Diagnosis:
     return diagnose_magnitudes(session, ForwardModel.of({}), FREE)[0]
 
 
-def classes(found: Diagnosis) -> set[str]:
+def classes(found: DiagnosisResult) -> set[str]:
     return {name for claim in found.claims for name in claim.equivalence_class}
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from highside.errors import InputError
 from highside.service.outbox import Outbox, inspect
+from highside.service.outbox_file import MessageFile
 from highside.service.sequence import BLOCK, SequenceFile
 
 TOPIC = "highside/t/attitude"
@@ -67,6 +68,16 @@ def test_what_an_older_version_left_is_taken_over_once(tmp_path: Path) -> None:
     assert again.stats.carried == 0
     assert again.next_seq(TOPIC) == 548
     again.stop(10.0)
+
+
+def test_a_commit_is_on_the_disk_before_it_counts(tmp_path: Path) -> None:
+    """SIGKILL keeps what only the kernel has: that SQLite waits for the disk shows in its setting, and in the guest."""
+    file = MessageFile(tmp_path / "outbox.sqlite")
+    file.open()
+    try:
+        assert file._database().execute("PRAGMA synchronous").fetchone() == (2,), "FULL"
+    finally:
+        file.close()
 
 
 def test_a_reservation_cut_short_by_power_leaves_the_one_before(tmp_path: Path) -> None:

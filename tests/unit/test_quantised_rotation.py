@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from highside.diagnosis.core.method import ProcedureParts
-from highside.diagnosis.core.result import Diagnosis
+from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.engine import diagnose_rotation
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.forward import ForwardModel
@@ -18,7 +18,7 @@ STEP_G = 1.0 / 2048
 """of twelve bits over -1 to 1 g"""
 
 
-def diagnosed(step_g: float, seed: int, effects: dict[str, dict[str, float]] | None = None) -> Diagnosis:
+def diagnosed(step_g: float, seed: int, effects: dict[str, dict[str, float]] | None = None) -> DiagnosisResult:
     rates = tuple(2 * np.pi * np.array([-1.0, -0.4, 0.3, 0.8]))
     state = Session(RotationPlan(50.0, rates, 15.0, 1.0, 50.0), Site(), Profile((25.0, 27.0))).rows().state
     rng = np.random.default_rng(seed)

@@ -51,7 +51,7 @@ from highside.service.rig.toolface import ToolfaceLog
 @pytest.fixture(autouse=True)
 def limits_as_shipped(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(files, "_allowed", files.MAX_FILE_BYTES)
-    monkeypatch.setattr(files, "_asked", False)
+    monkeypatch.setattr(files, "_configured", False)
 
 
 def zeros(path: Path, count: int) -> Path:

@@ -153,13 +153,13 @@ def test_what_a_fit_never_saw_is_said() -> None:
     turn = np.arange(0.0, 4 * np.pi, 0.02)
     t = np.arange(turn.size) * 0.02
     forward = RotorMotion.of(t, turn)
-    assert forward.never_seen_here(RotorMotion.of(t, np.mod(turn, 2 * np.pi))) == []
-    assert forward.never_seen_here(RotorMotion.of(t, 1.3 * turn)) == []
-    (said,) = forward.never_seen_here(RotorMotion.of(t, -turn))
+    assert forward.unobserved(RotorMotion.of(t, np.mod(turn, 2 * np.pi))) == []
+    assert forward.unobserved(RotorMotion.of(t, 1.3 * turn)) == []
+    (said,) = forward.unobserved(RotorMotion.of(t, -turn))
     assert "backwards" in said
-    (said,) = forward.never_seen_here(RotorMotion.of(t, 3.0 * turn))
+    (said,) = forward.unobserved(RotorMotion.of(t, 3.0 * turn))
     assert "deg/s" in said
-    assert len(forward.never_seen_here(RotorMotion.of(t, -0.2 * turn))) == 2
+    assert len(forward.unobserved(RotorMotion.of(t, -0.2 * turn))) == 2
 
 
 # --- orders at the top of their range --------------------------------------------------------------------------

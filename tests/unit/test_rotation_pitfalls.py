@@ -8,8 +8,8 @@ import pytest
 from highside.papers.rotation_scenarios import A, Draw, draw
 from highside.rotation import NetworkInput, Samples, network, polynomial9, sine
 from highside.rotation.bases import chebyshev_rows, fourier_rows
-from highside.rotation.network import forward as network_output
-from highside.rotation.network import jacobian_rows
+from highside.rotation.network_output import forward as network_output
+from highside.rotation.network_output import jacobian_rows
 
 
 @pytest.fixture(scope="module")

@@ -220,13 +220,19 @@ def test_the_store_keeps_signatures_and_uses_only_what_is_trusted(
     assert load_record_file(file, tool_id="tool-7", trusted=trusted).cal_id == record.id
 
 
-def test_any_file_is_signed_beside_it(tmp_path: Path, lab: SigningKey, trusted: TrustedKeys) -> None:
+def test_any_file_is_signed_beside_it(
+    tmp_path: Path, lab: SigningKey, stranger: SigningKey, trusted: TrustedKeys
+) -> None:
     file = tmp_path / "certificate.html"
     file.write_bytes(os.urandom(3000))
     with pytest.raises(Refused, match=r"no signature certificate\.html\.sig"):
         check_file(file, trusted)
     beside = sign_file(file, lab, now_s=NOW)
     assert check_file(file, trusted)[0] == "Laboratory 1"
+    sign_file(file, stranger, now_s=NOW)
+    with pytest.raises(Refused, match=rf"{file.name}: signed with the key SHA256:.* not trusted here"):
+        check_file(file, trusted)
+    sign_file(file, lab, now_s=NOW)
     file.write_bytes(file.read_bytes() + b" ")
     with pytest.raises(Refused, match="is not of this content"):
         check_file(file, trusted)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from highside.diagnosis.core.result import Diagnosis
+from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.engine import diagnose_magnitudes
 from highside.diagnosis.magnitude.session import MagnitudeSession, magnitude_session
 from highside.physics.forward import ForwardModel
@@ -22,13 +22,13 @@ ALONG = np.array([0.62, -0.49, 0.61])
 ROWS, RATE_HZ, POSE_S = 200, 50.0, 8.0
 
 
-def diagnosed(columns: dict[str, Array], accel_g: Array) -> Diagnosis:
+def diagnosed(columns: dict[str, Array], accel_g: Array) -> DiagnosisResult:
     session = magnitude_session(columns, accel_g, gravity_mps2=9.80665)
     assert isinstance(session, MagnitudeSession)
     return diagnose_magnitudes(session, ForwardModel.of({}), FREE)[0]
 
 
-def by_hand(seed: int, noise_g: float = 1e-3, **effects: dict[str, float]) -> Diagnosis:
+def by_hand(seed: int, noise_g: float = 1e-3, **effects: dict[str, float]) -> DiagnosisResult:
     """36 attitudes held for four seconds each."""
     rng = np.random.default_rng(seed)
     k = np.random.default_rng(36).permutation(36) + 0.5
@@ -80,7 +80,7 @@ def test_nothing_is_left_out_of_a_session_by_hand_in_order(seed: int) -> None:
 
 def at_rest(
     seed: int, level: Callable[[Array], Array], temp: Callable[[Array], Array] | None = None, length_s: float = 600.0
-) -> Diagnosis:
+) -> DiagnosisResult:
     rng = np.random.default_rng(seed)
     t_s = np.arange(0, length_s, 0.1)
     along = np.array([0.2, -0.1, np.sqrt(0.95)])

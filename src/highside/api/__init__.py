@@ -17,24 +17,37 @@ have `.plot()` (extra `plot`). Errors are `InputError` (what came in is not in o
 
 from __future__ import annotations
 
+from highside.api.any_file import read
 from highside.api.calibration import Calibration, CorrectedReadings, calibrate, find_poses
+from highside.api.certificate import Certificate, certify
 from highside.api.confirmation import Confirmation, confirm
 from highside.api.diagnosis import Diagnosis, diagnose, diagnose_table
 from highside.api.gyro import Drift, drift
-from highside.api.importing import import_recording
+from highside.api.importing import ImportProposal, import_recording, inspect_import
 from highside.api.learning import new_effect
-from highside.api.recording import read
-from highside.api.rotation import CompensatedRecording, FitOfRotation, compare_rotation, compensate, fit_rotation
+from highside.api.recording import Recording
+from highside.api.rotation import (
+    ComparedRotation,
+    CompensatedRecording,
+    FitOfRotation,
+    compare_rotation,
+    compensate,
+    fit_rotation,
+)
 from highside.api.simulation import Simulation, predict, simulate
 from highside.api.turntable import SelfFit, TurntableFit, fit_self, fit_turntable
 from highside.config.model import Model
 from highside.errors import HighsideError, InputError, Refused
 from highside.reading.files import allow_bytes
-from highside.recording.table import PoseTable, Recording, Table
+from highside.recording.table import PoseTable, Table
 from highside.rotation import Compensation
+from highside.shown.panel import PlotLine, PlotPanel
+from highside.shown.plot import Plot
 
 __all__ = [
     "Calibration",
+    "Certificate",
+    "ComparedRotation",
     "CompensatedRecording",
     "Compensation",
     "Confirmation",
@@ -43,8 +56,12 @@ __all__ = [
     "Drift",
     "FitOfRotation",
     "HighsideError",
+    "ImportProposal",
     "InputError",
     "Model",
+    "Plot",
+    "PlotLine",
+    "PlotPanel",
     "PoseTable",
     "Recording",
     "Refused",
@@ -54,6 +71,7 @@ __all__ = [
     "TurntableFit",
     "allow_bytes",
     "calibrate",
+    "certify",
     "compare_rotation",
     "compensate",
     "confirm",
@@ -65,6 +83,7 @@ __all__ = [
     "fit_self",
     "fit_turntable",
     "import_recording",
+    "inspect_import",
     "new_effect",
     "predict",
     "read",

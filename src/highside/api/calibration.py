@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self, TypedDict, Unpack, overload
+from typing import Any, Literal, NamedTuple, Self, TypedDict, Unpack, overload
 
 import numpy as np
 
@@ -36,12 +36,11 @@ from highside.physics.law import Law
 from highside.recording.calibration_store import read_record
 from highside.recording.files import write_whole
 from highside.recording.frames import Columns, File, FrameT, source_of, take
-from highside.recording.shown import figure_of, html_table
 from highside.recording.table import PoseTable, Readings, Recording, SolverTable, Table
 from highside.rotation import Compensation
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from highside.shown.card import card
+from highside.shown.panel import PlotLine, PlotPanel
+from highside.shown.plot import Plot
 
 __all__ = ["Calibration", "CorrectedReadings", "calibrate", "find_poses", "read_solver_table"]
 
@@ -56,7 +55,7 @@ class FoundPoses(NamedTuple):
     """A pose table in the requested kind, and what was omitted and why."""
 
     poses: Any
-    left_out: list[str]
+    omitted: list[str]
 
 
 @overload
@@ -85,7 +84,7 @@ def poses_of(recording: Any, *, min_s: float, window_s: float) -> FoundPoses:
     a = table.accel()
     found = still_poses(a, table.columns, min_s=min_s, window_s=window_s, where=table.source or "recording")
     kind = PoseTable if {*PoseTable.mandatory} <= set(found.columns) else Table
-    return FoundPoses(taken.new(kind(found.columns)), found.left_out)
+    return FoundPoses(taken.new(kind(found.columns)), found.omitted)
 
 
 def calibrate(
@@ -204,6 +203,28 @@ class CorrectedReadings(NamedTuple):
     applied: Applied
     """by row: the columns added, which zone made it; how many rows lie outside of what was calibrated"""
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows: how many rows each zone corrected, and how many none."""
+        done = self.applied
+        rows = [[zone, str(count)] for zone, count in done.rows_by_zone.items()]
+        outside = (
+            ("outside of every zone, without I and T", done.outside_zone),
+            ("beyond the calibrated temperatures", done.temperature_outside),
+            ("beyond the range of a law", done.law_outside),
+            ("without what a law depends on", done.law_not_applied),
+        )
+        return card(["zone", "rows"], rows + [[word, str(count)] for word, count in outside if count])
+
+    def plot(self) -> Plot:
+        """Inclination and toolface with their standard deviations over the rows, deg."""
+        along = np.arange(len(self.applied.zones), dtype=float)
+        found = self.applied.columns
+        panels = []
+        for name, word in (("inc", "inclination"), ("tf", "toolface")):
+            line = PlotLine(word, found[f"{name}_deg"], found[f"{name}_std_deg"])
+            panels.append(PlotPanel(along, (line,), "row", f"{word}, deg"))
+        return Plot("Corrected readings", tuple(panels))
+
 
 class CorrectOptions(TypedDict, total=False):
     """What may be said to `Calibration.correct` beside the readings."""
@@ -261,6 +282,11 @@ class Calibration:
     def bias_g(self) -> Array:
         """b of the sensor `m = A g + b`, (3,) g."""
         return np.array(self.record.result.b)
+
+    @property
+    def bias_std_g(self) -> Array:
+        """Standard deviations of `bias_g`, (3,) g."""
+        return np.array([self.record.result.main.parameters.std(f"b_{axis}") for axis in "xyz"])
 
     def summary(self) -> dict[str, Any]:
         """Method, residuals, closures, zones, uncertainty and remarks as plain values, degrees and g."""
@@ -336,26 +362,24 @@ class Calibration:
             [f"{row['inc_deg']:g}", f"{row['inc_std_deg']:.4f}", f"{row['tf_std_deg']:.4f}", str(row["zone"])]
             for row in s["uncertainty"]
         ]
-        said = f"Calibration {s['id'][:12]} of tool {s['tool']}: {s['method']}, {s['poses_used']} of {s['poses']} poses"
-        said += "".join(f"; {'refused: ' if remark.refused else ''}{remark.text}" for remark in self.remarks)
-        return html_table(["I, deg", "std of I, deg", "std of T, deg", "zone"], rows, said)
+        headline = (
+            f"Calibration {s['id'][:12]} of tool {s['tool']}: {s['method']}, {s['poses_used']} of {s['poses']} poses"
+        )
+        remarks = (f"{'refused: ' if remark.refused else ''}{remark.text}" for remark in self.remarks)
+        return card(["I, deg", "std of I, deg", "std of T, deg", "zone"], rows, *remarks, title=headline)
 
-    def plot(self) -> Figure:
-        """Residuals of the poses in ug, an axis each, over the inclination of the pose, and the accuracy of I and T.
-
-        Raises InputError where matplotlib (extra `plot`) is not installed.
-        """
-        figure = figure_of(2)
-        left, right = figure.axes
-        fit = self.record.result.poses
-        for axis, row in zip("xyz", fit.residual_g, strict=True):
-            left.plot(np.arange(row.size), row * 1e6, "o", markersize=3, label=f"a{axis}")
-        left.set(xlabel="pose", ylabel="residual, ug", title=f"Calibration {self.id[:12]}")
-        left.legend(loc="best", fontsize="small")
+    def plot(self) -> Plot:
+        """Residuals of the poses in ug, an axis each, and the standard deviations of I and T over the inclination."""
+        fit = self.record.result.poses.residual_g
         accuracy = self.summary()["uncertainty"]
-        along = [row["inc_deg"] for row in accuracy]
-        for name, word in (("inc_std_deg", "I"), ("tf_std_deg", "T")):
-            right.plot(along, [row[name] for row in accuracy], "o-", label=word)
-        right.set(xlabel="inclination, deg", ylabel="standard deviation, deg", yscale="log")
-        right.legend(loc="best", fontsize="small")
-        return figure
+        along = np.array([row["inc_deg"] for row in accuracy], dtype=float)
+        residuals = tuple(PlotLine(f"a{axis}", row * 1e6, look="points") for axis, row in zip("xyz", fit, strict=True))
+        stated = tuple(
+            PlotLine(word, np.array([row[name] for row in accuracy], dtype=float))
+            for name, word in (("inc_std_deg", "I"), ("tf_std_deg", "T"))
+        )
+        poses = PlotPanel(np.arange(1.0, fit.shape[1] + 1.0), residuals, "pose", "residual, ug")
+        return Plot(
+            f"Calibration {self.id[:12]} of tool {self.record.tool_id}",
+            (poses, PlotPanel(along, stated, "inclination, deg", "standard deviation, deg", log=True)),
+        )

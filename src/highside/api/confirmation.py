@@ -23,8 +23,10 @@ from highside.physics.forward import ForwardModel
 from highside.physics.law import LawEffect
 from highside.physics.state import ChainState
 from highside.recording.frames import Columns, File, FrameT
-from highside.recording.shown import html_table
 from highside.recording.table import Recording
+from highside.shown.card import card
+from highside.shown.panel import PlotLine, PlotPanel
+from highside.shown.plot import Plot
 
 __all__ = ["Confirmation", "ConfirmedClaim", "confirm"]
 
@@ -33,7 +35,7 @@ BLOCKS = 30
 thirtieth of a session leave little correlation between them, and an interval of 30 is 4 % wider than one of many"""
 LEAST_BLOCKS = 6
 """fewer leave no error to judge by"""
-TELLING = 0.5
+CONCLUSIVE = 0.5
 """Half width of a share's interval beyond which the session does not vary what the claim follows: neither all of it nor
 none of it is ruled out. Source: an interval of +-0.5 just parts 0 from 1"""
 ENOUGH = 0.5
@@ -99,7 +101,17 @@ class Confirmation:
     def _repr_html_(self) -> str:
         """What a notebook shows."""
         rows = [[c.claim, f"{c.share:.2f} ({c.low:.2f} to {c.high:.2f})", WORDS[c.verdict]] for c in self.claims]
-        return html_table(["claim", "share", "verdict"], rows, f"{self.rows} rows")
+        return card(["claim", "share", "verdict"], rows, f"{self.rows} rows")
+
+    def plot(self) -> Plot:
+        """The share of each claim that this session shows, with its 95 % interval; 1 is all of it."""
+        share, low, high = (np.array([getattr(c, name) for c in self.claims]) for name in ("share", "low", "high"))
+        found = PlotLine("share that is shown again", share, (high - low) / 2.0, "points")
+        whole = PlotLine("all of it", np.ones(share.size), None, "dashed", "#2c9a62")
+        none = PlotLine("none of it", np.zeros(share.size), None, "dashed", "#808890")
+        names = tuple(claim.title for claim in self.claims)
+        panel = PlotPanel(np.arange(share.size, dtype=float), (found, whole, none), "", "share", names=names)
+        return Plot(f"Confirmation by another session, {self.rows} rows", (panel,))
 
 
 def confirm(model: ModelLike, recording: File | Columns | FrameT) -> Confirmation:
@@ -153,7 +165,7 @@ def confirm(model: ModelLike, recording: File | Columns | FrameT) -> Confirmatio
 
 def _claim(effect: Effect, share: float, half: float, visited: float) -> ConfirmedClaim:
     # also where nothing is determined: the half width is not finite then
-    if not half <= TELLING:
+    if not half <= CONCLUSIVE:
         verdict: ShareVerdict = "not_varied"
     elif share - half > 0 and abs(share - 1) <= ENOUGH:
         verdict = "confirmed"

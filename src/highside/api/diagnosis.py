@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -17,8 +17,7 @@ from highside.config.model import Model, as_toml
 from highside.diagnosis.beside_laws import laws_of
 from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.problem import ReportData
-from highside.diagnosis.core.result import Claim, Finding, Fit, Location, Remainder, Verdict
-from highside.diagnosis.core.result import Diagnosis as Found
+from highside.diagnosis.core.result import Claim, DiagnosisResult, Finding, Fit, Location, Remainder, Verdict
 from highside.diagnosis.recording import Request, diagnose_columns
 from highside.diagnosis.simulation.alignment import Align
 from highside.diagnosis.table.chain import CELLS, CORRECTIONS, Procedure
@@ -27,20 +26,19 @@ from highside.errors import InputError
 from highside.physics.noise import std_of_average
 from highside.recording.files import write_whole
 from highside.recording.frames import Columns, File, FrameT, take
-from highside.recording.shown import figure_of, html_table
 from highside.recording.table import Recording, SummaryTable, Table
+from highside.report.diagnosis_chart import misfit_chart
 from highside.report.diagnosis_claims import claim_size
 from highside.report.diagnosis_page import page_of
-from highside.report.diagnosis_words import VERDICTS
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from highside.report.diagnosis_words import verdict_words
+from highside.shown.card import card
+from highside.shown.plot import Plot
 
 __all__ = ["Diagnosis", "diagnose", "diagnose_table", "rows_of"]
 
 MINUTE_S = 60.0
 """the poses of a table without times are taken to be so far apart"""
-SAYS_SOMETHING = frozenset({"named", "named_plus", "law", "nothing_left_out"})
+CONCLUSIVE = frozenset({"named", "named_plus", "law", "nothing_left_out"})
 """verdicts of which a model can be made: names, laws, or that none is missing"""
 
 
@@ -48,7 +46,7 @@ SAYS_SOMETHING = frozenset({"named", "named_plus", "law", "nothing_left_out"})
 class Diagnosis:
     """What was found, and what was known before."""
 
-    found: Found
+    found: DiagnosisResult
     """the answer as `diagnosis.json` has it"""
     report_data: ReportData | SummaryReportData | None
     """the residuals that a report draws; None for data that could not be judged"""
@@ -95,7 +93,8 @@ class Diagnosis:
         return self.found.to_dict()
 
     def html(self) -> str:
-        """The report as one HTML page; without figures where matplotlib (extra `plot`) is not installed."""
+        """The report as one HTML page that needs nothing beside it; without figures where matplotlib (extra `plot`) is
+        not installed, without the chart to zoom and hover in where Bokeh (extra `notebook`) is not."""
         return page_of(self.found, self.report_data, self.source)
 
     def model(self) -> Model | None:
@@ -104,7 +103,7 @@ class Diagnosis:
         Parameters of an effect that a claim says nothing of stay as the model has them. Raises InputError for values
         that are not plausible.
         """
-        if self.verdict not in SAYS_SOMETHING:
+        if self.verdict not in CONCLUSIVE:
             return None
         known = self.before.forward().parameters()
         claimed = {
@@ -135,26 +134,30 @@ class Diagnosis:
     def _repr_html_(self) -> str:
         """What a notebook shows: the verdict and the claims."""
         rows = [[claim.effect, claim_size(claim), f"{claim.p_familywise:.2g}"] for claim in self.claims]
-        said = f"{self.verdict} - {VERDICTS[self.verdict]}"
-        said += "".join(f"; {finding.check}: {finding.remedy}" for finding in self.intake)
-        return html_table(["left out", "size", "p"], rows, said)
+        faults = (f"{finding.check}: {finding.remedy}" for finding in self.intake)
+        headline = f"{self.verdict} - {verdict_words(self.found)}"
+        return card(["left out", "size", "p"], rows, *faults, *self.notes, title=headline)
 
-    def plot(self) -> Figure:
-        """Residuals of each channel over the rows (of an error table: over its cells), before and with the claims.
+    def plot(self) -> Plot:
+        """What the model leaves of each channel over time (of an error table: over its inclinations), before and with
+        the claims.
 
-        Raises InputError where matplotlib (extra `plot`) is not installed, or where nothing could be judged.
+        Raises InputError where nothing could be judged.
         """
-        if not isinstance(self.report_data, ReportData):
-            raise InputError(
-                "there are no residuals to draw", remedy="see html()" if self.report_data else self.verdict
-            )
-        figure = figure_of(len(self.report_data.channels))
-        for channel, axis in enumerate(figure.axes):
-            axis.plot(self.report_data.before[channel], ".", markersize=2, label="before")
-            axis.plot(self.report_data.after[channel], ".", markersize=2, label="with the claims")
-            axis.set(ylabel=f"{self.report_data.channels[channel]}, residual", xlabel="row")
-            axis.legend(loc="best", fontsize="small")
-        return figure
+        if self.report_data is None:
+            raise InputError("there are no residuals to draw", remedy=self.verdict)
+        return misfit_chart(self.report_data, f"Diagnosis of {self.source}: {self.verdict}")
+
+
+class DiagnoseOptions(TypedDict, total=False):
+    """What may be said to `diagnose` beside the recording and the model; see there."""
+
+    simulation: File | Columns | Table | None
+    align: Align
+    first_s: float | None
+    last_s: float | None
+    seed: int
+    method: ProcedureParts
 
 
 def diagnose(

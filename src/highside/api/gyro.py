@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, TypedDict, TypeVar, Unpack, overload
+from typing import Any, Generic, TypedDict, TypeVar, Unpack, overload
 
 import numpy as np
 
+from highside.api.recording import Recording
 from highside.arrays import Array
 from highside.errors import InputError
 from highside.gyro.checks import check_units, saturated_rows
@@ -18,11 +19,10 @@ from highside.gyro.follow import METHODS, FollowOptions, MethodName, PolicyName,
 from highside.gyro.frames import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from highside.gyro.result import DriftResult
 from highside.recording.frames import Columns, File, FrameT, take
-from highside.recording.shown import figure_of, html_table
-from highside.recording.table import Recording
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from highside.recording.table import Recording as Rows
+from highside.shown.card import card
+from highside.shown.panel import PlotLine, PlotPanel
+from highside.shown.plot import Plot
 
 __all__ = ["Drift", "drift"]
 
@@ -56,27 +56,25 @@ class Drift(Generic[DataT]):
         """What a notebook shows: the end of the recording, the basis of the azimuth, the notes."""
         last = {name: column[-1] for name, column in columns_deg(self.result).items()}
         rows = [[name, f"{value:.6g}"] for name, value in last.items()]
-        said = [f"drift by {self.method}, {self.result.t_s.size} rows; azimuth from {self.basis}", *self.notes]
-        return html_table(["at the end", ""], rows, "; ".join(said))
+        headline = f"Drift by {self.method}, {self.result.t_s.size} rows; azimuth from {self.basis}"
+        return card(["at the end", ""], rows, *self.notes, title=headline)
 
-    def plot(self) -> Figure:
-        """Azimuth with its standard deviation, and the three gyro biases, over time.
-
-        Raises InputError where matplotlib (extra `plot`) is not installed.
-        """
+    def plot(self) -> Plot:
+        """Azimuth with its standard deviation, inclination, and the three gyro biases, over time."""
         columns = columns_deg(self.result)
-        figure = figure_of(2)
-        above, below = figure.axes
-        t, azimuth, std = columns["t_s"], columns["azi_deg"], columns["azi_std_deg"]
-        unwrapped = np.unwrap(azimuth, period=360.0)
-        above.plot(t, unwrapped, linewidth=0.8)
-        above.fill_between(t, unwrapped - std, unwrapped + std, alpha=0.3)
-        above.set(ylabel="azimuth, deg", title=self.basis)
-        for axis in "xyz":
-            below.plot(t, columns[f"bias_{axis}_dps"] * 3600.0, linewidth=0.8, label=axis)
-        below.set(xlabel="t, s", ylabel="gyro bias, deg/h")
-        below.legend(loc="best", fontsize="small")
-        return figure
+        t, azimuth = columns["t_s"], np.unwrap(columns["azi_deg"], period=360.0)
+        biases = tuple(
+            PlotLine(f"g{axis}", columns[f"bias_{axis}_dps"] * 3600.0, columns[f"bias_std_{axis}_dps"] * 3600.0)
+            for axis in "xyz"
+        )
+        return Plot(
+            f"Drift by {self.method}; azimuth from {self.basis}",
+            (
+                PlotPanel(t, (PlotLine("azimuth", azimuth, columns["azi_std_deg"]),), "time, s", "azimuth, deg"),
+                PlotPanel(t, (PlotLine("inclination", columns["inc_deg"]),), "time, s", "inclination, deg"),
+                PlotPanel(t, biases, "time, s", "gyro bias, deg/h"),
+            ),
+        )
 
 
 class DriftOptions(TypedDict, total=False):
@@ -132,7 +130,7 @@ def drift(
     _require_meaning(
         method, azimuth_policy=azimuth_policy is not None, straight_hole=straight_hole, smooth=smooth, carried=carried
     )
-    taken = take(recording, Recording)
+    taken = take(recording, Rows)
     table = taken.table
     t_s, rate, accel = _rows(table)
     for begin, end in rest:
@@ -177,7 +175,7 @@ def _require_meaning(method: str, **given: bool) -> None:
             raise InputError(f"has no meaning with the method {method}", field=name, remedy="leave it out")
 
 
-def _rows(table: Recording) -> tuple[Array, Array, Array]:
+def _rows(table: Rows) -> tuple[Array, Array, Array]:
     """Times (N,) s, rates (3, N) rad/s, accelerations (3, N) g. Raises InputError for rows that cannot be followed."""
     gyros = [name for name in GYROS if not table.has(name)]
     if gyros:

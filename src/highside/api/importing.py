@@ -2,18 +2,126 @@
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from highside.recording.table import Recording
+from highside.api.recording import Recording
+from highside.errors import InputError
+from highside.recording import table as tables
+from highside.shown.card import card
 
 if TYPE_CHECKING:
     from highside.importing.core.proposal import Proposal
     from highside.importing.core.wishes import Wishes
+    from highside.importing.files import ImportedRecording
+    from highside.importing.joins import Joins
 
-__all__ = ["import_recording", "propose_import", "write_imported"]
+__all__ = ["ImportProposal", "import_recording", "inspect_import", "propose_import", "write_imported"]
+
+OPTION = re.compile(r"--(map|units|axes|rate|table|part|profile|yes)\b(?: (?!takes|says)([^\s;]*[^\s;,]))?")
+"""an option of `highside import` as its words name it, and its value"""
+ARGUMENTS = {"map": "mapping", "rate": "rate_hz", "yes": "accept"}
+"""those that have another name as an argument"""
+EVIDENCE_SHOWN = 3
+
+
+@dataclass(frozen=True, slots=True)
+class ImportProposal:
+    """What the columns of a file of another program are taken for, each with its evidence; nothing is read into a
+    number yet.
+
+    A notebook shows it as a table; `str` gives the same as lines. `read` carries it out.
+    """
+
+    _proposal: Proposal
+    remarks: tuple[str, ...]
+    """what was found in the rows: gaps, repeats, rows without a value"""
+    _imported: ImportedRecording | InputError
+
+    @property
+    def rows(self) -> list[tuple[str, str, str, str, str]]:
+        """Column of ours, column of the file, its unit there, how certain that is, and the evidence."""
+        return rows_of(self._proposal)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What must be decided (`open`) or confirmed before use, and the argument that does it."""
+        return tuple(
+            f"{'open' if doubt.open else 'look at'}: {doubt.what}; {_in_arguments(doubt.remedy)}"
+            for doubt in self._proposal.doubts
+        )
+
+    def read(self, *, accept: bool = False) -> Recording:
+        """The Recording of N rows. What rests on values alone is used only with `accept`; what is open never.
+
+        Raises InputError that says which argument decides it.
+        """
+        from highside.importing.files import refuse_open
+
+        with _as_arguments():
+            refuse_open(self._proposal, accepted=accept)
+            if isinstance(self._imported, InputError):
+                raise self._imported
+        told = [f"{ours} is {column} ({unit}, {sure}): {why}" for ours, column, unit, sure, why in self.rows]
+        return Recording.of(self._imported.recording, (*told, *self.remarks))
+
+    def __str__(self) -> str:
+        table = [("column", "from", "unit", "", "evidence"), *self.rows]
+        widths = [max(len(row[place]) for row in table) for place in range(4)]
+        lines = [
+            "  ".join([*(cell.ljust(width) for cell, width in zip(row[:4], widths, strict=True)), row[4]]).rstrip()
+            for row in table
+        ]
+        return "\n".join([*lines, *self.doubts, *self.remarks])
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        source = self._proposal.table
+        return card(
+            ["column", "from", "unit", "", "evidence"],
+            self.rows,
+            *self.doubts,
+            *self.remarks,
+            title=f"{source.where}: {source.form}, {source.n} rows",
+        )
+
+
+def inspect_import(
+    file: str | os.PathLike[str],
+    *,
+    mapping: Mapping[str, str] | None = None,
+    units: Sequence[str] = (),
+    axes: str | None = None,
+    rate_hz: float | None = None,
+    table: str | None = None,
+    part: int | None = None,
+    profile: str | None = None,
+) -> ImportProposal:
+    """What a file of another program seems to hold: its columns as `t_s`, `ax_g`, ..., units, times and axes, with the
+    evidence, before any of it is used.
+
+    `file`, `mapping`, `units`, `axes`, `rate_hz`, `table`, `part` and `profile` as for `import_recording`. Raises
+    InputError for a file that cannot be read.
+    """
+    from highside.importing.core.wishes import Wishes
+    from highside.importing.files import recording_of
+
+    with _as_arguments():
+        wishes = Wishes(dict(mapping or {}), tuple(units), axes, rate_hz, table, part)
+        proposal, _, _ = propose_import(Path(file), wishes, profile)
+        imported: ImportedRecording | InputError
+        try:
+            imported = recording_of(proposal)
+        except InputError as fault:
+            imported = fault
+    findings = () if isinstance(imported, InputError) else imported.findings
+    return ImportProposal(proposal, (*proposal.table.remarks, *findings), imported)
 
 
 def import_recording(
@@ -27,6 +135,11 @@ def import_recording(
     part: int | None = None,
     profile: str | None = None,
     accept: bool = False,
+    reference: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] = (),
+    reference_mapping: Mapping[str, str] | None = None,
+    join: Sequence[str] = (),
+    take: str = "interpolated",
+    lag_s: float | None = None,
 ) -> Recording:
     """A Recording of N rows out of a file of another program: `t_s`, `ax_g`, ... whatever they are called there.
 
@@ -35,16 +148,39 @@ def import_recording(
     `("m/s2", "rad/s")`; `axes`: the tool's axes in the file's (`"-yxz"`); `rate_hz`: rows/s where it has no time;
     `table`: which sheet, topic or length of arrays; `part`: which part, from 1, where its clock began again;
     `profile`: a mapping kept by `highside import`.
+    `reference`: files whose columns are joined on the times of this one (`reference_mapping`: as `mapping`, for them),
+    `join`: names of other tables of the same file; `take`: interpolated, nearest or last; `lag_s`: by how much their
+    clock is late, NaN for what is measured.
     What rests on values alone is used only with `accept`; what is open never. Raises InputError that says which
-    argument (of the command: which option) decides it.
+    argument decides it.
     """
-    from highside.importing.core.wishes import Wishes
-    from highside.importing.files import recording_of, refuse_open
+    if not reference and not join:
+        looked = inspect_import(
+            file, mapping=mapping, units=units, axes=axes, rate_hz=rate_hz, table=table, part=part, profile=profile
+        )
+        return looked.read(accept=accept)
+    from highside.importing.core.wishes import Taken, Wishes
+    from highside.importing.joins import Joins
 
+    files = (reference,) if isinstance(reference, str | os.PathLike) else tuple(reference)
+    theirs = Wishes(dict(reference_mapping or {}), tuple(units))
+    joins = Joins(tuple(join), tuple(map(Path, files)), theirs, Taken(take), lag_s)
     wishes = Wishes(dict(mapping or {}), tuple(units), axes, rate_hz, table, part)
-    proposal, _, _ = propose_import(Path(file), wishes, profile)
+    return _joined(Path(file), wishes, joins, profile, accept=accept)
+
+
+def _joined(file: Path, wishes: Wishes, joins: Joins, profile: str | None, *, accept: bool) -> Recording:
+    from highside.importing.files import refuse_doubts, refuse_open
+    from highside.importing.joins import carry_out, open_joined
+
+    proposal, _, _ = propose_import(file, wishes, profile)
     refuse_open(proposal, accepted=accept)
-    return recording_of(proposal).recording
+    others = open_joined(file, joins)
+    for _, other, _ in others:
+        refuse_open(other, accepted=accept)
+    carried = carry_out(proposal, others, joins)
+    refuse_doubts(carried.doubts, str(file), accepted=accept)
+    return Recording.of(carried.recording, carried.findings)
 
 
 def propose_import(file: Path, wishes: Wishes, profile: str | None) -> tuple[Proposal, Wishes, bool]:
@@ -57,10 +193,59 @@ def propose_import(file: Path, wishes: Wishes, profile: str | None) -> tuple[Pro
     return open_foreign(file, together), together, kept is not None
 
 
-def write_imported(recording: Recording, target: Path) -> None:
+def rows_of(proposal: Proposal) -> list[tuple[str, str, str, str, str]]:
+    """A proposal as rows of words: column of ours, of the file, unit there, how certain, and why."""
+    rows = [
+        (
+            guess.target,
+            guess.column,
+            guess.unit.name if guess.unit else "",
+            guess.sure.value,
+            "; ".join(guess.evidence[:EVIDENCE_SHOWN]),
+        )
+        for guess in proposal.guesses
+    ]
+    if proposal.rate_hz is not None:
+        rows.append(("t_s", "(row)", f"1/{proposal.rate_hz:g} s", "given", "rows at this rate"))
+    why = "; ".join(proposal.axes.evidence)
+    return [*rows, ("axes", "", proposal.axes.axes, "given" if proposal.axes_given else "", why)]
+
+
+def write_imported(recording: tables.Recording, target: Path) -> None:
     """Write as the name of the file says: Parquet, or CSV. Raises InputError."""
     from highside.recording.export import export
     from highside.recording.export_format import ExportFormat
 
     kinds = {".parquet": ExportFormat.PARQUET, ".mcap": ExportFormat.MCAP}
     export(recording, target, kinds.get(target.suffix, ExportFormat.CSV))
+
+
+@contextmanager
+def _as_arguments() -> Iterator[None]:
+    """Within it an InputError that names options of `highside import` names the arguments of the same meaning."""
+    try:
+        yield
+    except InputError as error:
+        field, remedy = (None if text is None else _in_arguments(text) for text in (error.field, error.remedy))
+        raise InputError(error.what, where=error.where, field=field, remedy=remedy) from None
+
+
+def _in_arguments(text: str) -> str:
+    """`--map t_s=time:ms` as `mapping={"t_s": "time:ms"}`, `--units rad/s` as `units=["rad/s"]`, `--yes` as
+    `accept=True`; an option without a value by the name of the argument."""
+
+    def argument(found: re.Match[str]) -> str:
+        option, value = found[1], found[2]
+        name = ARGUMENTS.get(option, option)
+        if option == "yes":
+            return "accept=True" + (f" {value}" if value else "")
+        if value is None:
+            return name
+        if option == "map":
+            ours, _, theirs = value.partition("=")
+            return f'{name}={{"{ours}": "{theirs}"}}'
+        if option == "units":
+            return f"{name}={json.dumps(value.split(','))}"
+        return f"{name}={value}" if option in ("rate", "part") else f'{name}="{value}"'
+
+    return OPTION.sub(argument, text)

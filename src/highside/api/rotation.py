@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypedDict, TypeVar, Unpack, overload
+from typing import Any, Generic, Literal, TypedDict, TypeVar, Unpack, overload
 
 import numpy as np
 
 from highside.api.bench import load_compensation
+from highside.api.recording import Recording
 from highside.arrays import Array
 from highside.errors import InputError
 from highside.recording.frames import Columns, File, FrameT, source_of, take
-from highside.recording.shown import figure_of, html_table
-from highside.recording.table import Recording
+from highside.recording.table import Recording as Rows
 from highside.rotation import Compensation, CurveMethod, ErrorCurve, FitOptions, NetworkInput, Samples, Validity, fit
 from highside.rotation.compare import CurveComparison
 from highside.rotation.compare import compare as compare_methods
@@ -28,13 +28,22 @@ from highside.rotation.recording import (
     samples_of,
     warnings_of,
 )
+from highside.shown.card import card
+from highside.shown.panel import PlotLine, PlotPanel
+from highside.shown.plot import Plot
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-__all__ = ["CompensatedRecording", "FitOfRotation", "compare_rotation", "compensate", "fit_rotation"]
+__all__ = [
+    "ComparedRotation",
+    "CompensatedRecording",
+    "FitOfRotation",
+    "compare_rotation",
+    "compensate",
+    "fit_rotation",
+]
 
 DataT = TypeVar("DataT")
+CURVE_POINTS = 1200
+"""of a fitted curve, and of the rows drawn over it"""
 MethodName = Literal["sine", "harmonics2", "polynomial9", "network", "auto"]
 
 
@@ -54,6 +63,19 @@ class FitOfRotation:
             name: described(curve) | {"direction": None if (found := self.direction[name]) is None else found.to_dict()}
             for name, curve in self.compensation.curves.items()
         }
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the curve of each channel, and what must be reported."""
+        names = {"order": "order", "half_range_arcmin": "half range, arcmin", "noise_arcmin": "noise of a row, arcmin"}
+        found = self.described()
+        rows = [[channel, *(_word(one.get(name)) for name in names)] for channel, one in found.items()]
+        remarks = (f"{channel}: {sentence}" for channel, sentence in self.remarks())
+        title = f"Errors by the rotor angle, fitted to {self.rows} rows"
+        return card(["channel", *names.values()], rows, *remarks, title=title)
+
+    def plot(self) -> Plot:
+        """The rows and the fitted curves with their standard deviation over a turn, arcmin."""
+        return chart_of_curves(self.compensation.curves, self.samples)
 
     def remarks(self) -> list[tuple[str, str]]:
         """(channel, sentence) of what must be reported."""
@@ -128,15 +150,12 @@ class CompensatedRecording(Generic[DataT]):
             for channel, one in self.done.channels.items()
         ]
         rows += [[name, "", f"{counts['compensated']} rows"] for name, counts in self.done.attitude.items()]
-        said = "; ".join([f"compensated by {self.compensation.id[:12]}", *self.warnings])
-        return html_table(["channel", "mean |error| before, arcmin", "after"], rows, said)
+        headline = f"Compensated by {self.compensation.id[:12]}"
+        return card(["channel", "mean |error| before, arcmin", "after"], rows, *self.warnings, title=headline)
 
-    def plot(self) -> Figure:
-        """The fitted curves with their standard deviation over a turn.
-
-        Raises InputError where matplotlib (extra `plot`) is not installed.
-        """
-        return _curves(self.compensation.curves)
+    def plot(self) -> Plot:
+        """The fitted curves with their standard deviation over a turn, arcmin."""
+        return chart_of_curves(self.compensation.curves)
 
 
 @overload
@@ -165,7 +184,7 @@ def compensate(
     if by is not None and fitted:
         raise InputError("has no meaning with a compensation that is fitted", field=next(iter(fitted)))
     given = None if by is None else load_compensation(by)
-    taken = take(recording, Recording)
+    taken = take(recording, Rows)
     table = _checked(taken.table)
     known = given or fit_rotation(table, **fitted).compensation
     has_errors = any(table.has(f"d_{channel}_arcmin") for channel in CHANNELS)
@@ -184,13 +203,49 @@ def compensate(
     return CompensatedRecording(taken.with_columns(done.columns), known, done, warnings)
 
 
+class ComparedRotation(dict[str, tuple[Samples, CurveComparison, DirectionDifference | None]]):
+    """By channel the rows, a score a method (or why it was refused), and whether the error differs by direction."""
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: what each method leaves of each channel."""
+        rows = [
+            [
+                channel,
+                method.value,
+                f"{score.mean_abs:.4f}",
+                f"{score.std:.4f}",
+                "" if held is None else f"{held.rms:.4f}",
+            ]
+            for channel, (_, comparison, _) in self.items()
+            for method, score in comparison.scores.items()
+            for held in (score.curve.held_out,)
+        ]
+        refused = (
+            f"{channel}, {method.value}: {why}"
+            for channel, (_, comparison, _) in self.items()
+            for method, why in comparison.refused.items()
+        )
+        header = ["channel", "method", "mean |left|, arcmin", "std", "rms of turns not used"]
+        return card(header, rows, *refused)
+
+    def plot(self) -> Plot:
+        """What each method leaves of each channel, mean absolute error in arcmin."""
+        panels = []
+        for channel, (_, comparison, _) in self.items():
+            left = np.array([score.mean_abs for score in comparison.scores.values()])
+            names = tuple(method.value for method in comparison.scores)
+            line = PlotLine("mean |left|", left, look="points")
+            panels.append(PlotPanel(np.arange(left.size, dtype=float), (line,), "", f"{channel}, arcmin", names=names))
+        return Plot("What the methods leave", tuple(panels))
+
+
 def compare_rotation(
     recording: File | Columns | FrameT,
     *,
     rate_terms: int = 0,
     network_input: Literal["scaled", "periodic"] = "scaled",
     seed: int = 0,
-) -> dict[str, tuple[Samples, CurveComparison, DirectionDifference | None]]:
+) -> ComparedRotation:
     """Fit all methods to the same rows of each error `d_roll_arcmin, ...` of a recording over its `rotor_deg`.
 
     Arguments as those of `fit_rotation`: `recording`, `rate_terms`, `network_input`, `seed`. By channel the rows, a
@@ -200,7 +255,7 @@ def compare_rotation(
     """
     table = read_rotation(recording)
     options = FitOptions(rate_terms, NetworkInput(network_input), seed)
-    found: dict[str, tuple[Samples, CurveComparison, DirectionDifference | None]] = {}
+    found = ComparedRotation()
     for channel, samples in _samples(table, with_rate=rate_terms > 0).items():
         comparison = compare_methods(samples, options=options)
         best = comparison.scores.get(CurveMethod.AUTO) or next(iter(comparison.scores.values()), None)
@@ -208,12 +263,12 @@ def compare_rotation(
     return found
 
 
-def read_rotation(recording: Any) -> Recording:
+def read_rotation(recording: Any) -> Rows:
     """A recording of a rotor, its angles checked to be degrees of one rotor in time order. Raises InputError."""
-    return _checked(take(recording, Recording).table)
+    return _checked(take(recording, Rows).table)
 
 
-def _checked(table: Recording) -> Recording:
+def _checked(table: Rows) -> Rows:
     table.require("rotor_deg")
     back = np.flatnonzero(np.diff(table.t_s) < 0)
     if back.size:
@@ -224,7 +279,7 @@ def _checked(table: Recording) -> Recording:
     return table
 
 
-def _samples(table: Recording, *, with_rate: bool) -> dict[str, Samples]:
+def _samples(table: Rows, *, with_rate: bool) -> dict[str, Samples]:
     """The errors that the recording has, each with the rows in which it and the angle are known."""
     present = [channel for channel in CHANNELS if table.has(f"d_{channel}_arcmin")]
     if not present:
@@ -239,13 +294,26 @@ def _samples(table: Recording, *, with_rate: bool) -> dict[str, Samples]:
     return {c: samples_of(c, table.columns, with_rate=with_rate, where=table.source) for c in present}
 
 
-def _curves(curves: Mapping[str, ErrorCurve]) -> Figure:
-    figure = figure_of(len(curves))
-    theta = np.linspace(0.0, 2.0 * np.pi, 361)
-    for axis, (name, curve) in zip(figure.axes, curves.items(), strict=True):
-        rate = None if curve.rate is None else np.full(theta.size, curve.rate.centre_radps)
-        value, std = curve(theta, rate), curve.std(theta, rate)
-        axis.plot(np.degrees(theta), value)
-        axis.fill_between(np.degrees(theta), value - std, value + std, alpha=0.3)
-        axis.set(xlabel="rotor angle, deg", ylabel=f"{name}, arcmin")
-    return figure
+def chart_of_curves(curves: Mapping[str, ErrorCurve], samples: Mapping[str, Samples] | None = None) -> Plot:
+    """Fitted curves with their standard deviation over a turn, a panel a channel; over them the rows, thinned."""
+    theta = np.linspace(0.0, 2.0 * np.pi, CURVE_POINTS)
+    panels = []
+    for name, curve in curves.items():
+        along, error = theta, None
+        if samples is not None:
+            rows = samples[name]
+            some = np.linspace(0, rows.error.size - 1, min(rows.error.size, CURVE_POINTS)).astype(int)
+            # the curve is drawn at the angles of the rows: a panel has one axis for all its lines
+            turned = np.mod(rows.theta_rad[some], 2.0 * np.pi)
+            order = np.argsort(turned)
+            along, error = turned[order], rows.error[some][order]
+        rate = None if curve.rate is None else np.full(along.size, curve.rate.centre_radps)
+        lines = [PlotLine("fitted", curve(along, rate), curve.std(along, rate))]
+        if error is not None:
+            lines.insert(0, PlotLine("measured", error, look="points", colour="#808890"))
+        panels.append(PlotPanel(np.degrees(along), tuple(lines), "rotor angle, deg", f"{name}, arcmin"))
+    return Plot("Error over the rotor angle", tuple(panels))
+
+
+def _word(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value if value is not None else "")

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highside import __version__
 from highside.api.bench import ModelLike, model_of
+from highside.api.recording import Recording
 from highside.arrays import Array
 from highside.codec.axes import AxisMap
 from highside.config.model import MAX_ROWS, Model
@@ -23,10 +24,8 @@ from highside.physics.simulation import Simulated
 from highside.physics.simulation import simulate as run
 from highside.physics.state import ChainState
 from highside.recording.frames import Columns, File, FrameT, take
-from highside.recording.table import PoseTable, Readings, Recording, Table
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from highside.recording.table import PoseTable, Readings, Table
+from highside.shown.plot import Plot
 
 __all__ = ["Simulation", "predict", "simulate"]
 
@@ -59,7 +58,7 @@ class Simulation:
         """What a notebook shows: the recording."""
         return self.recording._repr_html_()
 
-    def plot(self, *names: str) -> Figure:
+    def plot(self, *names: str) -> Plot:
         """Columns of the recording over time; see `Recording.plot`."""
         return self.recording.plot(*names)
 

@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from highside.api.rotation import chart_of_curves
 from highside.attitude.angles import wrap_signed
 from highside.calibration.applied import corrected_accel
 from highside.calibration.record import CalibrationRecord
@@ -26,6 +27,8 @@ from highside.rotation.self_reference import ErrorPart, GyroDoubt, SelfErrors, s
 from highside.rotation.self_turntable import self_turntable
 from highside.rotation.turntable import TurntableCurve
 from highside.rotation.turntable import fit_turntable as fit_curves
+from highside.shown.card import card
+from highside.shown.plot import Plot
 
 __all__ = ["SelfFit", "TurntableFit", "fit_self", "fit_turntable"]
 
@@ -60,6 +63,17 @@ class TurntableFit:
             name: np.hypot(curve.parameters[1::2], curve.parameters[2::2]).tolist()
             for name, curve in self.compensation.curves.items()
         }
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the harmonics of each channel."""
+        rows = [[name, ", ".join(f"{size:.3g}" for size in sizes)] for name, sizes in self.harmonics_arcmin().items()]
+        noise = ", ".join(f"{name.removesuffix('_arcmin')} {size:.3g}" for name, size in self.noise_arcmin.items())
+        title = f"Errors of a turntable, fitted to {self.rows} rows"
+        return card(["channel", "harmonics, arcmin"], rows, f"noise of a row, arcmin: {noise}", title=title)
+
+    def plot(self) -> Plot:
+        """The curves with their standard deviation over a turn, arcmin."""
+        return chart_of_curves(self.compensation.curves)
 
 
 def fit_turntable(recording: File | Columns | FrameT, *, largest_order: int = 8) -> TurntableFit:
@@ -124,6 +138,20 @@ class SelfFit:
             }
         return described
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the curve of each channel, and what is to be said of it."""
+        rows = [
+            [name, str(one["order"]), f"{one['half_range_arcmin']:.3f}", f"{one['std_worst_arcmin']:.3f}"]
+            for name, one in self.described().items()
+        ]
+        title = f"Errors by the rotor angle without a reference, {self.turns:.1f} turns"
+        header = ["channel", "order", "half range, arcmin", "largest std, arcmin"]
+        return card(header, rows, *self.sentences, title=title)
+
+    def plot(self) -> Plot:
+        """The curves with their standard deviation over a turn, arcmin."""
+        return chart_of_curves(self.compensation.curves)
+
 
 def fit_self(
     recordings: Sequence[File | Columns | FrameT],
@@ -163,8 +191,8 @@ def fit_self(
         if of == "decoded" and calibration is None:
             remarks.append("the accelerometers' own errors pass for the turntable's: give calibration= or of='rotor'")
     made = Compensation(curves, validity, " ".join(names), _digest(recordings, tables))
-    said = dict.fromkeys([*remarks, *(remark for curve in curves.values() for remark in curve.remarks)])
-    return SelfFit(made, inclinations, sum(one.turns for one in found), tuple(remarks), tuple(said))
+    headline = dict.fromkeys([*remarks, *(remark for curve in curves.values() for remark in curve.remarks)])
+    return SelfFit(made, inclinations, sum(one.turns for one in found), tuple(remarks), tuple(headline))
 
 
 def _digest(recordings: Sequence[object], tables: Sequence[Table]) -> str:

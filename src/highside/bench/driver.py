@@ -31,9 +31,9 @@ from highside.bench.simulated_bench import SimulatedBench
 from highside.bench.store import BenchStore, keep_turntable
 from highside.codec.frame import ByteCodec, CanCodec
 from highside.config.bench import BenchFile
-from highside.config.links import SerialLink
 from highside.errors import HighsideError, InputError
 from highside.link.base import Batch, Chunk, LinkReason, LinkState, LinkSupervisor, SupervisorSettings, Transport
+from highside.link.tcp_wire import local_reader
 from highside.service.monitor import Monitor
 
 log = logging.getLogger("highside")
@@ -153,11 +153,11 @@ class BenchDriver:
         return self._cached
 
     async def subscribe(self, max_rate_hz: float = 10.0) -> AsyncIterator[Snapshot]:
-        seen = -1
+        shown = -1
         while True:
             snapshot = self.snapshot()
-            if snapshot.seq != seen:
-                seen = snapshot.seq
+            if snapshot.seq != shown:
+                shown = snapshot.seq
                 yield snapshot
             if self._over.is_set():
                 return
@@ -257,7 +257,7 @@ class BenchDriver:
         bench, link = self.bench, self.settings.link
         if bench is not None:
             # the port's name is requested anew at each attempt: after an unplug it may be another
-            return lambda: SerialLink(kind="serial", port=bench.address or "unplugged").transport()
+            return lambda: local_reader(bench.address)
         assert link is not None, "one of the two is configured"
         return link.transport
 

@@ -8,7 +8,6 @@ processes cannot. Going on cuts off what the end of the last process tore.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import re
 from collections.abc import Callable, Iterator
@@ -20,7 +19,9 @@ from highside.bench.session.entries import Entry
 from highside.bench.session.journal import Encoder, Header, Journal, StorageError, read_journal
 from highside.errors import InputError
 from highside.reading import read_bytes
+from highside.reading.files import OPEN_FLAGS
 from highside.recording.files import flush_directory, make_directory
+from highside.recording.locks import lock
 
 SUFFIX = ".journal"
 _NAME = re.compile(r"^(?P<tool>.+)_\d{8}T\d{6}Z(?:-\d+)?\.journal$")
@@ -41,7 +42,7 @@ class JournalFile:
         try:
             make_directory(directory)
             path = directory / f"{header.session}{SUFFIX}"
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | OPEN_FLAGS, 0o644)
         except FileExistsError:
             raise InputError("there is a session of this name already", where=str(directory)) from None
         except OSError as error:
@@ -66,7 +67,7 @@ class JournalFile:
     def reopen(cls, path: Path) -> tuple[JournalFile, Journal]:
         """Go on in a file. Raises InputError for what is no journal, is damaged, or is in use."""
         try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+            descriptor = os.open(path, os.O_RDWR | OPEN_FLAGS)
         except OSError as error:
             raise InputError(f"cannot be opened: {error.strerror}", where=str(path)) from None
         try:
@@ -113,7 +114,7 @@ class JournalFile:
 
 def _lock(path: Path, descriptor: int) -> None:
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(descriptor)
     except OSError:
         raise InputError("another process drives this session", where=str(path), remedy="end that one first") from None
 
@@ -181,7 +182,7 @@ def _in_use(path: Path) -> bool:
     """Whether a process drives the session."""
     try:
         with path.open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            lock(file.fileno(), shared=True)
     except OSError:
         return True
     return False

@@ -27,16 +27,17 @@ import aiomqtt
 
 from highside.bench.session.commands import Origin
 from highside.bench.session.driver import SessionDriver
-from highside.bench.session.snapshot import Command, Reply
+from highside.bench.session.snapshot import Command, Reply, Snapshot
 from highside.config.mqtt import MqttSettings
 from highside.errors import InputError
 from highside.reading import parse_message, text_member
 from highside.service.broker_client import broker_client
-from highside.service.messages import OFFLINE, ONLINE
+from highside.service.messages import OFFLINE, ONLINE, WORDS
 from highside.service.quiet_log import QuietLog
 from highside.service.reconnect import Reconnect
 from highside.service.replies import TokenBucket
 from highside.service.tasks import ended
+from highside.service.topics import Topic
 
 log = logging.getLogger(__name__)
 
@@ -53,6 +54,16 @@ REFUSALS_PER_S = 5.0
 REFUSALS_AT_ONCE = 20
 """Commands refused without an operator's word being weighed (malformed, retained) are answered at this rate; beyond,
 they are counted. What an operator asks is always answered."""
+SESSION_TOPICS: tuple[Topic, ...] = (
+    Topic("session/state", "The newest snapshot of a bench session, twice a second at most.", Snapshot, retained=True),
+    Topic("session/command", "A command to the session; one that is retained is not obeyed.", Command, to_us=True),
+    Topic("session/reply", "The answer to each command.", Reply),
+    Topic(
+        "session/status", "Whether the session speaks; last will and farewell `offline`.", WORDS[0][1], retained=True
+    ),
+)
+"""What `highside calibrate bench` with `[mqtt]` sends and obeys."""
+
 RETAINED = "retained"
 MALFORMED = "malformed"
 FAILED = "failed"

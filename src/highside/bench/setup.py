@@ -23,7 +23,7 @@ from highside.config.model import load_model
 from highside.config.model_bench import bench_columns, bench_of, laws_of_the_sensor, true_references
 from highside.errors import InputError
 from highside.link.device import DeviceSettings
-from highside.link.wire import PtyWire
+from highside.link.tcp_wire import local_wire
 from highside.physics.motion import still
 from highside.reading import read_bytes
 from highside.recording.calibration_store import CalibrationStore, read_record
@@ -216,7 +216,7 @@ def simulated_bench(table: config.SimulatedTable, *, attempt: int = 0) -> Simula
         seed=table.seed + 1_000_003 * attempt,
         speed=table.speed,
     )
-    return SimulatedBench(device, table, PtyWire())
+    return SimulatedBench(device, table, local_wire())
 
 
 def habits_of(table: config.SimulatedTable) -> Habits:

@@ -75,12 +75,12 @@ class SimulatedOperator:
 
     def look(self, snapshot: Snapshot) -> list[Command]:
         """What the operator does about it."""
-        self._mend()
+        self._correct_mistake()
         match snapshot.state:
             case SessionState.IDLE:
-                return [self._say(CommandName.START)]
+                return [self._prompt(CommandName.START)]
             case SessionState.PAUSED:
-                return [self._say(CommandName.RESUME)]
+                return [self._prompt(CommandName.RESUME)]
             case SessionState.SOAKING:
                 wanted = snapshot.plan.stage_temp_c
                 if wanted is not None and wanted != self._oven:
@@ -94,12 +94,12 @@ class SimulatedOperator:
                 return self._meddle(snapshot)
             case SessionState.REVIEW:
                 accept = CommandName.ACCEPT in snapshot.allowed
-                return [self._say(CommandName.ACCEPT if accept else CommandName.REJECT)]
+                return [self._prompt(CommandName.ACCEPT if accept else CommandName.REJECT)]
             case _:
                 pass
         return []
 
-    def _say(self, name: CommandName, pose: str | None = None) -> Command:
+    def _prompt(self, name: CommandName, pose: str | None = None) -> Command:
         return Command(name=name, request_id=next(self._ids), operator=self.habits.name, pose=pose)
 
     def _set_pose(self, snapshot: Snapshot) -> None:
@@ -152,14 +152,14 @@ class SimulatedOperator:
                 self.bench.unplug()
                 self._plug_back_s = self.bench.time_s + 20.0
             case OperatorMistake.PAUSE:
-                return [self._say(CommandName.PAUSE)]
+                return [self._prompt(CommandName.PAUSE)]
             case OperatorMistake.UNDO:
-                return [self._say(CommandName.UNDO)] if CommandName.UNDO in snapshot.allowed else []
+                return [self._prompt(CommandName.UNDO)] if CommandName.UNDO in snapshot.allowed else []
             case _:
                 pass
         return []
 
-    def _mend(self) -> None:
+    def _correct_mistake(self) -> None:
         if self._plug_back_s is not None and self.bench.time_s >= self._plug_back_s:
             self._plug_back_s = None
             self.bench.plug()
@@ -167,7 +167,7 @@ class SimulatedOperator:
     def _by_hand(self, snapshot: Snapshot) -> list[Command]:
         """Lay the tool down somewhere new; after enough attitudes say so."""
         if snapshot.plan.done >= self.habits.hand_poses:
-            return [self._say(CommandName.ACCEPT)]
+            return [self._prompt(CommandName.ACCEPT)]
         if self._set is None or self.bench.time_s >= self._set[1] + HAND_S:
             self._lay_down()
         return []

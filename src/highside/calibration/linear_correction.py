@@ -28,7 +28,7 @@ from highside.calibration.correction import (
 from highside.calibration.nonlinear_terms import PASSES, inverted
 from highside.calibration.student import UPPER, widening, widening_block
 from highside.calibration.zone import Zone
-from highside.calibration.zone_coefficients import Coefficients, Form, coefficients_at
+from highside.calibration.zone_coefficients import CoefficientForm, Coefficients, coefficients_at
 
 TEMPERATURE_STEP_C = 1.0 / 256.0
 """Temperatures are rounded to this before the polynomials are computed (1 mg/degC moves by 2 ug at most): a sensor's
@@ -47,7 +47,7 @@ class Evaluated(NamedTuple):
     flags: tuple[str, ...]
 
 
-def _of_form(form: tuple[Form, ...], x: float, y: float, z: float) -> Covariance:
+def _of_form(form: tuple[CoefficientForm, ...], x: float, y: float, z: float) -> Covariance:
     xx, xy, xz, yy, yz, zz = x * x, x * y, x * z, y * y, y * z, z * z
     p0, p1, p2, p3, p4, p5 = [
         f0 * xx + f1 * xy + f2 * xz + f3 * yy + f4 * yz + f5 * zz + f6 * x + f7 * y + f8 * z + f9

@@ -219,8 +219,8 @@ def _studentised(fit: _MagnitudeFit, used: NDArray[np.bool_]) -> Array:
 
 
 def _held_out_rms(fit: _MagnitudeFit, used: NDArray[np.bool_]) -> float:
-    left_out = fit.residual[used] / np.maximum(1.0 - fit.leverage[used], 1e-9)
-    return float(np.sqrt(np.mean(left_out**2)))
+    held_out = fit.residual[used] / np.maximum(1.0 - fit.leverage[used], 1e-9)
+    return float(np.sqrt(np.mean(held_out**2)))
 
 
 def _leave_out_bad(

@@ -42,7 +42,7 @@ class StillPoses(NamedTuple):
     """The still intervals of a recording as the columns of a pose table, each (K,), and what was omitted and why."""
 
     columns: dict[str, Array]
-    left_out: list[str]
+    omitted: list[str]
 
 
 def still_poses(a: Array, columns: Mapping[str, Array], *, min_s: float, window_s: float, where: str) -> StillPoses:
@@ -64,7 +64,7 @@ def still_poses(a: Array, columns: Mapping[str, Array], *, min_s: float, window_
         found = labelled_intervals(a, codes)
     else:
         found = find_still_intervals(a, rate, min_s=min_s, window_s=window_s)
-    left_out: list[str] = []
+    omitted: list[str] = []
     kept = []
     has_reference = {"inc_ref_deg", "tf_ref_deg"} <= set(columns)
     for interval in found:
@@ -73,9 +73,9 @@ def still_poses(a: Array, columns: Mapping[str, Array], *, min_s: float, window_
         if why is None:
             kept.append(interval)
         else:
-            left_out.append(f"{t[interval.start]:.3f} to {t[interval.stop - 1]:.3f} s: {why}")
+            omitted.append(f"{t[interval.start]:.3f} to {t[interval.stop - 1]:.3f} s: {why}")
     if not kept:
-        raise Refused(f"{where}: no usable pose: {'; '.join(left_out[:3])}")
+        raise Refused(f"{where}: no usable pose: {'; '.join(omitted[:3])}")
     poses = poses_from_intervals(a, kept, temp_c=columns.get("temp_c"))
     starts = np.array([interval.start for interval in kept])
     made = {name: columns[name][starts] for name in ("inc_ref_deg", "tf_ref_deg") if has_reference}
@@ -91,7 +91,7 @@ def still_poses(a: Array, columns: Mapping[str, Array], *, min_s: float, window_
     for name in ("pose", "direction"):
         if name in columns and not np.isnan(columns[name][starts]).any():
             made[name] = columns[name][starts]
-    return StillPoses(made, left_out)
+    return StillPoses(made, omitted)
 
 
 def _is_further(name: str) -> bool:

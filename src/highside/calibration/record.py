@@ -90,6 +90,7 @@ class RecordError(Refused):
         self.reason = reason
         self.text = " ".join(text.split())
         super().__init__(" ".join(f"calibration refused ({reason.value}): {text}".split()))
+        self.code = f"record.{reason.value}"
 
 
 @dataclass(frozen=True, slots=True)

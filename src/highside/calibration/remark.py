@@ -56,3 +56,4 @@ class CalibrationRefused(Refused):
     def __init__(self, reason: Reason, text: str, poses: tuple[str, ...] = ()) -> None:
         self.remark = Remark(reason, text, poses)
         super().__init__(text)
+        self.code = f"calibration.{reason.value}"

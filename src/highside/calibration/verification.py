@@ -341,8 +341,8 @@ def verify_poses(
     zero_std = math.radians(toolface_zero_std_deg)
     errors = (found.inc - inc_ref, difference(found.tf, tf_ref))
     poses_of = compared(inc_set, tf_set, (found.inc_noise, found.tf_noise), bench.pose_rad, errors)
-    said = tilt or BenchLevel.stated(bench.tilt_rad)
-    level = best_level(poses_of, said)
+    level_text = tilt or BenchLevel.stated(bench.tilt_rad)
+    level = best_level(poses_of, level_text)
     inc_budgets, tf_budgets = budgets(poses_of, (found.inc_noise, found.tf_noise), bench.pose_rad, level, zero_std)
     inc_std, tf_std = (np.radians([budget.std for budget in which]) for which in (inc_budgets, tf_budgets))
     shift_inc, shift_tf = leaning(inc_set, tf_set, level.x_rad, level.y_rad)
@@ -365,7 +365,7 @@ def verify_poses(
         limit_tf_deg,
         level,
         None if zero is None else math.degrees(zero),
-        level.contradicts(said),
+        level.contradicts(level_text),
         level.unproven,
     )
 

@@ -19,7 +19,7 @@ from highside.calibration.sensor import (
 from highside.calibration.student import UPPER
 from highside.calibration.zone import SHARED_NAMES, Zone
 
-Form = tuple[float, float, float, float, float, float, float, float, float, float]
+CoefficientForm = tuple[float, float, float, float, float, float, float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +30,9 @@ class Coefficients:
     """C row by row"""
     o: Vector
     """C b"""
-    form: tuple[Form, ...]
+    form: tuple[CoefficientForm, ...]
     """for each element of the covariance the factors of xx, xy, xz, yy, yz, zz, x, y, z, 1"""
-    student: tuple[Form, ...] | None
+    student: tuple[CoefficientForm, ...] | None
     """the same for its widening; None where there is none"""
     shared: Array | None
     """(K, 3, 4): error of the vector, by (gx, gy, gz, 1), that one standard deviation of each of `SHARED_NAMES` makes

@@ -19,7 +19,6 @@ from highside.errors import InputError
 
 if TYPE_CHECKING:
     from highside.bench.driver import BenchDriver
-    from highside.bench.session.snapshot import Snapshot
     from highside.cli.bench_face import PlainFace, RichFace
     from highside.config.bench import BenchFile, StoreTable
     from highside.web.server import BenchPage
@@ -109,7 +108,7 @@ def _prepare(config: Path, settings: BenchFile, effects: Sequence[Path] | None, 
     """What comes before a session. Raises InputError for a bench that cannot be operated by itself as `auto` says."""
     if settings.bench.model is not None:
         take_in(effects)
-    _say_what_lies_elsewhere(config, settings.store)
+    _note_sessions_elsewhere(config, settings.store)
     if auto and settings.simulated is None:
         raise InputError(
             "is not there, and only a simulated bench can be operated by itself",
@@ -119,7 +118,7 @@ def _prepare(config: Path, settings: BenchFile, effects: Sequence[Path] | None, 
         )
 
 
-def _say_what_lies_elsewhere(config: Path, store: StoreTable) -> None:
+def _note_sessions_elsewhere(config: Path, store: StoreTable) -> None:
     """Earlier versions kept sessions and records beside the configuration file: they are not lost without a word."""
     from highside.config import places
 
@@ -151,7 +150,7 @@ async def _run(driver: BenchDriver, *, auto: bool, web: bool, plain: bool, opera
     # who looks on from elsewhere may still want the report, the certificate, or the calibration in force
     stay = not auto and (page is not None or driver.settings.mqtt is not None)
     running = asyncio.create_task(driver.run(stay=stay))
-    telling = asyncio.create_task(_say_when_ended(driver, face, page is not None, stay))
+    announcer = asyncio.create_task(_announce_end(driver, face, page is not None, stay))
     try:
         # the first to end is the session itself, or the fault of a face
         while not running.done():
@@ -164,7 +163,7 @@ async def _run(driver: BenchDriver, *, auto: bool, web: bool, plain: bool, opera
         if not (stay and driver.ended.is_set()):
             raise
     finally:
-        await ended(telling, *tasks, running, again_s=FAREWELLS_S)
+        await ended(announcer, *tasks, running, again_s=FAREWELLS_S)
         if page is not None:
             await page.stop()
     if not running.cancelled():
@@ -189,7 +188,7 @@ async def _page(driver: BenchDriver, operator: str) -> BenchPage:
     return page
 
 
-async def _say_when_ended(driver: BenchDriver, face: PlainFace | RichFace, page: bool, stay: bool) -> None:
+async def _announce_end(driver: BenchDriver, face: PlainFace | RichFace, page: bool, stay: bool) -> None:
     """What stays until Ctrl-C."""
     await driver.ended.wait()
     if not stay:
@@ -237,14 +236,3 @@ def summary(driver: BenchDriver) -> dict[str, Any]:
         "poses": len(session.ledger.done),
         "retaken": session.ledger.retaken,
     }
-
-
-def describe(snapshot: Snapshot) -> str:
-    """One line of a session, for consoles that cannot draw."""
-    parts = [f"{snapshot.elapsed_s:7.1f} s", snapshot.state.value.ljust(9)]
-    total = snapshot.plan.poses
-    parts.append(f"{snapshot.plan.done}{'' if total is None else f'/{total}'} poses")
-    if snapshot.capture is not None:
-        error = snapshot.capture.std_error_g
-        parts.append(f"{100 * snapshot.capture.progress:3.0f} %" + ("" if error is None else f" {1e6 * error:.1f} ug"))
-    return "  ".join([*parts, snapshot.prompt])

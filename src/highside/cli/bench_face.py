@@ -9,12 +9,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
-import os
 import sys
-import termios
-import tty
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +27,7 @@ from highside.bench.session.snapshot import (
     table_reads,
 )
 from highside.cli.say import echo
+from highside.cli.typed import typed_keys, typed_lines
 from highside.printable import printable
 
 if TYPE_CHECKING:
@@ -97,8 +94,6 @@ class PlainFace(_Face):
                 reader.cancel()
 
     def _print(self, snapshot: Snapshot) -> None:
-        from highside.cli.bench import describe
-
         line = describe(snapshot)
         if snapshot.last_rejection:
             line += f"  [{snapshot.last_rejection}]"
@@ -111,23 +106,8 @@ class PlainFace(_Face):
             echo(f"           {row.name}: {cells}  {row.verdict}")
 
     async def _words(self) -> None:
-        loop = asyncio.get_running_loop()
-        lines: asyncio.Queue[str] = asyncio.Queue()
-        descriptor = sys.stdin.fileno()
-
-        def take() -> None:
-            line = sys.stdin.readline()
-            if not line:
-                loop.remove_reader(descriptor)
-            lines.put_nowait(line)
-
-        try:
-            loop.add_reader(descriptor, take)
-        except (OSError, ValueError):
-            return  # a file or nothing at all: nobody types there
-        try:
-            while True:
-                line = await lines.get()
+        async with contextlib.aclosing(typed_lines()) as lines:
+            async for line in lines:
                 if not line.strip():
                     continue
                 meant = understood(line)
@@ -137,8 +117,6 @@ class PlainFace(_Face):
                     continue
                 await self.send(*meant)
                 echo(f"> {self.answer}")
-        finally:
-            loop.remove_reader(descriptor)
 
 
 class RichFace(_Face):
@@ -178,18 +156,10 @@ class RichFace(_Face):
                     await keys
 
     async def _keys(self) -> None:
-        loop = asyncio.get_running_loop()
-        pressed: asyncio.Queue[str] = asyncio.Queue()
-        descriptor = sys.stdin.fileno()
-        with _single_keys(descriptor):
-            loop.add_reader(descriptor, lambda: pressed.put_nowait(os.read(descriptor, 1).decode("ascii", "replace")))
-            try:
-                while True:
-                    key = await pressed.get()
-                    if key in KEYS:
-                        await self.send(KEYS[key], self._confirmed(KEYS[key]))
-            finally:
-                loop.remove_reader(descriptor)
+        async with contextlib.aclosing(typed_keys()) as keys:
+            async for key in keys:
+                if key in KEYS:
+                    await self.send(KEYS[key], self._confirmed(KEYS[key]))
 
     def _confirmed(self, name: CommandName) -> str | None:
         """The record meant, where a key that puts one in force is pressed for the second time."""
@@ -200,18 +170,6 @@ class RichFace(_Face):
             return None
         self._unconfirmed = None
         return after
-
-
-@contextlib.contextmanager
-def _single_keys(descriptor: int) -> Iterator[None]:
-    """Keys come one by one and unechoed; Ctrl-C works as ever."""
-    before = termios.tcgetattr(descriptor)
-    try:
-        # what was typed while the program started counts
-        tty.setcbreak(descriptor, termios.TCSANOW)
-        yield
-    finally:
-        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
 
 
 def for_terminal(snapshot: Snapshot) -> Snapshot:
@@ -342,3 +300,14 @@ def _poses(snapshot: Snapshot) -> Table:
             style="bold" if here else None,
         )
     return table
+
+
+def describe(snapshot: Snapshot) -> str:
+    """One line of a session, for consoles that cannot draw."""
+    parts = [f"{snapshot.elapsed_s:7.1f} s", snapshot.state.value.ljust(9)]
+    total = snapshot.plan.poses
+    parts.append(f"{snapshot.plan.done}{'' if total is None else f'/{total}'} poses")
+    if snapshot.capture is not None:
+        error = snapshot.capture.std_error_g
+        parts.append(f"{100 * snapshot.capture.progress:3.0f} %" + ("" if error is None else f" {1e6 * error:.1f} ug"))
+    return "  ".join([*parts, snapshot.prompt])

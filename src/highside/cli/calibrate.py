@@ -83,10 +83,10 @@ def poses(
     found = poses_of(table, min_s=min_s, window_s=window_s)
     found.poses.write(output)
     if as_json:
-        echo_json(json.dumps({"poses": found.poses.n, "dropped": found.left_out, "output": str(output)}))
+        echo_json(json.dumps({"poses": found.poses.n, "dropped": found.omitted, "output": str(output)}))
         return
     echo(f"{output}: {found.poses.n} poses, {int(found.poses['n'].sum())} of {table.n} readings")
-    for line in found.left_out:
+    for line in found.omitted:
         echo(f"omitted: {line}", err=True)
 
 
@@ -254,7 +254,7 @@ def activate(
         raise Refused(f"{doubt} (or --force)")
     keys = None if trusted is None else read_trusted_keys(trusted)
     entry = CalibrationStore(store).activate(record, now_s=time.time(), tool_id=tool, serial=serial, trusted=keys)
-    _say_entry(entry, as_json)
+    _print_entry(entry, as_json)
 
 
 @app.command()
@@ -298,7 +298,7 @@ def rollback(
 
     kept = CalibrationStore(store)
     keys = None if trusted is None else read_trusted_keys(trusted)
-    _say_entry(kept.rollback(_only_tool(kept, tool), now_s=time.time(), trusted=keys), as_json)
+    _print_entry(kept.rollback(_only_tool(kept, tool), now_s=time.time(), trusted=keys), as_json)
 
 
 # --- records -------------------------------------------------------------------------------------------------
@@ -329,7 +329,7 @@ def _only_tool(kept: CalibrationStore, tool: str | None) -> str:
     return tools[0]
 
 
-def _say_entry(entry: Any, as_json: bool) -> None:
+def _print_entry(entry: Any, as_json: bool) -> None:
     if as_json:
         echo_json(
             json.dumps({"number": entry.number, "action": entry.action, "tool": entry.tool_id, "id": entry.record_id})

@@ -111,9 +111,9 @@ def _decoded(file: Path, decoder: ByteCodec | CanCodec, settings: CodecTable) ->
     except (HighsideError, OSError, MemoryError):
         raise
     except Exception as error:
-        said = one_line(f"{type(error).__name__}: {error}")[:300]
+        cause = one_line(f"{type(error).__name__}: {error}")[:300]
         raise InputError(
-            f"the decoder of codec {settings.name!r} failed on it ({said})",
+            f"the decoder of codec {settings.name!r} failed on it ({cause})",
             where=str(file),
             remedy="give this line and the file to the maker of the codec",
         ) from error

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from highside.cli.linux import linux_alone
 from highside.cli.say import echo, echo_json
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ def demo(
     as_json: Annotated[bool, typer.Option("--json", help="End with one line of JSON.")] = False,
 ) -> None:
     """Simulated tool -> pty -> the real pipeline -> its outbox: I and T, live. Needs no hardware and no broker."""
+    linux_alone("demo")
     from rich.console import Console
     from rich.live import Live
 

@@ -12,7 +12,7 @@ from highside.cli.own_effects import EffectFolders, take_in
 from highside.cli.say import echo
 
 if TYPE_CHECKING:
-    from highside.diagnosis.core.result import Diagnosis
+    from highside.diagnosis.core.result import DiagnosisResult
     from highside.recording.table import Recording
 
 
@@ -149,15 +149,15 @@ def _rows_of(
         return api.rows_of(rows, first_s=first_s, last_s=last_s)
 
 
-def _show(diagnosis: Diagnosis, out: Path) -> None:
+def _show(diagnosis: DiagnosisResult, out: Path) -> None:
     """The diagnosis in lines: verdict, claims, causes, what to look at."""
     from highside.report.diagnosis_claims import claim_size
     from highside.report.diagnosis_page import NO_FIGURES
-    from highside.report.diagnosis_words import VERDICTS, blame, tested
+    from highside.report.diagnosis_words import blame, tested, verdict_words
     from highside.report.plots import can_plot
 
     named = ", ".join(claim.effect for claim in diagnosis.claims)
-    echo(f"{diagnosis.verdict} - {VERDICTS[diagnosis.verdict]}{': ' + named if named else ''}{tested(diagnosis)}")
+    echo(f"{diagnosis.verdict} - {verdict_words(diagnosis)}{': ' + named if named else ''}{tested(diagnosis)}")
     for claim in diagnosis.claims:
         echo(f"{claim.effect}: {claim_size(claim)}")
     if blame(diagnosis):

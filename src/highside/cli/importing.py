@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,9 +10,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from highside.cli.say import echo
+from highside.errors import InputError
+from highside.importing.core.wishes import Taken, Wishes, parse_mapping
 
 if TYPE_CHECKING:
     from highside.importing.core.proposal import Proposal
+    from highside.importing.joins import Joins
 
 _EVIDENCE_SHOWN = 3
 
@@ -38,32 +42,75 @@ def import_file(
     profile: Annotated[
         str | None, typer.Option("--profile", help="Keep the mapping under this name, or use the one that is kept.")
     ] = None,
+    reference: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--reference", help="File whose columns (angles, an encoder) are joined on these times; repeatable."
+        ),
+    ] = None,
+    reference_map: Annotated[
+        list[str] | None, typer.Option("--reference-map", metavar="NAME=COLUMN[:UNIT]", help="As --map, for it.")
+    ] = None,
+    join: Annotated[
+        list[str] | None, typer.Option("--join", help="Another table (topic, sheet) of this file to join; repeatable.")
+    ] = None,
+    take: Annotated[Taken, typer.Option("--take", help="How a value between two joined rows is taken.")] = (
+        Taken.INTERPOLATED
+    ),
+    lag: Annotated[
+        str | None, typer.Option("--lag", metavar="SECONDS|measured", help="How late the joined clock is.")
+    ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Take what is shown without a question.")] = False,
 ) -> None:
     """Turn a recording of another program into a Recording: columns, units, time and axes with their evidence."""
-    from highside.api.importing import propose_import, write_imported
-    from highside.importing.core.wishes import Wishes, parse_mapping
-    from highside.importing.files import recording_of, refuse_open
-    from highside.importing.profiles import store
+    from highside.importing.joins import Joins
 
     texts = tuple(text.strip() for text in (units or "").split(",") if text.strip())
     wishes = Wishes(parse_mapping(mapping or []), texts, axes, rate_hz, table, part)
-    proposal, wishes, kept = propose_import(file, wishes, profile)
+    theirs = Wishes(parse_mapping(reference_map or []), texts)
+    joins = Joins(tuple(join or ()), tuple(reference or ()), theirs, take, _lag_s(lag))
+    _import(file, output, wishes, joins, profile, yes=yes)
+
+
+def _import(file: Path, output: Path, wishes: Wishes, joins: Joins, profile: str | None, *, yes: bool) -> None:
+    from highside.api.importing import propose_import, write_imported
+    from highside.importing.files import refuse_doubts, refuse_open
+    from highside.importing.joins import carry_out, open_joined
+    from highside.importing.profiles import store
+
+    proposal, together, kept = propose_import(file, wishes, profile)
     _show(proposal)
     ask = sys.stdin.isatty() and not yes
     refuse_open(proposal, accepted=yes or ask)
+    others = open_joined(file, joins)
+    for _, other, _ in others:
+        _show(other)
+        refuse_open(other, accepted=yes or ask)
+    carried = carry_out(proposal, others, joins)
+    for line in carried.findings:
+        echo(f"  {line}", err=True)
+    refuse_doubts(carried.doubts, str(file), accepted=yes or ask)
     if ask and not typer.confirm("Use it?", default=True, err=True):
         raise typer.Abort
-    imported = recording_of(proposal)
-    write_imported(imported.recording, output)
-    for line in (*proposal.table.remarks, *imported.findings):
-        echo(f"  {line}", err=True)
-    if profile is not None and (not kept or mapping):
-        echo(f"  kept as profile {profile}: {store(profile, proposal, wishes)}", err=True)
+    write_imported(carried.recording, output)
+    if profile is not None and (not kept or wishes.mapping):
+        echo(f"  kept as profile {profile}: {store(profile, proposal, together)}", err=True)
     echo(
-        f"{output}: {imported.recording.n} of {proposal.table.n} rows, {len(imported.recording.order)} columns",
-        err=True,
+        f"{output}: {carried.recording.n} of {proposal.table.n} rows, {len(carried.recording.order)} columns", err=True
     )
+
+
+def _lag_s(text: str | None) -> float | None:
+    """Seconds; NaN for `measured`. Raises InputError."""
+    if text is None or text == "measured":
+        return None if text is None else math.nan
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not math.isfinite(seconds):
+        raise InputError(f"{text!r} is no number of seconds", field="--lag", remedy="write e.g. 0.12, or measured")
+    return seconds
 
 
 def _show(proposal: Proposal) -> None:
@@ -73,7 +120,9 @@ def _show(proposal: Proposal) -> None:
         reasons = "; ".join(guess.evidence[:_EVIDENCE_SHOWN])
         rows.append((guess.target, guess.column, guess.unit.name if guess.unit else "", guess.sure.value, reasons))
     if proposal.rate_hz is not None:
-        rows.append(("t_s", "(row)", f"1/{proposal.rate_hz:g} s", "given", "--rate"))
+        stated = proposal.rate_hz == proposal.table.rate_hz
+        sure, why = ("likely", "the file says so") if stated else ("given", "--rate")
+        rows.append(("t_s", "(row)", f"1/{proposal.rate_hz:g} s", sure, why))
     rows.append(
         ("axes", "", proposal.axes.axes, "given" if proposal.axes_given else "", "; ".join(proposal.axes.evidence))
     )

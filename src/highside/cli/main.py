@@ -21,11 +21,14 @@ from highside.cli import (
     detect,
     diagnose,
     doctor,
+    documentation,
     drift,
     effects,
     examples,
     export,
+    fleet,
     importing,
+    init,
     keys,
     predict,
     replay,
@@ -80,6 +83,8 @@ app.command()(confirm.confirm)
 app.command()(decode.decode)
 app.command()(demo.demo)
 app.command()(detect.detect)
+app.command()(documentation.docs)
+app.command()(documentation.examples)
 app.command()(drift.drift)
 app.command()(diagnose.diagnose)
 app.command()(doctor.doctor)
@@ -91,7 +96,9 @@ app.add_typer(rotation.app)
 app.command()(run.run)
 app.command()(simulate.simulate)
 app.add_typer(effects.app)
+app.add_typer(fleet.app)
 app.command()(export.export)
+app.command()(init.init)
 app.command("import")(importing.import_file)
 app.add_typer(keys.app)
 app.add_typer(toolface.app)
@@ -123,6 +130,11 @@ def main() -> None:
     """Entry point of the console script."""
     # our matrices are small: threads inside a product cost more than they bring (read when numpy is first imported)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if sys.platform == "win32":
+        # the MQTT client waits for its socket as the other systems' event loops let it
+        import asyncio
+
+        asyncio.set_event_loop_policy(asyncio.WindowsSelectorEventLoopPolicy())
     try:
         sys.exit(app(standalone_mode=False) or 0)
     except UsageFault as error:

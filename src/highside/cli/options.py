@@ -14,20 +14,20 @@ _ARGUMENT = re.compile(
 """How the library names an argument that would help, `rest=` or `align="none"`: each is an option of its command."""
 
 
-def in_options(said: HighsideError | str) -> str:
+def in_options(message: HighsideError | str) -> str:
     """A remark, or an error with its remedy, in which arguments that are named as a call would are options:
     `align="none"` is `--align none`. File names and what stood in them are left as they are."""
-    if isinstance(said, InputError):
-        remedy = None if said.remedy is None else in_options(said.remedy)
-        return str(InputError(said.what, where=said.where, field=said.field, remedy=remedy))
-    if isinstance(said, HighsideError):
-        return str(said)
+    if isinstance(message, InputError):
+        remedy = None if message.remedy is None else in_options(message.remedy)
+        return str(InputError(message.what, where=message.where, field=message.field, remedy=remedy))
+    if isinstance(message, HighsideError):
+        return str(message)
 
     def option(found: re.Match[str]) -> str:
         value = found[2] or found[3]
         return f"--{found[1].replace('_', '-')}{f' {value}' if value else ''}"
 
-    return _ARGUMENT.sub(option, said)
+    return _ARGUMENT.sub(option, message)
 
 
 @contextmanager
@@ -36,9 +36,11 @@ def as_options(*names: str, **options: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        if error.field in options:
-            raise InputError(error.what, where=error.where, field=options[error.field], remedy=error.remedy) from None
-        if error.where is None and error.field in names:
+        option = options.get(error.field or "")
+        if option is None and error.where is None and error.field in names:
             option = "--" + error.field.replace("_", "-")
-            raise InputError(error.what, field=option, remedy=error.remedy) from None
-        raise
+        if option is None:
+            raise
+        named = InputError(error.what, where=error.where, field=option, remedy=error.remedy)
+        named.code = error.code
+        raise named from None

@@ -27,9 +27,9 @@ def take_in(folders: Sequence[Path] | None) -> None:
 
     Raises InputError (file, what) for a file that is no effect.
     """
-    from highside.physics.effects import left_out, use_folders
+    from highside.physics.effects import unusable, use_folders
 
     with as_options(effects="--effects"):
         use_folders(folders or ())
-    for line in left_out():
+    for line in unusable():
         echo(line, err=True)

@@ -125,7 +125,7 @@ def apply(
     for warning in done.warnings:
         echo(f"warning: {warning}", err=True)
     if as_json:
-        said = {
+        summary = {
             "output": str(output),
             "id": done.compensation.id,
             "rows": done.data.n,
@@ -133,7 +133,7 @@ def apply(
             "warning": done.warnings[0] if done.warnings else None,
             "warnings": list(done.warnings),
         }
-        echo_json(json.dumps(said | {"attitude": done.done.attitude}))
+        echo_json(json.dumps(summary | {"attitude": done.done.attitude}))
         return
     echo(f"{output}: {done.data.n} rows compensated by {done.compensation.id[:12]}")
     for channel, one in done.done.channels.items():

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from highside.cli.linux import linux_alone
 from highside.cli.say import echo, echo_json, report_omitted
+from highside.errors import InputError
 
 if TYPE_CHECKING:
     from highside.config.settings import Settings
@@ -23,9 +25,9 @@ SetOption = Annotated[
 
 def run(config: ConfigOption, overrides: SetOption = None) -> None:
     """Run the service: frames in, corrected inclination and toolface out over MQTT, day and night."""
+    linux_alone("run")
     from highside.codec.registry import faults
     from highside.config.settings import load
-    from highside.errors import InputError
     from highside.service.app import Service
     from highside.service.interpreter import settle_interpreter
     from highside.service.logs import start_logging
@@ -91,7 +93,6 @@ def _check_bench(config: Path, overrides: list[str] | None, as_json: bool) -> No
     from highside.bench.setup import judged_by
     from highside.bench.store import BenchStore
     from highside.config.bench import load_bench
-    from highside.errors import InputError
     from highside.service.broker_client import check_secrets
 
     settings = load_bench(config, overrides)
@@ -125,7 +126,6 @@ def _calibration_of(settings: Settings, config: Path) -> str:
     Raises RecordError for one that is refused, InputError naming the field for a place where there is none.
     """
     from highside.calibration.record import RecordError, RecordReason
-    from highside.errors import InputError
     from highside.service.in_force import configured_calibration
     from highside.service.known_time import known_now
 
@@ -154,8 +154,21 @@ def schema(
     config: Annotated[
         bool, typer.Option("--config", help="The JSON Schema of the configuration file, every codec's table in it.")
     ] = False,
+    as_asyncapi: Annotated[
+        bool, typer.Option("--asyncapi", help="Topics and messages as an AsyncAPI 3 document, those of a bench too.")
+    ] = False,
 ) -> None:
     """Print the JSON Schemas of all MQTT messages as one JSON object."""
+    if as_asyncapi:
+        from highside.bench.mqtt import SESSION_TOPICS
+        from highside.service.topics import SERVICE_TOPICS, asyncapi
+
+        if config:
+            raise InputError(
+                "is for the messages, --config for the configuration", field="--asyncapi", remedy="give one"
+            )
+        echo_json(json.dumps(asyncapi((*SERVICE_TOPICS, *SESSION_TOPICS)), indent=2))
+        return
     if config:
         from highside.codec.registry import faults
         from highside.config.settings import Settings

@@ -12,6 +12,7 @@ from highside.codec.frame import CanCodec
 from highside.codec.registry import CodecTable, only_measured
 from highside.codec.tool_can import ToolCanCodec
 from highside.errors import InputError
+from highside.packaged import example_files
 from highside.reading import read_bytes
 from highside.reading.config_table import ConfigTable
 
@@ -71,11 +72,10 @@ class DbcCodecConfig(CodecTable):
 
 def _shipped(name: str) -> Path:
     """A file of the folder `config`: beside the package's sources, or inside an installed package."""
-    package = Path(__file__).resolve().parent.parent
-    for folder in (package / "data" / "config", package.parent.parent / "config"):
-        if (folder / name).is_file():
-            return folder / name
-    raise InputError(f"the shipped file {name} is not installed", remedy="name a DBC file in codec.dbc")
+    try:
+        return example_files()[name]
+    except KeyError:
+        raise InputError(f"the shipped file {name} is not installed", remedy="name a DBC file in codec.dbc") from None
 
 
 CODEC = DbcCodecConfig

@@ -26,7 +26,8 @@ from highside.link.pythoncan import PythonCanSettings, PythonCanTransport
 from highside.link.replay import ReplaySettings, ReplayTransport
 from highside.link.serial import SerialSettings, SerialTransport
 from highside.link.socketcan import SocketCanSettings, SocketCanTransport
-from highside.link.wire import CanWire, PtyWire
+from highside.link.tcp_wire import local_reader, local_wire
+from highside.link.wire import CanWire
 from highside.physics.motion import demo, still
 from highside.recording.wire import WireKind, detect_kind
 
@@ -170,13 +171,13 @@ class SimulatedLink(SimulatedSensor, _Link):
         settings = DeviceSettings(motion=motion, **sensor)
         if self.interface:
             return SimulatedDevice(settings, CanWire(self.interface), encode_can)
-        return SimulatedDevice(settings, PtyWire())
+        return SimulatedDevice(settings, local_wire())
 
     def transport(self) -> Transport:
         device = self.device
         if self.interface:
             return SimulatedTransport(device, lambda: SocketCanTransport(SocketCanSettings(interface=device.address)))
-        return SimulatedTransport(device, lambda: SerialTransport(SerialSettings(port=device.address)))
+        return SimulatedTransport(device, lambda: local_reader(device.address))
 
 
 LinkConfig = Annotated[

@@ -19,7 +19,7 @@ from highside.physics.state import ChainState
 
 __all__ = ["bench_columns", "bench_of", "laws_of_the_sensor", "notes_on", "true_references"]
 
-TOLD_BY_POSES = frozenset({*BY_LOAD, "temp", "rate", "rate_sign"})
+KNOWN_OF_POSES = frozenset({*BY_LOAD, "temp", "rate", "rate_sign"})
 """covariates that a table of poses gives; a law of the bench that depends on others is not taken off"""
 UPRIGHT_SIN = 1e-3
 """Where sin(inclination) is less (0.06 deg), a tool has no toolface to correct."""
@@ -54,7 +54,7 @@ def bench_of(knows: Model) -> ForwardModel:
 
 def _of_poses(law: Law) -> bool:
     """Whether a table of poses can say what a law depends on: no time, and nothing that came before."""
-    return not any(name in COVARIATES and name not in TOLD_BY_POSES for name in law.depends_on)
+    return not any(name in COVARIATES and name not in KNOWN_OF_POSES for name in law.depends_on)
 
 
 def bench_columns(bench: ForwardModel) -> list[str]:
@@ -87,10 +87,10 @@ def notes_on(name: str, knows: Model, bench: ForwardModel, laws: Sequence[Law]) 
     if laws:
         yield f"of {name} the record keeps the laws {', '.join(law.slug for law in laws)}"
     for law in laws:
-        blind = [c for c in law.depends_on if c in COVARIATES and c not in BY_LOAD and c not in GIVEN]
-        if blind:
+        unknown = [c for c in law.depends_on if c in COVARIATES and c not in BY_LOAD and c not in GIVEN]
+        if unknown:
             yield (
-                f"the law {law.slug} depends on {', '.join(blind)}, which no single reading tells: it is never taken"
+                f"the law {law.slug} depends on {', '.join(unknown)}, which no single reading tells: it is never taken"
                 " off, and its size is in every standard deviation"
             )
     known = {law.slug for law in laws}

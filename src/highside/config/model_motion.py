@@ -78,7 +78,7 @@ class PosesMotion(_StoppedMotion):
     closure_every: int = Field(default=0, ge=0, description="Return to the first pose after so many poses; 0: never.")
 
     @model_validator(mode="after")
-    def _some(self) -> Self:
+    def _not_empty(self) -> Self:
         if bool(self.inclinations_deg) != bool(self.toolfaces_deg):
             raise ValueError("inclinations_deg and toolfaces_deg go together: give both or none")
         if not self.inclinations_deg and not self.poses:

@@ -1,8 +1,8 @@
-"""Names and laws side by side: which of them a recording supports, and what is told.
+"""Names and laws side by side: which of them a recording supports, and what is reported.
 
 What the library explains is chosen already. Then smooth laws compete: beside the names, with these fixed; and against
-them, as groups of the same evidence. The higher evidence is told. A law that stands where a name stood says which name
-it resembles.
+them, as groups of the same evidence. The higher evidence is reported. A law that stands where a name stood says which
+name it resembles.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.core.fit import base_fit
 from highside.diagnosis.core.problem import ReportData
-from highside.diagnosis.core.result import Claim, Diagnosis, Fit, Location, Remainder, Verdict
+from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Location, Remainder, Verdict
 from highside.diagnosis.law_sessions import LawSession, linear
-from highside.diagnosis.laws.claims import Told, cases_of_laws, heldout_of, named_claim, told
+from highside.diagnosis.laws.claims import ReportedLaw, cases_of_laws, heldout_of, named_claim, reported_laws
 from highside.diagnosis.laws.effects import EffectGroup
 from highside.diagnosis.laws.groups import groups_of
 from highside.diagnosis.laws.policy import LAW_VERDICT
@@ -28,7 +28,7 @@ from highside.physics.forward import ForwardModel
 from highside.physics.law import PREFIX, Law
 
 UNTOUCHED = frozenset({"bad_data", "not_testable"})
-"""verdicts of which nothing is to be said"""
+"""verdicts of which nothing is to be reported"""
 
 COLUMNS = {
     "tf": "tf_ref_deg",
@@ -50,13 +50,13 @@ class _Outcome:
     """What was chosen: names that stay, laws, and the search that found them."""
 
     names: tuple[Claim, ...]
-    laws: tuple[Told, ...]
+    laws: tuple[ReportedLaw, ...]
     found: Found
 
 
 def with_laws(
-    session: LawSession, model: ForwardModel, diagnosis: Diagnosis, report: ReportData
-) -> tuple[Diagnosis, ReportData]:
+    session: LawSession, model: ForwardModel, diagnosis: DiagnosisResult, report: ReportData
+) -> tuple[DiagnosisResult, ReportData]:
     """The diagnosis with the laws that the recording supports beside its names or in their place.
 
     `model` is the one against which it was diagnosed, its free effects fitted.
@@ -68,7 +68,9 @@ def with_laws(
         # no law of what is left could have the least share
         return diagnosis, report
     chain = tuple(c for c in diagnosis.claims if not library.registry()[c.effect].random)
-    outcome = _chosen(session, model, chain, diagnosis.remainder.resembles)
+    changing = diagnosis.remainder.changing
+    near = [name for name in diagnosis.remainder.resembles if name not in changing]
+    outcome = _chosen(session, model, chain, near)
     if outcome is None:
         return diagnosis, report
     random_walk = diagnosis.verdict == "wander"
@@ -95,14 +97,23 @@ def with_laws(
         location=(*kept, *places),
         claims=claims,
         fit=_fit(session, outcome.found, report, after, diagnosis.fit),
-        remainder=Remainder(resembles=tuple(n for n in diagnosis.remainder.resembles if n in library.registry())),
-        noise={**diagnosis.noise, "beside_laws": outcome.found.noise.told()},
+        remainder=beside_laws(diagnosis.remainder),
+        noise={**diagnosis.noise, "beside_laws": outcome.found.noise.summary()},
     )
     parts = {name: part for name, part in report.parts.items() if any(c.effect == name for c in outcome.names)}
     for one in outcome.laws:
         lacking = final.without(one.law.id)
         parts[one.law.id] = np.asarray(session.observed.residual(lacking) - after)
     return made, replace(report, after=after, parts=parts)
+
+
+def beside_laws(remainder: Remainder) -> Remainder:
+    """What is told where laws are claimed: what they resemble, and which names have no constant size."""
+    return Remainder(
+        hints=remainder.hints[: len(remainder.changing)],
+        resembles=tuple(name for name in remainder.resembles if name in library.registry()),
+        changing=remainder.changing,
+    )
 
 
 def location_of(law: Claim) -> Location:
@@ -118,7 +129,7 @@ def location_of(law: Claim) -> Location:
     return Location(law.channels, along, intervals, None, law.share or 0.0, law.p_familywise)
 
 
-def _believed(one: Told, outcome: _Outcome, random_walk: bool) -> bool:
+def _believed(one: ReportedLaw, outcome: _Outcome, random_walk: bool) -> bool:
     """Whether a law is more than what strong names leave of themselves, or than a random walk that was found."""
     claim = one.claim
     if outcome.names and (claim.share or 0.0) < LAW_VERDICT.least_share:
@@ -168,7 +179,7 @@ def _chosen(session: LawSession, model: ForwardModel, claims: Sequence[Claim], n
         laws_alone = [t for t in chosen.terms if t.group.effect not in cases]
         chosen = search.beside([t.group for t in laws_alone if t.group.effect], laws_alone)
     staying = {t.group.effect for t in chosen.terms if t.group.effect}
-    laws = tuple(told(chosen))
+    laws = tuple(reported_laws(chosen))
     return _Outcome(tuple(c for c in claims if c.effect in staying), laws, chosen)
 
 
@@ -188,7 +199,7 @@ def _alone(session: LawSession, model: ForwardModel, near: Sequence[str]) -> _Ou
     for _ in range(LAW_VERDICT.turns):
         if not found.terms:
             return None
-        laws = [one.law for one in told(found)]
+        laws = [one.law for one in reported_laws(found)]
         beyond = residual - session.residual(model.with_laws(laws)) - linear(session, model, laws)
         if float(np.sum((beyond / session.floor / found.noise.factor[:, None]) ** 2)) < LAW_VERDICT.second_order:
             break
@@ -202,7 +213,7 @@ def _alone(session: LawSession, model: ForwardModel, near: Sequence[str]) -> _Ou
     if changing:
         # beside laws too a size that is no constant has no name
         return _alone(session, model, [name for name in near if name not in changing])
-    return _Outcome(names, tuple(told(found)), found)
+    return _Outcome(names, tuple(reported_laws(found)), found)
 
 
 def _plain_groups(session: LawSession, model: ForwardModel, name: str) -> list[EffectGroup]:
@@ -229,17 +240,17 @@ def _values(session: LawSession, model: ForwardModel, claim: Claim) -> dict[str,
     """The values of a claim's parameters where time is counted from the session's first value."""
     effect = model.effect(claim.effect)
     known = model.parameters().get(claim.effect, {})
-    told_of = np.array(
+    reported = np.array(
         [
             claim.parameters[p.name].value if p.name in claim.parameters else known.get(p.name, p.default)
             for p in effect.parameters
         ]
     )
-    factors, later = effect.restarted(told_of, session.delay_s)
-    return dict(zip((p.name for p in effect.parameters), ((told_of - later) / factors).tolist(), strict=True))
+    factors, later = effect.restarted(reported, session.delay_s)
+    return dict(zip((p.name for p in effect.parameters), ((reported - later) / factors).tolist(), strict=True))
 
 
-# --- what is told --------------------------------------------------------------------------------------------
+# --- what is reported --------------------------------------------------------------------------------------------
 
 
 def _final(session: LawSession, model: ForwardModel, outcome: _Outcome) -> ForwardModel:
@@ -323,6 +334,6 @@ def _span(rows: Array) -> Array:
     return np.asarray(basis[values > 1e-9 * values[0]])
 
 
-def laws_of(diagnosis: Diagnosis) -> tuple[Law, ...]:
+def laws_of(diagnosis: DiagnosisResult) -> tuple[Law, ...]:
     """The laws that a diagnosis claims."""
     return tuple(Law.from_dict(c.law) for c in diagnosis.claims if c.law is not None and c.effect.startswith(PREFIX))

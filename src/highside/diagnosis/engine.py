@@ -22,7 +22,7 @@ from highside.diagnosis.core.memory import Channel, beats_random_walk, slow_scor
 from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.policy import FITS, PROCEDURE, RIVALS
 from highside.diagnosis.core.problem import N, Problem, ReportData, SelectionState
-from highside.diagnosis.core.result import Diagnosis
+from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.core.rival_refit import kept, with_best_rival, without_unneeded
 from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.core.serial_correlation import (
@@ -41,6 +41,7 @@ from highside.diagnosis.poses.session import PoseSession
 from highside.diagnosis.rotation.pilot import PilotFit, may_be_nonlinear
 from highside.diagnosis.rotation.policy import PILOT
 from highside.diagnosis.rotation.problem import RotationProblem
+from highside.diagnosis.rows.colour import with_long_memory
 from highside.diagnosis.rows.session import RotationSession
 from highside.diagnosis.simulation.problem import SimulationProblem
 from highside.diagnosis.simulation.session import SimulationSession
@@ -64,7 +65,7 @@ def diagnose_poses(
     seed: int = 1,
     version: str = "",
     method: ProcedureParts = WHOLE,
-) -> tuple[Diagnosis, ReportData]:
+) -> tuple[DiagnosisResult, ReportData]:
     """Diagnose n poses against a model whose effects `free` may be refitted. The same seed gives the same answer."""
     problem = PoseProblem.of(session, model, tuple(free), seed, method)
     answer = diagnose(problem, version)
@@ -81,7 +82,7 @@ def diagnose_rotation(
     seed: int = 1,
     version: str = "",
     method: ProcedureParts = WHOLE,
-) -> tuple[Diagnosis, ReportData]:
+) -> tuple[DiagnosisResult, ReportData]:
     """As `diagnose_poses`, for the n rows of a continuous rotation.
 
     Of a long one some rows are diagnosed first: strong effects show there, and what they do beyond first order is known
@@ -94,14 +95,14 @@ def diagnose_rotation(
         pilot = PilotFit.of(rows, subsample, selection.terms)
     problem = RotationProblem.of(session, model, tuple(free), seed, method, pilot)
     answer = conclude(*_relinearised_selection(problem, pilot.names if pilot else ()), version)
-    if not method.laws:
-        return answer
-    return with_laws(ChainSession.of_rotation(session, free, problem.residual), problem.model, *answer)
+    if method.laws:
+        answer = with_laws(ChainSession.of_rotation(session, free, problem.residual), problem.model, *answer)
+    return with_long_memory(answer[0], session), answer[1]
 
 
 def diagnose_magnitudes(
     session: MagnitudeSession, model: ForwardModel, free: Sequence[str], *, seed: int = 1, version: str = ""
-) -> tuple[Diagnosis, ReportData]:
+) -> tuple[DiagnosisResult, ReportData]:
     """As `diagnose_poses`, for n still readings of which only the magnitude is known."""
     problem = MagnitudeProblem.of(session, model, tuple(free), seed)
     answer = diagnose(problem, version)
@@ -113,14 +114,14 @@ def diagnose_magnitudes(
 
 def diagnose_simulation(
     session: SimulationSession, free: Sequence[str], *, seed: int = 1, version: str = ""
-) -> tuple[Diagnosis, ReportData]:
+) -> tuple[DiagnosisResult, ReportData]:
     """Diagnose channels beside another program's prediction of them; `free` are ids of effects that are refitted."""
     problem = SimulationProblem.beside(session, tuple(free), seed)
     return with_channel_laws(problem, *diagnose(problem, version))
 
 
-def diagnose(problem: Problem[N], version: str = "") -> tuple[Diagnosis, ReportData]:
-    """Choose, compare, prove and tell."""
+def diagnose(problem: Problem[N], version: str = "") -> tuple[DiagnosisResult, ReportData]:
+    """Choose, compare, prove and report."""
     return conclude(*_relinearised_selection(problem), version)
 
 

@@ -12,22 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
+from highside.diagnosis.beside_laws import beside_laws
 from highside.diagnosis.core.problem import ReportData
-from highside.diagnosis.core.result import Claim, Diagnosis, Location, Remainder, Verdict
-from highside.diagnosis.laws.claims import Told, told
+from highside.diagnosis.core.result import Claim, DiagnosisResult, Location, Verdict
+from highside.diagnosis.laws.claims import ReportedLaw, reported_laws
 from highside.diagnosis.laws.policy import LAW_CELLS, LAW_FLOOR
 from highside.diagnosis.laws.problem import LawProblem, PlaceField
 from highside.diagnosis.laws.search import Search
 from highside.diagnosis.simulation.problem import SimulationProblem
-from highside.physics import effects as library
 
 UNTOUCHED = frozenset({"bad_data", "not_testable"})
 PLACES_OF_A_CHANNEL = ("channel_offset", "channel_factor", "channel_delay")
 
 
 def with_channel_laws(
-    problem: SimulationProblem, diagnosis: Diagnosis, report: ReportData
-) -> tuple[Diagnosis, ReportData]:
+    problem: SimulationProblem, diagnosis: DiagnosisResult, report: ReportData
+) -> tuple[DiagnosisResult, ReportData]:
     """The diagnosis with the laws that the channels support beside its names."""
     if diagnosis.verdict in UNTOUCHED:
         return diagnosis, report
@@ -50,7 +50,7 @@ def with_channel_laws(
     if not claims:
         return diagnosis, report
     verdict: Verdict = "named_plus" if diagnosis.claims else "law"
-    kept = np.ones(problem.session.n, dtype=bool) if problem.session.left_out is None else ~problem.session.left_out
+    kept = np.ones(problem.session.n, dtype=bool) if problem.session.omitted is None else ~problem.session.omitted
     fit = diagnosis.fit
     if fit is not None:
         shown = [problem.session.names.index(claims[0].channels[0])]
@@ -66,14 +66,14 @@ def with_channel_laws(
         location=(*(diagnosis.location if diagnosis.claims else ()), *places),
         claims=(*diagnosis.claims, *claims),
         fit=fit,
-        remainder=Remainder(resembles=tuple(n for n in diagnosis.remainder.resembles if n in library.registry())),
+        remainder=beside_laws(diagnosis.remainder),
     )
     return made, replace(report, after=after, parts=parts)
 
 
 def _of_channel(
     problem: SimulationProblem, c: int, left: Array, free: Array, rows: dict[str, Array]
-) -> tuple[Told, ...]:
+) -> tuple[ReportedLaw, ...]:
     """The laws of one channel, whose rows (n,) are what base and names leave."""
     name = problem.session.names[c]
     number, count = _cells(problem, c)
@@ -95,14 +95,14 @@ def _of_channel(
     posed = LawProblem(
         residual[order][None], columns, fields, covariates, floor[order][None], time[order], None, (name,)
     )
-    return tuple(told(Search(posed).run()))
+    return tuple(reported_laws(Search(posed).run()))
 
 
 def _cells(problem: SimulationProblem, c: int) -> tuple[NDArray[np.intp], Array]:
     """Number (n,) of each row's cell, -1 for a row that is left out, and the rows of each."""
     session = problem.session
     n = session.n
-    kept = np.ones(n, dtype=bool) if session.left_out is None else ~session.left_out
+    kept = np.ones(n, dtype=bool) if session.omitted is None else ~session.omitted
     predicted, rising = session.predicted[c], session.slope[c] > 0
     edges = np.quantile(predicted[kept], np.linspace(0, 1, LAW_CELLS.bins + 1)[1:-1])
     level = np.searchsorted(edges, predicted)

@@ -268,7 +268,7 @@ def cells_of(session: RotationSession) -> CellMeans:
     """Sectors of toolface within some turns at one rate; where rows are few each is its own."""
     state, n = session.state, session.n
     rows = np.arange(n)
-    kept = np.ones(n, dtype=bool) if session.left_out is None else ~session.left_out
+    kept = np.ones(n, dtype=bool) if session.omitted is None else ~session.omitted
     if n <= LAW_CELLS.most:
         number = np.where(kept, np.cumsum(kept) - 1, -1)
         return CellMeans(number, np.ones(int(kept.sum())), rows[kept])

@@ -15,7 +15,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.problem import ReportData
-from highside.diagnosis.core.result import Diagnosis, Finding
+from highside.diagnosis.core.result import DiagnosisResult, Finding
 from highside.diagnosis.engine import diagnose_magnitudes, diagnose_poses, diagnose_rotation, diagnose_simulation
 from highside.diagnosis.intake.checks import Intake, check, missing_rows
 from highside.diagnosis.intake.clipped import with_clipping, without_clipped_poses, without_meaning
@@ -84,7 +84,7 @@ class Request:
 class Answer:
     """A diagnosis, what a report draws of it, and what must be reported beside it."""
 
-    diagnosis: Diagnosis
+    diagnosis: DiagnosisResult
     report_data: ReportData | None
     notes: tuple[str, ...] = field(default=())
 
@@ -108,7 +108,7 @@ def diagnose_columns(request: Request) -> Answer:
 
 
 def _bad_data(request: Request, findings: Intake) -> Answer:
-    bad = Diagnosis("bad_data", intake=findings.findings, seed=request.seed, version=request.version)
+    bad = DiagnosisResult("bad_data", intake=findings.findings, seed=request.seed, version=request.version)
     return Answer(bad, None)
 
 
@@ -206,7 +206,7 @@ def _rotation(request: Request) -> Answer:
             gravity_mps2=request.site.gravity_mps2,
             latitude_rad=request.site.latitude_rad,
             azimuth_rad=request.site.azimuth_rad,
-            left_out=without_meaning(raw, found),
+            omitted=without_meaning(raw, found),
         )
     except InputError as error:
         raise _of_recording(request, error) from None
@@ -258,7 +258,7 @@ def _beside(request: Request) -> Answer:
         raise InputError(error.what, where=request.predicted_where, field=error.field, remedy=error.remedy) from None
     found = check_prediction(session)
     if found:
-        bad = Diagnosis("bad_data", intake=found, seed=request.seed, version=request.version)
+        bad = DiagnosisResult("bad_data", intake=found, seed=request.seed, version=request.version)
         return Answer(bad, None, (_aligned(session),))
     diagnosis, report_data = diagnose_simulation(
         session, request.free_of_prediction, seed=request.seed, version=request.version

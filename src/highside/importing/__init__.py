@@ -8,10 +8,11 @@ is ever made a number, no row is dropped without being counted.
     core       pure: a table of named columns in, a proposal with its evidence and then a Recording out
     forms      one file a form of file: bytes in, tables of named columns out; `forms.registry` knows them all
     profiles   mappings kept by name in the user's folder of settings
+    joins      tables joined to it: references, other topics of the same container
     files      the way in: a file, and what the user says of it, to a proposal and a Recording
 """
 
 from __future__ import annotations
 
-__all__ = ["core", "files", "forms", "profiles"]
+__all__ = ["core", "files", "forms", "joins", "profiles"]
 """the ways in: modules, loaded on request"""

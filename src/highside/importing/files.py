@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 from highside.errors import InputError
@@ -68,15 +69,33 @@ def _no_table(tables: tuple[SourceTable, ...], name: str) -> tuple[SourceTable, 
 def refuse_open(proposal: Proposal, *, accepted: bool) -> None:
     """Raises InputError, in one line with the option to give, for what is open, and, unless it was `accepted`, for what
     rests on values alone."""
-    standing = [doubt for doubt in proposal.doubts if doubt.open]
+    refuse_doubts(proposal.doubts, proposal.table.where, accepted=accepted)
+
+
+def refuse_doubts(doubts: Sequence[Doubt], where: str, *, accepted: bool) -> None:
+    """The same for doubts of whatever kind."""
+    standing = [doubt for doubt in doubts if doubt.open]
     if not standing and not accepted:
-        standing = list(proposal.doubts)
+        standing = list(doubts)
     if not standing:
         return
-    first: Doubt = standing[0]
+    first = standing[0]
     more = f" ({len(standing) - 1} more)" if len(standing) > 1 else ""
     remedy = first.remedy if first.open else f"{first.remedy}; --yes takes what is shown"
-    raise InputError(f"{first.what}{more}", where=proposal.table.where, remedy=remedy)
+    if first.open and len(standing) > 1 and all(doubt.option for doubt in standing):
+        remedy = f"{remedy}; all of it in one line: {one_line(doubts)}"
+    elif first.open and len(standing) == 1 and len(doubts) > 1 and not accepted:
+        remedy = f"{remedy}; with --yes for what rests on values alone"
+    raise InputError(f"{first.what}{more}", where=where, remedy=remedy)
+
+
+def one_line(doubts: Sequence[Doubt]) -> str:
+    """The options that decide what is open, and take what rests on values alone."""
+    options = [doubt.option for doubt in doubts if doubt.open]
+    units = [option.removeprefix("--units ") for option in options if option.startswith("--units ")]
+    said = [option for option in options if not option.startswith("--units ")]
+    said += [f"--units {','.join(units)}"] if units else []
+    return " ".join([*said, *(["--yes"] if any(not doubt.open for doubt in doubts) else [])])
 
 
 def uncertain(proposal: Proposal) -> tuple[str, ...]:

@@ -87,6 +87,7 @@ def merged(profile: Wishes | None, wishes: Wishes) -> Wishes:
         wishes.rate_hz if wishes.rate_hz is not None else profile.rate_hz,
         wishes.table or profile.table,
         wishes.part,
+        wishes.reference,
     )
 
 

@@ -5,5 +5,17 @@ A `base.Transport` is one attempt; `base.LinkSupervisor` is the one owner of re-
 
 from __future__ import annotations
 
-__all__ = ["base", "detect", "device", "handover", "opened", "pythoncan", "replay", "serial", "socketcan", "wire"]
+__all__ = [
+    "base",
+    "detect",
+    "device",
+    "handover",
+    "opened",
+    "pythoncan",
+    "replay",
+    "serial",
+    "socketcan",
+    "tcp_wire",
+    "wire",
+]
 """the ways in: modules, loaded on request"""

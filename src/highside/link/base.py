@@ -81,6 +81,7 @@ class LinkError(HighsideError):
         self.reason = reason
         self.message = " ".join(message.split())
         super().__init__(self.message)
+        self.code = f"link.{reason.value}"
 
 
 class Chunk(NamedTuple):

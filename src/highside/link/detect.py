@@ -208,7 +208,7 @@ def probe_can(interface: str, tables: Sequence[CodecTable], listen_s: float = 1.
         raw.close()
     size = sum(len(frame.data) for frame in frames)
     ids = Counter(frame.can_id for frame in frames)
-    seen = ", ".join(f"0x{can_id:03x}" for can_id, _ in ids.most_common(5))
+    ids_text = ", ".join(f"0x{can_id:03x}" for can_id, _ in ids.most_common(5))
     fits = []
     for table in tables:
         codec: Any = table.build()
@@ -220,7 +220,7 @@ def probe_can(interface: str, tables: Sequence[CodecTable], listen_s: float = 1.
     if fits:
         return max(fits, key=lambda found: found.share)
     note = (
-        f"{len(frames)} frames of {len(ids)} identifiers ({seen}): needs the maker's DBC file"
+        f"{len(frames)} frames of {len(ids)} identifiers ({ids_text}): needs the maker's DBC file"
         if frames
         else "up, but silent"
     )

@@ -280,9 +280,9 @@ class SimulatedDevice:
         """Produce and send the next `count` frames."""
         with self._lock:
             frames = list(self.frames(count))
-            left_out = min(self._skip, count)
-            self._skip -= left_out
-            frames = [] if self._silent else frames[left_out:]
+            skipped = min(self._skip, count)
+            self._skip -= skipped
+            frames = [] if self._silent else frames[skipped:]
             self.sent += len(frames)
             if self._can_encoder is not None:
                 self.wire.write_frames([can_frame for frame in frames for can_frame in self._can_encoder(frame)])

@@ -13,9 +13,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
-import fcntl
 import os
-import termios
 import threading
 import time
 from pathlib import Path
@@ -26,6 +24,16 @@ from pydantic import Field, field_validator
 from highside.link.base import Chunk, Deliver, LinkError, LinkReason
 from highside.link.handover import Handover
 from highside.reading.config_table import ConfigTable
+
+try:
+    import fcntl
+    import termios
+except ImportError:
+    TERMINALS = False
+else:
+    TERMINALS = True
+"""Whether ports are terminals with descriptors, which an event loop can wait for. Those of Windows are not: a thread
+reads them, as it does URLs without a descriptor."""
 
 SerialPort = Any
 """one of pyserial's classes; what they have in common (`in_waiting`, `fileno`) is not in their common base"""
@@ -98,7 +106,7 @@ class SerialTransport:
         if self._closing.is_set():
             raise LinkError(LinkReason.IO_ERROR, "closed while being opened")
         try:
-            self._fd = self._port.fileno()
+            self._fd = self._port.fileno() if TERMINALS else -1
         except (OSError, AttributeError):  # io.UnsupportedOperation is an OSError
             self._fd = -1
         if self._fd >= 0:
@@ -278,7 +286,7 @@ def open_port(settings: SerialSettings) -> SerialPort:
                 raise _open_error(settings.port, fault) from fault
             # not time.sleep: that waits for a point of the absolute clock, which a clock that is being faked breaks
             threading.Event().wait(LOOK_S)
-    if not is_url:
+    if not is_url and TERMINALS:
         try:
             fd = port.fileno()
             attributes = termios.tcgetattr(fd)

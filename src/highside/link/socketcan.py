@@ -16,7 +16,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
-import fcntl
 import socket
 import struct
 import sys
@@ -292,6 +291,8 @@ def interface_problem(interface: str, index: int | None = None) -> LinkError | N
         return LinkError(LinkReason.INTERFACE_GONE, f"{interface}: no such CAN interface")
     if index is not None and now != index:
         return LinkError(LinkReason.INTERFACE_GONE, f"{interface}: was removed and created anew: re-opening")
+    import fcntl  # here: where there is no CAN interface there may be no such module either
+
     with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         request = struct.pack("16sH14x", interface.encode()[:15], 0)
         _name, flags = struct.unpack("16sH14x", fcntl.ioctl(probe, SIOCGIFFLAGS, request))

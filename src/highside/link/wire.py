@@ -8,25 +8,26 @@ in again makes a new pty, under the same link if one was requested.
 
 from __future__ import annotations
 
-import fcntl
+import contextlib
 import os
-import pty
 import select
 import socket
 import struct
-import termios
-import tty
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from highside.codec.frame import CanFrame
 from highside.errors import InputError
 from highside.link.socketcan import SocketCanSettings, open_socket, send_frame
 
-if TYPE_CHECKING:
-    pass
+# systems without pseudo-terminals have a `tcp_wire` instead
+with contextlib.suppress(ImportError):
+    import fcntl
+    import pty
+    import termios
+    import tty
 
 PENDING_BYTES = 1 << 20
 PENDING_FRAMES = 20_000

@@ -199,7 +199,7 @@ class Predictions:
 def predict(ensemble: Ensemble, published: Rows) -> Predictions:
     """Every published cell of tables 1 to 6 beside its prediction."""
     cells: list[Cell] = []
-    seen: set[tuple[str, float, str]] = set()
+    earlier: set[tuple[str, float, str]] = set()
     for table in sorted(published):
         for row in published[table]:
             inc_deg = row.get("inc_ref_deg", TRIPLE_AT.get(table, 0.0))
@@ -221,11 +221,11 @@ def predict(ensemble: Ensemble, published: Rows) -> Predictions:
                         low=None if refused else float(low[c]) - ROUNDING_DEG,
                         high=None if refused else float(high[c]) + ROUNDING_DEG,
                         held_out=label != "conventional",
-                        repeated=key in seen,
+                        repeated=key in earlier,
                     )
                 )
                 if row[column] is not None:
-                    seen.add(key)
+                    earlier.add(key)
     return Predictions(tuple(cells))
 
 

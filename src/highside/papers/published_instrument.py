@@ -19,7 +19,7 @@ import numpy as np
 
 from highside import __version__
 from highside.config.model import Model
-from highside.diagnosis.core.result import Diagnosis
+from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.table.chain import CELLS, Procedure
 from highside.diagnosis.table.engine import Summarised, diagnose_summary
 from highside.diagnosis.table.posterior import Posterior, instruments
@@ -239,7 +239,7 @@ def verdicts(instrument: PublishedInstrument) -> list[list[str]]:
 
 def add_to(page: Page, instrument: PublishedInstrument) -> None:
     """The section of a page on table 1; drawn within `plotting`."""
-    diagnosis: Diagnosis = instrument.found.diagnosis
+    diagnosis: DiagnosisResult = instrument.found.diagnosis
     page.heading("The published instrument, from table 1 alone")
     page.paragraph(
         "Table 1 diagnosed as if it were a recording (highside diagnose --summary, --corrected-by conventional3): the "

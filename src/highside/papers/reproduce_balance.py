@@ -33,7 +33,7 @@ EXPECTED_RANGE_SIGMAS = 5.74
 """expected peak-to-peak of 292 normal numbers"""
 SMALL_DEG = (3.006, 1.998, 1.206, 0.612)
 LARGE_DEG = (90.0, 75.006, 45.0, 14.994)
-LEFT_OUT = {"1-2-3": 4, "2-3-4": 1, "3-4-1": 2, "4-1-2": 3}
+OMITTED = {"1-2-3": 4, "2-3-4": 1, "3-4-1": 2, "4-1-2": 3}
 """the quadrant whose pose a triple does not use"""
 TRUTH_DRAWS = 24
 """Draws that the joint estimator is run on: for a middle and a spread."""
@@ -49,7 +49,7 @@ class Reproduction:
     tables: Made
     ratios: list[dict[str, Any]]
     shares: list[dict[str, Any]]
-    left_out: dict[str, list[dict[str, Any]]]
+    omitted: dict[str, list[dict[str, Any]]]
     truth: list[dict[str, Any]]
     refused: list[str]
 
@@ -63,7 +63,7 @@ def reproduce(instrument: PublishedInstrument, seed: int = 7) -> Reproduction:
         tables(instrument),
         headline_ratios(ensemble),
         specification_shares(ensemble),
-        {f"{i:g}": left_out_quadrants(ensemble, i) for i in (1.206, 0.612)},
+        {f"{i:g}": omitted_quadrants(ensemble, i) for i in (1.206, 0.612)},
         against_truth(sessions),
         refusals(sessions[0]),
     )
@@ -119,9 +119,9 @@ def headline_ratios(ensemble: Ensemble) -> list[dict[str, Any]]:
         inc_deg = before["inc_ref_deg"]
         if inc_deg == 90.0:
             continue
-        said = 100.0 * np.abs(ensemble.of(["average"], inc_deg)) / np.abs(ensemble.of(["conventional"], inc_deg))
+        percent = 100.0 * np.abs(ensemble.of(["average"], inc_deg)) / np.abs(ensemble.of(["conventional"], inc_deg))
         printed = {name: 100.0 * abs(after[name]) / abs(before[name]) for name in COLUMNS}
-        row = {name: _interval(said[:, c], printed[name], name) for c, name in enumerate(COLUMNS)}
+        row = {name: _interval(percent[:, c], printed[name], name) for c, name in enumerate(COLUMNS)}
         out.append({"inc_ref_deg": inc_deg, **row})
     return out
 
@@ -145,8 +145,8 @@ def specification_shares(ensemble: Ensemble) -> list[dict[str, Any]]:
         for when, method, printed in (("before", "conventional", before), ("after", "average", after)):
             if method == "average" and inc_deg == 90.0:
                 continue
-            said = 100.0 * ensemble.of([method], inc_deg)[:, 3] / band
-            row[when] = _interval(said, 100.0 * printed["d_tf_pp_deg"] / band, "d_tf_pp_deg")
+            percent = 100.0 * ensemble.of([method], inc_deg)[:, 3] / band
+            row[when] = _interval(percent, 100.0 * printed["d_tf_pp_deg"] / band, "d_tf_pp_deg")
         out.append(row)
     return out
 
@@ -161,7 +161,7 @@ def smooth(turns: Array, harmonics: int = 2) -> Array:
     return np.asarray(turns @ (X @ np.linalg.pinv(X)).T)
 
 
-def left_out_quadrants(ensemble: Ensemble, inc_deg: float) -> list[dict[str, Any]]:
+def omitted_quadrants(ensemble: Ensemble, inc_deg: float) -> list[dict[str, Any]]:
     """For each triple how likely its toolface error, noise taken out, is largest in the quadrant that it omits,
     and by how much it is larger there than elsewhere (figures 4 and 5)."""
     quadrant = np.minimum((np.array(STATIONS_DEG) % 360.0 // 90.0).astype(int), 3)
@@ -169,13 +169,13 @@ def left_out_quadrants(ensemble: Ensemble, inc_deg: float) -> list[dict[str, Any
     for name in TRIPLES:
         size = np.abs(smooth(ensemble.turn(name, inc_deg)[1]))
         mean = np.stack([size[:, quadrant == q].mean(axis=1) for q in range(4)], axis=1)
-        there = LEFT_OUT[name] - 1
+        there = OMITTED[name] - 1
         others = np.delete(mean, there, axis=1).mean(axis=1)
         low, middle, high = (float(v) for v in interval(mean[:, there] / others))
         out.append(
             {
                 "triple": name,
-                "left_out": LEFT_OUT[name],
+                "omitted": OMITTED[name],
                 "probability_largest_there": float(np.mean(np.argmax(mean, axis=1) == there)),
                 "ratio_to_others": {"predicted": middle, "low": low, "high": high},
             }

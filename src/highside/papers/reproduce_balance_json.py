@@ -33,12 +33,12 @@ def figures(found: Reproduction) -> dict[str, dict[str, Any]]:
         },
     }
     for name, table, inc in (("figure4", "table4", "1.206"), ("figure5", "table5", "0.612")):
-        likely = [row["probability_largest_there"] for row in found.left_out[inc]]
+        likely = [row["probability_largest_there"] for row in found.omitted[inc]]
         result[name] = {
             "shows": f"the four triples at {inc} deg",
             "held_out": True,
             **counted(table),
-            "error_largest_in_quadrant_left_out": {"published": True, "probability": likely},
+            "error_largest_in_omitted_quadrant": {"published": True, "probability": likely},
         }
     result["figure6"] = {"shows": "average of the four triples", "held_out": True, **counted("table6")}
     parts = [row[name] for row in found.ratios for name in ("d_inc_pp_deg", "d_tf_pp_deg")]
@@ -60,7 +60,7 @@ def as_dict(found: Reproduction) -> dict[str, Any]:
         "figures": figures(found),
         "ratios_percent": found.ratios,
         "specification_share_percent": found.shares,
-        "left_out_quadrants": found.left_out,
+        "omitted_quadrants": found.omitted,
         "against_truth_deg": found.truth,
         "refused": found.refused,
         "statements": [asdict(s) for s in statements(found)],

@@ -14,7 +14,7 @@ from highside.papers.balance_prediction import Ensemble, interval
 from highside.papers.balance_session import COLUMNS, INCLINATIONS_DEG, STATIONS_DEG
 from highside.papers.balance_statements import statements
 from highside.papers.published_instrument import TITLES
-from highside.papers.reproduce_balance import LARGE_DEG, LEFT_OUT, SMALL_DEG, Reproduction, smooth
+from highside.papers.reproduce_balance import LARGE_DEG, OMITTED, SMALL_DEG, Reproduction, smooth
 from highside.report.document import Page
 from highside.report.plots import new_figure, plotting
 
@@ -323,13 +323,19 @@ def _triples(ensemble: Ensemble, inc_deg: float) -> Figure:
     for column, name in enumerate(TRIPLES):
         for row, errors in enumerate(ensemble.turn(name, inc_deg)):
             axes = grid[row][column]
-            axes.axvspan(90 * (LEFT_OUT[name] - 1), 90 * LEFT_OUT[name], color=QUADRANT_SHADE, alpha=0.25, linewidth=0)
+            axes.axvspan(
+                90 * (OMITTED[name] - 1),
+                90 * OMITTED[name],
+                color=QUADRANT_SHADE,
+                alpha=0.25,
+                linewidth=0,
+            )
             _band(axes, errors)
             _turn_axes(axes, ("inclination", "toolface")[row])
             axes.set_xticks(range(0, 361, 90))
             if column:
                 axes.set_ylabel("")
-        grid[0][column].set_title(f"{name}, without quadrant {LEFT_OUT[name]}")
+        grid[0][column].set_title(f"{name}, without quadrant {OMITTED[name]}")
     for line_of_axes in grid:
         limits = [axes.get_ylim() for axes in line_of_axes]
         for axes in line_of_axes:
@@ -346,12 +352,12 @@ def _band(axes: Axes, errors: Array) -> None:
 
 
 def _triples_caption(found: Reproduction, number: int, inc_deg: float) -> str:
-    rows = found.left_out[f"{inc_deg:g}"]
-    said = ", ".join(f"{row['triple']} {row['probability_largest_there']:.0%}" for row in rows)
+    rows = found.omitted[f"{inc_deg:g}"]
+    listed = ", ".join(f"{row['triple']} {row['probability_largest_there']:.0%}" for row in rows)
     return (
         f"Figure {number}. The four triples at {inc_deg:g} deg: band of the stations' means, and three of the "
         "instruments that table 1 allows, noise taken out. The paper finds the toolface error largest in the "
-        f"quadrant omitted (shaded); predicted is that for {said} (one in four by chance). Three poses are met "
+        f"quadrant omitted (shaded); predicted is that for {listed} (one in four by chance). Three poses are met "
         "exactly; what the four do not agree on falls on the fourth."
     )
 

@@ -222,7 +222,7 @@ class Effect(ABC):
         """Factor and increment (K,) of each parameter p (K,) if its time is counted from so much earlier."""
         return np.ones(len(p)), np.array([earlier_s if parameter.epoch else 0.0 for parameter in self.parameters])
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
         """What it may do to the channels that another program predicts; nothing unless an effect says so."""
         return ()
 

@@ -164,7 +164,7 @@ def _parameter_faults(parameter: Parameter, random: bool) -> Iterator[str]:
 def tried_out(effect: Effect, where: str) -> None:
     """Raises InputError if an effect cannot be computed, adds something of the wrong size, or what it adds without any
     size is not nothing: what the tests of the library ask of its own effects."""
-    state = _some_rows()
+    state = _sample_rows()
     x = np.stack([np.sin(state.tf_rad), np.cos(state.tf_rad), np.full(state.n, 0.5)])
     typical = np.array([p.default or p.typical if p.shape else p.typical for p in effect.parameters], dtype=float)
     nothing = typical.copy()
@@ -225,7 +225,7 @@ def wave_of(effect: Effect) -> tuple[tuple[int, int], ...]:
     return tuple(found)
 
 
-def _some_rows() -> ChainState:
+def _sample_rows() -> ChainState:
     """Rows in which every covariate varies."""
     k = np.arange(60.0)
     return ChainState.build(

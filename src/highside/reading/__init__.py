@@ -12,6 +12,7 @@ package alone; a test holds the rest of the sources to that.
     messages   JSON that a pydantic model describes
     table      the header and the rows of a CSV file
     columnar   Parquet, Arrow and MCAP
+    large      the rows of a large text by pyarrow's parser
     arrays     NumPy's arrays and archives; what archives and MATLAB files unpack to
     dbc        what a DBC file may say before its parser sees it
 """

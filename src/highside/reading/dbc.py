@@ -53,10 +53,10 @@ def _check_ranges(bare: str, where: str) -> None:
     values = 0
     for statement in _MULTIPLEXED.finditer(bare):
         # the parser takes a sign, and two numbers without a dash, too: what is then a range may have any length
-        said = _RANGES.fullmatch(statement[1])
-        if said is None:
+        match = _RANGES.fullmatch(statement[1])
+        if match is None:
             raise _bad("SG_MUL_VAL_ without message, signal, multiplexer and ranges", bare, statement.start(), where)
-        for found in _RANGE.finditer(said["ranges"]):
+        for found in _RANGE.finditer(match["ranges"]):
             values += max(int(found[2]) - int(found[1]), 0)
             if values > MAX_MULTIPLEXER_VALUES:
                 raise _bad(f"the range {found[0]} has too many values", bare, statement.start(), where)

@@ -26,12 +26,16 @@ SECRET_MAX = 64 << 10
 CERTIFICATES_MAX = 4 << 20
 """Bytes of a PEM file: the bundle of all authorities that a system trusts has about 200 KiB."""
 _PIECE = 1 << 20
+OPEN_FLAGS: int = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOINHERIT", 0)
+"""For `os.open`: not handed down to other programs, and on Windows no line ends translated."""
+_WITHOUT_WAITING: int = getattr(os, "O_NONBLOCK", 0)
+"""Windows has no named pipes among its files whose opening could wait."""
 _UNITS = {"K": 1 << 10, "M": 1 << 20, "G": 1 << 30}
 _LONGEST_SIZE = 15
 """digits"""
 
 _allowed = MAX_FILE_BYTES
-_asked = False
+_configured = False
 
 IF_MEANT = "if it is meant so: highside --max-bytes SIZE ..., or highside.allow_bytes(SIZE) in a program"
 """What to do about a file that is too long, or expands too much."""
@@ -39,10 +43,10 @@ IF_MEANT = "if it is meant so: highside --max-bytes SIZE ..., or highside.allow_
 
 def allow_bytes(count: int) -> None:
     """Read files of up to `count` bytes from now on, however they are packed: the user said so. Raises InputError."""
-    global _allowed, _asked
+    global _allowed, _configured
     if count < 1:
         raise InputError(f"{count} bytes are none", field="max_bytes", remedy="give at least 1, e.g. 8G")
-    _allowed, _asked = count, True
+    _allowed, _configured = count, True
 
 
 def allowed_bytes() -> int:
@@ -70,7 +74,7 @@ class _Expanding(io.RawIOBase):
         self._out += count
         if self._out > _allowed:
             raise _too_big(self._path, "expands to more than")
-        if not _asked and self._out > RATIO_FROM_BYTES and self._out > MAX_RATIO * self._packed.tell():
+        if not _configured and self._out > RATIO_FROM_BYTES and self._out > MAX_RATIO * self._packed.tell():
             raise InputError(
                 f"expands to more than {MAX_RATIO} times its size, as no recording does",
                 where=str(self._path),
@@ -104,10 +108,11 @@ def open_file(path: Path) -> BinaryIO:
     try:
         # looked at first: opening a device may already do something
         _refuse_special(path, path.stat().st_mode)
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+        descriptor = os.open(path, os.O_RDONLY | OPEN_FLAGS | _WITHOUT_WAITING)
         try:
             _refuse_special(path, os.fstat(descriptor).st_mode)
-            os.set_blocking(descriptor, True)
+            if _WITHOUT_WAITING:
+                os.set_blocking(descriptor, True)
             return os.fdopen(descriptor, "rb")
         except BaseException:
             os.close(descriptor)

@@ -6,6 +6,9 @@ import csv
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from highside.errors import InputError
 from highside.reading.texts import at_line
 
@@ -45,3 +48,17 @@ def csv_rows(lines: Sequence[str], *, where: str, first_line: int = 2, delimiter
             number += 1
     except csv.Error as error:
         raise InputError(f"is not readable as CSV: {error}", where=at_line(where, number)) from None
+
+
+def numbers_at_once(lines: Sequence[str], width: int) -> list[NDArray[np.float64]] | None:
+    """All columns of a table of plain numbers, or None if it holds anything else (the slow way says what)."""
+    commas = width - 1
+    if any(line.count(",") != commas for line in lines):
+        return None
+    try:
+        flat = np.fromiter(map(float, ",".join(lines).split(",")), np.float64, len(lines) * width)
+    except ValueError:
+        return None
+    if not np.isfinite(flat).all():
+        return None
+    return [np.ascontiguousarray(column) for column in flat.reshape(-1, width).T]

@@ -63,7 +63,9 @@ def decode_foreign(data: bytes, *, where: str) -> tuple[str, str]:
     if odd:
         line = text.count("\n", 0, odd.start()) + 1
         raise InputError(
-            "holds bytes that are no text", where=at_line(where, line), remedy="the file is torn, or of another kind"
+            "holds bytes that are no text",
+            where=at_line(where, line),
+            remedy="the file is torn, or of another kind (bytes of a sensor's wire: highside decode)",
         )
     return text, _SHOWN_ENCODING[encoding]
 

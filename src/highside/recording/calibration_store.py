@@ -11,7 +11,6 @@ A roll back is one more activation: of the record that was in force before the p
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 from collections.abc import Iterator
@@ -34,7 +33,9 @@ from highside.calibration.remark import Reason
 from highside.calibration.signature import TrustedKeys
 from highside.errors import InputError
 from highside.reading import MALFORMED, parse_json, read_bytes
+from highside.reading.files import OPEN_FLAGS
 from highside.recording.files import make_directory, write_whole
+from highside.recording.locks import lock
 
 MIN_ID_PREFIX = 6
 """Fewest digits by which a record may be named."""
@@ -264,15 +265,15 @@ class CalibrationStore:
 
     @contextmanager
     def _lock(self) -> Iterator[None]:
-        """Keep other writers out; released by the kernel if this process dies."""
+        """Keep other writers out; released by the system if this process dies."""
         self._make(self._records)
         path = self.directory / ".lock"
         try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | OPEN_FLAGS, 0o644)
         except OSError as error:
             raise InputError(f"cannot be opened ({error.strerror})", where=str(path)) from error
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            lock(descriptor, wait=True)
             yield
         finally:
             os.close(descriptor)

@@ -12,6 +12,11 @@ import time
 from pathlib import Path
 
 from highside.errors import InputError
+from highside.reading.files import OPEN_FLAGS
+
+LET_GO_S = 1.0
+"""Seconds for which a file is tried to be replaced that another program of Windows has open: whoever reads one of ours
+whole has let it go by then."""
 
 
 def write_whole(path: Path, data: bytes) -> None:
@@ -36,7 +41,7 @@ def write_whole(path: Path, data: bytes) -> None:
         target = path.resolve()
         name = str(target.parent / f".{target.name}.{secrets.token_hex(6)}")
         # the kernel takes the umask off; to read it here would set it for all threads
-        descriptor = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        descriptor = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | OPEN_FLAGS, 0o666)
         beside = name
         with os.fdopen(descriptor, "wb") as file:
             file.write(data)
@@ -45,7 +50,7 @@ def write_whole(path: Path, data: bytes) -> None:
             if (written := os.fstat(file.fileno()).st_size) != len(data):
                 # never put an incomplete file in the place of a whole one, whoever else held the descriptor
                 raise OSError(errno.EIO, f"{written} bytes of {len(data)} arrived")
-        Path(beside).replace(target)
+        _replace(Path(beside), target)
         beside = None
         flush_directory(target.parent)
     except OSError as error:
@@ -58,8 +63,28 @@ def write_whole(path: Path, data: bytes) -> None:
                 Path(beside).unlink()
 
 
+def _replace(beside: Path, target: Path) -> None:
+    """Rename over the target. On Windows that is refused while anybody, were it a virus scanner, has the target open:
+    it is tried again for `LET_GO_S`."""
+    give_up_s = time.monotonic() + (0.0 if hasattr(os, "O_DIRECTORY") else LET_GO_S)
+    while True:
+        try:
+            beside.replace(target)
+        except PermissionError:
+            if time.monotonic() >= give_up_s:
+                raise
+            time.sleep(0.02)
+        else:
+            return
+
+
 def flush_directory(path: Path) -> None:
-    """Make what was created, renamed or deleted in a directory survive a loss of power. Raises OSError."""
+    """Make what was created, renamed or deleted in a directory survive a loss of power. Raises OSError.
+
+    Nothing on Windows, where a directory cannot be opened and its entries are in the journal of NTFS.
+    """
+    if not hasattr(os, "O_DIRECTORY"):
+        return
     descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)

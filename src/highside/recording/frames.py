@@ -16,13 +16,15 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeAlias, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
 from highside.errors import InputError
 from highside.reading import read_bytes
-from highside.recording.table import Column, Table, expected_in
+from highside.recording.as_frames import library, pyarrow
+from highside.recording.columns import Column, expected_in
+from highside.recording.table import Table
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -34,10 +36,6 @@ __all__ = [
     "FrameT",
     "GivenTable",
     "Interchange",
-    "arrow_stream",
-    "as_arrow",
-    "as_pandas",
-    "as_polars",
     "source_of",
     "take",
 ]
@@ -173,9 +171,9 @@ def _frame(data: object) -> Any:
     if isinstance(found, nw.DataFrame):
         return found
     if hasattr(data, "__arrow_c_stream__"):
-        return nw.from_native(_pyarrow().table(data), eager_only=True)
+        return nw.from_native(pyarrow().table(data), eager_only=True)
     if hasattr(data, "__dataframe__"):
-        _pyarrow()
+        pyarrow()
         from pyarrow.interchange import from_dataframe
 
         return nw.from_native(from_dataframe(data), eager_only=True)
@@ -246,45 +244,5 @@ def _series(frame: Any, name: str, values: Column | Sequence[str]) -> Any:
     return nw.new_series(name, values, nw.Float64, backend=frame.implementation)
 
 
-def as_pandas(table: Table) -> Any:
-    """A `pandas.DataFrame`. Raises InputError where pandas is not installed."""
-    pandas = _library("pandas", "pip install pandas")
-    return pandas.DataFrame({name: _cells_of(table, name) for name in table.order})
-
-
-def as_polars(table: Table) -> Any:
-    """A `polars.DataFrame`. Raises InputError where polars is not installed."""
-    polars = _library("polars", "pip install polars")
-    return polars.DataFrame({name: _cells_of(table, name) for name in table.order}, nan_to_null=True)
-
-
-def as_arrow(table: Table) -> Any:
-    """A `pyarrow.Table`. Raises InputError where pyarrow is not installed."""
-    arrow = _pyarrow()
-    return arrow.table({name: arrow.array(_cells_of(table, name), from_pandas=True) for name in table.order})
-
-
-def arrow_stream(table: Table, requested_schema: object | None) -> object:
-    """The capsule of `__arrow_c_stream__`."""
-    return cast("object", as_arrow(table).__arrow_c_stream__(requested_schema))
-
-
-def _cells_of(table: Table, name: str) -> Any:
-    return table.columns[name] if name in table.columns else list(table.texts[name])
-
-
 def _narwhals() -> Any:
-    return _library("narwhals", "pip install 'highside[frames]'")
-
-
-def _pyarrow() -> Any:
-    return _library("pyarrow", "pip install 'highside[export]'")
-
-
-def _library(name: str, remedy: str) -> Any:
-    import importlib
-
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        raise InputError(f"this needs {name}, which is not installed", remedy=remedy) from None
+    return library("narwhals", "pip install 'highside[frames]'")

@@ -20,12 +20,14 @@ from highside.calibration.signature import (
     Signature,
     SigningKey,
     TrustedKeys,
+    UnknownKeyError,
     parse_private_key,
     parse_trusted_keys,
     private_pem,
 )
 from highside.errors import InputError, Refused
 from highside.reading import MALFORMED, parse_json, read_bytes
+from highside.reading.files import OPEN_FLAGS
 from highside.recording.files import write_whole
 
 PASSPHRASE = "HIGHSIDE_KEY_PASSPHRASE"
@@ -44,7 +46,7 @@ def write_key(path: Path, key: SigningKey, passphrase: bytes | None = None) -> P
         if there.exists():
             raise InputError("is there already, and a key is never overwritten", where=str(there))
     try:
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | OPEN_FLAGS, 0o600)
         with os.fdopen(descriptor, "wb") as file:
             file.write(private_pem(key, passphrase))
             file.flush()
@@ -66,7 +68,8 @@ def read_key(path: Path, *, ask: Callable[[], str] | None = None) -> SigningKey:
     has none.
     """
     data = _small(path)
-    if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
+    # elsewhere (Windows) the bits say nothing of who can read it
+    if hasattr(os, "getuid") and path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
         raise InputError(
             "can be read by others: no signature of it proves anything", where=str(path), remedy="chmod 600"
         )
@@ -112,7 +115,7 @@ def check_file(path: Path, trusted: TrustedKeys) -> tuple[str, Signature]:
     try:
         signature = Signature.from_dict(parse_json(_small(beside)))
         return trusted.check(signature, FILE, sha256), signature
-    except (*MALFORMED, InputError) as error:
+    except (*MALFORMED, InputError, UnknownKeyError) as error:
         raise Refused(f"{path}: {error}") from error
 
 

@@ -11,7 +11,7 @@ import csv
 import io
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -22,20 +22,20 @@ from highside.codec.frame import ADDED_COLUMNS, FRAME_COLUMNS, Frame
 from highside.errors import InputError
 from highside.reading import csv_header, csv_rows, decode_text, read_bytes
 from highside.reading.columnar import MCAP_MAGIC, PARQUET_MAGIC, mcap_json_columns, parquet_columns
+from highside.reading.large import LARGE_BYTES, columns_at_once
+from highside.reading.table import MAX_HEADER_CHARACTERS, numbers_at_once
+from highside.recording.columns import Column, expected_in
 from highside.recording.files import write_whole
+from highside.recording.of_another import import_hint, of_another
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-Column = NDArray[np.float64]
+    from highside.shown.plot import Plot
 
 RECORDING_COLUMNS = ("t_s", *FRAME_COLUMNS, *ADDED_COLUMNS)
 POSE_COLUMNS = ("inc_ref_deg", "tf_ref_deg", "ax", "ay", "az", "n", "std_ax", "std_ay", "std_az", "temp_c")
 SUMMARY_COLUMNS = ("inc_ref_deg", "d_inc_mean_deg", "d_inc_pp_deg", "d_tf_mean_deg", "d_tf_pp_deg")
 _WHOLE = frozenset({"seq", "pose", "direction", "n"})
 _CELL_SHOWN = 40
-_UNITS = {"_s": "seconds", "_dps": "degrees per second", "_deg": "degrees", "_g": "multiples of g"}
-"""what a column's name ends with, and what is expected in it then"""
 
 
 @dataclass(slots=True)
@@ -79,25 +79,25 @@ class Table:
 
     def to_pandas(self) -> Any:
         """A `pandas.DataFrame` of all columns. Raises InputError where pandas is not installed."""
-        from highside.recording.frames import as_pandas
+        from highside.recording.as_frames import as_pandas
 
         return as_pandas(self)
 
     def to_polars(self) -> Any:
         """A `polars.DataFrame` of all columns, missing values null. Raises InputError where polars is not installed."""
-        from highside.recording.frames import as_polars
+        from highside.recording.as_frames import as_polars
 
         return as_polars(self)
 
     def to_arrow(self) -> Any:
         """A `pyarrow.Table` of all columns, missing values null. Raises InputError where pyarrow is not installed."""
-        from highside.recording.frames import as_arrow
+        from highside.recording.as_frames import as_arrow
 
         return as_arrow(self)
 
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
         """The Arrow PyCapsule interface: `polars.DataFrame(table)`, `pyarrow.table(table)` and others take it so."""
-        from highside.recording.frames import arrow_stream
+        from highside.recording.as_frames import arrow_stream
 
         return arrow_stream(self, requested_schema)
 
@@ -107,15 +107,14 @@ class Table:
 
         return html_of(self)
 
-    def plot(self, *names: str) -> Figure:
-        """Columns over time (over the row where there is no `t_s`), those of one unit in one picture.
+    def plot(self, *names: str) -> Plot:
+        """Columns over time (over the row where there is no `t_s`), those of one unit in one panel.
 
-        `names`: which columns; all numbers where none is named. Raises InputError for a column that is absent, and
-        where matplotlib (extra `plot`) is not installed.
+        `names`: which columns; all numbers where none is named. Raises InputError for a column that is absent.
         """
-        from highside.recording.shown import plot_of
+        from highside.recording.shown import chart_of
 
-        return plot_of(self, names)
+        return chart_of(self, names)
 
     def has(self, *names: str) -> bool:
         """Whether all these columns are there as numbers."""
@@ -132,7 +131,7 @@ class Table:
             raise InputError(
                 f"lacks the column{'s' if len(absent) > 1 else ''} {', '.join(absent)}",
                 where=self.source,
-                remedy=f"it has: {', '.join(self.order) or 'none'}",
+                remedy=f"it has: {', '.join(self.order) or 'none'}{import_hint(self.source, absent)}",
             )
         empty = [name for name in names if self.n and bool(np.all(np.isnan(self.columns[name])))]
         if empty:
@@ -161,29 +160,35 @@ class Table:
     def with_columns(self, columns: Mapping[str, Column], texts: Mapping[str, Sequence[str]] | None = None) -> Self:
         """A copy with columns (N,) added (or replaced) behind the others, and columns of text last."""
         if not texts:
-            return type(self)({**self.columns, **columns}, self.texts, self.order, self.source)
+            return replace(self, columns={**self.columns, **columns})
         numbers = {name: values for name, values in {**self.columns, **columns}.items() if name not in texts}
         order = (*(name for name in (*self.order, *columns) if name not in texts), *texts)
         words = self.texts | {name: tuple(values) for name, values in texts.items()}
-        return type(self)(numbers, words, tuple(dict.fromkeys(order)), self.source)
+        return replace(self, columns=numbers, texts=words, order=tuple(dict.fromkeys(order)))
 
     def select(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> Self:
         """A copy with some rows: a mask (N,) or row numbers."""
         numbers = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
         texts = {name: tuple(values[i] for i in numbers) for name, values in self.texts.items()}
-        return type(self)(
-            {name: column[numbers] for name, column in self.columns.items()}, texts, self.order, self.source
-        )
+        return replace(self, columns={name: column[numbers] for name, column in self.columns.items()}, texts=texts)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Self:
         """Read a file. Raises InputError with file, line and column for whatever is wrong with it."""
+        with of_another(str(path), tables_alone=cls.known == POSE_COLUMNS or cls.known == SUMMARY_COLUMNS):
+            return cls._read(path)
+
+    @classmethod
+    def _read(cls, path: str | os.PathLike[str]) -> Self:
         where = str(path)
         data = read_bytes(Path(path))
         if not data.strip():
             raise InputError("is empty", where=where)
         if data.startswith((PARQUET_MAGIC, MCAP_MAGIC)):
             return cls._of_columns(data, where)
+        large = cls._at_once(data, where) if len(data) > LARGE_BYTES else None
+        if large is not None:
+            return large
         text = decode_text(data, where=where, expected="CSV file")
         header, _, body = text.partition("\n")
         names = csv_header(header.removesuffix("\r"), where=where)
@@ -192,11 +197,27 @@ class Table:
             lines.pop()
         if not lines:
             raise InputError(f"has a header but no {cls.rows_are}", where=where)
-        fast = None if '"' in body or "_" in body else _numbers_at_once(lines, len(names))
+        fast = None if '"' in body or "_" in body else numbers_at_once(lines, len(names))
         if fast is not None:
             return cls(dict(zip(names, fast, strict=True)), order=names, source=where)
         columns, texts = _cell_by_cell(lines, names, cls.known, where)
         return cls(columns, texts, names, where)
+
+    @classmethod
+    def _at_once(cls, data: bytes, where: str) -> Self | None:
+        """A large CSV by pyarrow's parser; None for what the reader below has to say something of."""
+        begin = data.find(b"\n") + 1
+        if not 0 < begin <= MAX_HEADER_CHARACTERS:
+            return None
+        names = csv_header(decode_text(data[:begin], where=where, expected="CSV file").rstrip("\r\n"), where=where)
+        found = columns_at_once(data, names, begin=begin)
+        if found is None or any(column.texts is not None and column.name in cls.known for column in found):
+            return None
+        columns = {column.name: column.numbers for column in found if column.numbers is not None}
+        texts = {column.name: column.texts for column in found if column.texts is not None}
+        timed = not np.isnan(columns.get("t_s", 0.0)).any() and all(cell.strip() for cell in texts.get("t_s", ()))
+        read = timed and all(_first_text(cells)[1] for cells in texts.values())
+        return cls(columns, texts, names, where) if read else None
 
     @classmethod
     def _of_columns(cls, data: bytes, where: str) -> Self:
@@ -333,20 +354,6 @@ def from_frames(frames: Sequence[Frame], t_s: Iterable[float], extra_columns: Se
     return Recording(columns)
 
 
-def _numbers_at_once(lines: list[str], width: int) -> list[Column] | None:
-    """All columns of a table of plain numbers, or None if it holds anything else (the slow way says what)."""
-    commas = width - 1
-    if any(line.count(",") != commas for line in lines):
-        return None
-    try:
-        flat = np.fromiter(map(float, ",".join(lines).split(",")), np.float64, len(lines) * width)
-    except ValueError:
-        return None
-    if not np.isfinite(flat).all():
-        return None
-    return [np.ascontiguousarray(column) for column in flat.reshape(-1, width).T]
-
-
 def _cell_by_cell(
     lines: list[str], names: tuple[str, ...], known: tuple[str, ...], where: str
 ) -> tuple[dict[str, Column], dict[str, tuple[str, ...]]]:
@@ -404,11 +411,6 @@ def _first_text(cells: tuple[str, ...]) -> tuple[int, str]:
         if stripped and ("_" in stripped or (value := _number(stripped)) is None or np.isinf(value)):
             return line, stripped
     return 2, ""
-
-
-def expected_in(name: str) -> str:
-    """What a column of that name holds, in words: `seconds`, `multiples of g`, or just `numbers`."""
-    return next((unit for suffix, unit in _UNITS.items() if name.endswith(suffix)), "numbers")
 
 
 def _no_number(cell: str, at: str, name: str) -> InputError:

@@ -15,7 +15,7 @@ import numpy as np
 from highside import __version__
 from highside.calibration.method import Solution
 from highside.calibration.record import PoseColumns
-from highside.diagnosis.core.result import Diagnosis
+from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.engine import ReportData, diagnose_poses
 from highside.diagnosis.poses.policy import POSE_SESSIONS
 from highside.diagnosis.poses.session import PoseSession
@@ -59,7 +59,7 @@ class Findings:
 
     answer: str
     findings: tuple[ErrorOrigin, ...]
-    diagnosis: Diagnosis | None
+    diagnosis: DiagnosisResult | None
     report_data: ReportData | None
     why_not: str = ""
 
@@ -105,7 +105,9 @@ def bench_findings(joint: Solution) -> list[ErrorOrigin]:
     return out
 
 
-def _diagnose(columns: PoseColumns, gravity_mps2: float | None) -> tuple[Diagnosis | None, ReportData | None, str]:
+def _diagnose(
+    columns: PoseColumns, gravity_mps2: float | None
+) -> tuple[DiagnosisResult | None, ReportData | None, str]:
     if "inc_ref_deg" not in columns:
         return None, None, "the poses have no reference attitude"
     count = len(columns["ax"])
@@ -133,7 +135,7 @@ def _diagnose(columns: PoseColumns, gravity_mps2: float | None) -> tuple[Diagnos
     return diagnosis, report_data, ""
 
 
-def _answer(found: list[ErrorOrigin], diagnosis: Diagnosis | None, why_not: str) -> str:
+def _answer(found: list[ErrorOrigin], diagnosis: DiagnosisResult | None, why_not: str) -> str:
     places = {finding.where for finding in found}
     if diagnosis is None:
         not_searched = f" Effects were not searched for: {why_not}."

@@ -136,35 +136,35 @@ def limits_of_proof(out: Sheets, inputs: Inputs) -> None:
     result = record.result
     inc = np.asarray(record.content["pose_table"].get("inc_ref_deg", ()), dtype=float)
     rings = np.unique(np.round(inc, 2))
-    said = []
+    notes = []
     if record.request.reference == "magnitude":
-        said.append("Without a bench the axes of the tool are those of the sensor: its mounting angle is not known.")
+        notes.append("Without a bench the axes of the tool are those of the sensor: its mounting angle is not known.")
     elif rings.size < 2:
-        said.append(
+        notes.append(
             "With one inclination the bench's tilt cannot be distinguished from scale and rotation of the sensor:"
             " agreement with this bench is not accuracy in the field."
         )
     elif not (np.any(inc < 0) or np.any(inc > 90.5)):
-        said.append(
+        notes.append(
             "No pose was turned the other way or beyond 90 deg: bench and sensor are separated by the inclinations"
             " between alone."
         )
     if solves_rings(result.method):
-        said.append(
+        notes.append(
             "The balance correction absorbs every error common to the poses of a ring, those of the bench included:"
             " agreement at a ring's own inclination is not accuracy there."
         )
     if record.request.reference == "pose":
-        said.append(
+        notes.append(
             "An error common to all settings of inclination (the zero of its scale) is found only with rings on both"
             " sides; an error common to all settings of toolface (the zero of the chuck) is never found."
         )
-    said += [
+    notes += [
         "Behaviour while turning, under vibration and under shock was not measured.",
         "Stability from power-up to power-up and over months was not measured.",
     ]
     out.heading("What this calibration cannot prove")
-    out.bullets(said)
+    out.bullets(notes)
     remarks = [remark.text for remark in result.remarks]
     if remarks or inputs.fields.remarks:
         out.heading("Remarks")

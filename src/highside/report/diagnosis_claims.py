@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from highside.diagnosis.core.result import Claim, Diagnosis
+from highside.diagnosis.core.result import Claim, DiagnosisResult
 from highside.physics.covariates import covariate
 from highside.physics.effects import title_of
 from highside.physics.places import PLACES
@@ -135,7 +135,7 @@ def claims_table(claims: Sequence[Claim], shares: Mapping[str, float]) -> tuple[
     return ["what", "size (95 % interval)", "share of the misfit", "how sure", "or else"], rows
 
 
-def first_sentence(diagnosis: Diagnosis, shares: Mapping[str, float], words: str) -> str:
+def first_sentence(diagnosis: DiagnosisResult, shares: Mapping[str, float], words: str) -> str:
     """The answer in one sentence: what the simulation omits, the largest first; `words` where nothing is claimed."""
     if not diagnosis.claims:
         return words

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from highside.diagnosis.core.result import Claim, Diagnosis, Location
+from highside.diagnosis.core.result import Claim, DiagnosisResult, Location
 from highside.diagnosis.engine import ReportData
 from highside.diagnosis.table.engine import SummaryReportData
 from highside.physics.effects import title_of
 from highside.physics.law import Law
+from highside.report.diagnosis_chart import misfit_chart
 from highside.report.diagnosis_claims import (
     claim_title,
     claims_table,
@@ -29,11 +30,13 @@ from highside.report.diagnosis_words import (
     ranges,
     sizes,
     tested,
+    verdict_words,
     where,
 )
 from highside.report.document import Page
 from highside.report.misfit_waterfall import Steps, steps_of, waterfall
 from highside.report.plots import can_plot, plotting
+from highside.shown.screen import can_draw
 
 __all__ = ["VERDICTS", "page_of"]
 
@@ -43,7 +46,7 @@ DRAWN = 4
 """At most so many places are drawn."""
 
 
-def page_of(diagnosis: Diagnosis, report_data: ReportData | SummaryReportData | None, recording: str) -> str:
+def page_of(diagnosis: DiagnosisResult, report_data: ReportData | SummaryReportData | None, recording: str) -> str:
     """The whole page as HTML; where matplotlib is not installed it is without figures, and says so."""
     if not can_plot():
         return _page_of(diagnosis, None, recording, NO_FIGURES)
@@ -52,12 +55,15 @@ def page_of(diagnosis: Diagnosis, report_data: ReportData | SummaryReportData | 
 
 
 def _page_of(
-    diagnosis: Diagnosis, report_data: ReportData | SummaryReportData | None, recording: str, remark: str | None = None
+    diagnosis: DiagnosisResult,
+    report_data: ReportData | SummaryReportData | None,
+    recording: str,
+    remark: str | None = None,
 ) -> str:
     rows = report_data if isinstance(report_data, ReportData) else None
     steps = None if rows is None else steps_of(rows)
     shares = {} if steps is None else dict(zip(steps.names, steps.shares, strict=True))
-    page = Page(first_sentence(diagnosis, shares, VERDICTS[diagnosis.verdict]))
+    page = Page(first_sentence(diagnosis, shares, verdict_words(diagnosis)))
     page.badge(diagnosis.verdict, KINDS.get(diagnosis.verdict, "open"), f"Diagnosis of {recording}.{tested(diagnosis)}")
     if diagnosis.intake:
         _faults(page, diagnosis)
@@ -76,19 +82,21 @@ def _page_of(
         _claim(page, diagnosis, claim, rows)
     if rows is not None and not diagnosis.claims:
         _residuals(page, diagnosis, rows)
+    if report_data is not None:
+        _closer(page, report_data)
     _remainder(page, diagnosis)
     _details(page, diagnosis, shares)
     page.paragraph(f"highside {diagnosis.version}, seed {diagnosis.seed}.", look="soft")
     return page.html()
 
 
-def _titles(diagnosis: Diagnosis, steps: Steps) -> dict[str, str]:
+def _titles(diagnosis: DiagnosisResult, steps: Steps) -> dict[str, str]:
     """Words beside the bars; what was fitted and not believed says so."""
     claimed = {claim.effect: claim_title(claim) for claim in diagnosis.claims}
     return {name: claimed.get(name, f"{title_of(name)} (not believed)") for name in steps.names}
 
 
-def _facts(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+def _facts(diagnosis: DiagnosisResult) -> list[tuple[str, str]]:
     """What a reader does with the answer; figures of the proof stand below."""
     rows: list[tuple[str, str]] = []
     if not diagnosis.claims and diagnosis.location:
@@ -110,7 +118,7 @@ def _facts(diagnosis: Diagnosis) -> list[tuple[str, str]]:
     return rows
 
 
-def _advice(diagnosis: Diagnosis) -> list[str]:
+def _advice(diagnosis: DiagnosisResult) -> list[str]:
     """What to measure next, once for all claims it serves."""
     wanted: dict[str, list[str]] = {}
     for claim in diagnosis.claims:
@@ -122,7 +130,7 @@ def _advice(diagnosis: Diagnosis) -> list[str]:
     return [f"{' and '.join(names)}: {words}" for words, names in needed.items()]
 
 
-def _faults(page: Page, diagnosis: Diagnosis) -> None:
+def _faults(page: Page, diagnosis: DiagnosisResult) -> None:
     page.heading("Faults of the data")
     page.table(
         ["check", "channels", "p", "what to do"],
@@ -131,7 +139,7 @@ def _faults(page: Page, diagnosis: Diagnosis) -> None:
     )
 
 
-def _table_figures(page: Page, diagnosis: Diagnosis, report_data: SummaryReportData) -> None:
+def _table_figures(page: Page, diagnosis: DiagnosisResult, report_data: SummaryReportData) -> None:
     page.figure(
         table_misfit(report_data, diagnosis.location),
         "Misfit of each cell of the table in sigma, before (orange) and after (blue) what was found is simulated; "
@@ -155,7 +163,7 @@ def _against(left: float, floor: float) -> str:
     return "within the noise" if left <= floor else f"{left / floor:.1f} times what noise alone would leave"
 
 
-def _claim(page: Page, diagnosis: Diagnosis, claim: Claim, rows: ReportData | None) -> None:
+def _claim(page: Page, diagnosis: DiagnosisResult, claim: Claim, rows: ReportData | None) -> None:
     """One claim: what it is, the residual without the others, its law, and what would tell more."""
     page.heading(claim_title(claim))
     page.paragraph(claim.story)
@@ -184,13 +192,25 @@ def _curve_caption(claim: Claim, *, pair: bool) -> str:
     return f"{drawn} Beyond the range that was visited nothing is known of it.{within}"
 
 
-def _residuals(page: Page, diagnosis: Diagnosis, rows: ReportData) -> None:
+def _residuals(page: Page, diagnosis: DiagnosisResult, rows: ReportData) -> None:
     page.heading("Where the mismatch sits")
     for place, effect in _places(diagnosis, rows)[:DRAWN]:
         page.panels(residuals(rows, place, effect), _caption(place, effect))
 
 
-def _details(page: Page, diagnosis: Diagnosis, shares: Mapping[str, float]) -> None:
+def _closer(page: Page, report_data: ReportData | SummaryReportData) -> None:
+    """Every row, to zoom and hover in; nothing where what draws that is not installed."""
+    if can_draw():
+        page.heading("Look closer")
+        page.chart(
+            misfit_chart(report_data, ""),
+            "The residual of each channel before (orange) and with what was found (blue): draw a box to zoom in, point "
+            "at a line for its values, the arrow in a circle goes back. Of long recordings the extremes of intervals "
+            "are shown.",
+        )
+
+
+def _details(page: Page, diagnosis: DiagnosisResult, shares: Mapping[str, float]) -> None:
     """What few readers want, behind lines that open it."""
     if diagnosis.claims:
         with page.folded("Formulas and rivals"):
@@ -211,7 +231,7 @@ def _details(page: Page, diagnosis: Diagnosis, shares: Mapping[str, float]) -> N
 
 
 def _places(
-    diagnosis: Diagnosis, report_data: ReportData, claim: Claim | None = None
+    diagnosis: DiagnosisResult, report_data: ReportData, claim: Claim | None = None
 ) -> list[tuple[Location, str | None]]:
     """What is drawn: the place of each claim (or of one) with its effect, or where the mismatch sits; none twice."""
     claimed = len(diagnosis.location) == len(diagnosis.claims)
@@ -270,7 +290,7 @@ def _evidence(page: Page, claim: Claim) -> None:
         )
 
 
-def _remainder(page: Page, diagnosis: Diagnosis) -> None:
+def _remainder(page: Page, diagnosis: DiagnosisResult) -> None:
     remainder = diagnosis.remainder
     if not remainder.hints and not remainder.resembles:
         return

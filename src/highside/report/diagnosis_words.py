@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from highside.diagnosis.core.result import Claim, Diagnosis, Fit, Location
+from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Location
 from highside.physics.covariates import COVARIATES
 from highside.physics.effect import Stage
-from highside.physics.effects import all_effects
+from highside.physics.effects import all_effects, title_of
 
 VERDICTS = {
     "nothing_left_out": "Nothing was left out: the simulation explains this recording to within its noise.",
@@ -51,6 +51,16 @@ SIDES = {
     Stage.GYRO: "the gyros",
 }
 """Who is to blame for what acts at a stage; the sensor for the others."""
+
+
+def verdict_words(diagnosis: DiagnosisResult) -> str:
+    """The verdict as a sentence. Where |g| alone is known, "nothing" holds down to what would have shown: the sizes."""
+    effects = all_effects()
+    hidden = {n: s for n, s in diagnosis.minimum_detectable.items() if n in effects and effects[n].slow}
+    if diagnosis.verdict != "nothing_left_out" or "repeats_g" not in diagnosis.noise or not hidden:
+        return VERDICTS[diagnosis.verdict]
+    sizes = ", ".join(f"{title_of(name).lower()} {quantity(size.value, size.unit)}" for name, size in hidden.items())
+    return f"No effect was found. What is smaller than this would not show: {sizes}."
 
 
 def axis_name(covariate: str) -> str:
@@ -190,7 +200,7 @@ def _percent(share: float) -> str:
     return f"{share:.0%}" if share < 0.985 else f"{share:.2%}"
 
 
-def blame(diagnosis: Diagnosis, name: Callable[[Claim], str] = lambda claim: claim.effect) -> str:
+def blame(diagnosis: DiagnosisResult, name: Callable[[Claim], str] = lambda claim: claim.effect) -> str:
     """Whether the bench or the sensor is to blame, by the stages of each claim's class; empty without claims.
 
     Beside another program's prediction of any channel that is not considered.
@@ -207,7 +217,7 @@ def blame(diagnosis: Diagnosis, name: Callable[[Claim], str] = lambda claim: cla
     return "; ".join(f"{side} ({', '.join(names)})" for side, names in sides.items())
 
 
-def tested(diagnosis: Diagnosis) -> str:
+def tested(diagnosis: DiagnosisResult) -> str:
     """What the answer rests on, as a sentence after a blank."""
     covered = diagnosis.coverage
     if covered is None:

@@ -18,6 +18,8 @@ from markupsafe import Markup
 
 from highside.errors import InputError
 from highside.report.plots import as_svg
+from highside.shown.plot import Plot
+from highside.shown.screen import can_draw, chart_part, library_part
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -96,6 +98,11 @@ class Document:
         """Figures beside one another, or below where the screen is narrow, under one caption."""
         self._add("panels", svgs=[self._drawn(figure) for figure in figures], caption=caption)
 
+    def chart(self, chart: Plot, caption: str) -> None:
+        """Embed a chart to zoom and hover in, where what draws it is installed; it is not printed."""
+        if can_draw():
+            self._add("chart", drawn=chart_part(chart), caption=caption)
+
     @contextmanager
     def folded(self, summary: str) -> Iterator[None]:
         """What is added within stands behind a line that opens it; printed it is open."""
@@ -118,6 +125,9 @@ class Document:
         """What the template needs besides the parts."""
         return {}
 
+    def _has(self, kind: str) -> bool:
+        return any(part.kind == kind for part in self._parts)
+
     def _add(self, _kind: str, **values: Any) -> None:
         self._parts.append(Part(_kind, values))
 
@@ -134,6 +144,10 @@ class Page(Document):
     def __init__(self, title: str) -> None:
         super().__init__(title)
         self.title(title)
+
+    def _frame(self) -> dict[str, str]:
+        """What draws its charts: once, however many they are."""
+        return {"library": library_part() if self._has("chart") else ""}
 
 
 class Sheets(Document):

@@ -15,7 +15,7 @@ from highside.report.document import Page
 from highside.report.plots import new_figure, plotting
 from highside.rotation import Compensation, CurveMethod, ErrorCurve, Samples
 from highside.rotation.compare import CurveComparison
-from highside.rotation.curve import Form
+from highside.rotation.curve import CurveForm
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,7 +64,7 @@ def fit_page(compensation: Compensation, samples: Mapping[str, Samples]) -> str:
                 "Left: errors (grey) and curve with twice its standard deviation. Right: what the curve leaves."
                 + (" Shaded: not covered." if curve.coverage.has_gap else ""),
             )
-            if curve.form is Form.FOURIER and curve.order > 0:
+            if curve.form is CurveForm.FOURIER and curve.order > 0:
                 page.figure(_harmonics_figure(curve), "Size of each harmonic with twice its standard deviation.")
         return page.html()
 
@@ -103,7 +103,9 @@ def compare_page(source: str, compared: Mapping[str, tuple[Samples, CurveCompari
 
 def _facts(curve: ErrorCurve, samples: Samples) -> list[tuple[str, str]]:
     held = curve.held_out
-    unit = {Form.FOURIER: "harmonics", Form.CHEBYSHEV: "degree", Form.NETWORK: "hidden units"}[curve.form]
+    unit = {CurveForm.FOURIER: "harmonics", CurveForm.CHEBYSHEV: "degree", CurveForm.NETWORK: "hidden units"}[
+        curve.form
+    ]
     left = samples.error - curve(samples.theta_rad, samples.rate_radps)
     facts = [
         ("Method", f"{NAMES.get(curve.method, curve.method.value)}, {curve.order} {unit}"),

@@ -17,6 +17,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.errors import InputError
 from highside.rotation.bases import RateTerms, chebyshev_rows, combined, fourier_rows, fourier_sum, scaled_angle
+from highside.rotation.network_output import forward, jacobian_rows
 from highside.rotation.samples import AngleCoverage
 
 
@@ -31,7 +32,7 @@ class CurveMethod(StrEnum):
     ONLINE = "online"
 
 
-class Form(StrEnum):
+class CurveForm(StrEnum):
     """What the parameters multiply."""
 
     FOURIER = "fourier"
@@ -72,7 +73,7 @@ class ErrorCurve:
     """
 
     method: CurveMethod
-    form: Form
+    form: CurveForm
     order: int
     parameters: Array
     covariance: Array
@@ -94,13 +95,11 @@ class ErrorCurve:
         """
         theta = np.asarray(theta_rad, dtype=float)
         angle_part = self.parameters[: self.parameters.size - self._rate_count]
-        if self.form is Form.FOURIER:
+        if self.form is CurveForm.FOURIER:
             value = fourier_sum(theta, angle_part)
-        elif self.form is Form.CHEBYSHEV:
+        elif self.form is CurveForm.CHEBYSHEV:
             value = np.asarray(np.polynomial.chebyshev.chebval(scaled_angle(theta), angle_part), dtype=float)
         else:
-            from highside.rotation.network import forward
-
             assert self.network_input is not None
             value = forward(angle_part, self.network_input.rows(theta), self.order, self.hidden_bias)
             value = self.target_centre + self.target_scale * value
@@ -111,13 +110,11 @@ class ErrorCurve:
     def std(self, theta_rad: Array, rate_radps: Array | None = None) -> Array:
         """Standard deviation of the curve itself (without the noise of a row) at angles (N,) rad, by the covariance."""
         theta = np.asarray(theta_rad, dtype=float)
-        if self.form is Form.FOURIER:
+        if self.form is CurveForm.FOURIER:
             rows = fourier_rows(theta, self.order)
-        elif self.form is Form.CHEBYSHEV:
+        elif self.form is CurveForm.CHEBYSHEV:
             rows = chebyshev_rows(theta, self.order)
         else:
-            from highside.rotation.network import jacobian_rows
-
             assert self.network_input is not None
             inputs = self.network_input.rows(theta)
             rows = self.target_scale * jacobian_rows(self.parameters, inputs, self.order, self.hidden_bias)
@@ -173,7 +170,7 @@ class ErrorCurve:
         rate, network, held_out = data["rate"], data["network"], data["held_out"]
         curve = cls(
             method=CurveMethod(data["method"]),
-            form=Form(data["form"]),
+            form=CurveForm(data["form"]),
             order=int(data["order"]),
             parameters=np.array(data["parameters"], dtype=float),
             covariance=np.array(data["covariance"], dtype=float),
@@ -195,14 +192,14 @@ class ErrorCurve:
         count = curve.parameters.size
         if curve.parameters.ndim != 1 or curve.covariance.shape != (count, count) or count != curve._expected_count():
             raise ValueError("parameters, covariance and order do not belong together")
-        if (curve.form is Form.NETWORK) != (curve.network_input is not None):
+        if (curve.form is CurveForm.NETWORK) != (curve.network_input is not None):
             raise ValueError("form and network do not belong together")
         return curve
 
     def _expected_count(self) -> int:
-        if self.form is Form.FOURIER:
+        if self.form is CurveForm.FOURIER:
             return 2 * self.order + 1 + self._rate_count
-        if self.form is Form.CHEBYSHEV:
+        if self.form is CurveForm.CHEBYSHEV:
             return self.order + 1 + self._rate_count
         inputs = 2 if self.network_input is NetworkInput.PERIODIC else 1
         return self.order * (inputs + 1 + int(self.hidden_bias)) + 1

@@ -37,11 +37,11 @@ FEWEST_TURNS = 2
 RUNS_TOGETHER = 0.8
 """Correlation of direction with time from which the two are not separated; all turns forwards first, then all
 backwards, have 0.87, turns in alternation 0.4 at most."""
-SEEN_TURNS = 0.25
+OBSERVED_TURNS = 0.25
 """Travel in a direction, in turns, from which it counts as covered."""
 RATE_MARGIN = 1.5
 """A rate counts as covered up to so many times the fastest of the fit, and down to the slowest divided by it."""
-STANDING = 0.02
+STILL_SHARE = 0.02
 """Share of the typical rate below which the rotor counts as standing."""
 WHOLE_TURN = 0.02
 """A turn may lack this share: rows beside a reversal or a stand belong to no direction."""
@@ -90,14 +90,14 @@ class RotorMotion:
 
         return cls(float(data["forward_turns"]), float(data["backward_turns"]), rate("least_dps"), rate("greatest_dps"))
 
-    def never_seen_here(self, other: RotorMotion) -> list[str]:
+    def unobserved(self, other: RotorMotion) -> list[str]:
         """What `other` did that this never saw, as sentences for a user."""
         out = []
         for name, mine, theirs in (
             ("forwards (growing angle)", self.forward_turns, other.forward_turns),
             ("backwards (falling angle)", self.backward_turns, other.backward_turns),
         ):
-            if theirs >= SEEN_TURNS > mine:
+            if theirs >= OBSERVED_TURNS > mine:
                 out.append(f"the rotor turns {name} for {theirs:.1f} turns; the fit never saw that direction")
         if None not in (self.least_dps, self.greatest_dps, other.least_dps, other.greatest_dps):
             assert self.least_dps and self.greatest_dps and other.least_dps and other.greatest_dps
@@ -168,7 +168,7 @@ def _moves(steps: Array) -> NDArray[np.bool_]:
     ordered = np.sort(sizes)
     way = np.cumsum(ordered)
     typical = ordered[min(int(np.searchsorted(way, 0.5 * way[-1])), ordered.size - 1)]
-    return np.asarray(sizes > STANDING * typical)
+    return np.asarray(sizes > STILL_SHARE * typical)
 
 
 def directions(theta_rad: Array) -> Signs:
@@ -214,7 +214,7 @@ def direction_difference(samples: Samples, curve: ErrorCurve) -> DirectionDiffer
         basis = fourier_rows(samples.theta_rad[rows], HARMONICS)
         coefficients.append(np.linalg.lstsq(basis.T, left[rows], rcond=None)[0])
         places.append(0.5 * (rows.start + rows.stop))
-    seen = np.array(coefficients)
+    observed = np.array(coefficients)
     place = np.array(places) - np.mean(places)
     together = abs(float(np.corrcoef(place, signs)[0, 1])) > RUNS_TOGETHER
     columns = [np.ones(signs.size), 0.5 * signs]
@@ -222,11 +222,11 @@ def direction_difference(samples: Samples, curve: ErrorCurve) -> DirectionDiffer
         columns.append(place / max(float(np.abs(place).max()), 1e-300))
     design = np.array(columns).T
     freedom = signs.size - design.shape[1]
-    part, *_ = np.linalg.lstsq(design, seen, rcond=None)
-    scatter = np.sqrt(np.sum((seen - design @ part) ** 2, axis=0) / freedom)
+    part, *_ = np.linalg.lstsq(design, observed, rcond=None)
+    scatter = np.sqrt(np.sum((observed - design @ part) ** 2, axis=0) / freedom)
     rows_a_turn = float(np.mean([rows.stop - rows.start for _, rows in turns]))
     # turns that agree by chance, or to rounding, are no better known than their rows' noise
-    least = curve.noise / np.sqrt(rows_a_turn) * np.where(np.arange(seen.shape[1]) == 0, 1.0, np.sqrt(2.0))
+    least = curve.noise / np.sqrt(rows_a_turn) * np.where(np.arange(observed.shape[1]) == 0, 1.0, np.sqrt(2.0))
     spread = np.maximum(scatter, np.maximum(least, 1e-12 * float(np.abs(samples.error).max()) or 1e-300))
     unit = float(np.sqrt(np.linalg.inv(design.T @ design)[1, 1]))
     difference = part[1]

@@ -73,7 +73,7 @@ def _auto(samples: Samples, options: FitOptions, *, held_out: bool) -> ErrorCurv
         return auto(part, rate_terms=options.rate_terms, largest_order=largest_order)
 
     def unseen(largest_order: int) -> CrossValidation | None:
-        return _left_out(samples, lambda part: fitted(part, largest_order))
+        return _cross_validated(samples, lambda part: fitted(part, largest_order))
 
     curve = fitted(samples, LARGEST_ORDER)
     at_top = curve.order == LARGEST_ORDER and not samples.coverage.has_gap
@@ -83,25 +83,25 @@ def _auto(samples: Samples, options: FitOptions, *, held_out: bool) -> ErrorCurv
         return replace(curve, held_out=usual)
     raised = unseen(UTMOST_ORDER)
     if usual is not None and raised is not None and raised.rms >= usual.rms:
-        said = (
+        remark = (
             f"the highest order of the usual range ({curve.order}) was taken; orders to {higher.order} fit these rows"
             f" better, but not turns that the fit did not use ({raised.rms:.4g} against {usual.rms:.4g} rms): what is"
             " left does not come back from turn to turn"
         )
-        return replace(curve, held_out=usual, remarks=(*curve.remarks, said))
+        return replace(curve, held_out=usual, remarks=(*curve.remarks, remark))
     top = " and is the highest that can be tried: finer structure may be left" if higher.order == UTMOST_ORDER else ""
-    said = f"order {higher.order} was taken, beyond the usual range of {LARGEST_ORDER}{top}"
+    remark = f"order {higher.order} was taken, beyond the usual range of {LARGEST_ORDER}{top}"
     if usual is not None and raised is not None:
-        said += f"; turns not used by the fit: {raised.rms:.4g} rms against {usual.rms:.4g}"
-    return replace(higher, held_out=raised, remarks=(*higher.remarks, said))
+        remark += f"; turns not used by the fit: {raised.rms:.4g} rms against {usual.rms:.4g}"
+    return replace(higher, held_out=raised, remarks=(*higher.remarks, remark))
 
 
 def held_out_error(samples: Samples, method: CurveMethod, options: FitOptions = DEFAULTS) -> CrossValidation | None:
     """Fit without each fold of whole turns in turn and score on it; None with fewer than two whole turns."""
-    return _left_out(samples, lambda part: _fit(part, method, options))
+    return _cross_validated(samples, lambda part: _fit(part, method, options))
 
 
-def _left_out(samples: Samples, make: Callable[[Samples], ErrorCurve]) -> CrossValidation | None:
+def _cross_validated(samples: Samples, make: Callable[[Samples], ErrorCurve]) -> CrossValidation | None:
     whole = samples.whole_revolutions
     if len(whole) < 2:
         return None

@@ -18,7 +18,7 @@ from highside.arrays import Array
 from highside.attitude.angles import TURN, wrap_positive
 from highside.errors import Refused
 from highside.rotation.bases import RateTerms, combined, fourier_rows, projected, triangle_of
-from highside.rotation.curve import CurveMethod, ErrorCurve, Form
+from highside.rotation.curve import CurveForm, CurveMethod, ErrorCurve
 from highside.rotation.gap import bridged
 from highside.rotation.linear import identifiable_rate
 from highside.rotation.samples import Samples
@@ -79,7 +79,7 @@ def auto(
     places = np.concatenate([[0], np.arange(1 + extra, count), np.arange(1, 1 + extra)]).astype(int)
     return ErrorCurve(
         CurveMethod.AUTO,
-        Form.FOURIER,
+        CurveForm.FOURIER,
         used,
         solution[places],
         covariance[np.ix_(places, places)],

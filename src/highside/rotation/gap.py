@@ -58,11 +58,11 @@ class _GridPoint(NamedTuple):
     """S V, (q, q)"""
     r: Array
     """(q,)"""
-    seen: Array
+    observed: Array
     """U'z, (q,)"""
 
     def mean(self, noise: float) -> Array:
-        return np.asarray(self.reach @ (self.seen * self.r / (self.r**2 + noise**2)))
+        return np.asarray(self.reach @ (self.observed * self.r / (self.r**2 + noise**2)))
 
     def covariance(self, noise: float) -> Array:
         return np.asarray((self.reach * (noise**2 / (self.r**2 + noise**2))) @ self.reach.T)
@@ -125,16 +125,16 @@ def _grid(
         prior = np.full((sizes.size, q), 10.0 * size)
         prior[:, 1 + extra :] = np.where(k <= 2, 2.0 * size / k**2, size * sizes[:, None] / k**2)
         U, r, V = np.linalg.svd(R[:q, :q] * prior[:, None, :])
-        seen = np.einsum("sij,i->sj", U, z[:q])
+        observed = np.einsum("sij,i->sj", U, z[:q])
         reach = prior[:, :, None] * V.transpose(0, 2, 1)
         # rows that the orders above would have explained hold noise alone
         left = rest + float(z[q:] @ z[q:])
         total = r[:, None, :] ** 2 + noises[:, None] ** 2
-        evidence = -0.5 * np.sum(seen[:, None, :] ** 2 / total + np.log(total), axis=2)
+        evidence = -0.5 * np.sum(observed[:, None, :] ** 2 / total + np.log(total), axis=2)
         evidence -= 0.5 * left / noises**2 + (n - q) * np.log(noises)
         # the half-Cauchy on a grid of equal ratios
         evidence += np.log(sizes / (1.0 + sizes**2))[:, None]
-        tried += [_GridPoint(*one) for one in zip(evidence, prior, reach, r, seen, strict=True)]
+        tried += [_GridPoint(*one) for one in zip(evidence, prior, reach, r, observed, strict=True)]
     return tried, np.asarray(noises)
 
 

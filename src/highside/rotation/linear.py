@@ -10,7 +10,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.errors import InputError, Refused
 from highside.rotation.bases import RateTerms, chebyshev_rows, fourier_rows, triangle_of
-from highside.rotation.curve import CurveMethod, ErrorCurve, Form
+from highside.rotation.curve import CurveForm, CurveMethod, ErrorCurve
 from highside.rotation.samples import AngleCoverage, Samples
 
 DEGREE = 9
@@ -43,7 +43,7 @@ def four_positions(error: Array, noise: float = 0.0) -> ErrorCurve:
     coverage = AngleCoverage(4, 0.75, np.pi / 2, 0.0)
     return ErrorCurve(
         CurveMethod.SINE,
-        Form.FOURIER,
+        CurveForm.FOURIER,
         1,
         parameters,
         covariance,
@@ -67,19 +67,19 @@ def polynomial9(samples: Samples, rate_terms: int = 0) -> ErrorCurve:
     if rate_terms:
         rate, remarks = identifiable_rate(samples, rows, rate_terms)
         rows = np.vstack([rows, rate.rows(_rate_of(samples))])
-    return _solved(samples, rows, CurveMethod.POLYNOMIAL9, Form.CHEBYSHEV, DEGREE, rate, remarks)
+    return _solved(samples, rows, CurveMethod.POLYNOMIAL9, CurveForm.CHEBYSHEV, DEGREE, rate, remarks)
 
 
 def _harmonics(samples: Samples, order: int, method: CurveMethod) -> ErrorCurve:
     samples.require_coverage()
-    return _solved(samples, fourier_rows(samples.theta_rad, order), method, Form.FOURIER, order, None, [])
+    return _solved(samples, fourier_rows(samples.theta_rad, order), method, CurveForm.FOURIER, order, None, [])
 
 
 def _solved(
     samples: Samples,
     rows: Array,
     method: CurveMethod,
-    form: Form,
+    form: CurveForm,
     order: int,
     rate: RateTerms | None,
     remarks: list[str],

@@ -26,7 +26,7 @@ import numpy as np
 from highside.attitude.angles import TURN, wrap_positive
 from highside.errors import Refused
 from highside.rotation.compensation import Compensation
-from highside.rotation.curve import ErrorCurve, Form, NetworkInput
+from highside.rotation.curve import CurveForm, ErrorCurve, NetworkInput
 from highside.rotation.turntable import ARCMIN, AXIS_CHANNELS
 
 Point = Callable[[float, float | None], float]
@@ -95,7 +95,7 @@ def point(curve: ErrorCurve) -> Point:
 
 
 def _angle_part(curve: ErrorCurve, p: list[float]) -> Callable[[float], float]:
-    if curve.form is Form.FOURIER:
+    if curve.form is CurveForm.FOURIER:
         constant = p[0]
         # the highest harmonic first
         last, *others = [complex(b, -a) for a, b in zip(p[1::2], p[2::2], strict=True)][::-1] or [0j]
@@ -109,7 +109,7 @@ def _angle_part(curve: ErrorCurve, p: list[float]) -> Callable[[float], float]:
             return constant + total.real
 
         return fourier
-    if curve.form is Form.CHEBYSHEV:
+    if curve.form is CurveForm.CHEBYSHEV:
         high = p[:0:-1]
 
         def chebyshev(theta: float) -> float:

@@ -14,7 +14,8 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.rotation.bases import combined, gram, projected
-from highside.rotation.curve import CurveMethod, ErrorCurve, Form, NetworkInput
+from highside.rotation.curve import CurveForm, CurveMethod, ErrorCurve, NetworkInput
+from highside.rotation.network_output import hidden_layer, jacobian_of, split_weights
 from highside.rotation.samples import Samples
 
 HIDDEN = 8
@@ -56,7 +57,7 @@ def network(
         remarks.append(f"{samples.n} rows for {weights.size} parameters: the network follows the noise")
     return ErrorCurve(
         CurveMethod.NETWORK,
-        Form.NETWORK,
+        CurveForm.NETWORK,
         hidden,
         weights,
         covariance,
@@ -68,44 +69,6 @@ def network(
         target_scale=scale,
         remarks=tuple(remarks),
     )
-
-
-def forward(weights: Array, inputs: Array, hidden: int, hidden_bias: bool = True) -> Array:
-    """Outputs (N,) on the standardised scale for inputs (d, N)."""
-    w1, b1, w2, b2 = _split(weights, inputs.shape[0], hidden, hidden_bias)
-    return combined(w2, _hidden(w1, inputs, b1)) + b2
-
-
-def jacobian_rows(weights: Array, inputs: Array, hidden: int, hidden_bias: bool = True) -> Array:
-    """(P, N): derivative of the outputs by each weight."""
-    w1, b1, w2, _ = _split(weights, inputs.shape[0], hidden, hidden_bias)
-    return _jacobian(inputs, _hidden(w1, inputs, b1), w2, hidden_bias)
-
-
-def _hidden(w1: Array, inputs: Array, b1: Array) -> Array:
-    """Q = tanh(W1 P + b1), (hidden, N)."""
-    total = np.einsum("hd,dn->hn", w1, inputs)
-    total += b1[:, None]
-    return np.asarray(np.tanh(total, out=total))
-
-
-def _split(weights: Array, d: int, hidden: int, hidden_bias: bool) -> tuple[Array, Array, Array, float]:
-    w1 = weights[: hidden * d].reshape(hidden, d)
-    rest = weights[hidden * d :]
-    b1 = rest[:hidden] if hidden_bias else np.zeros(hidden)
-    return w1, b1, rest[-hidden - 1 : -1], float(rest[-1])
-
-
-def _jacobian(inputs: Array, q: Array, w2: Array, hidden_bias: bool) -> Array:
-    d, hidden, n = inputs.shape[0], w2.size, inputs.shape[1]
-    slopes = (1.0 - q * q) * w2[:, None]
-    rows = np.empty((hidden * (d + 1 + int(hidden_bias)) + 1, n))
-    np.multiply(slopes[:, None, :], inputs[None, :, :], out=rows[: hidden * d].reshape(hidden, d, n))
-    if hidden_bias:
-        rows[hidden * d : hidden * (d + 1)] = slopes
-    rows[-hidden - 1 : -1] = q
-    rows[-1] = 1.0
-    return rows
 
 
 def _first_weights(d: int, hidden: int, hidden_bias: bool, rng: np.random.Generator) -> Array:
@@ -126,13 +89,13 @@ def _train(
     damping = FIRST_DAMPING
 
     def at(w: Array) -> tuple[Array, Array, float]:
-        w1, b1, w2, b2 = _split(w, d, hidden, hidden_bias)
-        q = _hidden(w1, inputs, b1)
+        w1, b1, w2, b2 = split_weights(w, d, hidden, hidden_bias)
+        q = hidden_layer(w1, inputs, b1)
         residual = targets - (combined(w2, q) + b2)
         return q, residual, float(residual @ residual)
 
     q, residual, cost = at(weights)
-    rows = _jacobian(inputs, q, _split(weights, d, hidden, hidden_bias)[2], hidden_bias)
+    rows = jacobian_of(inputs, q, split_weights(weights, d, hidden, hidden_bias)[2], hidden_bias)
     normal = gram(rows)
     used = 0
     while used < iterations:
@@ -150,7 +113,7 @@ def _train(
             break
         decrease = (cost - tried) / cost
         weights, q, residual, cost = weights + step, tried_q, tried_residual, tried
-        rows = _jacobian(inputs, q, _split(weights, d, hidden, hidden_bias)[2], hidden_bias)
+        rows = jacobian_of(inputs, q, split_weights(weights, d, hidden, hidden_bias)[2], hidden_bias)
         normal = gram(rows)
         damping = max(damping / 10.0, 1e-15)
         if decrease < SMALLEST_DECREASE:

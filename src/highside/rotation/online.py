@@ -15,7 +15,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.errors import InputError
-from highside.rotation.curve import CurveMethod, ErrorCurve, Form
+from highside.rotation.curve import CurveForm, CurveMethod, ErrorCurve
 from highside.rotation.samples import AngleCoverage
 
 LEAST_MEMORY_TURNS = 1.0 / 6.0
@@ -116,7 +116,7 @@ class OnlineFit:
         )
         return ErrorCurve(
             CurveMethod.ONLINE,
-            Form.FOURIER,
+            CurveForm.FOURIER,
             self.order,
             self._state[-1].copy(),
             (self.noise**2 * self._factor) * self._state[:-1],

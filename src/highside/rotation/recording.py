@@ -175,7 +175,7 @@ def warnings_of(compensation: Compensation, columns: Columns) -> list[str]:
                 " attitude"
             )
     if compensation.motion is not None:
-        lines += compensation.motion.never_seen_here(motion_of(columns))
+        lines += compensation.motion.unobserved(motion_of(columns))
     return lines
 
 

@@ -20,7 +20,7 @@ from highside.arrays import Array
 from highside.errors import InputError, Refused
 from highside.rotation.bases import fourier_rows, fourier_sum, triangle_of
 from highside.rotation.compensation import Compensation, Validity
-from highside.rotation.curve import CurveMethod, ErrorCurve, Form
+from highside.rotation.curve import CurveForm, CurveMethod, ErrorCurve
 from highside.rotation.samples import AngleCoverage, Samples
 
 ARCMIN = np.pi / 10800.0
@@ -61,7 +61,7 @@ class TurntableCurve:
         def curve(values: Array, covariance: Array, noise_rad: float) -> ErrorCurve:
             return ErrorCurve(
                 CurveMethod.AUTO,
-                Form.FOURIER,
+                CurveForm.FOURIER,
                 self.order,
                 values / ARCMIN,
                 covariance / ARCMIN**2,

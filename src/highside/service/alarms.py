@@ -82,13 +82,13 @@ class Dropping:
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._growing = Growing(DROPPING_STANDS_S, clock)
         self._quiet = QuietLog(log, clock=clock)
-        self._seen: dict[str, int] = {}
+        self._dropped_before: dict[str, int] = {}
 
     def look(self, dropped: Mapping[str, int]) -> bool:
         """Take the present counts by reason."""
         for reason, count in dropped.items():
-            if count > self._seen.get(reason, 0):
+            if count > self._dropped_before.get(reason, 0):
                 text = "outbox: messages are dropped (%s), %d of them since the start"
                 self._quiet.say(logging.ERROR, reason, text, reason, count)
-        self._seen = dict(dropped)
+        self._dropped_before = dict(dropped)
         return self._growing.look(sum(dropped.values()))

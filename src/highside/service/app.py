@@ -104,7 +104,7 @@ class Service:
         self._starts = StartLog(self.state_dir)
         self.rig = Rig(self.state_dir, self.health, lambda: self.parts.rig, self.damage)
         self.drift = DriftKeeper(
-            self.state_dir, self._reply_drift, self._tell_drift, lambda: self.parts.drift, self.damage
+            self.state_dir, self._reply_drift, self._publish_drift, lambda: self.parts.drift, self.damage
         )
         self.parts = self._make_parts(settings)
         self.reloader = Reloader(self, reload)
@@ -209,10 +209,10 @@ class Service:
     def _reply_drift(self, payload: bytes, done: bool) -> None:
         self.publisher.reply(self._topic("drift/reply"), payload, done=done)
 
-    def _tell_latest(self, payload: bytes) -> None:
+    def _publish_latest(self, payload: bytes) -> None:
         self.publisher.passing(self._topic("latest"), payload)
 
-    def _tell_drift(self, payload: bytes) -> None:
+    def _publish_drift(self, payload: bytes) -> None:
         self.publisher.retained(self._topic("drift"), payload)
 
     # --- the sink of the link ----------------------------------------------------------------------------------
@@ -343,7 +343,7 @@ class Service:
     def _start(self) -> list[asyncio.Task[None]]:
         """Everything at work; returns the tasks that live as long as the service."""
         self.run_link(self.supervisor)
-        self.rig.start(lambda: self.pipeline, self.publish_health, self._tell_latest)
+        self.rig.start(lambda: self.pipeline, self.publish_health, self._publish_latest)
         self.drift.start()
         self.damage.require_file(self.state_dir / "outbox.sqlite", "messages are kept in a new file")
         self.outbox.start(wait=False)
@@ -358,7 +358,7 @@ class Service:
         )
         others = [
             asyncio.create_task(self._lag.run(), name="loop-lag"),
-            asyncio.create_task(self._tell_health(), name="health"),
+            asyncio.create_task(self._health_task(), name="health"),
             asyncio.create_task(self.clock.run(self._judge_age, self.publish_health), name="clock"),
             asyncio.create_task(feed_watchdog(self.notifier, self.outbox), name="watchdog"),
             asyncio.create_task(self.reloader.run(), name="reload"),
@@ -436,7 +436,7 @@ class Service:
             self._lock.close()
             self._lock = None
 
-    async def _tell_health(self) -> None:
+    async def _health_task(self) -> None:
         while True:
             self.publish_health()
             link = self.supervisor.stats

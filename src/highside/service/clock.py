@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import ctypes
 import functools
+import sys
 import time
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -68,7 +69,7 @@ def boot_id() -> str:
 
 def boot_s() -> float:
     """Seconds since the machine was started, sleep included; nobody can set this clock."""
-    return time.clock_gettime(time.CLOCK_BOOTTIME)
+    return time.clock_gettime(time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic()
 
 
 def now(*, synced: bool | None = None) -> Moment:
@@ -112,7 +113,12 @@ class StepWatch:
 
 
 def clock_synced() -> bool:
-    """Whether the kernel says that wall time follows a reference (adjtimex(2) with nothing to set)."""
+    """Whether the kernel says that wall time follows a reference (adjtimex(2) with nothing to set).
+
+    Elsewhere than on Linux nothing is known of it: it counts as not synchronised.
+    """
+    if not sys.platform.startswith("linux"):
+        return False
     # struct timex is 208 bytes on 64-bit Linux: modes first, status after four longs
     buffer = (ctypes.c_char * 256)()
     state = _libc().adjtimex(ctypes.byref(buffer))
@@ -189,9 +195,9 @@ class Overshoots:
 
     def quantile_ms(self, q: float) -> float:
         """Upper edge in ms of the bin in which the q-quantile lies; 0 before the first measurement."""
-        wanted, seen = q * self._n, 0
+        wanted, counted = q * self._n, 0
         for index, count in enumerate(self._bins):
-            seen += count
-            if seen and seen >= wanted:
+            counted += count
+            if counted and counted >= wanted:
                 return (index + 1) * 0.5 if index < 2000 else self.max_s * 1e3
         return 0.0

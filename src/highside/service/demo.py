@@ -97,7 +97,7 @@ class Watcher:
     def __init__(self, device: SimulatedDevice) -> None:
         self.snapshot = DemoState()
         self._device = device
-        self._seen: set[int] = set()
+        self._shown: set[int] = set()
 
     def take(self, topic: str, message: bytes) -> None:
         """One message as it would go to a broker; the monotonic time of its arrival is now."""
@@ -109,11 +109,11 @@ class Watcher:
         elif name == "survey":
             snapshot.survey = payload
             snapshot.surveys += 1
-        elif name == "attitude" and payload["seq"] not in self._seen:
-            self._seen.add(payload["seq"])
+        elif name == "attitude" and payload["seq"] not in self._shown:
+            self._shown.add(payload["seq"])
             snapshot.published += 1
             # sequence numbers begin at 0 with the demonstration's own outbox
-            snapshot.lost = max(self._seen) + 1 - len(self._seen)
+            snapshot.lost = max(self._shown) + 1 - len(self._shown)
             snapshot.latest = payload
             snapshot.latency_ms.append((now_mono - payload["t_mono"]) * 1e3)
             truth = self._device.truth(payload["t_device_s"] - payload["window_s"] / 2.0)
@@ -126,7 +126,7 @@ class Watcher:
     def account(self, last_seq: int | None) -> None:
         """At the end: everything up to `last_seq`, the last that the service made, had to arrive."""
         if last_seq is not None:
-            self.snapshot.lost = last_seq + 1 - len(self._seen)
+            self.snapshot.lost = last_seq + 1 - len(self._shown)
 
 
 class OutboxReader(Publisher):

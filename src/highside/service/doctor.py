@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import fcntl
 import os
 import shutil
 import sqlite3
@@ -27,6 +26,7 @@ from highside.config.rig import WitsSerial
 from highside.config.settings import Settings
 from highside.errors import HighsideError, InputError
 from highside.reading import MALFORMED, parse_json
+from highside.recording.locks import lock as take_lock
 from highside.service.broker_client import check_secrets
 from highside.service.clock import clock_synced
 from highside.service.doctor_broker import examine_broker
@@ -71,7 +71,7 @@ def _is_running(directory: Path) -> bool:
     try:
         with (directory / "lock").open("r") as lock:
             try:
-                fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+                take_lock(lock.fileno(), shared=True)
             except OSError:
                 return True
     except OSError:

@@ -51,7 +51,7 @@ async def examine_broker(settings: Settings, *, running: bool, queue_messages: i
         return
     yield CheckResult("broker", Level.OK, f"{where} answers, {1e3 * (time.monotonic() - began):.0f} ms")
     if running:
-        for finding in await _told_by_service(settings, identifier):
+        for finding in await _reported_by_service(settings, identifier):
             yield finding
     if not queue_messages:
         yield CheckResult("broker queue", Level.SKIP, "not tried: --queue N publishes N messages for it")
@@ -62,7 +62,7 @@ async def examine_broker(settings: Settings, *, running: bool, queue_messages: i
 # --- what the running service says ---------------------------------------------------------------------------------
 
 
-async def _told_by_service(settings: Settings, identifier: str) -> list[CheckResult]:
+async def _reported_by_service(settings: Settings, identifier: str) -> list[CheckResult]:
     """From the retained `health`."""
     topic = settings.mqtt.topic(settings.tool.id, "health")
     try:
@@ -159,12 +159,12 @@ async def _queue_depth(settings: Settings, identifier: str, topic: str, count: i
 
 
 async def _fetch(settings: Settings, subscriber: str, count: int) -> int:
-    seen: set[bytes] = set()
+    received: set[bytes] = set()
     async with await broker_client(settings.mqtt, subscriber, clean_session=False) as client:
         messages = aiter(client.messages)
         with contextlib.suppress(TimeoutError):
-            while len(seen) < count:
+            while len(received) < count:
                 message = await asyncio.wait_for(anext(messages), QUIET_S)
                 if isinstance(message.payload, bytes):
-                    seen.add(message.payload)
-    return len(seen)
+                    received.add(message.payload)
+    return len(received)

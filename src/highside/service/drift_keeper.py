@@ -54,12 +54,12 @@ class DriftKeeper:
         self,
         state_dir: Path,
         reply: Callable[[bytes, bool], None],
-        tell: Callable[[bytes], None],
+        publish_state: Callable[[bytes], None],
         in_force: Callable[[], DriftParts],
         damage: DamageLog,
     ) -> None:
         self._path = state_dir / FILE
-        self._reply, self._tell, self._in_force = reply, tell, in_force
+        self._reply, self._publish_state, self._in_force = reply, publish_state, in_force
         self._damage = damage
         self._task: asyncio.Task[None] | None = None
         self._done: deque[str] = deque(maxlen=_REMEMBERED)
@@ -139,7 +139,7 @@ class DriftKeeper:
     def publish(self) -> None:
         """The retained message, for tools that have shown gyros."""
         if self.stage is not None and self.stage.has_gyro_data:
-            self._tell(self.stage.message(time.time()).model_dump_json().encode())
+            self._publish_state(self.stage.message(time.time()).model_dump_json().encode())
 
     def health(self) -> dict[str, Any] | None:
         """Member `drift` of the health message."""

@@ -64,8 +64,8 @@ class GuardedCodec:
     def _failed(self, error: Exception) -> list[Frame]:
         self.faults += 1
         text = "codec %s: its decoder failed (%s); what it was given is lost, the link goes on"
-        said = one_line(f"{type(error).__name__}: {error}")[:300]
-        self._quiet.say(logging.ERROR, type(error).__name__, text, self._configured, said)
+        cause = one_line(f"{type(error).__name__}: {error}")[:300]
+        self._quiet.say(logging.ERROR, type(error).__name__, text, self._configured, cause)
         log.debug("codec %s: its decoder failed", self._configured, exc_info=error)
         self._begin_anew()
         return []
@@ -76,8 +76,8 @@ class GuardedCodec:
             self._codec.reset()
         counts = self.counts
         counts.bytes_in = max(counts.bytes_in, self._bytes_in)
-        told = counts.bytes_framed + counts.bytes_bad + counts.bytes_text + counts.bytes_ignored
+        accounted = counts.bytes_framed + counts.bytes_bad + counts.bytes_text + counts.bytes_ignored
         counts.bytes_pending = 0
-        counts.bytes_junk = max(counts.bytes_in - told, 0)
+        counts.bytes_junk = max(counts.bytes_in - accounted, 0)
         counts.frames_bad += max(counts.frames_good - self._handed_out, 0)
         counts.frames_good, counts.frames_held = self._handed_out, 0

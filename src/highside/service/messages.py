@@ -308,18 +308,22 @@ PAYLOADS: dict[str, type[BaseModel]] = {
 """Model by last part of the topic; `status` is a word, `instance` two."""
 
 
+WORDS: tuple[tuple[str, str, str], ...] = (
+    ("status", "^(online|offline)$", "birth `online`, last will and farewell `offline`."),
+    (
+        "instance",
+        "^(online|offline) [0-9a-f]{8}$",
+        "which run of the service was the last to begin or to take leave (health's `broker.instance`): `online"
+        " 5f0c2a91`. Two services of one tool notice each other by it.",
+    ),
+)
+"""Topics of plain text, retained: name, pattern, meaning."""
+
+
 def schemas() -> dict[str, Any]:
     """JSON Schema of every topic."""
     found: dict[str, Any] = {name: model.model_json_schema() for name, model in PAYLOADS.items()}
-    for name, pattern, says in (
-        ("status", "^(online|offline)$", "birth `online`, last will and farewell `offline`."),
-        (
-            "instance",
-            "^(online|offline) [0-9a-f]{8}$",
-            "which run of the service was the last to begin or to take leave (health's `broker.instance`): `online"
-            " 5f0c2a91`. Two services of one tool notice each other by it.",
-        ),
-    ):
+    for name, pattern, says in WORDS:
         found[name] = TypeAdapter(Annotated[str, Field(pattern=pattern)]).json_schema()
         found[name]["description"] = f"Retained plain text, not JSON: {says}"
     return found

@@ -16,7 +16,6 @@ A second process is refused by a lock on a file beside it; readers (`inspect`) a
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import logging
 import os
 import sqlite3
@@ -26,6 +25,7 @@ from itertools import chain, islice
 from pathlib import Path
 
 from highside.errors import InputError
+from highside.recording.locks import lock
 from highside.service import clock
 from highside.service.outbox_log import BOOT_ID_LETTERS, CommitLog, LogFull, StoredMessage, read_log
 from highside.service.sequence import sync_directory
@@ -77,7 +77,7 @@ class MessageFile:
         self._path.parent.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(f"{self._path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(descriptor)
         except OSError:
             os.close(descriptor)
             raise InputError(

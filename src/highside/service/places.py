@@ -9,7 +9,6 @@ broker's behaviour tells (alarm `client_id_taken`).
 from __future__ import annotations
 
 import errno
-import fcntl
 import hashlib
 import os
 import socket
@@ -23,6 +22,7 @@ from highside.config.places import service_state
 from highside.config.settings import Settings
 from highside.errors import InputError
 from highside.recording.files import set_aside
+from highside.recording.locks import lock as take_lock
 
 _LOOPBACK = {"localhost", "127.0.0.1", "::1", "ip6-localhost", ""}
 
@@ -51,7 +51,7 @@ def take_state_dir(directory: Path) -> IO[str]:
             remedy="give one that this user may write",
         ) from None
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        take_lock(lock.fileno())
     except OSError:
         lock.close()
         raise InputError(

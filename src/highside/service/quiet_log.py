@@ -22,7 +22,7 @@ REASONS = 256
 class _Written:
     since_s: float
     lines: int = 0
-    left_out: int = 0
+    suppressed: int = 0
 
 
 class QuietLog:
@@ -44,13 +44,13 @@ class QuietLog:
         now, more = self._clock(), ""
         written = self._reasons.get(reason)
         if written is None or now - written.since_s >= self._interval_s:
-            if written is not None and written.left_out:
-                more = f" (and {written.left_out} more of this kind since the last such line)"
+            if written is not None and written.suppressed:
+                more = f" (and {written.suppressed} more of this kind since the last such line)"
             if written is None and len(self._reasons) >= REASONS:
                 del self._reasons[next(iter(self._reasons))]
             written = self._reasons[reason] = _Written(now)
         elif written.lines >= self._burst:
-            written.left_out += 1
+            written.suppressed += 1
             return False
         written.lines += 1
         self._log.log(level, "%s%s", text % args if args else text, more)

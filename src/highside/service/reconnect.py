@@ -75,18 +75,18 @@ class Reconnect:
         self._settled = False
         """a connection of this run has lasted"""
         self._given_way = 0
-        self._seen = ""
+        self._other_instance = ""
         """the twin's instance, on this connection or the last"""
         self._short = 0
-        self._told = ""
-        self._told_at = 0.0
+        self._report = ""
+        self._reported_at = 0.0
         self.short_connections = 0
 
     def connected(self) -> None:
         """The broker has let us in."""
         self._began = self._clock()
         self._connects += 1
-        self._seen = ""
+        self._other_instance = ""
 
     def heard_instance(self, payload: bytes, *, retained: bool) -> None:
         """What came on our own topic `instance`."""
@@ -96,11 +96,13 @@ class Reconnect:
         if not retained:
             # we are connected and so is it: another client id, one tool. One that leaves says `offline`
             if word == "online":
-                self._tell(f"another service (instance {printable(instance)[:32]}) speaks as this tool at the broker")
+                self._conflict(
+                    f"another service (instance {printable(instance)[:32]}) speaks as this tool at the broker"
+                )
         elif self._connects > 1:
-            self._seen = printable(instance)[:32]
+            self._other_instance = printable(instance)[:32]
             if self._short:
-                self._tell_twin()
+                self._report_twin()
 
     def pause_s(self) -> float:
         """The connection has ended, or was not made: how long to wait before the next."""
@@ -113,14 +115,14 @@ class Reconnect:
             return self._doubled()
         self._short += 1
         self.short_connections += 1
-        if self._seen:
-            self._tell_twin()
+        if self._other_instance:
+            self._report_twin()
             if not self._settled or self._short >= TOLERATED:
                 self._given_way += 1
                 return self._jittered(min(TWIN_PAUSE_S * 2.0 ** (self._given_way - 1), TWIN_PAUSE_MAX_S))
         if self._short >= SHORT_IN_A_ROW:
-            if not self._seen:
-                self._tell(
+            if not self._other_instance:
+                self._conflict(
                     f"{self._short} connections in a row ended within {SHORT_S:g} s: another client uses"
                     f" {self._client_id}, or the broker sheds us"
                 )
@@ -131,7 +133,7 @@ class Reconnect:
     @property
     def taken(self) -> str | None:
         """Why `client_id_taken` stands; None: it does not."""
-        return self._told if self._told and self._clock() - self._told_at < STANDS_S else None
+        return self._report if self._report and self._clock() - self._reported_at < STANDS_S else None
 
     def _doubled(self) -> float:
         wait_s, self._wait_s = self._wait_s, min(2.0 * self._wait_s, self._max_s)
@@ -140,12 +142,12 @@ class Reconnect:
     def _jittered(self, wait_s: float) -> float:
         return wait_s * self._rng.uniform(0.5, 1.0)
 
-    def _tell_twin(self) -> None:
-        who = f"another client uses {self._client_id} (instance {self._seen})"
-        self._tell(f"{who}: stop one of the two, or give it its own tool.id")
+    def _report_twin(self) -> None:
+        who = f"another client uses {self._client_id} (instance {self._other_instance})"
+        self._conflict(f"{who}: stop one of the two, or give it its own tool.id")
 
-    def _tell(self, text: str) -> None:
-        self._told, self._told_at = text, self._clock()
+    def _conflict(self, text: str) -> None:
+        self._report, self._reported_at = text, self._clock()
 
 
 def new_instance() -> str:

@@ -204,9 +204,9 @@ class Recorder:
             if not batches:
                 return
             while batches:
-                batches = batches[self._write_some(batches) :]
+                batches = batches[self._write_batches(batches) :]
 
-    def _write_some(self, batches: list[tuple[Batch, int]]) -> int:
+    def _write_batches(self, batches: list[tuple[Batch, int]]) -> int:
         """Write the batches that go into the current file with one call; returns how many. Raises OSError."""
         settings = self._settings
         is_can = not isinstance(batches[0][0], Chunk)

@@ -282,7 +282,7 @@ class Reloader:
 
     def __init__(self, service: Service, load: Callable[[], Settings] | None) -> None:
         self._service, self._load = service, load
-        self._asked = asyncio.Event()
+        self._requested = asyncio.Event()
         self.count = 0
         self.refused: dict[str, Any] | None = None
         """of the last attempt: what, and as far as it is known where and which field"""
@@ -290,15 +290,15 @@ class Reloader:
     def ask(self) -> None:
         """From the signal handler."""
         self._service.notifier.reloading("reloading")
-        self._asked.set()
+        self._requested.set()
 
     async def run(self) -> None:
         """Reload whenever asked, until cancelled."""
         while True:
-            await self._asked.wait()
-            self._asked.clear()
+            await self._requested.wait()
+            self._requested.clear()
             await self._reload()
-            if not self._asked.is_set():
+            if not self._requested.is_set():
                 self._service.notifier.ready(self._outcome())
             self._service.publish_health()
 

@@ -56,7 +56,7 @@ class Server(uvicorn.Server):
         while True:
             await asyncio.sleep(LOOK_EVERY_S)
             now = asyncio.get_running_loop().time()
-            seen = set()
+            alive = set()
             for connection in list(self.server_state.connections):
                 transport = connection.transport
                 # a connection is idle anew after each request, and unsent anew once all had gone
@@ -64,10 +64,10 @@ class Server(uvicorn.Server):
                     if state is None:
                         continue
                     key = (connection, state)
-                    seen.add(key)
+                    alive.add(key)
                     if now - since.setdefault(key, now) > limit_s:
                         transport.abort()
-            for gone in since.keys() - seen:
+            for gone in since.keys() - alive:
                 del since[gone]
 
 

@@ -28,11 +28,11 @@ from highside.web.parts import PageParts, parts_of
 
 CONNECT_WITHIN_S = 15.0
 """A page whose socket has not come within this is forgotten: each holds some 0.4 MB. A phone on a bad line takes 5."""
-SEEN_TIMEOUT_S = 10.0
+ALIVE_TIMEOUT_S = 10.0
 """A browser that has not drawn for so long is queried again."""
 
 GO = frozenset({CommandName.START, CommandName.ACCEPT, CommandName.RESUME, CommandName.CAPTURE, CommandName.ACTIVATE})
-ASKED = {
+QUESTIONS = {
     CommandName.ABORT: "End the session without a result? What was measured stays in the journal.",
     CommandName.REJECT: "End the session and keep no calibration?",
     CommandName.ACTIVATE: "Put calibration {record} in force for {tool}? A service takes it at its next reload.",
@@ -193,7 +193,7 @@ class BenchView:
                 self.show(snapshot)
                 with contextlib.suppress(TimeoutError):
                     # comes back when the browser has done all before it: only then is there more for it
-                    await client.run_javascript("return 0", timeout=SEEN_TIMEOUT_S)
+                    await client.run_javascript("return 0", timeout=ALIVE_TIMEOUT_S)
         if not client.is_deleted:
             with client:
                 self.show(self._driver.snapshot())
@@ -202,10 +202,10 @@ class BenchView:
 
     async def _clicked(self, name: CommandName) -> None:
         record = None
-        if name in ASKED:
+        if name in QUESTIONS:
             snapshot = self._driver.snapshot()
             record = snapshot.meant(name)
-            self._question.set_text(ASKED[name].format(record=(record or "")[:12], tool=snapshot.tool))
+            self._question.set_text(QUESTIONS[name].format(record=(record or "")[:12], tool=snapshot.tool))
             if not await self._dialog:
                 return
         await self.send(name, confirm=record)

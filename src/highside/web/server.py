@@ -137,7 +137,7 @@ class BenchPage:
         if not self._viewers.full(commands=commands):
             return self._viewers.building(commands=commands)
         text = f"All {self._viewers.onlookers_max} places to look on are taken: close the page elsewhere, or wait."
-        return _said("Full", text, 503, headers={"Retry-After": "10"})
+        return _notice("Full", text, 503, headers={"Retry-After": "10"})
 
     def _may_command(self, request: Request) -> bool:
         return self._access.by_cookie(request.cookies.get(COOKIE))
@@ -156,7 +156,7 @@ class BenchPage:
 
     def _let_in(self, shown: str) -> Response:
         if not self._access.by_token(shown):
-            return _said("Refused", "That is not the token of this session.", 403)
+            return _notice("Refused", "That is not the token of this session.", 403)
         answer = RedirectResponse("/", status_code=303)
         answer.set_cookie(
             COOKIE,
@@ -208,6 +208,6 @@ async def _not_found(request: Request, error: Exception) -> Response:
     return PlainTextResponse("Not found\n", 404)
 
 
-def _said(title: str, text: str, status: int, headers: dict[str, str] | None = None) -> Response:
+def _notice(title: str, text: str, status: int, headers: dict[str, str] | None = None) -> Response:
     """A page of one sentence."""
     return HTMLResponse(f'<!DOCTYPE html><html lang="en"><title>{title}</title><p>{text}</p></html>', status, headers)

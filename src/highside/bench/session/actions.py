@@ -90,7 +90,7 @@ class Actions:
                 self.unsteady = event is SessionEvent.UNSTEADY
                 if not self.unsteady and self.ledger.waits_for_temperature:
                     self.keep(entries.StageReady(self.ledger.stage, self.tracker.temp_c))
-            case Action.ASK_AGAIN:
+            case Action.REQUEST_AGAIN:
                 for pose, reason, text in self.again:
                     self.keep(entries.Reopened(pose, reason, text))
                     self.last_rejection = (reason, f"pose {pose}: {text}")
@@ -138,7 +138,7 @@ class Actions:
             self.solved = outcome.solve(self.ledger, self.header.judged)
         if ended.record is not None and self.solved is not None:
             self.record = outcome.make_record(self.header, self.ledger, self.solved, ended.t_wall_s)
-            self._ask_store()
+            self._request_store()
 
     def _accept(self, command: Command | None) -> None:
         assert command is not None and self.solved is not None, "refused before"
@@ -149,9 +149,9 @@ class Actions:
         verdict = outcome.verdict_of(self.solved)
         turntable = None if self.solved.turntable is None else self.solved.turntable.id
         self.keep(entries.Ended("accepted", command.operator, now, name, command.note or "", verdict, turntable))
-        self._ask_store()
+        self._request_store()
 
-    def _ask_store(self) -> None:
+    def _request_store(self) -> None:
         if self._store is not None and self.record is not None:
             self.in_force = self._store.in_force(self.header.tool_id)
 
@@ -164,7 +164,7 @@ class Actions:
             else:
                 self.in_force = self._store.rollback(self.header.tool_id, named or "")
         except StoreError:
-            self._ask_store()  # it may have changed since
+            self._request_store()  # it may have changed since
             raise
         # the store's own history is what counts; the journal tells that it was done from here
         try:
@@ -191,7 +191,7 @@ class Actions:
         self.last_rejection = None
         other = requested is not None and requested.id != taken.pose
         detail = f"requested {requested.id}, found {taken.pose}" if requested is not None else ""
-        self.faults.set(Fault.NOT_AS_ASKED, other, detail)
+        self.faults.set(Fault.OTHER_THAN_REQUESTED, other, detail)
         self.faults.clear(*_FAULT_OF.values(), Fault.AXES_SUSPECT)
         for again in contradictions(self.ledger, judged):
             self.keep(again)

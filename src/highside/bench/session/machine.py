@@ -114,7 +114,7 @@ class Action(StrEnum):
     """the temperature is right: its poses are open"""
     SHOW = "show"
     """keep the solution for review"""
-    ASK_AGAIN = "ask_again"
+    REQUEST_AGAIN = "request_again"
     CLOSE_PLAN = "close_plan"
     """a plan of no fixed length is complete"""
     PAUSE = "pause"
@@ -211,7 +211,7 @@ TABLE: Mapping[SessionState, Mapping[SessionEvent, Outcome]] = MappingProxyType(
             }
         ),
         _S.CHECKING: _row(_ABORT | {_E.GOOD: Go(ONWARD, _A.TAKE), _E.BAD: Go(ONWARD, _A.REFUSE_POSE)}),
-        _S.SOLVING: _row(_ABORT | {_E.SOLVED: Go(_S.REVIEW, _A.SHOW), _E.AGAIN: Go(ONWARD, _A.ASK_AGAIN)}),
+        _S.SOLVING: _row(_ABORT | {_E.SOLVED: Go(_S.REVIEW, _A.SHOW), _E.AGAIN: Go(ONWARD, _A.REQUEST_AGAIN)}),
         _S.REVIEW: _row(
             _PAUSE
             | _ABORT

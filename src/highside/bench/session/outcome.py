@@ -34,10 +34,10 @@ ALL_INC_DEG = (3.0, 177.0)
 """Toolface has no finite mean square error over all attitudes: it is omitted within 3 deg of vertical."""
 ALL_COUNT = 400
 
-_ASK_AGAIN = {
+_REQUEST_AGAIN = {
     Reason.CLOSURE: Rejection.CLOSURE,
-    Reason.BAD_POSE: Rejection.LEFT_OUT,
-    Reason.SWAPPED_POSES: Rejection.LEFT_OUT,
+    Reason.BAD_POSE: Rejection.OMITTED,
+    Reason.SWAPPED_POSES: Rejection.OMITTED,
 }
 
 
@@ -130,7 +130,7 @@ def _contradicted(result: CalibrationResult) -> tuple[tuple[str, Rejection, str]
     for remark in result.remarks:
         if remark.refused and remark.reason in (Reason.BAD_POSE, Reason.SWAPPED_POSES):
             for pose in remark.poses:
-                found.setdefault(pose, (_ASK_AGAIN[remark.reason], remark.text))
+                found.setdefault(pose, (_REQUEST_AGAIN[remark.reason], remark.text))
     if not found and any(remark.reason is Reason.CLOSURE and remark.refused for remark in result.remarks):
         for closure in result.closures:
             text = next((r.text for r in result.remarks if r.reason is Reason.CLOSURE and r.poses == closure.poses), "")
@@ -140,7 +140,7 @@ def _contradicted(result: CalibrationResult) -> tuple[tuple[str, Rejection, str]
     return tuple((pose, reason, text) for pose, (reason, text) in found.items())
 
 
-def to_ask_again(solved: Solved, ledger: Ledger) -> tuple[tuple[str, Rejection, str], ...]:
+def to_measure_again(solved: Solved, ledger: Ledger) -> tuple[tuple[str, Rejection, str], ...]:
     """Of the poses that the solution contradicts those that may be requested once more: all that were omitted, but
     one of a ring that does not close (the one requested least so far)."""
     may = [

@@ -8,19 +8,19 @@ from __future__ import annotations
 from enum import StrEnum
 
 
-class _Said(StrEnum):
+class _Explained(StrEnum):
     """A member is its code; `text` is what a person reads."""
 
     text: str
 
-    def __new__(cls, code: str, text: str = "") -> _Said:
+    def __new__(cls, code: str, text: str = "") -> _Explained:
         member = str.__new__(cls, code)
         member._value_ = code
         member.text = text
         return member
 
 
-class Rejection(_Said):
+class Rejection(_Explained):
     """Why a pose was not accepted, or has to be taken again."""
 
     MOVED = "moved", "The tool moved while it was being measured. Keep hands off; it is measured again by itself."
@@ -49,13 +49,18 @@ class Rejection(_Said):
         "The reading contradicts the other poses. Set the pose again and look at table, clamp and scale.",
     )
     CLOSURE = "closure", "The four readings of this ring contradict one another. Set this pose again with care."
-    LEFT_OUT = "left_out", "The solution had to leave this pose out. Set it again with care."
+    OMITTED = "omitted", "The solution had to leave this pose out. Set it again with care."
     STORAGE = "storage", "The pose could not be written to the disk. Free the disk; it is measured again."
     OPERATOR = "operator", "Taken back by the operator."
     INTERRUPTED = "interrupted", "The session was interrupted during this pose. It is measured again."
 
+    @classmethod
+    def _missing_(cls, value: object) -> Rejection | None:
+        """What earlier journals call a pose that the solution omits."""
+        return cls.OMITTED if value == "left_out" else None
 
-class Refusal(_Said):
+
+class Refusal(_Explained):
     """Why a command was refused."""
 
     NOT_NOW = "not_now", "That cannot be done at this step."
@@ -79,7 +84,7 @@ class Refusal(_Said):
     STORE = "store", "The calibration store has refused, and nothing was changed."
 
 
-class Fault(_Said):
+class Fault(_Explained):
     """What is wrong now and goes away by itself when it is corrected; nothing fails because of it."""
 
     NO_DATA = "no_data", "No data from the tool. Check power and cable; the session waits."
@@ -96,8 +101,8 @@ class Fault(_Said):
     MIRRORED = "mirrored", Rejection.MIRRORED.text
     NOT_ONE_G = "not_one_g", Rejection.NOT_ONE_G.text
     FROZEN = "frozen", Rejection.FROZEN.text
-    NOT_AS_ASKED = (
-        "not_as_asked",
+    OTHER_THAN_REQUESTED = (
+        "other_than_requested",
         "Another pose than the one requested was recognised. That is allowed; if the table does stand at the pose "
         "that was requested, the axes are swapped: abort and check the axis mapping.",
     )

@@ -229,7 +229,7 @@ class BenchSession:
         if self.state is not SessionState.SOLVING:
             return
         self.actions.solved = solved
-        self.actions.again = () if self.plan.open_ended else outcome.to_ask_again(solved, self.ledger)
+        self.actions.again = () if self.plan.open_ended else outcome.to_measure_again(solved, self.ledger)
         if self.actions.again:
             self._event(SessionEvent.AGAIN)
             return

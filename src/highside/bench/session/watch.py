@@ -149,7 +149,7 @@ class Watch:
         stillness = self.tracker.stillness
         still = stillness.still
         found = recognise(window.mean, self.model, self.chart(), self.target, self.plan.limits)
-        self.recognised = replace(found, pose=self._told_apart(found.pose))
+        self.recognised = replace(found, pose=self._distinguished(found.pose))
         pose, hold = self.recognised.pose, self.hold
         if hold is not None:
             if pose is None or pose.id != hold.pose:
@@ -170,7 +170,7 @@ class Watch:
             self._rests_elsewhere(window, pose)
         return [SessionEvent.AWAY]
 
-    def _told_apart(self, pose: CandidatePose | None) -> CandidatePose | None:
+    def _distinguished(self, pose: CandidatePose | None) -> CandidatePose | None:
         """`pose` where no other reads the same; else the one of them that the tool is known to stand at, if any."""
         chart, target = self.chart(), self.target
         if self.stands_at is not None and (

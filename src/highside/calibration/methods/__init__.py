@@ -24,14 +24,14 @@ def _found() -> tuple[dict[str, Method], dict[str, Plugin]]:
     """The methods by name, and the plugins that are none."""
     ours = [importlib.import_module(f"{__name__}.{module.name}").METHOD for module in pkgutil.iter_modules(__path__)]
     found = {method.name: method for method in ours}
-    left_out: dict[str, Plugin] = {}
+    unusable: dict[str, Plugin] = {}
     for plugin in plugins(GROUP):
         fault = plugin.fault or _unfit(plugin, found)
         if fault:
-            left_out[plugin.name] = plugin.refused(fault)
+            unusable[plugin.name] = plugin.refused(fault)
         else:
             found[plugin.name] = plugin.value
-    return {method.name: method for method in sorted(found.values(), key=lambda m: (m.order, m.name))}, left_out
+    return {method.name: method for method in sorted(found.values(), key=lambda m: (m.order, m.name))}, unusable
 
 
 def all_methods() -> Mapping[str, Method]:

@@ -15,12 +15,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from highside.arrays import Array
+from highside.arrays import AnyArray, Array
 from highside.diagnosis.core.policy import CANDIDATES
 from highside.diagnosis.core.untestable import one_sided
 from highside.physics.effect import Effect, Parameter, Stage
@@ -45,7 +43,7 @@ class Variant:
     """
 
     shape: dict[str, float]
-    columns: NDArray[Any]
+    columns: AnyArray
     label: str = ""
     whole: bool = True
 

@@ -15,7 +15,7 @@ import numpy as np
 from highside.arrays import Array
 from highside.diagnosis.core.location import intervals
 from highside.diagnosis.core.policy import CAUSES, PLACES
-from highside.diagnosis.core.result import Claim, Diagnosis, Location
+from highside.diagnosis.core.result import Claim, DiagnosisResult, Location
 from highside.diagnosis.core.support import cells_of
 from highside.physics.effect import Effect, Stage
 from highside.physics.effects import all_effects
@@ -28,7 +28,7 @@ AT_THEIR_STAGE = (Stage.POSE, Stage.THERMAL, Stage.SENSOR)
 """Stages at which an effect's own increment is evaluated; for others, what it adds to the readings of a plain tool."""
 
 
-def located_by_cause(diagnosis: Diagnosis, model: ForwardModel, state: ChainState) -> Diagnosis:
+def located_by_cause(diagnosis: DiagnosisResult, model: ForwardModel, state: ChainState) -> DiagnosisResult:
     """The diagnosis with its claims' locations along what the effects follow, where that is one covariate.
 
     Claims and locations stand in the same order; `model` is what the claims come on top of.

@@ -12,28 +12,30 @@ from dataclasses import replace
 
 import numpy as np
 
+from highside.diagnosis.core.finding_policy import CHECKED
 from highside.diagnosis.core.memory import Memory
-from highside.diagnosis.core.policy import CHECKED
 from highside.diagnosis.core.problem import N, Problem, SelectionState
-from highside.diagnosis.core.result import Claim, Coverage, Diagnosis, FittedParameter
+from highside.diagnosis.core.result import Claim, Coverage, DiagnosisResult, FittedParameter, Remainder
 from highside.diagnosis.core.shares import shares_of
 from highside.diagnosis.core.stability import Stability
 from highside.diagnosis.core.unexplained import hinted, unexplained, with_excess, with_lattice
 
 
 def checked(
-    problem: Problem[N], selection: SelectionState[N], diagnosis: Diagnosis, memories: Sequence[Memory]
-) -> Diagnosis:
+    problem: Problem[N], selection: SelectionState[N], diagnosis: DiagnosisResult, memories: Sequence[Memory]
+) -> DiagnosisResult:
     """The diagnosis by the rules; claims and locations stand in the order of the selected terms."""
     if diagnosis.claims and len(diagnosis.claims) == len(selection.terms):
         diagnosis = _weighed(problem, selection, diagnosis)
+    elif problem.method.refusal:
+        diagnosis = _with_changing(problem, selection, diagnosis)
     if problem.method.refusal:
         found = unexplained(problem.floor_excess(selection.terms), memories)
         diagnosis = with_excess(diagnosis, found, problem.readings, problem.policy.floor_ratio)
     return _as_far_as_covered(replace(diagnosis, coverage=_coverage(problem, diagnosis)))
 
 
-def _as_far_as_covered(diagnosis: Diagnosis) -> Diagnosis:
+def _as_far_as_covered(diagnosis: DiagnosisResult) -> DiagnosisResult:
     """Nothing left out of the lesser part of a session says nothing of the session."""
     covered = diagnosis.coverage
     if covered is None or covered.intervals_used is None or covered.intervals_expected is None:
@@ -45,14 +47,14 @@ def _as_far_as_covered(diagnosis: Diagnosis) -> Diagnosis:
     return hinted(replace(diagnosis, verdict="not_testable"), words)
 
 
-def without_rounding(problem: Problem[N], diagnosis: Diagnosis) -> Diagnosis:
+def without_rounding(problem: Problem[N], diagnosis: DiagnosisResult) -> DiagnosisResult:
     """The diagnosis where what is left without a name may be the rounding of a coarse converter."""
     if problem.in_steps is None or not problem.method.refusal:
         return diagnosis
     return with_lattice(diagnosis, *problem.in_steps, problem.channels)
 
 
-def _weighed(problem: Problem[N], selection: SelectionState[N], diagnosis: Diagnosis) -> Diagnosis:
+def _weighed(problem: Problem[N], selection: SelectionState[N], diagnosis: DiagnosisResult) -> DiagnosisResult:
     """Claims with shares, channels and stability, the largest first; withdrawn where a size is no constant."""
     terms = selection.terms
     shares = shares_of(selection.selector, terms)
@@ -78,18 +80,35 @@ def _weighed(problem: Problem[N], selection: SelectionState[N], diagnosis: Diagn
     return _widened(found, problem.mean_square_left(selection), [stabilities[k] for k in order])
 
 
-def _withdrawn(diagnosis: Diagnosis, changing: Mapping[str, Stability]) -> Diagnosis:
+def _with_changing(problem: Problem[N], selection: SelectionState[N], diagnosis: DiagnosisResult) -> DiagnosisResult:
+    """The diagnosis where names are withdrawn already: those whose sizes change are told as such."""
+    named = [m for m in selection.terms if problem.candidates[m.candidate].named]
+    found = {problem.candidates[m.candidate].id: problem.stability(selection, m) for m in named}
+    changing = {name: steady for name, steady in found.items() if steady is not None and not steady.stable}
+    return replace(diagnosis, remainder=_told_as_changing(diagnosis.remainder, changing)) if changing else diagnosis
+
+
+def _withdrawn(diagnosis: DiagnosisResult, changing: Mapping[str, Stability]) -> DiagnosisResult:
     """Names are not given where one of them has no constant size."""
-    hints = tuple(f"{effect} is no constant: {steady.words}" for effect, steady in changing.items())
-    remainder = replace(
-        diagnosis.remainder,
-        hints=(*hints, *diagnosis.remainder.hints),
-        resembles=tuple(claim.effect for claim in diagnosis.claims),
-    )
+    remainder = replace(diagnosis.remainder, resembles=tuple(claim.effect for claim in diagnosis.claims))
+    remainder = _told_as_changing(remainder, changing)
     return replace(diagnosis, verdict="partial", claims=(), remainder=remainder)
 
 
-def _widened(diagnosis: Diagnosis, left: float | None, stabilities: Sequence[Stability | None]) -> Diagnosis:
+def _told_as_changing(remainder: Remainder, changing: Mapping[str, Stability]) -> Remainder:
+    hints = tuple(steady.told_of(effect) for effect, steady in changing.items())
+    instead = (steady.instead for steady in changing.values() if steady.instead)
+    return replace(
+        remainder,
+        hints=(*hints, *remainder.hints),
+        resembles=tuple(dict.fromkeys((*instead, *remainder.resembles))),
+        changing=tuple(changing),
+    )
+
+
+def _widened(
+    diagnosis: DiagnosisResult, left: float | None, stabilities: Sequence[Stability | None]
+) -> DiagnosisResult:
     """Sizes beside a remainder of `left` noise variances a reading: their intervals hold what it does to them."""
     if left is None or left < CHECKED.remainder:
         return diagnosis
@@ -116,7 +135,7 @@ def _wider(claim: Claim, factor: float) -> dict[str, FittedParameter]:
     }
 
 
-def _coverage(problem: Problem[N], diagnosis: Diagnosis) -> Coverage:
+def _coverage(problem: Problem[N], diagnosis: DiagnosisResult) -> Coverage:
     """How many effects could be tested of those that act on such recordings, and the still intervals behind it."""
     known = {c.id for c in problem.candidates if c.named} | {b.effect.id for b in problem.unobservable}
     lacking = {entry.effect for entry in diagnosis.not_testable}

@@ -12,15 +12,16 @@ from highside.arrays import Array
 from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.candidates import INCLINATION_STATION
 from highside.diagnosis.core.checked import checked, without_rounding
+from highside.diagnosis.core.effect_scores import effect_scores
 from highside.diagnosis.core.fit import JointFit
 from highside.diagnosis.core.policy import CONCLUSION
 from highside.diagnosis.core.problem import N, Problem, ReportData, SelectionState
 from highside.diagnosis.core.regression import log10_p, outside, span
-from highside.diagnosis.core.result import Claim, Diagnosis, Fit, Location, Remainder, Rival, Verdict
+from highside.diagnosis.core.result import Claim, DiagnosisResult, Fit, Location, Remainder, Rival, Verdict
 from highside.diagnosis.core.rival_refit import beside_refits, refitted
 from highside.diagnosis.core.rivals import Rivalry, beside_memory, rivalry, what_shows
 from highside.diagnosis.core.selection import Selector
-from highside.diagnosis.core.serial_correlation import SerialCorrelation, slow_ranking
+from highside.diagnosis.core.serial_correlation import RANDOM_WALK, SerialCorrelation, slow_ranking
 from highside.diagnosis.core.untestable import what_splits
 
 SLOW_COVARIATES = frozenset({"t_s", "temp_c"})
@@ -58,7 +59,7 @@ def is_significant(problem: Problem[N], selection: SelectionState[N], terms: Seq
 
 def conclude(
     problem: Problem[N], selection: SelectionState[N], correlation: SerialCorrelation[N], version: str
-) -> tuple[Diagnosis, ReportData]:
+) -> tuple[DiagnosisResult, ReportData]:
     """What is reported of the terms chosen, and the data of the report's figures."""
     believed = problem.believed(selection, _widened(problem, selection))
     if believed != selection.terms:
@@ -105,11 +106,12 @@ def conclude(
         problem.free,
     )
     noise = _noise_summary(problem, selection, correlation, random_walk)
-    diagnosis = Diagnosis(
+    diagnosis = DiagnosisResult(
         verdict, location, claims, proof, (), remainder, tuple(lacking), smallest, noise, problem.seed, version
     )
     diagnosis = checked(problem, selection, diagnosis, correlation.memories)
-    return without_rounding(problem, problem.completed(diagnosis)), problem.report_data(fit if named else None)
+    report_data = replace(problem.report_data(fit if named else None), scores=effect_scores(selector))
+    return without_rounding(problem, problem.completed(diagnosis)), report_data
 
 
 def _explained_share(problem: Problem[N], selection: SelectionState[N], after: _Scanned) -> float:
@@ -139,7 +141,8 @@ def _noise_summary(
     return {
         **problem.noise_summary(),
         "memory_evidence": [m.gain for m in correlation.memories],
-        "memory_poses": ["random_walk" if np.isinf(m.length) else m.length for m in correlation.memories],
+        "memory_poses": [RANDOM_WALK if np.isinf(m.length) else m.length for m in correlation.memories],
+        "memory_lead": [m.lead for m in correlation.memories],
         "random_walk": random_walk,
         "threshold_log10_p": selection.selector.threshold,
         "scan_threshold_log10_p": selection.scan_threshold,

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from highside.arrays import Array
-from highside.diagnosis.core.policy import FLOOR
+from highside.diagnosis.core.finding_policy import FLOOR
 from highside.diagnosis.core.regression import outside, span
 
 Ints = NDArray[np.intp]

@@ -18,10 +18,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from highside.arrays import Array
+from highside.arrays import AnyArray, Array
 from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.core.policy import INTERVALS, MEMORY, REGRESSION
 from highside.diagnosis.core.problem_policy import SlowLimits
@@ -30,12 +29,16 @@ from highside.diagnosis.core.problem_policy import SlowLimits
 @dataclass(frozen=True, slots=True)
 class Memory:
     """The memory of one channel: `gain` of -2 log likelihood over white noise, `share` q and `length` l of the best,
-    and `upper`, the largest share of that length that the data allow at 95 %."""
+    and `upper`, the largest share of that length that the data allow at 95 %.
+
+    `lead` is the gain of -2 log likelihood over the best noise that forgets, or is white, and `colour` its length."""
 
     gain: float
     share: float
     length: float
     upper: float
+    lead: float = 0.0
+    colour: float = 0.0
 
     @property
     def is_random_walk(self) -> bool:
@@ -51,7 +54,7 @@ class SlowEffect:
 
     candidate: int
     variant: int
-    function: NDArray[Any]
+    function: AnyArray
     first: int = 0
 
 
@@ -170,7 +173,11 @@ def memory_of(tried: Sequence[tuple[float, float]], minus2l: Array) -> Memory:
         for (one, q), value in zip(tried, minus2l, strict=True)
         if one == length and value <= minus2l[at] + INTERVALS.chi2_95
     ]
-    return Memory(float(minus2l[0] - minus2l[at]), share, length, max([*allowed, share]))
+    forgets = np.array([np.isfinite(one) or q == 0.0 for one, q in tried])
+    second = int(np.argmin(np.where(forgets, minus2l, np.inf)))
+    colour = tried[second][0] if tried[second][1] > 0.0 else 0.0
+    lead = float(minus2l[second] - minus2l[at])
+    return Memory(float(minus2l[0] - minus2l[at]), share, length, max([*allowed, share]), lead, colour)
 
 
 class Channel(Protocol):
@@ -184,8 +191,8 @@ class Channel(Protocol):
 
 def beats_random_walk(
     channels: Sequence[Channel],
-    others: NDArray[Any],
-    block: NDArray[Any],
+    others: AnyArray,
+    block: AnyArray,
     dof: int,
     tries: float = 1.0,
     certain: float = MEMORY.slow_log_p,

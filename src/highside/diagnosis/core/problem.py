@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from highside.arrays import Array
+from highside.arrays import AnyArray, Array
 from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.candidates import Candidate, Unobservable, Variant
+from highside.diagnosis.core.effect_scores import EffectScores
 from highside.diagnosis.core.fit import JointFit, ObservationModel
 from highside.diagnosis.core.floor import Excess
 from highside.diagnosis.core.location import Scan
@@ -24,7 +24,7 @@ from highside.diagnosis.core.memory import Channel, Memory, SlowEffect
 from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.problem_policy import ProblemPolicy
 from highside.diagnosis.core.repeatability import Remaining
-from highside.diagnosis.core.result import Diagnosis, Fit, Location
+from highside.diagnosis.core.result import DiagnosisResult, Fit, Location
 from highside.diagnosis.core.rivals import Refitted, Rivalry
 from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.core.stability import Stability
@@ -60,7 +60,7 @@ class HasState(Protocol):
 
 @dataclass(frozen=True)
 class ReportData:
-    """What a report draws: residuals (C, n) after the base fit alone, and with the claims; g, gyros rad/s."""
+    """What stands behind an answer: residuals (C, n) after the base fit alone, and with the claims; g, gyros rad/s."""
 
     session: HasState
     before: Array
@@ -76,6 +76,8 @@ class ReportData:
     """(C, n) what each claim alone does, at its fitted size, beside all the others"""
     sigma: tuple[float, ...] = ()
     """noise of one row of each channel"""
+    scores: EffectScores | None = None
+    """of every testable effect, for what is pooled over recordings"""
 
 
 def parts_of(base: ForwardModel, fit: JointFit | None, observed: ObservationModel) -> dict[str, Array]:
@@ -174,7 +176,7 @@ class Problem(ABC, Generic[N]):
         """Each channel's likelihood under noise with memory, base and terms projected off."""
 
     @abstractmethod
-    def block(self, terms: Sequence[Term]) -> NDArray[Any]:
+    def block(self, terms: Sequence[Term]) -> AnyArray:
         """(k, C, ...) what the likelihoods know the terms' columns by."""
 
     @abstractmethod
@@ -236,7 +238,7 @@ class Problem(ABC, Generic[N]):
         """Still intervals that are used, and about how many there are; None where there are no such."""
         return None
 
-    def completed(self, diagnosis: Diagnosis) -> Diagnosis:
+    def completed(self, diagnosis: DiagnosisResult) -> DiagnosisResult:
         """The diagnosis with what is no regression: found by the scatter, not by the mean."""
         return diagnosis
 

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from highside.diagnosis.core.policy import FLOOR, MEMORY, SELECTION
+from highside.diagnosis.core.finding_policy import FLOOR
+from highside.diagnosis.core.policy import MEMORY, SELECTION
 from highside.physics.effects import all_effects
 
 

@@ -87,3 +87,15 @@ def log10_p(gain: Array, dof: Array | NDArray[np.intp], freedom: Array | float, 
     p = np.where(dof > 0, fdtrc(k, freedom, np.maximum(gain, 0.0) / k), 1.0)
     p = -np.expm1(np.asarray(tries) * np.log1p(-np.minimum(p, 1 - 1e-12)))
     return np.asarray(-np.log10(np.maximum(p, 1e-300)), dtype=float)
+
+
+def solved(inner: Array, right: Array) -> Array:
+    """Least-squares solution of a singular normal equation, columns scaled to one size."""
+    if not inner.size:
+        return right
+    scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+    values, vectors = np.linalg.eigh(inner / scale[:, None] / scale[None, :])
+    good = values > 1e-9 * max(float(values[-1]), 1e-300)
+    part = vectors[:, good]
+    scaled = (right.T / scale).T
+    return np.asarray(((part / values[good]) @ (part.T @ scaled)).T / scale).T

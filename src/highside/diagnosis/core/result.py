@@ -153,6 +153,8 @@ class Remainder:
     hints: tuple[str, ...] = ()
     p: float | None = None
     resembles: tuple[str, ...] = ()
+    changing: tuple[str, ...] = ()
+    """those of them whose size differs between parts of the recording: no constant has such a name"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +186,7 @@ class Coverage:
 
 
 @dataclass(frozen=True, slots=True)
-class Diagnosis:
+class DiagnosisResult:
     """The whole answer."""
 
     verdict: Verdict

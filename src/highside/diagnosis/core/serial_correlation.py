@@ -5,15 +5,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Generic
+from typing import Generic
 
 import numpy as np
-from numpy.typing import NDArray
 
+from highside.arrays import AnyArray
 from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.memory import Memory, SlowScore, SlowStage, plain_level, slow_effects, slow_scores
 from highside.diagnosis.core.policy import MEMORY
 from highside.diagnosis.core.problem import N, Problem, SelectionState
+
+RANDOM_WALK = "random_walk"
+"""what stands for the length of its memory in `diagnosis.json`"""
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,7 @@ def serial_correlation_of(problem: Problem[N], terms: Sequence[Term]) -> SerialC
     found = replace(found, claimed=upheld(found.claimed), admitted=upheld(found.admitted))
     claimed = [score.effect for score in found.claimed]
 
-    def on(c: int) -> NDArray[Any]:
+    def on(c: int) -> AnyArray:
         own = [e.function[c - e.first] for e in claimed if e.first <= c < e.first + len(e.function)]
         return np.array(own) if own else problem.block([])[:, c]
 

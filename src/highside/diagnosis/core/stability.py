@@ -15,11 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.core.policy import REGRESSION, STABILITY
-from highside.diagnosis.core.regression import log10_p, outside, span
+from highside.diagnosis.core.finding_policy import STABILITY
+from highside.diagnosis.core.policy import REGRESSION
+from highside.diagnosis.core.regression import log10_p, outside, solved, span
 from highside.physics.state import ChainState
 
 Parts = NDArray[np.intp]
+Ints = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,8 @@ class Stability:
     share: float
     factors: tuple[float, ...]
     """size in each part, in units of the size in all"""
+    instead: str = ""
+    """id of another effect, of which these are the sizes, that explains more in the claim's place"""
 
     @property
     def stable(self) -> bool:
@@ -42,6 +46,12 @@ class Stability:
         """The sizes side by side."""
         parts = " / ".join(f"{factor:.2f}" for factor in self.factors)
         return f"its size over {self.split} is {parts} times that over all"
+
+    def told_of(self, effect: str) -> str:
+        """Why an effect is no name of what is there."""
+        if self.instead:
+            return f"{effect} explains less than {self.instead} would if that changes: {self.words}"
+        return f"{effect} is no constant: {self.words}"
 
 
 def splits_of(state: ChainState) -> Mapping[str, Parts]:
@@ -94,3 +104,96 @@ def stability(
         if worst is None or one.log_p > worst.log_p:
             worst = one
     return worst
+
+
+def stability_of_inner(inner: Mapping[str, Array], amplitudes: int, freedom: float) -> Stability | None:
+    """As `stability`, where rows are known by their inner products alone: of each split (P, P, m, m) over its parts,
+    (i, j) those of what is in part i with what is in part j. Of the m columns the last is the residual, before it stand
+    the `amplitudes` of the claim, first base and other claims. All whitened."""
+    worst: Stability | None = None
+    for name, blocks in inner.items():
+        whole = blocks.sum(axis=(0, 1))
+        others = len(whole) - amplitudes - 1
+        size = solved(whole[:-1, :-1], whole[:-1, -1])[others:]
+        explained = _gain(whole, others)
+        # the claim as it was fitted, in each part by itself
+        across = np.tensordot(blocks[..., others:-1], size, 1)
+        pieces = np.tensordot(across[..., others:-1], size, 1)
+        cross = across.sum(axis=0)[:, :others].T
+        moment = across.sum(axis=0)[:, -1]
+        taken = solved(whole[:others, :others], np.column_stack([cross, whole[:others, -1]]))
+        left = pieces - cross.T @ taken[:, :-1]
+        shows = np.diag(left) > REGRESSION.visible**2 * np.maximum(np.diag(pieces), 0.0)
+        dof = int(shows.sum()) - 1
+        if dof < 1 or explained <= 0.0:
+            continue
+        factors = np.zeros(len(pieces))
+        seen = (moment - cross.T @ taken[:, -1])[shows]
+        factors[shows] = solved(left[np.ix_(shows, shows)], seen)
+        gain = max(float(factors[shows] @ seen) - explained, 0.0)
+        log_p = float(log10_p(np.array(gain), np.array(dof), freedom, float(len(inner))))
+        one = Stability(name, log_p, gain / explained, tuple(float(f) for f in factors))
+        if worst is None or one.log_p > worst.log_p:
+            worst = one
+    return worst
+
+
+@dataclass(frozen=True)
+class Change:
+    """The change of a size over the session that explains most: what claim and change explain beside all that is kept,
+    what the change alone adds, and the size at the beginning and at the end, in units of that without a change."""
+
+    gain: float
+    added: float
+    factors: tuple[float, float]
+    courses: int
+    """that were tried"""
+
+    @property
+    def log_p(self) -> float:
+        """-log10 p of what the change adds."""
+        return float(log10_p(np.array(self.added), np.array(1), np.inf, float(self.courses)))
+
+    @property
+    def stability(self) -> Stability:
+        """As of any other split."""
+        before = max(self.gain - self.added, 1e-300)
+        return Stability("beginning and end of the session", self.log_p, self.added / before, self.factors)
+
+
+def best_change(blocks: Array, kept: Ints, own: Ints) -> Change | None:
+    """The best change of the size of an effect, once or steadily over the session.
+
+    `blocks` (P, m, m) are inner products over consecutive parts, the residual last; `own` the numbers of the effect's
+    columns, `kept` those of all beside it. None where it explains nothing.
+    """
+    whole = blocks.sum(axis=0)
+    both = np.concatenate([kept, own])
+    size = solved(whole[np.ix_(both, both)], whole[both, -1])[kept.size :]
+    alone = explained_by(whole, both) - explained_by(whole, kept)
+    if alone <= 0.0:
+        return None
+    count = len(blocks)
+    courses = [(np.arange(count) >= k).astype(float) for k in range(1, count)] + [np.arange(count) / (count - 1)]
+    across = np.tensordot(blocks[:, own], size, (1, 0))
+    square = across[:, own] @ size
+    rows = np.stack(courses) @ across
+    taken = solved(whole[np.ix_(both, both)], np.column_stack([rows[:, both].T, whole[both, -1]]))
+    bare = np.stack(courses) ** 2 @ square
+    left = bare - np.sum(rows[:, both] * taken[:, :-1].T, axis=1)
+    shows = left > REGRESSION.visible**2 * bare
+    amount = np.where(shows, rows[:, -1] - rows[:, both] @ taken[:, -1], 0.0) / np.where(shows, left, 1.0)
+    added = amount**2 * left * shows
+    best = int(np.argmax(added))
+    course = 1.0 + amount[best] * (courses[best] - courses[best].mean())
+    return Change(alone + float(added[best]), float(added[best]), (float(course[0]), float(course[-1])), len(courses))
+
+
+def explained_by(inner: Array, which: Ints) -> float:
+    """Chi-square that columns explain of the last."""
+    return float(inner[which, -1] @ solved(inner[np.ix_(which, which)], inner[which, -1]))
+
+
+def _gain(inner: Array, others: int) -> float:
+    """Chi-square that the columns beyond the first explain of the last, outside of the first."""
+    return explained_by(inner, np.arange(len(inner) - 1)) - explained_by(inner, np.arange(others))

@@ -13,10 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from highside.arrays import Array
+from highside.diagnosis.core.finding_policy import FLOOR
 from highside.diagnosis.core.floor import Excess
 from highside.diagnosis.core.memory import Memory
-from highside.diagnosis.core.policy import FLOOR, MEMORY
-from highside.diagnosis.core.result import Diagnosis
+from highside.diagnosis.core.policy import MEMORY
+from highside.diagnosis.core.result import DiagnosisResult
 
 
 def unexplained(found: Excess | None, memories: Sequence[Memory]) -> Excess | None:
@@ -26,7 +27,7 @@ def unexplained(found: Excess | None, memories: Sequence[Memory]) -> Excess | No
     return None if any(m.gain > MEMORY.found for m in memories) else found
 
 
-def with_lattice(diagnosis: Diagnosis, steps: Array, left: Array, channels: Sequence[str]) -> Diagnosis:
+def with_lattice(diagnosis: DiagnosisResult, steps: Array, left: Array, channels: Sequence[str]) -> DiagnosisResult:
     """The diagnosis where all that is left (C,) is smaller than half a step (C,) of the converter: rounding is a
     function of the reading, which a scan cannot distinguish from a small effect."""
     coarse = left < FLOOR.dither * steps
@@ -54,13 +55,13 @@ def words_of(found: Excess, readings: str) -> str:
     )
 
 
-def hinted(diagnosis: Diagnosis, words: str) -> Diagnosis:
+def hinted(diagnosis: DiagnosisResult, words: str) -> DiagnosisResult:
     """The diagnosis with a hint that stands before the others."""
     hints = (words, *(hint for hint in diagnosis.remainder.hints if hint != words))
     return replace(diagnosis, remainder=replace(diagnosis.remainder, hints=hints))
 
 
-def with_excess(diagnosis: Diagnosis, found: Excess | None, readings: str, ratio: float) -> Diagnosis:
+def with_excess(diagnosis: DiagnosisResult, found: Excess | None, readings: str, ratio: float) -> DiagnosisResult:
     """The diagnosis with scatter above the floor reported; from a factor of `ratio` on something is left, named or
     not."""
     if found is None or diagnosis.verdict not in ("nothing_left_out", "named", "named_plus"):

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from highside.diagnosis.core.policy import UNTESTABLE
-from highside.diagnosis.core.result import Diagnosis, NotTestable
+from highside.diagnosis.core.result import DiagnosisResult, NotTestable
 from highside.physics.effect import Effect, Stage
 from highside.physics.effects import all_effects
 from highside.physics.state import ChainState
@@ -30,7 +30,7 @@ def what_splits(effect: Effect, rivals: Sequence[Effect]) -> str:
     return "; ".join(dict.fromkeys(e.splitter for e in known)) or effect.splitter
 
 
-def with_manoeuvres(diagnosis: Diagnosis, state: ChainState) -> Diagnosis:
+def with_manoeuvres(diagnosis: DiagnosisResult, state: ChainState) -> DiagnosisResult:
     """The diagnosis with what each effect that cannot be shown needs, given for the design at hand."""
     entries = tuple(_needing(entry, state) for entry in diagnosis.not_testable)
     return replace(diagnosis, not_testable=entries)

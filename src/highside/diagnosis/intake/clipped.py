@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.arrays import Array
-from highside.diagnosis.core.result import Claim, Diagnosis, FittedParameter, Location, Verdict
+from highside.diagnosis.core.result import Claim, DiagnosisResult, FittedParameter, Location, Verdict
 from highside.diagnosis.intake.checks import CHANNELS, Intake
 from highside.errors import InputError
 from highside.physics.effects.clipping import EFFECT as CLIPPING
@@ -56,7 +56,7 @@ def at_limit(raw: Array, found: Intake) -> NDArray[np.bool_]:
     return rows
 
 
-def with_clipping(diagnosis: Diagnosis, found: Intake, axes: Sequence[tuple[int, float]]) -> Diagnosis:
+def with_clipping(diagnosis: DiagnosisResult, found: Intake, axes: Sequence[tuple[int, float]]) -> DiagnosisResult:
     """The diagnosis of the other poses, with the clipping as a claim where names are given at all.
 
     `axes` says which channel, with which sign, is the tool's x, y and z.

@@ -1,8 +1,8 @@
 """Laws: what a recording shows that no effect of the library is, as smooth functions of covariates in some place.
 
 `problem.LawProblem` is what the search sees of a session, `groups` what is tried, `noise` the rival, `search` the way,
-`claims` what is told, `formulas` and `readings` what a curve may be. The room knows no kind of session: `chain` makes
-the problem of one with known attitudes, and who calls it gives the readings.
+`claims` what is reported, `formulas` and `readings` what a curve may be. The room knows no kind of session: `chain`
+makes the problem of one with known attitudes, and who calls it gives the readings.
 """
 
 from __future__ import annotations

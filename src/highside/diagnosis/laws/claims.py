@@ -1,4 +1,4 @@
-"""What is told of each law that was found: the law itself, its share, its proof, its stability, its class."""
+"""What is reported of each law that was found: the law itself, its share, its proof, its stability, its class."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from highside.arrays import Array
-from highside.diagnosis.core.policy import STABILITY
+from highside.diagnosis.core.finding_policy import STABILITY
 from highside.diagnosis.core.result import Claim, Curve, FittedParameter
 from highside.diagnosis.laws.effects import EffectGroup
-from highside.diagnosis.laws.evidence import Term, Whitened, raw_columns
+from highside.diagnosis.laws.evidence import LawTerm, Whitened, raw_columns
 from highside.diagnosis.laws.formulas import Closed, closed_form
-from highside.diagnosis.laws.groups import Group, values_of
-from highside.diagnosis.laws.policy import LAW_TELLING
+from highside.diagnosis.laws.groups import LawGroup, values_of
+from highside.diagnosis.laws.policy import LAW_REPORT
 from highside.diagnosis.laws.readings import readings_of
 from highside.diagnosis.laws.search import Found
 from highside.physics.covariates import covariate
@@ -27,8 +27,8 @@ Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Told:
-    """A law that was found, and what is told of it."""
+class ReportedLaw:
+    """A law that was found, and what is reported of it."""
 
     law: Law
     claim: Claim
@@ -36,8 +36,8 @@ class Told:
     """(C, n) what it does to the readings, to first order"""
 
 
-def told(found: Found) -> list[Told]:
-    """The laws of a search, the largest share first; library effects among the terms are told by others."""
+def reported_laws(found: Found) -> list[ReportedLaw]:
+    """The laws of a search, the largest share first; library effects among the terms are reported elsewhere."""
     white = found.whitened()
     terms = list(found.terms)
     mean, covariance = white.posterior(terms)
@@ -54,17 +54,17 @@ def told(found: Found) -> list[Told]:
         if closed is not None and closed.law is not None:
             law = closed.law
             effect = closed.effect
-        made.append(Told(law, _claim(found, white, terms, k, law, closed, shares[k], gains, effect), effect))
+        made.append(ReportedLaw(law, _claim(found, white, terms, k, law, closed, shares[k], gains, effect), effect))
     return sorted(made, key=lambda one: -(one.claim.share or 0.0))
 
 
-def slice_of(found: Found, terms: list[Term], k: int) -> slice:
+def slice_of(found: Found, terms: list[LawTerm], k: int) -> slice:
     """Where a term's coefficients stand among those of all that is free and of the terms."""
     start = len(found.problem.free) + sum(t.group.size for t in terms[:k])
     return slice(start, start + terms[k].group.size)
 
 
-def _law(group: Group, mean: Array, covariance: Array) -> Law:
+def _law(group: LawGroup, mean: Array, covariance: Array) -> Law:
     count = group.order.size
     rows = mean.reshape(-1, count)
     return Law(
@@ -77,7 +77,7 @@ def _law(group: Group, mean: Array, covariance: Array) -> Law:
     )
 
 
-def _shares(white: Whitened, terms: list[Term]) -> list[float]:
+def _shares(white: Whitened, terms: list[LawTerm]) -> list[float]:
     """Of the chi-square that all terms explain, the part that goes with each alone; they need not add up to one."""
     none = _misfit(white, [])
     all_of = none - _misfit(white, terms)
@@ -88,7 +88,7 @@ def _shares(white: Whitened, terms: list[Term]) -> list[float]:
     return [max(0.0, float(one / whole)) for one in lost]
 
 
-def _misfit(white: Whitened, terms: list[Term]) -> float:
+def _misfit(white: Whitened, terms: list[LawTerm]) -> float:
     columns, _ = white.columns(terms)
     mean, _ = white.posterior(terms)
     return float(np.sum((white.residual - np.tensordot(mean, columns, 1)) ** 2))
@@ -96,12 +96,12 @@ def _misfit(white: Whitened, terms: list[Term]) -> float:
 
 def folds_of(n: int) -> Array:
     """(n,) number of the fold of each value: neighbours in different ones, so that each part of a session is learnt."""
-    return np.asarray(np.arange(n) % LAW_TELLING.folds)
+    return np.asarray(np.arange(n) % LAW_REPORT.folds)
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Root mean squares of errors on values that no fit has seen, in units of the noise, and the share removed."""
+    """Root mean squares of errors on values that no fit has used, in units of the noise, and the share removed."""
 
     before: float
     after: float
@@ -113,13 +113,13 @@ class HeldOut:
 def heldout_of(found: Found) -> HeldOut:
     """All terms together against none."""
     white = found.whitened()
-    before, after = (np.array(_by_fold(white, some)) for some in ([], list(found.terms)))
+    before, after = (np.array(_by_fold(white, used)) for used in ([], list(found.terms)))
     count = white.residual.size
     gains = 1.0 - after / np.maximum(before, 1e-300)
     middle = 1.0 - after.sum() / max(float(before.sum()), 1e-300)
-    half = LAW_TELLING.sure * float(gains.std(ddof=1)) / np.sqrt(gains.size)
+    half = LAW_REPORT.sure * float(gains.std(ddof=1)) / np.sqrt(gains.size)
     words = (
-        f"{LAW_TELLING.folds} sets of every {LAW_TELLING.folds}th value, each predicted from the others, in units of "
+        f"{LAW_REPORT.folds} sets of every {LAW_REPORT.folds}th value, each predicted from the others, in units of "
         "the noise that was learnt; gain = share of the mean square removed"
     )
     return HeldOut(
@@ -127,36 +127,36 @@ def heldout_of(found: Found) -> HeldOut:
     )
 
 
-def heldout(white: Whitened, terms: list[Term], k: int) -> float:
-    """Nats of log likelihood that a term adds on values that no fit has seen, beside the others."""
-    with_it, without = (_predicted(white, some) for some in (terms, [t for i, t in enumerate(terms) if i != k]))
+def heldout(white: Whitened, terms: list[LawTerm], k: int) -> float:
+    """Nats of log likelihood that a term adds on values that no fit has used, beside the others."""
+    with_it, without = (_predicted(white, used) for used in (terms, [t for i, t in enumerate(terms) if i != k]))
     return 0.5 * (without - with_it)
 
 
-def _predicted(white: Whitened, terms: list[Term]) -> float:
+def _predicted(white: Whitened, terms: list[LawTerm]) -> float:
     return float(sum(_by_fold(white, terms)))
 
 
-def _by_fold(white: Whitened, terms: list[Term]) -> list[float]:
+def _by_fold(white: Whitened, terms: list[LawTerm]) -> list[float]:
     """Square of the errors, in units of the noise, of values that are predicted from the others, fold by fold."""
     columns, prior = white.columns(terms)
     n = columns.shape[2]
     fold = folds_of(n)
     flat = columns.reshape(len(columns), -1)
-    whole, seen = flat @ flat.T + np.diag(prior), flat @ white.residual.reshape(-1)
+    whole, products = flat @ flat.T + np.diag(prior), flat @ white.residual.reshape(-1)
     found = []
-    for number in range(LAW_TELLING.folds):
+    for number in range(LAW_REPORT.folds):
         out = fold == number
         own = columns[:, :, out].reshape(len(columns), -1)
         target = white.residual[:, out].reshape(-1)
         size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
-        left = (whole - own @ own.T) / size[:, None] / size[None] + LAW_TELLING.ridge * np.eye(size.size)
-        mean = np.linalg.solve(left, (seen - own @ target) / size) / size
+        left = (whole - own @ own.T) / size[:, None] / size[None] + LAW_REPORT.ridge * np.eye(size.size)
+        mean = np.linalg.solve(left, (products - own @ target) / size) / size
         found.append(float(np.sum((target - mean @ own) ** 2)))
     return found
 
 
-def stability(found: Found, white: Whitened, terms: list[Term], k: int, effect: Array) -> float:
+def stability(found: Found, white: Whitened, terms: list[LawTerm], k: int, effect: Array) -> float:
     """Chance that the law's size agrees as little over parts of the session: thirds in time, halves of the angles."""
     chance = 1.0
     for parts in _partings(found):
@@ -177,7 +177,7 @@ def _partings(found: Found) -> list[list[Bools]]:
     return partings
 
 
-def _agreement(white: Whitened, terms: list[Term], k: int, effect: Array, parts: list[Bools]) -> float:
+def _agreement(white: Whitened, terms: list[LawTerm], k: int, effect: Array, parts: list[Bools]) -> float:
     others = [t for i, t in enumerate(terms) if i != k]
     columns, prior = white.columns(others)
     own = white.whitener.white(np.stack([effect * part for part in parts]))
@@ -188,7 +188,7 @@ def _agreement(white: Whitened, terms: list[Term], k: int, effect: Array, parts:
     inverse = np.linalg.pinv(gram / size[:, None] / size[None], hermitian=True) / size[:, None] / size[None]
     mean = inverse @ (every @ white.residual.reshape(-1))
     sizes, spread = mean[len(columns) :], inverse[len(columns) :, len(columns) :]
-    known = np.diag(spread) < LAW_TELLING.known**2
+    known = np.diag(spread) < LAW_REPORT.known**2
     if known.sum() < 2:
         return 1.0
     sizes, weight = sizes[known], np.linalg.pinv(spread[np.ix_(known, known)], hermitian=True)
@@ -196,7 +196,7 @@ def _agreement(white: Whitened, terms: list[Term], k: int, effect: Array, parts:
     common = float(ones @ weight @ sizes / (ones @ weight @ ones))
     # a law that is 1 here and 1 + x there shows; how the shape may vary beside its size is not in this spread
     apart = sizes - common
-    chi = float(apart @ np.linalg.pinv(np.linalg.pinv(weight) + LAW_TELLING.shape**2 * np.eye(sizes.size)) @ apart)
+    chi = float(apart @ np.linalg.pinv(np.linalg.pinv(weight) + LAW_REPORT.shape**2 * np.eye(sizes.size)) @ apart)
     return float(chdtrc(sizes.size - 1, chi))
 
 
@@ -217,13 +217,13 @@ def cases_of_laws(found: Found) -> set[str]:
             own = white.whitener.white(raw_columns(found.problem, [law])).reshape(law.group.size, -1)
             left = target - _projected(np.concatenate([free, own]), target)
             alone = target - _projected(free, target)
-            if float(left @ left) < LAW_TELLING.case * float(alone @ alone):
+            if float(left @ left) < LAW_REPORT.case * float(alone @ alone):
                 cases.add(term.group.effect)
     return cases
 
 
 def _projected(rows: Array, target: Array) -> Array:
-    return np.asarray(np.linalg.lstsq(rows.T, target, rcond=LAW_TELLING.ridge)[0] @ rows)
+    return np.asarray(np.linalg.lstsq(rows.T, target, rcond=LAW_REPORT.ridge)[0] @ rows)
 
 
 def named_claim(found: Found, k: int, effect: Effect) -> Claim:
@@ -237,7 +237,7 @@ def named_claim(found: Found, k: int, effect: Effect) -> Claim:
     value, std = np.zeros(group.unit.size), np.zeros(group.unit.size)
     value[shown] = mean[part] / group.unit[shown]
     std[shown] = np.sqrt(np.diag(covariance[part, part])) / group.unit[shown]
-    half = LAW_TELLING.sure * std
+    half = LAW_REPORT.sure * std
     parameters = {
         effect.parameters[i].name: FittedParameter(
             float(v), float(s), float(v - h), float(v + h), effect.parameters[i].unit
@@ -252,7 +252,7 @@ def named_claim(found: Found, k: int, effect: Effect) -> Claim:
         formula=effect.formula,
         stage=effect.stage.value,
         parameters=parameters,
-        p_familywise=float(np.exp(-min(found.gains[k], LAW_TELLING.least_log))),
+        p_familywise=float(np.exp(-min(found.gains[k], LAW_REPORT.least_log))),
         equivalence_class=rivals,
         rivals_ruled_out=(),
         next_manoeuvre=effect.splitter,
@@ -266,7 +266,7 @@ def named_claim(found: Found, k: int, effect: Effect) -> Claim:
 def _claim(
     found: Found,
     white: Whitened,
-    terms: list[Term],
+    terms: list[LawTerm],
     k: int,
     law: Law,
     closed: Closed | None,
@@ -293,15 +293,15 @@ def _claim(
         formula=formula,
         stage="" if law.at.stage is None else law.at.stage.value,
         parameters={},
-        p_familywise=float(np.exp(-min(own, LAW_TELLING.least_log))),
+        p_familywise=float(np.exp(-min(own, LAW_REPORT.least_log))),
         equivalence_class=rivals,
         rivals_ruled_out=(),
         next_manoeuvre=f"record another session and {confirm}",
         share=share,
         channels=tuple(found.problem.channels[c] for c in group.channels),
         heldout_gain=gain,
-        stable=stability(found, white, terms, k, effect) > LAW_TELLING.stable,
-        shape_within=float(np.sqrt(LAW_TELLING.unseen / max(strength, LAW_TELLING.unseen))),
+        stable=stability(found, white, terms, k, effect) > LAW_REPORT.stable,
+        shape_within=float(np.sqrt(LAW_REPORT.unseen / max(strength, LAW_REPORT.unseen))),
         place=law.place,
         depends_on=law.depends_on,
         curve=curve_of(found, group, law),
@@ -319,17 +319,17 @@ def size_beside_free(white: Whitened, effect: Array, channels: tuple[int, ...]) 
     standard deviation of that as a factor of the shape. A curve's own band also holds what is free takes of it."""
     free = white.free.reshape(len(white.free), -1).T
     own = white.whitener.white(effect[None])[0].reshape(-1)
-    taken = np.linalg.lstsq(free, own, rcond=None)[0] if free.size else np.zeros(0)
-    strength = float(np.sum((own - free @ taken) ** 2))
-    left = effect - np.tensordot(taken, white.families.problem.free, 1)
+    absorbed = np.linalg.lstsq(free, own, rcond=None)[0] if free.size else np.zeros(0)
+    strength = float(np.sum((own - free @ absorbed) ** 2))
+    left = effect - np.tensordot(absorbed, white.families.problem.free, 1)
     rms = float(np.sqrt(np.mean(left[list(channels)] ** 2)))
     return rms, rms / float(np.sqrt(max(strength, 1.0)))
 
 
-def curve_of(found: Found, group: Group, law: Law) -> Curve:
+def curve_of(found: Found, group: LawGroup, law: Law) -> Curve:
     """The law of its first channel over its first covariate, the second at its median."""
     axis = law.axes[0]
-    grid = np.linspace(axis.low, axis.high, LAW_TELLING.grid)
+    grid = np.linspace(axis.low, axis.high, LAW_REPORT.grid)
     at = [grid]
     for other in law.axes[1:]:
         middle = float(np.median(values_of(found.problem, other.covariate, group.units[0])))

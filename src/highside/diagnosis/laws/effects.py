@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.laws.groups import Group
+from highside.diagnosis.laws.groups import LawGroup
 
 
 @dataclass(frozen=True, eq=False)
-class EffectGroup(Group):
+class EffectGroup(LawGroup):
     """What one unit of each amplitude does, `table` (k, C, n)."""
 
     table: Array = field(default_factory=lambda: np.empty((0, 0, 0)))

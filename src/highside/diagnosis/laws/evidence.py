@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.laws.groups import Group
+from highside.diagnosis.laws.groups import LawGroup
 from highside.diagnosis.laws.noise import Whitener, cholesky_and_half, evidence
 from highside.diagnosis.laws.policy import LAW_EVIDENCE, LAW_SEARCH
 from highside.diagnosis.laws.problem import LawProblem
@@ -35,10 +35,10 @@ def falls(orders: Array, length: float | Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Term:
+class LawTerm:
     """A chosen group with its prior."""
 
-    group: Group
+    group: LawGroup
     prior: Prior
 
     @property
@@ -60,7 +60,7 @@ class _Family:
     """(G,) logarithm of how many like it are tried"""
 
 
-def _stacked(groups: list[Group]) -> Array:
+def _stacked(groups: list[LawGroup]) -> Array:
     """(G, m, c, n) columns of groups that are alike, each made in its place."""
     first = groups[0].columns()
     result = np.empty((len(groups), *first.shape))
@@ -72,7 +72,7 @@ def _stacked(groups: list[Group]) -> Array:
 class Families:
     """All groups of a problem, stacked where they are alike."""
 
-    def __init__(self, problem: LawProblem, groups: list[Group]) -> None:
+    def __init__(self, problem: LawProblem, groups: list[LawGroup]) -> None:
         self.problem, self.groups = problem, groups
         alike: dict[tuple[int, tuple[int, ...]], list[int]] = defaultdict(list)
         for i, group in enumerate(groups):
@@ -126,10 +126,10 @@ class _WhiteFamilies:
         self.problem, self.whitener = families.problem, whitener
         self.parts = [self._part(family) for family in families.families]
         self.free = whitener.white(families.problem.free)
-        self._white: dict[Group, Array] = {}
-        self._across: dict[Group, list[Array]] = {}
+        self._white: dict[LawGroup, Array] = {}
+        self._across: dict[LawGroup, list[Array]] = {}
         self._free_across: list[Array] | None = None
-        self._seen: tuple[Array, list[Array]] | None = None
+        self._projections: tuple[Array, list[Array]] | None = None
 
     def _part(self, family: _Family) -> _Part:
         count, size, c, n = family.raw.shape
@@ -155,20 +155,20 @@ class _WhiteFamilies:
             made.append((part.columns.reshape(count * size, width) @ beside.T).reshape(count, size, -1))
         return made
 
-    def seen(self, residual: Array) -> list[Array]:
+    def projections(self, residual: Array) -> list[Array]:
         """Of each part the inner products (G, m) with a residual (C, n), not whitened; those of the last are kept."""
-        if self._seen is None or self._seen[0] is not residual:
+        if self._projections is None or self._projections[0] is not residual:
             made = self.with_rows(self.whitener.white(residual[None]))
-            self._seen = residual, [one[:, :, 0] for one in made]
-        return self._seen[1]
+            self._projections = residual, [one[:, :, 0] for one in made]
+        return self._projections[1]
 
-    def columns_of(self, group: Group) -> Array:
+    def columns_of(self, group: LawGroup) -> Array:
         """(m, C, n) whitened columns of a group."""
         if group not in self._white:
             self._white[group] = self.whitener.white(raw_columns_of(self.problem, group))
         return self._white[group]
 
-    def across(self, terms: Sequence[Term]) -> list[Array]:
+    def across(self, terms: Sequence[LawTerm]) -> list[Array]:
         """Of each part the inner products (G, m, K) with all that is free and with the terms."""
         if self._free_across is None:
             self._free_across = self.with_rows(self.free)
@@ -197,19 +197,19 @@ class Whitened:
         """(P, C, n) all that is free, whitened."""
         return self.whitener.white(self.families.problem.free)
 
-    def columns(self, terms: list[Term]) -> tuple[Array, Array]:
+    def columns(self, terms: list[LawTerm]) -> tuple[Array, Array]:
         """Whitened columns (K, C, n) of all that is free and of the terms, and their prior precisions (K,)."""
         raw = [raw_columns(self.families.problem, [term]) for term in terms]
         white = [self.free, *(self.whitener.white(columns) for columns in raw)]
         return np.concatenate(white), prior_of(self.families.problem, terms)
 
-    def total(self, terms: list[Term]) -> float:
+    def total(self, terms: list[LawTerm]) -> float:
         """Log evidence of the terms beside all that is free."""
         columns, prior = self.columns(terms)
         both = np.concatenate([columns, self.residual[None]]).reshape(len(columns) + 1, -1)
         return float(evidence((both @ both.T)[None], prior, np.array([self.whitener.log_determinant]))[0])
 
-    def posterior(self, terms: list[Term]) -> tuple[Array, Array]:
+    def posterior(self, terms: list[LawTerm]) -> tuple[Array, Array]:
         """Mean (K,) and covariance (K, K) of the coefficients of all that is free and of the terms."""
         columns, prior = self.columns(terms)
         flat = columns.reshape(len(columns), -1)
@@ -217,7 +217,7 @@ class Whitened:
         return inverse @ (flat @ self.residual.reshape(-1)), inverse
 
     def scores(
-        self, terms: list[Term], *, least: float = 0.0, within: float = LAW_SEARCH.same_confounded
+        self, terms: list[LawTerm], *, least: float = 0.0, within: float = LAW_SEARCH.same_confounded
     ) -> tuple[Array, list[Prior]]:
         """(G,) nats that each group gains beside the terms, at its best prior, and these priors.
 
@@ -228,7 +228,7 @@ class Whitened:
             self._scored[key] = self._gains(terms, least, within)
         return self._scored[key]
 
-    def _gains(self, terms: list[Term], least: float, within: float) -> tuple[Array, list[Prior]]:
+    def _gains(self, terms: list[LawTerm], least: float, within: float) -> tuple[Array, list[Prior]]:
         beside = [self.groups.free, *(self.groups.columns_of(term.group) for term in terms)]
         columns, prior = np.concatenate(beside), prior_of(self.families.problem, terms)
         flat = columns.reshape(len(columns), -1)
@@ -237,10 +237,10 @@ class Whitened:
         groups = self.families.groups
         gains = np.full(len(groups), -np.inf)
         priors = [Prior(1.0, 1.0)] * len(groups)
-        left, seen_of = [], self.groups.seen(self._raw)
-        for part, across, seen in zip(self.groups.parts, self.groups.across(terms), seen_of, strict=True):
+        left, projected = [], self.groups.projections(self._raw)
+        for part, across, projections in zip(self.groups.parts, self.groups.across(terms), projected, strict=True):
             remaining = part.gram - across @ inverse @ across.transpose(0, 2, 1)
-            left.append(_shown(part.gram, remaining, seen - across @ coefficients))
+            left.append(_shown(part.gram, remaining, projections - across @ coefficients))
         # no prior gains more than the best fit does: what cannot come near the best is not looked at
         parts = self.groups.parts
         bounds = [_bound(*one) - part.family.tries for one, part in zip(left, parts, strict=True)]
@@ -252,11 +252,11 @@ class Whitened:
         for first in (True, False):
             worth = high if first else float(gains.max(initial=least)) - within
             for part, (gram, drive), bound in zip(parts, left, bounds, strict=True):
-                take = np.flatnonzero((bound >= worth) & ((bound >= high) == first) & np.isfinite(bound))
-                if not take.size:
+                picked = np.flatnonzero((bound >= worth) & ((bound >= high) == first) & np.isfinite(bound))
+                if not picked.size:
                     continue
-                gain, size, length = best_priors(gram[take], drive[take], part.family.orders[take])
-                for k, j in enumerate(take):
+                gain, size, length = best_priors(gram[picked], drive[picked], part.family.orders[picked])
+                for k, j in enumerate(picked):
                     i = part.family.members[int(j)]
                     gains[i] = gain[k] - part.family.tries[j]
                     priors[i] = Prior(float(size[k]), float(length[k]))
@@ -315,33 +315,33 @@ def best_priors(gram: Array, drive: Array, orders: Array) -> tuple[Array, Array,
     return best, best_size, best_length
 
 
-def raw_columns(problem: LawProblem, terms: list[Term]) -> Array:
+def raw_columns(problem: LawProblem, terms: list[LawTerm]) -> Array:
     """(K, C, n) columns of the terms."""
     parts = [np.empty((0, problem.count, problem.n))]
     return np.concatenate([*parts, *(raw_columns_of(problem, term.group) for term in terms)])
 
 
-def raw_columns_of(problem: LawProblem, group: Group) -> Array:
+def raw_columns_of(problem: LawProblem, group: LawGroup) -> Array:
     """(m, C, n) columns of a group."""
     full = np.zeros((group.size, problem.count, problem.n))
     full[:, list(group.channels)] = group.columns()
     return full
 
 
-def reduced(problem: LawProblem, terms: list[Term]) -> tuple[Array, Array]:
+def reduced(problem: LawProblem, terms: list[LawTerm]) -> tuple[Array, Array]:
     """Columns (K, C, n) and prior precisions (K,) of what is free and of the terms, less what the data cannot show."""
     parts, precision = [problem.free], [np.zeros(len(problem.free))]
     for term in terms:
         scaled = raw_columns(problem, [term]) * np.sqrt(term.prior.variances(term.group.orders))[:, None, None]
         white = (scaled / problem.floor).reshape(len(scaled), -1)
         values, vectors = np.linalg.eigh(white @ white.T)
-        kept = vectors[:, values > LAW_EVIDENCE.dull]
+        kept = vectors[:, values > LAW_EVIDENCE.undetermined]
         parts.append(np.tensordot(kept.T, scaled, 1))
         precision.append(np.ones(kept.shape[1]))
     return np.concatenate(parts), np.concatenate(precision)
 
 
-def prior_of(problem: LawProblem, terms: list[Term]) -> Array:
+def prior_of(problem: LawProblem, terms: list[LawTerm]) -> Array:
     """(K,) prior precisions: 0 for what is free."""
     return np.concatenate([np.zeros(len(problem.free)), *(term.precision for term in terms)])
 

@@ -1,4 +1,4 @@
-"""From a curve to a formula: closed forms tried in its place, the joint refit deciding on values not seen."""
+"""From a curve to a formula: closed forms tried in its place, the joint refit deciding on values held out."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from itertools import product
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.laws.evidence import Term, Whitened
-from highside.diagnosis.laws.groups import Group, values_of
-from highside.diagnosis.laws.policy import LAW_FORMULAS, LAW_TELLING
+from highside.diagnosis.laws.evidence import LawTerm, Whitened
+from highside.diagnosis.laws.groups import LawGroup, values_of
+from highside.diagnosis.laws.policy import LAW_FORMULAS, LAW_REPORT
 from highside.diagnosis.laws.search import Found
 from highside.physics.covariates import covariate
 from highside.physics.law import Axis, Function, Law
@@ -79,8 +79,8 @@ def _edges(values: Array) -> list[float]:
     """Middles between neighbouring values, not more than so many."""
     distinct = np.unique(values)
     middle = (distinct[1:] + distinct[:-1]) / 2
-    take = np.unique(np.linspace(0, middle.size - 1, min(middle.size, LAW_FORMULAS.edges)).astype(int))
-    return [float(v) for v in middle[take]]
+    indices = np.unique(np.linspace(0, middle.size - 1, min(middle.size, LAW_FORMULAS.edges)).astype(int))
+    return [float(v) for v in middle[indices]]
 
 
 @dataclass(frozen=True)
@@ -90,11 +90,11 @@ class _Scored:
     coefficients: Array
     covariance: Array
     loss: float
-    """square of the errors on values that were not seen, in units of the noise"""
+    """square of the errors on values held out, in units of the noise"""
     effect: Array
 
 
-def closed_form(found: Found, white: Whitened, terms: list[Term], k: int) -> Closed | None:
+def closed_form(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> Closed | None:
     """The formula of a term; None where a curve does better than all, or where it has two covariates or channels."""
     group = terms[k].group
     if len(group.axes) > 1 or len(group.units) > 1 or group.effect:
@@ -124,7 +124,7 @@ def closed_form(found: Found, white: Whitened, terms: list[Term], k: int) -> Clo
     simplest = sorted(near, key=lambda one: (one.form.numbers, one.loss))
     texts = [_text(one, name, bool(constant)) for one in simplest[: LAW_FORMULAS.most]]
     if len(near) > 1:
-        # of several none is told for sure: the law stays the curve
+        # of several none is sure: the law stays the curve
         return Closed(" or ".join(texts), None, best.effect)
     axis = Axis(name, span.low, span.high, (*best.functions, *constant))
     law = Law(
@@ -154,7 +154,7 @@ def _finer(form: _Form, rough: _Scored, width: float) -> _Form | None:
     return _Form(form.name, tried, form.numbers)
 
 
-def _loss_of_curve(white: Whitened, terms: list[Term]) -> float:
+def _loss_of_curve(white: Whitened, terms: list[LawTerm]) -> float:
     columns, prior = white.columns(terms)
     n = columns.shape[2]
     return _loss(columns, prior, np.empty((0, columns.shape[1], n)), white.residual)
@@ -165,7 +165,7 @@ def _scored(
     white: Whitened,
     columns: Array,
     prior: Array,
-    group: Group,
+    group: LawGroup,
     span: Axis,
     form: _Form,
     constant: tuple[Function, ...],
@@ -202,9 +202,9 @@ def _scored(
 
 def _loss(columns: Array, prior: Array, own: Array, residual: Array) -> float:
     """Square of the errors on values left out, fitted by the columns and the functions `own` (w, C, n)."""
-    fold = np.arange(residual.shape[1]) % LAW_TELLING.folds
+    fold = np.arange(residual.shape[1]) % LAW_REPORT.folds
     total = 0.0
-    for number in range(LAW_TELLING.folds):
+    for number in range(LAW_REPORT.folds):
         out = fold == number
         _, beside, mean = _fitted(columns[:, :, ~out], prior, own[None, :, :, ~out], residual[:, ~out])
         base = columns[:, :, out].reshape(len(columns), -1)
@@ -219,7 +219,7 @@ def _fitted(columns: Array, prior: Array, own: Array, residual: Array) -> tuple[
     flat, target = columns.reshape(len(columns), -1), residual.reshape(-1)
     gram = flat @ flat.T + np.diag(prior)
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    inverse = np.linalg.inv(gram / size[:, None] / size[None] + LAW_TELLING.ridge * np.eye(size.size))
+    inverse = np.linalg.inv(gram / size[:, None] / size[None] + LAW_REPORT.ridge * np.eye(size.size))
     inverse = inverse / size[:, None] / size[None]
     mean = inverse @ (flat @ target)
     if not width:
@@ -228,7 +228,7 @@ def _fitted(columns: Array, prior: Array, own: Array, residual: Array) -> tuple[
     across = sets @ flat.T
     left = sets @ sets.transpose(0, 2, 1) - across @ inverse @ across.transpose(0, 2, 1)
     level = np.einsum("bii->b", left) / width
-    left = left + LAW_TELLING.ridge * np.maximum(level, 1e-300)[:, None, None] * np.eye(width)
+    left = left + LAW_REPORT.ridge * np.maximum(level, 1e-300)[:, None, None] * np.eye(width)
     drive = sets @ target - across @ mean
     own_mean = np.linalg.solve(left, drive[:, :, None])[:, :, 0]
     gains = 0.5 * np.sum(own_mean * drive, axis=1)

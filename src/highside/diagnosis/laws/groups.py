@@ -50,7 +50,7 @@ PAIRED = (
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class LawGroup:
     """Places that act alike with the same functions: one prior for all."""
 
     units: tuple[PlaceField, ...]
@@ -81,7 +81,7 @@ class Group:
 
     @property
     def kind(self) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
-        """What is told of it: place, channels, covariates."""
+        """What is reported of it: place, channels, covariates."""
         return self.place, tuple(u.channel for u in self.units), tuple(sorted(self.depends_on))
 
     @cached_property
@@ -110,7 +110,7 @@ Bases = dict[tuple[tuple[Axis, ...], tuple[int, ...]], Array]
 """functions (u, m, n) of axes, as the units of these axes of the triad know them: many places have the same"""
 
 
-def groups_of(problem: LawProblem) -> list[Group]:
+def groups_of(problem: LawProblem) -> list[LawGroup]:
     """All that is tried."""
     found = []
     bases: Bases = {}
@@ -181,7 +181,7 @@ def _group(
     order: Array,
     bases: Bases,
     tries: int = 1,
-) -> Group:
+) -> LawGroup:
     key = axes, tuple(unit.own for unit in units)
     if key not in bases:
         basis = []
@@ -192,10 +192,10 @@ def _group(
                 result = (result[:, None] * own[None]).reshape(-1, own.shape[1])
             basis.append(result)
         bases[key] = np.stack(basis)
-    return Group(units, axes, order, bases[key], tries)
+    return LawGroup(units, axes, order, bases[key], tries)
 
 
-def _singles(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) -> Iterator[Group]:
+def _singles(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) -> Iterator[LawGroup]:
     constant = PLACES[units[0].place].constant
     for name, values, distinct in _varying(problem, units):
         if name == "tf_fraction":
@@ -206,7 +206,7 @@ def _singles(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) -
         yield _group(problem, units, (axis,), order, bases)
 
 
-def _pairs(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) -> Iterator[Group]:
+def _pairs(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) -> Iterator[LawGroup]:
     if units[0].place in ("matrix", "timing"):
         return
     known = {name: (values, distinct) for name, values, distinct in _varying(problem, units)}
@@ -225,7 +225,7 @@ def _pairs(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) -> 
         yield _group(problem, units, (first, second), order, bases, LAW_GROUPS.pairs)
 
 
-def _shapes(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) -> Iterator[Group]:
+def _shapes(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) -> Iterator[LawGroup]:
     """Steps, ramps and decays in time, dents in toolface, orders that are no whole numbers: one or two columns each."""
     if units[0].place in ("matrix", "timing"):
         return
@@ -235,11 +235,11 @@ def _shapes(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) ->
         t = known["time"]
         edges = np.unique(t)
         middle = (edges[1:] + edges[:-1]) / 2
-        some = middle[np.unique(np.linspace(0, middle.size - 1, LAW_GROUPS.steps).astype(int))]
+        knots = middle[np.unique(np.linspace(0, middle.size - 1, LAW_GROUPS.steps).astype(int))]
         low, high = float(t.min()), float(t.max())
-        shapes = [Function("step", (float(at),)) for at in some]
-        shapes += [Function("ramp", (float(at),)) for at in some[1:]]
-        shapes += [Function("decay", (float(at), s * (high - low))) for at in (low, *some) for s in LAW_GROUPS.decays]
+        shapes = [Function("step", (float(at),)) for at in knots]
+        shapes += [Function("ramp", (float(at),)) for at in knots[1:]]
+        shapes += [Function("decay", (float(at), s * (high - low))) for at in (low, *knots) for s in LAW_GROUPS.decays]
         for shape in shapes:
             yield _group(problem, units, (Axis("time", low, high, (shape,)),), zero, bases, len(shapes))
     if "tf" in known:

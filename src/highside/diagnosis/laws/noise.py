@@ -44,7 +44,7 @@ class LawNoise:
         """Whether any channel's noise has a memory."""
         return bool(np.any(self.share > 0) or np.any(self.ladder > 0))
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """In words."""
         words = []
         if np.any(self.factor > 1):
@@ -113,8 +113,8 @@ class Whitener:
             return made
         return np.stack([self.channel(c, columns[:, c]) for c in range(self.problem.count)], axis=1)
 
-    def drawn_in(self, residual: Array, fitted: Array) -> Array:
-        """The residual (C, n) with values far from the fit drawn in, where they are few."""
+    def clipped(self, residual: Array, fitted: Array) -> Array:
+        """The residual (C, n) with values far from the fit clipped to within `LAW_NOISE.clip`, where they are few."""
         left = self.white((residual - fitted)[None])[0]
         over = np.sign(left) * np.maximum(np.abs(left) - LAW_NOISE.clip, 0.0)
         if not over.any() or float(np.mean(over != 0)) > LAW_NOISE.clipped:
@@ -162,10 +162,10 @@ class LadderNoise:
         for t in range(n):
             if t:
                 spread = spread * np.outer(decay[t], decay[t]) + np.diag(share * (1 - decay[t] ** 2))
-            seen = spread.sum(axis=1)
-            variance[t] = seen.sum() + white[t]
-            gain[t] = seen / variance[t]
-            spread = spread - np.outer(gain[t], seen)
+            observed = spread.sum(axis=1)
+            variance[t] = observed.sum() + white[t]
+            gain[t] = observed / variance[t]
+            spread = spread - np.outer(gain[t], observed)
         after = np.ones((n, levels))
         after[:-1] = decay[1:]
         return cls(variance, gain, after)
@@ -225,7 +225,7 @@ def cholesky_and_half(unit: Array, right: Array) -> tuple[Array, Array]:
 
 
 class NoiseLearner:
-    """Learns the noise of a problem as often as it is asked; the filters of all settings are made once."""
+    """Learns the noise of a problem beside any fit; the filters of all settings are made once."""
 
     def __init__(self, problem: LawProblem) -> None:
         self.problem = problem
@@ -348,13 +348,13 @@ def _with_memory(problem: LawProblem, settings: list[_Settings], prior: Array) -
             where = int(np.argmax(found))
             chosen[c], factor[c] = where // sizes.shape[1], sizes.reshape(-1)[where]
             best = float(found[where]) - float(sum(settings[d].cost[chosen[d]] for d in range(count) if d != c))
-    take = list(zip(settings, chosen, strict=True))
+    chosen_settings = list(zip(settings, chosen, strict=True))
     noise = replace(
         LawNoise.floor_alone(problem),
         factor=factor,
-        share=np.array([s.share[i] for s, i in take]),
-        length=np.array([s.length[i] for s, i in take]),
-        ladder=np.array([s.ladder[i] for s, i in take]),
+        share=np.array([s.share[i] for s, i in chosen_settings]),
+        length=np.array([s.length[i] for s, i in chosen_settings]),
+        ladder=np.array([s.ladder[i] for s, i in chosen_settings]),
     )
     return noise, best
 

@@ -52,7 +52,7 @@ class LawEvidencePolicy:
 
     lengths: tuple[float, ...] = (1.0, 2.0, 4.0, 8.0)
     """Orders beyond which the prior falls off. Source: the grid of the trial that set the method."""
-    dull: float = 0.01
+    undetermined: float = 0.01
     """Variance that data add to a combination of a law's functions, in units of the prior's, below which noise is
     learnt without it. Source: it moves the evidence by less than 0.005 nat each."""
     power: float = 2.0
@@ -110,10 +110,10 @@ class LawNoisePolicy:
     """Numbers of the inner products of settings whose evidence is taken at once. Source: a processor's cache of 1 MB,
     in which they and their factors have room."""
     clip: float = 4.0
-    """Sigmas about the present fit beyond which a value is drawn in. Source: the trial that set the method: false laws
+    """Sigmas about the present fit beyond which a value is clipped. Source: the trial that set the method: false laws
     in heavy tails 2 of 60 without, 0 with."""
     clipped: float = 0.03
-    """Share of the values that may be drawn in: of more it is the fit that is wrong. Source: chosen; a Student noise of
+    """Share of the values that may be clipped: of more it is the fit that is wrong. Source: chosen; a Student noise of
     3 degrees of freedom has 2 % beyond."""
 
 
@@ -148,15 +148,15 @@ class LawSearchPolicy:
     """Share of a covariate's variance that a smooth function of another explains, from which it is one of it. Source:
     chosen; the rest of a confounded pair is its noise."""
     most_class: int = 12
-    """Members of a class that are told. Source: chosen; a reader wants few."""
+    """Members of a class that are reported. Source: chosen; a reader wants few."""
 
 
 LAW_SEARCH = LawSearchPolicy()
 
 
 @dataclass(frozen=True)
-class LawTellingPolicy:
-    """What is told of a law."""
+class LawReportPolicy:
+    """What is reported of a law."""
 
     folds: int = 8
     """Sets of values that are left out in turn. Source: chosen; an eighth is small enough to leave the law as it is."""
@@ -181,10 +181,10 @@ class LawTellingPolicy:
     least_log: float = 700.0
     """Nats beyond which a chance is no number any more. Source: the range of double precision."""
     grid: int = 61
-    """Points of a curve that is told. Source: chosen; more than its functions have waves."""
+    """Points of a curve that is reported. Source: chosen; more than its functions have waves."""
 
 
-LAW_TELLING = LawTellingPolicy()
+LAW_REPORT = LawReportPolicy()
 
 
 @dataclass(frozen=True)
@@ -192,10 +192,10 @@ class LawFormulasPolicy:
     """The closed forms that are tried."""
 
     margin: float = 6.0
-    """Nats of held-out likelihood by which a formula must be ahead to be told alone. Source: 63 of 64 told so were
-    right in the trial that set the method."""
+    """Nats of held-out likelihood by which a formula must be ahead to be reported alone. Source: 63 of 64 that were
+    so reported were right in the trial that set the method."""
     most: int = 3
-    """Formulas told side by side, at most. Source: chosen; a reader wants few."""
+    """Formulas reported side by side, at most. Source: chosen; a reader wants few."""
     places: int = 17
     """Places along a covariate at which a form may have its middle. Source: chosen; a sixteenth of the range."""
     powers: tuple[float, ...] = (1.5, 2.0, 3.0, 4.0, 5.0)

@@ -49,7 +49,7 @@ class LawProblem:
     jitter: Array | None = None
     """(J, C, n) what errors of the set angles do, each value's own; None: there are none"""
     channels: tuple[str, ...] = ()
-    """names of the channels, as they are told"""
+    """names of the channels, as they are reported"""
 
     @property
     def n(self) -> int:

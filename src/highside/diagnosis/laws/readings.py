@@ -15,7 +15,7 @@ class Reading:
     places: tuple[str, ...]
     covariates: tuple[str, ...]
     shapes: tuple[str, ...]
-    says: str
+    meaning: str
     apart: str
 
 
@@ -175,7 +175,7 @@ READINGS = (
 def readings_of(place: str, depends_on: tuple[str, ...], shapes: tuple[str, ...]) -> tuple[str, ...]:
     """What a law may be, the nearest first."""
     found = [
-        f"{r.says} (to tell: {r.apart})"
+        f"{r.meaning} (to tell: {r.apart})"
         for r in READINGS
         if (not r.places or place in r.places)
         and (not r.covariates or set(depends_on) & set(r.covariates))
@@ -185,4 +185,4 @@ def readings_of(place: str, depends_on: tuple[str, ...], shapes: tuple[str, ...]
 
 
 MOST = 3
-"""readings that are told of one law"""
+"""readings that are reported of one law"""

@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.laws.evidence import Families, Prior, Term, Whitened, raw_columns, reduced
-from highside.diagnosis.laws.groups import Group, confounded, groups_of, values_of
+from highside.diagnosis.laws.evidence import Families, LawTerm, Prior, Whitened, raw_columns, reduced
+from highside.diagnosis.laws.groups import LawGroup, confounded, groups_of, values_of
 from highside.diagnosis.laws.noise import LawNoise, NoiseLearner, Whitener
 from highside.diagnosis.laws.policy import LAW_SEARCH
 from highside.diagnosis.laws.problem import LawProblem
@@ -22,16 +22,16 @@ class Found:
     """The laws of a session and the noise beside them."""
 
     problem: LawProblem
-    terms: tuple[Term, ...]
+    terms: tuple[LawTerm, ...]
     noise: LawNoise
     evidence: float
     """restricted, with the noise learnt"""
     gains: tuple[float, ...]
     """of each term: nats that its removal costs with the noise learnt again"""
-    classes: tuple[tuple[Group, ...], ...]
+    classes: tuple[tuple[LawGroup, ...], ...]
     """of each term: the groups that this session cannot tell from it, the best first"""
     residual: Array
-    """(C, n) with values far from the fit drawn in"""
+    """(C, n) with values far from the fit clipped"""
     families: Families
 
     @cached_property
@@ -47,7 +47,7 @@ class Found:
 
 @dataclass
 class _State:
-    terms: list[Term]
+    terms: list[LawTerm]
     noise: LawNoise
     evidence: float
     residual: Array
@@ -56,7 +56,7 @@ class _State:
 class Search:
     """One session's search."""
 
-    def __init__(self, problem: LawProblem, groups: list[Group] | None = None) -> None:
+    def __init__(self, problem: LawProblem, groups: list[LawGroup] | None = None) -> None:
         self.problem = replace(problem, free=independent(problem.free, problem.floor))
         self.groups = groups_of(self.problem) if groups is None else groups
         self.families = Families(self.problem, self.groups)
@@ -77,33 +77,33 @@ class Search:
         # where the floor alone shows nothing, no noise shows more
         gains, _ = quiet.scores([], least=LAW_SEARCH.gain, within=LAW_SEARCH.simpler)
         if float(np.max(gains, initial=-np.inf)) < LAW_SEARCH.gain:
-            return self._told(first)
+            return self._found(first)
         one = self._proved(self._grown(first, relearn=True))
         other = self._grown(_State([], floor, -np.inf, self.problem.residual), relearn=False)
         two = self._learn(other.terms, self.problem.residual)
         # as it stands it may have a law too many; noise that explains more than all of them needs no further look
         if two.evidence < one.evidence + LAW_SEARCH.gain or _which(two.terms) == _which(one.terms):
-            return self._told(one)
+            return self._found(one)
         two = self._proved(self._grown(self._proved(two), relearn=True))
-        return self._told(max((one, two), key=lambda s: s.evidence))
+        return self._found(max((one, two), key=lambda s: s.evidence))
 
-    def beside(self, fixed: Sequence[Group], terms: Sequence[Term]) -> Found:
+    def beside(self, fixed: Sequence[LawGroup], terms: Sequence[LawTerm]) -> Found:
         """These groups and the laws of another search; of them stays what is worth it, with the noise learnt again."""
         kept = [t.group for t in terms if not t.group.effect]
         same = {g.label: g for g in self.groups}
-        some = [Term(g, Prior(1.0, 1.0)) for g in (*fixed, *(self._like(g, same) for g in kept))]
-        state = self._learn(some, self.problem.residual)
+        trial = [LawTerm(g, Prior(1.0, 1.0)) for g in (*fixed, *(self._like(g, same) for g in kept))]
+        state = self._learn(trial, self.problem.residual)
         for _ in range(LAW_SEARCH.rounds):
             white = self._whitened(state)
-            for k in range(len(some)):
-                gains, priors = white.scores([t for i, t in enumerate(some) if i != k])
-                own = self.groups.index(some[k].group)
-                prior = priors[own] if np.isfinite(gains[own]) else some[k].prior
-                some = [Term(t.group, prior) if i == k else t for i, t in enumerate(some)]
-            state = self._learn(some, self.problem.residual)
-        return self._told(self._proved(state))
+            for k in range(len(trial)):
+                gains, priors = white.scores([t for i, t in enumerate(trial) if i != k])
+                own = self.groups.index(trial[k].group)
+                prior = priors[own] if np.isfinite(gains[own]) else trial[k].prior
+                trial = [LawTerm(t.group, prior) if i == k else t for i, t in enumerate(trial)]
+            state = self._learn(trial, self.problem.residual)
+        return self._found(self._proved(state))
 
-    def _like(self, group: Group, same: dict[str, Group]) -> Group:
+    def _like(self, group: LawGroup, same: dict[str, LawGroup]) -> LawGroup:
         """The group of this search that is the one of another: same label and same functions."""
         for own in self.groups:
             if own.label == group.label and own.axes == group.axes:
@@ -115,15 +115,15 @@ class Search:
     def _whitened(self, state: _State) -> Whitened:
         return Whitened(self.families, Whitener(self.problem, state.noise), state.residual)
 
-    def _learn(self, terms: list[Term], residual: Array) -> _State:
-        """The noise beside these terms; far values drawn in, and learnt once more if there are any."""
+    def _learn(self, terms: list[LawTerm], residual: Array) -> _State:
+        """The noise beside these terms; far values clipped, and learnt once more if there are any."""
         noise, found = self._noise(terms, residual)
-        drawn = self._drawn_in(_State(terms, noise, found, residual))
-        if drawn is not residual:
-            noise, found = self._noise(terms, drawn)
-        return _State(terms, noise, found, drawn)
+        clipped = self._clipped(_State(terms, noise, found, residual))
+        if clipped is not residual:
+            noise, found = self._noise(terms, clipped)
+        return _State(terms, noise, found, clipped)
 
-    def _noise(self, terms: list[Term], residual: Array) -> tuple[LawNoise, float]:
+    def _noise(self, terms: list[LawTerm], residual: Array) -> tuple[LawNoise, float]:
         """The noise beside these terms and its evidence: what was learnt once of a residual is known."""
         known = next((found for one, found in self._learnt if one is residual), None)
         if known is None:
@@ -134,11 +134,11 @@ class Search:
             known[key] = self.learner.learn(*reduced(self.problem, terms), residual)
         return known[key]
 
-    def _drawn_in(self, state: _State) -> Array:
+    def _clipped(self, state: _State) -> Array:
         whitener = Whitener(self.problem, state.noise)
         columns = np.concatenate([self.problem.free, raw_columns(self.problem, state.terms)])
         mean, _ = Whitened(Families(self.problem, []), whitener, self.problem.residual).posterior(state.terms)
-        return whitener.drawn_in(self.problem.residual, np.tensordot(mean, columns, 1))
+        return whitener.clipped(self.problem.residual, np.tensordot(mean, columns, 1))
 
     def _grown(self, state: _State, *, relearn: bool) -> _State:
         """Groups taken one by one while they gain, each exchanged for any that does better."""
@@ -148,14 +148,14 @@ class Search:
             best = self._simplest(gains)
             if gains[best] < LAW_SEARCH.gain:
                 break
-            terms = [*state.terms, Term(self.groups[best], priors[best])]
+            terms = [*state.terms, LawTerm(self.groups[best], priors[best])]
             if relearn:
                 state = self._learn(self._exchanged(white, terms), self.problem.residual)
             else:
                 state = replace(state, terms=terms)
         return state if relearn or not state.terms else replace(state, terms=self._exchanged(white, state.terms))
 
-    def _exchanged(self, white: Whitened, terms: list[Term]) -> list[Term]:
+    def _exchanged(self, white: Whitened, terms: list[LawTerm]) -> list[LawTerm]:
         """Each term beside the others as its best prior has it, or another group in its place."""
         for _ in range(LAW_SEARCH.rounds):
             before = _which(terms)
@@ -166,8 +166,8 @@ class Search:
                 best = self._simplest(gains)
                 simpler = len(self.groups[best].axes) < len(terms[k].group.axes)
                 ahead = gains[best] > gains[own] + LAW_SEARCH.exchange
-                take = best if ahead or simpler else own
-                terms = [Term(self.groups[take], priors[take]) if i == k else t for i, t in enumerate(terms)]
+                choice = best if ahead or simpler else own
+                terms = [LawTerm(self.groups[choice], priors[choice]) if i == k else t for i, t in enumerate(terms)]
             if _which(terms) == before or len(terms) == 1:
                 break
         return terms
@@ -212,7 +212,7 @@ class Search:
             costs.append(state.evidence - without - float(np.log(term.group.tries)))
         return costs
 
-    def _told(self, state: _State) -> Found:
+    def _found(self, state: _State) -> Found:
         white = self._whitened(state)
         costs = self._costs(state)
         order = sorted(range(len(costs)), key=lambda k: -costs[k])
@@ -221,22 +221,22 @@ class Search:
         for k in range(len(terms)):
             gains, _ = white.scores([t for i, t in enumerate(terms) if i != k])
             classes.append(self._class(terms[k].group, gains))
-        gains_told = tuple(costs[k] for k in order)
+        own_gains = tuple(costs[k] for k in order)
         return Found(
             self.problem,
             tuple(terms),
             state.noise,
             state.evidence,
-            gains_told,
+            own_gains,
             tuple(classes),
             state.residual,
             self.families,
         )
 
-    def _class(self, own: Group, gains: Array) -> tuple[Group, ...]:
+    def _class(self, own: LawGroup, gains: Array) -> tuple[LawGroup, ...]:
         """Groups of which this session cannot tell one from another, one of each kind."""
         best = float(gains.max())
-        found: list[Group] = [own]
+        found: list[LawGroup] = [own]
         for i in np.argsort(-gains):
             group = self.groups[int(i)]
             behind = best - float(gains[i])
@@ -248,7 +248,7 @@ class Search:
                 found.append(group)
         return tuple(found)
 
-    def _confounded(self, one: Group, other: Group) -> bool:
+    def _confounded(self, one: LawGroup, other: LawGroup) -> bool:
         """Whether what sets two groups apart are covariates of which one is a function of the other here."""
         if one.effect or other.effect:
             return False
@@ -263,7 +263,7 @@ class Search:
         )
 
 
-def _which(terms: list[Term]) -> set[int]:
+def _which(terms: list[LawTerm]) -> set[int]:
     return {id(t.group) for t in terms}
 
 

@@ -1,4 +1,4 @@
-"""What still readings tell of an effect's parameters where only the magnitude of gravity is known.
+"""What still readings determine of an effect's parameters where only the magnitude of gravity is known.
 
 A magnitude shows some combinations of the parameters and cannot show others: in one attitude all that acts across
 gravity, in any number of attitudes what only turns the reading. The value reported is the smallest explanation. The

@@ -10,9 +10,10 @@ from scipy.special import fdtrc
 
 from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate
+from highside.diagnosis.core.finding_policy import FLOOR
 from highside.diagnosis.core.location import Basis
 from highside.diagnosis.core.memory import Innovating
-from highside.diagnosis.core.policy import CANDIDATE_SET, FITS, FLOOR, REGRESSION
+from highside.diagnosis.core.policy import CANDIDATE_SET, FITS, REGRESSION
 from highside.diagnosis.core.regression import log10_p, outside, span
 from highside.diagnosis.magnitude.policy import MAGNITUDE_NOISE
 from highside.diagnosis.magnitude.session import MagnitudeSession
@@ -48,13 +49,13 @@ def rich_columns(base: Array, candidates: Sequence[Candidate], bases: Sequence[B
     parts = [v.columns for c in [*first, *(c for c in named if c not in first)] for v in c.variants if v.whole]
     parts += [basis.functions[:, None] for basis in bases]
     kept = base
-    taken = span(base[:, 0]).shape[0]
+    absorbed = span(base[:, 0]).shape[0]
     for part in parts:
         wider = np.concatenate([kept, part])
         rank = span(wider[:, 0], tolerance=MAGNITUDE_NOISE.independent).shape[0]
         if rank <= room:
-            kept, taken = wider, rank
-        if taken == room:
+            kept, absorbed = wider, rank
+        if absorbed == room:
             break
     return kept
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.arrays import Array
+from highside.arrays import AnyArray, Array
 from highside.diagnosis.core.candidate_set import CandidateSet, Term, pose_flips, ranked, ranking, span_with, threshold
 from highside.diagnosis.core.candidates import pose_candidates, unnamed_interactions
 from highside.diagnosis.core.fit import JointFit, base_fit, joint_fit
@@ -25,7 +25,7 @@ from highside.diagnosis.core.problem import ReportData, SelectionState
 from highside.diagnosis.core.problem_policy import ProblemPolicy
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.core.repeatability import Remaining
-from highside.diagnosis.core.result import Diagnosis, Fit, Location, NotTestable
+from highside.diagnosis.core.result import DiagnosisResult, Fit, Location, NotTestable
 from highside.diagnosis.core.rivals import Rivalry
 from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.core.still_problem import StillProblem
@@ -218,7 +218,7 @@ class MagnitudeProblem(StillProblem[MagnitudeNoise]):
             return [Likelihoods(residual, variance, explained, t_s)]
         return [ProjectedWalkLikelihoods(residual, variance, explained, t_s, self.session.direction)]
 
-    def block(self, terms: Sequence[Term]) -> NDArray[Any]:
+    def block(self, terms: Sequence[Term]) -> AnyArray:
         return np.concatenate([np.empty((0, 1, self.session.n)), *(self.variant(m).columns for m in terms)])
 
     def slow(self) -> list[SlowEffect]:
@@ -371,7 +371,7 @@ class MagnitudeProblem(StillProblem[MagnitudeNoise]):
         floor = self.session.floor
         return None if floor is None else excess(self.residual, np.concatenate([self.base, self.block(terms)]), floor)
 
-    def completed(self, diagnosis: Diagnosis) -> Diagnosis:
+    def completed(self, diagnosis: DiagnosisResult) -> DiagnosisResult:
         lacking = (*diagnosis.not_testable, *self._not_parted())
         diagnosis = replace(diagnosis, not_testable=lacking)
         undetermined = [entry.effect for entry in self._not_parted()]

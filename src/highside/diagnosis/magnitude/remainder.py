@@ -13,7 +13,7 @@ from highside.diagnosis.core.candidates import Candidate
 from highside.diagnosis.core.floor import Excess, NoiseFloor, excess
 from highside.diagnosis.core.policy import REGRESSION
 from highside.diagnosis.core.regression import outside, span
-from highside.diagnosis.core.result import Diagnosis
+from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.core.unexplained import hinted, words_of
 from highside.diagnosis.magnitude.policy import MAGNITUDE_NOISE
 from highside.diagnosis.magnitude.session import MagnitudeSession
@@ -22,13 +22,13 @@ READINGS = "magnitudes of still readings"
 
 
 def with_what_is_left(
-    diagnosis: Diagnosis,
+    diagnosis: DiagnosisResult,
     left: Excess,
     session: MagnitudeSession,
     slow: Sequence[Candidate],
     base: Array,
     residual: Array,
-) -> Diagnosis:
+) -> DiagnosisResult:
     """A random walk is no explanation of readings that disagree more than they repeat: how much is said.
 
     `left` is what the base (P, n) leaves of the residual (n,), and `slow` the effects that follow time.
@@ -49,13 +49,13 @@ def with_what_is_left(
     return hinted(diagnosis, words)
 
 
-def _with_slow(diagnosis: Diagnosis, words: str, near: str, p: float) -> Diagnosis:
+def _with_slow(diagnosis: DiagnosisResult, words: str, near: str, p: float) -> DiagnosisResult:
     hint = f"{words}; {near} would explain more of it than chance makes (p = {p:.1g})"
     remainder = replace(diagnosis.remainder, p=p, resembles=(near,))
     return hinted(replace(diagnosis, verdict="unknown", remainder=remainder), hint)
 
 
-def _with_limit(diagnosis: Diagnosis, left: Excess, slow: Sequence[Candidate]) -> Diagnosis:
+def _with_limit(diagnosis: DiagnosisResult, left: Excess, slow: Sequence[Candidate]) -> DiagnosisResult:
     """Nothing, down to what would have shown."""
     sizes = {c.id: diagnosis.minimum_detectable[c.id] for c in slow if c.id in diagnosis.minimum_detectable}
     shown = [f"{name} {size.value:.2g} {size.unit}" for name, size in sizes.items()]

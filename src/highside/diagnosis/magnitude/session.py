@@ -20,7 +20,7 @@ from highside.arrays import Array
 from highside.calibration.still_intervals import StillInterval, find_still_intervals, labelled_intervals
 from highside.diagnosis.core.floor import NoiseFloor, floor_of_means
 from highside.diagnosis.core.policy import INTERVALS
-from highside.diagnosis.core.result import Diagnosis, Finding, NotTestable, Remainder
+from highside.diagnosis.core.result import DiagnosisResult, Finding, NotTestable, Remainder
 from highside.diagnosis.magnitude.policy import MAGNITUDE_SESSIONS
 from highside.errors import InputError
 from highside.physics.effects import all_effects
@@ -264,14 +264,14 @@ def _floor(columns: Mapping[str, Array], accel_g: Array, rows: list[Ints]) -> No
     return floor_of_means(np.linalg.norm(accel_g, axis=0)[None], rows)
 
 
-def nothing_testable(why: str, intake: tuple[Finding, ...], seed: int, version: str) -> Diagnosis:
+def nothing_testable(why: str, intake: tuple[Finding, ...], seed: int, version: str) -> DiagnosisResult:
     """The answer to a recording that is not still enough: no effect can be tested, and why."""
     needs = (
         f"hold the tool still in at least {MAGNITUDE_SESSIONS.min_attitudes} attitudes all over the sphere, a few "
         "seconds each, or leave it at rest for minutes; or record its attitude"
     )
     effects = [e for e in all_effects().values() if not e.random]
-    return Diagnosis(
+    return DiagnosisResult(
         "not_testable",
         remainder=Remainder(hints=(why,)),
         not_testable=tuple(NotTestable(e.id, why, needs) for e in effects),

@@ -63,7 +63,7 @@ class PoseSessionsPolicy:
 
     min_poses: int = 12
     """Fewer leave too little beside twelve base parameters: 36 readings, 24 of them free. What so few cannot show is
-    told as not testable. Source: tests/unit/test_diagnosis_few_poses.py."""
+    reported as not testable. Source: tests/unit/test_diagnosis_few_poses.py."""
     key: int = 1000
     """Keeps apart the two angles of a setting in one number: a toolface in deg is below it. Chosen in 21ed34d; no run
     is recorded."""

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from highside.arrays import Array
+from highside.arrays import AnyArray, Array
 from highside.diagnosis.core.candidate_set import CandidateSet, Term, pose_flips, threshold
 from highside.diagnosis.core.candidates import CHANNELS, Candidate, pose_candidates, unnamed_interactions
 from highside.diagnosis.core.causes import located_by_cause
@@ -23,7 +22,7 @@ from highside.diagnosis.core.policy import FITS, RIVALS, SELECTION
 from highside.diagnosis.core.problem import ReportData, SelectionState, parts_of
 from highside.diagnosis.core.problem_policy import ProblemPolicy
 from highside.diagnosis.core.regression import outside, span
-from highside.diagnosis.core.result import Diagnosis, Fit, Location
+from highside.diagnosis.core.result import DiagnosisResult, Fit, Location
 from highside.diagnosis.core.rivals import Rivalry, next_poses
 from highside.diagnosis.core.selection import Selector
 from highside.diagnosis.core.still_problem import StillProblem
@@ -134,7 +133,7 @@ class PoseProblem(StillProblem[PoseNoise]):
         t_s = self.session.state.t_s
         return [Likelihoods(self.residual[c], variance[c], explained[:, c], t_s) for c in range(3)]
 
-    def block(self, terms: Sequence[Term]) -> NDArray[Any]:
+    def block(self, terms: Sequence[Term]) -> AnyArray:
         return np.concatenate([np.empty((0, 3, self.session.n)), *(self.variant(m).columns for m in terms)])
 
     def slow(self) -> list[SlowEffect]:
@@ -197,7 +196,7 @@ class PoseProblem(StillProblem[PoseNoise]):
         along = np.sum(normal * self.residual, axis=0)[None]
         return excess(along, np.sum(normal * columns, axis=1)[:, None], floor.projected(normal))
 
-    def completed(self, diagnosis: Diagnosis) -> Diagnosis:
+    def completed(self, diagnosis: DiagnosisResult) -> DiagnosisResult:
         inc, tf = float(self.noise.inc), float(self.noise.tf)
         if diagnosis.verdict == "nothing_left_out" and max(inc, tf) > float(np.max(self.noise.sigma)):
             # in g per radian: what is left across gravity is larger than the sensor's own noise, and is taken for noise
@@ -280,11 +279,11 @@ def _rich(base: Array, candidates: Sequence[Candidate], session: PoseSession, fo
     shaped = [columns[i] for columns in whole if len(columns) > 1 for i in _spread(len(columns), POSE_ADVICE.shapes)]
     room = int(FITS.rich_share * 3 * session.n)
     kept: list[Array] = []
-    taken = 0
+    used = 0
     for part in [*parts, *shaped, *groups]:
-        if taken + len(part) <= room or not kept:
+        if used + len(part) <= room or not kept:
             kept.append(part)
-            taken += len(part)
+            used += len(part)
     return np.concatenate(kept)
 
 

@@ -38,7 +38,7 @@ class PoseSession:
     within: tuple[Finding, ...] = ()
     """what the rows do while a pose is held"""
     expected: int = 0
-    """stops that the reference tells of"""
+    """stops that the reference has"""
 
     @property
     def n(self) -> int:
@@ -69,8 +69,8 @@ def pose_session(
 
     def each(name: str, how: str) -> Array:
         column = columns[name]
-        take = np.mean if how == "mean" else np.median
-        return np.array([float(take(column[rows])) for rows in groups])
+        average = np.mean if how == "mean" else np.median
+        return np.array([float(average(column[rows])) for rows in groups])
 
     hows = {
         "t_s": "mean",

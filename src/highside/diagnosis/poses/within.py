@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from highside.arrays import Array
-from highside.diagnosis.core.result import Diagnosis, Finding
+from highside.diagnosis.core.result import DiagnosisResult, Finding
 from highside.diagnosis.poses.policy import WITHIN
 
 Ints = NDArray[np.intp]
@@ -49,7 +49,7 @@ def within_poses(accel_g: Array, rows: Sequence[Ints], row_seconds: float) -> tu
     return tuple(_finding(words, each) for words, each in found.items())
 
 
-def with_courses(diagnosis: Diagnosis, found: Sequence[Finding]) -> Diagnosis:
+def with_courses(diagnosis: DiagnosisResult, found: Sequence[Finding]) -> DiagnosisResult:
     """The diagnosis with what happens within poses: where that is, the simulation has not explained the recording."""
     if not found:
         return diagnosis

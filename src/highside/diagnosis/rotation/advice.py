@@ -32,7 +32,7 @@ class Stretch:
 
     @property
     def words(self) -> str:
-        """As one tells it to the person at the bench."""
+        """In words for the person at the bench."""
         how = "ramps of 1 s between standstill and" if self.ramps else "steady"
         return f"{how} {360 * self.rate_hz:g} deg/s at inclination {self.inclination_deg:g} deg"
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.core.result import Diagnosis, Location
+from highside.diagnosis.core.result import DiagnosisResult, Location
 from highside.diagnosis.rotation.lines import on_grid
 from highside.diagnosis.rotation.policy import BURSTS
 from highside.diagnosis.rows.session import RotationSession
@@ -96,8 +96,8 @@ def _extent(rows: Array, frequency: float, width: float) -> tuple[int, int, floa
 
 
 def with_burst(
-    diagnosis: Diagnosis, burst: Burst | None, session: RotationSession, channels: Sequence[str]
-) -> Diagnosis:
+    diagnosis: DiagnosisResult, burst: Burst | None, session: RotationSession, channels: Sequence[str]
+) -> DiagnosisResult:
     """The diagnosis with a burst reported, where nothing else was found: it has no name.
 
     Beside names or other remainders it is left to them: what they leave may come and go with the rate.

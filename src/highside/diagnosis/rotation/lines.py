@@ -28,7 +28,7 @@ def found_lines(session: RotationSession, residual: Array) -> list[Line]:
     known = [(name, hz) for name, frequency in of_time for hz in frequency.grid if _visible(session, hz)]
     lines = [Line(name, hz, frequencies) for name, hz in known]
     rows = residual[:3] / residual[:3].std(axis=1, keepdims=True)
-    hz = _frequency(session, rows)
+    hz = _frequency(session, rows, flattened(rows))
     if hz is not None:
         lines += [Line(name, hz, frequencies) for name, _ in of_time]
     order = _order(session, rows)
@@ -59,11 +59,20 @@ def _peak(power: Array, skip: NDArray[np.bool_]) -> tuple[int, int] | None:
     return (at, int(np.argmax(ratio[:, at]))) if total[at] > limit else None
 
 
-def _frequency(session: RotationSession, rows: Array) -> float | None:
+def flattened(rows: Array) -> Array:
+    """Rows (C, n) less what the row before says of each: the median of a neighbourhood is no level of a steep spectrum,
+    and a filter of one term has no notch in which a line would hide."""
+    before = np.sum(rows[:, 1:] * rows[:, :-1], axis=1) / np.sum(rows**2, axis=1)
+    result = rows.copy()
+    result[:, 1:] -= before[:, None] * rows[:, :-1]
+    return result
+
+
+def _frequency(session: RotationSession, rows: Array, flat: Array) -> float | None:
     places = session.places
     n = int(places[-1]) + 1
     length = next_fast_len(LINES_POLICY.padded * n, real=True)
-    spectrum = np.abs(rfft(on_grid(rows, places), length, axis=1)) ** 2
+    spectrum = np.abs(rfft(on_grid(flat, places), length, axis=1)) ** 2
     skip = np.zeros(spectrum.shape[1], dtype=bool)
     # what is slower than a few waves is drift
     skip[: LINES_POLICY.slowest * length // n] = True

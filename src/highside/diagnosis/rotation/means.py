@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.chunks import chunks_of, in_order
+from highside.diagnosis.core.regression import solved
 from highside.diagnosis.rotation.policy import MEANS
 from highside.diagnosis.rows.design import Design
-from highside.diagnosis.rows.gram import HeldOutRows, Segments, solved
+from highside.diagnosis.rows.gram import HeldOutRows, Segments
 from highside.diagnosis.rows.noise import RotationNoise
 from highside.diagnosis.rows.policy import GRAMS
 
@@ -92,11 +93,11 @@ class MeanErrors:
 def mean_errors(held: HeldOutRows, sectors: Sectors, numbers: Ints) -> MeanErrors:
     """Of columns (K,), which `sectors` has, fitted beside the base."""
     every = np.concatenate([held.base, numbers])
-    total = held.inner(every, [held.keys, *(left_out for left_out, _ in held.folds)])
+    total = held.inner(every, [held.keys, *(held_out for held_out, _ in held.folds)])
     energy, expected, count = (np.zeros(len(held.folds)) for _ in range(3))
     rows = 0.0
-    for k, left_out in enumerate(total[1:]):
-        rest = total[0] - left_out
+    for k, held_out in enumerate(total[1:]):
+        rest = total[0] - held_out
         values = solved(rest[:-1, :-1], rest[:-1, -1])
         own = slice(k * MEANS.sectors, (k + 1) * MEANS.sectors)
         spread = solved(rest[:-1, :-1], np.eye(every.size))

@@ -20,7 +20,7 @@ from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.core.policy import FITS, RIVALS
 from highside.diagnosis.core.problem import ReportData, SelectionState, parts_of
 from highside.diagnosis.core.problem_policy import ProblemPolicy
-from highside.diagnosis.core.result import Diagnosis, Fit, Location
+from highside.diagnosis.core.result import DiagnosisResult, Fit, Location
 from highside.diagnosis.core.rivals import Rivalry
 from highside.diagnosis.core.support import Window
 from highside.diagnosis.core.untestable import what_splits, with_manoeuvres
@@ -30,6 +30,7 @@ from highside.diagnosis.rotation.lines import found_lines
 from highside.diagnosis.rotation.means import Sectors, mean_errors
 from highside.diagnosis.rotation.pilot import PilotFit, Subsample, pilot_second_order
 from highside.diagnosis.rotation.policy import MEANS, PILOT, ROTATION
+from highside.diagnosis.rotation.steps import found_step
 from highside.diagnosis.rotation.support import rotation_cells, windows
 from highside.diagnosis.rows.design import ChainDesign
 from highside.diagnosis.rows.gram import HeldOutRows, accumulate
@@ -77,7 +78,7 @@ class RotationProblem(RowsProblem):
             second_order = pilot_second_order(model, observed, free if method.refit else (), subsample, pilot)
             residual = residual - second_order
         residual = residual + rounding(session.readings, residual, seed)
-        design = ChainDesign(session, model, free, found_lines(session, residual))
+        design = ChainDesign(session, model, free, found_lines(session, residual), found_step(session, residual))
         noise = estimate(design, residual, seed, coloured=method.colour)
         grams, segments = accumulate(design, noise, residual)
         chance, rest = chance_of(design, noise, residual, grams, segments)
@@ -239,7 +240,7 @@ class RotationProblem(RowsProblem):
             row_noise=float(np.sqrt(np.mean(self.noise.sigma[:3] ** 2))),
         )
 
-    def completed(self, diagnosis: Diagnosis) -> Diagnosis:
+    def completed(self, diagnosis: DiagnosisResult) -> DiagnosisResult:
         summary = with_manoeuvres(located_by_cause(diagnosis, self.model, self.session.state), self.session.state)
         summary = with_burst(summary, found_burst(self.rest, self.session.places), self.session, self.channels)
         return with_jitter(summary, self.noise, self.channels)

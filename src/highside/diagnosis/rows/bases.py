@@ -54,7 +54,7 @@ Recipe = Callable[[Rows], list[Array]]
 
 
 @dataclass(frozen=True)
-class Group:
+class BasisGroup:
     """Functions of a covariate: `make` gives (k,) arrays (n,) for a chunk. `slow` groups vary over seconds at least."""
 
     covariate: str
@@ -65,7 +65,7 @@ class Group:
     slow: bool = False
 
 
-def rotation_groups(state: ChainState) -> list[Group]:
+def rotation_groups(state: ChainState) -> list[BasisGroup]:
     """Groups for the covariates that vary in a recording."""
     top = max(float(np.abs(np.asarray(state.rotor_rate_radps, dtype=float)).max()), 1e-9)
     return [
@@ -78,20 +78,20 @@ def rotation_groups(state: ChainState) -> list[Group]:
     ]
 
 
-def _attitude_groups(state: ChainState) -> list[Group]:
-    found: list[Group] = []
+def _attitude_groups(state: ChainState) -> list[BasisGroup]:
+    found: list[BasisGroup] = []
     if float(np.ptp(state.tf_rad)) > 2 * np.pi:
         tf_deg = np.mod(np.degrees(state.tf_rad), 360.0)
         orders = tuple(range(1, BASES.harmonics + 1))
-        found.append(Group("tf_ref_deg", tf_deg, lambda rows: rows.harmonics(1, BASES.harmonics), orders))
+        found.append(BasisGroup("tf_ref_deg", tf_deg, lambda rows: rows.harmonics(1, BASES.harmonics), orders))
     inc_deg = np.degrees(state.inc_rad)
     if np.ptp(inc_deg) > BASES.inclined_deg:
-        found.append(Group("inc_ref_deg", inc_deg, _of_inclination, slow=True))
-        found.append(Group("gravity_direction", inc_deg, _monomials))
+        found.append(BasisGroup("inc_ref_deg", inc_deg, _of_inclination, slow=True))
+        found.append(BasisGroup("gravity_direction", inc_deg, _monomials))
     return found
 
 
-def _rate_groups(state: ChainState, top: float) -> list[Group]:
+def _rate_groups(state: ChainState, top: float) -> list[BasisGroup]:
     """Of the rotor's rate in units of `top`, rad/s."""
     rate = np.asarray(state.rotor_rate_radps, dtype=float)
     if not float(np.ptp(rate)) > BASES.rate_span * top:
@@ -108,13 +108,13 @@ def _rate_groups(state: ChainState, top: float) -> list[Group]:
         return [f(speed(rows)) * part for f in (_same, np.square, np.sign) for part in rows.harmonics(2, 3)]
 
     return [
-        Group("rotor_rate_dps", rate_dps, lambda rows: _powers(speed(rows)), slow=True),
-        Group("rotor_rate_dps x tf_ref_deg", rate_dps, once),
-        Group("rotor_rate_dps x 2 tf_ref_deg", rate_dps, twice),
+        BasisGroup("rotor_rate_dps", rate_dps, lambda rows: _powers(speed(rows)), slow=True),
+        BasisGroup("rotor_rate_dps x tf_ref_deg", rate_dps, once),
+        BasisGroup("rotor_rate_dps x 2 tf_ref_deg", rate_dps, twice),
     ]
 
 
-def _acceleration_groups(state: ChainState, top: float) -> list[Group]:
+def _acceleration_groups(state: ChainState, top: float) -> list[BasisGroup]:
     accel = np.asarray(state.rotor_accel_radps2, dtype=float)
     if not np.ptp(accel) > BASES.ramps * top:
         return []
@@ -124,10 +124,10 @@ def _acceleration_groups(state: ChainState, top: float) -> list[Group]:
         a = np.asarray(rows.state.rotor_accel_radps2 / most, dtype=float)
         return [a, *(a * part for part in rows.harmonics(1, 1))]
 
-    return [Group("rotor_accel_dps2", np.degrees(accel), spin_up)]
+    return [BasisGroup("rotor_accel_dps2", np.degrees(accel), spin_up)]
 
 
-def _vibration_groups(state: ChainState) -> list[Group]:
+def _vibration_groups(state: ChainState) -> list[BasisGroup]:
     vibration = np.asarray(state.vibration_rms_g, dtype=float)
     if not np.ptp(vibration) > 0:
         return []
@@ -141,12 +141,12 @@ def _vibration_groups(state: ChainState) -> list[Group]:
         return [shaken(rows)[1] * part for part in rows.harmonics(1, 2)]
 
     return [
-        Group("vibration_rms_g", vibration, shaken, slow=True),
-        Group("vibration_rms_g x tf_ref_deg", vibration, in_turn),
+        BasisGroup("vibration_rms_g", vibration, shaken, slow=True),
+        BasisGroup("vibration_rms_g x tf_ref_deg", vibration, in_turn),
     ]
 
 
-def _temperature_groups(state: ChainState) -> list[Group]:
+def _temperature_groups(state: ChainState) -> list[BasisGroup]:
     if not np.ptp(state.temp_c) > BASES.warm_span_c:
         return []
     warm, along = _warmth(state), np.asarray(state.temp_c)
@@ -158,13 +158,13 @@ def _temperature_groups(state: ChainState) -> list[Group]:
         return [warm(rows) ** 2 * part for part in rows.harmonics(1, 2)]
 
     return [
-        Group("temp_c", along, lambda rows: _cubic(warm(rows)), slow=True),
-        Group("temp_c x tf_ref_deg", along, linear),
-        Group("temp_c^2 x tf_ref_deg", along, squared),
+        BasisGroup("temp_c", along, lambda rows: _cubic(warm(rows)), slow=True),
+        BasisGroup("temp_c x tf_ref_deg", along, linear),
+        BasisGroup("temp_c^2 x tf_ref_deg", along, squared),
     ]
 
 
-def _time_groups(state: ChainState) -> list[Group]:
+def _time_groups(state: ChainState) -> list[BasisGroup]:
     start, length = float(state.t_s[0]), max(float(np.ptp(state.t_s)), 1e-9)
     along = np.asarray(state.t_s)
 
@@ -175,7 +175,7 @@ def _time_groups(state: ChainState) -> list[Group]:
     def in_turn(rows: Rows) -> list[Array]:
         return [(2 * (rows.state.t_s - start) / length - 1) * part for part in rows.harmonics(1, 3)]
 
-    return [Group("t_s", along, waves, slow=True), Group("t_s x tf_ref_deg", along, in_turn)]
+    return [BasisGroup("t_s", along, waves, slow=True), BasisGroup("t_s x tf_ref_deg", along, in_turn)]
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate, Unobservable, Variant, shapes_tried, what_lacks
 from highside.diagnosis.core.chunks import chunks_of
 from highside.diagnosis.core.untestable import one_sided
-from highside.diagnosis.rows.bases import Group, Recipe, Rows, rotation_groups, rotation_interactions
+from highside.diagnosis.rows.bases import BasisGroup, Recipe, Rows, rotation_groups, rotation_interactions
 from highside.diagnosis.rows.policy import DESIGN
 from highside.diagnosis.rows.session import FIRST_GYRO, RotationSession
 from highside.physics.effect import Effect, Stage
@@ -68,7 +68,7 @@ def _over_time(effect: Effect) -> bool:
     return effect.line is not None and effect.line.line_over == "time"
 
 
-def _telling(state: ChainState) -> Ints:
+def _probe_rows(state: ChainState) -> Ints:
     """Rows at which every effect shows that shows at all: evenly spread, and where each covariate is extreme."""
     rows = [np.linspace(0, state.n - 1, DESIGN.probe).astype(np.intp)]
     for along in (
@@ -95,7 +95,7 @@ class Design(ABC):
     where: Ints
     base: Ints
     sizes: list[int]
-    groups: list[Group]
+    groups: list[BasisGroup]
 
     def __init__(self, session: RotationSession, free: Sequence[str], lines: Sequence[Line] = ()) -> None:
         self.session, self.free, self.lines = session, tuple(free), tuple(lines)
@@ -149,9 +149,17 @@ class ChainDesign(Design):
     """
 
     def __init__(
-        self, session: RotationSession, model: ForwardModel, free: Sequence[str], lines: Sequence[Line] = ()
+        self,
+        session: RotationSession,
+        model: ForwardModel,
+        free: Sequence[str],
+        lines: Sequence[Line] = (),
+        onset_s: float | None = None,
     ) -> None:
+        """`onset_s` is an instant since the first row that is tried beside the grid of those at which something may
+        begin."""
         super().__init__(session, free, lines)
+        self._onset_s = onset_s
         self.model = model
         self._sources: list[_Source] = []
         self._recipes: list[tuple[int, int, Recipe]] = []
@@ -160,7 +168,7 @@ class ChainDesign(Design):
         self._own = np.zeros(len(session.channels), dtype=np.intp)
         self._slow_functions: dict[tuple[tuple[float, ...], bool, bytes], int] = {}
         """the shared functions of time or temperature, by their shape and their values on the probe"""
-        self._probe_state = session.state.rows(np.concatenate([[0], _telling(session.state)]))
+        self._probe_state = session.state.rows(np.concatenate([[0], _probe_rows(session.state)]))
         self.base = np.array(self._add_base(), dtype=np.intp)
         self._add_effects(lines)
         self._add_interactions()
@@ -268,7 +276,10 @@ class ChainDesign(Design):
     def _shapes(self, effect: Effect) -> list[dict[str, float]]:
         length = float(np.ptp(self.session.state.t_s))
         epochs = np.linspace(DESIGN.step_margin * length, (1 - DESIGN.step_margin) * length, EPOCHS)
-        return shapes_tried(effect, self.session.state, [float(t) for t in epochs])
+        shapes = shapes_tried(effect, self.session.state, [float(t) for t in epochs])
+        if self._onset_s is not None and len(effect.shapes) == 1 and effect.shapes[0].epoch:
+            shapes.append({effect.shapes[0].name: self._onset_s})
+        return shapes
 
     def _vector(self, effect: Effect, shape: dict[str, float]) -> Array:
         vector = np.array(self.model.vector_of(effect.id), dtype=float)

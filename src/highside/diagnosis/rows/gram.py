@@ -10,7 +10,7 @@ passed through the filter of `markov`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar
@@ -23,9 +23,11 @@ from highside.diagnosis.core.chunks import in_order
 from highside.diagnosis.core.markov import LevelNoise
 from highside.diagnosis.core.memory import Memory, memory_of
 from highside.diagnosis.core.policy import REGRESSION
+from highside.diagnosis.core.regression import solved
 from highside.diagnosis.rows.design import Design
 from highside.diagnosis.rows.noise import RotationNoise
 from highside.diagnosis.rows.policy import GRAMS
+from highside.diagnosis.rows.session import RotationSession
 
 Ints = NDArray[np.intp]
 
@@ -39,6 +41,11 @@ MEMORIES = (
     *((length, q) for length, own in GRAMS.forgetful for q in own),
 )
 """(length, share) of each memory that is tried; the first is none."""
+
+
+def block_seconds(session: RotationSession) -> float:
+    """Length of the blocks by whose means a noise with memory is observed."""
+    return max(GRAMS.block_s, session.n * session.step_s / GRAMS.max_blocks)
 
 
 @dataclass(frozen=True)
@@ -68,12 +75,19 @@ class Segments:
             | (fold == 0) & (rows < starts[1] - gap)
             | (fold == GRAMS.folds - 1) & (rows >= starts[-2] + gap)
         )
-        length = max(GRAMS.block_s, session.n * session.step_s / GRAMS.max_blocks)
+        length = block_seconds(session)
         # a block that lost all of its rows is none
         block = _numbered((session.places * session.step_s / length).astype(np.intp))
         flip = _numbered((session.places * session.step_s / GRAMS.flip_s).astype(np.intp))
         at = np.bincount(block, weights=session.places + 0.5) / np.bincount(block)
         return cls(fold, session.rate_group, core, block, flip, at)
+
+    @property
+    def of_blocks(self) -> list[Key]:
+        """The part that the middle row of each block is of."""
+        starts = np.searchsorted(self.block, np.arange(int(self.block[-1]) + 2))
+        middle = (starts[:-1] + starts[1:]) // 2
+        return [(int(self.fold[row]), int(self.rate[row]), bool(self.core[row])) for row in middle]
 
 
 @dataclass(frozen=True)
@@ -173,12 +187,7 @@ class RandomWalkGrams:
         used = gram.counts > 0
         counts = gram.counts[used]
         means = gram.sums[:, used] / counts
-        steps = gram.at[used]
-        lengths, shares = np.array(MEMORIES).T
-        typical = float(np.median(counts))
-        forgets = np.isfinite(lengths)
-        shares = np.where(forgets, shares / typical, shares)
-        noise = LevelNoise.of(1 / counts, steps - steps[0], shares, np.where(forgets, lengths * typical, np.inf))
+        noise = _level_noise(counts, gram.at[used], MEMORIES)
         within = gram.total - (means * counts) @ means.T
         between = noise.white(means)
         return cls(within + between @ between.transpose(0, 2, 1), noise.log_determinant, float(counts.sum()))
@@ -257,18 +266,6 @@ class RandomWalkChannel:
         logdet = self._logdet + size
         shape = (-1,) + (1,) * (energy.ndim - 1)
         return np.asarray(freedom * np.log(energy / freedom) + logdet.reshape(shape))
-
-
-def solved(inner: Array, right: Array) -> Array:
-    """Least-squares solution of a singular normal equation, columns scaled to one size."""
-    if not inner.size:
-        return right
-    scale = np.sqrt(np.maximum(np.diag(inner), 1e-300))
-    values, vectors = np.linalg.eigh(inner / scale[:, None] / scale[None, :])
-    good = values > 1e-9 * max(float(values[-1]), 1e-300)
-    part = vectors[:, good]
-    scaled = (right.T / scale).T
-    return np.asarray(((part / values[good]) @ (part.T @ scaled)).T / scale).T
 
 
 class Space:
@@ -368,11 +365,62 @@ class HeldOutRows:
     def energies(self, numbers: Ints, folds: Sequence[Fold]) -> Array:
         """(folds,) squared prediction error of what is scored, with columns (K,) fitted beside the base."""
         every = np.concatenate([self.base, numbers])
-        left_out, scored = ([fold[i] for fold in folds] for i in (0, 1))
-        total = self.inner(every, [self.keys, *left_out, *scored])
+        held_out, scored = ([fold[i] for fold in folds] for i in (0, 1))
+        total = self.inner(every, [self.keys, *held_out, *scored])
         rest, test = total[0] - total[1 : len(folds) + 1], total[len(folds) + 1 :]
         result = []
         for trained, tested in zip(rest, test, strict=True):
             solution = np.append(-solved(trained[:-1, :-1], trained[:-1, -1]), 1.0)
             result.append(float(solution @ tested @ solution))
         return np.array(result)
+
+
+def inner_by_parts(
+    design: Design,
+    grams: Sequence[Gram],
+    segments: Segments,
+    numbers: Ints,
+    part_of: Callable[[Key], int],
+    noise: RotationNoise,
+) -> Array:
+    """(P, P, K + 1, K + 1) inner products of columns (K,) and, last, the residual: (i, j) of their rows in part i with
+    those in part j. Parts are made of those of the grams; only under a noise with memory do rows of different ones
+    depend on one another. There a block, whose mean is whitened once more, belongs to the part of its middle row.
+    """
+    count = max(part_of(key) for gram in grams for key in gram.parts) + 1
+    result = np.zeros((count, count, numbers.size + 1, numbers.size + 1))
+    for c, gram in enumerate(grams):
+        functions = np.where(numbers >= 0, design.where[numbers, c], -1)
+        shown = np.append(np.flatnonzero(functions >= 0), numbers.size)
+        picked = np.append(functions[functions >= 0], -1)
+        own = np.zeros((count, count, picked.size, picked.size))
+        for key, inner in gram.parts.items():
+            own[part_of(key), part_of(key)] += inner[np.ix_(picked, picked)]
+        memory = noise.memories[c] if c < len(noise.memories) else None
+        if memory is not None and memory.upper > 0.0:
+            own += _remembered(gram, picked, memory, np.array([part_of(key) for key in segments.of_blocks]), count)
+        result[:, :, shown[:, None], shown] += own
+    return result
+
+
+def _remembered(gram: Gram, picked: Ints, memory: Memory, part: Ints, count: int) -> Array:
+    """(P, P, k, k) what a memory changes of the inner products of functions (k,) between `part` (blocks,)."""
+    used = gram.counts > 0
+    counts, part = gram.counts[used], part[used]
+    means = gram.sums[np.ix_(picked, np.flatnonzero(used))] / counts
+    own = np.stack([means * (part == k) for k in range(count)])
+    white = _level_noise(counts, gram.at[used], [(memory.length, memory.upper)]).white(own.reshape(-1, counts.size))[0]
+    white = white.reshape(own.shape)
+    change = np.einsum("ikb,jlb->ijkl", white, white)
+    for k in range(count):
+        change[k, k] -= (own[k] * counts) @ own[k].T
+    return np.asarray(change)
+
+
+def _level_noise(counts: Array, steps: Array, memories: Sequence[tuple[float, float]]) -> LevelNoise:
+    """The noise of the means of blocks (B,) of so many rows, under each (length, share) of `MEMORIES`."""
+    lengths, shares = np.array(memories).T
+    typical = float(np.median(counts))
+    forgets = np.isfinite(lengths)
+    shares = np.where(forgets, shares / typical, shares)
+    return LevelNoise.of(1 / counts, steps - steps[0], shares, np.where(forgets, lengths * typical, np.inf))

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from highside.diagnosis.core.policy import INTERVALS
-from highside.diagnosis.core.result import Claim, Diagnosis, FittedParameter, Location
+from highside.diagnosis.core.result import Claim, DiagnosisResult, FittedParameter, Location
 from highside.diagnosis.rows.noise import RotationNoise
 from highside.diagnosis.rows.policy import JITTER
 from highside.physics.effects.sampling_jitter import EFFECT
@@ -21,7 +21,7 @@ from highside.physics.effects.sampling_jitter import EFFECT
 CLAIMING = ("nothing_left_out", "named", "named_plus")
 
 
-def with_jitter(diagnosis: Diagnosis, noise: RotationNoise, channels: Sequence[str]) -> Diagnosis:
+def with_jitter(diagnosis: DiagnosisResult, noise: RotationNoise, channels: Sequence[str]) -> DiagnosisResult:
     """The diagnosis with sampling jitter among its claims, or in what remains where no names are given."""
     gain, size, error = noise.jitter.T
     found = np.flatnonzero(gain > 0)

@@ -150,7 +150,7 @@ def estimate(design: Design, residual: Array, seed: int, *, coloured: bool = Tru
             made[c].append(functions)
 
     def of(c: int) -> _Found:
-        counts = None if session.left_out is None else [np.where(session.left_out[p], 0.0, 1.0) for p in parts]
+        counts = None if session.omitted is None else [np.where(session.omitted[p], 0.0, 1.0) for p in parts]
         before = [residual[c, max(0, p.start - 2 * ROW_NOISE.max_order) : p.stop] for p in parts]
         size = float(np.sqrt(np.mean(session.readings[c] ** 2)))
         if float(residual[c].std()) < ROW_NOISE.rounding * size:
@@ -167,8 +167,8 @@ def estimate(design: Design, residual: Array, seed: int, *, coloured: bool = Tru
         level = max(level, ROW_NOISE.least)
         weight = shape[0] / level
         weight[wild] = 0.0
-        if session.left_out is not None:
-            weight[_spread(np.flatnonzero(session.left_out), polynomial.size - 1, session.n)] = 0.0
+        if session.omitted is not None:
+            weight[_spread(np.flatnonzero(session.omitted), polynomial.size - 1, session.n)] = 0.0
         weight[: polynomial.size - 1] = 0.0
         scatter = (jitter[0], jitter[1] * level, jitter[2] * level)
         return _Found(polynomial, weight, level, by_vibration, scatter, wild.size, float(rows - rank))
@@ -315,13 +315,13 @@ def _scatter(
     if channel >= 3:
         whole[JITTER] = np.zeros(session.n)
     rows = np.concatenate(left)
-    take = np.concatenate([np.arange(p.start, p.stop) for p in parts])
+    rows_used = np.concatenate([np.arange(p.start, p.stop) for p in parts])
     lead = polynomial.size - 1
     keep = np.ones(rows.size, dtype=bool)
     keep[:lead] = False
     scale = float(np.median(np.abs(rows[keep])) / INTERVALS.mad)
     wild = keep & (np.abs(rows) > ROW_NOISE.impulse * scale)
-    modelled = {k: v[take] for k, v in whole.items() if np.ptp(v) > 0}
+    modelled = {k: v[rows_used] for k, v in whole.items() if np.ptp(v) > 0}
     square = np.minimum(rows**2, (ROW_NOISE.impulse * scale) ** 2) / scale**2
     chosen: dict[int, float] = {}
     level, cost = float(square[keep].mean()), 0.0
@@ -345,12 +345,12 @@ def _scatter(
         level, chosen = float(weights[0]), dict(zip(names, weights[1:].tolist(), strict=True))
         cost -= gain
     size = level + sum((w * whole[k] for k, w in chosen.items()), np.zeros(session.n))
-    size /= float(np.mean(size[take]))
+    size /= float(np.mean(size[rows_used]))
     if wild.mean() > ROW_NOISE.max_impulses:
         wild[:] = False
-    size *= _slowly(session, take, square / size[take], keep & ~wild)
+    size *= _slowly(session, rows_used, square / size[rows_used], keep & ~wild)
     root = 1 / np.sqrt(size)
-    strays = take[wild & (np.abs(rows) * root[take] > ROW_NOISE.impulse * scale)]
+    strays = rows_used[wild & (np.abs(rows) * root[rows_used] > ROW_NOISE.impulse * scale)]
     spread = _spread(strays, lead, session.n)
     jitter = (0.0, 0.0, 0.0)
     if chosen.get(JITTER, 0.0) > 0:
@@ -358,7 +358,7 @@ def _scatter(
         # relative to the level of all innovations, which `scale` and the mean size make up
         mean = scale * float(np.sqrt(np.mean(square[keep])))
         jitter = (evidence[JITTER], time / mean, time / mean / np.sqrt(max(2 * evidence[JITTER], 1.0)))
-    part_roots = np.split(root[take] * keep, np.cumsum([p.stop - p.start for p in parts])[:-1])
+    part_roots = np.split(root[rows_used] * keep, np.cumsum([p.stop - p.start for p in parts])[:-1])
     return (root, part_roots), evidence[SHAKEN], jitter, spread
 
 
@@ -395,9 +395,9 @@ def _variance_fit(square: Array, regressors: list[Array]) -> Array:
     return np.asarray(np.maximum(weights / unit, [ROW_NOISE.least_level, *[0.0] * len(regressors)]))
 
 
-def _slowly(session: RotationSession, take: NDArray[np.intp], square: Array, keep: NDArray[np.bool_]) -> Array:
+def _slowly(session: RotationSession, rows_used: NDArray[np.intp], square: Array, keep: NDArray[np.bool_]) -> Array:
     """(N,) slow change of the variance, shrunk to 1 as far as chance explains it."""
-    if take.size < session.n:
+    if rows_used.size < session.n:
         return np.ones(session.n)
     width = max(1, round(ROW_NOISE.scale_s / session.step_s))
     count = max(1, session.n // width)

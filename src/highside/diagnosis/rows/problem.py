@@ -5,7 +5,7 @@ What a kind of rows adds (how columns are made, what is fitted, what is shown) i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from highside.arrays import Array
+from highside.arrays import AnyArray, Array
 from highside.diagnosis.core.candidate_set import CandidateSet, Term, threshold
 from highside.diagnosis.core.chunks import in_order
+from highside.diagnosis.core.finding_policy import STABILITY
 from highside.diagnosis.core.floor import lattice_step
 from highside.diagnosis.core.held_out import block_gain
 from highside.diagnosis.core.location import Located, Scan, followed, intervals, scan_of
@@ -25,13 +26,24 @@ from highside.diagnosis.core.problem import Problem, SelectionState
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.core.result import Location
 from highside.diagnosis.core.selection import Selector
+from highside.diagnosis.core.stability import Stability, stability_of_inner
 from highside.diagnosis.core.support import Window
-from highside.diagnosis.rows.bases import Group
+from highside.diagnosis.rows.bases import BasisGroup
+from highside.diagnosis.rows.changing import changing_instead
 from highside.diagnosis.rows.design import Design
-from highside.diagnosis.rows.gram import Gram, HeldOutRows, RandomWalkChannel, RandomWalkGrams, Segments, Space
+from highside.diagnosis.rows.gram import (
+    Gram,
+    HeldOutRows,
+    Key,
+    RandomWalkChannel,
+    RandomWalkGrams,
+    Segments,
+    Space,
+    inner_by_parts,
+)
 from highside.diagnosis.rows.noise import RotationNoise, with_random_walk
 from highside.diagnosis.rows.noise import windows as learned_from
-from highside.diagnosis.rows.policy import ROW_PLACES
+from highside.diagnosis.rows.policy import GRAMS, ROW_PLACES
 from highside.diagnosis.rows.session import RotationSession
 
 Ints = NDArray[np.intp]
@@ -161,7 +173,7 @@ class RowsProblem(Problem[RotationNoise]):
             found.append(RandomWalkChannel(self.random_walks[c], np.unique(where[where >= 0])))
         return found
 
-    def block(self, terms: Sequence[Term]) -> NDArray[Any]:
+    def block(self, terms: Sequence[Term]) -> AnyArray:
         numbers = [np.asarray(self.variant(m).columns, dtype=np.intp) for m in terms]
         every = np.concatenate([np.empty(0, dtype=np.intp), *numbers])
         return np.asarray(self.design.where[every[every >= 0]])
@@ -177,6 +189,39 @@ class RowsProblem(Problem[RotationNoise]):
         if sought is None:
             return ()
         return self.placed(sought, coordinates.weights(signal), p, share)
+
+    def stability(self, selection: SelectionState[RotationNoise], term: Term) -> Stability | None:
+        others = [o for o in selection.terms if o != term]
+        parts = [self.design.base, *(self.numbers_of(o) for o in [*others, term])]
+        numbers = np.concatenate(parts).astype(np.intp)
+        inner = {
+            name: inner_by_parts(self.design, self.grams, self.segments, numbers, part_of, selection.noise)
+            for name, part_of in self._splits().items()
+        }
+        found = stability_of_inner(inner, parts[-1].size, selection.noise.freedom)
+        if found is None or not found.stable:
+            return found
+        changed = changing_instead(self, selection, term)
+        return found if changed is None else changed
+
+    def numbers_of(self, term: Term) -> Ints:
+        """Numbers of a term's columns that show."""
+        numbers = np.asarray(self.variant(term).columns, dtype=np.intp)
+        return numbers[numbers >= 0]
+
+    def _splits(self) -> dict[str, Callable[[Key], int]]:
+        """By which parts of the rows sizes are compared."""
+        splits: dict[str, Callable[[Key], int]] = {
+            "the beginning, middle and end of the session": lambda key: key[0] * 3 // GRAMS.folds
+        }
+        known = sorted({key[1] for gram in self.grams for key in gram.parts} - {-1})
+        if len(known) >= STABILITY.levels:
+            rate = np.abs(self.session.state.rotor_rate_radps)
+            mean = {k: float(rate[self.segments.rate == k].mean()) for k in known}
+            middle = float(np.median(list(mean.values())))
+            # what is on no steady rate stands by itself
+            splits["lower rates, higher rates and ramps"] = lambda key: 2 if key[1] < 0 else int(mean[key[1]] > middle)
+        return splits
 
     @property
     def in_steps(self) -> tuple[Array, Array]:
@@ -199,7 +244,7 @@ class RowsProblem(Problem[RotationNoise]):
         names = tuple(self.channels[c] for c in channels)
         if isinstance(chosen, Window):
             return (Location(names, chosen.covariate, chosen.intervals, None, share, p),)
-        assert isinstance(chosen, Group)
+        assert isinstance(chosen, BasisGroup)
         along, energy, power = [], [], np.zeros(len(chosen.harmonics))
         for part in self.parts:
             made = self.design.functions(part)

@@ -30,7 +30,7 @@ class RotationSession:
 
     readings: Array
     state: ChainState
-    left_out: NDArray[np.bool_] | None = None
+    omitted: NDArray[np.bool_] | None = None
     """(n,) rows that say nothing of physics: a reading at its limit"""
 
     @property
@@ -67,11 +67,11 @@ class RotationSession:
         """
         every = -(-self.n // rows)
         first = np.arange(0, self.n - every + 1, every)
-        taken = first + np.random.default_rng(seed).integers(0, every, first.size)
+        picked = first + np.random.default_rng(seed).integers(0, every, first.size)
         return RotationSession(
-            np.ascontiguousarray(self.readings[:, taken]),
-            replace(self.state.rows(taken), row_seconds=self.step_s * every),
-            None if self.left_out is None else self.left_out[taken],
+            np.ascontiguousarray(self.readings[:, picked]),
+            replace(self.state.rows(picked), row_seconds=self.step_s * every),
+            None if self.omitted is None else self.omitted[picked],
         )
 
     @cached_property
@@ -101,7 +101,7 @@ def rotation_session(
     gravity_mps2: float,
     latitude_rad: float = 0.0,
     azimuth_rad: float = 0.0,
-    left_out: NDArray[np.bool_] | None = None,
+    omitted: NDArray[np.bool_] | None = None,
 ) -> RotationSession:
     """The rows of a recording. `columns` (N,) as in the Recording format, `accel_g`, `gyro_radps` (3, N), tool frame.
 
@@ -124,4 +124,4 @@ def rotation_session(
         azimuth_rad=azimuth_rad,
     )
     readings = accel_g if gyro_radps is None else np.concatenate([accel_g, gyro_radps])
-    return RotationSession(np.ascontiguousarray(readings, dtype=float), state, left_out)
+    return RotationSession(np.ascontiguousarray(readings, dtype=float), state, omitted)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate, Unobservable, Variant
-from highside.diagnosis.rows.bases import Group
+from highside.diagnosis.rows.bases import BasisGroup
 from highside.diagnosis.rows.design import Design
 from highside.diagnosis.simulation.policy import SIMULATION_COLUMNS
 from highside.diagnosis.simulation.session import SimulationSession
@@ -195,8 +195,8 @@ def covariates_of(session: SimulationSession) -> dict[str, Array]:
     return {name: along for name, along, _, _ in _covariates(session)}
 
 
-def _groups(session: SimulationSession) -> list[Group]:
-    return [Group(name, along, lambda _: [], (), slow) for name, along, _, slow in _covariates(session)]
+def _groups(session: SimulationSession) -> list[BasisGroup]:
+    return [BasisGroup(name, along, lambda _: [], (), slow) for name, along, _, slow in _covariates(session)]
 
 
 def _functions(session: SimulationSession) -> list[list[Array]]:

@@ -33,7 +33,7 @@ def check_prediction(session: SimulationSession) -> tuple[Finding, ...]:
     a = session.alignment
     if a.same_clock:
         session = session.about({OFFSET: (a.lag_s,), SKEW: (a.rate,)})
-    kept = slice(None) if session.left_out is None else ~session.left_out
+    kept = slice(None) if session.omitted is None else ~session.omitted
     measured, predicted = session.readings[:, kept], session.predicted[:, kept]
     dead = [n for n, m, p in zip(session.names, measured, predicted, strict=True) if _constant(m) and not _constant(p)]
     if dead:

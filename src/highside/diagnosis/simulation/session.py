@@ -117,7 +117,7 @@ class SimulationSession(RotationSession):
             predicted=predicted,
             rates=rates,
             speed=own.get(SPEED, self.speed),
-            left_out=lost if lost.any() else None,
+            omitted=lost if lost.any() else None,
             later_s=later,
         )
 
@@ -220,10 +220,10 @@ def simulation_session(
     state = ChainState.build(
         nothing, nothing, t_s=grid, temp_c=temp, row_seconds=1 / grid_hz, vibration_rms_g=_activity(model, rates)
     )
-    left_out = lost if lost.any() else None
+    omitted = lost if lost.any() else None
     speed = covariates.get(SPEED)
     return SimulationSession(
-        measured, state, left_out, names, model, model, rates, speed, found, band_hz, prediction, always_lost=left_out
+        measured, state, omitted, names, model, model, rates, speed, found, band_hz, prediction, always_lost=omitted
     )
 
 

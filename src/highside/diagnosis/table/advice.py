@@ -12,7 +12,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.candidates import columns_of
-from highside.diagnosis.table.chain import CELLS, Draws, Linear, Sessions, draw, errors_in_common, tell
+from highside.diagnosis.table.chain import CELLS, Draws, Linear, Sessions, draw, errors_in_common, predict_cells
 from highside.diagnosis.table.fit import PEAK, ErrorTable, Fitted
 from highside.diagnosis.table.policy import STATION_ADVICE, TABLE_FITS
 from highside.physics.effects import all_effects
@@ -90,10 +90,10 @@ def _predicted(
         columns.append(every[which] * option.typical[:, None, None])
     stacked = np.concatenate(columns) if columns else np.empty((0, 3, state.n))
     linear = Linear.about(sessions, model, stacked)
-    said = tell(linear, fitted.values, fitted.noise_g, draws)
+    predicted = predict_cells(linear, fitted.values, fitted.noise_g, draws)
     mask = table.mask
     cov = fitted.covariance(table)[np.ix_(mask, mask)]
     inner = fitted.jacobian[:-1, mask] @ np.linalg.solve(cov, fitted.jacobian[:-1, mask].T)
     open_values = np.linalg.inv(inner + np.diag(table.precision(len(inner))))
-    slope = said.slope[:-1]
-    return said.cells, np.einsum("prc,pq,qrd->rcd", slope, open_values, slope)
+    slope = predicted.slope[:-1]
+    return predicted.cells, np.einsum("prc,pq,qrd->rcd", slope, open_values, slope)

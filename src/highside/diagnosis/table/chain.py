@@ -213,7 +213,9 @@ class PredictedCells:
     slope: Array
 
 
-def tell(linear: Linear, values: Array, noise_g: float, draws: Draws, *, slopes: bool = True) -> PredictedCells:
+def predict_cells(
+    linear: Linear, values: Array, noise_g: float, draws: Draws, *, slopes: bool = True
+) -> PredictedCells:
     """Mean and peak-to-peak of I and T over each revolution, in every draw."""
     sessions = linear.sessions
     field = linear.field(values)

@@ -20,7 +20,7 @@ from highside.diagnosis.core.policy import INTERVALS, PLACES
 from highside.diagnosis.core.probability import chi2_beyond
 from highside.diagnosis.core.result import (
     Claim,
-    Diagnosis,
+    DiagnosisResult,
     Fit,
     FittedParameter,
     Location,
@@ -29,7 +29,7 @@ from highside.diagnosis.core.result import (
     Verdict,
 )
 from highside.diagnosis.table.advice import next_station
-from highside.diagnosis.table.chain import CELLS, Linear, Procedure, tell
+from highside.diagnosis.table.chain import CELLS, Linear, Procedure, predict_cells
 from highside.diagnosis.table.explained import Explained, TableProblem, explain, prepare
 from highside.diagnosis.table.fit import ErrorTable, Fitted, covariance_of_values, deviance_at, fit_set
 from highside.diagnosis.table.instrument import detectable, instrument
@@ -37,7 +37,7 @@ from highside.diagnosis.table.policy import TABLE_VERDICT
 from highside.diagnosis.table.search import (
     TableRanking,
     alike,
-    left_out_row,
+    held_out_row,
     other_amplitudes,
     ranking,
 )
@@ -73,7 +73,7 @@ class Summarised:
     `before` is the model refitted alone, `named` has what was given a name beside that, `whole` everything that helps.
     """
 
-    diagnosis: Diagnosis
+    diagnosis: DiagnosisResult
     report_data: SummaryReportData
     before: ForwardModel
     named: ForwardModel
@@ -100,19 +100,19 @@ def diagnose_summary(
     `free` are the effects that may be refitted anyway; `noise_g` the standard deviation of one reading, fitted where it
     is None. Raises InputError where the table says too little.
     """
-    tell_progress = progress or (lambda share, words: None)
+    report_progress = progress or (lambda share, words: None)
     problem = prepare(inc_deg, published, procedure, model, tuple(free), noise_g, seed)
-    explained = explain(problem, lambda share, words: tell_progress(TABLE_VERDICT.progress[0] * share, words))
+    explained = explain(problem, lambda share, words: report_progress(TABLE_VERDICT.progress[0] * share, words))
     problem, best, table = explained.problem, explained.best, explained.problem.table
     rankings: dict[int, TableRanking] = {}
     for k in range(len(best.options)):
         if _shows_in_means(table, best, k):
-            tell_progress(
+            report_progress(
                 TABLE_VERDICT.progress[0] + TABLE_VERDICT.progress[1] * k / len(best.options),
                 f"rivals of {best.options[k].effect}",
             )
             rankings[k] = ranking(table, problem.options, problem.base, best, explained.tried, k)
-    tell_progress(sum(TABLE_VERDICT.progress), "inclination stations left out")
+    report_progress(sum(TABLE_VERDICT.progress), "inclination stations left out")
     return _conclude(explained, rankings, version)
 
 
@@ -136,7 +136,7 @@ def _conclude(explained: Explained, rankings: dict[int, TableRanking], version: 
     claims = tuple(_claim(problem, best, k, rankings[k], parameters[k]) for k in believed) if published else ()
     sigma = best.sigma(table)
     report_data = SummaryReportData(np.degrees(table.sessions.inc_rad), table.published, base.cells, best.cells, sigma)
-    diagnosis = Diagnosis(
+    diagnosis = DiagnosisResult(
         verdict=verdict,
         location=location,
         claims=claims,
@@ -237,8 +237,8 @@ def _moves(table: ErrorTable, best: Fitted, index: int) -> Array:
     without = best.values.copy()
     without[best.own(index)] = 0.0
     linear = Linear(table.sessions, table.start, np.concatenate([table.base, *(o.field for o in best.options)]))
-    said = tell(linear, without, best.noise_g, table.draws, slopes=False).cells.mean(axis=0)
-    return np.where(table.mask.reshape(-1, 4), (best.cells - said) / best.sigma(table), 0.0)
+    predicted = predict_cells(linear, without, best.noise_g, table.draws, slopes=False).cells.mean(axis=0)
+    return np.where(table.mask.reshape(-1, 4), (best.cells - predicted) / best.sigma(table), 0.0)
 
 
 def _shows_in_means(table: ErrorTable, best: Fitted, index: int) -> bool:
@@ -316,7 +316,7 @@ def _proof(
 
     def held_out(fitted: Fitted) -> Array:
         return np.array(
-            [np.mean((left_out_row(table, fitted, int(r))[0] / report_data.sigma[r])[cells[r]] ** 2) for r in rows]
+            [np.mean((held_out_row(table, fitted, int(r))[0] / report_data.sigma[r])[cells[r]] ** 2) for r in rows]
         )
 
     before, after = held_out(base), held_out(best) if best.options else held_out(base)

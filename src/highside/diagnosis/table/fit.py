@@ -1,6 +1,6 @@
 """Fitting effects to a published error table: likelihood, fit and score of one set of effects.
 
-Cells are normal about what the simulated chain tells, with the covariance of chance (drawn) and one more scatter
+Cells are normal about what the simulated chain predicts, with the covariance of chance (drawn) and one more scatter
 `tau`, of the direction of gravity from row to row, that stands for whatever the set does not explain: it moves a
 toolface by tau / sin I. `tau` is found by maximum likelihood, so a set is better where it leaves less of it. Sizes
 have heavy-tailed priors about the library's typical ones: forty numbers alone would prefer an absurd size of one
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate, Variant
 from highside.diagnosis.core.policy import REGRESSION
-from highside.diagnosis.table.chain import Draws, Linear, Sessions, draw, errors_in_common, tell, through
+from highside.diagnosis.table.chain import Draws, Linear, Sessions, draw, errors_in_common, predict_cells, through
 from highside.diagnosis.table.policy import TABLE_FITS
 from highside.physics.forward import ForwardModel
 
@@ -184,7 +184,7 @@ def covariance_of_values(table: ErrorTable, fitted: Fitted) -> Array:
 
 def chance_of(table: ErrorTable, linear: Linear, values: Array, noise_g: float) -> Array:
     """Covariance (4 R, 4 R) in deg^2 of what chance does to the cells; that of the prediction's own mean included."""
-    cells = tell(linear, values, noise_g, table.many, slopes=False).cells.reshape(TABLE_FITS.chance_draws, -1)
+    cells = predict_cells(linear, values, noise_g, table.many, slopes=False).cells.reshape(TABLE_FITS.chance_draws, -1)
     cov = np.cov(cells.T) * (1.0 + 1.0 / TABLE_FITS.fit_draws)
     # few draws know correlations only so far
     return np.asarray(cov + np.diag(TABLE_FITS.ridge * np.diag(cov)))
@@ -256,10 +256,12 @@ def _descend(
     sizes = theta.size - 1
 
     def residual(at: Array) -> tuple[float, Array, Array]:
-        said = tell(linear, at[:-1], float(np.exp(at[-1])), table.draws)
-        slope = said.slope.reshape(sizes + 1, -1)[:, mask].copy()
+        predicted = predict_cells(linear, at[:-1], float(np.exp(at[-1])), table.draws)
+        slope = predicted.slope.reshape(sizes + 1, -1)[:, mask].copy()
         slope[-1] *= np.exp(at[-1])
-        left = np.linalg.solve(lower, np.column_stack([published - said.cells.mean(axis=0).reshape(-1)[mask], slope.T]))
+        left = np.linalg.solve(
+            lower, np.column_stack([published - predicted.cells.mean(axis=0).reshape(-1)[mask], slope.T])
+        )
         gram, pull = left[:, 1:].T @ left[:, 1:], left[:, 1:].T @ left[:, 0]
         cost = float(left[:, 0] @ left[:, 0])
         cost += float(np.sum((at[:base] / table.known) ** 2))
@@ -310,7 +312,7 @@ def _most_likely_tau(table: ErrorTable, linear: Linear, theta: Array, chance: Ar
     from scipy.optimize import minimize_scalar
 
     mask = table.mask
-    cells = tell(linear, theta[:-1], float(np.exp(theta[-1])), table.draws, slopes=False).cells.mean(axis=0)
+    cells = predict_cells(linear, theta[:-1], float(np.exp(theta[-1])), table.draws, slopes=False).cells.mean(axis=0)
     left = (table.published - cells).reshape(-1)[mask]
     part = chance[np.ix_(mask, mask)]
     spread = table.spread[mask]
@@ -324,8 +326,8 @@ def _most_likely_tau(table: ErrorTable, linear: Linear, theta: Array, chance: Ar
 
 def _finished(table: ErrorTable, linear: Linear, options: tuple[Option, ...], theta: Array, chance: Array) -> Fitted:
     tau, deviance = _most_likely_tau(table, linear, theta, chance)
-    said = tell(linear, theta[:-1], float(np.exp(theta[-1])), table.draws)
-    slope = said.slope.reshape(theta.size, -1).copy()
+    predicted = predict_cells(linear, theta[:-1], float(np.exp(theta[-1])), table.draws)
+    slope = predicted.slope.reshape(theta.size, -1).copy()
     slope[-1] *= np.exp(theta[-1])
     extra = theta[len(table.base) : -1]
     price = extra.size * np.log(table.mask.sum()) + sum(2 * np.log(option.tries) for option in options)
@@ -338,7 +340,7 @@ def _finished(table: ErrorTable, linear: Linear, options: tuple[Option, ...], th
         tau,
         deviance,
         float(score),
-        said.cells.mean(axis=0),
+        predicted.cells.mean(axis=0),
         chance,
         slope,
     )

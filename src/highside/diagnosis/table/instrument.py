@@ -9,7 +9,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.result import Detectable
-from highside.diagnosis.table.chain import Linear, Procedure, Sessions, draw, tell
+from highside.diagnosis.table.chain import Linear, Procedure, Sessions, draw, predict_cells
 from highside.diagnosis.table.fit import ErrorTable, Fitted, Option
 from highside.diagnosis.table.policy import INSTRUMENT
 from highside.physics.effects import all_effects
@@ -28,7 +28,7 @@ def detectable(table: ErrorTable, options: Sequence[Option], best: Fitted) -> di
         fields = [table.base, *(o.field for o in best.options), option.field]
         linear = Linear(table.sessions, table.start, np.concatenate(fields))
         values = np.concatenate([best.values, np.full(len(option.amplitudes), INSTRUMENT.probe)])
-        slope = tell(linear, values, best.noise_g, table.draws).slope.reshape(values.size + 1, -1)[:, mask]
+        slope = predict_cells(linear, values, best.noise_g, table.draws).slope.reshape(values.size + 1, -1)[:, mask]
         inner = slope @ np.linalg.solve(cov, slope.T) + np.diag(table.precision(len(slope)))
         inverse = np.linalg.inv(inner)
         own = slice(best.values.size, values.size)
@@ -80,7 +80,7 @@ def predict_table(
     sessions = Sessions.of(np.radians(inc_deg), procedure)
     draws = draw(sessions, instrument, count, seed, noise_g)
     linear = Linear.about(sessions, instrument, np.empty((0, 3, sessions.state.n)))
-    said = tell(linear, np.empty(0), noise_g, draws)
-    mean, std = said.cells.mean(axis=0), said.cells.std(axis=0, ddof=1)
+    predicted = predict_cells(linear, np.empty(0), noise_g, draws)
+    mean, std = predicted.cells.mean(axis=0), predicted.cells.std(axis=0, ddof=1)
     mean[sessions.degenerate()] = np.nan
-    return Predicted(mean, np.hypot(std, said.slope[-1] * noise_g * noise_log_std))
+    return Predicted(mean, np.hypot(std, predicted.slope[-1] * noise_g * noise_log_std))

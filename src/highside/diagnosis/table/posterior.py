@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.table.chain import Linear, errors_in_common, tell
+from highside.diagnosis.table.chain import Linear, errors_in_common, predict_cells
 from highside.diagnosis.table.explained import Explained, Progress
 from highside.diagnosis.table.fit import ErrorTable, Fitted, Option, chance_of, fit_set
 from highside.diagnosis.table.instrument import instrument
@@ -141,8 +141,10 @@ class _Evidence:
 
     def left(self, at: Array) -> Array:
         """(n,) what the cells that count are off by, at values and logarithm of the noise."""
-        said = tell(self.linear, at[:-1], self.noise_g(at), self.table.draws, slopes=False).cells.mean(axis=0)
-        return np.asarray((self.table.published - said).reshape(-1)[self.table.mask])
+        predicted = predict_cells(self.linear, at[:-1], self.noise_g(at), self.table.draws, slopes=False).cells.mean(
+            axis=0
+        )
+        return np.asarray((self.table.published - predicted).reshape(-1)[self.table.mask])
 
     def noise_g(self, at: Array) -> float:
         return self.table.noise_g or float(np.exp(at[-1]))
@@ -280,10 +282,10 @@ def _helpful(explained: Explained, parent: Fitted) -> list[Option]:
     )
     sizes = [len(o.amplitudes) for o in options]
     values = np.append(parent.values, np.zeros(sum(sizes)))
-    said = tell(linear, values, parent.noise_g, table.draws)
+    predicted = predict_cells(linear, values, parent.noise_g, table.draws)
     mask = table.mask
-    slope = said.slope.reshape(values.size + 1, -1)[:, mask]
-    left = (table.published - said.cells.mean(axis=0)).reshape(-1)[mask]
+    slope = predicted.slope.reshape(values.size + 1, -1)[:, mask]
+    left = (table.published - predicted.cells.mean(axis=0)).reshape(-1)[mask]
     inverse = np.linalg.inv(parent.covariance(table)[np.ix_(mask, mask)])
     known = np.append(slope[: parent.values.size], slope[-1:] * parent.noise_g, axis=0)
     inner = np.linalg.inv(known @ inverse @ known.T + np.diag(table.precision(len(known))))
@@ -337,9 +339,9 @@ def _by_noise(evidence: _Evidence, mode: _Mode) -> list[_Mode]:
         for _ in range(3):
             precision = table.precision(at.size)[:-1].copy()
             precision[table.known.size :] = 2.0 / (POSTERIOR.size**2 + at[table.known.size : -1] ** 2)
-            said = tell(evidence.linear, at[:-1], evidence.noise_g(at), table.draws)
-            slope = said.slope.reshape(at.size, -1)[:-1, table.mask]
-            left = (table.published - said.cells.mean(axis=0)).reshape(-1)[table.mask]
+            predicted = predict_cells(evidence.linear, at[:-1], evidence.noise_g(at), table.draws)
+            slope = predicted.slope.reshape(at.size, -1)[:-1, table.mask]
+            left = (table.published - predicted.cells.mean(axis=0)).reshape(-1)[table.mask]
             inner = np.linalg.inv(slope @ inverse @ slope.T + np.diag(precision))
             # peak-to-peaks are nonlinear: no long steps
             at[:-1] += np.clip(inner @ (slope @ inverse @ left - precision * at[:-1]), -1.0, 1.0)

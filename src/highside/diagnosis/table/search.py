@@ -218,7 +218,7 @@ def _patterns(count: int) -> list[Array]:
     return [-np.ones(count), *(np.where(np.arange(count) == k, -1.0, 1.0) for k in range(count))]
 
 
-def left_out_row(table: ErrorTable, fitted: Fitted, row: int) -> tuple[Array, Array, Array]:
+def held_out_row(table: ErrorTable, fitted: Fitted, row: int) -> tuple[Array, Array, Array]:
     """Prediction of one row from the others: residual (4,), its covariance (4, 4) in deg, and which cells count."""
     part = fit_set(table.without_row(row), fitted.options, fitted, rounds=1)
     cov = part.covariance(table)
@@ -244,7 +244,7 @@ def unexplained_rows(table: ErrorTable, fitted: Fitted) -> dict[int, float]:
     found: dict[int, float] = {}
     rows = np.flatnonzero(table.use)
     for row in rows:
-        left, cov, mask = left_out_row(table, fitted, int(row))
+        left, cov, mask = held_out_row(table, fitted, int(row))
         if not mask.any():
             continue
         value = float(left[mask] @ np.linalg.solve(cov[np.ix_(mask, mask)], left[mask]))

@@ -40,6 +40,31 @@ class ImportPolicy:
     the ratio"""
     kinematic_turn_rad: float = 0.2
     """rad: least turn of the gravity direction in all for the comparison to count"""
+    step_counts: float = 50.0
+    """counts: readings up to so many are looked at for steps; two data sheets that differ by 0.1 % are 0.05 steps apart
+    there"""
+    step_values: int = 5
+    """different counts that must occur for steps to be seen"""
+    least_stepped: int = 1000
+    """readings for steps to be seen"""
+    step_share: float = 0.8
+    """1: least mean cosine of the phases for steps: of readings without them it is below 0.1 for 1,000 rows"""
+    counts_of_rates_share: float = 0.05
+    """1: how far the counts per deg/s that the turn of gravity says may be from a data sheet's: the nearest two are
+    13 % apart"""
+    rest_rows: int = 50
+    """rows of a rest that are averaged: 0.5 s at 100 rows/s"""
+    least_rests: int = 12
+    """rests for a sphere, which has four unknowns"""
+    rest_share: float = 0.05
+    """1: how far |a| at rest may be from one g with the zero of the converter: a MEMS triad (`gravity_share`)"""
+    rest_spread: float = 0.1
+    """1: least variance of the directions of gravity along any axis, of 0.33 for all round"""
+    zero_share: float = 0.2
+    """1: how far the zero that is found may be from the middle of a converter, in g: offsets of MEMS triads"""
+    kinematic_fast: float = 0.3
+    """1: share of the fastest turn from which on they are compared by themselves where the whole does not go together
+    (two recordings of 22 rests, turned by hand between them: correlation 0.86 of all, 0.93 of these)"""
     celsius: tuple[float, float] = (-60.0, 230.0)
     """deg C: readings of down-hole electronics"""
     kelvin: tuple[float, float] = (240.0, 500.0)
@@ -52,8 +77,26 @@ class ImportPolicy:
     """1: how many times worse the next arrangement of axes must be for one to be inferred"""
     gap_steps: float = 1.5
     """1: a step of more than so many usual ones is a gap (the jitter of USB and radio loggers stays below)"""
+    pause_steps: float = 20.0
+    """1: a step of more than so many usual ones is a pause: who writes rows at rest alone (a session of stops) or was
+    unplugged wrote nothing, and how many rows were lost cannot be said"""
+    uneven_share: float = 0.1
+    """1: share of steps that are gaps beyond which the steps are uneven and nothing is lost: of an MPU-6050 polled by a
+    computer 27 % were (a static recording of 10 min)"""
     catch_up_rows: int = 100
     """rows within which a late row is followed by later times; beyond, the clock began again"""
+    joined_gap_steps: float = 5.0
+    """1: a step of a joined table of more than so many usual ones is not interpolated across"""
+    lag_s: float = 30.0
+    """s: lags that are looked at between clocks that say the same: buffers, time zones are not among them"""
+    lag_steps: float = 2.0
+    """1: usual steps beyond which a measured lag is asked about"""
+    lag_points: int = 1 << 18
+    """points on which two signals are compared: 44 min at 100 rows/s without thinning"""
+    lag_agreement: float = 0.8
+    """1: least correlation for a lag to be believed"""
+    lag_second: float = 0.8
+    """1: share of the highest peak that a second one must stay below: a swing of 3 s seen 10 times gives 0.9"""
     shown_rows: int = 5
     """rows named in a message"""
     judged_rows: int = 200_000

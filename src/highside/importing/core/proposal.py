@@ -12,6 +12,7 @@ from highside.codec.axes import AxisMap
 from highside.errors import InputError
 from highside.importing.core.axes import AxesGuess, axes_by_reference
 from highside.importing.core.columns import MANY, by_range, named_column, row_number, worth_as_time
+from highside.importing.core.headerless import accelerations_among, rates_among, unnamed
 from highside.importing.core.policy import POLICY, ImportPolicy
 from highside.importing.core.source import Numbers, SourceColumn, SourceTable
 from highside.importing.core.timing import TimeReading, read_time
@@ -24,6 +25,8 @@ from highside.recording.table import RECORDING_COLUMNS
 KNOWN = frozenset(RECORDING_COLUMNS)
 ACCELERATIONS = ("ax_g", "ay_g", "az_g")
 RATES = ("gx_dps", "gy_dps", "gz_dps")
+_RAW = ("uncal", "raw")
+"""of a name: the same sensor before the maker's own correction"""
 _TRIADS = ((Quantity.ACCELERATION, ACCELERATIONS), (Quantity.RATE, RATES))
 
 
@@ -55,6 +58,8 @@ class Doubt:
     what: str
     remedy: str
     open: bool
+    option: str = ""
+    """what decides it on the command line, as short as it can be written"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +80,19 @@ class Proposal:
     def guess(self, target: str) -> Guess | None:
         """The guess for a column of ours."""
         return next((guess for guess in self.guesses if guess.target == target), None)
+
+
+def block_is_whole(columns: list[SourceColumn]) -> bool:
+    """Whether all numbers of these columns are whole, as counts of a converter are."""
+    return all(
+        c.numbers is not None and bool((np.isnan(c.numbers) | (c.numbers == np.rint(c.numbers))).all()) for c in columns
+    )
+
+
+def _corrected(judged: list[tuple[UnitGuess, list[SourceColumn]]]) -> list[tuple[UnitGuess, list[SourceColumn]]]:
+    """Of several triads those that are not named as raw ones beside them."""
+    plain = [pair for pair in judged if not any(word in pair[1][0].name.lower() for word in _RAW)]
+    return plain or judged
 
 
 def propose(table: SourceTable, wishes: Wishes, policy: ImportPolicy = POLICY) -> Proposal:
@@ -99,7 +117,8 @@ class _Proposing:
 
     def proposal(self) -> Proposal:
         for column in self.table.columns:
-            self.meanings[column.name] = meaning(column.name, column.unit, KNOWN)
+            said = meaning(column.name, column.unit, KNOWN, reference=self.wishes.reference)
+            self.meanings[column.name] = said
         for target, text in self.wishes.mapping.items():
             if text != NOTHING:
                 self.given[target] = named_column(self.table, target, text)
@@ -116,7 +135,7 @@ class _Proposing:
             self.table,
             tuple(sorted(self.guesses.values(), key=lambda guess: order[guess.target])),
             self.time,
-            self.wishes.rate_hz if self.time is None else None,
+            self._rate() if self.time is None else None,
             axes,
             self.wishes.axes is not None,
             kept,
@@ -141,25 +160,27 @@ class _Proposing:
             return
         found = list(self._times())
         if not found:
-            what = (
-                "no column is a time"
-                if self.table.rate_hz is None
-                else f"no time; it says {self.table.rate_hz:g} rows/s"
-            )
-            rate = "HZ" if self.table.rate_hz is None else f"{self.table.rate_hz:g}"
-            self.doubts.append(Doubt(what, f"--rate {rate}, or --map t_s=COLUMN:ms", True))
+            stated = self.table.rate_hz
+            if stated is None:
+                self.doubts.append(Doubt("no column is a time", "--rate HZ, or --map t_s=COLUMN:ms", True, "--rate HZ"))
+            else:
+                what = f"no column is a time; the file says {stated:g} rows/s"
+                self.doubts.append(Doubt(what, f"--rate {stated:g}, or --map t_s=COLUMN:ms", False))
             return
         found.sort(key=worth_as_time)
         self.time = found[0]
         self.other_times = {reading.column for reading in found[1:]}
         self._time_guess(None)
 
+    def _rate(self) -> float | None:
+        return self.wishes.rate_hz or self.table.rate_hz
+
     def _times(self) -> Iterator[TimeReading]:
         for column in self.table.columns:
-            said = self.meanings[column.name]
-            if not (said.quantity is Quantity.TIME or column.instant or column.name == self.table.hints.get("t_s")):
+            known = self.meanings[column.name]
+            if not (known.quantity is Quantity.TIME or column.instant or column.name == self.table.hints.get("t_s")):
                 continue
-            unit = said.unit if said.unit is not None and said.quantity is Quantity.TIME else None
+            unit = known.unit if known.unit is not None and known.quantity is Quantity.TIME else None
             reading = read_time(column, self.wishes.unit_of(Quantity.TIME) or unit, self.policy)
             if reading is not None and (reading.step_ns > 0 or column.n < 2):
                 yield reading
@@ -196,17 +217,20 @@ class _Proposing:
             self._place(quantity, targets, columns, units)
             return
         found = list(self._candidates(quantity))
+        if not found and unnamed(self.table):
+            found = self._by_values(quantity)
         judged = [(self._judge(quantity, columns), columns) for columns in found]
         fitting = [pair for pair in judged if pair[0].open is None]
         exact = [pair for pair in judged if [c.name for c in pair[1]] == list(targets)]
-        best = exact or (fitting if fitting else judged)
+        best = exact or _corrected(fitting) or _corrected(judged)
         if not best:
-            if quantity is Quantity.ACCELERATION:
+            if quantity is Quantity.ACCELERATION and not self.wishes.reference:
                 names = ", ".join(column.name for column in self.table.columns[:MANY])
                 more = ", ..." if len(self.table.columns) > MANY else ""
                 self.doubts.append(Doubt(
                     f"no three columns are accelerations; it has {names}{more}",
-                    "--map ax_g=COLUMN:UNIT (and ay_g, az_g), or ax_g=none", True))  # fmt: skip
+                    "--map ax_g=COLUMN:UNIT (and ay_g, az_g), or ax_g=none", True,
+                    "--map ax_g=COLUMN:UNIT --map ay_g=COLUMN --map az_g=COLUMN"))  # fmt: skip
             return
         if len(best) > 1:
             names = " or ".join("(" + ", ".join(c.name for c in columns) + ")" for _, columns in best[:3])
@@ -220,23 +244,30 @@ class _Proposing:
             return
         self._place(quantity, targets, best[0][1])
 
+    def _by_values(self, quantity: Quantity) -> list[list[SourceColumn]]:
+        if quantity is Quantity.ACCELERATION:
+            return accelerations_among(self.table, self.policy)
+        gravity = self._vector(ACCELERATIONS)
+        taken = {guess.column for guess in self.guesses.values()}
+        return [] if gravity is None else rates_among(self.table, taken, gravity, self.policy)
+
     def _candidates(self, quantity: Quantity) -> Iterator[list[SourceColumn]]:
         groups: dict[str, dict[int, SourceColumn]] = {}
         double: set[str] = set()
         for column in self.table.columns:
-            said = self.meanings[column.name]
+            known = self.meanings[column.name]
             hinted = next((ours for ours, name in self.table.hints.items() if name == column.name), None)
             wanted = ACCELERATIONS if quantity is Quantity.ACCELERATION else RATES
             if hinted in wanted:
                 groups.setdefault("by the form", {})[wanted.index(hinted)] = column
                 continue
-            bare = quantity is Quantity.ACCELERATION and said.quantity is None and said.group == ""
-            if column.numbers is None or said.axis is None or not (said.quantity is quantity or bare):
+            bare = quantity is Quantity.ACCELERATION and known.quantity is None and known.group == ""
+            if column.numbers is None or known.axis is None or not (known.quantity is quantity or bare):
                 continue
-            members = groups.setdefault(said.group, {})
-            if said.axis in members:
-                double.add(said.group)
-            members[said.axis] = column
+            members = groups.setdefault(known.group, {})
+            if known.axis in members:
+                double.add(known.group)
+            members[known.axis] = column
         for group, members in groups.items():
             if len(members) == 3 and group not in double:
                 yield [members[0], members[1], members[2]]
@@ -269,7 +300,7 @@ class _Proposing:
             named = units[0]
             block = np.vstack([row if unit is named else (row - unit.zero) * unit.factor / named.factor + named.zero
                                for row, unit in zip(block, units, strict=True)])  # fmt: skip
-        whole = bool((np.isnan(block) | (block == np.rint(block))).all())
+        whole = block_is_whole(columns)
         if quantity is Quantity.ACCELERATION:
             return acceleration_unit(block, named, whole, self.policy)
         return rate_unit(block, named, self._vector(ACCELERATIONS), self._seconds(), whole, self.policy)
@@ -279,7 +310,7 @@ class _Proposing:
         if self.time is not None:
             since: Numbers = (self.time.ns - self.time.ns[0]) * 1e-9
             return since
-        rate = self.wishes.rate_hz or self.table.rate_hz
+        rate = self._rate()
         return np.arange(self.table.n) / rate if rate else None
 
     def _place(
@@ -305,11 +336,11 @@ class _Proposing:
             self.guesses[target] = Guess(target, column.name, unit, sure, evidence, open_)
             evidence = ("as its x axis",)
         name, example = columns[0].name, "m/s2" if quantity is Quantity.ACCELERATION else "rad/s"
+        kind = "accel=lsb/16384" if quantity is Quantity.ACCELERATION else "gyro=lsb/131"
         more = "" if quantity is Quantity.ACCELERATION else ", or gx_dps=none (and the others)"
-        remedy = (
-            f"--units {example}, or --map {targets[0]}={name}:UNIT (and the other axes; UNIT may be lsb/16384){more}"
-        )
-        self._doubt(self.guesses[targets[0]], remedy)
+        remedy = f"--units {example} (or {kind}), or --map {targets[0]}={name}:UNIT (and the other axes){more}"
+        option = f"--units {kind}" if block_is_whole(columns) else f"--units {example}"
+        self._doubt(self.guesses[targets[0]], remedy, option)
 
     def _vector(self, targets: tuple[str, str, str]) -> Numbers | None:
         found = [self.guesses.get(target) for target in targets]
@@ -385,9 +416,9 @@ class _Proposing:
         assert column is not None and column.numbers is not None and guess.unit is not None
         return (column.numbers - guess.unit.zero) * guess.unit.factor + guess.unit.offset
 
-    def _doubt(self, guess: Guess, remedy: str) -> None:
+    def _doubt(self, guess: Guess, remedy: str, option: str = "") -> None:
         if guess.sure is Sure.OPEN:
-            self.doubts.append(Doubt(f"{guess.target} from {guess.column}: {guess.open}", remedy, True))
+            self.doubts.append(Doubt(f"{guess.target} from {guess.column}: {guess.open}", remedy, True, option))
         elif guess.sure is Sure.LIKELY:
             unit = guess.unit.name if guess.unit else "no unit"
             self.doubts.append(

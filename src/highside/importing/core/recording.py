@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import re
 from dataclasses import dataclass
 
@@ -19,6 +20,9 @@ from highside.recording.table import Recording
 _UNSAFE = re.compile(r"[^\w./-]+")
 _DEVICE_TIME_NS = 10**17
 """three years: what is longer since its zero is a date, of which seconds from the start go on"""
+
+_EXACT_NS = 1 << 53
+"""104 days: whole numbers below are exact as floats"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +48,7 @@ def recording_of(proposal: Proposal, policy: ImportPolicy = POLICY) -> ImportedR
     start = int(ns[keep[0]])
     begins_at = 0 if proposal.time is None or not (proposal.time.epoch or abs(start) > _DEVICE_TIME_NS) else start
     relative = ns[keep] - begins_at
-    whole, rest = np.divmod(relative, 1_000_000_000)
-    columns: dict[str, Numbers] = {"t_s": _seconds(whole, rest)}
+    columns: dict[str, Numbers] = {"t_s": _seconds(relative)}
     for guess in proposal.guesses:
         column = table.column(guess.column)
         if guess.target == "t_s" or column is None or column.numbers is None:
@@ -56,7 +59,7 @@ def recording_of(proposal: Proposal, policy: ImportPolicy = POLICY) -> ImportedR
             shown = ", ".join(table.place(int(keep[row])) for row in missing[: policy.shown_rows])
             more = ", ..." if missing.size > policy.shown_rows else ""
             findings.append(f"{missing.size} rows without {guess.target}: {shown}{more}")
-    _turn(columns, AxisMap.parse(proposal.axes.axes, allow_mirror=True))
+    turn(columns, AxisMap.parse(proposal.axes.axes, allow_mirror=True))
     texts: dict[str, tuple[str, ...]] = {}
     for name in proposal.kept:
         column = table.column(name)
@@ -94,8 +97,12 @@ def _part(proposal: Proposal, parts: tuple[tuple[int, int], ...], ns: NDArray[np
     return np.asarray(begin + np.argsort(ns[begin:end], kind="stable"), dtype=np.intp)
 
 
-def _seconds(whole: NDArray[np.int64], rest: NDArray[np.int64]) -> Numbers:
-    """The float nearest to the written time: to nine digits, as they are printed."""
+def _seconds(ns: NDArray[np.int64]) -> Numbers:
+    """The float nearest to the written time, to nine digits."""
+    if ns.size == 0 or int(np.abs(ns).max()) < _EXACT_NS:
+        # the division of a whole number that a float holds is rounded once
+        return ns / 1e9
+    whole, rest = np.divmod(ns, 1_000_000_000)
     return np.array(
         [float(f"{a}.{b:09d}") if a >= 0 else a + b * 1e-9 for a, b in zip(whole.tolist(), rest.tolist(), strict=True)]
     )
@@ -113,7 +120,8 @@ def _converted(numbers: Numbers, unit: object) -> Numbers:
     return np.where(np.isinf(values), np.nan, values)
 
 
-def _turn(columns: dict[str, Numbers], axes: AxisMap) -> None:
+def turn(columns: dict[str, Numbers], axes: AxisMap) -> None:
+    """Exchange and turn the axes of accelerations and rates in place."""
     if axes.identity:
         return
     for names in (ACCELERATIONS, RATES):
@@ -132,7 +140,8 @@ def _same(columns: tuple[SourceColumn, ...]) -> NDArray[np.bool_]:
             a, b = column.numbers[1:], column.numbers[:-1]
             same &= (a == b) | (np.isnan(a) & np.isnan(b))
         elif column.texts is not None:
-            same &= np.array([a == b for a, b in zip(column.texts[1:], column.texts[:-1], strict=True)], dtype=bool)
+            pairs = map(operator.eq, column.texts[1:], column.texts[:-1])
+            same &= np.fromiter(pairs, dtype=bool, count=same.size)
     return same
 
 

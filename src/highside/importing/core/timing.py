@@ -97,8 +97,8 @@ def _by_values(column: SourceColumn, policy: ImportPolicy) -> TimeReading | None
         unit = unit_named(epoch, Quantity.TIME)
         assert unit is not None
         ns, notes = _unwrapped(column, unit)
-        said = (f"{column_first(column)} in {epoch} is {_date(int(ns[0]))}",)
-        return TimeReading(column.name, epoch, ns, said, named=False, epoch=True, notes=notes)
+        why = (f"{column_first(column)} in {epoch} is {_date(int(ns[0]))}",)
+        return TimeReading(column.name, epoch, ns, why, named=False, epoch=True, notes=notes)
     fits: list[TimeReading] = []
     for name in _RELATIVE:
         unit = unit_named(name, Quantity.TIME)
@@ -210,10 +210,20 @@ def rows_of(ns: Nanoseconds, same: NDArray[np.bool_], place: object, policy: Imp
     positive = steps[steps > 0]
     if positive.size and len(parts) == 1:
         usual = float(np.median(positive))
-        gaps = np.flatnonzero(steps > policy.gap_steps * usual)
-        if gaps.size:
+        wide = steps > policy.gap_steps * usual
+        pauses = np.flatnonzero(steps > policy.pause_steps * usual)
+        gaps = np.flatnonzero(wide & (steps <= policy.pause_steps * usual))
+        if gaps.size > policy.uneven_share * steps.size:
+            low, high = np.quantile(positive, (0.05, 0.95)) / 1e6
+            lines.append(
+                f"its steps of time are uneven: {low:.4g} to {high:.4g} ms for 9 of 10 rows; none is called lost"
+            )
+        elif gaps.size:
             lost = int(np.rint(steps[gaps] / usual - 1).sum())
             say(f"gaps of the time ({lost} rows of {usual / 1e6:.6g} ms lost), before", keep[gaps + 1])
+        if pauses.size:
+            low, high = float(steps[pauses].min()) / 1e9, float(steps[pauses].max()) / 1e9
+            say(f"pauses of {low:.4g} to {high:.4g} s in which no row was written, before", keep[pauses + 1])
     return RowFindings(keep, tuple(lines), parts)
 
 

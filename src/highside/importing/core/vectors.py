@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from highside.importing.core.converters import RATE_COUNTS, sphere_of, steps_of_rates
 from highside.importing.core.policy import POLICY, ImportPolicy
 from highside.importing.core.units import STANDARD_GRAVITY, Quantity, Unit, unit_named
 
@@ -57,6 +58,14 @@ def acceleration_unit(block: Block, named: Unit | None, whole: bool, policy: Imp
         return UnitGuess(_unit(fits[0]), (f"no unit named; {shown}: one g in {fits[0]}",), likely=True)
     if fits:
         return UnitGuess(_unit(fits[0]), (f"no unit named; {shown}",), f"its unit may be {' or '.join(fits)}")
+    sphere = sphere_of(block, policy) if whole else None
+    if sphere is not None:
+        at = f"@{sphere.zero:g}" if sphere.zero else ""
+        unit = Unit(f"lsb/{sphere.counts:.6g}{at}", Quantity.ACCELERATION, 1.0 / sphere.counts, zero=sphere.zero)
+        said = f"counts; at {sphere.rests} rests all round |a| is {sphere.counts:.5g} from {sphere.zero:g}"
+        return UnitGuess(unit, (said, f"to {100 * sphere.rms_share:.1g} %"), likely=True)
+    if whole:
+        return UnitGuess(None, (f"no unit named; {shown}",), f"{shown} is one g in counts of no usual converter")
     return UnitGuess(None, (f"no unit named; {shown}",), f"{shown} is one g in no known unit")
 
 
@@ -84,6 +93,7 @@ def rate_unit(
     largest = float(np.abs(finite).max()) if finite.size else float("nan")
     evidence = [f"largest {largest:.4g}"]
     turn = None if gravity is None or t_s is None else turn_ratio(block, gravity, t_s, policy)
+    steps = None if whole else steps_of_rates(block, policy)
     if named is not None:
         dps = largest * abs(named.factor)
         evidence = [f"named {named.name}", f"largest {dps:.4g} deg/s"]
@@ -94,20 +104,47 @@ def rate_unit(
             evidence.append(f"gravity turns {ratio:.3g} times as fast as they say")
             if abs(ratio - 1.0) > policy.kinematic_share:
                 problem = f"named {named.name}, but gravity turns {ratio:.3g} times as fast"
+        elif steps is not None and named.name in ("deg/s", "rad/s") and steps.unit != named.name:
+            problem = f"named {named.name}, but in steps of {steps.counts:g} counts per deg/s if they are {steps.unit}"
         return UnitGuess(named, tuple(evidence), problem)
+    if turn is not None and whole:
+        return _of_counts(turn, evidence, policy)
     if turn is not None:
         # mdeg/s is believed only where it is named: times in ms that pass for s make deg/s look like it
         for name in ("deg/s", "rad/s"):
             unit = unit_named(name, Quantity.RATE)
             assert unit is not None
             if abs(np.degrees(turn) / unit.factor - 1.0) <= policy.kinematic_share:
+                if steps is not None and steps.unit != name:
+                    what = (
+                        f"gravity turns as they say in {name}, but their steps are those of a converter in {steps.unit}"
+                    )
+                    return UnitGuess(None, tuple(evidence), what)
                 return UnitGuess(unit, (f"no unit named; gravity turns as they say in {name}",), likely=True)
         return UnitGuess(None, tuple(evidence), "gravity does not turn as they say in any known unit")
     if whole and largest > 1.0:
         return UnitGuess(None, tuple(evidence), "its unit is not named, and whole numbers may be counts")
+    if steps is not None:
+        said = f"no unit named; in steps of {steps.counts:g} counts per deg/s if they are {steps.unit}"
+        return UnitGuess(unit_named(steps.unit, Quantity.RATE), (said,), likely=True)
     if largest > policy.rate_rad_s and largest <= policy.rate_dps:
         return UnitGuess(unit_named("deg/s", Quantity.RATE), (f"no unit named; {evidence[0]}: no rad/s",), likely=True)
     return UnitGuess(None, tuple(evidence), "its unit is not named, and nothing moves enough to show it")
+
+
+def _of_counts(turn: float, evidence: list[str], policy: ImportPolicy) -> UnitGuess:
+    """Counts whose turn is `turn` rad/s each: of a known converter, or of none."""
+    counts = 1.0 / np.degrees(turn)
+    known = [value for value in RATE_COUNTS if abs(counts / value - 1.0) <= policy.counts_of_rates_share]
+    said = f"no unit named; gravity turns as they say with {counts:.4g} counts per deg/s"
+    if len(known) == 1:
+        unit = Unit(f"lsb/{known[0]:g}", Quantity.RATE, 1.0 / known[0])
+        return UnitGuess(unit, (said,), likely=True)
+    if abs(np.degrees(turn) - 1.0) <= policy.kinematic_share:
+        return UnitGuess(unit_named("deg/s", Quantity.RATE), (said,), likely=True)
+    return UnitGuess(
+        None, (*evidence, said), f"its unit is not named, and {counts:.4g} counts per deg/s are no usual ones"
+    )
 
 
 def turn_ratio(rates: Block, gravity: Block, t_s: Block, policy: ImportPolicy = POLICY) -> float | None:
@@ -138,9 +175,14 @@ def turn_ratio(rates: Block, gravity: Block, t_s: Block, policy: ImportPolicy = 
     predicted = -np.cross(0.5 * (w[:, 1:] + w[:, :-1]), 0.5 * (u[:, 1:] + u[:, :-1]), axis=0) * dt
     if float(rest[usable].sum()) < policy.kinematic_turn_rad:
         return None
-    a, b = predicted[:, usable].ravel(), turn[:, usable].ravel()
-    power = float(a @ a)
-    if power == 0.0:
-        return None
-    correlation = float(a @ b) / float(np.sqrt(power * (b @ b)))
-    return float(a @ b) / power if abs(correlation) >= policy.kinematic_correlation else None
+    for share in (0.0, policy.kinematic_fast):
+        # at rest noise alone turns; where it moves fast there is least of it
+        size = np.linalg.norm(predicted, axis=0)
+        fast = usable & (size >= share * (float(size[usable].max()) if usable.any() else 0.0))
+        a, b = predicted[:, fast].ravel(), turn[:, fast].ravel()
+        power = float(a @ a)
+        if power == 0.0 or (share and int(fast.sum()) < _LEAST_ROWS):
+            return None
+        if abs(float(a @ b)) >= policy.kinematic_correlation * float(np.sqrt(power * (b @ b))):
+            return float(a @ b) / power
+    return None

@@ -4,12 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 from highside.errors import InputError
-from highside.importing.core.units import Quantity, Unit, unit_named
+from highside.importing.core.units import Quantity, Unit, unit_named, unit_wanted
 
 NOTHING = "none"
 """written for a column that is to be left out"""
+
+
+_OF = {
+    "accel": Quantity.ACCELERATION,
+    "gyro": Quantity.RATE,
+    "time": Quantity.TIME,
+    "angle": Quantity.ANGLE,
+    "temp": Quantity.TEMPERATURE,
+}
+"""written before a unit that does not say what it is of: `accel=lsb/16384`"""
+
+
+class Taken(StrEnum):
+    """How a value between two rows is taken."""
+
+    INTERPOLATED = "interpolated"
+    NEAREST = "nearest"
+    LAST = "last"
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,10 +41,18 @@ class Wishes:
     rate_hz: float | None = None
     table: str | None = None
     part: int | None = None
+    reference: bool = False
+    """whether it is joined to a recording: it need hold no accelerations, and its angles are the reference"""
 
     def unit_of(self, quantity: Quantity) -> Unit | None:
         """The unit that was given for a quantity."""
-        return next((unit for text in self.units if (unit := unit_named(text, quantity)) is not None), None)
+        for text in self.units:
+            name, mark, unit = text.partition("=")
+            if mark and _OF.get(name.strip().lower()) is quantity:
+                return unit_wanted(unit, quantity)
+            if not mark and (found := unit_named(text, quantity)) is not None:
+                return found
+        return None
 
     def check(self, known: Sequence[str]) -> None:
         """Raises InputError for a column of ours that does not exist, or a unit that is none."""
@@ -34,8 +61,13 @@ class Wishes:
                 near = ", ".join(known[:10])
                 raise InputError(f"{name!r} is no column of a recording", field="--map", remedy=f"columns: {near}, ...")
         for text in self.units:
-            if unit_named(text) is None:
-                raise InputError(f"{text!r} is no unit", field="--units", remedy="write e.g. m/s2,rad/s,C,ms")
+            name, mark, unit = text.partition("=")
+            quantity = _OF.get(name.strip().lower())
+            if mark and quantity is not None:
+                unit_wanted(unit, quantity)
+            elif mark or unit_named(text) is None:
+                remedy = "write e.g. m/s2,rad/s,C,ms, or accel=lsb/16384,gyro=lsb/131"
+                raise InputError(f"{text!r} is no unit", field="--units", remedy=remedy)
         if self.rate_hz is not None and not 0 < self.rate_hz < 1e9:
             raise InputError(f"{self.rate_hz:g} is no rate", field="--rate", remedy="give rows a second, e.g. 100")
 

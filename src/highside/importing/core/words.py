@@ -42,8 +42,11 @@ class Meaning:
     target: str | None = None
 
 
-def meaning(name: str, own_unit: str | None, known: frozenset[str]) -> Meaning:
-    """Read a name; `own_unit` is what the file says of the unit elsewhere, `known` the names of our own columns."""
+def meaning(name: str, own_unit: str | None, known: frozenset[str], *, reference: bool = False) -> Meaning:
+    """Read a name; `own_unit` is what the file says of the unit elsewhere, `known` the names of our own columns.
+
+    `reference`: the file is the reference itself, so that an inclination in it is one.
+    """
     if name in known:
         return _own(name, own_unit)
     brackets = _IN_BRACKETS.findall(name)
@@ -61,7 +64,7 @@ def meaning(name: str, own_unit: str | None, known: frozenset[str]) -> Meaning:
     elif unit is None and bare and bare.lower() in ("millis", "micros", "seconds", "milliseconds", "microseconds"):
         unit = unit_named(bare)
     axis, words = _axis(words, index)
-    quantity, target = _quantity(words, axis)
+    quantity, target = _quantity(words, axis, reference)
     if quantity is None and axis is None and unit is not None:
         # words that are not known, of a unit that but one of our columns has
         target = {Quantity.TIME: "t_s", Quantity.TEMPERATURE: "temp_c"}.get(unit.quantity)
@@ -103,7 +106,7 @@ def _axis(words: list[str], index: int | None) -> tuple[int | None, list[str]]:
     return index, words
 
 
-def _quantity(words: list[str], axis: int | None) -> tuple[Quantity | None, str | None]:
+def _quantity(words: list[str], axis: int | None, reference: bool) -> tuple[Quantity | None, str | None]:
     """What the words speak of, and which column of ours that is where there is but one of it."""
     spoken = set(words)
     if axis is not None:
@@ -114,7 +117,7 @@ def _quantity(words: list[str], axis: int | None) -> tuple[Quantity | None, str 
         return (Quantity.ACCELERATION, None) if spoken & _ACCEL else (None, None)
     if spoken & _TEMPERATURE and not spoken & _TIME:
         return Quantity.TEMPERATURE, "temp_c"
-    reference = bool(spoken & _REFERENCE)
+    reference = reference or bool(spoken & _REFERENCE)
     if reference and spoken & {"inc", "inclination", "incl"}:
         return Quantity.ANGLE, "inc_ref_deg"
     if reference and spoken & {"tf", "toolface", "gtf"}:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from highside.errors import InputError
 from highside.importing.core.source import SourceColumn, SourceTable
 from highside.importing.core.units import unit_named
 from highside.reading import csv_rows, decode_foreign
+from highside.reading.large import LARGE_BYTES, columns_at_once
 from highside.reading.table import MAX_COLUMNS, MAX_HEADER_CHARACTERS
 
 _LOOKED_AT = 200
@@ -29,8 +30,14 @@ _COMMA = re.compile(r"[+-]?(?:\d+,?\d*|,\d+)(?:[eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?\d{1,3},\d{3}")
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:[.,' ]\d{3})+[.,]\d+|[+-]?\d{1,3}(?:[.,' ]\d{3}){2,}")
 _MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "nat", "#n/a", "<na>"})
+_MISSING_CASES = tuple(
+    sorted({form for word in _MISSING for form in (word, word.upper(), word.title())} | {"NaN", "NaT"})
+)
+_BLANKS = re.compile(rb"[ \t]+")
+_EDGES = re.compile(rb"(?m)^[ \t]+|[ \t]+$")
 _WHOLE = re.compile(r"[+-]?\d{1,18}")
 _RATE = re.compile(r"^\W*(?:fs|rate|sample\s*rate|sampling\s*(?:rate|frequency))\b[^0-9]*([0-9.]+)", re.IGNORECASE)
+_CANDUMP = re.compile(rb"\(\d+\.\d+\) \S+ [0-9A-Fa-f]{3,8}#")
 _SHOWN = 40
 
 
@@ -49,34 +56,95 @@ class _Dialect:
 def read_delimited(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
     """The one table of a text. Raises InputError that names the line of what is wrong."""
     text, encoding = decode_foreign(data, where=where)
-    lines = text.split("\n")
-    ended = not lines[-1].strip()
-    while lines and not lines[-1].strip():
-        lines.pop()
-    if not lines:
+    # blank lines at the end are none, cells at the end of the last row are
+    end = text.find("\n", len(text.rstrip()))
+    ended = end >= 0
+    text = text[:end] if ended else text
+    if not text.strip():
         raise InputError("is empty", where=where)
     remarks: list[str] = []
-    said = re.fullmatch(r"sep=(.)", lines[0].strip())
-    forced = said[1] if said else None
+    head = text.split("\n", _LOOKED_AT)
+    lines = head[:_LOOKED_AT]
+    declared = re.fullmatch(r"sep=(.)", lines[0].strip())
+    forced = declared[1] if declared else None
     if forced:
         lines[0] = ""
     dialect = _dialect(lines, forced, where)
     names, units = _header(lines, dialect, where)
+    rate = next((float(found[1]) for line in lines[: dialect.first] if (found := _RATE.match(line))), None)
+    at_once = _columns_at_once(text, lines, names, dialect) if len(text) > LARGE_BYTES and ended else None
+    if at_once is None:
+        lines += head[_LOOKED_AT].split("\n") if len(head) > _LOOKED_AT else []
+        comma, columns = _columns_by_cell(lines, names, dialect, ended, where, remarks)
+    else:
+        comma, columns = at_once
+    if not ended and not remarks:
+        remarks.append("the last line has no end: its last number may be cut short")
+    separator = _NAMES.get(dialect.delimiter, repr(dialect.delimiter))
+    form = f"text, {separator}, {'decimal comma, ' if comma else ''}{encoding}"
+    columns = tuple(replace(column, unit=units.get(column.name)) for column in columns)
+    return (SourceTable(columns, form, where, stem, dialect.first + 1, rate, tuple(remarks)),)
+
+
+def is_candump(data: bytes) -> bool:
+    """Whether it is what `candump -L` writes: frames of a CAN bus, of which a DBC file says what they hold."""
+    return _CANDUMP.match(data) is not None
+
+
+def refuse_candump(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
+    """Raises InputError that names the command for it."""
+    remedy = f"highside decode {where} --codec dbc --config CODEC.toml -o REC.csv.gz"
+    raise InputError("holds frames of a CAN bus, which need a DBC file to be read", where=where, remedy=remedy)
+
+
+def _columns_by_cell(
+    lines: Sequence[str], names: tuple[str, ...], dialect: _Dialect, ended: bool, where: str, remarks: list[str]
+) -> tuple[bool, tuple[SourceColumn, ...]]:
+    """Whether numbers have a decimal comma, and the columns; each cell is looked at, and a wrong one is named."""
     rows = _rows(lines, dialect, where, ended, remarks)
     if not rows:
         raise InputError("has a header but no rows", where=where)
-    if not ended and not remarks:
-        remarks.append("the last line has no end: its last number may be cut short")
     cells = list(zip(*rows, strict=True))
-    comma = _decimal_comma(cells, dialect, where, remarks)
-    rate = next((float(found[1]) for line in lines[: dialect.first] if (found := _RATE.match(line))), None)
-    columns = tuple(
-        _column(name, column, units.get(name), comma, dialect.first + 1, where)
-        for name, column in zip(names, cells, strict=True)
+    comma = _decimal_comma(cells, dialect, where)
+    return comma, tuple(
+        _column(name, column, comma, dialect.first + 1, where) for name, column in zip(names, cells, strict=True)
     )
-    separator = _NAMES.get(dialect.delimiter, repr(dialect.delimiter))
-    form = f"text, {separator}, {'decimal comma, ' if comma else ''}{encoding}"
-    return (SourceTable(columns, form, where, stem, dialect.first + 1, rate, tuple(remarks)),)
+
+
+def _columns_at_once(
+    text: str, lines: Sequence[str], names: tuple[str, ...], dialect: _Dialect
+) -> tuple[bool, tuple[SourceColumn, ...]] | None:
+    """The same by pyarrow for a large text; None where the first lines leave anything open, or it reads otherwise."""
+    delimiter = dialect.delimiter
+    begin = sum(len(line.encode()) + 1 for line in text.split("\n", dialect.first)[: dialect.first])
+    body = text.encode()
+    if delimiter == " ":
+        body, begin = _BLANKS.sub(b" ", _EDGES.sub(b"", body[begin:])), 0
+    try:
+        rows = _rows(lines, dialect, "", True, [])
+        shown = [[cell.strip() for cell in column] for column in zip(*rows, strict=True)]
+        comma = bool(rows) and _decimal_comma(shown, dialect, "")
+    except InputError:
+        return None
+    if not rows:
+        return None
+    words = [not _mostly_numbers(cells) and any(cell.lower() not in _MISSING for cell in cells) for cells in shown]
+    found = columns_at_once(
+        body, names, begin=begin, delimiter=delimiter, decimal="," if comma else ".", missing=_MISSING_CASES,
+        texts=[name for name, word in zip(names, words, strict=True) if word],
+    )  # fmt: skip
+    # numbers all along and then a text is a fault that the other reader names; so are commas in texts beside points
+    if found is None or any((column.texts is not None) != word for column, word in zip(found, words, strict=True)):
+        return None
+    return comma, tuple(
+        SourceColumn(
+            column.name,
+            column.numbers,
+            None if column.texts is None else tuple(map(str.strip, column.texts)),
+            column.integers,
+        )
+        for column in found
+    )
 
 
 def _split(line: str, delimiter: str) -> list[str]:
@@ -190,7 +258,7 @@ def _rows(lines: Sequence[str], dialect: _Dialect, where: str, ended: bool, rema
     return rows
 
 
-def _decimal_comma(cells: Sequence[Sequence[str]], dialect: _Dialect, where: str, remarks: list[str]) -> bool:
+def _decimal_comma(cells: Sequence[Sequence[str]], dialect: _Dialect, where: str) -> bool:
     """Whether numbers have a comma for a point. Raises InputError where both are used."""
     if dialect.delimiter == ",":
         quoted = next(
@@ -231,9 +299,7 @@ def _decimal_comma(cells: Sequence[Sequence[str]], dialect: _Dialect, where: str
     return comma
 
 
-def _column(
-    name: str, cells: Sequence[str], unit: str | None, comma: bool, first_line: int, where: str
-) -> SourceColumn:
+def _column(name: str, cells: Sequence[str], comma: bool, first_line: int, where: str) -> SourceColumn:
     pattern = _COMMA if comma else _POINT
     stripped = [cell.strip() for cell in cells]
     # a column of plain numbers at once: one look at all of its cells instead of one at each
@@ -242,7 +308,7 @@ def _column(
         if np.isfinite(at_once).all():
             every = all(map(_WHOLE.fullmatch, stripped))
             exact = np.array(list(map(int, stripped)), dtype=np.int64) if every else None
-            return SourceColumn(name, numbers=at_once, integers=exact, unit=unit)
+            return SourceColumn(name, numbers=at_once, integers=exact)
     values = np.empty(len(stripped))
     whole = True
     for place, cell in enumerate(stripped):
@@ -259,13 +325,13 @@ def _column(
                     f"{cell[:_SHOWN]!r} is no number", where=f"{where}: line {first_line + place}", field=name,
                     remedy="correct that cell, or leave it empty",
                 )  # fmt: skip
-            return SourceColumn(name, texts=tuple(stripped), unit=unit)
+            return SourceColumn(name, texts=tuple(stripped))
     if np.isinf(values).any():
         line = first_line + int(np.argmax(np.isinf(values)))
         raise InputError(
             "is not a finite number", where=f"{where}: line {line}", field=name, remedy="correct that cell"
         )
     if np.isnan(values).all() and any(stripped):
-        return SourceColumn(name, texts=tuple(stripped), unit=unit)
+        return SourceColumn(name, texts=tuple(stripped))
     integers = np.array([int(cell) for cell in stripped], dtype=np.int64) if whole and stripped else None
-    return SourceColumn(name, numbers=values, integers=integers, unit=unit)
+    return SourceColumn(name, numbers=values, integers=integers)

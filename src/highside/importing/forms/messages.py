@@ -164,8 +164,8 @@ def _store(encoding: str) -> Any:
 
 def _imu_tables(topics: dict[str, list[Any]], others: set[str], form: str, where: str) -> tuple[SourceTable, ...]:
     if not topics:
-        said = ", ".join(sorted(others)[:8]) or "nothing"
-        raise InputError(f"holds no sensor_msgs/Imu; it has {said}", where=where, remedy="export it as CSV")
+        listed = ", ".join(sorted(others)[:8]) or "nothing"
+        raise InputError(f"holds no sensor_msgs/Imu; it has {listed}", where=where, remedy="export it as CSV")
     return tuple(_imu_table(topic, found, form, where) for topic, found in topics.items())
 
 

@@ -14,5 +14,5 @@ def not_installed(package: str, where: str) -> InputError:
 
 def damaged(kind: str, error: Exception, where: str) -> InputError:
     """For whatever a library says of a file that it cannot read."""
-    said = " ".join(str(error).split())[:_SHOWN] or type(error).__name__
-    return InputError(f"is a damaged {kind} file ({said})", where=where, remedy="give the right file")
+    message = " ".join(str(error).split())[:_SHOWN] or type(error).__name__
+    return InputError(f"is a damaged {kind} file ({message})", where=where, remedy="give the right file")

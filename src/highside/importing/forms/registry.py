@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from highside.importing.core.source import SourceTable
-from highside.importing.forms import arrays, columnar, delimited, excel, matlab, messages, vectornav
+from highside.importing.forms import arrays, columnar, dataflash, delimited, excel, matlab, messages, vectornav
 from highside.reading.columnar import ARROW_MAGIC, MCAP_MAGIC, PARQUET_MAGIC
 
 HEAD_BYTES = 512
@@ -17,7 +17,7 @@ Reader = Callable[[bytes, str, str], tuple[SourceTable, ...]]
 
 
 @dataclass(frozen=True, slots=True)
-class Form:
+class FileForm:
     """A form of files: what it is called, how its content is recognised (its name says nothing), its reader."""
 
     name: str
@@ -30,21 +30,24 @@ def _zip_with(member: bytes) -> Callable[[bytes], bool]:
 
 
 FORMS = (
-    Form("Parquet", lambda data: data[:4] == PARQUET_MAGIC, columnar.read_parquet),
-    Form("Arrow", lambda data: data[:6] == ARROW_MAGIC, columnar.read_arrow),
-    Form("MCAP", lambda data: data[:8] == MCAP_MAGIC, columnar.read_mcap),
-    Form("NumPy archive", _zip_with(b".npy"), arrays.read_npz),
-    Form("NumPy array", lambda data: data[:6] == b"\x93NUMPY", arrays.read_npy),
-    Form("Excel", _zip_with(b"xl/workbook"), excel.read_excel),
-    Form("MATLAB 5", lambda data: data[:19] == matlab.MAT5, matlab.read_mat5),
-    Form("HDF5", matlab.is_hdf5, matlab.read_hdf5),
-    Form("PX4 ULog", lambda data: data[:7] == messages.ULOG, messages.read_ulog),
-    Form("ROS 1 bag", lambda data: data[:12] == messages.ROSBAG, messages.read_rosbag),
-    Form("VectorNav ASCII", vectornav.is_vectornav, vectornav.read_vectornav),
-    Form("text", lambda data: True, delimited.read_delimited),
+    FileForm("Parquet", lambda data: data[:4] == PARQUET_MAGIC, columnar.read_parquet),
+    FileForm("Arrow", lambda data: data[:6] == ARROW_MAGIC, columnar.read_arrow),
+    FileForm("MCAP", lambda data: data[:8] == MCAP_MAGIC, columnar.read_mcap),
+    FileForm("NumPy archive", _zip_with(b".npy"), arrays.read_npz),
+    FileForm("NumPy array", lambda data: data[:6] == b"\x93NUMPY", arrays.read_npy),
+    FileForm("Excel", _zip_with(b"xl/workbook"), excel.read_excel),
+    FileForm("MATLAB 5", lambda data: data[:19] == matlab.MAT5, matlab.read_mat5),
+    FileForm("HDF5", matlab.is_hdf5, matlab.read_hdf5),
+    FileForm("PX4 ULog", lambda data: data[:7] == messages.ULOG, messages.read_ulog),
+    FileForm("ROS 1 bag", lambda data: data[:12] == messages.ROSBAG, messages.read_rosbag),
+    FileForm("VectorNav ASCII", vectornav.is_vectornav, vectornav.read_vectornav),
+    FileForm("ArduPilot log", dataflash.is_dataflash, dataflash.read_dataflash),
+    FileForm("ArduPilot log as text", dataflash.is_dataflash_text, dataflash.read_dataflash_text),
+    FileForm("candump", delimited.is_candump, delimited.refuse_candump),
+    FileForm("text", lambda data: True, delimited.read_delimited),
 )
 
 
-def form_of(data: bytes) -> Form:
+def form_of(data: bytes) -> FileForm:
     """The form of this content; text where it is of no other."""
     return next(form for form in FORMS if form.matches(data))

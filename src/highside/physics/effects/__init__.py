@@ -80,7 +80,7 @@ def on_channels() -> list[Effect]:
     return [effect for effect in registry().values() if type(effect).on_channels is not Effect.on_channels]
 
 
-def left_out() -> list[str]:
+def unusable() -> list[str]:
     """Of the effects of installed packages those that cannot be used, and why, one line each."""
     lines = []
     for plugin, own in effects_of_packages():
@@ -108,7 +108,7 @@ def get(effect_id: str) -> Effect:
         )
     near = difflib.get_close_matches(effect_id, effects, n=3, cutoff=0.4)
     remedy = f"did you mean {' or '.join(near)}?" if near else f"known are: {', '.join(effects)}"
-    unfit = [line for line in left_out() if line.startswith(f"the effect '{effect_id}' ")]
+    unfit = [line for line in unusable() if line.startswith(f"the effect '{effect_id}' ")]
     if unfit:
         remedy = unfit[0]
     elif not _folders:

@@ -68,19 +68,19 @@ class BandwidthLag(Effect):
             total -= w * u * (by_inc * state.inc_rate_radps + by_tf * rate)
         return total[None]
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
         # each kind of channel answers slowly for itself; the lag is not linear in its time
-        kinds = seen.kinds()
-        about = seen.about.get(self.id, ())
-        tried = [(tau,) * len(kinds) for tau in LAGS_S if seen.step_s / 3 < tau < 0.2 * seen.n * seen.step_s]
+        kinds = data.kinds()
+        about = data.about.get(self.id, ())
+        tried = [(tau,) * len(kinds) for tau in LAGS_S if data.step_s / 3 < tau < 0.2 * data.n * data.step_s]
         if any(about):
-            tried = [tuple(tau or seen.step_s for tau in about)]
+            tried = [tuple(tau or data.step_s for tau in about)]
         columns = []
         for taus in tried:
-            of_channel = np.zeros(len(seen.names))
+            of_channel = np.zeros(len(data.names))
             for tau, own in zip(taus, kinds.values(), strict=True):
                 of_channel[own] = tau
-            behind = np.stack([lagged(s, seen.step_s, tau) for s, tau in zip(seen.predicted, of_channel, strict=True)])
+            behind = np.stack([lagged(s, data.step_s, tau) for s, tau in zip(data.predicted, of_channel, strict=True)])
             rows = [np.where(np.isin(np.arange(of_channel.size), own)[:, None], behind, 0.0) for own in kinds.values()]
             columns.append(np.stack(rows))
         parameters = tuple(Parameter(f"tau_{kind.replace('/', '_')}", "s", 1e-3, (0.0, 3.0)) for kind in kinds)

@@ -31,8 +31,8 @@ class Bias(AxisEffect):
     def slope(self, state: ChainState, f: AnyArray) -> AnyArray:
         return np.zeros(f.shape)
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
-        return [seen.offsets(*own) for own in seen.of_kind("accel")]
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
+        return [data.offsets(*own) for own in data.of_kind("accel")]
 
 
 EFFECT = Bias()

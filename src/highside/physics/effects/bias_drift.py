@@ -31,12 +31,12 @@ class BiasDrift(AxisEffect):
     def slope(self, state: ChainState, f: AnyArray) -> AnyArray:
         return np.zeros((3, state.n))
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
-        elapsed = seen.t_s - seen.t_s.mean()
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
+        elapsed = data.t_s - data.t_s.mean()
         parameters = tuple(
-            Parameter(f"d_{n}", f"{u}/s", 1e-6, ANY) for n, u in zip(seen.names, seen.units, strict=True)
+            Parameter(f"d_{n}", f"{u}/s", 1e-6, ANY) for n, u in zip(data.names, data.units, strict=True)
         )
-        return [ChannelTerm(parameters, (seen.on([(c, elapsed) for c in range(len(seen.names))]),), (SLOW, 0, 0))]
+        return [ChannelTerm(parameters, (data.on([(c, elapsed) for c in range(len(data.names))]),), (SLOW, 0, 0))]
 
 
 EFFECT = BiasDrift()

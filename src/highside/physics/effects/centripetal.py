@@ -17,18 +17,18 @@ class Centripetal(ChannelEffect):
     splitter = "the same curve at another speed, and the same speed straight on"
     channel_needs = "the speed (speed_mps) or a rate is not recorded, or no channel is an acceleration of a named axis"
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
-        axes = seen.accel_axes()
-        if not axes or not seen.rates or seen.speed is None:
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
+        axes = data.accel_axes()
+        if not axes or not data.rates or data.speed is None:
             return ()
         rows = [
-            (c, size * seen.speed * seen.rates[other], f"k_{seen.names[c]}_{other}")
+            (c, size * data.speed * data.rates[other], f"k_{data.names[c]}_{other}")
             for c, (axis, size) in axes.items()
-            for other in seen.rates
+            for other in data.rates
             if other != axis
         ]
         parameters = tuple(Parameter(name, "1", 0.1, (-1.5, 1.5)) for _, _, name in rows)
-        columns = seen.on([(c, function) for c, function, _ in rows])
+        columns = data.on([(c, function) for c, function, _ in rows])
         return [ChannelTerm(parameters, (columns,), (MOVED, 0, 1))] if rows else []
 
 

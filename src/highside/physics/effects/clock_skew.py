@@ -35,12 +35,12 @@ class ClockSkew(LinearEffect):
     def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         return (state.t_s - state.t_s[:1])[None, None, :]
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
-        (rate,) = seen.about.get(self.id, (0.0,))
-        elapsed = seen.t_s - seen.t_s[:1]
-        (delay_s,) = seen.about.get("time_offset", (0.0,))
-        tangent = -elapsed * seen.slope
-        whole = (seen.at(delay_s + rate * elapsed) - seen.at(delay_s + 0 * elapsed)) / rate if rate else tangent
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
+        (rate,) = data.about.get(self.id, (0.0,))
+        elapsed = data.t_s - data.t_s[:1]
+        (delay_s,) = data.about.get("time_offset", (0.0,))
+        tangent = -elapsed * data.slope
+        whole = (data.at(delay_s + rate * elapsed) - data.at(delay_s + 0 * elapsed)) / rate if rate else tangent
         parameter = Parameter("eps", "1", 1e-4, (-FASTEST, FASTEST))
         return [ChannelTerm((parameter,), (whole[None],), (TIMED, 0, 2), relinearised=True, tangents=tangent[None])]
 

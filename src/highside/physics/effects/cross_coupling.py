@@ -18,9 +18,9 @@ class CrossCoupling(ChannelEffect):
     story = "The channel also answers to what another channel measures."
     splitter = "move one quantity at a time"
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
-        own = [term for other in seen.others() for term in seen.couplings(*other, "1")]
-        kinds = seen.kinds()
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
+        own = [term for other in data.others() for term in data.couplings(*other, "1")]
+        kinds = data.kinds()
         across = [
             (c, d)
             for kind, members in kinds.items()
@@ -33,14 +33,14 @@ class CrossCoupling(ChannelEffect):
             return own
         parameters = tuple(
             Parameter(
-                f"m_{seen.names[c]}_{seen.names[d]}",
-                f"{seen.units[c]}/({seen.units[d]})",
-                0.01 * float(seen.readings[c].std()) / max(float(seen.predicted[d].std()), 1e-12),
+                f"m_{data.names[c]}_{data.names[d]}",
+                f"{data.units[c]}/({data.units[d]})",
+                0.01 * float(data.readings[c].std()) / max(float(data.predicted[d].std()), 1e-12),
                 ANY,
             )
             for c, d in across
         )
-        columns = seen.on([(c, seen.predicted[d]) for c, d in across])
+        columns = data.on([(c, data.predicted[d]) for c, d in across])
         if not own:
             return [ChannelTerm(parameters, (columns,), (ACROSS, len(kinds), 0))]
         # between channels of one kind and between kinds it is one effect

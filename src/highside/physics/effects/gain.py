@@ -16,8 +16,8 @@ class Gain(ChannelEffect):
     story = "The channel's gain is off."
     splitter = "repeat with a larger input"
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
-        return [seen.gains(*own) for own in seen.others()]
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
+        return [data.gains(*own) for own in data.others()]
 
 
 EFFECT = Gain()

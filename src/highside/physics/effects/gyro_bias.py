@@ -29,8 +29,8 @@ class GyroBias(LinearEffect):
     def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         return on_own_axis(np.ones((3, state.n)))
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
-        return [seen.offsets(*own) for own in seen.of_kind("rate")]
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
+        return [data.offsets(*own) for own in data.of_kind("rate")]
 
 
 EFFECT = GyroBias()

@@ -31,8 +31,8 @@ class GyroMisalignment(LinearEffect):
             basis[k, i] = x[j]
         return basis
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
-        return [term for own in seen.of_kind("rate") for term in seen.couplings(*own, "rad")]
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
+        return [term for own in data.of_kind("rate") for term in data.couplings(*own, "rad")]
 
 
 EFFECT = GyroMisalignment()

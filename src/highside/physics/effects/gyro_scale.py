@@ -24,8 +24,8 @@ class GyroScale(LinearEffect):
     def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         return on_own_axis(x)
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
-        return [seen.gains(*own) for own in seen.of_kind("rate")]
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
+        return [data.gains(*own) for own in data.of_kind("rate")]
 
 
 EFFECT = GyroScale()

@@ -44,15 +44,15 @@ class LeverArm(LinearEffect):
         basis[1, 1], basis[1, 0] = square, -angular
         return basis / state.gravity_mps2
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
         # here all three rates may be known, and the point of which the motion is predicted may be anywhere
-        axes = seen.accel_axes()
-        if not axes or not seen.rates:
+        axes = data.accel_axes()
+        if not axes or not data.rates:
             return ()
-        nothing = np.zeros(seen.n)
-        rate = np.stack([seen.rates.get(axis, nothing) for axis in AXES])
-        angular = np.gradient(rate, seen.step_s, axis=1)
-        arms = np.zeros((3, len(seen.names), seen.n))
+        nothing = np.zeros(data.n)
+        rate = np.stack([data.rates.get(axis, nothing) for axis in AXES])
+        angular = np.gradient(rate, data.step_s, axis=1)
+        arms = np.zeros((3, len(data.names), data.n))
         for k in range(3):
             unit = np.zeros((3, 1))
             unit[k] = 1.0

@@ -42,8 +42,8 @@ class Misalignment(LinearEffect):
     def input_jacobian(self, state: ChainState, p: AnyArray, x: AnyArray) -> AnyArray:
         return np.broadcast_to(_matrix(p)[:, :, None], (3, 3, x.shape[1]))
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
-        return [term for own in seen.of_kind("accel") for term in seen.couplings(*own, "rad")]
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
+        return [term for own in data.of_kind("accel") for term in data.couplings(*own, "rad")]
 
 
 def _matrix(p: AnyArray) -> AnyArray:

@@ -17,8 +17,8 @@ class ChannelOffset(ChannelEffect):
     splitter = "repeat with the input at zero"
     constant = True
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
-        return [seen.offsets(*own) for own in seen.others()]
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
+        return [data.offsets(*own) for own in data.others()]
 
 
 EFFECT = ChannelOffset()

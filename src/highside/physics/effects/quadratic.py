@@ -29,13 +29,13 @@ class Quadratic(AxisEffect):
     def slope(self, state: ChainState, f: AnyArray) -> AnyArray:
         return 2 * f
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
         terms = []
-        for place, members in seen.of_kind("accel"):
+        for place, members in data.of_kind("accel"):
             parameters = tuple(
-                Parameter(f"k2_{seen.names[c]}", f"1/({seen.units[c]})", 1e-3, (-0.1, 0.1)) for c in members
+                Parameter(f"k2_{data.names[c]}", f"1/({data.units[c]})", 1e-3, (-0.1, 0.1)) for c in members
             )
-            columns = seen.on([(c, seen.predicted[c] ** 2) for c in members])
+            columns = data.on([(c, data.predicted[c] ** 2) for c in members])
             terms.append(ChannelTerm(parameters, (columns,), (EACH, place, 2)))
         return terms
 

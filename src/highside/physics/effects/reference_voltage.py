@@ -35,11 +35,11 @@ class ReferenceVoltage(LinearEffect):
     def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         return np.stack([x * (state.temp_c - REFERENCE_TEMP_C), x * (state.t_s - state.t_s[:1])])
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
         # of one channel alone it is a scale factor like any other
-        if seen.temp_c is None or len(seen.names) < 2:
+        if data.temp_c is None or len(data.names) < 2:
             return ()
-        columns = np.asarray(seen.predicted * (seen.temp_c - seen.temp_c.mean()))
+        columns = np.asarray(data.predicted * (data.temp_c - data.temp_c.mean()))
         return [ChannelTerm(self.parameters[:1], (columns[None],), (SLOW, 0, 4))]
 
 

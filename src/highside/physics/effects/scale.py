@@ -29,8 +29,8 @@ class Scale(AxisEffect):
     def slope(self, state: ChainState, f: AnyArray) -> AnyArray:
         return np.ones(f.shape)
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
-        return [seen.gains(*own) for own in seen.of_kind("accel")]
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
+        return [data.gains(*own) for own in data.of_kind("accel")]
 
 
 EFFECT = Scale()

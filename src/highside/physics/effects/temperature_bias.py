@@ -32,14 +32,14 @@ class TemperatureBias(AxisEffect):
     def slope(self, state: ChainState, f: AnyArray) -> AnyArray:
         return np.zeros((3, state.n))
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
-        if seen.temp_c is None:
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
+        if data.temp_c is None:
             return ()
-        warm = seen.temp_c - seen.temp_c.mean()
+        warm = data.temp_c - data.temp_c.mean()
         parameters = tuple(
-            Parameter(f"bt_{n}", f"{u}/C", 1e-4, ANY) for n, u in zip(seen.names, seen.units, strict=True)
+            Parameter(f"bt_{n}", f"{u}/C", 1e-4, ANY) for n, u in zip(data.names, data.units, strict=True)
         )
-        return [ChannelTerm(parameters, (seen.on([(c, warm) for c in range(len(seen.names))]),), (SLOW, 0, 1))]
+        return [ChannelTerm(parameters, (data.on([(c, warm) for c in range(len(data.names))]),), (SLOW, 0, 1))]
 
 
 EFFECT = TemperatureBias()

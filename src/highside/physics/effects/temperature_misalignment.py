@@ -45,17 +45,17 @@ class TemperatureMisalignment(LinearEffect):
             basis[k, i] = warm * x[j]
         return basis
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
-        if seen.temp_c is None:
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
+        if data.temp_c is None:
             return ()
-        warm, terms = seen.temp_c - seen.temp_c.mean(), []
-        for place, members in seen.of_kind("accel"):
+        warm, terms = data.temp_c - data.temp_c.mean(), []
+        for place, members in data.of_kind("accel"):
             both = [(c, d) for c in members for d in members if c != d]
             parameters = tuple(
-                Parameter(f"mt_{seen.names[c]}_{seen.names[d]}", "1/C", 1e-5, (-2e-4, 2e-4)) for c, d in both
+                Parameter(f"mt_{data.names[c]}_{data.names[d]}", "1/C", 1e-5, (-2e-4, 2e-4)) for c, d in both
             )
             if both:
-                columns = seen.on([(c, warm * seen.predicted[d]) for c, d in both])
+                columns = data.on([(c, warm * data.predicted[d]) for c, d in both])
                 terms.append(ChannelTerm(parameters, (columns,), (SLOW, place, 3)))
         return terms
 

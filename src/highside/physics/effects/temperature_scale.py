@@ -30,13 +30,13 @@ class TemperatureScale(AxisEffect):
     def slope(self, state: ChainState, f: AnyArray) -> AnyArray:
         return np.broadcast_to(state.temp_c - REFERENCE_TEMP_C, f.shape)
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
-        if seen.temp_c is None:
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
+        if data.temp_c is None:
             return ()
-        warm = seen.temp_c - seen.temp_c.mean()
-        parameters = tuple(Parameter(f"st_{n}", "1/C", 1e-4, (-0.01, 0.01)) for n in seen.names)
+        warm = data.temp_c - data.temp_c.mean()
+        parameters = tuple(Parameter(f"st_{n}", "1/C", 1e-4, (-0.01, 0.01)) for n in data.names)
         return [
-            ChannelTerm(parameters, (seen.on([(c, warm * s) for c, s in enumerate(seen.predicted)]),), (SLOW, 0, 2))
+            ChannelTerm(parameters, (data.on([(c, warm * s) for c, s in enumerate(data.predicted)]),), (SLOW, 0, 2))
         ]
 
 

@@ -35,11 +35,11 @@ class TimeOffset(LinearEffect):
     def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         return np.full((1, 1, state.n), -1.0)
 
-    def on_channels(self, seen: Channels) -> Sequence[ChannelTerm]:
-        (delay_s,) = seen.about.get(self.id, (0.0,))
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
+        (delay_s,) = data.about.get(self.id, (0.0,))
         parameter = Parameter("t0", "s", 1e-3, (-LATEST_S, LATEST_S))
-        tangent = -seen.slope
-        whole = (seen.at(np.full(seen.n, delay_s)) - seen.at(np.zeros(seen.n))) / delay_s if delay_s else tangent
+        tangent = -data.slope
+        whole = (data.at(np.full(data.n, delay_s)) - data.at(np.zeros(data.n))) / delay_s if delay_s else tangent
         # where each file has its own zero of time, the offset is none of the physics
         return [
             ChannelTerm(
@@ -48,7 +48,7 @@ class TimeOffset(LinearEffect):
                 (TIMED, 0, 0),
                 relinearised=True,
                 tangents=tangent[None],
-                adjusted=not seen.same_clock,
+                adjusted=not data.same_clock,
             )
         ]
 

@@ -200,17 +200,17 @@ class Rig:
 
         self._watches = [
             asyncio.create_task(watch_offset(), name="toolface-offset"),
-            asyncio.create_task(self._tell_latest(latest), name="latest"),
+            asyncio.create_task(self._publish_latest(latest), name="latest"),
         ]
 
-    async def _tell_latest(self, tell: Callable[[bytes], None]) -> None:
-        told_s = 0.0
+    async def _publish_latest(self, publish_latest: Callable[[bytes], None]) -> None:
+        published_s = 0.0
         while True:
             await asyncio.sleep(LATEST_INTERVAL_S)
             newest = self.latest
-            if self._in_force().settings.home_assistant is not None and newest.attitude_s > told_s:
-                told_s = newest.attitude_s
-                tell(latest_payload(newest.attitude_t, newest.attitude))
+            if self._in_force().settings.home_assistant is not None and newest.attitude_s > published_s:
+                published_s = newest.attitude_s
+                publish_latest(latest_payload(newest.attitude_t, newest.attitude))
 
     def _figures(self) -> Scrape:
         return Scrape(self._in_force().settings.tool.id, self._health(), self.latest.attitude)

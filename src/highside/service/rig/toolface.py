@@ -8,7 +8,6 @@ Nothing is ever overwritten, so the file is also the log of who changed what.
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import math
 import os
@@ -19,6 +18,7 @@ from typing import Any
 from highside.errors import InputError
 from highside.reading import MALFORMED, instant, parse_json, read_bytes
 from highside.recording.files import flush_directory, make_directory
+from highside.recording.locks import lock
 
 FILE_NAME = "toolface.jsonl"
 
@@ -108,7 +108,7 @@ class ToolfaceLog:
         try:
             make_directory(self.path.parent)
             with self.path.open("a+b") as file:
-                fcntl.flock(file, fcntl.LOCK_EX)
+                lock(file.fileno(), wait=True)
                 history = self.history()
                 before = history[-1] if history else None
                 setting = ToolfaceOffset(
@@ -136,7 +136,7 @@ class ToolfaceLog:
 def _give_to_owner(descriptor: int, directory: Path) -> None:
     """Root writes for the service's own user, who must be able to read and go on writing the file."""
     owner = directory.stat()
-    if os.geteuid() == 0 and os.fstat(descriptor).st_uid != owner.st_uid:
+    if hasattr(os, "geteuid") and os.geteuid() == 0 and os.fstat(descriptor).st_uid != owner.st_uid:
         os.fchown(descriptor, owner.st_uid, owner.st_gid)
 
 

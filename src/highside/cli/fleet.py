@@ -1,0 +1,221 @@
+"""`highside fleet ...`: a job on all recordings of a catalogue, and what the tools of a lot have in common."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from highside.cli.say import echo, echo_json
+
+if TYPE_CHECKING:
+    from highside.fleet.run import Finished
+
+app = typer.Typer(
+    name="fleet", no_args_is_help=True, help="Many recordings: on all processors or a cluster, and what they share."
+)
+
+Catalogue = Annotated[
+    str,
+    typer.Argument(
+        metavar="CATALOGUE",
+        help="CSV or Parquet with a row a recording (uri, tool, lot, model, ...), a folder, or a pattern of names.",
+    ),
+]
+Out = Annotated[Path, typer.Option("--out", help="Folder of the results; what is there is not computed again.")]
+Workers = Annotated[int | None, typer.Option("--workers", min=1, max=1024, help="Processes; one a processor.")]
+Scheduler = Annotated[
+    str | None, typer.Option("--scheduler", help="Address of a dask cluster (tcp://HOST:PORT), in place of processes.")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print as JSON.")]
+
+
+@app.command("diagnose")
+def diagnose_command(
+    catalogue: Catalogue,
+    out: Out,
+    model: Annotated[
+        Path | None, typer.Option("--model", help="Model file (TOML) of recordings that name none of their own.")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the calibration of thresholds.")] = 1,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    as_json: Json = False,
+) -> None:
+    """Diagnose every recording; each row keeps what pooling needs."""
+    text = "" if model is None else _model_text(model)
+    _run("diagnose", catalogue, out, workers, scheduler, as_json, model=text, seed=seed)
+
+
+@app.command("solve")
+def solve_command(
+    catalogue: Catalogue,
+    out: Out,
+    method: Annotated[str, typer.Option("--method", help="As of calibrate solve.")] = "joint",
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    as_json: Json = False,
+) -> None:
+    """Solve every pose table to a calibration record."""
+    _run("solve", catalogue, out, workers, scheduler, as_json, method=method)
+
+
+@app.command("drift")
+def drift_command(
+    catalogue: Catalogue,
+    out: Out,
+    method: Annotated[str, typer.Option("--method", help="As of drift.")] = "kinematic",
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    as_json: Json = False,
+) -> None:
+    """Follow the attitude of every recording by gyros and gravity."""
+    _run("drift", catalogue, out, workers, scheduler, as_json, method=method)
+
+
+@app.command("summary")
+def summary_command(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Results of fleet diagnose.")],
+    by: Annotated[
+        str, typer.Option("--by", help="Column of the catalogue that makes the lots; month: of its column date.")
+    ] = "lot",
+    order: Annotated[
+        str | None, typer.Option("--order", help="Column along which a change is looked for (a serial number, a date).")
+    ] = None,
+    html: Annotated[Path | None, typer.Option("--html", help="Report to write.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Say what physics the tools of a lot share, and which tools stand out."""
+    from highside.fleet.page import page_of, sentence_of
+    from highside.fleet.parts import PartStore
+    from highside.fleet.summary import summarise
+    from highside.recording.files import write_whole
+
+    found = summarise(PartStore.existing(folder), by=by, order=order)
+    if html is not None:
+        write_whole(html, page_of(found, folder.resolve().name).encode())
+    if as_json:
+        echo_json(json.dumps(found.to_dict(), indent=1))
+        return
+    echo(sentence_of(found))
+    for one in found.to_dict()["common"]:
+        echo(
+            f"lot {one['lot']}: {' or '.join(one['class'])}: {one['parameter']} = {one['value']:.3g}"
+            f" +- {one['std']:.2g} {one['unit']} ({one['tools']} tools, q = {one['q']:.1g})"
+        )
+    for outlier in found.to_dict()["outliers"]:
+        echo(f"tool {outlier['tool']} of lot {outlier['lot']} stands out: {' or '.join(outlier['class'])}")
+    for lot in found.to_dict()["not_testable"]:
+        echo(f"lot {lot['lot'] or '-'} is not judged: {lot['why']}")
+
+
+@app.command("records")
+def records_command(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of calibration records (a store).")],
+    limit_deg: Annotated[
+        float, typer.Option("--limit-deg", help="Of the direction of gravity, k = 2: at which a calibration is due.")
+    ] = 0.1,
+    html: Annotated[Path | None, typer.Option("--html", help="Report to write.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Say how fast sensors wander from calibration to calibration, which departed, and when the next is due."""
+    from highside.errors import InputError
+    from highside.fleet.records import page_of_records, read_history, sentence_of_records, to_dict
+    from highside.recording.files import write_whole
+
+    if not 0.0 < limit_deg < 90.0:
+        raise InputError(f"{limit_deg:g} is no limit", field="--limit-deg", remedy="between 0 and 90")
+    if not folder.is_dir():
+        raise InputError("is not a folder", where=str(folder), field="DIR", remedy="name the folder of a store")
+    found, omitted = read_history(folder, limit_deg)
+    if html is not None:
+        write_whole(html, page_of_records(found, omitted, folder.resolve().name).encode())
+    if as_json:
+        echo_json(json.dumps(to_dict(found, omitted), indent=1))
+        return
+    echo(sentence_of_records(found))
+    for tool in to_dict(found, omitted)["tools"]:
+        for one in tool["departures"]:
+            echo(
+                f"tool {tool['tool']}: {one['parameter']} moved by {one['change']:.3g} {one['unit']} until {one['at']}"
+            )
+    for path, why in omitted.items():
+        echo(f"  {path} is left out: {why}", err=True)
+
+
+def _model_text(model: Path) -> str:
+    """The model file's text, checked. Raises InputError."""
+    from highside.config.model import load_model
+    from highside.reading import decode_text, read_bytes
+
+    load_model(model)
+    return decode_text(read_bytes(model), where=str(model), expected="TOML")
+
+
+def _run(
+    job: str,
+    catalogue: str,
+    out: Path,
+    workers: int | None,
+    scheduler: str | None,
+    as_json: bool,
+    *,
+    model: str = "",
+    seed: int = 1,
+    method: str = "",
+) -> None:
+    from highside.fleet.catalogue import catalogue_of
+    from highside.fleet.jobs import Order
+    from highside.fleet.parts import PartStore
+    from highside.fleet.run import run
+
+    entries = catalogue_of(catalogue)
+    store = PartStore(out)
+    with _progress(job) as progress:
+        finished = run(
+            entries,
+            Order(job, model, seed, method),
+            store,
+            workers=workers,
+            scheduler=scheduler,
+            progress=progress,
+        )
+    _show(finished, out, as_json)
+
+
+@contextmanager
+def _progress(job: str) -> Iterator[Callable[[int, int, str], None]]:
+    """Shares done, on the terminal where there is one; the address of the dashboard once."""
+    from highside.cli.diagnose_progress import progress_on_terminal
+
+    said: list[str] = []
+    with progress_on_terminal() as show:
+
+        def told(done: int, total: int, dashboard: str) -> None:
+            if dashboard and not said:
+                echo(f"dashboard: {dashboard}", err=True)
+                said.append(dashboard)
+            show(done / total if total else 0.0, f"{job}: {done} of {total}")
+
+        yield told
+
+
+def _show(finished: Finished, out: Path, as_json: bool) -> None:
+    computed = [one for one in finished.outcomes if one.computed]
+    failed = [one for one in finished.outcomes if one.error]
+    counts = {
+        "recordings": len(finished.outcomes),
+        "computed": len(computed),
+        "there_already": sum(one.key is not None and not one.computed for one in finished.outcomes),
+        "failed": len(failed),
+    }
+    if as_json:
+        echo_json(json.dumps({**counts, "errors": [{"uri": one.uri, "error": one.error} for one in failed]}, indent=1))
+        return
+    echo(f"{out}: {', '.join(f'{count} {name}'.replace('_', ' ') for name, count in counts.items())}")
+    for one in failed:
+        echo(f"  {one.uri}: {one.error}", err=True)

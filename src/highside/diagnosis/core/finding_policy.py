@@ -1,0 +1,82 @@
+"""The numbers that decide whether a finding stands: noise floor, stability over the session, what it rests on.
+
+As in `policy`, each with its unit, what it means, and the reference or the run that set it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class FloorPolicy:
+    """How well readings repeat, and what stands above that."""
+
+    chance: float = 1e-4
+    """Probability of chance below which the floor does not explain what is left. Source: one session in a hundred may
+    raise an alarm (`CandidateSetPolicy.alarm_rate`); a hundredth of that is left for this."""
+    ratio: float = 1.3
+    """Standard deviations left, in those of the floor, from which the difference is reported. Source: as
+    `ProblemPolicy.floor_ratio`."""
+    stretches: int = 4
+    """Stretches of an interval whose means are compared, at least. Source: a definition."""
+    least_differences: int = 6
+    """Differences of means by which a longer stretch is judged, at least. Source: with the four degrees of freedom
+    that they have at `longer`, a standard deviation of twice the shorter ones' passes."""
+    many_differences: int = 30
+    """Differences by which a variance is known well, to a quarter. Source: the chi-square law, sqrt(2 / 30)."""
+    longer: float = 1e-3
+    """Probability of chance below which the variance of a longer stretch stands in place of a shorter one's. Source:
+    ten lengths are tried; one session in a hundred is then given a floor that is too high."""
+    overlap: float = 2 / 3
+    """Degrees of freedom of a successive difference: neighbours share a mean. Source: von Neumann et al., Ann. Math.
+    Statist. 12, 1941, for white noise."""
+    dither: float = 0.5
+    """Standard deviation in steps of a converter above which averaging removes the lattice. Source: Widrow and Kollar,
+    Quantization Noise, 2008: the bias of a mean of Gaussian dither of half a step is below 1 % of the step."""
+    lattice_spread: float = 1.5
+    """Factor within which differences of neighbouring levels are one step. Source: the next multiple is twice."""
+    lattice_off: float = 0.02
+    """Share of a step by which a level may be off its lattice. Source: rounding of six written digits."""
+    least: float = 1e-12
+    """g; no floor is smaller. Source: rounding of doubles."""
+
+
+FLOOR = FloorPolicy()
+
+
+@dataclass(frozen=True)
+class StabilityPolicy:
+    """Whether the size of a claim is a constant."""
+
+    log_p: float = 5.0
+    """-log10 p of the splits together from which a size changes. Source: a hundredth of `FloorPolicy.chance` would be
+    6; of a thousand claims one in a hundred is then doubted by chance."""
+    share: float = 0.01
+    """Share of a claim's own gain that its change must add: less is no matter for its size (a tenth). Source: a factor
+    of 0.9 and 1.1 in halves adds 0.01."""
+    change_log_p: float = 3.5
+    """-log10 p from which one change of the size, a step or a straight line over the session, is believed. Source: one
+    direction shows more than a size for each part does; of three thousand claims one is then doubted by chance."""
+    decimals: int = 4
+    """Decimals, in rad or rad/s, to which settings are alike. Source: 0.006 deg, below what benches repeat to."""
+    levels: int = 4
+    """Settings of a covariate from which its halves are compared. Source: two in each half."""
+
+
+STABILITY = StabilityPolicy()
+
+
+@dataclass(frozen=True)
+class CheckedPolicy:
+    """When a reported size must be wider."""
+
+    covered: float = 0.5
+    """Share of the holds below which nothing left out of those that were still says nothing of the session. Source: a
+    definition, the lesser part."""
+    remainder: float = 1.5
+    """Mean square that is left, in those of the noise, from which intervals are widened by its root. Source: a fit of
+    thirty degrees of freedom exceeds 1.5 by chance in 4 %."""
+
+
+CHECKED = CheckedPolicy()

@@ -1,0 +1,126 @@
+"""What is done with one recording: the row of its result. Each job is a caller of the public API, and nothing else.
+
+A recording that fails is a row with its error. A row has `verdict` (of a diagnosis its own, else "done"), `error` and
+`seconds`, and what belongs to its job.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from highside import __version__
+from highside.api.calibration import calibrate
+from highside.api.diagnosis import diagnose, rows_of
+from highside.api.gyro import drift
+from highside.config.model import Model, parse_model
+from highside.diagnosis.core.effect_scores import EffectScores
+from highside.errors import HighsideError
+from highside.gyro.follow import MethodName, columns_deg
+from highside.reading import parse_toml
+
+__all__ = ["JOBS", "Order", "empty_row", "row_of"]
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is asked of all recordings."""
+
+    job: str
+    model: str = ""
+    """text of the model file"""
+    seed: int = 1
+    method: str = ""
+    """of `solve` and `drift`"""
+    version: str = __version__
+
+    def model_of(self) -> Model:
+        """The model. Raises InputError."""
+        return parse_model(parse_toml(self.model, where="model"), where="model") if self.model else Model()
+
+
+def row_of(order: Order, path: Path) -> dict[str, Any]:
+    """Do the job on one file, which is at hand; an error of the recording is in the row."""
+    begun, used = time.perf_counter(), time.process_time()
+    try:
+        row = JOBS[order.job](order, path)
+    except HighsideError as error:
+        row = {"verdict": "error", "error": str(error).replace(str(path), path.name)}
+    except Exception as error:  # a defect with one recording must not cost the others theirs
+        row = {"verdict": "error", "error": f"internal error: {type(error).__name__}: {error}"}
+    row |= {"seconds": time.perf_counter() - begun, "cpu_s": time.process_time() - used}
+    return empty_row(order.job) | row
+
+
+def _diagnose(order: Order, path: Path) -> dict[str, Any]:
+    rows = rows_of(path)
+    made = diagnose(rows, order.model_of(), seed=order.seed)
+    found = made.to_dict()
+    data = made.report_data
+    scores = getattr(data, "scores", None)
+    return {
+        "verdict": made.verdict,
+        "rows": rows.n,
+        "claims": [claim.effect for claim in made.claims],
+        "diagnosis": json.dumps(found),
+        "noise": json.dumps(found["noise"]),
+        "temp_c": float(np.nanmean(rows.columns["temp_c"])) if "temp_c" in rows.columns else None,
+        **(_score_columns(scores) if scores is not None else {}),
+    }
+
+
+def _score_columns(scores: EffectScores) -> dict[str, Any]:
+    """Score and information as lists: of the information the upper triangle, row by row."""
+    upper = np.triu_indices(len(scores.parameters))
+    return {
+        "entries": list(scores.entries),
+        "entry_of": list(scores.entry_of),
+        "parameters": list(scores.parameters),
+        "units": list(scores.units),
+        "score": scores.score.tolist(),
+        "information": scores.information[upper].tolist(),
+        "freedom": scores.freedom,
+    }
+
+
+def _solve(order: Order, path: Path) -> dict[str, Any]:
+    made = calibrate(path, order.method or "joint")
+    return {"verdict": "done", "rows": len(made.record.content["poses"]), "record": json.dumps(made.record.content)}
+
+
+def _drift(order: Order, path: Path) -> dict[str, Any]:
+    made = drift(path, next((known for known in get_args(MethodName) if known == order.method), "kinematic"))
+    last = {name: float(column[-1]) for name, column in columns_deg(made.result).items()}
+    return {"verdict": "done", "rows": int(made.result.t_s.size), "basis": made.basis, "last": json.dumps(last)}
+
+
+JOBS: Mapping[str, Callable[[Order, Path], dict[str, Any]]] = {"diagnose": _diagnose, "solve": _solve, "drift": _drift}
+
+
+def empty_row(job: str) -> dict[str, Any]:
+    """All columns of a job's row, so that every part has the same."""
+    common: dict[str, Any] = {"job": job, "verdict": "error", "error": "", "rows": 0}
+    own: dict[str, dict[str, Any]] = {
+        "diagnose": {
+            "claims": [],
+            "diagnosis": "",
+            "noise": "",
+            "temp_c": None,
+            "entries": [],
+            "entry_of": [],
+            "parameters": [],
+            "units": [],
+            "score": [],
+            "information": [],
+            "freedom": None,
+        },
+        "solve": {"record": ""},
+        "drift": {"basis": "", "last": ""},
+    }
+    return {**common, **own[job]}

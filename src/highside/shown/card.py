@@ -1,0 +1,31 @@
+"""What a notebook shows of a result: a line, a table, lines below it; templates escape what they are given."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+__all__ = ["card", "templates"]
+
+
+def card(header: Sequence[str], rows: Iterable[Sequence[str]], *below: str, title: str = "") -> str:
+    """An HTML table with a title over it and lines below it, everything escaped."""
+    told = templates().get_template("card.html")
+    return told.render(title=title, header=header, rows=list(rows), below=[line for line in below if line])
+
+
+@cache
+def templates() -> Environment:
+    """The templates of this package, in which everything is escaped and a name that is not there is an error."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    found = Environment(
+        loader=PackageLoader("highside.shown"), autoescape=True, undefined=StrictUndefined, auto_reload=False
+    )
+    # a chart names its parts where they come first
+    found.policies["json.dumps_kwargs"] = {"sort_keys": False}
+    return found

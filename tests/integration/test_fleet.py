@@ -1,0 +1,182 @@
+"""A fleet through its commands, on real processes of dask.distributed: results, repeats, errors, dead workers."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from typer.testing import CliRunner
+
+import highside
+from highside.cli.main import app
+from highside.fleet.catalogue import catalogue_of
+from highside.fleet.jobs import Order
+from highside.fleet.parts import PartStore
+from highside.fleet.run import run
+
+MODEL = "[sensor]\nnoise_g = 5e-5\n"
+TOOLS = 10
+
+
+def recording(folder: Path, name: str, seed: int, effects: dict[str, dict[str, float]]) -> Path:
+    """A short session of poses while the temperature rises."""
+    made = highside.simulate(
+        {
+            "sensor": {"bias_g": [1e-3, -8e-4, 5e-4]},
+            "motion": {
+                "kind": "poses",
+                "inclinations_deg": [3, 45, 88],
+                "toolfaces_deg": list(range(0, 360, 45)),
+                "hold_s": 2,
+                "temperatures_c": [20, 40],
+            },
+            "effects": {"included": ["reading_noise", *effects], "reading_noise": {"density_ug": 50}, **effects},
+        },
+        seed=seed,
+    )
+    path = folder / f"{name}.csv"
+    made.recording.write(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A catalogue of two lots, of which one has a temperature coefficient in common; and two rows that fail."""
+    folder = tmp_path_factory.mktemp("fleet")
+    rows = []
+    for lot, effects in (("warm", {"temperature_bias": {"bt_x": 1e-5}}), ("plain", {})):
+        for i in range(TOOLS):
+            seed = 100 * (lot == "warm") + i
+            rows.append((recording(folder, f"{lot}{i}", seed, effects).name, f"{lot}-{i}", lot, f"2026-{1 + i:02d}-15"))
+    (folder / "damaged.csv").write_text("t_s,ax_g\n0,1\n")
+    rows += [("damaged.csv", "d-1", "plain", ""), ("absent.csv", "d-2", "plain", "")]
+    with (folder / "fleet.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([("uri", "tool", "lot", "date"), *rows])
+    (folder / "model.toml").write_text(MODEL)
+    return folder
+
+
+def highside_command(*arguments: str | Path) -> tuple[int, str, str]:
+    result = CliRunner().invoke(app, [str(a) for a in arguments])
+    return result.exit_code, result.stdout, result.stderr
+
+
+def test_a_fleet_is_diagnosed_once_and_its_lot_is_found(fleet: Path, tmp_path: Path) -> None:
+    out = tmp_path / "results"
+    asked = ("fleet", "diagnose", fleet / "fleet.csv", "--model", fleet / "model.toml", "--out", out, "--workers", "2")
+    status, stdout, stderr = highside_command(*asked, "--json")
+    assert status == 0
+    counts = json.loads(stdout)
+    assert (counts["recordings"], counts["computed"], counts["failed"]) == (2 * TOOLS + 2, 2 * TOOLS + 1, 2)
+    assert {Path(one["uri"]).name for one in counts["errors"]} == {"damaged.csv", "absent.csv"}
+    assert "dashboard: http://127.0.0.1" in stderr
+
+    # the same answer as alone, to the last digit
+    rows = {row["uri"]: row for row in PartStore(out).read_catalogue()}
+    part = _part(out, rows[str(fleet / "warm0.csv")]["key"])
+    alone = highside.diagnose(fleet / "warm0.csv", fleet / "model.toml").to_dict()
+    assert json.loads(part["diagnosis"]) == json.loads(json.dumps(alone))
+
+    # a second run finds all that was done; what could not be had is tried again
+    again = json.loads(highside_command(*asked, "--json")[1])
+    assert (again["computed"], again["there_already"], again["failed"]) == (0, 2 * TOOLS + 1, 1)
+    assert len(list((out / "parts").iterdir())) == 2 * TOOLS + 1
+
+    status, stdout, _ = highside_command("fleet", "summary", out, "--json", "--html", tmp_path / "fleet.html")
+    assert status == 0
+    found = json.loads(stdout)
+    assert {one["lot"] for one in found["common"]} == {"warm"}
+    assert "temperature_bias" in found["common"][0]["class"]
+    assert found["common"][0]["q"] < 0.05
+    assert found["common"][0]["proof"]["gain"] > found["common"][0]["proof"]["std"]
+    page = (tmp_path / "fleet.html").read_text()
+    assert "lot warm" in page and page.count("<svg") == 1
+
+    by_month = json.loads(highside_command("fleet", "summary", out, "--by", "month", "--json")[1])
+    assert not by_month["common"] and all("2 tools" in one["why"] for one in by_month["not_testable"][1:])
+    status, _, stderr = highside_command("fleet", "summary", out, "--by", "colour")
+    assert status != 0
+
+
+def _part(out: Path, key: str) -> dict[str, str]:
+    import pyarrow.parquet as pq
+
+    (row,) = pq.read_table(out / "parts" / f"{key}.parquet").to_pylist()
+    return dict(row)
+
+
+def test_workers_that_are_killed_cost_no_result(fleet: Path, tmp_path: Path) -> None:
+    """SIGKILL of a worker each time two more results are there, five times."""
+    entries = [entry for entry in catalogue_of(str(fleet / "fleet.csv")) if "absent" not in entry.uri]
+    store = PartStore(tmp_path)
+    killed: list[int] = []
+
+    def kill(done: int, total: int, dashboard: str) -> None:
+        if done >= 2 * len(killed) and len(killed) < 5 and (victims := _workers()):
+            os.kill(victims[0].pid, signal.SIGKILL)
+            killed.append(victims[0].pid)
+
+    finished = run(entries, Order("diagnose", MODEL), store, workers=2, progress=kill)
+    assert len(killed) >= 2
+    assert len(finished.outcomes) == len(entries)
+    assert all(one.key is not None for one in finished.outcomes)
+    assert sum(one.verdict == "error" for one in finished.outcomes) == 1
+
+
+def _workers() -> list[psutil.Process]:
+    """The processes of this run's cluster that do work."""
+    children = psutil.Process().children(recursive=True)
+    return [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+
+
+@pytest.mark.parametrize(
+    ("write", "said"),
+    [
+        (lambda p: p.write_text("tool,lot\n1,a\n"), "uri"),
+        (lambda p: p.write_text("uri,tool\na.csv\n"), "line 2"),
+        (lambda p: p.write_text("uri\na.csv\na.csv\n"), "twice"),
+        (lambda p: p.write_text("uri,tool\n,t\n"), "line 2"),
+        (lambda p: p.write_text(""), "empty"),
+        (lambda p: p.mkdir(), "no recording"),
+    ],
+)
+def test_a_catalogue_that_is_not_in_order_is_one_line(
+    write: Callable[[Path], object], said: str, tmp_path: Path
+) -> None:
+    place = tmp_path / "catalogue.csv"
+    write(place)
+    with pytest.raises(highside.errors.InputError, match=said) as error:
+        catalogue_of(str(place))
+    assert "\n" not in str(error.value)
+
+
+def test_a_folder_is_a_catalogue_and_a_store_of_objects_is_a_place(fleet: Path) -> None:
+    fsspec = pytest.importorskip("fsspec")
+    assert {entry.tool for entry in catalogue_of(str(fleet))} >= {"warm0", "plain0"}
+    memory = fsspec.filesystem("memory")
+    memory.pipe("/lot7/t1.csv", (fleet / "warm0.csv").read_bytes())
+    (entry,) = catalogue_of("memory://lot7/*.csv")
+    assert (entry.tool, entry.lot, entry.uri) == ("t1", "lot7", "memory:///lot7/t1.csv")
+
+
+def test_scores_estimate_a_small_effect_without_bias(tmp_path: Path) -> None:
+    """Over 12 sessions the first-order estimates agree with the truth, and scatter by what the information says."""
+    truth, away = 2e-6, []
+    for seed in range(12):
+        path = recording(tmp_path, f"s{seed}", 300 + seed, {"temperature_bias": {"bt_x": truth}})
+        data = highside.diagnose(path, {"sensor": {"noise_g": 5e-5}}).report_data
+        scores = data.scores
+        own = [k for k, e in enumerate(scores.entry_of) if scores.entries[e] == "temperature_bias"]
+        information = scores.information[np.ix_(own, own)]
+        estimate = np.linalg.solve(information, scores.score[own])
+        away.append((estimate - [truth, 0, 0]) / np.sqrt(np.diag(np.linalg.inv(information))))
+    # 36 numbers of unit variance: mean within 3.3 of its standard deviation, variance 0.5 to 1.9 (chi-square, 0.999)
+    assert abs(np.mean(away)) < 3.3 / 6
+    assert 0.5 < np.mean(np.square(away)) < 1.9
