@@ -33,10 +33,11 @@ from highside.diagnosis.rotation.policy import MEANS, PILOT, ROTATION
 from highside.diagnosis.rotation.steps import found_step
 from highside.diagnosis.rotation.support import rotation_cells, windows
 from highside.diagnosis.rows.design import ChainDesign
-from highside.diagnosis.rows.gram import HeldOutRows, accumulate
+from highside.diagnosis.rows.gram import HeldOutRows
+from highside.diagnosis.rows.inner_products import InnerProducts
 from highside.diagnosis.rows.jitter import with_jitter
 from highside.diagnosis.rows.noise import RotationNoise, estimate, plain, rounding
-from highside.diagnosis.rows.problem import RowsProblem, chance_of, coordinates_of
+from highside.diagnosis.rows.problem import RowsProblem, coordinates_of
 from highside.diagnosis.rows.session import FIRST_GYRO, RotationSession
 from highside.physics.effect import Stage
 from highside.physics.forward import ForwardModel
@@ -80,8 +81,6 @@ class RotationProblem(RowsProblem):
         residual = residual + rounding(session.readings, residual, seed)
         design = ChainDesign(session, model, free, found_lines(session, residual), found_step(session, residual))
         noise = estimate(design, residual, seed, coloured=method.colour)
-        grams, segments = accumulate(design, noise, residual)
-        chance, rest = chance_of(design, noise, residual, grams, segments)
         return cls(
             design.candidates,
             design.unobservable,
@@ -91,10 +90,7 @@ class RotationProblem(RowsProblem):
             design,
             residual,
             noise,
-            grams,
-            segments,
-            chance,
-            rest,
+            InnerProducts.of(design, noise, residual),
             subsample,
             frozenset(pilot.names) if pilot is not None and np.any(second_order) else frozenset(),
             model=model,
@@ -125,16 +121,11 @@ class RotationProblem(RowsProblem):
     def relinearised(self, second_order: Array | float, *, learn: bool = True) -> RotationProblem:
         left = self.residual + self.second_order - second_order
         noise = estimate(self.design, left, self.seed, coloured=self.method.colour) if learn else self.noise
-        grams, segments = accumulate(self.design, noise, left)
-        chance, rest = chance_of(self.design, noise, left, grams, segments)
         return replace(
             self,
             residual=left,
             coloured_noise=noise,
-            grams=grams,
-            segments=segments,
-            chance=chance,
-            rest=rest,
+            products=InnerProducts.of(self.design, noise, left),
             second_order=second_order,
             taken_out=frozenset(),
         )
@@ -213,7 +204,7 @@ class RotationProblem(RowsProblem):
         if not terms or not all(effect is not None and effect.line for effect in effects):
             ways.insert(0, 0)
         every = np.concatenate([held.base, numbers])
-        sectors = Sectors.of(self.design, self.noise, self.residual, self.segments, every, ways)
+        sectors = Sectors.of(self.design, self.noise, self.residual, self.products.segments, every, ways)
         means = [mean_errors(held, sectors, n) for n in (none, numbers)]
         by_rate = [held.energies(n, held.by_rate).sum() for n in (none, numbers)] if len(held.by_rate) > 1 else [0, 0]
         low, high = gain_interval(means[0].energy, means[1].energy)
@@ -242,7 +233,7 @@ class RotationProblem(RowsProblem):
 
     def completed(self, diagnosis: DiagnosisResult) -> DiagnosisResult:
         summary = with_manoeuvres(located_by_cause(diagnosis, self.model, self.session.state), self.session.state)
-        summary = with_burst(summary, found_burst(self.rest, self.session.places), self.session, self.channels)
+        summary = with_burst(summary, found_burst(self.products.rest, self.session.places), self.session, self.channels)
         return with_jitter(summary, self.noise, self.channels)
 
     def report_data(self, fit: JointFit | None) -> ReportData:

@@ -24,7 +24,8 @@ from highside.diagnosis.core.policy import RIVALS
 from highside.diagnosis.core.problem import SelectionState
 from highside.diagnosis.core.stability import Change, Stability, best_change, explained_by
 from highside.diagnosis.rows.design import Design
-from highside.diagnosis.rows.gram import Gram, Segments, inner_by_parts
+from highside.diagnosis.rows.gram import inner_by_parts
+from highside.diagnosis.rows.inner_products import InnerProducts
 from highside.diagnosis.rows.noise import RotationNoise, with_random_walk
 
 Ints = NDArray[np.intp]
@@ -36,9 +37,7 @@ class RowsKnown(Protocol):
     @property
     def candidates(self) -> list[Candidate]: ...
     @property
-    def grams(self) -> list[Gram]: ...
-    @property
-    def segments(self) -> Segments: ...
+    def products(self) -> InnerProducts: ...
     @property
     def design(self) -> Design: ...
     @property
@@ -111,7 +110,9 @@ def _blocks(problem: RowsKnown, terms: list[Term]) -> tuple[Array, list[Ints]]:
     parts = [problem.design.base, *(problem.numbers_of(o) for o in terms)]
     numbers = np.concatenate(parts).astype(np.intp)
     white = with_random_walk(problem.noise, [])
-    found = inner_by_parts(problem.design, problem.grams, problem.segments, numbers, lambda key: key[0], white)
+    found = inner_by_parts(
+        problem.design, problem.products.grams, problem.products.segments, numbers, lambda key: key[0], white
+    )
     ends = np.cumsum([0, *(part.size for part in parts)])
     places = [np.arange(a, b) for a, b in pairwise(ends)]
     return np.stack([found[k, k] for k in range(len(found))]), places

@@ -21,7 +21,7 @@ from highside.diagnosis.core.floor import lattice_step
 from highside.diagnosis.core.held_out import block_gain
 from highside.diagnosis.core.location import Located, Scan, followed, intervals, scan_of
 from highside.diagnosis.core.memory import Channel, Memory
-from highside.diagnosis.core.policy import CANDIDATE_SET, CHUNKS, SELECTION
+from highside.diagnosis.core.policy import CANDIDATE_SET, SELECTION
 from highside.diagnosis.core.problem import Problem, SelectionState
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.core.result import Location
@@ -37,12 +37,11 @@ from highside.diagnosis.rows.gram import (
     Key,
     RandomWalkChannel,
     RandomWalkGrams,
-    Segments,
     Space,
     inner_by_parts,
 )
+from highside.diagnosis.rows.inner_products import InnerProducts
 from highside.diagnosis.rows.noise import RotationNoise, with_random_walk
-from highside.diagnosis.rows.noise import windows as learned_from
 from highside.diagnosis.rows.policy import GRAMS, ROW_PLACES
 from highside.diagnosis.rows.session import RotationSession
 
@@ -97,12 +96,12 @@ class RowsProblem(Problem[RotationNoise]):
     residual: Array
     """(C, n) after the base fit"""
     coloured_noise: RotationNoise
-    grams: list[Gram]
-    segments: Segments
-    chance: list[Array]
-    """(flip blocks, m) on each channel: inner products of the functions with what is left of everything, by blocks"""
-    rest: list[tuple[slice, Array]]
-    """what is left of everything, whitened, (C, n) of the rows that the noise was learned from"""
+    products: InnerProducts
+
+    @property
+    def grams(self) -> list[Gram]:
+        """Inner products on each channel."""
+        return self.products.grams
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -155,8 +154,8 @@ class RowsProblem(Problem[RotationNoise]):
     ) -> tuple[float, float]:
         """What race and scan exceed by chance, from flipped blocks."""
         rng = np.random.default_rng(self.seed)
-        signs = rng.choice([-1.0, 1.0], size=(CANDIDATE_SET.flips, self.chance[0].shape[0]))
-        chance = space.moments([signs @ blocks for blocks in self.chance])
+        signs = rng.choice([-1.0, 1.0], size=(CANDIDATE_SET.flips, self.products.chance[0].shape[0]))
+        chance = space.moments([signs @ blocks for blocks in self.products.chance])
         if not self.method.colour:
             # nothing is remembered: chance is what the F test says
             chance = np.zeros_like(chance)
@@ -195,7 +194,7 @@ class RowsProblem(Problem[RotationNoise]):
         parts = [self.design.base, *(self.numbers_of(o) for o in [*others, term])]
         numbers = np.concatenate(parts).astype(np.intp)
         inner = {
-            name: inner_by_parts(self.design, self.grams, self.segments, numbers, part_of, selection.noise)
+            name: inner_by_parts(self.design, self.grams, self.products.segments, numbers, part_of, selection.noise)
             for name, part_of in self._splits().items()
         }
         found = stability_of_inner(inner, parts[-1].size, selection.noise.freedom)
@@ -217,7 +216,7 @@ class RowsProblem(Problem[RotationNoise]):
         known = sorted({key[1] for gram in self.grams for key in gram.parts} - {-1})
         if len(known) >= STABILITY.levels:
             rate = np.abs(self.session.state.rotor_rate_radps)
-            mean = {k: float(rate[self.segments.rate == k].mean()) for k in known}
+            mean = {k: float(rate[self.products.segments.rate == k].mean()) for k in known}
             middle = float(np.median(list(mean.values())))
             # what is on no steady rate stands by itself
             splits["lower rates, higher rates and ramps"] = lambda key: 2 if key[1] < 0 else int(mean[key[1]] > middle)
@@ -276,36 +275,3 @@ class RowsProblem(Problem[RotationNoise]):
             "impulses": noise.impulses,
             "degrees_of_freedom": noise.freedom,
         }
-
-
-def chance_of(
-    design: Design, noise: RotationNoise, residual: Array, grams: Sequence[Gram], segments: Segments
-) -> tuple[list[Array], list[tuple[slice, Array]]]:
-    """(flip blocks, m) on each channel: inner products of functions with the residual of everything, block by block;
-    and that residual itself.
-
-    Of long recordings the windows that the noise was learned from stand for the rest.
-    """
-    session = design.session
-    explained = [Space.of_channel(gram.total) for gram in grams]
-    rest = [(window, np.zeros((len(grams), window.stop - window.start))) for window in learned_from(session.n)]
-    parts = [
-        (slice(start, min(start + CHUNKS.rows, window.stop)), left[:, start - window.start :])
-        for window, left in rest
-        for start in range(window.start, window.stop, CHUNKS.rows)
-    ]
-    used = np.unique(np.concatenate([segments.flip[part] for part, _ in parts]))
-    result = [np.zeros((used.size, m)) for m in design.sizes]
-    for part, kept in parts:
-        led = slice(max(0, part.start - noise.lead), part.stop)
-        starts = np.concatenate([[0], np.flatnonzero(np.diff(segments.flip[part])) + 1])
-        blocks = np.searchsorted(used, segments.flip[part][starts])
-        for c, functions in enumerate(design.functions(led, residual)):
-            white = noise.whiten(c, functions, part)
-            left = white[-1] - explained[c] @ white[:-1]
-            kept[c, : left.size] = left
-            result[c][blocks] += np.add.reduceat(white[:-1] * left, starts, axis=1).T
-    rows = sum(part.stop - part.start for part, _ in parts)
-    # to the size it has in all rows, and with what the projection took given back
-    swell = [session.n / rows / max(1 - m / session.n, ROW_PLACES.least_left) for m in design.sizes]
-    return [r * np.sqrt(s) for r, s in zip(result, swell, strict=True)], rest

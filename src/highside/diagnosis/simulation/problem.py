@@ -23,10 +23,11 @@ from highside.diagnosis.core.regression import outside
 from highside.diagnosis.core.result import DiagnosisResult, Fit, FittedParameter, Location
 from highside.diagnosis.core.rivals import Rivalry
 from highside.diagnosis.core.stability import Stability
-from highside.diagnosis.rows.gram import HeldOutRows, Key, RandomWalkChannel, accumulate
+from highside.diagnosis.rows.gram import HeldOutRows, Key, RandomWalkChannel
+from highside.diagnosis.rows.inner_products import InnerProducts
 from highside.diagnosis.rows.jitter import with_jitter
 from highside.diagnosis.rows.noise import RotationNoise, estimate
-from highside.diagnosis.rows.problem import RowsProblem, RowsSelectionState, chance_of
+from highside.diagnosis.rows.problem import RowsProblem, RowsSelectionState
 from highside.diagnosis.simulation.design import About, SimulationDesign, covariates_of
 from highside.diagnosis.simulation.policy import SIMULATION, SIMULATION_CHOICE
 from highside.diagnosis.simulation.session import OFFSET, SKEW, SimulationSession
@@ -110,8 +111,6 @@ class SimulationProblem(RowsProblem):
             weights = np.linalg.lstsq(rows.T, (residual / sizes * kept).reshape(-1), rcond=1e-9)[0]
             residual = residual - np.tensordot(weights, columns, 1)
         noise = _by_activity(design, estimate(design, residual, seed), residual)
-        grams, segments = accumulate(design, noise, residual)
-        chance, rest = chance_of(design, noise, residual, grams, segments)
         return cls(
             design.candidates,
             design.unobservable,
@@ -121,10 +120,7 @@ class SimulationProblem(RowsProblem):
             design,
             residual,
             noise,
-            grams,
-            segments,
-            chance,
-            rest,
+            InnerProducts.of(design, noise, residual),
         )
 
     @cached_property
@@ -238,8 +234,8 @@ class SimulationProblem(RowsProblem):
         inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T / np.outer(size, size)
         solution = inverse @ moment
         # blocks of rows that depart together count as one: the sandwich of their scores, never less than the plain one
-        scores = np.zeros((self.chance[0].shape[0], every.size))
-        for c, products in enumerate(self.chance):
+        scores = np.zeros((self.products.chance[0].shape[0], every.size))
+        for c, products in enumerate(self.products.chance):
             functions = self.design.where[every, c]
             scores[:, functions >= 0] += products[:, functions[functions >= 0]]
         robust = inverse @ (scores.T @ scores) @ inverse
@@ -345,7 +341,7 @@ class SimulationProblem(RowsProblem):
 
     def _plain_held_out(self, numbers: NDArray[np.intp], shown: Sequence[int]) -> tuple[float, float]:
         """Rms, in the channels' unit, of stretches that the weights were not fitted to: without and with columns."""
-        fold = self.segments.fold
+        fold = self.products.segments.fold
         kept = np.ones(self.session.n, dtype=bool) if self.session.omitted is None else ~self.session.omitted
         parts = sorted({key for gram in self.grams for key in gram.parts})
         found = []
@@ -366,9 +362,8 @@ class SimulationProblem(RowsProblem):
     def _solution(self, every: NDArray[np.intp], keys: Sequence[Key]) -> Array:
         if not every.size:
             return np.empty(0)
-        part = replace(
-            self, grams=[replace(g, parts={k: g.parts[k] for k in keys if k in g.parts}) for g in self.grams]
-        )
+        kept = [replace(g, parts={k: g.parts[k] for k in keys if k in g.parts}) for g in self.grams]
+        part = replace(self, products=replace(self.products, grams=kept))
         gram, moment = part._inner(every)
         size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
         return np.asarray(np.linalg.lstsq(gram / np.outer(size, size), moment / size, rcond=1e-9)[0] / size)
