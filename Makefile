@@ -10,8 +10,8 @@ demo: $(VENV)/.run
 	$(BIN)/highside demo
 
 ## test: set up everything the tests need and run all checks and tests; those that judge a pace or a delay run alone
-test: packages $(VENV)/.test check
-	@.ci/suites $(BIN)/python $(VENV)/logs
+test: packages $(VENV)/.test
+	@.ci/suites $(BIN)/python $(VENV)/logs make --no-print-directory check
 
 ## check: style, types, the contracts between the layers, and that what is imported is declared
 check: $(VENV)/.test

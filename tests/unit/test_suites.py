@@ -1,41 +1,100 @@
-"""`.ci/suites`, which `make test` runs: each part's output is shown, and one part that failed is a failure."""
+"""`.ci/suites`, which `make test` runs: every test file in one piece, two pieces at a time, each one's output is shown,
+and one that failed is a failure."""
 
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
-PARTS = {
-    "unit and session": "tests --ignore=tests/guest --ignore=tests/integration --ignore=tests/faults",
-    "guests": "tests/guest",
-    "integration and faults": "tests/integration tests/faults -m not timing",
-    "timing": "tests/integration tests/faults -m timing",
+PYTHON = """#!/bin/sh
+echo "ran: $*"
+echo "begin $*" >> "{books}"
+sleep {pause}
+echo "end $*" >> "{books}"
+case "$*" in {failing}) exit 5;; esac
+"""
+"""A program in place of Python: says its arguments, takes a while, and fails for some arguments."""
+CHECKS = "all-checks"
+FAILING = {
+    "checks": CHECKS,
+    "guests": "*tests/guest*",
+    "unit 2 of 4": "*tests/unit/test_*.py*",
+    "timing": "*-m?timing",
+    "": "nothing",
 }
 
 
-def run(folder: Path, project_root: Path, failing: str) -> subprocess.CompletedProcess[str]:
-    """The script with a program in place of Python that says its arguments and fails for one part."""
-    python = folder / "python"
-    python.write_text(f'#!/bin/sh\necho "ran: $*"\n[ "$*" != "-m pytest {PARTS.get(failing)}" ] || exit 5\n')
+def suites(folder: Path, project_root: Path, failing: str = "", pause: float = 0.05) -> list[str | Path]:
+    """The command, with the program in place of Python."""
+    python, pattern = folder / "python", FAILING[failing]
+    if failing.startswith("unit"):
+        # one file of that piece
+        files = sorted((project_root / "tests/unit").glob("test_*.py"))
+        pattern = f"*tests/unit/{files[1].name}*"
+    python.write_text(PYTHON.format(books=folder / "books", pause=pause, failing=pattern))
     python.chmod(0o755)
-    command = [project_root / ".ci/suites", python, folder / "logs"]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    return [project_root / ".ci/suites", python, folder / "logs", python, CHECKS]
 
 
-@pytest.mark.parametrize("failing", [*PARTS, ""])
-def test_each_part_is_shown_and_one_that_fails_is_a_failure(tmp_path: Path, project_root: Path, failing: str) -> None:
-    done = run(tmp_path, project_root, failing)
-    assert done.returncode == (1 if failing else 0)
-    assert [line for line in done.stdout.splitlines() if line.startswith("ran:")] == [
-        f"ran: -m pytest {arguments}" for arguments in PARTS.values()
-    ]
-    told = [line for line in done.stdout.splitlines() if "exit status" in line]
-    for name, line in zip(PARTS, told, strict=True):
-        assert line.startswith(f"== {name}: exit status {5 if name == failing else 0} after ")
+@pytest.mark.parametrize("failing", FAILING)
+def test_each_piece_is_shown_and_one_that_fails_is_a_failure(tmp_path: Path, project_root: Path, failing: str) -> None:
+    command = suites(tmp_path, project_root, failing)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=100)
+    assert done.returncode == (1 if failing else 0), done.stdout + done.stderr
+    told = dict(
+        line.removeprefix("== ").split(": exit status ") for line in done.stdout.splitlines() if "exit status" in line
+    )
+    assert {name: status.split()[0] for name, status in told.items() if not status.startswith("0 after")} == (
+        {failing: "5"} if failing else {}
+    )
+    assert {"checks", "guests", "integration 1 of 8", "faults", "unit 4 of 4", "session", "timing"} <= set(told)
+    assert len([line for line in done.stdout.splitlines() if line.startswith("ran: ")]) == len(told)
+
+
+def test_every_test_file_is_in_one_piece_and_those_that_judge_a_pace_run_alone(
+    tmp_path: Path, project_root: Path
+) -> None:
+    subprocess.run(suites(tmp_path, project_root), capture_output=True, check=True, timeout=100)
+    books = [line.partition(" ")[::2] for line in (tmp_path / "books").read_text().splitlines()]
+    running: list[str] = []
+    most = 0
+    for what, arguments in books:
+        if what == "end":
+            running.remove(arguments)
+            continue
+        running.append(arguments)
+        most = max(most, len(running))
+        if arguments.endswith("-m timing"):
+            assert running == [arguments]
+    assert most == 2
+    given = [arguments for what, arguments in books if what == "begin" and "-m timing" not in arguments]
+    places = [word for arguments in given for word in arguments.split() if word.startswith("tests/")]
+    for path in sorted((project_root / "tests").rglob("test_*.py")):
+        name = path.relative_to(project_root).as_posix()
+        if not name.startswith("tests/guest_suite/"):  # run by tests/guest, inside
+            assert sum(name == place or name.startswith(f"{place}/") for place in places) == 1, name
+    with_timing = {arguments for arguments in given if "integration" in arguments or "faults" in arguments}
+    assert all(arguments.endswith("-m not timing") for arguments in with_timing)
+
+
+def test_interrupted_it_ends_what_runs_and_shows_its_last_lines(tmp_path: Path, project_root: Path) -> None:
+    command = suites(tmp_path, project_root, pause=100.0)
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 60.0
+        while (tmp_path / "books").exists() is False or len((tmp_path / "books").read_text().splitlines()) < 2:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        process.send_signal(signal.SIGTERM)
+        said, _ = process.communicate(timeout=60.0)
+    assert process.returncode == 130
+    assert "== checks, interrupted\nran: all-checks\n" in said
+    assert "== guests, interrupted\nran: -m pytest tests/guest\n" in said
 
 
 def test_under_ci_a_test_that_is_skipped_has_failed(tmp_path: Path, project_root: Path) -> None:
