@@ -25,6 +25,12 @@ _LOCAL = re.compile(
     rf"(?P<a>\d{{1,2}})(?P<mark>[./-])(?P<b>\d{{1,2}})[./-](?P<c>\d{{4}})[T ,]\s*{_CLOCK}{_HALF}{_ZONE}"
 )
 _TIME = re.compile(rf"{_CLOCK}{_HALF}")
+_ANY = (_ISO, _LOCAL, _TIME)
+
+
+def is_instant(cell: str) -> bool:
+    """Whether a text is a date with a time, or a time of day."""
+    return any(pattern.fullmatch(cell.strip().strip('"')) for pattern in _ANY)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +43,11 @@ class Instants:
     doubt: str | None = None
 
 
-def instants(cells: tuple[str, ...]) -> Instants | None:
-    """The times of a column of texts, or None where one of them is no date or time of day."""
+def instants(cells: tuple[str, ...], order: str | None = None) -> Instants | None:
+    """The times of a column of texts, or None where one of them is no date or time of day.
+
+    `order`: `day.month.year` or `month/day/year` where it was said.
+    """
     if not cells:
         return None
     at_once = _iso_at_once(cells)
@@ -49,7 +58,7 @@ def instants(cells: tuple[str, ...]) -> Instants | None:
         if pattern.fullmatch(first):
             found = [pattern.fullmatch(cell.strip()) for cell in cells]
             if all(found):
-                return _counted([match for match in found if match], written)
+                return _counted([match for match in found if match], written, order)
     return None
 
 
@@ -69,7 +78,7 @@ def _iso_at_once(cells: tuple[str, ...]) -> Instants | None:
     return Instants(ns.astype(np.int64), "ISO 8601")
 
 
-def _counted(found: list[re.Match[str]], written: str) -> Instants | None:
+def _counted(found: list[re.Match[str]], written: str, order: str | None) -> Instants | None:
     clock = np.array([_of_day(match) for match in found], dtype=np.int64)
     if (clock < 0).any():
         return None
@@ -81,6 +90,8 @@ def _counted(found: list[re.Match[str]], written: str) -> Instants | None:
     day_first = True
     if written == "local date":
         day_first, doubt = _day_first(different, {match["mark"] for match in found})
+        if order is not None:
+            day_first, doubt = order == "day.month.year", None
         written = "day.month.year" if day_first else "month/day/year"
     days: dict[tuple[str, str, str], int] = {}
     for date in different:

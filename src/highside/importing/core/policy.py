@@ -28,6 +28,14 @@ class ImportPolicy:
     is wrong by a thousand falls outside on either side (tests/unit/test_importing_mistakes.py)"""
     epoch_s: tuple[float, float] = (946_684_800.0, 4_102_444_800.0)
     """s: 2000-01-01 to 2100-01-01; numbers in it, in s, ms, us or ns, are times since 1970"""
+    stated_rate_share: float = 0.02
+    """1: how far the step of a clock may be from the rows/s that the file itself states: crystals and resistors of
+    sensors (data sheets: 1 %, MPU-6050)"""
+    same_share: float = 0.5
+    """1: share of rows that have the time of the row before beyond which it is no time of rows: written to the second,
+    or of the packet that brought several"""
+    same_rows: int = 20
+    """rows from which on that is looked at"""
     rate_rad_s: float = 40.0
     """rad/s: 2,290 deg/s, above the widest usual full scale (2,000 deg/s): larger numbers are no rad/s"""
     rate_dps: float = 4500.0

@@ -13,13 +13,14 @@ from highside.errors import InputError
 from highside.importing.core.axes import AxesGuess, axes_by_reference
 from highside.importing.core.columns import MANY, by_range, named_column, row_number, worth_as_time
 from highside.importing.core.headerless import accelerations_among, rates_among, unnamed
+from highside.importing.core.instants import is_instant
 from highside.importing.core.policy import POLICY, ImportPolicy
 from highside.importing.core.source import Numbers, SourceColumn, SourceTable
 from highside.importing.core.timing import TimeReading, read_time
 from highside.importing.core.units import Quantity, Unit, unit_wanted
-from highside.importing.core.vectors import UnitGuess, acceleration_unit, rate_unit
+from highside.importing.core.vectors import UnitGuess, acceleration_unit, rate_unit, turn_arrangement
 from highside.importing.core.wishes import NOTHING, Wishes
-from highside.importing.core.words import Meaning, meaning
+from highside.importing.core.words import Meaning, counted_from_one, meaning
 from highside.recording.table import RECORDING_COLUMNS
 
 KNOWN = frozenset(RECORDING_COLUMNS)
@@ -116,8 +117,10 @@ class _Proposing:
     other_times: set[str] = field(default_factory=set)
 
     def proposal(self) -> Proposal:
+        counted = counted_from_one([column.name for column in self.table.columns])
         for column in self.table.columns:
-            said = meaning(column.name, column.unit, KNOWN, reference=self.wishes.reference)
+            name = counted.get(column.name, column.name)
+            said = meaning(name, column.unit, KNOWN, reference=self.wishes.reference)
             self.meanings[column.name] = said
         for target, text in self.wishes.mapping.items():
             if text != NOTHING:
@@ -153,7 +156,8 @@ class _Proposing:
             column, text = self.given["t_s"]
             unit = unit_wanted(text, Quantity.TIME) if text else self.wishes.unit_of(Quantity.TIME)
             own = self.meanings[column.name].unit
-            self.time = read_time(column, unit or (own if own and own.quantity is Quantity.TIME else None), self.policy)
+            said = unit or (own if own and own.quantity is Quantity.TIME else None)
+            self.time = read_time(column, said, self.policy, self.table.rate_hz)
             if self.time is None:
                 raise InputError("is no time", where=self.table.where, field=column.name, remedy="--map t_s=COLUMN:ms")
             self._time_guess(Sure.GIVEN if unit else None)
@@ -178,10 +182,12 @@ class _Proposing:
     def _times(self) -> Iterator[TimeReading]:
         for column in self.table.columns:
             known = self.meanings[column.name]
-            if not (known.quantity is Quantity.TIME or column.instant or column.name == self.table.hints.get("t_s")):
+            written = known.target is None and bool(column.texts) and is_instant((column.texts or ("",))[0])
+            hinted = column.instant or column.name == self.table.hints.get("t_s")
+            if not (known.quantity is Quantity.TIME or hinted or written):
                 continue
             unit = known.unit if known.unit is not None and known.quantity is Quantity.TIME else None
-            reading = read_time(column, self.wishes.unit_of(Quantity.TIME) or unit, self.policy)
+            reading = read_time(column, self.wishes.unit_of(Quantity.TIME) or unit, self.policy, self.table.rate_hz)
             if reading is not None and (reading.step_ns > 0 or column.n < 2):
                 yield reading
 
@@ -197,7 +203,8 @@ class _Proposing:
         )
         column = self.table.column(time.column)
         written = column is not None and column.texts is not None
-        how = "write dates as YYYY-MM-DD" if written else f"--map t_s={time.column}:UNIT (s, ms, us, ns, ticks/HZ)"
+        units = "dmy or mdy" if written else "s, ms, us, ns, ticks/HZ"
+        how = f"--map t_s={time.column}:UNIT ({units})" + (", or --rate HZ" if open_ else "")
         self._doubt(self.guesses["t_s"], how)
 
     # --- triads ---------------------------------------------------------------------------------------------------
@@ -335,12 +342,24 @@ class _Proposing:
             unit = guess.unit if units is None else units[place]
             self.guesses[target] = Guess(target, column.name, unit, sure, evidence, open_)
             evidence = ("as its x axis",)
+        if quantity is Quantity.RATE and not any(target in self.given for target in targets):
+            self._same_axes(columns)
         name, example = columns[0].name, "m/s2" if quantity is Quantity.ACCELERATION else "rad/s"
         kind = "accel=lsb/16384" if quantity is Quantity.ACCELERATION else "gyro=lsb/131"
         more = "" if quantity is Quantity.ACCELERATION else ", or gx_dps=none (and the others)"
         remedy = f"--units {example} (or {kind}), or --map {targets[0]}={name}:UNIT (and the other axes){more}"
         option = f"--units {kind}" if block_is_whole(columns) else f"--units {example}"
         self._doubt(self.guesses[targets[0]], remedy, option)
+
+    def _same_axes(self, columns: list[SourceColumn]) -> None:
+        """Rates and accelerations are of one frame, or it is asked."""
+        gravity, seconds = self._vector(ACCELERATIONS), self._seconds()
+        rates = np.vstack([column.numbers for column in columns if column.numbers is not None])
+        other = None if gravity is None or seconds is None else turn_arrangement(rates, gravity, seconds, self.policy)
+        if other is not None:
+            what = f"gravity turns as the rates say only with their axes as {other}: a sign or a name is wrong"
+            nothing = " ".join(f"--map {target}=none" for target in RATES)
+            self.doubts.append(Doubt(what, f"--map gx_dps=COLUMN (and the others), or {nothing}", True, nothing))
 
     def _vector(self, targets: tuple[str, str, str]) -> Numbers | None:
         found = [self.guesses.get(target) for target in targets]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import datetime
-from dataclasses import dataclass, field
+import re
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +12,14 @@ from numpy.typing import NDArray
 from highside.importing.core.instants import DAY_NS, instants
 from highside.importing.core.policy import POLICY, ImportPolicy
 from highside.importing.core.source import SourceColumn
-from highside.importing.core.units import Quantity, Unit, unit_named
+from highside.importing.core.units import WRITTEN_DATES, Quantity, Unit, unit_named
 
 Nanoseconds = NDArray[np.int64]
 _WRAPS = (16, 24, 31, 32)
 """bits of counters of devices"""
 _RELATIVE = ("s", "ms", "us", "ns")
+_WITH_UNIT = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?) ?([a-z]+)")
+"""a duration as MATLAB writes it: `0.02 sec`"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +44,28 @@ class TimeReading:
         return float(np.median(steps)) if steps.size else 0.0
 
 
-def read_time(column: SourceColumn, unit: Unit | None, policy: ImportPolicy = POLICY) -> TimeReading | None:
-    """Read a column as time; `unit` is what the file or the user says. None where it cannot be one."""
+def read_time(
+    column: SourceColumn, unit: Unit | None, policy: ImportPolicy = POLICY, rate_hz: float | None = None
+) -> TimeReading | None:
+    """Read a column as time; `unit` is what the file or the user says, `rate_hz` the rows/s that the file states.
+
+    None where it cannot be one.
+    """
+    reading = _read(column, unit, policy, rate_hz)
+    if reading is None or reading.open is not None or reading.ns.size <= policy.same_rows:
+        return reading
+    same = int(np.count_nonzero(np.diff(reading.ns) == 0))
+    if same <= policy.same_share * reading.ns.size:
+        return reading
+    return replace(reading, open=f"{same} of its {reading.ns.size} rows have the time of the row before")
+
+
+def _read(column: SourceColumn, unit: Unit | None, policy: ImportPolicy, rate_hz: float | None) -> TimeReading | None:
+    order = unit.name if unit is not None and unit.name in WRITTEN_DATES else None
+    if order is not None:
+        unit = None
     if column.texts is not None:
-        return _written(column)
+        return _written(column, order) or _durations(column, policy)
     numbers = column.numbers
     if numbers is None or numbers.size == 0 or not np.isfinite(numbers).all():
         return None
@@ -53,11 +74,26 @@ def read_time(column: SourceColumn, unit: Unit | None, policy: ImportPolicy = PO
         return TimeReading(column.name, "timestamp", column.integers, ("the file's own type",), named=True, epoch=True)
     if unit is not None and unit.quantity is Quantity.TIME:
         return _in_unit(column, unit, policy)
-    return _by_values(column, policy)
+    return _by_values(column, policy, rate_hz)
 
 
-def _written(column: SourceColumn) -> TimeReading | None:
-    found = instants(column.texts or ())
+def _durations(column: SourceColumn, policy: ImportPolicy) -> TimeReading | None:
+    """Cells of a number and its unit of time, the same in all."""
+    cells = [_WITH_UNIT.fullmatch(cell.strip()) for cell in column.texts or ()]
+    found = [cell for cell in cells if cell is not None]
+    units = {cell[2] for cell in found}
+    unit = unit_named(min(units), Quantity.TIME) if len(units) == 1 else None
+    if unit is None or len(found) < len(cells):
+        return None
+    try:
+        numbers = np.array([float(cell[1]) for cell in found])
+    except ValueError:
+        return None
+    return _in_unit(replace(column, texts=None, numbers=numbers), unit, policy)
+
+
+def _written(column: SourceColumn, order: str | None) -> TimeReading | None:
+    found = instants(column.texts or (), order)
     if found is None:
         return None
     ns, notes = found.ns, []
@@ -91,7 +127,24 @@ def _in_unit(column: SourceColumn, unit: Unit, policy: ImportPolicy) -> TimeRead
     return TimeReading(column.name, unit.name, ns, evidence, True, reading.epoch, problem, notes=notes)
 
 
-def _by_values(column: SourceColumn, policy: ImportPolicy) -> TimeReading | None:
+def _by_stated_rate(column: SourceColumn, rate_hz: float, policy: ImportPolicy) -> TimeReading | None:
+    """Ticks of which the rows/s that the file states make a power of ten in a second."""
+    ns, notes = _unwrapped(column, Unit("ns", Quantity.TIME, 1.0))
+    steps = np.diff(ns)
+    steps = steps[steps > 0]
+    if steps.size == 0:
+        return None
+    ticks = float(np.median(steps)) * rate_hz
+    power = round(float(np.log10(ticks)))
+    if not 0 <= power <= 9 or abs(ticks / 10.0**power - 1.0) > policy.stated_rate_share:
+        return None
+    unit = Unit(f"ticks/{10**power}", Quantity.TIME, 10.0 ** (9 - power))
+    ns, notes = _unwrapped(column, unit)
+    why = (f"no unit named; {rate_hz:g} rows/s, as the file says, in {10**power:,} ticks a second",)
+    return TimeReading(column.name, unit.name, ns, why, False, likely=True, notes=notes)
+
+
+def _by_values(column: SourceColumn, policy: ImportPolicy, rate_hz: float | None) -> TimeReading | None:
     epoch = _epoch_unit(column, policy)
     if epoch is not None:
         unit = unit_named(epoch, Quantity.TIME)
@@ -99,6 +152,8 @@ def _by_values(column: SourceColumn, policy: ImportPolicy) -> TimeReading | None
         ns, notes = _unwrapped(column, unit)
         why = (f"{column_first(column)} in {epoch} is {_date(int(ns[0]))}",)
         return TimeReading(column.name, epoch, ns, why, named=False, epoch=True, notes=notes)
+    if rate_hz and column.integers is not None and (stated := _by_stated_rate(column, rate_hz, policy)) is not None:
+        return stated
     fits: list[TimeReading] = []
     for name in _RELATIVE:
         unit = unit_named(name, Quantity.TIME)

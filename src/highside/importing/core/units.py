@@ -43,7 +43,7 @@ _UNITS = (
     (Unit("ug", _A, 1e-6), "ug µg μg micro-g"),
     (
         Unit("m/s2", _A, 1 / STANDARD_GRAVITY),
-        "m/s2 m/s^2 m/s² m/s**2 m/s/s ms-2 m*s-2 ms^-2 m*s^-2 ms⁻² mps2 mss m/ss ms2 m_s2 mps^2",
+        "m/s2 m/s^2 m/s² m/s**2 m/s/s ms-2 m*s-2 ms^-2 m*s^-2 ms⁻² mps2 mss m/ss ms2 m_s2 mps^2 m/(s^2) m/(s^2",
     ),
     (Unit("cm/s2", _A, 0.01 / STANDARD_GRAVITY), "cm/s2 cm/s^2 cm/s² gal"),
     (Unit("ft/s2", _A, 0.3048 / STANDARD_GRAVITY), "ft/s2 ft/s^2 ft/s²"),
@@ -69,8 +69,13 @@ _UNITS = (
     (Unit("ns", _S, 1.0), "ns nsec nanos nanosecond nanoseconds"),
     (Unit("min", _S, 60e9), "min minute minutes"),
     (Unit("h", _S, 3600e9), "h hour hours"),
+    # the order of a written date, where its numbers leave it open
+    (Unit("day.month.year", _S, 1.0), "dmy day.month.year"),
+    (Unit("month/day/year", _S, 1.0), "mdy month/day/year"),
 )
 _BY_NAME = {spelling: unit for unit, spellings in _UNITS for spelling in spellings.split()}
+WRITTEN_DATES = ("day.month.year", "month/day/year")
+"""units of time that are orders of a written date"""
 _COUNTS = re.compile(r"(lsb|counts?|ticks?)/([0-9.]+(?:e[0-9]+)?)(?:@(-?[0-9.]+))?", re.IGNORECASE)
 SUFFIXES = frozenset(
     unit

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,6 +153,31 @@ def turn_ratio(rates: Block, gravity: Block, t_s: Block, policy: ImportPolicy = 
 
     None where it turns too little, or where the two do not go together (another frame, lost rows).
     """
+    turns = _turns(rates, gravity, t_s, policy)
+    return None if turns is None else _ratio(*turns, policy)
+
+
+def turn_arrangement(rates: Block, gravity: Block, t_s: Block, policy: ImportPolicy = POLICY) -> str | None:
+    """The arrangement of the axes of the rates, as `AxisMap` writes it, with which gravity turns where it does not with
+    the axes as they stand: rates of another frame, a sign or a name that is wrong. None where there is none."""
+    turns = _turns(rates, gravity, t_s, policy)
+    if turns is None or _ratio(*turns, policy) is not None:
+        return None
+    u, w, dt, turn, usable = turns
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            arranged = np.array(signs)[:, None] * w[list(order)]
+            ratio = _ratio(u, arranged, dt, turn, usable, policy)
+            # the opposite of all signs turns the other way: of the two the one that turns as the rates say
+            if ratio is not None and ratio > 0:
+                return "".join(("-" if sign < 0 else "") + "xyz"[axis] for sign, axis in zip(signs, order, strict=True))
+    return None
+
+
+def _turns(
+    rates: Block, gravity: Block, t_s: Block, policy: ImportPolicy
+) -> tuple[Block, Block, Block, Block, NDArray[np.bool_]] | None:
+    """Of windows: directions of gravity and rates at their middles, times between, turns, and which count."""
     good = np.isfinite(rates).all(axis=0) & np.isfinite(gravity).all(axis=0) & np.isfinite(t_s)
     rates, gravity, t_s = rates[:, good], gravity[:, good], t_s[good]
     n = t_s.size
@@ -171,10 +197,13 @@ def turn_ratio(rates: Block, gravity: Block, t_s: Block, policy: ImportPolicy = 
     dt = np.diff(centre)
     usable = (dt > 0) & (dt < 3 * width * step)
     turn = np.diff(u, axis=1)
-    rest = np.linalg.norm(turn, axis=0)
-    predicted = -np.cross(0.5 * (w[:, 1:] + w[:, :-1]), 0.5 * (u[:, 1:] + u[:, :-1]), axis=0) * dt
-    if float(rest[usable].sum()) < policy.kinematic_turn_rad:
+    if float(np.linalg.norm(turn, axis=0)[usable].sum()) < policy.kinematic_turn_rad:
         return None
+    return 0.5 * (u[:, 1:] + u[:, :-1]), 0.5 * (w[:, 1:] + w[:, :-1]), dt, turn, usable
+
+
+def _ratio(u: Block, w: Block, dt: Block, turn: Block, usable: NDArray[np.bool_], policy: ImportPolicy) -> float | None:
+    predicted = -np.cross(w, u, axis=0) * dt
     for share in (0.0, policy.kinematic_fast):
         # at rest noise alone turns; where it moves fast there is least of it
         size = np.linalg.norm(predicted, axis=0)

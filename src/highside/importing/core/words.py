@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from highside.importing.core.units import SUFFIXES, Quantity, Unit, unit_named
@@ -15,7 +16,9 @@ def _words(text: str) -> frozenset[str]:
     return frozenset(text.split())
 
 
-_ACCEL = _words("a acc accel accelerometer acceleration accelerations accl xacc yacc zacc specific imuacc total")
+_ACCEL = _words(
+    "a acc accel accelerometer acceleration accelerations accl xacc yacc zacc specific imuacc total f force gforce"
+)
 _GYRO = _words("gyr gyro gyroscope gyros w omega angular rotation angularrate rotationrate angvel rot")
 _OTHER = _words(
     "mag magnetometer magnetic m compass field std var cov covariance bias quat q quaternion"
@@ -27,6 +30,11 @@ _TIME = _words(
 )
 _TEMPERATURE = frozenset({"temp", "temperature", "tmp", "temperatures"})
 _REFERENCE = frozenset({"ref", "reference", "table", "bench", "true", "truth", "set", "nominal", "target"})
+_NAMED_WITH_BLANKS = frozenset({"m_s2", "rad_s", "deg_s"})
+"""units that end a name in two words"""
+_AXIS_ALONE = frozenset({"axis"})
+_OF_ROSTOPIC = "field."
+"""before each name of what `rostopic echo -p` prints"""
 _GLUED = re.compile(r"(a|acc|accel|acceleration|g|gyr|gyro|gyroscope|w|omega|f|m|mag)_?([xyz])", re.IGNORECASE)
 
 
@@ -50,15 +58,17 @@ def meaning(name: str, own_unit: str | None, known: frozenset[str], *, reference
     if name in known:
         return _own(name, own_unit)
     brackets = _IN_BRACKETS.findall(name)
-    bare = _IN_BRACKETS.sub(" ", name).strip()
+    bare = _IN_BRACKETS.sub(" ", name).strip().removeprefix(_OF_ROSTOPIC)
     chunks = re.split(r"[\s_.]+", bare)
-    tail = chunks[-1].lower() if len(chunks) > 1 and chunks[-1].lower() in SUFFIXES else None
+    if len(chunks) > 2 and "_".join(chunks[-2:]).lower() in _NAMED_WITH_BLANKS:
+        chunks = [*chunks[:-2], "_".join(chunks[-2:])]
+    tail = chunks[-1].lower() if len(chunks) > 1 and chunks[-1].lower() in SUFFIXES | _NAMED_WITH_BLANKS else None
     words = [word.lower() for word in _WORDS.findall(" ".join(chunks[:-1]) if tail else bare)]
     words = [*words, tail] if tail else words
     index = next((int(text) for text in brackets if text in ("0", "1", "2")), None)
     unit_text = own_unit or next((text for text in brackets if text not in ("0", "1", "2")), None)
     unit = unit_named(unit_text) if unit_text else None
-    if unit is None and len(words) > 1 and words[-1] in SUFFIXES:
+    if unit is None and len(words) > 1 and words[-1] in SUFFIXES | _NAMED_WITH_BLANKS:
         unit = unit_named(words[-1])
         words = words[:-1] if unit is not None else words
     elif unit is None and bare and bare.lower() in ("millis", "micros", "seconds", "milliseconds", "microseconds"):
@@ -69,10 +79,28 @@ def meaning(name: str, own_unit: str | None, known: frozenset[str], *, reference
         # words that are not known, of a unit that but one of our columns has
         target = {Quantity.TIME: "t_s", Quantity.TEMPERATURE: "temp_c"}.get(unit.quantity)
         quantity = unit.quantity if target else None
+    if quantity is None and axis is not None and unit is not None and set(words) <= _AXIS_ALONE:
+        # `x-axis (g)`: the unit alone says of what
+        quantity = unit.quantity if unit.quantity in (Quantity.ACCELERATION, Quantity.RATE) else None
+        words = [unit.quantity.value] if quantity else words
     if unit is not None and quantity is not None and unit.quantity is not quantity:
         # a name may speak of two things at once; the last word was none of this quantity
         unit = unit_named(unit_text, quantity) if unit_text else None
     return Meaning(quantity, axis, " ".join(words), unit, target)
+
+
+def counted_from_one(names: Sequence[str]) -> dict[str, str]:
+    """Names `acc_1` to `acc_3`, as MATLAB numbers the columns of a variable, as `acc_0` to `acc_2`."""
+    there, found = set(names), {}
+    for name in names:
+        stem, number = name[:-1], name[-1:]
+        if (
+            number in ("1", "2", "3")
+            and {f"{stem}{k}" for k in (1, 2, 3)} <= there
+            and not ({f"{stem}0", f"{stem}4"} & there)
+        ):
+            found[name] = f"{stem}{int(number) - 1}"
+    return found
 
 
 def _own(name: str, own_unit: str | None) -> Meaning:

@@ -16,6 +16,7 @@ import numpy as np
 from highside.errors import InputError
 from highside.importing.core.source import SourceColumn, SourceTable
 from highside.importing.core.units import unit_named
+from highside.importing.forms.wrappings import in_plain_lines
 from highside.reading import csv_rows, decode_foreign
 from highside.reading.large import LARGE_BYTES, columns_at_once
 from highside.reading.table import MAX_COLUMNS, MAX_HEADER_CHARACTERS
@@ -37,6 +38,8 @@ _BLANKS = re.compile(rb"[ \t]+")
 _EDGES = re.compile(rb"(?m)^[ \t]+|[ \t]+$")
 _WHOLE = re.compile(r"[+-]?\d{1,18}")
 _RATE = re.compile(r"^\W*(?:fs|rate|sample\s*rate|sampling\s*(?:rate|frequency))\b[^0-9]*([0-9.]+)", re.IGNORECASE)
+_RATE_WITHIN = re.compile(r"\bat ([0-9.]+) Hz\b")
+"""within a line about the device"""
 _CANDUMP = re.compile(rb"\(\d+\.\d+\) \S+ [0-9A-Fa-f]{3,8}#")
 _SHOWN = 40
 
@@ -63,6 +66,7 @@ def read_delimited(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...
     if not text.strip():
         raise InputError("is empty", where=where)
     remarks: list[str] = []
+    text, hints = in_plain_lines(text)
     head = text.split("\n", _LOOKED_AT)
     lines = head[:_LOOKED_AT]
     declared = re.fullmatch(r"sep=(.)", lines[0].strip())
@@ -71,7 +75,8 @@ def read_delimited(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...
         lines[0] = ""
     dialect = _dialect(lines, forced, where)
     names, units = _header(lines, dialect, where)
-    rate = next((float(found[1]) for line in lines[: dialect.first] if (found := _RATE.match(line))), None)
+    stated = ((_RATE.match(line) or _RATE_WITHIN.search(line)) for line in lines[: dialect.first])
+    rate = next((float(found[1]) for found in stated if found), None)
     at_once = _columns_at_once(text, lines, names, dialect) if len(text) > LARGE_BYTES and ended else None
     if at_once is None:
         lines += head[_LOOKED_AT].split("\n") if len(head) > _LOOKED_AT else []
@@ -83,7 +88,7 @@ def read_delimited(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...
     separator = _NAMES.get(dialect.delimiter, repr(dialect.delimiter))
     form = f"text, {separator}, {'decimal comma, ' if comma else ''}{encoding}"
     columns = tuple(replace(column, unit=units.get(column.name)) for column in columns)
-    return (SourceTable(columns, form, where, stem, dialect.first + 1, rate, tuple(remarks)),)
+    return (SourceTable(columns, form, where, stem, dialect.first + 1, rate, tuple(remarks), hints),)
 
 
 def is_candump(data: bytes) -> bool:

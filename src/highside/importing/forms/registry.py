@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from highside.importing.core.source import SourceTable
-from highside.importing.forms import arrays, columnar, dataflash, delimited, excel, matlab, messages, vectornav
+from highside.importing.forms import arrays, columnar, dataflash, delimited, excel, matlab, messages, refused, vectornav
 from highside.reading.columnar import ARROW_MAGIC, MCAP_MAGIC, PARQUET_MAGIC
 
 HEAD_BYTES = 512
@@ -43,6 +43,7 @@ FORMS = (
     FileForm("VectorNav ASCII", vectornav.is_vectornav, vectornav.read_vectornav),
     FileForm("ArduPilot log", dataflash.is_dataflash, dataflash.read_dataflash),
     FileForm("ArduPilot log as text", dataflash.is_dataflash_text, dataflash.read_dataflash_text),
+    FileForm("not read", refused.is_refused, refused.refuse),
     FileForm("candump", delimited.is_candump, delimited.refuse_candump),
     FileForm("text", lambda data: True, delimited.read_delimited),
 )
