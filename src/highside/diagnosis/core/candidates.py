@@ -12,8 +12,8 @@ effect inside it; an unnamed interaction that wins is reported as unknown, with 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -230,6 +230,18 @@ def what_lacks(effect: Effect, state: ChainState) -> str:
         return lacking[0]
     moves = max(float(np.ptp(state.inc_rad)), float(np.ptp(state.tf_rad))) > 0.0
     return "it does not act in any attitude of this recording" if moves else "the tool does not move while it is read"
+
+
+def observed_through(candidates: Sequence[Candidate], project: Callable[[Array], Array]) -> list[Candidate]:
+    """Candidates by what they do to other observations than the readings, without those that do nothing to them;
+    `project` takes columns (k, 3, n) to (k, C, n)."""
+    found = []
+    for candidate in candidates:
+        variants = [replace(variant, columns=project(variant.columns)) for variant in candidate.variants]
+        shown = tuple(variant for variant in variants if np.any(variant.columns != 0))
+        if shown:
+            found.append(replace(candidate, variants=shown))
+    return found
 
 
 def unnamed_interactions(state: ChainState, force: Array) -> list[Candidate]:

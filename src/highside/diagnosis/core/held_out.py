@@ -85,12 +85,14 @@ def gain_interval(before: Array, after: Array) -> tuple[float, float]:
     return 1.0 - left - INTERVALS.normal * error, 1.0 - left + INTERVALS.normal * error
 
 
-def pose_folds(n: int, count: int = HELD_OUT.folds, *, interleaved: bool = False) -> list[NDArray[np.intp]]:
-    """Contiguous blocks of poses, or every so many poses, as indices into whitened vectors (3 n,)."""
+def pose_folds(
+    n: int, count: int = HELD_OUT.folds, *, interleaved: bool = False, channels: int = 3
+) -> list[NDArray[np.intp]]:
+    """Contiguous blocks of poses, or every so many poses, as indices into whitened vectors (C n,)."""
     count = min(count, n // HELD_OUT.poses_a_fold)
     poses = np.arange(n)
     parts = [poses[k::count] for k in range(count)] if interleaved else np.array_split(poses, count)
-    return [np.concatenate([part, part + n, part + 2 * n]) for part in parts]
+    return [np.concatenate([part + c * n for c in range(channels)]) for part in parts]
 
 
 def block_proof(

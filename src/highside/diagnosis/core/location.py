@@ -124,9 +124,9 @@ def _time_basis(state: ChainState) -> Basis:
     return _basis("t_s", state.t_s, [np.cos(np.pi * k * u) for k in range(1, orders)])
 
 
-def on_channel(functions: Array, channel: int) -> Array:
-    """(k, n) -> (k, 3, n) on one channel."""
-    columns = np.zeros((functions.shape[0], 3, functions.shape[1]))
+def on_channel(functions: Array, channel: int, channels: int = 3) -> Array:
+    """(k, n) -> (k, C, n) on one channel."""
+    columns = np.zeros((functions.shape[0], channels, functions.shape[1]))
     columns[:, channel] = functions
     return columns
 
@@ -151,17 +151,20 @@ def scan_of(
     return Scan(list(bases), tuple(cells), ScoreTest(whitened), tuple(whitened), known)
 
 
-def locate(scan: Scan, signal: Array, base: Array, p: float, share: float) -> tuple[Location, ...]:
-    """Where a signal (3 n,) of poses, whitened and outside of the base space, sits."""
-    rows = signal.reshape(3, -1)
-    sought = followed(scan, signal, [slice(c * rows.shape[1], (c + 1) * rows.shape[1]) for c in range(3)], base)
+def locate(
+    scan: Scan, signal: Array, base: Array, p: float, share: float, names: Sequence[str] = CHANNELS
+) -> tuple[Location, ...]:
+    """Where a signal (C n,) of readings on the named channels, whitened and outside of the base space, sits."""
+    rows = signal.reshape(len(names), -1)
+    parts = [slice(c * rows.shape[1], (c + 1) * rows.shape[1]) for c in range(len(names))]
+    sought = followed(scan, signal, parts, base)
     if sought is None:
         return ()
     channels, chosen = sought
     assert isinstance(chosen, Basis)
     return (
         Location(
-            channels=tuple(CHANNELS[c] for c in channels),
+            channels=tuple(names[c] for c in channels),
             covariate=chosen.covariate,
             intervals=intervals(chosen.covariate, chosen.along, np.sum(rows[channels] ** 2, axis=0)),
             harmonic=_harmonic(chosen, rows[channels]),

@@ -41,6 +41,11 @@ class Memory:
     colour: float = 0.0
 
     @property
+    def variance_share(self) -> float:
+        """Variance of a memory as large as the data allow, in that of the white part; 0 where none is required."""
+        return self.upper if self.share > 0 else 0.0
+
+    @property
     def is_random_walk(self) -> bool:
         """Whether this is a random walk beyond doubt."""
         return self.gain > MEMORY.found and np.isinf(self.length)

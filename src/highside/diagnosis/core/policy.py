@@ -134,6 +134,11 @@ class FitsPolicy:
 
     rich_share: float = 0.5
     """Of all readings, how many directions at most the rich model may take. Chosen in 21ed34d; no run is recorded."""
+    rich_shapes: int = 5
+    """Shapes of an effect that the rich model takes. Chosen in 1d73a30; no run is recorded."""
+    rich_left: float = 0.05
+    """Share of a reading that the rich model leaves, at least, when its loss is given back. Chosen in 21ed34d; no run
+    is recorded."""
     steps: int = 4
     """Gauss-Newton steps of a joint fit, at most. Chosen in 21ed34d; no run is recorded."""
     undetermined: float = 1e-8

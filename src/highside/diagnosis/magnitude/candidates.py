@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.core.candidates import Candidate, Unobservable, Variant
+from highside.diagnosis.core.candidates import Candidate, Unobservable, Variant, observed_through
 from highside.diagnosis.core.location import Basis
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.magnitude.observed import Magnitudes
@@ -29,17 +30,7 @@ def visible(
 
 def projected(observed: Magnitudes, model: ForwardModel, candidates: Sequence[Candidate]) -> list[Candidate]:
     """Candidates by what they do to the magnitude, columns (k, 1, n); without those that do nothing to it."""
-    aligned = observed.aligned(model)
-    found = []
-    for candidate in candidates:
-        variants: list[Variant] = []
-        for variant in candidate.variants:
-            columns = observed.project(aligned, variant.columns)
-            if np.any(columns != 0):
-                variants.append(replace(variant, columns=columns))
-        if variants:
-            found.append(replace(candidate, variants=tuple(variants)))
-    return found
+    return observed_through(candidates, partial(observed.project, observed.aligned(model)))
 
 
 def short_enough(candidates: Sequence[Candidate], length_s: float) -> list[Candidate]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import fdtrc
@@ -11,30 +10,13 @@ from scipy.special import fdtrc
 from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate
 from highside.diagnosis.core.finding_policy import FLOOR
+from highside.diagnosis.core.independent_noise import IndependentNoise
 from highside.diagnosis.core.location import Basis
-from highside.diagnosis.core.memory import Innovating
 from highside.diagnosis.core.policy import CANDIDATE_SET, FITS, REGRESSION
 from highside.diagnosis.core.regression import log10_p, outside, span
 from highside.diagnosis.magnitude.policy import MAGNITUDE_NOISE
 from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.physics.effect import Stage
-
-
-@dataclass(frozen=True)
-class MagnitudeNoise:
-    """`std` (n,) in g of each reading; `level` whitens in time order where the scatter has a memory."""
-
-    std: Array
-    freedom: float
-    level: Innovating | None = None
-
-    def white(self, columns: Array) -> Array:
-        """(..., 1, n) in g -> (..., n) in units of the noise."""
-        rows = columns[..., 0, :]
-        if self.level is None:
-            return np.asarray(rows / self.std)
-        turned = self.level.white(rows.reshape(-1, rows.shape[-1]))[0]
-        return np.asarray(turned.reshape(rows.shape))
 
 
 def rich_columns(base: Array, candidates: Sequence[Candidate], bases: Sequence[Basis]) -> Array:
@@ -104,7 +86,7 @@ def _size(columns: Array) -> Array:
     return np.where(norm > 0, norm, 1.0)
 
 
-def scatter(session: MagnitudeSession, residual: Array, rich: Array) -> MagnitudeNoise:
+def scatter(session: MagnitudeSession, residual: Array, rich: Array) -> IndependentNoise:
     """Scatter of the readings beyond the rich columns. Poses of a hand scatter alike whatever their length; blocks of a
     rest by the number of rows they hold.
 
@@ -122,4 +104,4 @@ def scatter(session: MagnitudeSession, residual: Array, rich: Array) -> Magnitud
         if fdtrc(freedom, floor.freedom, square / known) > FLOOR.chance:
             square = (freedom * square + floor.freedom * known) / (freedom + floor.freedom)
             freedom += floor.freedom
-    return MagnitudeNoise(max(float(np.sqrt(square)), 1e-9) * relative, float(freedom))
+    return IndependentNoise(max(float(np.sqrt(square)), 1e-9) * relative[None], float(freedom))

@@ -133,9 +133,6 @@ class MagnitudeChoicePolicy:
     steps: int = 12
     """Steps of a base fit by magnitudes: further from linear than that of poses. Chosen in 6e558e1; no run is
     recorded."""
-    least_left: float = 0.05
-    """Share of a reading that the rich model leaves, at least, when its loss is given back. Chosen in 6be9111; no run
-    is recorded."""
 
 
 MAGNITUDE_CHOICE = MagnitudeChoicePolicy()

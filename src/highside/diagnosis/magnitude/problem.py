@@ -8,27 +8,22 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from highside.arrays import AnyArray, Array
-from highside.diagnosis.core.candidate_set import CandidateSet, Term, pose_flips, ranked, ranking, span_with, threshold
+from highside.arrays import Array
+from highside.diagnosis.core.candidate_set import CandidateSet, Term, ranked, ranking, span_with
 from highside.diagnosis.core.candidates import pose_candidates, unnamed_interactions
 from highside.diagnosis.core.fit import JointFit, base_fit, joint_fit
 from highside.diagnosis.core.floor import Excess, excess
-from highside.diagnosis.core.held_out import HeldOutBlocks, PoseGains, block_gain, block_proof
-from highside.diagnosis.core.location import Basis, followed, intervals, scan_of
-from highside.diagnosis.core.markov import LevelNoise
-from highside.diagnosis.core.memory import Channel, Innovating, Likelihoods, Memory, SlowEffect
-from highside.diagnosis.core.memory import intervals as in_intervals
+from highside.diagnosis.core.held_out import HeldOutBlocks, block_gain
+from highside.diagnosis.core.independent_noise import IndependentNoise
+from highside.diagnosis.core.memory import Channel, Likelihoods, Memory, SlowEffect
 from highside.diagnosis.core.policy import CANDIDATE_SET, HELD_OUT, INTERVALS, REGRESSION, SELECTION
-from highside.diagnosis.core.problem import ReportData, SelectionState
 from highside.diagnosis.core.problem_policy import ProblemPolicy
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.core.repeatability import Remaining
-from highside.diagnosis.core.result import DiagnosisResult, Fit, Location, NotTestable
+from highside.diagnosis.core.result import DiagnosisResult, NotTestable
 from highside.diagnosis.core.rivals import Rivalry
-from highside.diagnosis.core.selection import Selector
-from highside.diagnosis.core.still_problem import StillProblem
+from highside.diagnosis.core.still_problem import Folds, IndependentProblem
 from highside.diagnosis.magnitude.candidates import (
     bases_of,
     beyond_linear,
@@ -38,7 +33,7 @@ from highside.diagnosis.magnitude.candidates import (
     visible,
 )
 from highside.diagnosis.magnitude.fit import fitted_columns, from_the_start, least
-from highside.diagnosis.magnitude.noise import MagnitudeNoise, plainly_required, rich_columns, scatter
+from highside.diagnosis.magnitude.noise import plainly_required, rich_columns, scatter
 from highside.diagnosis.magnitude.observed import Magnitudes
 from highside.diagnosis.magnitude.policy import AT_REST, MAGNITUDE, MAGNITUDE_CHOICE
 from highside.diagnosis.magnitude.projected_random_walk import ProjectedWalkLikelihoods, ProjectedWalkNoise
@@ -55,24 +50,17 @@ CHANNEL = "g_total"
 
 
 @dataclass(frozen=True)
-class MagnitudeProblem(StillProblem[MagnitudeNoise]):
+class MagnitudeProblem(IndependentProblem):
     """n still readings of unknown attitude."""
 
     session: MagnitudeSession
-    model: ForwardModel
     observed: Magnitudes
-    base: Array
-    """(P, 1, n)"""
-    residual: Array
-    """(1, n) g after the base fit"""
-    rich: Array
-    white_noise: MagnitudeNoise
-    bases: list[Basis]
 
     about: Shapes = field(default_factory=dict)
     """effects beside the free ones, with their shapes, at whose fitted sizes everything is taken to first order"""
 
     readings = READINGS
+    own_draws = False
 
     @classmethod
     def of(cls, session: MagnitudeSession, model: ForwardModel, free: tuple[str, ...], seed: int) -> MagnitudeProblem:
@@ -124,11 +112,11 @@ class MagnitudeProblem(StillProblem[MagnitudeNoise]):
             session,
             model,
             observed,
+            bases,
             base,
             residual,
             rich,
             scatter(session, residual, rich),
-            bases,
             about,
         )
 
@@ -172,54 +160,27 @@ class MagnitudeProblem(StillProblem[MagnitudeNoise]):
         return (CHANNEL,)
 
     @property
-    def noise(self) -> MagnitudeNoise:
-        return self.white_noise
-
-    @property
     def slow_ids(self) -> frozenset[str]:
         if not self.session.rest:
             return super().slow_ids
         # at rest the load is constant: whatever shows at all follows time or temperature
         return frozenset(c.id for c in self.candidates)
 
-    def prepare(self, noise: MagnitudeNoise) -> SelectionState[MagnitudeNoise]:
-        rng = np.random.default_rng(self.seed)
-        base = span(noise.white(self.base))
-        residual = outside(base, noise.white(self.residual))
-        candidate_set = CandidateSet(
-            self.candidates, [noise.white(v.columns) for c in self.candidates for v in c.variants]
-        )
-        space = span(noise.white(self.rich))
-        left = outside(space, noise.white(self.residual))
-        rich = np.asarray(left / np.sqrt(np.maximum(1.0 - np.sum(space**2, axis=0), MAGNITUDE_CHOICE.least_left)))
-        chance = pose_flips(rich, rng, 1)
-        limit = threshold(candidate_set.score_test, candidate_set.owner, chance, base, noise.freedom)
-        held_out = HeldOutBlocks(noise.white(self.base), noise.white(self.residual), self._folds())
-        selector = Selector(
-            candidate_set, base, residual, noise.freedom, limit, PoseGains(candidate_set, held_out), residual.size
-        )
-        cells = [(0, b) for b in range(len(self.bases))]
-        white = [noise.white(basis.functions[:, None]) for basis in self.bases]
-        scan = scan_of(self.bases, white, cells, noise.freedom)
-        scan_limit = threshold(scan.score_test, np.arange(len(cells)), chance, base, noise.freedom)
-        return SelectionState(selector, scan, scan_limit, [], noise)
-
-    def _folds(self) -> list[NDArray[np.intp]]:
+    def folds(self, *, apart: bool = False) -> tuple[Folds, str] | None:
+        if apart:
+            return None
         n = self.session.n
         single = not self.session.rest and n <= MAGNITUDE_CHOICE.one_by_one
-        return list(
-            np.array_split(np.arange(n), n if single else min(MAGNITUDE_CHOICE.blocks, n // HELD_OUT.poses_a_fold))
-        )
+        count = n if single else min(MAGNITUDE_CHOICE.blocks, n // HELD_OUT.poses_a_fold)
+        words = "each pose left out in turn" if count == n else f"{count} contiguous stretches"
+        return list(np.array_split(np.arange(n), count)), words
 
     def likelihoods(self, terms: Sequence[Term]) -> list[Channel]:
-        explained = np.concatenate([self.base, self.block(terms)])[:, 0]
-        residual, variance, t_s = self.residual[0], self.noise.std**2, self.session.t_s
         if self.session.rest:
-            return [Likelihoods(residual, variance, explained, t_s)]
+            return super().likelihoods(terms)
+        explained = np.concatenate([self.base, self.block(terms)])[:, 0]
+        residual, variance, t_s = self.residual[0], self.noise.std[0] ** 2, self.session.t_s
         return [ProjectedWalkLikelihoods(residual, variance, explained, t_s, self.session.direction)]
-
-    def block(self, terms: Sequence[Term]) -> AnyArray:
-        return np.concatenate([np.empty((0, 1, self.session.n)), *(self.variant(m).columns for m in terms)])
 
     def slow(self) -> list[SlowEffect]:
         found = []
@@ -251,30 +212,28 @@ class MagnitudeProblem(StillProblem[MagnitudeNoise]):
         return Remaining(float(base @ base), float(left @ left), float(self.session.n - space.shape[0] - onsets))
 
     def holds_up(self, term: Term) -> bool:
-        unit = self.noise.std
-        held_out = HeldOutBlocks(self.base[:, 0] / unit, self.residual[0] / unit, self._folds())
+        unit, folds = self.noise.std[0], self.folds()
+        assert folds is not None
+        held_out = HeldOutBlocks(self.base[:, 0] / unit, self.residual[0] / unit, folds[0])
         energies = [
             np.array([float(e @ e) for e in held_out.errors(self.block(terms)[:, 0] / unit)]) for terms in ([], [term])
         ]
         gain, error = block_gain(*energies)
         return gain > error
 
-    def with_memory(self, memories: Sequence[Memory]) -> MagnitudeNoise:
-        memory = memories[0]
-        return self._remembering(memory.length, memory.upper if memory.share > 0 else 0.0)
+    def with_memory(self, memories: Sequence[Memory]) -> IndependentNoise:
+        return self._remembering(memories[0].length, memories[0].variance_share)
 
-    def _remembering(self, length: float, share: float) -> MagnitudeNoise:
+    def _remembering(self, length: float, share: float) -> IndependentNoise:
         """The noise with a memory of `length` readings and a variance of `share` of the white part's."""
-        variance = self.noise.std**2
-        level: Innovating
         if self.session.rest:
-            size = np.array([share * float(variance.mean())])
-            level = LevelNoise.of(variance, in_intervals(self.session.t_s), size, np.array([length]))
-        else:
-            level = ProjectedWalkNoise.of(variance, self.session.direction, self.session.t_s, np.array([share]))
-        return replace(self.noise, level=level)
+            return self.noise.remembering([length], [share], self.session.t_s)
+        level = ProjectedWalkNoise.of(
+            self.noise.std[0] ** 2, self.session.direction, self.session.t_s, np.array([share])
+        )
+        return replace(self.noise, levels=(level,))
 
-    def _widest(self, terms: Sequence[Term], noise: MagnitudeNoise) -> MagnitudeNoise:
+    def _widest(self, terms: Sequence[Term], noise: IndependentNoise) -> IndependentNoise:
         """The noise with the largest random walk that the readings allow at 95 % beside the terms.
 
         At rest all that shows is slow. That a random walk is not needed beside an effect does not say that there is
@@ -307,13 +266,13 @@ class MagnitudeProblem(StillProblem[MagnitudeNoise]):
                 candidates[m.candidate] = replace(candidate, variants=tuple(variants))
         return replace(self, candidates=candidates)
 
-    def fit(self, terms: Sequence[Term], noise: MagnitudeNoise, *, with_second_order: bool = True) -> JointFit:
+    def fit(self, terms: Sequence[Term], noise: IndependentNoise, *, with_second_order: bool = True) -> JointFit:
         if not self.session.rest or not terms:
             return self._fit(terms, noise)
         finer = self._finer(terms)
         return finer._fit(terms, finer._widest(terms, noise))
 
-    def _fit(self, terms: Sequence[Term], noise: MagnitudeNoise) -> JointFit:
+    def _fit(self, terms: Sequence[Term], noise: IndependentNoise) -> JointFit:
         ids = [self.candidates[m.candidate].id for m in terms]
         model = self.model.without(*(name for name in self.about if name not in ids))
         found = joint_fit(model, self.observed, self.free, self.candidates, terms, noise, noise.freedom)
@@ -338,34 +297,10 @@ class MagnitudeProblem(StillProblem[MagnitudeNoise]):
         tables_from_start = {name: from_the_start(table, get(name), delay_s) for name, table in tables.items()}
         return replace(found, parameters=tables_from_start)
 
-    def locate(
-        self, selection: SelectionState[MagnitudeNoise], signal: Array, space: Array, p: float, share: float
-    ) -> tuple[Location, ...]:
-        sought = followed(selection.scan, signal, [slice(0, signal.size)], space)
-        if sought is None:
-            return ()
-        chosen = sought[1]
-        assert isinstance(chosen, Basis)
-        where = intervals(chosen.covariate, chosen.along, signal**2)
-        return (Location((CHANNEL,), chosen.covariate, where, None, share, p),)
-
     def advice(self, term: Term, r: Rivalry, fit: JointFit) -> str:
         effect = self.candidates[term.candidate].effect
         assert effect is not None
         return f"{effect.splitter}; more attitudes of the tool, spread over the whole sphere, held still"
-
-    def proof(self, terms: Sequence[Term], fit: JointFit) -> Fit:
-        folds = self._folds()
-        each = len(folds) == self.session.n
-        words = "each pose left out in turn" if each else f"{len(folds)} contiguous stretches"
-        floor = float(np.sqrt(np.mean(self.noise.std**2)))
-        return block_proof(
-            self.base[:, 0], self.residual[0], self.block(terms)[:, 0], folds, fit.residual, floor, words
-        )
-
-    def report_data(self, fit: JointFit | None) -> ReportData:
-        after = self.residual if fit is None else fit.residual
-        return ReportData(self.session, self.residual, after, self.channels)
 
     def floor_excess(self, terms: Sequence[Term], *, pose_errors: bool = True) -> Excess | None:
         floor = self.session.floor

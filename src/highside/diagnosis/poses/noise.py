@@ -26,6 +26,7 @@ from scipy.special import chdtrc, chdtri
 from highside.arrays import Array
 from highside.diagnosis.core.markov import VectorNoise
 from highside.diagnosis.core.memory import Memory, intervals
+from highside.diagnosis.core.policy import FITS
 from highside.diagnosis.core.regression import outside, span
 from highside.diagnosis.poses.policy import POSE_NOISE
 
@@ -69,7 +70,7 @@ def estimate(
         draft = _draft(sigma, inc, tf, tangents, size)
         left, share = _left(draft, residual, rich)
         # back to g, scaled up for what the projection took
-        swollen = (left / np.sqrt(np.maximum(share, POSE_NOISE.least_left))).reshape(3, n)
+        swollen = (left / np.sqrt(np.maximum(share, FITS.rich_left))).reshape(3, n)
         back = np.einsum("ijn,jn->in", np.linalg.inv(draft.whitening.transpose(2, 0, 1)).transpose(1, 2, 0), swollen)
         sigma, inc, tf = _components(back / size, tangents)
         if uneven:
@@ -145,13 +146,6 @@ def _by_stretches(energy: Array, known: Array, near: Array) -> Array:
     return np.asarray(max(0.0, 1.0 - chance / float(np.var(logs))) * (logs - logs.mean()))
 
 
-def rich_residual(noise: PoseNoise, residual: Array, rich: Array) -> Array:
-    """Whitened residual (3 n,) outside of the rich columns, scaled to unit variance: what sign flips are made of."""
-    space = span(noise.white(rich))
-    left = outside(space, noise.white(residual))
-    return np.asarray(left / np.sqrt(np.maximum(1.0 - np.sum(space**2, axis=0), POSE_NOISE.least_left)))
-
-
 def _whitening(sigma: Array, inc: float, tf: float, tangents: Array) -> Array:
     cov = _covariance(sigma, inc, tf, tangents)
     lower = np.linalg.cholesky(cov)
@@ -208,7 +202,7 @@ def with_memory(noise: PoseNoise, memories: Sequence[Memory], tangents: Array, t
     """The same noise with the memory of each channel added, as large as the data allow."""
     cov = _covariance(noise.sigma, noise.inc, noise.tf, tangents) * noise.size[:, None, None] ** 2
     level = np.diagonal(cov, axis1=1, axis2=2).mean(axis=0)
-    shares = level * [m.upper if m.share > 0 else 0.0 for m in memories]
+    shares = level * [m.variance_share for m in memories]
     lengths = np.array([m.length for m in memories])
     return replace(noise, full=VectorNoise.of(cov, intervals(t_s), shares, lengths))
 

@@ -31,9 +31,6 @@ class PoseNoisePolicy:
     powers: Array = field(default_factory=lambda: np.linspace(0.0, 1.5, 16))
     """Powers of the scatter within poses that the scatter from pose to pose is tried to go with. Chosen in 36be2bd; no
     run is recorded."""
-    least_left: float = 0.05
-    """Share of a reading that the rich model leaves, at least, when its loss is given back. Chosen in 21ed34d; no run
-    is recorded."""
     components: int = 5
     """Sizes of the noise that are fitted where the bench scatters: three sensors and two angles. Chosen in a6e3bcd; no
     run is recorded."""
@@ -70,17 +67,6 @@ class PoseSessionsPolicy:
 
 
 POSE_SESSIONS = PoseSessionsPolicy()
-
-
-@dataclass(frozen=True)
-class PoseAdvicePolicy:
-    """What is advised for poses."""
-
-    shapes: int = 5
-    """Shapes of an effect that the rich model takes. Chosen in 1d73a30; no run is recorded."""
-
-
-POSE_ADVICE = PoseAdvicePolicy()
 
 
 @dataclass(frozen=True)
