@@ -21,8 +21,11 @@ import pytest
 from broker import Mosquitto
 from daemon import HIGHSIDE, Pty, Subscriber, running, wait_for
 
+from highside.attitude.block import attitude_block
 from highside.codec.tool import encode
+from highside.physics.forward import ForwardModel
 from highside.physics.gravity import gravity_direction
+from highside.physics.state import ChainState
 
 pytestmark = pytest.mark.slow
 
@@ -498,6 +501,43 @@ def test_reference_of_the_recipe_gives_the_attitudes(tmp_path: Path) -> None:
     assert (found["verdict"], claim["effect"]) == ("named", "quadratic")
     k2_x = claim["parameters"]["k2_x"]
     assert k2_x["low"] < 4e-4 < k2_x["high"] < k2_x["low"] + 1e-4
+    # without the recipe nothing says where the tool was
+    done = highside(*arguments, path=tmp_path)
+    assert done.returncode == 2 and "nothing says where the tool was" in done.stderr
+
+
+def visits(effects: dict[str, dict[str, float]], path: Path) -> None:
+    """A recording of seven fixtures, each visited eight times while it grows warm and cold again."""
+    rng = np.random.default_rng(5)
+    inc, tf = attitude_block(rng.standard_normal((3, 7)))
+    fixture = np.concatenate([rng.permutation(7) for _ in range(8)])
+    t_s, temp_c = 30.0 * np.arange(56), 40 + 20 * np.sin(np.arange(56) / 9.0)
+    state = ChainState.build(inc[fixture], tf[fixture], t_s=t_s, temp_c=temp_c)
+    mean = ForwardModel.of({"bias": {"b_x": 1e-3, "b_y": -2e-3}, **effects}).predict(state)
+    accel = np.repeat(mean, 50, axis=1) + 4e-4 * rng.standard_normal((3, 56 * 50))
+    times = (t_s[:, None] + np.arange(50) / 50).reshape(-1)
+    rows = np.column_stack([times, *accel, np.repeat(temp_c, 50), np.repeat(fixture, 50)])
+    np.savetxt(path, rows, "%.17g", ",", header="t_s,ax_g,ay_g,az_g,temp_c,fixture", comments="")
+
+
+def test_reference_of_the_recipe_with_its_own_noise_needs_no_attitude(tmp_path: Path) -> None:
+    recipe = blocks("A reference with its own noise")
+    assert len(recipe) == 2
+    path = patched(recipe, tmp_path / "src")
+    known, recording = tmp_path / "known.toml", tmp_path / "visits.csv"
+    known.write_text('[sensor]\nfree = ["bias", "scale", "misalignment"]\n')
+    arguments = ("diagnose", recording, "--model", known, "--out", tmp_path / "report")
+    for effects in ({}, {"temperature_bias": {"bt_x": 2e-5}}):
+        visits(effects, recording)
+        done = highside(*arguments, path=path)
+        assert done.returncode == 0, done.stderr
+        found = json.loads((tmp_path / "report" / "diagnosis.json").read_text())
+        assert found["verdict"] == ("named" if effects else "nothing_left_out")
+    (claim,) = found["claims"]
+    bt_x = claim["parameters"]["bt_x"]
+    assert claim["effect"] == "temperature_bias" and bt_x["low"] < 2e-5 < bt_x["high"] < bt_x["low"] + 4e-6
+    lacking = {entry["effect"]: entry["why"] for entry in found["not_testable"]}
+    assert "the same at every return" in lacking["quadratic"]
     # without the recipe nothing says where the tool was
     done = highside(*arguments, path=tmp_path)
     assert done.returncode == 2 and "nothing says where the tool was" in done.stderr

@@ -15,7 +15,8 @@ BARS = {
     "A published channel": (2, 20),
     "A calibration method": (1, 100),
     "A transport": (2, 150),
-    "A kind of reference": (2, 500),
+    "A kind of reference": (2, 100),
+    "A reference with its own noise": (2, 500),
 }
 """Files and lines at most. Source: the drills in which the recipes were first done, with room to grow."""
 BLOCK = re.compile(r"^```(python|diff)\n# ([\w./-]+\.py)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -41,13 +42,3 @@ def test_a_recipe_costs_what_the_page_says(title: str) -> None:
     files, lines = cost(title)
     assert stated[title] == (files, lines)
     assert files <= BARS[title][0] and lines <= BARS[title][1]
-
-
-def test_the_smallest_room_is_as_large_as_the_page_says() -> None:
-    stated = re.search(r"the smallest, `diagnosis/poses/`, has some (\d+) lines", PAGE)
-    assert stated
-    rooms = {
-        name: sum(len(file.read_text().splitlines()) for file in (ROOT / "src/highside/diagnosis" / name).glob("*.py"))
-        for name in ("poses", "magnitude", "simulation")
-    }
-    assert rooms["poses"] == min(rooms.values()) == pytest.approx(int(stated[1]), abs=50)
