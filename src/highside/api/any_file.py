@@ -49,9 +49,15 @@ def read(
     if isinstance(source, str | os.PathLike):
         if wished or not _is_own(Path(source)):
             looked = inspect_import(
-                source, mapping=mapping, units=units, axes=axes, rate_hz=rate_hz, table=table, part=part,
+                source,
+                mapping=mapping,
+                units=units,
+                axes=axes,
+                rate_hz=rate_hz,
+                table=table,
+                part=part,
                 profile=profile,
-            )  # fmt: skip
+            )
             made = looked.read(accept=accept)
             for line in looked.remarks:
                 warnings.warn(f"{source}: {line}", stacklevel=2)

@@ -61,8 +61,13 @@ def init(
         latitude_deg=latitude_deg,
     )
     if not yes:
-        answers = _ask(answers, tool=tool is None, port=port is None, broker=broker is None and not heard,
-                       latitude=latitude_deg is None)  # fmt: skip
+        answers = _ask(
+            answers,
+            tool=tool is None,
+            port=port is None,
+            broker=broker is None and not heard,
+            latitude=latitude_deg is None,
+        )
     with as_options("tool", "port", "broker", "latitude_deg"):
         text = first_configuration(answers, can=answers.port in buses)
     write_whole(file, text.encode())

@@ -90,8 +90,12 @@ def _link(of: Answers, can: bool) -> list[str]:
             'kind = "simulated"',
         ]
     if can:
-        return ["# up first: ip link set IFACE up type can bitrate 500000", 'kind = "socketcan"',
-                f"interface = {_text(of.port)}", "wait_at_start = true"]  # fmt: skip
+        return [
+            "# up first: ip link set IFACE up type can bitrate 500000",
+            'kind = "socketcan"',
+            f"interface = {_text(of.port)}",
+            "wait_at_start = true",
+        ]
     return [
         "# a name below /dev/serial/by-id stays the same whatever else is plugged in",
         'kind = "serial"',

@@ -69,9 +69,13 @@ def carry_out(
         second = recording_of(other)
         findings += [f"{name}: {line}" for line in (*other.table.remarks, *second.findings)]
         made = joined(
-            ImportedRecording(recording, (), first.start_ns), second, name, taken=joins.taken, lag_s=joins.lag_s,
+            ImportedRecording(recording, (), first.start_ns),
+            second,
+            name,
+            taken=joins.taken,
+            lag_s=joins.lag_s,
             one_clock=one_clock,
-        )  # fmt: skip
+        )
         recording = made.recording
         findings += made.findings
         if made.doubt is not None:
@@ -86,8 +90,13 @@ def carry_out(
             raise InputError(guess.open, where=recording.source, remedy=f"--axes {guess.axes} (or another arrangement)")
         findings.append(f"axes {guess.axes}: {'; '.join(guess.evidence)}")
         if guess.likely:
-            doubts.append(Doubt(f"axes {guess.axes} agree with the reference, those of the file do not",
-                                f"--axes={guess.axes}", False))  # fmt: skip
+            doubts.append(
+                Doubt(
+                    f"axes {guess.axes} agree with the reference, those of the file do not",
+                    f"--axes={guess.axes}",
+                    False,
+                )
+            )
             if turned:
                 turn(recording.columns, AxisMap.parse(guess.axes))
     return Carried(recording, tuple(findings), tuple(doubts))

@@ -50,9 +50,12 @@ def load(name: str) -> Wishes | None:
         )
     rate = found.get("rate_hz")
     return Wishes(
-        dict(mapping), tuple(map(str, found.get("units", []))), found.get("axes"),
-        None if rate is None else float(rate), found.get("table"),
-    )  # fmt: skip
+        dict(mapping),
+        tuple(map(str, found.get("units", []))),
+        found.get("axes"),
+        None if rate is None else float(rate),
+        found.get("table"),
+    )
 
 
 def store(name: str, proposal: Proposal, wishes: Wishes) -> Path:

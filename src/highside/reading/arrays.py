@@ -21,8 +21,15 @@ _PACKED = 15
 """kind of a part of a MATLAB 5 file that is packed"""
 _PIECE = 1 << 20
 _DAMAGED = (
-    zipfile.BadZipFile, zlib.error, struct.error, EOFError, NotImplementedError, RuntimeError, OSError, ValueError,
-)  # fmt: skip
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+    EOFError,
+    NotImplementedError,
+    RuntimeError,
+    OSError,
+    ValueError,
+)
 """what `zipfile` raises over damaged bytes: names that are no UTF-8 and places before the start are ValueErrors"""
 
 
@@ -67,14 +74,16 @@ def check_archive(archive: zipfile.ZipFile, packed: int, *, where: str) -> None:
         raise InputError(f"holds more than {MAX_MEMBERS} files", where=where, remedy="give the right file")
     if total > allowed_bytes():
         raise InputError(
-            f"expands to more than {in_words(allowed_bytes())}", where=where,
+            f"expands to more than {in_words(allowed_bytes())}",
+            where=where,
             remedy="if it is meant so: highside --max-bytes SIZE ...",
-        )  # fmt: skip
+        )
     if total > RATIO_FROM_BYTES and total > MAX_RATIO * packed:
         raise InputError(
-            f"expands to more than {MAX_RATIO} times its size, as no recording does", where=where,
+            f"expands to more than {MAX_RATIO} times its size, as no recording does",
+            where=where,
             remedy="give the right file",
-        )  # fmt: skip
+        )
 
 
 def check_zip(data: bytes, *, where: str) -> None:

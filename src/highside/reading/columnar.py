@@ -91,9 +91,14 @@ def mcap_messages(data: bytes, *, where: str) -> Iterator[McapMessage]:
             if size > limit:
                 raise _too_large(where)
             yield McapMessage(
-                channel.topic, channel.message_encoding, schema.name if schema else "",
-                schema.encoding if schema else "", schema.data if schema else b"", message.log_time, message.data,
-            )  # fmt: skip
+                channel.topic,
+                channel.message_encoding,
+                schema.name if schema else "",
+                schema.encoding if schema else "",
+                schema.data if schema else b"",
+                message.log_time,
+                message.data,
+            )
     except (InputError, MemoryError):
         raise
     except Exception as error:

@@ -54,17 +54,19 @@ def columns_at_once(
 
     def table(as_they_stand: Collection[str]) -> Any:
         convert = csv.ConvertOptions(
-            column_types=dict.fromkeys(as_they_stand, pa.string()), null_values=list(missing),
-            strings_can_be_null=False, quoted_strings_can_be_null=True, decimal_point=decimal,
-        )  # fmt: skip
+            column_types=dict.fromkeys(as_they_stand, pa.string()),
+            null_values=list(missing),
+            strings_can_be_null=False,
+            quoted_strings_can_be_null=True,
+            decimal_point=decimal,
+        )
         return csv.read_csv(pa.BufferReader(pa.py_buffer(data).slice(begin)), read, parse, convert)
-
-    def is_number(kind: Any) -> bool:
-        return bool(pa.types.is_int64(kind) or pa.types.is_float64(kind) or pa.types.is_null(kind))
 
     try:
         found = table(texts)
-        others = [field.name for field in found.schema if not (is_number(field.type) or pa.types.is_string(field.type))]
+        others = [
+            field.name for field in found.schema if not (_is_number(field.type) or pa.types.is_string(field.type))
+        ]
         if others:
             # times, dates and true or false as it reads them: they are wanted as they stand
             found = table({*texts, *others})
@@ -72,12 +74,18 @@ def columns_at_once(
         return None
     columns = []
     for name, field in zip(names, found.schema, strict=True):
-        array = found.column(name)
         if pa.types.is_null(field.type):
             columns.append(ReadColumn(name, np.full(found.num_rows, np.nan)))
             continue
-        column = column_of_arrow(name, field, array)
+        column = column_of_arrow(name, field, found.column(name))
         if column is None or (column.numbers is not None and bool(np.isinf(column.numbers).any())):
             return None
         columns.append(column)
     return columns
+
+
+def _is_number(kind: Any) -> bool:
+    """Whether a type of pyarrow's is one that it reads numbers as, or an empty column's."""
+    from pyarrow import types
+
+    return bool(types.is_int64(kind) or types.is_float64(kind) or types.is_null(kind))

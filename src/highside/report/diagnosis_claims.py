@@ -102,11 +102,14 @@ def likelihood(claim: Claim) -> str:
     """How sure a claim is, in words and as the probability by chance."""
     p = claim.p_familywise
     word = (
-        "practically certain" if p < PRACTICALLY_CERTAIN
-        else "very sure" if p < VERY_SURE
-        else "sure" if p < SURE
+        "practically certain"
+        if p < PRACTICALLY_CERTAIN
+        else "very sure"
+        if p < VERY_SURE
+        else "sure"
+        if p < SURE
         else "probable"
-    )  # fmt: skip
+    )
     chance = "less than 1 in 10^12" if p < 1e-12 else f"{p:.0e}"
     return f"{word} (by chance: {chance})" + ("; its size changes over the session" if claim.stable is False else "")
 

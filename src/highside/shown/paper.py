@@ -57,9 +57,14 @@ def _line(axis: Axes, panel: PlotPanel, line: PlotLine) -> None:
         axis.errorbar(panel.x, line.y, line.std, fmt=style, markersize=3, color=line.colour, label=line.name)
         return
     (drawn,) = axis.plot(
-        panel.x, line.y, style, markersize=3 if panel.x.size < 500 else 1.5, linewidth=0.9, color=line.colour,
+        panel.x,
+        line.y,
+        style,
+        markersize=3 if panel.x.size < 500 else 1.5,
+        linewidth=0.9,
+        color=line.colour,
         label=line.name,
-    )  # fmt: skip
+    )
     if line.std is not None:
         low, high = np.subtract(line.y, line.std), np.add(line.y, line.std)
         axis.fill_between(panel.x, low, high, color=drawn.get_color(), alpha=0.25, linewidth=0)

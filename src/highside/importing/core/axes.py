@@ -50,8 +50,11 @@ def axes_by_reference(gravity: Block, inc_deg: Block, tf_deg: Block, policy: Imp
         return AxesGuess("xyz", (f"as in the file: {own:.2g} deg rms from the reference",))
     why = (f"{best[0]:.2g} deg rms from the reference; as in the file {own:.3g} deg",)
     if best[0] > policy.angle_rms_deg or next_best[0] < policy.angle_ratio * best[0]:
-        return AxesGuess("xyz", (f"as in the file: {own:.3g} deg rms from the reference",),
-                         "no arrangement of axes agrees with the reference")  # fmt: skip
+        return AxesGuess(
+            "xyz",
+            (f"as in the file: {own:.3g} deg rms from the reference",),
+            "no arrangement of axes agrees with the reference",
+        )
     if best[2] != _RIGHT_HANDED:
         return AxesGuess(best[1], why, f"only {best[1]} agrees with the reference, and that is a mirror")
     return AxesGuess(best[1], why, likely=True)

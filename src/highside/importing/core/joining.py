@@ -95,9 +95,10 @@ def joined(
     without = max(int(np.isnan(values).sum()) - int(np.isnan(b.columns[c]).any()) for c, values in columns.items())
     if without == a.n:
         raise InputError(
-            f"{name}: none of its times lies within those of the recording", where=a.source,
+            f"{name}: none of its times lies within those of the recording",
+            where=a.source,
             remedy="--lag SECONDS says how late its times are",
-        )  # fmt: skip
+        )
     if without:
         findings.append(f"{name}: {without} of {a.n} rows lie outside of its times, or in a gap of them: left empty")
     named = {_free(column, a): values for column, values in columns.items()}
@@ -125,9 +126,9 @@ def _common(a: Recording, b: Recording) -> list[tuple[str, Block, Block]]:
         up = up / np.maximum(np.linalg.norm(up, axis=0), 1e-9)
     if up is not None and b.has("inc_ref_deg", "tf_ref_deg"):
         inc, tf = np.radians(b["inc_ref_deg"]), np.radians(b["tf_ref_deg"])
-        pairs.append((
-            "gravity and the angles", up, np.vstack([np.sin(inc) * np.cos(tf), np.sin(inc) * np.sin(tf), np.cos(inc)])
-        ))  # fmt: skip
+        pairs.append(
+            ("gravity and the angles", up, np.vstack([np.sin(inc) * np.cos(tf), np.sin(inc) * np.sin(tf), np.cos(inc)]))
+        )
     elif up is not None and b.has("inc_ref_deg"):
         pairs.append(("the inclination", up[2:], np.cos(np.radians(b["inc_ref_deg"]))[None]))
     if up is not None and b.has(*_ACCEL):
@@ -184,9 +185,11 @@ def _correlated(
         return None
     width = max(step, float(lags[min(end_, n - 1)] - lags[begin_]) / 2)
     near = minimize_scalar(
-        lambda lag: -_agreement(t, one, times - lag, other), method="bounded", options={"xatol": step / 100},
+        lambda lag: -_agreement(t, one, times - lag, other),
+        method="bounded",
+        options={"xatol": step / 100},
         bounds=(float(lags[place]) - width, float(lags[place]) + width),
-    )  # fmt: skip
+    )
     return float(near.x), -float(near.fun), _agreement(t, one, times, other)
 
 

@@ -234,20 +234,14 @@ class _Proposing:
             if quantity is Quantity.ACCELERATION and not self.wishes.reference:
                 names = ", ".join(column.name for column in self.table.columns[:MANY])
                 more = ", ..." if len(self.table.columns) > MANY else ""
-                self.doubts.append(Doubt(
-                    f"no three columns are accelerations; it has {names}{more}",
-                    "--map ax_g=COLUMN:UNIT (and ay_g, az_g), or ax_g=none", True,
-                    "--map ax_g=COLUMN:UNIT --map ay_g=COLUMN --map az_g=COLUMN"))  # fmt: skip
+                what = f"no three columns are accelerations; it has {names}{more}"
+                remedy, option = "--map ax_g=COLUMN:UNIT (and ay_g, az_g), or ax_g=none", "--map ax_g=COLUMN:UNIT"
+                self.doubts.append(Doubt(what, remedy, True, f"{option} --map ay_g=COLUMN --map az_g=COLUMN"))
             return
         if len(best) > 1:
             names = " or ".join("(" + ", ".join(c.name for c in columns) + ")" for _, columns in best[:3])
-            self.doubts.append(
-                Doubt(
-                    f"{len(best)} triads may be the {quantity}: {names}",
-                    f"--map {targets[0]}=COLUMN, and the others",
-                    True,
-                )
-            )
+            what = f"{len(best)} triads may be the {quantity}: {names}"
+            self.doubts.append(Doubt(what, f"--map {targets[0]}=COLUMN, and the others", True))
             return
         self._place(quantity, targets, best[0][1])
 
@@ -305,8 +299,13 @@ class _Proposing:
         named = named or next(iter(own), None)
         if units is not None:
             named = units[0]
-            block = np.vstack([row if unit is named else (row - unit.zero) * unit.factor / named.factor + named.zero
-                               for row, unit in zip(block, units, strict=True)])  # fmt: skip
+            rows = zip(block, units, strict=True)
+            block = np.vstack(
+                [
+                    (row - unit.zero) * unit.factor / named.factor + named.zero if unit is not named else row
+                    for row, unit in rows
+                ]
+            )
         whole = block_is_whole(columns)
         if quantity is Quantity.ACCELERATION:
             return acceleration_unit(block, named, whole, self.policy)
@@ -367,10 +366,8 @@ class _Proposing:
         if len(columns) < 3 or any(column is None or column.numbers is None for column in columns):
             return None
         units = [guess.unit for guess in found if guess is not None and guess.unit is not None]
-        return np.vstack([
-            (column.numbers - unit.zero) * unit.factor + unit.offset
-            for column, unit in zip(columns, units, strict=True) if column is not None and column.numbers is not None
-        ])  # fmt: skip
+        pairs = [(c.numbers, unit) for c, unit in zip(columns, units, strict=True) if c is not None]
+        return np.vstack([(n - unit.zero) * unit.factor + unit.offset for n, unit in pairs if n is not None])
 
     # --- single columns -------------------------------------------------------------------------------------------
 

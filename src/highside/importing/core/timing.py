@@ -106,9 +106,15 @@ def _written(column: SourceColumn, order: str | None) -> TimeReading | None:
             notes.append(f"midnight passed {falls.size} times")
     begin = "" if found.of_day else f", from {_date(int(ns[0]))}"
     return TimeReading(
-        column.name, found.written, ns, (f"written as {found.written}{begin}",), named=True, epoch=not found.of_day,
-        open=found.doubt, notes=tuple(notes),
-    )  # fmt: skip
+        column.name,
+        found.written,
+        ns,
+        (f"written as {found.written}{begin}",),
+        named=True,
+        epoch=not found.of_day,
+        open=found.doubt,
+        notes=tuple(notes),
+    )
 
 
 def _in_unit(column: SourceColumn, unit: Unit, policy: ImportPolicy) -> TimeReading:
@@ -167,9 +173,16 @@ def _by_values(column: SourceColumn, policy: ImportPolicy, rate_hz: float | None
     rates = " or ".join(f"{1e9 / reading.step_ns:.4g} rows/s in {reading.unit}" for reading in fits)
     one, several = fits[0], len(fits) > 1
     return TimeReading(
-        column.name, one.unit, one.ns, (f"no unit named; {rates}",), False, False,
-        f"its unit may be {' or '.join(reading.unit for reading in fits)}" if several else None, True, one.notes,
-    )  # fmt: skip
+        column.name,
+        one.unit,
+        one.ns,
+        (f"no unit named; {rates}",),
+        False,
+        False,
+        f"its unit may be {' or '.join(reading.unit for reading in fits)}" if several else None,
+        True,
+        one.notes,
+    )
 
 
 def column_first(column: SourceColumn) -> str:

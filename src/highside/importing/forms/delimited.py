@@ -135,9 +135,14 @@ def _columns_at_once(
         return None
     words = [not _mostly_numbers(cells) and any(cell.lower() not in _MISSING for cell in cells) for cells in shown]
     found = columns_at_once(
-        body, names, begin=begin, delimiter=delimiter, decimal="," if comma else ".", missing=_MISSING_CASES,
+        body,
+        names,
+        begin=begin,
+        delimiter=delimiter,
+        decimal="," if comma else ".",
+        missing=_MISSING_CASES,
         texts=[name for name, word in zip(names, words, strict=True) if word],
-    )  # fmt: skip
+    )
     # numbers all along and then a text is a fault that the other reader names; so are commas in texts beside points
     if found is None or any((column.texts is not None) != word for column, word in zip(found, words, strict=True)):
         return None
@@ -178,9 +183,10 @@ def _dialect(lines: Sequence[str], forced: str | None, where: str) -> _Dialect:
             best = (agree, delimiter, width)
     if best is None:
         raise InputError(
-            "is no table: no separator divides its lines into columns", where=where,
+            "is no table: no separator divides its lines into columns",
+            where=where,
             remedy="give one row a line, cells separated by comma, semicolon, tab, bar or blank",
-        )  # fmt: skip
+        )
     _, delimiter, width = best
     if width > MAX_COLUMNS:
         raise InputError(f"has more than {MAX_COLUMNS} columns", where=where, remedy="give the right file")
@@ -225,9 +231,11 @@ def _header(lines: Sequence[str], dialect: _Dialect, where: str) -> tuple[tuple[
     double = [name for name, count in Counter(names).items() if count > 1]
     if double:
         raise InputError(
-            "the header names this column twice", where=f"{where}: line {dialect.header + 1}", field=double[0],
+            "the header names this column twice",
+            where=f"{where}: line {dialect.header + 1}",
+            field=double[0],
             remedy="rename one of them",
-        )  # fmt: skip
+        )
     units: dict[str, str] = {}
     if dialect.units is not None:
         for name, cell in zip(names, _split(lines[dialect.units], dialect.delimiter), strict=False):
@@ -257,9 +265,10 @@ def _rows(lines: Sequence[str], dialect: _Dialect, where: str, ended: bool, rema
             raise InputError("is empty, and rows follow it", where=f"{where}: line {line}", remedy="take it out")
         else:
             raise InputError(
-                f"has {len(cells)} cells where the others have {dialect.width}", where=f"{where}: line {line}",
+                f"has {len(cells)} cells where the others have {dialect.width}",
+                where=f"{where}: line {line}",
                 remedy="correct that line",
-            )  # fmt: skip
+            )
     return rows
 
 
@@ -284,9 +293,10 @@ def _decimal_comma(cells: Sequence[Sequence[str]], dialect: _Dialect, where: str
             stripped = cell.strip()
             if _GROUPED.fullmatch(stripped) and not ("." in stripped) ^ ("," in stripped):
                 raise InputError(
-                    f"{stripped[:_SHOWN]!r} groups its digits", where=f"{where}: line {dialect.first + place + 1}",
+                    f"{stripped[:_SHOWN]!r} groups its digits",
+                    where=f"{where}: line {dialect.first + place + 1}",
                     remedy="write numbers without separators of thousands",
-                )  # fmt: skip
+                )
             if "," in stripped and _COMMA.fullmatch(stripped):
                 comma = True
                 surely = surely or not _THOUSANDS.fullmatch(stripped)
@@ -298,9 +308,10 @@ def _decimal_comma(cells: Sequence[Sequence[str]], dialect: _Dialect, where: str
         )
     if comma and not surely:
         raise InputError(
-            "every comma stands before three digits: decimals or thousands", where=where,
+            "every comma stands before three digits: decimals or thousands",
+            where=where,
             remedy="save it with a decimal point, or without separators of thousands",
-        )  # fmt: skip
+        )
     return comma
 
 
@@ -327,9 +338,11 @@ def _column(name: str, cells: Sequence[str], comma: bool, first_line: int, where
             if _mostly_numbers(stripped[:_LOOKED_AT]) and place > 0:
                 # numbers all along and then a text: a fault of the file, not a column of words
                 raise InputError(
-                    f"{cell[:_SHOWN]!r} is no number", where=f"{where}: line {first_line + place}", field=name,
+                    f"{cell[:_SHOWN]!r} is no number",
+                    where=f"{where}: line {first_line + place}",
+                    field=name,
                     remedy="correct that cell, or leave it empty",
-                )  # fmt: skip
+                )
             return SourceColumn(name, texts=tuple(stripped))
     if np.isinf(values).any():
         line = first_line + int(np.argmax(np.isinf(values)))

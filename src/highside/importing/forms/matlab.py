@@ -29,8 +29,12 @@ def read_mat5(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
 
     try:
         found = loadmat(io.BytesIO(data), squeeze_me=False, chars_as_strings=True)  # type: ignore[arg-type]
-        arrays = {name: array for key, value in found.items() if not key.startswith("__")
-                  for name, array in _fields(key, value, 0)}  # fmt: skip
+        arrays = {
+            name: array
+            for key, value in found.items()
+            if not key.startswith("__")
+            for name, array in _fields(key, value, 0)
+        }
     except MemoryError:
         raise
     except Exception as error:
@@ -74,9 +78,10 @@ def read_hdf5(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
         size += item.size * item.dtype.itemsize
         if size > allowed_bytes():
             raise InputError(
-                f"expands to more than {in_words(allowed_bytes())}", where=where,
+                f"expands to more than {in_words(allowed_bytes())}",
+                where=where,
                 remedy="if it is meant so: highside --max-bytes SIZE ...",
-            )  # fmt: skip
+            )
         arrays[name] = item[()]
         unit = item.attrs.get("units", item.attrs.get("unit"))
         if isinstance(unit, str | bytes):
