@@ -143,6 +143,7 @@ def _workers() -> list[psutil.Process]:
         (lambda p: p.write_text("uri,tool\na.csv\n"), "line 2"),
         (lambda p: p.write_text("uri\na.csv\na.csv\n"), "twice"),
         (lambda p: p.write_text("uri,tool\n,t\n"), "line 2"),
+        (lambda p: p.write_text("uri,codec\nraw.hsw,vn100\n"), "highside decode raw.hsw --codec vn100"),
         (lambda p: p.write_text(""), "empty"),
         (lambda p: p.mkdir(), "no recording"),
     ],

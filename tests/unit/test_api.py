@@ -19,6 +19,7 @@ import pyarrow as pa
 import pytest
 
 import highside
+from highside import api
 from highside.cli.options import in_options
 from highside.errors import InputError
 
@@ -99,6 +100,19 @@ def test_no_package_takes_the_place_of_a_function() -> None:
     assert run(loaded + "print(callable(highside.drift), callable(highside.diagnose))") == "True True"
 
 
+def test_type_checkers_and_the_interpreter_find_each_name_in_the_same_module() -> None:
+    tree = ast.parse(Path(api.__file__).read_text())
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    shown = {
+        name.name: node.module for node in imports for name in node.names if str(node.module).startswith("highside")
+    }
+    homes = {str(name): home for name, home in vars(api)["_HOMES"].items()}
+    assert homes == shown
+    assert sorted(homes) == sorted(api.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = api.nothing  # type: ignore[attr-defined]
+
+
 def test_every_name_can_be_imported_and_is_documented() -> None:
     assert {*highside.__all__} <= {*dir(highside)}
     for name in highside.__all__:
@@ -141,6 +155,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 import highside
+from highside import api
 
 
 def of_file(path: str) -> None:

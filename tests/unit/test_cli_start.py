@@ -34,6 +34,52 @@ def test_nothing_heavy_is_imported_to_say_what_there_is(asked: str) -> None:
     assert done.stdout.splitlines()[-1].strip() == "heavy:", done.stderr
 
 
+NEVER = {"matplotlib", "bokeh", "pyarrow", "nicegui", "scipy.stats", "pydantic_settings", "highside.service"}
+"""What no diagnosis without a page needs, whatever it finds"""
+
+
+def modules_of(program: str, *arguments: str) -> set[str]:
+    """What a fresh interpreter has loaded when `program` has ended."""
+    told = f"import sys\n{program}\nprint('loaded:', *sorted(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", told, *arguments], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.splitlines()[-1].removeprefix("loaded:").split())
+
+
+def test_the_version_is_told_without_the_commands() -> None:
+    loaded = modules_of("from highside.cli.main import main; main()", "--version")
+    assert {name for name in loaded if name.startswith("highside")} == {"highside", "highside.cli", "highside.cli.main"}
+    assert not loaded & {"typer", "typing_extensions", "asyncio", "importlib.metadata"}
+
+
+@pytest.mark.parametrize("command", ["diagnose", "decode", "run", "calibrate"])
+def test_a_command_loads_no_other(command: str) -> None:
+    loaded = modules_of(f"from highside.cli.commands import app_of; app_of({command!r})")
+    others = {"confirm", "decode", "detect", "diagnose", "drift", "calibrate", "rotation", "run", "fleet"} - {command}
+    assert f"highside.cli.{command}" in loaded
+    assert not loaded & {f"highside.cli.{other}" for other in others}
+
+
+def test_a_diagnosis_without_a_page_loads_what_it_works_with_and_no_more(tmp_path: Path) -> None:
+    model = Path(__file__).parents[2] / "config/model-bench.toml"
+    recording = tmp_path / "poses.csv"
+    assert run("simulate", str(model), "-o", str(recording), "--seed", "1").returncode == 0
+    arguments = ("diagnose", str(recording), "--model", str(model), "--out", str(tmp_path), "--no-report")
+    loaded = modules_of("from highside.cli.commands import run; run(sys.argv[1:])", *arguments)
+    assert not loaded & NEVER
+    assert (tmp_path / "diagnosis.json").exists()
+    assert not (tmp_path / "report.html").exists()
+    # 275 when this was written: a room more that every diagnosis loads is noticed
+    assert sum(name.startswith("highside.") for name in loaded) < 310
+
+
+def test_the_public_names_are_loaded_one_by_one() -> None:
+    loaded = modules_of("import highside; highside.read; highside.diagnose")
+    others = ("certificate", "confirmation", "gyro", "learning", "rotation", "simulation", "turntable")
+    assert not loaded & {f"highside.api.{name}" for name in others}
+    assert not loaded & NEVER
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

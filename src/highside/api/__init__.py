@@ -13,36 +13,43 @@ The commands are thin callers of these: what a command does beside is to read op
 answer of rows comes back in the kind that came in (see `recording.frames`); results show themselves in a notebook and
 have `.plot()` (extra `plot`). Errors are `InputError` (what came in is not in order: file, field, what to do) and
 `Refused` (it was understood, and the answer is no), both `HighsideError`.
+
+Each name is loaded with its module when it is first asked for (PEP 562): who reads a recording does not wait for the
+certificates. `_HOMES` says where a name lives; type checkers read the imports beside it, and a test holds them equal.
 """
 
 from __future__ import annotations
 
-from highside.api.any_file import read
-from highside.api.calibration import Calibration, CorrectedReadings, calibrate, find_poses
-from highside.api.certificate import Certificate, certify
-from highside.api.confirmation import Confirmation, confirm
-from highside.api.diagnosis import Diagnosis, diagnose, diagnose_table
-from highside.api.gyro import Drift, drift
-from highside.api.importing import ImportProposal, import_recording, inspect_import
-from highside.api.learning import new_effect
-from highside.api.recording import Recording
-from highside.api.rotation import (
-    ComparedRotation,
-    CompensatedRecording,
-    FitOfRotation,
-    compare_rotation,
-    compensate,
-    fit_rotation,
-)
-from highside.api.simulation import Simulation, predict, simulate
-from highside.api.turntable import SelfFit, TurntableFit, fit_self, fit_turntable
-from highside.config.model import Model
-from highside.errors import HighsideError, InputError, Refused
-from highside.reading.files import allow_bytes
-from highside.recording.table import PoseTable, Table
-from highside.rotation import Compensation
-from highside.shown.panel import PlotLine, PlotPanel
-from highside.shown.plot import Plot
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from highside.api.any_file import read
+    from highside.api.calibration import Calibration, CorrectedReadings, calibrate, find_poses
+    from highside.api.certificate import Certificate, certify
+    from highside.api.confirmation import Confirmation, confirm
+    from highside.api.diagnosis import Diagnosis, diagnose, diagnose_table
+    from highside.api.gyro import Drift, drift
+    from highside.api.importing import ImportProposal, import_recording, inspect_import
+    from highside.api.learning import new_effect
+    from highside.api.recording import Recording
+    from highside.api.rotation import (
+        ComparedRotation,
+        CompensatedRecording,
+        FitOfRotation,
+        compare_rotation,
+        compensate,
+        fit_rotation,
+    )
+    from highside.api.simulation import Simulation, predict, simulate
+    from highside.api.turntable import SelfFit, TurntableFit, fit_self, fit_turntable
+    from highside.config.model import Model
+    from highside.errors import HighsideError, InputError, Refused
+    from highside.reading.files import allow_bytes
+    from highside.recording.table import PoseTable, Table
+    from highside.rotation import Compensation
+    from highside.shown.panel import PlotLine, PlotPanel
+    from highside.shown.plot import Plot
 
 __all__ = [
     "Calibration",
@@ -89,3 +96,64 @@ __all__ = [
     "read",
     "simulate",
 ]
+
+_HOMES = {
+    "Calibration": "highside.api.calibration",
+    "Certificate": "highside.api.certificate",
+    "ComparedRotation": "highside.api.rotation",
+    "CompensatedRecording": "highside.api.rotation",
+    "Compensation": "highside.rotation",
+    "Confirmation": "highside.api.confirmation",
+    "CorrectedReadings": "highside.api.calibration",
+    "Diagnosis": "highside.api.diagnosis",
+    "Drift": "highside.api.gyro",
+    "FitOfRotation": "highside.api.rotation",
+    "HighsideError": "highside.errors",
+    "ImportProposal": "highside.api.importing",
+    "InputError": "highside.errors",
+    "Model": "highside.config.model",
+    "Plot": "highside.shown.plot",
+    "PlotLine": "highside.shown.panel",
+    "PlotPanel": "highside.shown.panel",
+    "PoseTable": "highside.recording.table",
+    "Recording": "highside.api.recording",
+    "Refused": "highside.errors",
+    "SelfFit": "highside.api.turntable",
+    "Simulation": "highside.api.simulation",
+    "Table": "highside.recording.table",
+    "TurntableFit": "highside.api.turntable",
+    "allow_bytes": "highside.reading.files",
+    "calibrate": "highside.api.calibration",
+    "certify": "highside.api.certificate",
+    "compare_rotation": "highside.api.rotation",
+    "compensate": "highside.api.rotation",
+    "confirm": "highside.api.confirmation",
+    "diagnose": "highside.api.diagnosis",
+    "diagnose_table": "highside.api.diagnosis",
+    "drift": "highside.api.gyro",
+    "find_poses": "highside.api.calibration",
+    "fit_rotation": "highside.api.rotation",
+    "fit_self": "highside.api.turntable",
+    "fit_turntable": "highside.api.turntable",
+    "import_recording": "highside.api.importing",
+    "inspect_import": "highside.api.importing",
+    "new_effect": "highside.api.learning",
+    "predict": "highside.api.simulation",
+    "read": "highside.api.any_file",
+    "simulate": "highside.api.simulation",
+}
+"""name: the module it lives in"""
+
+
+def __getattr__(name: str) -> Any:
+    """A name of the public API, from its own module. Raises AttributeError."""
+    home = _HOMES.get(name)
+    if home is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(home), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -10,7 +10,7 @@ import hashlib
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, TypeVar
 
 from highside.config.model import Model, as_toml, load_model, parse_model
 from highside.config.model_bench import bench_columns, bench_of, laws_of_the_sensor, notes_on, true_references
@@ -19,14 +19,15 @@ from highside.physics.forward import ForwardModel
 from highside.physics.law import Law
 from highside.reading import read_bytes
 from highside.recording.table import Table
-from highside.rotation import Compensation
-from highside.rotation.turntable import correct_settings
+
+if TYPE_CHECKING:
+    from highside.rotation import Compensation
 
 __all__ = ["ModelLike", "load_compensation", "model_of", "on_true_bench"]
 
 ModelLike: TypeAlias = Model | str | os.PathLike[str] | Mapping[str, Any]
 """a model, its file, or the tables of the file as a dict"""
-CompensationLike: TypeAlias = Compensation | str | os.PathLike[str]
+CompensationLike: TypeAlias = "Compensation | str | os.PathLike[str]"
 TableT = TypeVar("TableT", bound=Table)
 
 
@@ -41,6 +42,8 @@ def model_of(model: ModelLike) -> Model:
 
 def load_compensation(compensation: CompensationLike) -> Compensation:
     """A compensation, or that of its file. Raises InputError, or Refused for one that was changed."""
+    from highside.rotation.compensation import Compensation
+
     if isinstance(compensation, Compensation):
         return compensation
     return Compensation.from_json(read_bytes(Path(compensation)), where=str(compensation))
@@ -67,6 +70,8 @@ def on_true_bench(table: Table, turntable: CompensationLike | None, model: Model
     notes: list[str] = []
     laws: tuple[Law, ...] = ()
     if turntable is not None:
+        from highside.rotation.turntable import correct_settings
+
         known = load_compensation(turntable)
         inc_ref, tf_ref = table.require("inc_ref_deg", "tf_ref_deg")
         true_inc, true_tf = correct_settings(known, inc_ref, tf_ref, table.columns.get("rotor_deg"))

@@ -29,7 +29,6 @@ from highside.recording.frames import Columns, File, FrameT, take
 from highside.recording.table import Recording, SummaryTable, Table
 from highside.report.diagnosis_chart import misfit_chart
 from highside.report.diagnosis_claims import claim_size
-from highside.report.diagnosis_page import page_of
 from highside.report.diagnosis_words import verdict_words
 from highside.shown.card import card
 from highside.shown.plot import Plot
@@ -95,6 +94,8 @@ class Diagnosis:
     def html(self) -> str:
         """The report as one HTML page that needs nothing beside it; without figures where matplotlib (extra `plot`) is
         not installed, without the chart to zoom and hover in where Bokeh (extra `notebook`) is not."""
+        from highside.report.diagnosis_page import page_of
+
         return page_of(self.found, self.report_data, self.source)
 
     def model(self) -> Model | None:
@@ -120,16 +121,18 @@ class Diagnosis:
         model = self.model()
         return None if model is None else as_toml(model)
 
-    def save(self, folder: File) -> None:
-        """Write `diagnosis.json` and `report.html`. Raises InputError for a folder that cannot be made."""
-        page = self.html()
+    def save(self, folder: File, *, report: bool = True) -> None:
+        """Write `diagnosis.json` and `report.html`, or without the page, whose figures take longer than the diagnosis
+        of a small recording. Raises InputError for a folder that cannot be made."""
+        page = self.html() if report else None
         out = Path(folder)
         try:
             out.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"cannot be made: {error.strerror}", where=str(out)) from None
         write_whole(out / "diagnosis.json", (json.dumps(self.to_dict(), indent=1) + "\n").encode())
-        write_whole(out / "report.html", page.encode())
+        if page is not None:
+            write_whole(out / "report.html", page.encode())
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the verdict and the claims."""

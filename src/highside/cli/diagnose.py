@@ -57,6 +57,9 @@ def diagnose(
     first_s: Annotated[float | None, typer.Option("--from", help="Only rows from this time on, s.")] = None,
     last_s: Annotated[float | None, typer.Option("--to", help="Only rows up to this time, s.")] = None,
     effects: EffectFolders = None,
+    report: Annotated[
+        bool, typer.Option("--report/--no-report", help="Draw report.html; without it diagnosis.json alone is written.")
+    ] = True,
     without: Annotated[
         str | None, typer.Option("--without", hidden=True, help="colour, refit or refusal: what that part is worth.")
     ] = None,
@@ -93,8 +96,10 @@ def diagnose(
     for note in made.notes:
         echo(note)
     learnt = made.model_toml() if write_model is not None else None
-    made.save(out)
-    _show(made.found, out)
+    made.save(out, report=report)
+    _show(made.found)
+    if report:
+        _say_what_the_page_lacks(out)
     if write_model is not None:
         if learnt is not None:
             write_whole(write_model, learnt.encode())
@@ -149,12 +154,10 @@ def _rows_of(
         return api.rows_of(rows, first_s=first_s, last_s=last_s)
 
 
-def _show(diagnosis: DiagnosisResult, out: Path) -> None:
+def _show(diagnosis: DiagnosisResult) -> None:
     """The diagnosis in lines: verdict, claims, causes, what to look at."""
     from highside.report.diagnosis_claims import claim_size
-    from highside.report.diagnosis_page import NO_FIGURES
     from highside.report.diagnosis_words import blame, tested, verdict_words
-    from highside.report.plots import can_plot
 
     named = ", ".join(claim.effect for claim in diagnosis.claims)
     echo(f"{diagnosis.verdict} - {verdict_words(diagnosis)}{': ' + named if named else ''}{tested(diagnosis)}")
@@ -166,5 +169,11 @@ def _show(diagnosis: DiagnosisResult, out: Path) -> None:
         echo(f"  {hint}")
     for finding in diagnosis.intake:
         echo(f"{finding.check} ({', '.join(finding.channels)}): {finding.remedy}")
+
+
+def _say_what_the_page_lacks(out: Path) -> None:
+    from highside.report.diagnosis_page import NO_FIGURES
+    from highside.report.plots import can_plot
+
     if not can_plot():
         echo(f"{out / 'report.html'}: {NO_FIGURES}", err=True)

@@ -64,7 +64,8 @@ def check(
     A bench session's file (it has a table [plan]) is judged as such, its page's token, certificate and key too.
     """
     from highside.codec.registry import faults
-    from highside.config.settings import load, read_toml
+    from highside.config.settings import load
+    from highside.reading import read_toml
     from highside.service.broker_client import check_secrets
     from highside.service.in_force import compensation_of
 

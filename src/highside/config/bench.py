@@ -22,9 +22,10 @@ from highside.config.codecs import CodecConfig
 from highside.config.links import LinkConfig
 from highside.config.mistakes import input_error
 from highside.config.mqtt import MqttSettings
-from highside.config.settings import ToolSettings, anchor_paths, parse_overrides, read_toml
+from highside.config.settings import ToolSettings, anchor_paths, parse_overrides
 from highside.config.web import WebTable
 from highside.errors import InputError
+from highside.reading import read_toml
 from highside.reading.config_table import ConfigTable
 
 

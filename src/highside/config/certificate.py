@@ -13,7 +13,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, ValidationError, model_validator
 
 from highside.config.mistakes import input_error
-from highside.config.settings import read_toml
+from highside.reading import read_toml
 from highside.reading.config_table import ConfigTable
 
 Line = Annotated[str, Field(min_length=1, max_length=200)]

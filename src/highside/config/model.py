@@ -30,7 +30,6 @@ from highside.codec.axes import AxisMap
 from highside.config.mistakes import UNKNOWN, Mistake, reported_together
 from highside.config.model_effects import EffectsTable, SensorTable, known_effect
 from highside.config.model_motion import KINDS, Motion
-from highside.config.settings import read_toml
 from highside.errors import InputError
 from highside.physics.effect import AXES
 from highside.physics.forward import ForwardModel
@@ -38,6 +37,7 @@ from highside.physics.gravity import normal_gravity_mps2
 from highside.physics.law import Law, effect_of
 from highside.physics.motion import Leg
 from highside.physics.plan import Session, Site
+from highside.reading import read_toml
 from highside.reading.config_table import ConfigTable
 from highside.units import STANDARD_GRAVITY_MPS2
 

@@ -35,7 +35,7 @@ from highside.config.rig import (
     WitsConfig,
 )
 from highside.errors import InputError
-from highside.reading import parse_toml, read_bytes
+from highside.reading import parse_toml, read_toml
 from highside.reading.config_table import ConfigTable
 
 
@@ -228,11 +228,6 @@ class _FileSource(PydanticBaseSettingsSource):
 
     def __call__(self) -> dict[str, Any]:
         return self._tables
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """Parse a TOML file. Raises InputError that names the file and the line."""
-    return parse_toml(read_bytes(path), where=str(path))
 
 
 def parse_overrides(overrides: list[str]) -> dict[str, Any]:

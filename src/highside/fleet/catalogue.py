@@ -1,9 +1,9 @@
 """Which recordings there are: a table (CSV, Parquet) of one row a recording, a folder, or a pattern of names.
 
-A table has the column `uri` and may have `tool`, `lot`, `model`, `codec` and any others (`part_number`, `date`,
-`serial`), by which a summary can group. A relative uri or model is relative to the table. Without a table the tool is
-the name of the file and the lot that of its folder. Places are those of fsspec (`s3://...`), which brings its own
-library for each.
+A table has the column `uri` and may have `tool`, `lot`, `model` and any others (`part_number`, `date`, `serial`), by
+which a summary can group; what stands under `codec` is refused, since a recording of the wire is decoded first. A
+relative uri or model is relative to the table. Without a table the tool is the name of the file and the lot that of its
+folder. Places are those of fsspec (`s3://...`), which brings its own library for each.
 """
 
 from __future__ import annotations
@@ -36,7 +36,6 @@ class Entry:
     lot: str = ""
     model: str | None = None
     """its own model file; None takes the command's"""
-    codec: str | None = None
     more: Mapping[str, str] = field(default_factory=dict)
     """other columns of the catalogue"""
     size: int | None = None
@@ -75,13 +74,20 @@ def _of_table(path: Path) -> list[Entry]:
         uri = row["uri"].strip()
         if not uri:
             raise InputError("is empty", where=place, field="uri", remedy="name the recording, or take the row out")
+        if codec := row.get("codec", "").strip():
+            raise InputError(
+                f"{codec!r}: a fleet reads Recordings, not the wire",
+                where=place,
+                field="codec",
+                remedy=f"run `highside decode {PurePosixPath(uri).name} --codec {codec} -o REC.csv.gz`, name the result"
+                " and leave the cell empty",
+            )
         entries.append(
             Entry(
                 _beside(path, uri),
                 row.get("tool", "").strip() or PurePosixPath(uri).name,
                 row.get("lot", "").strip(),
                 _beside(path, row["model"].strip()) if row.get("model", "").strip() else None,
-                row.get("codec", "").strip() or None,
                 {name: cell for name, cell in row.items() if name not in OWN},
             )
         )

@@ -18,7 +18,7 @@ package alone; a test holds the rest of the sources to that.
 """
 
 from highside.reading.dbc import check_dbc
-from highside.reading.documents import MALFORMED, instant, parse_json, parse_json_lines, parse_toml
+from highside.reading.documents import MALFORMED, instant, parse_json, parse_json_lines, parse_toml, read_toml
 from highside.reading.files import (
     CERTIFICATES_MAX,
     SECRET_MAX,
@@ -51,5 +51,6 @@ __all__ = [
     "parse_toml",
     "read_bytes",
     "read_named",
+    "read_toml",
     "text_member",
 ]

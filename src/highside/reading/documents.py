@@ -12,10 +12,11 @@ import math
 import re
 import tomllib
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from highside.errors import InputError
-from highside.reading.files import in_words
+from highside.reading.files import in_words, read_bytes
 from highside.reading.texts import at_line, decode_text
 
 MAX_DOCUMENT_BYTES = 16 << 20
@@ -93,6 +94,11 @@ def parse_json_lines(
     for number, line in enumerate(data.split(b"\n"), 1):
         if line.strip():
             yield number, parse_json(line, where=at_line(where, number), kind=kind, remedy=remedy)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file. Raises InputError that names the file and the line."""
+    return parse_toml(read_bytes(path), where=str(path))
 
 
 def parse_toml(data: bytes | str, *, where: str | None = None, max_bytes: int = MAX_TOML_BYTES) -> dict[str, Any]:

@@ -1,0 +1,145 @@
+"""The commands by name, each loaded when it is asked for, and what ends them: one line and an exit status.
+
+`highside diagnose ...` loads what `diagnose` needs and nothing of the others. Whoever asks for help, or for a command
+that there is not, loads them all.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from importlib import import_module
+from typing import Any
+
+import typer
+
+from highside import __version__
+from highside.cli import examples
+from highside.cli.options import as_options, in_options
+from highside.cli.say import echo
+from highside.errors import HighsideError
+from highside.printable import one_line
+
+__all__ = ["COMMANDS", "app_of", "run"]
+
+COMMANDS = {
+    "confirm": "confirm.confirm",
+    "decode": "decode.decode",
+    "demo": "demo.demo",
+    "detect": "detect.detect",
+    "docs": "documentation.docs",
+    "examples": "documentation.examples",
+    "drift": "drift.drift",
+    "diagnose": "diagnose.diagnose",
+    "doctor": "doctor.doctor",
+    "predict": "predict.predict",
+    "replay": "replay.replay",
+    "calibrate": "calibrate.app",
+    "reproduce": "reproduce.app",
+    "rotation": "rotation.app",
+    "run": "run.run",
+    "simulate": "simulate.simulate",
+    "effects": "effects.app",
+    "fleet": "fleet.app",
+    "export": "export.export",
+    "init": "init.init",
+    "import": "importing.import_file",
+    "keys": "keys.app",
+    "toolface": "toolface.app",
+    "check": "run.check",
+    "schema": "run.schema",
+}
+"""name, in the order of the help: its module in this package and its function there, or the group of that module"""
+
+
+def app_of(only: str | None = None) -> typer.Typer:
+    """The whole command, or the one with a single sub-command."""
+    app = typer.Typer(
+        name="highside",
+        no_args_is_help=True,
+        rich_markup_mode="markdown",
+        pretty_exceptions_enable=False,
+        help="Live acquisition and calibration for the accelerometers and gyros of a directional drilling tool.",
+    )
+    app.callback()(_top)
+    for name in COMMANDS if only is None else (only,):
+        module, attribute = COMMANDS[name].split(".")
+        found = getattr(import_module(f"highside.cli.{module}"), attribute)
+        if isinstance(found, typer.Typer):
+            app.add_typer(found)
+        else:
+            app.command(name)(found)
+    examples.attach(app)
+    return app
+
+
+def _version(show: bool) -> None:
+    if show:
+        echo(__version__)
+        raise typer.Exit
+
+
+def _top(
+    version: bool = typer.Option(
+        False, "--version", callback=_version, is_eager=True, help="Print the version and exit."
+    ),
+    max_bytes: str | None = typer.Option(
+        None,
+        "--max-bytes",
+        envvar="HIGHSIDE_MAX_BYTES",
+        metavar="SIZE",
+        help="Longest file to read, unzipped (e.g. 8G); 2G if not given.",
+    ),
+) -> None:
+    """Options of the whole command."""
+    if max_bytes is not None:
+        from highside.reading.files import allow_bytes, size
+
+        with as_options("max_bytes"):
+            allow_bytes(size(max_bytes))
+
+
+UsageFault: type[Exception] = next(
+    kind for kind in reversed(typer.BadParameter.__mro__) if hasattr(kind, "format_message")
+)
+"""The class of everything that is wrong with a command line. typer carries its parser inside itself and exports the
+leaves of its errors only; their common root is therefore found from a leaf, whatever module it lives in."""
+
+
+def _usage(error: Any) -> int:
+    """Say in one line what is wrong with the command line (typer would draw a box of five); the exit status."""
+    context = getattr(error, "ctx", None)
+    text = one_line(error.format_message())
+    if type(error).__name__ == "NoArgsIsHelpError":
+        # a group without a command: its help is printed already
+        text = "no command given; choose one of those above"
+    remedy = f" (see {context.command_path} --help)" if context is not None else ""
+    echo(f"highside: {text}{remedy}", err=True)
+    return int(error.exit_code)
+
+
+def run(arguments: list[str]) -> int:
+    """Do what the command line says; the exit status."""
+    try:
+        app = app_of(arguments[0] if arguments and arguments[0] in COMMANDS else None)
+        return int(app(arguments, standalone_mode=False) or 0)
+    except UsageFault as error:
+        return _usage(error)
+    except (typer.Abort, KeyboardInterrupt):
+        return 130
+    except HighsideError as error:
+        echo(f"highside: {in_options(error)}", err=True)
+        return error.exit_status
+    except BrokenPipeError:
+        # the reader of our output went away (`| head`): not an error of ours
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:
+        if os.environ.get("HIGHSIDE_DEBUG"):
+            raise
+        echo(
+            f"highside: internal error: {type(error).__name__}: {one_line(str(error))}"
+            " (set HIGHSIDE_DEBUG=1 for details)",
+            err=True,
+        )
+        return 70
