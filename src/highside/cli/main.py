@@ -11,6 +11,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from highside import __version__
+from highside.cli.say import echo_version
 
 if TYPE_CHECKING:
     import typer
@@ -33,7 +34,7 @@ def main() -> None:
     """Entry point of the console script."""
     if sys.argv[1:] == ["--version"]:
         # asked by scripts and packages before anything else: nothing is loaded for it
-        sys.stdout.write(__version__ + "\n")
+        echo_version(__version__)
         return
     # our matrices are small: threads inside a product cost more than they bring (read when numpy is first imported)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -3,10 +3,9 @@ control sequence or reverses its reading order."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
-
-import typer
 
 from highside.printable import printable
 
@@ -16,11 +15,20 @@ if TYPE_CHECKING:
 
 def echo(text: str = "", *, err: bool = False, nl: bool = True) -> None:
     """Print lines for people, on stdout or stderr; line ends and tabs stay, what no line may hold is escaped."""
+    import typer
+
     typer.echo("\n".join("\t".join(map(printable, line.split("\t"))) for line in text.split("\n")), err=err, nl=nl)
+
+
+def echo_version(version: str) -> None:
+    """Print what `--version` asks for; nothing is loaded for it."""
+    sys.stdout.write(version + "\n")
 
 
 def echo_json(document: str) -> None:
     """Print a JSON document: the same values, with characters that a terminal would obey as JSON's own escapes."""
+    import typer
+
     typer.echo("".join(c if c.isprintable() or c in "\n\t" else _escaped(c) for c in document))
 
 
