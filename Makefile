@@ -5,9 +5,17 @@ BIN := $(VENV)/bin
 
 .PHONY: demo test check data docs bench evidence blind lock clean
 
-## demo: set up a virtual environment and show I and T of a simulated tool, live
+## demo: set up a virtual environment with the core alone and show I and T of a simulated tool, live
 demo: $(VENV)/.run
 	$(BIN)/highside demo
+
+## install: set up a virtual environment with everything that a user may want
+.PHONY: install
+install: $(VENV)/.all
+
+$(VENV)/.all: requirements.lock $(VENV)/.run
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	touch $@
 
 ## test: set up everything the tests need and run all checks and tests; those that judge a pace or a delay run alone
 test: packages $(VENV)/.test
@@ -33,9 +41,9 @@ docs: $(VENV)/.test
 packages:
 	bash .ci/packages
 
-$(VENV)/.run: requirements.lock pyproject.toml
+$(VENV)/.run: requirements-core.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --require-hashes -r requirements-core.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps -e .
 	touch $@
 
@@ -43,7 +51,7 @@ $(VENV)/.test: requirements-test.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-test.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps -e .
-	touch $@ $(VENV)/.run
+	touch $(VENV)/.run $(VENV)/.all $@
 
 ## bench: speeds side by side, as ratios
 BENCHMARKS = bulk_attitude bulk_schedule codec_speed diagnosis_speed drift_speed live_cost rotation_speed
@@ -101,6 +109,7 @@ pictures: $(VENV)/.test
 ## lock: pin every dependency with its hashes (needs uv)
 lock:
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header --extra all --extra build pyproject.toml -o requirements.lock
+	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header --extra build -c requirements.lock pyproject.toml -o requirements-core.lock
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header --extra service --extra build -c requirements.lock pyproject.toml -o requirements-service.lock
 	uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-header --all-extras pyproject.toml -o requirements-test.lock
 

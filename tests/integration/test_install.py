@@ -92,6 +92,7 @@ def wheel(project_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         "README.md",
         "Makefile",
         ".gitignore",
+        "requirements-core.lock",
         "requirements.lock",
         "requirements-test.lock",
     ):

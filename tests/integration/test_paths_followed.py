@@ -109,7 +109,7 @@ def test_the_first_screen_of_the_readme(tmp_path: Path) -> None:
     """`make demo` sets up an environment from the lock and runs the command; here the one that is there is used."""
     first = (ROOT / "README.md").read_text().partition("\n## ")[0]
     targets = re.findall(r"^make (\w+)", "\n".join(text for _, text in BLOCK.findall(first)), re.MULTILINE)
-    assert targets == ["demo", "test"]
+    assert targets == ["demo", "install", "test"]
     said = {
         target: subprocess.run(
             ["make", "--no-print-directory", "-n", target], cwd=ROOT, capture_output=True, text=True, check=True
@@ -122,6 +122,7 @@ def test_the_first_screen_of_the_readme(tmp_path: Path) -> None:
     assert ("all", "highside demo") in commands and ("", "highside docs") in commands
     spoken = run("highside demo --seconds 3", tmp_path, environment(tmp_path))
     assert re.search(r"\d+ frames, \d+ attitudes delivered, 0 lost, rms error I 0\.\d+ deg", spoken)
+    assert "requirements-core.lock" in (ROOT / "Makefile").read_text().partition("$(VENV)/.run:")[2].splitlines()[0]
 
 
 def test_how_to_pages_give_files_that_are_good_and_commands_that_exist(tmp_path: Path) -> None:

@@ -183,6 +183,9 @@ def test_the_lock_of_the_service_is_a_part_of_that_of_all() -> None:
         return set(re.findall(r"^[a-z0-9_.-]+==[^ \\]+", (ROOT / name).read_text(), re.MULTILINE))
 
     service, everything = pins("requirements-service.lock"), pins("requirements.lock")
+    core = pins("requirements-core.lock")
+    assert len(core) > 20
+    assert core <= service, "what `make demo` installs is a part of what a tool needs"
     assert len(service) > 20
     assert service <= everything
     assert not {name for name in service if re.match(r"(matplotlib|nicegui|numba|pyarrow)==", name)}

@@ -42,9 +42,13 @@ def demo(
             last = asyncio.run(run_demo(seconds, lambda snapshot: live.update(live_table(snapshot))))
     else:
         printed_s = 0.0
+        told = 0
 
         def line(snapshot: DemoState) -> None:
-            nonlocal printed_s
+            nonlocal printed_s, told
+            for at_s, text in snapshot.events[told:]:
+                echo(f"{at_s:7.1f} s  {text}", err=as_json)
+            told = len(snapshot.events)
             if snapshot.elapsed_s - printed_s >= LINE_EVERY_S and snapshot.latest is not None:
                 printed_s = snapshot.elapsed_s
                 echo(one_line(snapshot), err=as_json)
@@ -63,14 +67,24 @@ def demo(
 def _rms_text(snapshot: DemoState) -> str:
     summary = snapshot.summary()
     inc, tf = summary["inc_error_rms_deg"], summary["tf_error_rms_deg"]
-    return "no attitude" if inc is None else f"rms error I {inc:.4f} deg, T {tf:.4f} deg"
+    if inc is None:
+        return "no attitude"
+    said = f"rms error I {inc:.4f} deg, T {tf:.4f} deg"
+    raw_inc, raw_tf = summary["inc_error_rms_uncorrected_deg"], summary["tf_error_rms_uncorrected_deg"]
+    if raw_inc is not None:
+        said += f" (uncorrected: I {raw_inc:.4f} deg, T {raw_tf:.4f} deg)"
+    shaken = summary["inc_error_rms_shaken_deg"]
+    return said if shaken is None else f"{said}, I {shaken:.2f} deg while shaken,"
 
 
 def one_line(snapshot: DemoState) -> str:
     """The state as a line, for consoles that cannot draw."""
     latest = snapshot.latest or {}
+    if not snapshot.linked:
+        return f"{snapshot.elapsed_s:7.1f} s  no data from the tool"
     return (
         f"{snapshot.elapsed_s:7.1f} s  I {_angle(latest, 'inc')}  T {_angle(latest, 'tf')}"
+        f"  uncorrected I {snapshot.raw_inc_deg:.3f} T {snapshot.raw_tf_deg:.2f} deg"
         f"  |g| {latest.get('g_total', 0.0):.5f}  {snapshot.frames} frames  {snapshot.published} published"
         f"  {snapshot.lost} lost  {' '.join(latest.get('flags', []))}"
     )
@@ -83,6 +97,15 @@ def _angle(payload: dict[str, object], name: str) -> str:
     return f"{value:8.3f} ± {std:.3f} deg"
 
 
+def _errors(table: Table, snapshot: DemoState) -> None:
+    """What the calibration buys: rms errors against the truth, with it and without."""
+    summary = snapshot.summary()
+    for label, key in (("error of I, rms", "inc"), ("error of T, rms", "tf")):
+        with_it, without = summary[f"{key}_error_rms_deg"], summary[f"{key}_error_rms_uncorrected_deg"]
+        if with_it and without:
+            table.add_row(label, f"{with_it:.4f}°", "", f"{without:.4f}°", f"{without / with_it:.0f} times less")
+
+
 def live_table(snapshot: DemoState) -> Table:
     """The live picture: attitude with uncertainty beside the truth, rates, counts, health."""
     from rich.table import Table
@@ -90,34 +113,41 @@ def live_table(snapshot: DemoState) -> Table:
     latest = snapshot.latest or {}
     p99 = snapshot.latency_p99_ms()
     table = Table(title=f"highside demo   {snapshot.elapsed_s:6.1f} s", title_justify="left", min_width=74)
-    for name, justify in (("", "left"), ("value", "right"), ("± 1 sigma", "right"), ("truth", "right")):
+    for name, justify in (
+        ("", "left"), ("corrected", "right"), ("± 1 sigma", "right"), ("uncorrected", "right"), ("truth", "right")
+    ):  # fmt: skip
         table.add_column(name, justify=justify)  # type: ignore[arg-type]
 
-    def row(label: str, key: str, truth: float) -> None:
-        value, std = latest.get(f"{key}_deg"), latest.get(f"{key}_std_deg")
+    def row(label: str, key: str, raw: float, truth: float) -> None:
+        # what came before the plug was pulled is no reading of now
+        value, std = (latest.get(f"{key}_deg"), latest.get(f"{key}_std_deg")) if snapshot.linked else (None, None)
+        raw, truth = (raw, truth) if snapshot.linked else (math.nan, math.nan)
         table.add_row(
             label,
             "-" if value is None else f"{value:.3f}°",
             "-" if std is None else f"{std:.3f}°",
+            "-" if raw != raw else f"{raw:.3f}°",
             "-" if truth != truth else f"{truth:.3f}°",
         )
 
-    row("[bold]inclination I[/]", "inc", snapshot.truth_inc_deg)
-    row("[bold]toolface T[/]", "tf", snapshot.truth_tf_deg)
+    row("[bold]inclination I[/]", "inc", snapshot.raw_inc_deg, snapshot.truth_inc_deg)
+    row("[bold]toolface T[/]", "tf", snapshot.raw_tf_deg, snapshot.truth_tf_deg)
+    _errors(table, snapshot)
     g_total = latest.get("g_total")
-    table.add_row("|g|", "-" if g_total is None else f"{g_total:.5f} g", "", "1.00000 g")
+    table.add_row("|g|", "-" if g_total is None else f"{g_total:.5f} g", "", "", "1.00000 g")
     table.add_section()
     rate = snapshot.frames / snapshot.elapsed_s if snapshot.elapsed_s else 0.0
-    table.add_row("frames", f"{snapshot.frames}", f"{rate:.0f} /s", "")
+    table.add_row("frames", f"{snapshot.frames}", f"{rate:.0f} /s", "", "")
     out = snapshot.published / snapshot.elapsed_s if snapshot.elapsed_s else 0.0
-    table.add_row("attitudes delivered", f"{snapshot.published}", f"{out:.1f} /s", f"{snapshot.lost} lost")
-    table.add_row("last byte to delivery", "-" if p99 is None else f"{p99:.1f} ms", "p99", "")
+    table.add_row("attitudes delivered", f"{snapshot.published}", f"{out:.1f} /s", "", f"{snapshot.lost} lost")
+    table.add_row("last byte to delivery", "-" if p99 is None else f"{p99:.1f} ms", "p99", "", "")
     if snapshot.survey is not None:
         survey = snapshot.survey
         table.add_row(
             f"survey {snapshot.surveys}",
             f"I {survey['inc_deg']:.3f}°  T {survey['tf_deg']:.2f}°",
             f"{survey['inc_std_deg']:.4f}° {survey['tf_std_deg']:.3f}°",
+            "",
             f"{survey['n']} readings",
         )
     health = snapshot.health or {}
@@ -127,7 +157,10 @@ def live_table(snapshot: DemoState) -> Table:
         "health",
         f"link {state}",
         "counters add up" if balance and all(balance.values()) else "-",
+        "",
         ", ".join(health.get("alarms", [])) or "no alarm",
     )
-    table.caption = " ".join([*latest.get("flags", []), f"calibration {str(latest.get('cal_id', '-'))[:12]}"])
+    used = " ".join([*latest.get("flags", []), f"calibration {str(latest.get('cal_id', '-'))[:12]}"])
+    table.caption = "\n".join([used, *(f"{at_s:5.1f} s  {text}" for at_s, text in snapshot.events)])
+    table.caption_justify = "left"
     return table

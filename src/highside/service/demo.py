@@ -21,16 +21,19 @@ from typing import Any
 
 import numpy as np
 
+from highside.attitude.scalar import attitude
 from highside.calibration.method import SolveRequest
 from highside.calibration.methods.conventional import METHOD as CONVENTIONAL
 from highside.calibration.record import CalibrationRecord, Environment, build_record, solve_poses
 from highside.config.settings import Settings, validate
+from highside.link.base import LinkState
 from highside.link.device import DeviceSettings, SimulatedDevice
 from highside.link.wire import PtyWire
 from highside.physics.gravity import gravity_direction
 from highside.reading import parse_json
 from highside.recording.files import write_whole
 from highside.service.app import Service
+from highside.service.demo_plug import PulledPlug
 from highside.service.outputs import AttitudeOutput
 from highside.service.publisher import Publisher
 
@@ -38,9 +41,12 @@ TOOL_ID = "demo"
 RATE_HZ = 200.0
 OUTPUT_RATE_HZ = 20.0
 
-# what the simulated sensor does to gravity: raw = MATRIX @ g + OFFSET
+# what the simulated sensor does to gravity: raw = MATRIX @ g + offset
 MATRIX = ((0.9991, 0.0038, -0.0007), (-0.0019, 0.9989, 0.0001), (0.0009, 0.0003, 0.9982))
 OFFSET_G = (0.0012, -0.0008, 0.0015)
+"""of the sensor of `factory_record`"""
+DEMO_OFFSET_G = (0.0120, -0.0080, 0.0150)
+"""of the demonstration's: a MEMS triad before calibration (data sheets of MPU-6050, LSM6DSO: 20 to 60 mg)"""
 
 
 @dataclass(slots=True)
@@ -57,9 +63,21 @@ class DemoState:
     survey: dict[str, Any] | None = None
     surveys: int = 0
     health: dict[str, Any] | None = None
+    linked: bool = True
+    """whether the tool is heard"""
     latency_ms: list[float] = field(default_factory=list)
     inc_errors_deg: list[float] = field(default_factory=list)
     tf_errors_deg: list[float] = field(default_factory=list)
+    """those of toolface; as of inclination, while nothing shakes the tool"""
+    shaken_errors_deg: list[float] = field(default_factory=list)
+    """of inclination while it is shaken: the acceleration is read as gravity, and its uncertainty says so"""
+    raw_inc_deg: float = math.nan
+    raw_tf_deg: float = math.nan
+    """of the same readings without the calibration"""
+    raw_inc_errors_deg: list[float] = field(default_factory=list)
+    raw_tf_errors_deg: list[float] = field(default_factory=list)
+    events: list[tuple[float, str]] = field(default_factory=list)
+    """seconds since the start and what happened: the plug"""
 
     def latency_p99_ms(self) -> float | None:
         """From a frame's last byte until its message is taken out of the outbox."""
@@ -82,6 +100,10 @@ class DemoState:
             "tf_std_deg": latest.get("tf_std_deg"),
             "inc_error_rms_deg": _rms(self.inc_errors_deg),
             "tf_error_rms_deg": _rms(self.tf_errors_deg),
+            "inc_error_rms_uncorrected_deg": _rms(self.raw_inc_errors_deg),
+            "tf_error_rms_uncorrected_deg": _rms(self.raw_tf_errors_deg),
+            "inc_error_rms_shaken_deg": _rms(self.shaken_errors_deg),
+            "events": [f"{at_s:.1f} s: {text}" for at_s, text in self.events],
             "surveys": self.surveys,
             "seconds": round(self.elapsed_s, 3),
         }
@@ -89,6 +111,11 @@ class DemoState:
 
 def _rms(values: list[float]) -> float | None:
     return round(math.sqrt(sum(v * v for v in values) / len(values)), 6) if values else None
+
+
+def _turned(difference_deg: float) -> float:
+    """A difference of toolfaces in [-180, 180)."""
+    return (difference_deg + 180.0) % 360.0 - 180.0
 
 
 class Watcher:
@@ -116,12 +143,37 @@ class Watcher:
             snapshot.lost = max(self._shown) + 1 - len(self._shown)
             snapshot.latest = payload
             snapshot.latency_ms.append((now_mono - payload["t_mono"]) * 1e3)
-            truth = self._device.truth(payload["t_device_s"] - payload["window_s"] / 2.0)
-            snapshot.truth_inc_deg = math.degrees(truth.inclination_rad)
-            snapshot.truth_tf_deg = math.degrees(truth.toolface_rad)
-            snapshot.inc_errors_deg.append(payload["inc_deg"] - snapshot.truth_inc_deg)
-            if payload["tf_deg"] is not None:
-                snapshot.tf_errors_deg.append((payload["tf_deg"] - snapshot.truth_tf_deg + 180.0) % 360.0 - 180.0)
+            self._compare(payload)
+
+    def uncorrected(self, output: AttitudeOutput) -> None:
+        """What the sensor itself says: the mean of the window taken back through the sensor's own errors."""
+        raw = np.array(MATRIX) @ np.array(output.accel) + np.array(DEMO_OFFSET_G)
+        inclination_rad, toolface_rad = attitude(*raw.tolist())
+        self.snapshot.raw_inc_deg = math.degrees(inclination_rad)
+        self.snapshot.raw_tf_deg = math.degrees(toolface_rad) % 360.0
+        middle_s = output.t_device_s - output.window_s / 2.0
+        truth = self._device.truth(middle_s)
+        if not self._shaken(middle_s):
+            self.snapshot.raw_inc_errors_deg.append(self.snapshot.raw_inc_deg - math.degrees(truth.inclination_rad))
+            self.snapshot.raw_tf_errors_deg.append(_turned(self.snapshot.raw_tf_deg - math.degrees(truth.toolface_rad)))
+
+    def _compare(self, payload: dict[str, Any]) -> None:
+        snapshot = self.snapshot
+        middle_s = payload["t_device_s"] - payload["window_s"] / 2.0
+        truth = self._device.truth(middle_s)
+        snapshot.truth_inc_deg = math.degrees(truth.inclination_rad)
+        snapshot.truth_tf_deg = math.degrees(truth.toolface_rad)
+        error_deg = payload["inc_deg"] - snapshot.truth_inc_deg
+        if self._shaken(middle_s):
+            snapshot.shaken_errors_deg.append(error_deg)
+            return
+        snapshot.inc_errors_deg.append(error_deg)
+        if payload["tf_deg"] is not None:
+            snapshot.tf_errors_deg.append(_turned(payload["tf_deg"] - snapshot.truth_tf_deg))
+
+    def _shaken(self, t_s: float) -> bool:
+        """Whether the tool is shaken around that time; a window has 0.05 s."""
+        return bool((self._device.truth_block([t_s - 0.05, t_s, t_s + 0.05]).vibration_rms_g > 0.0).any())
 
     def account(self, last_seq: int | None) -> None:
         """At the end: everything up to `last_seq`, the last that the service made, had to arrive."""
@@ -180,8 +232,8 @@ async def run_demo(
 async def _run_in(
     directory: Path, seconds: float | None, on_snapshot: Callable[[DemoState], None], interval_s: float
 ) -> DemoState:
-    wire = PtyWire()
-    device = SimulatedDevice(DeviceSettings(rate_hz=RATE_HZ, matrix=MATRIX, offset_g=OFFSET_G), wire)
+    wire = PtyWire(directory / "tool")  # the name stays when the plug is put back
+    device = SimulatedDevice(DeviceSettings(rate_hz=RATE_HZ, matrix=MATRIX, offset_g=DEMO_OFFSET_G), wire)
     watcher = Watcher(device)
     snapshot = watcher.snapshot
     last_seq: int | None = None
@@ -190,12 +242,14 @@ async def _run_in(
         nonlocal last_seq
         if isinstance(output, AttitudeOutput):
             last_seq = seq
+            watcher.uncorrected(output)
 
     device.start()
     try:
         service = Service(_settings(directory, device.address))
         service.on_output = note
         service.parts = replace(service.parts, publisher=OutboxReader(service, watcher.take))
+        plug = PulledPlug(device, service, snapshot.events)
         serving = asyncio.create_task(service.run())
         start = time.monotonic()
         try:
@@ -203,6 +257,8 @@ async def _run_in(
                 await asyncio.sleep(interval_s)
                 snapshot.elapsed_s = time.monotonic() - start
                 snapshot.frames = service.pipeline.monitor.counts.good
+                snapshot.linked = service.supervisor.stats.state is LinkState.UP
+                plug.tend(snapshot.elapsed_s, snapshot.published)
                 on_snapshot(snapshot)
                 if seconds is not None and snapshot.elapsed_s >= seconds:
                     break
@@ -226,14 +282,14 @@ async def _settle(done: Callable[[], bool], timeout_s: float = 2.0) -> None:
         await asyncio.sleep(0.02)
 
 
-def factory_record() -> CalibrationRecord:
+def factory_record(offset_g: tuple[float, float, float] = OFFSET_G) -> CalibrationRecord:
     """Calibrate the simulated sensor as a bench would: 24 positions, 100 noisy readings each, solved and recorded."""
     rng = np.random.default_rng(24)
     noise_g = DeviceSettings(rate_hz=RATE_HZ).noise_g
     inc = np.repeat([30.0, 90.0, 150.0], 8)
     tf = np.tile(np.arange(0.0, 360.0, 45.0), 3)
     g = gravity_direction(np.deg2rad(inc), np.deg2rad(tf))
-    a = np.array(MATRIX) @ g + np.array(OFFSET_G)[:, None] + noise_g / 10.0 * rng.standard_normal(g.shape)
+    a = np.array(MATRIX) @ g + np.array(offset_g)[:, None] + noise_g / 10.0 * rng.standard_normal(g.shape)
     columns = {"inc_ref_deg": inc, "tf_ref_deg": tf, "ax": a[0], "ay": a[1], "az": a[2], "n": np.full(24, 100.0)}
     columns |= {f"std_a{axis}": np.full(24, noise_g) for axis in "xyz"}
     poses = {name: values.tolist() for name, values in columns.items()}
@@ -253,7 +309,7 @@ def factory_record() -> CalibrationRecord:
 
 def _settings(directory: Path, port: str) -> Settings:
     record = directory / "calibration.json"
-    write_whole(record, factory_record().to_json().encode())
+    write_whole(record, factory_record(DEMO_OFFSET_G).to_json().encode())
     return validate(
         {
             "tool": {"id": TOOL_ID},
