@@ -141,7 +141,6 @@ class Outbox(OutboxMemory):
     def _turn(self) -> bool:
         """Sleep until something is due, and do it. True at the end."""
         self._wake.wait(self._sleep_s())
-        self._wake.clear()
         stopping = self._stopping.is_set()
         if not stopping and not self._is_due():
             return False

@@ -24,6 +24,7 @@ from highside.service.outbox_file import age
 from highside.service.outbox_log import BOOT_ID_LETTERS, StoredMessage
 from highside.service.quiet_log import QuietLog
 from highside.service.sequence import BLOCK
+from highside.service.wake import Wake
 
 log = logging.getLogger("highside.service.outbox")
 
@@ -92,7 +93,7 @@ class OutboxMemory:
         self._max_memory_rows = max_memory_rows
         self._clocks = clocks
         self._quiet = QuietLog(log)
-        self._wake = threading.Event()
+        self._wake = Wake()
 
         self._lock = threading.Lock()
         self._seq: dict[str, int] = {}

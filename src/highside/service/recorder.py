@@ -38,6 +38,7 @@ from highside.recording.files import flush_directory, make_directory
 from highside.recording.wire import SUFFIX, encode_header, encode_record
 from highside.service.quiet_log import QuietLog
 from highside.service.recorder_stats import REASONS, DropReason, RecorderState, RecorderStats
+from highside.service.wake import Wake
 
 log = logging.getLogger(__name__)
 
@@ -85,7 +86,8 @@ class Recorder:
         self._meta = {"tool": tool_id, **(meta or {})}
         self._channel = channel
         self._queue: deque[tuple[Batch, int]] = deque()
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
+        self._wake = Wake()
         self._stopping = False
         self._idle = False
         """the writer waits to be notified of a batch; else it looks by itself"""
@@ -110,7 +112,7 @@ class Recorder:
             return
         size = len(batch.data) if isinstance(batch, Chunk) else sum(len(frame.data) for frame in batch)
         stats = self.stats
-        with self._changed:
+        with self._lock:
             stats.batches_in += 1
             stats.bytes_in += size
             if self._stopping:
@@ -122,23 +124,23 @@ class Recorder:
                 stats.bytes_queued += size
                 self._queue.append((batch, size))
                 if self._idle:
-                    self._changed.notify()
+                    self._wake.set()
 
     def apply(self, settings: RecorderSettings) -> None:
         """Take new settings; an open file is closed first if recording is switched off."""
-        with self._changed:
+        with self._lock:
             self._settings = settings
-            self._changed.notify()
+        self._wake.set()
 
     def stop(self, timeout_s: float = 5.0) -> bool:
         """Write what is queued, fsync and close. Returns False if the disk did not allow it within `timeout_s`."""
-        with self._changed:
+        with self._lock:
             self._stopping = True
-            self._changed.notify()
+        self._wake.set()
         thread = self._thread
         if thread is not None:
             thread.join(timeout_s)
-        with self._changed:
+        with self._lock:
             for _, size in self._queue:
                 self.stats.batches_queued -= 1
                 self.stats.bytes_queued -= size
@@ -158,33 +160,31 @@ class Recorder:
     def _run(self) -> None:
         flowing = False
         while True:
-            with self._changed:
-                if not self._queue and not self._stopping:
-                    self._idle, flowing = True, False
-                    self._changed.wait(self._idle_s())
-                    self._idle = False
-                if self._queue and not flowing:
-                    self._changed.wait_for(lambda: self._stopping, GATHER_S)
-                stopping, flowing = self._stopping, bool(self._queue)
-                enabled = self._settings.enabled
+            self._idle = not (self._queue or self._stopping)
+            # looked at again: what was put before it could be seen that this thread sleeps wakes nobody
+            if self._idle and not (self._queue or self._stopping):
+                flowing = False
+                self._wake.wait(self._idle_s())
+            self._idle = False
+            if self._queue and not (flowing or self._stopping):
+                self._wake.wait(GATHER_S)
+            stopping, flowing = self._stopping, bool(self._queue)
             try:
                 self._write_queued()
-                self._keep_time(close=stopping or not enabled)
+                self._keep_time(close=stopping or not self._settings.enabled)
             except Exception as error:
                 # whatever it is, this thread ends with the service and not before
                 self._refused(error)
                 if stopping:
                     return
-                with self._changed:
-                    if not self._stopping:
-                        self._changed.wait_for(lambda: self._stopping, self._settings.retry_s)
+                if not self._stopping:
+                    self._wake.wait(self._settings.retry_s)
             else:
                 if stopping:
                     return
-                if flowing:
+                if flowing and not self._stopping:
                     # one wake-up for all that comes meanwhile
-                    with self._changed:
-                        self._changed.wait_for(lambda: self._stopping, GATHER_S)
+                    self._wake.wait(GATHER_S)
 
     def _idle_s(self) -> float | None:
         """How long nothing needs to be done to the open file, if nothing arrives."""
@@ -199,7 +199,7 @@ class Recorder:
     def _write_queued(self) -> None:
         """Write everything queued, as few calls as possible, each to the end of a record."""
         while True:
-            with self._changed:
+            with self._lock:
                 batches = list(self._queue)
             if not batches:
                 return
@@ -258,7 +258,7 @@ class Recorder:
     def _written(self, segment: _Segment, count: int) -> None:
         """Account for the first `count` batches of the queue."""
         stats = self.stats
-        with self._changed:
+        with self._lock:
             if not self._queue:
                 return  # `stop` could not wait any longer and has counted them as dropped
             for _ in range(count):
@@ -286,7 +286,7 @@ class Recorder:
             segment.dirty = False
 
     def _settle(self, state: RecorderState) -> None:
-        with self._changed:
+        with self._lock:
             self.stats.state, self.stats.reason, self.stats.message = state, None, ""
 
     def _refused(self, error: Exception) -> None:
@@ -299,7 +299,7 @@ class Recorder:
         reason = REASONS.get(number or 0, DropReason.IO_ERROR)
         message = f"recording to {self._directory} failed: {cause or error}"
         stats = self.stats
-        with self._changed:
+        with self._lock:
             news = stats.state is not RecorderState.FAILING or stats.reason is not reason
             stats.state, stats.reason, stats.message, stats.file = RecorderState.FAILING, reason, message, None
             stats.failures += 1
