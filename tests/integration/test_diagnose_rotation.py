@@ -83,6 +83,8 @@ def test_a_time_offset_is_told_from_a_lag_by_the_gyros(tmp_path: Path) -> None:
     assert {"time_offset", "bandwidth_lag"} <= set(found["claims"][0]["equivalence_class"])
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_four_strong_effects_of_the_sample_model_are_told_with_their_sizes(tmp_path: Path) -> None:
     """Beyond first order a lever arm and a late clock multiply: that is loud, and no effect of its own."""
     config = Path(__file__).resolve().parents[2] / "config"

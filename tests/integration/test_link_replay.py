@@ -257,8 +257,7 @@ def test_the_command_takes_its_link_away_when_it_is_stopped(tmp_path: Path, sign
     command = [*HIGHSIDE, "replay", str(recording), "--to", "pty", "--link", str(link)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        process.stdout.readline()
-        time.sleep(0.5)  # it waits for a reader
+        process.stdout.readline()  # from here on it waits for a reader
         process.send_signal(sign)
         try:
             _, errors = process.communicate(timeout=30)

@@ -293,6 +293,7 @@ def test_reproduce_rotation_sets_our_figures_beside_the_statements_of_the_paper(
     assert tags.links == []
 
 
+@pytest.mark.timing
 def test_the_benchmark_shows_ratios_and_keeps_its_bounds() -> None:
     path = Path(__file__).parent.parent / "bench" / "rotation_speed.py"
     spec = importlib.util.spec_from_file_location("rotation_speed", path)

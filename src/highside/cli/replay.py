@@ -49,7 +49,6 @@ def replay(
         raise InputError(f"holds {what}, which do not fit --to {to}", where=str(file), remedy=remedy)
     timeline = events(file, byte_rate)
     wire.plug()
-    echo(wire.address)
     played = Played()
     try:
         asyncio.run(_play(timeline, wire, speed, played))
@@ -100,4 +99,6 @@ async def _play(timeline: Iterator[RecordedEvent], wire: PtyWire | CanWire, spee
     if task is not None:
         # the link to the pty is taken away whoever ends us
         asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
+    # who reads it may stop us at once
+    echo(wire.address)
     await play(timeline, wire, speed, played=played)
