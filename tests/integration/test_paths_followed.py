@@ -142,7 +142,7 @@ def test_how_to_pages_give_files_that_are_good_and_commands_that_exist(tmp_path:
                 new = [line for line in lines if line not in done]  # the same line makes the same file
                 run("\n".join(new), tmp_path, env)
                 done.update(new)
-    assert checked == 3
+    assert checked == 4
     assert {"cal.json", "comp.json", "bench.toml", "highside.asyncapi.json"} <= {
         path.name for path in tmp_path.iterdir()
     }

@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
+from collections.abc import Callable, Coroutine
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -28,26 +29,54 @@ def run(config: ConfigOption, overrides: SetOption = None) -> None:
     linux_alone("run")
     from highside.codec.registry import faults
     from highside.config.settings import load
+    from highside.config.tools import has_tools
     from highside.service.app import Service
     from highside.service.interpreter import settle_interpreter
     from highside.service.logs import start_logging
 
+    if has_tools(config):
+        _run_tools(config, overrides)
+        return
     settings = load(config, overrides)
     report_omitted("codec", faults())
     start_logging(settings.service.log_level)
 
     async def serve() -> None:
+        service = Service(settings, reload=lambda: load(config, overrides))
+        settle_interpreter()
+        await service.run()
+
+    _until_ended(config, serve)
+
+
+def _run_tools(config: Path, overrides: list[str] | None) -> None:
+    """A file with [[tools]]: one service for each, in this process."""
+    from highside.codec.registry import faults
+    from highside.config.tools import load_tool, load_tools, tool_ids
+    from highside.service.logs import start_logging
+    from highside.service.many import Tools
+
+    settings = load_tools(config, overrides)
+    report_omitted("codec", faults())
+    start_logging(settings[0].service.log_level)
+
+    async def serve() -> None:
+        await Tools(settings, lambda tool: load_tool(config, overrides, tool), lambda: tool_ids(config)).run()
+
+    _until_ended(config, serve)
+
+
+def _until_ended(config: Path, serve: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    async def deaf_at_the_end() -> None:
         try:
-            service = Service(settings, reload=lambda: load(config, overrides))
-            settle_interpreter()
-            await service.run()
+            await serve()
         finally:
             # all is on disk; a late reload or an impatient second signal must not spoil the exit status
             for number in (signal.SIGHUP, signal.SIGTERM, signal.SIGINT):
                 signal.signal(number, signal.SIG_IGN)
 
     try:
-        asyncio.run(serve())
+        asyncio.run(deaf_at_the_end())
     except InputError as error:
         if error.where is not None:
             raise
@@ -65,21 +94,30 @@ def check(
     """
     from highside.codec.registry import faults
     from highside.config.settings import load
+    from highside.config.tools import has_tools, load_tools
     from highside.reading import read_toml
-    from highside.service.broker_client import check_secrets
-    from highside.service.in_force import compensation_of
 
     report_omitted("codec", faults())
     if "plan" in read_toml(config):
         _check_bench(config, overrides, as_json)
         return
-    settings = load(config, overrides)
+    every = load_tools(config, overrides) if has_tools(config) else (load(config, overrides),)
+    for settings in every:
+        _check_tool(config, settings, quiet=as_json)
+    if as_json:
+        shown = [settings.model_dump_json() for settings in every]
+        echo_json(f"[{','.join(shown)}]" if has_tools(config) else shown[0])
+
+
+def _check_tool(config: Path, settings: Settings, *, quiet: bool) -> None:
+    from highside.service.broker_client import check_secrets
+    from highside.service.in_force import compensation_of
+
     settings.codec.build()
     check_secrets(settings.mqtt)
     cal_id = _calibration_of(settings, config)
     compensation_of(settings)
-    if as_json:
-        echo_json(settings.model_dump_json())
+    if quiet:
         return
     echo(
         f"{config}: good. Tool {settings.tool.id}, link {settings.link.kind}, codec {settings.codec.name},"

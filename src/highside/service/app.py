@@ -68,9 +68,11 @@ in a few lines; `health` counts every one."""
 class Service:
     """One tool's daemon. `reload` re-reads the configuration (it may raise InputError)."""
 
-    def __init__(self, settings: Settings, reload: Callable[[], Settings] | None = None) -> None:
+    def __init__(
+        self, settings: Settings, reload: Callable[[], Settings] | None = None, notifier: Notifier | None = None
+    ) -> None:
         self.state_dir = state_dir(settings)
-        self.notifier = Notifier()
+        self.notifier = notifier or Notifier()
         self._lock: IO[str] | None = None
         self._places = contextlib.AsyncExitStack()
         """gives back what the start has opened and nobody has taken over"""
@@ -275,8 +277,8 @@ class Service:
 
     # --- running -----------------------------------------------------------------------------------------------
 
-    async def run(self) -> None:
-        """Run until SIGTERM or SIGINT, or until a replayed recording has ended and is delivered.
+    async def run(self, *, signals: bool = True) -> None:
+        """Run until SIGTERM or SIGINT (`signals`), or `stop`, or until a replayed recording has ended and is delivered.
 
         Raises InputError if the state directory cannot be used or another daemon uses it, if another daemon speaks as
         this tool, if a file with a password or a certificate cannot be used, or if the link cannot be opened at the
@@ -285,7 +287,7 @@ class Service:
         await asyncio.to_thread(check_secrets, self.settings.mqtt)
         loop = asyncio.get_running_loop()
         handlers = ((signal.SIGTERM, self.stop), (signal.SIGINT, self.stop), (signal.SIGHUP, self.reloader.ask))
-        for number, handler in handlers:
+        for number, handler in handlers if signals else ():
             loop.add_signal_handler(number, handler)
         others: list[asyncio.Task[None]] = []
         how: str | None = None
@@ -302,7 +304,7 @@ class Service:
             await self._shut_down(others, how)
             self.notifier.close()
             # only now: an impatient second signal must not end the process before the outbox is committed
-            for number, _ in handlers:
+            for number, _ in handlers if signals else ():
                 loop.remove_signal_handler(number)
         if self._refused_link is not None:
             raise InputError(

@@ -7,6 +7,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from contextvars import ContextVar
 
 from highside.printable import one_line, printable
 
@@ -16,10 +17,17 @@ QUIET_S = 60.0
 """Between two lines of one such library: a stranger who sends nonsense must not fill the disk or the screen."""
 
 
+TOOL: ContextVar[str] = ContextVar("tool", default="")
+"""Where a process has several tools: whose line it is."""
+
+
 class PlainFormatter(logging.Formatter):
     """Every message one printable line; a traceback keeps its lines, each printable."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - the name of logging
+        tool = TOOL.get()
+        if tool:
+            record.message = f"{tool}: {record.message}"
         return printable(super().formatMessage(record))
 
     def formatException(self, ei: object) -> str:  # noqa: N802 - the name of logging
