@@ -66,6 +66,7 @@ evidence: $(VENV)/.test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.balance_coverage 54
 	$(BIN)/python -m studies.drift_scenarios --only "S1r elevation 0" --seeds 1 --no-rivals --efficiency 60 --consistency 100 --false-stops-h 10
 	$(BIN)/python -m studies.drift_limit
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.watch_wells --wells 30 --departures 300 --first-seed 5000
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m studies.fleet_lots --fleets 50 --tools 40 --first-seed 90000
 	HIGHSIDE_SOAK_S=60 $(BIN)/python -m pytest -q -s tests/integration/test_soak.py tests/integration/test_mqtt_faults.py tests/integration/test_mqtt_sigkill.py
 

@@ -38,6 +38,7 @@ PURPOSE = {
     "link": "serial, SocketCAN, python-can, replay, simulated tool",
     "recording": "files: recordings, wire segments, calibration store",
     "codec": "bytes or CAN frames to Frames, without input or output",
+    "watch": "whether a calibration still holds, from the hole alone",
     "diagnosis": "which physics a recording asks for that the model lacks",
     "calibration": "methods, records, correction",
     "rotation": "errors by the rotor angle",

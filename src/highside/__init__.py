@@ -18,6 +18,7 @@ The parts, from the bottom up (which may use which stands in `pyproject.toml`, d
     rotation      errors that repeat with the rotor angle
     gyro          azimuth and gyro bias, from gyros and gravity
     diagnosis     which physics a recording asks for that the model lacks
+    watch         whether a calibration still holds, from the hole alone
     codec         bytes or CAN frames to readings
     recording     files, and tables of other libraries
     shown         results in a notebook, plots for the screen and for paper
@@ -65,6 +66,7 @@ if TYPE_CHECKING:
         Simulation,
         Table,
         TurntableFit,
+        WatchedRecording,
         allow_bytes,
         calibrate,
         certify,
@@ -84,6 +86,7 @@ if TYPE_CHECKING:
         predict,
         read,
         simulate,
+        watch_recording,
     )
 
 __all__ = [
@@ -111,6 +114,7 @@ __all__ = [
     "Simulation",
     "Table",
     "TurntableFit",
+    "WatchedRecording",
     "__version__",
     "allow_bytes",
     "calibrate",
@@ -131,6 +135,7 @@ __all__ = [
     "predict",
     "read",
     "simulate",
+    "watch_recording",
 ]
 
 

@@ -7,6 +7,7 @@
     learning      `confirm` (a law on another session), `new_effect` (a law as an effect of one's own)
     drift         `drift`: attitude and azimuth by gyros and gravity
     rotation      `fit_rotation`, `compensate`, `compare_rotation`: errors that repeat with the rotor angle
+    watch         `watch_recording`: whether a calibration still holds, from a recording of the hole alone
     turntable     `fit_turntable`, `fit_self`: a bench's own encoder and axis
 
 The commands are thin callers of these: what a command does beside is to read options, print and set the exit status. An
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     )
     from highside.api.simulation import Simulation, predict, simulate
     from highside.api.turntable import SelfFit, TurntableFit, fit_self, fit_turntable
+    from highside.api.watch import WatchedRecording, watch_recording
     from highside.config.model import Model
     from highside.errors import HighsideError, InputError, Refused
     from highside.reading.files import allow_bytes
@@ -76,6 +78,7 @@ __all__ = [
     "Simulation",
     "Table",
     "TurntableFit",
+    "WatchedRecording",
     "allow_bytes",
     "calibrate",
     "certify",
@@ -95,6 +98,7 @@ __all__ = [
     "predict",
     "read",
     "simulate",
+    "watch_recording",
 ]
 
 _HOMES = {
@@ -122,6 +126,7 @@ _HOMES = {
     "Simulation": "highside.api.simulation",
     "Table": "highside.recording.table",
     "TurntableFit": "highside.api.turntable",
+    "WatchedRecording": "highside.api.watch",
     "allow_bytes": "highside.reading.files",
     "calibrate": "highside.api.calibration",
     "certify": "highside.api.certificate",
@@ -141,6 +146,7 @@ _HOMES = {
     "predict": "highside.api.simulation",
     "read": "highside.api.any_file",
     "simulate": "highside.api.simulation",
+    "watch_recording": "highside.api.watch",
 }
 """name: the module it lives in"""
 

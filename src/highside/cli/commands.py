@@ -46,6 +46,7 @@ COMMANDS = {
     "import": "importing.import_file",
     "keys": "keys.app",
     "toolface": "toolface.app",
+    "watch": "watch.watch",
     "check": "run.check",
     "schema": "run.schema",
 }

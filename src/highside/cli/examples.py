@@ -55,6 +55,7 @@ EXAMPLES: dict[str, str] = {
     "keys verify": "cal.json --trusted lab.key.pub",
     "toolface set": '12.5 --author "A. Driller" --config highside.toml',
     "toolface show": "--config highside.toml",
+    "watch": "run.csv.gz --calibration cal.json --out watch",
 }
 """Arguments by command; files are named as the examples of other commands make them, and those of `config/`."""
 

@@ -1,0 +1,208 @@
+"""A Kalman filter, and beside it what every hypothesis of a departure would have done to its innovations.
+
+The filter knows of no departure. If the state took a step `size x direction` at some onset, its errors and innovations
+have a mean that is linear in `size`: one column `D` (N,) a hypothesis and onset carries the mean of the error, and
+
+    s = L^-1 H D,   information += s's,   score += s'e,   D -= K H D,
+
+with e the whitened innovations and L their root (Willsky and Jones 1976). `score^2 / information` is twice the
+log-likelihood ratio at the best size `score / information`. A drift adds `direction x hours` to its column instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.arrays import Array
+from highside.watch.parameters import AXES, GRAVITY, INDEX, KT, KV, MATRIX, OFFSETS, SIZE, B, S
+from highside.watch.policy import WatchPolicy
+
+__all__ = ["HYPOTHESES", "Bank", "Filter", "Hypothesis", "Scored", "Update"]
+
+
+@dataclass(frozen=True, slots=True)
+class Hypothesis:
+    """One way to depart. `direction` (N,) of the state; `onsets`: whether it may begin at any time, or only with the
+    watch; `drifts`: grows by `direction` an hour."""
+
+    name: str
+    effect: str
+    """of the library of `diagnose`; `site_gravity` is none of the tool"""
+    unit: str
+    direction: tuple[float, ...]
+    onsets: bool = True
+    drifts: bool = False
+
+
+def _unit(*places: int) -> tuple[float, ...]:
+    return tuple(1.0 if i in places else 0.0 for i in range(SIZE))
+
+
+def _hypotheses() -> tuple[Hypothesis, ...]:
+    steps = [Hypothesis(name, "bias_step", "g", _unit(INDEX[name])) for name in OFFSETS]
+    for name in MATRIX:
+        effect = "scale" if name[2] == name[3] else "misalignment"
+        steps += [Hypothesis(name, effect, "g/g", _unit(INDEX[name]))]
+    steps.append(Hypothesis("S_all", "reference_voltage", "g/g", _unit(S, S + 4, S + 8)))
+    # a coefficient is what it is from the start: one "from now on" would be a step of the offset by another name
+    rest = [Hypothesis("gravity", "site_gravity", "g/g", _unit(GRAVITY), onsets=False)]
+    for k, axis in enumerate(AXES):
+        rest.append(Hypothesis(f"kT_{axis}", "temperature_bias", "g/degC", _unit(KT + k), onsets=False))
+        rest.append(Hypothesis(f"kV_{axis}", "axis_vibration_rectification", "g/g^2", _unit(KV + k), onsets=False))
+        rest.append(Hypothesis(f"drift_{axis}", "bias_drift", "g/h", _unit(B + k), onsets=False, drifts=True))
+    return (*steps, *rest)
+
+
+HYPOTHESES = _hypotheses()
+"""all that is tested; a claim names one of these, or a class of them"""
+
+
+class Update(NamedTuple):
+    """One measurement in the filter: `H` (M, N), gain (N, M), root (M, M) of the innovations' covariance, whitened
+    innovations (M,)."""
+
+    H: Array
+    gain: Array
+    root: Array
+    innovations: Array
+
+
+@dataclass(slots=True)
+class Filter:
+    """State (N,) and covariance (N, N), without any departure."""
+
+    state: Array
+    covariance: Array
+    walk: Array
+    """growth of the covariance per hour"""
+
+    def wait(self, hours: float) -> None:
+        """Let time pass."""
+        self.covariance = self.covariance + self.walk * hours
+
+    def take(self, y: Array, H: Array) -> Update:
+        """A measurement `y = H x + e` with e of unit variance."""
+        PH = self.covariance @ H.T
+        root = np.asarray(np.linalg.cholesky(H @ PH + np.eye(y.size)), dtype=np.float64)
+        half = np.linalg.solve(root, PH.T).T
+        innovations = np.asarray(np.linalg.solve(root, y - H @ self.state), dtype=np.float64)
+        self.state = self.state + half @ innovations
+        covariance = self.covariance - half @ half.T
+        self.covariance = 0.5 * (covariance + covariance.T)
+        return Update(H, np.linalg.solve(root.T, half.T).T, root, innovations)
+
+
+@dataclass(frozen=True, slots=True)
+class Scored:
+    """A hypothesis at an onset: twice its log-likelihood ratio, size and standard deviation, and when it began."""
+
+    hypothesis: Hypothesis
+    ratio: float
+    size: float
+    std: float
+    since_s: float
+    left: Array
+    """(N,) mean error of the filter for a size of one: what it has not followed yet"""
+
+    def corrected(self, state: Array, covariance: Array) -> tuple[Array, Array]:
+        """State and covariance if this is what happened. The filter alone spreads a step over all it may be."""
+        return state + self.left * self.size, covariance + np.outer(self.left, self.left) * self.std**2
+
+
+class Bank:
+    """Columns of all hypotheses and onsets."""
+
+    def __init__(self, policy: WatchPolicy) -> None:
+        self._policy = policy
+        everywhere = [k for k, h in enumerate(HYPOTHESES) if h.onsets]
+        self._new = np.array([HYPOTHESES[k].direction for k in everywhere]).T
+        self._new_of = np.array(everywhere, dtype=np.intp)
+        first = [k for k, h in enumerate(HYPOTHESES) if not h.onsets]
+        self._D = np.array([HYPOTHESES[k].direction for k in first]).T
+        drifting = np.array([HYPOTHESES[k].drifts for k in first])
+        self._ramp = self._D * drifting
+        self._D = self._D * ~drifting
+        self._of: NDArray[np.intp] = np.array(first, dtype=np.intp)
+        self._since = np.zeros(len(first))
+        self._information = np.zeros(len(first))
+        self._score = np.zeros(len(first))
+        self._first = len(first)
+        self.begun = False
+
+    def wait(self, hours: float) -> None:
+        """Let drifts grow."""
+        self._D[:, : self._first] += self._ramp * hours
+
+    def begin(self, t_s: float) -> None:
+        """From here on all steps may have happened."""
+        if not self.begun:
+            self._since[: self._first] = t_s
+        self.begun = True
+        width = self._new_of.size
+        drop: slice | None = None
+        if (self._of.size - self._first) // width >= self._policy.most_onsets:
+            drop = slice(self._first + width, self._first + 2 * width)
+        for name, new in (
+            ("_D", self._new),
+            ("_of", self._new_of),
+            ("_since", np.full(width, t_s)),
+            ("_information", np.zeros(width)),
+            ("_score", np.zeros(width)),
+        ):
+            held = getattr(self, name)
+            if drop is not None:
+                held = np.delete(held, drop, axis=-1)
+            setattr(self, name, np.concatenate([held, new], axis=-1))
+
+    def take(self, update: Update) -> None:
+        """What one measurement says of all."""
+        seen = update.H @ self._D
+        signature = np.linalg.solve(update.root, seen)
+        self._information += np.einsum("mc,mc->c", signature, signature)
+        self._score += update.innovations @ signature
+        self._D -= update.gain @ seen
+
+    def best(self) -> list[Scored]:
+        """Of each hypothesis its best onset, the likeliest first. One that needs a size beyond reason is left out."""
+        ratio, size = self._ratios()
+        out = []
+        for k, hypothesis in enumerate(HYPOTHESES):
+            own = np.flatnonzero(self._of == k)
+            if own.size == 0:
+                continue
+            at = int(own[np.argmax(ratio[own])])
+            if ratio[at] > 0.0:
+                std = float(1.0 / np.sqrt(self._information[at]))
+                left = self._D[:, at].copy()
+                out.append(Scored(hypothesis, float(ratio[at]), float(size[at]), std, float(self._since[at]), left))
+        return sorted(out, key=lambda one: -one.ratio)
+
+    def largest(self) -> float:
+        """Twice the log-likelihood ratio of the best."""
+        return float(self._ratios()[0].max(initial=0.0))
+
+    def information_of(self, name: str, since_s: float) -> float:
+        """1 / variance of the size of a hypothesis, from its first onset at `since_s` or later; 0: none."""
+        own = np.flatnonzero((self._since >= since_s) | (np.arange(self._of.size) < self._first))
+        own = own[[HYPOTHESES[k].name == name for k in self._of[own]]]
+        return float(self._information[own[np.argmin(self._since[own])]]) if own.size else 0.0
+
+    def onsets_of(self, best: Scored, within: float) -> tuple[float, float]:
+        """Between which times, s, the same hypothesis explains the innovations within `within` of the best: from the
+        last onset before, since a step is seen at the first one after it."""
+        ratio, _ = self._ratios()
+        mine = self._of == HYPOTHESES.index(best.hypothesis)
+        near = self._since[mine & (ratio >= best.ratio - within)]
+        earlier = self._since[mine & (self._since < near.min())]
+        return float(earlier.max(initial=-np.inf)) if earlier.size else float(near.min()), float(near.max())
+
+    def _ratios(self) -> tuple[Array, Array]:
+        seen = self._information > 0.0
+        size = np.divide(self._score, self._information, out=np.zeros_like(self._score), where=seen)
+        ratio = size * self._score
+        ratio[np.abs(size) > self._policy.largest] = 0.0
+        return ratio, size

@@ -1,0 +1,244 @@
+"""The watch itself: measurements in, verdict out.
+
+Two filters run beside the bank of departures. One starts at the record's covariance: its innovations are tested. The
+other starts with the calibration nearly unknown and is never tested: its covariance is what the hole *alone* says, and
+only where that is small at the present attitude is a calibration said to hold (`holds`, else `learning`).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from highside.arrays import Array
+from highside.watch.bank import Bank, Filter, Scored
+from highside.watch.measurement import Linear, Still, Surroundings, Turning, linear_still, linear_turning
+from highside.watch.parameters import CALIBRATION, GROWTH, NAMES, SIZE, UNITS, Prior
+from highside.watch.policy import POLICY, StatedNoise, WatchPolicy
+from highside.watch.present import error_of, std_of
+from highside.watch.result import (
+    AttitudeError,
+    Counts,
+    Deviation,
+    NotObservable,
+    Size,
+    Trace,
+    Verdict,
+    WatchClaim,
+    WatchResult,
+)
+from highside.watch.words import advice, why_unseen
+
+__all__ = ["Watch"]
+
+HOUR_S = 3600.0
+_MEDIAN_OF_SQUARE = 0.4549
+"""of a standard normal number's square"""
+_INTERVAL = 1.96
+
+
+class Watch:
+    """Follow one tool under one calibration. Measurements come in the order of time."""
+
+    def __init__(self, prior: Prior, cal_id: str = "none", policy: WatchPolicy = POLICY) -> None:
+        self._prior, self._policy, self._cal_id = prior, policy, cal_id
+        self._filter = Filter(np.zeros(SIZE), prior.covariance.copy(), prior.walk)
+        self._alone = Filter(np.zeros(SIZE), prior.wide.copy(), prior.walk)
+        self._bank = Bank(policy)
+        self._ref_c = prior.ref_c
+        self._start_s: float | None = None
+        self._last_s = 0.0
+        self._onset_s = -np.inf
+        self._depth_km: float | None = None
+        self._squares: deque[float] = deque(maxlen=policy.scale_over)
+        self._alarm_s: float | None = None
+        self._f: Array | None = None
+        self._at_rest = False
+        self._counts = {"stills": 0, "turns": 0}
+        self._left_out: dict[str, int] = {}
+        self._trace: list[tuple[float, Array, Array, float, float]] = []
+
+    def still(self, still: Still) -> None:
+        """Take a mean at rest."""
+        self._counts["stills"] += 1
+        self._take(still.t_s, still.temp_c, still.depth_km, lambda around: linear_still(still, around, self._noise))
+
+    def turning(self, turn: Turning) -> None:
+        """Take a window of rotation."""
+        self._counts["turns"] += 1
+        self._take(turn.t_s, turn.temp_c, turn.depth_km, lambda around: linear_turning(turn, around, self._noise))
+
+    def leave_out(self, reason: str) -> None:
+        """Count something that was not used."""
+        self._left_out[reason] = self._left_out.get(reason, 0) + 1
+
+    def information_of(self, name: str, since_s: float) -> float:
+        """What has been seen so far of a hypothesis from its first onset at `since_s` or later: 1 / variance."""
+        return self._bank.information_of(name, since_s)
+
+    @property
+    def alarm_s(self) -> float | None:
+        """When a departure was first said; None: never."""
+        return self._alarm_s
+
+    @property
+    def _noise(self) -> StatedNoise:
+        return self._prior.noise
+
+    def _take(
+        self,
+        t_s: float,
+        temp_c: float | None,
+        depth_km: float | None,
+        linear: Callable[[Surroundings], Linear],
+    ) -> None:
+        if self._start_s is None:
+            self._start_s = self._last_s = t_s
+        hours = max(t_s - self._last_s, 0.0) / HOUR_S
+        self._last_s = max(t_s, self._last_s)
+        for one in (self._filter, self._alone, self._bank):
+            one.wait(hours)
+        if t_s >= self._onset_s + self._policy.onset_s:
+            self._bank.begin(t_s)
+            self._onset_s = t_s
+        y, H, self._f, self._at_rest = linear(self._surroundings(t_s, temp_c, depth_km))
+        update = self._filter.take(y, H)
+        self._alone.take(y, H)
+        self._bank.take(update)
+        if self._alarm_s is None:
+            self._squares.extend((update.innovations**2).tolist())
+        evidence = self._bank.largest()
+        if self._alarm_s is None and evidence > self._policy.threshold * self._grown() ** 2:
+            self._alarm_s = t_s
+        inclination = float(np.degrees(np.arctan2(np.hypot(self._f[0], self._f[1]), self._f[2])))
+        state, covariance = self._believed()
+        std = np.sqrt(np.diag(covariance)[:CALIBRATION])
+        self._trace.append((t_s, state[:CALIBRATION].copy(), std, inclination, evidence))
+
+    def _surroundings(self, t_s: float, temp_c: float | None, depth_km: float | None) -> Surroundings:
+        if temp_c is not None and self._ref_c is None:
+            self._ref_c = temp_c
+        warmer = 0.0 if temp_c is None or self._ref_c is None else temp_c - self._ref_c
+        assert self._start_s is not None
+        if depth_km is None:
+            return Surroundings(warmer, (t_s - self._start_s) / HOUR_S, 0.0)
+        if self._depth_km is None:
+            # per km from here on, not per hour
+            self._depth_km = depth_km
+            for one in (self._filter, self._alone):
+                one.covariance[GROWTH, GROWTH] = self._noise.gravity_per_km_std**2
+        deeper = depth_km - self._depth_km
+        return Surroundings(warmer, deeper, deeper * self._noise.gravity_per_km)
+
+    def _noise_ratio(self) -> float:
+        if len(self._squares) < self._policy.scale_from:
+            return 1.0
+        return float(np.sqrt(np.median(self._squares) / _MEDIAN_OF_SQUARE))
+
+    def _grown(self) -> float:
+        """How much wider the thresholds stand than stated: noise may have grown, and never shrinks them."""
+        return max(1.0, self._noise_ratio())
+
+    def result(self) -> WatchResult:
+        """What is said now. Before the first measurement: learning, of nothing."""
+        inc, tf = self._attitude()
+        unseen = None if inc is None else std_of(self._alone.covariance, inc, tf, 3.0)
+        stated = None if inc is None else std_of(self._prior.stated, inc, tf)
+        claims = () if self._alarm_s is None or inc is None else (self._claim(inc, tf, self._alarm_s),)
+        verdict: Verdict = "departs" if claims else "holds" if self._holds(unseen) else "learning"
+        deviations = self._deviations()
+        ratio = self._noise_ratio()
+        return WatchResult(
+            verdict=verdict,
+            claims=claims,
+            parameters=deviations,
+            not_observable=tuple(
+                NotObservable(name, why_unseen(name, self._counts["turns"]))
+                for name, one in deviations.items()
+                if not one.observable
+            ),
+            advice=advice(verdict, claims, unseen, inc, self._policy),
+            cal_id=self._cal_id,
+            inclination_deg=None if inc is None else float(np.degrees(inc)),
+            toolface_deg=None if tf is None else float(np.degrees(tf) % 360.0),
+            still_unseen=unseen,
+            stated=stated,
+            noise_grown=ratio > self._policy.grown,
+            noise_ratio=ratio,
+            threshold=self._policy.threshold * self._grown() ** 2,
+            duration_s=0.0 if self._start_s is None else self._last_s - self._start_s,
+            counts=Counts(self._counts["stills"], self._counts["turns"], dict(self._left_out)),
+            trace=self._traced(),
+        )
+
+    def _attitude(self) -> tuple[float | None, float | None]:
+        """Present inclination, and the toolface where the tool lies still, rad."""
+        if self._f is None:
+            return None, None
+        x, y, z = (float(value) for value in self._f)
+        return float(np.arctan2(np.hypot(x, y), z)), float(np.arctan2(y, x)) if self._at_rest else None
+
+    def _holds(self, unseen: AttitudeError | None) -> bool:
+        most = self._policy.still_unseen_deg
+        return unseen is not None and max(unseen.inc_deg, unseen.tf_sin_inc_deg) < most
+
+    def _believed(self) -> tuple[Array, Array]:
+        """State and covariance: the filter's, and once something departs those with the likeliest departure."""
+        state, covariance = self._filter.state, self._filter.covariance
+        return (state, covariance) if self._alarm_s is None else self._bank.best()[0].corrected(state, covariance)
+
+    def _deviations(self) -> dict[str, Deviation]:
+        before = np.diag(self._prior.covariance)
+        state, covariance = self._believed()
+        after = np.diag(covariance)
+        return {
+            name: Deviation(
+                value=float(state[k]),
+                std=float(np.sqrt(after[k])),
+                unit=UNITS[name],
+                stated_std=float(np.sqrt(before[k])),
+                observable=bool(after[k] < self._policy.seen * before[k]),
+            )
+            for k, name in enumerate(NAMES)
+        }
+
+    def _claim(self, inc: float, tf: float | None, alarm_s: float) -> WatchClaim:
+        scored = self._bank.best()
+        best = scored[0]
+        alike = [one for one in scored if one.ratio >= best.ratio - self._policy.same_class]
+        low, high = self._bank.onsets_of(best, self._policy.same_class)
+        return WatchClaim(
+            effect=best.hypothesis.effect,
+            parameter=best.hypothesis.name,
+            parameters={best.hypothesis.name: _size(best)},
+            equivalence_class=tuple(one.hypothesis.name for one in alike),
+            since_s=best.since_s,
+            since_low_s=low,
+            since_high_s=high,
+            alarm_s=alarm_s,
+            evidence=best.ratio,
+            error=error_of(self._deviation_of(best), inc, tf),
+        )
+
+    def _deviation_of(self, scored: Scored) -> Array:
+        """(N,) what the hypothesis says of the state now."""
+        grown = (self._last_s - scored.since_s) / HOUR_S if scored.hypothesis.drifts else 1.0
+        return np.array(scored.hypothesis.direction) * scored.size * grown
+
+    def _traced(self) -> Trace:
+        t, value, std, inclination, evidence = zip(*self._trace, strict=True) if self._trace else ((),) * 5
+        shape = (len(t), CALIBRATION)
+        return Trace(
+            np.array(t, dtype=float),
+            np.array(value, dtype=float).reshape(shape),
+            np.array(std, dtype=float).reshape(shape),
+            np.array(inclination, dtype=float),
+            np.array(evidence, dtype=float),
+        )
+
+
+def _size(scored: Scored) -> Size:
+    half = _INTERVAL * scored.std
+    return Size(scored.size, scored.std, scored.size - half, scored.size + half, scored.hypothesis.unit)

@@ -1,0 +1,87 @@
+"""The numbers that decide in the watch: each with its unit, its meaning and what set it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["POLICY", "STATED", "StatedNoise", "WatchPolicy"]
+
+
+@dataclass(frozen=True)
+class StatedNoise:
+    """What a tool may do without its calibration having departed: one standard deviation each, of the tool's class.
+
+    A calibration record states none of them yet but the covariance of its parameters. Those below are of a good
+    quartz tool; a poorer one is watched with its own.
+    """
+
+    repeat_g: float = 1e-4
+    """of each offset from one power-up to another and from the bench to the hole, beside the record's covariance"""
+    repeat: float = 1e-4
+    """the same of each element of the matrix"""
+    walk_g: float = 5e-6
+    """random walk of each offset, g/sqrt(h)"""
+    walk: float = 5e-6
+    """the same of each element of the matrix, 1/sqrt(h)"""
+    still_floor_g: float = 1e-5
+    """of the mean of a still beyond what its own rows scatter: 1/f noise, creep of the string"""
+    window_floor_g: float = 2e-5
+    """the same of each harmonic of a turning window"""
+    whirl_m: float = 1e-4
+    """rms of a sideways motion of the collar while it turns: adds `whirl x rate^2` to the centres of x and y"""
+    temperature_g_per_c: float = 1e-6
+    """of an offset's coefficient, where the record was made over temperatures; else the record's own growth"""
+    rectification_per_g: float = 2e-5
+    """g of offset per g^2 of vibration"""
+    arm_m: float = 0.01
+    """distance of the sensor from the axis it turns about, each way"""
+    tilt_rad: float = 5e-4
+    """of the axis of rotation in the tool: a bent collar"""
+    gravity_g: float = 1e-4
+    """of the site's gravity, relative"""
+    gravity_per_km: float = 1.05e-4
+    """growth of gravity per km of depth, relative: rock of 2.2 to 2.7 g/cm3 (0.38 to 0.25 mg in 3 km)"""
+    gravity_per_km_std: float = 2.4e-5
+    gravity_per_h: float = 4e-6
+    """growth of gravity per hour where no depth is recorded: 0.4 mg in 100 h of drilling down"""
+
+
+@dataclass(frozen=True)
+class WatchPolicy:
+    """Of what is said."""
+
+    threshold: float = 36.0
+    """of twice the log-likelihood ratio of the best hypothesis. At 25 a noise of 1.4 times the stated gives 0.7 false
+    departures in 1,000 h, and the higher costs nothing in what is found (`studies.watch_wells`)"""
+    power: float = 1.65
+    """standard deviations by which a departure must pass the threshold to be found with 95 % probability"""
+    same_class: float = 10.0
+    """of twice the log-likelihood ratio: hypotheses that close to the best are one class; a rival of the truth is
+    ahead by so much with a probability of exp(-5) at most"""
+    onset_s: float = 600.0
+    """between two onsets. All are kept: thinned ones give wrong names, since a bias that stepped between two of them
+    looks like a temperature coefficient"""
+    most_onsets: int = 4000
+    """kept at one time (four weeks at this distance); then the oldest but the first leaves"""
+    largest: float = 0.3
+    """g or ratio: a hypothesis that needs more than this to explain the innovations is none"""
+    wide: float = 2e-3
+    """g or ratio: how far each parameter may be off for what the hole alone says (`learning` or `holds`)"""
+    still_unseen_deg: float = 0.1
+    """of inclination, or of toolface times sin I: `holds` is said only where three standard deviations of what the
+    hole alone says of the present attitude are below this"""
+    seen: float = 0.5
+    """share of a parameter's variance below which the hole must have brought it for it to be observable"""
+    scale_over: int = 200
+    """innovations over whose median the noise is judged"""
+    scale_from: int = 60
+    """innovations below which it is not judged"""
+    grown: float = 1.5
+    """ratio of the innovations' standard deviation to the stated one from which `noise_grown` is said"""
+    pull_deg: float = 1.0
+    """error of inclination, or of toolface times sin I, from which the advice is to pull the tool: the tolerance of
+    most well plans"""
+
+
+STATED = StatedNoise()
+POLICY = WatchPolicy()

@@ -1,0 +1,136 @@
+"""The answer of the watch, in the form of `watch.json` (schema `highside.watch/1`). Units stand beside each number."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from highside.arrays import Array
+
+SCHEMA = "highside.watch/1"
+Verdict = Literal["learning", "holds", "departs"]
+
+
+@dataclass(frozen=True, slots=True)
+class Deviation:
+    """One parameter: how far it is from the calibration in force, and how well that is known."""
+
+    value: float
+    std: float
+    unit: str
+    stated_std: float
+    """before the first measurement"""
+    observable: bool
+    """whether the hole has told most of what is known of it"""
+
+
+@dataclass(frozen=True, slots=True)
+class AttitudeError:
+    """What something does to inclination and toolface at the present attitude, deg. `tf_sin_inc_deg`: of toolface times
+    the sine of the inclination, which stays finite where the hole is vertical; `tf_deg` None there."""
+
+    inc_deg: float
+    tf_sin_inc_deg: float
+    tf_deg: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """A size with its standard deviation and 95 % interval."""
+
+    value: float
+    std: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class WatchClaim:
+    """A departure. The claim is the class: what the hole cannot tell apart; `parameter` is the likeliest of it."""
+
+    effect: str
+    """of the library of effects, of the likeliest"""
+    parameter: str
+    parameters: dict[str, Size]
+    """of the likeliest"""
+    equivalence_class: tuple[str, ...]
+    since_s: float
+    since_low_s: float
+    since_high_s: float
+    """the onsets that explain it about as well"""
+    alarm_s: float
+    """when it was first said"""
+    evidence: float
+    """twice the log-likelihood ratio against no departure"""
+    error: AttitudeError
+
+
+@dataclass(frozen=True, slots=True)
+class NotObservable:
+    """What the hole has not shown so far, and what it would take."""
+
+    parameter: str
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """What was used, and what was not."""
+
+    stills: int
+    turns: int
+    left_out: dict[str, int]
+    """by reason"""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """For a picture, not in the JSON: after each measurement (K,) its time, (K, 12) deviations and their standard
+    deviations, inclination in deg, the largest evidence."""
+
+    t_s: Array
+    value: Array
+    std: Array
+    inclination_deg: Array
+    evidence: Array
+
+
+@dataclass(frozen=True)
+class WatchResult:
+    """What is said now."""
+
+    verdict: Verdict
+    claims: tuple[WatchClaim, ...]
+    parameters: dict[str, Deviation]
+    not_observable: tuple[NotObservable, ...]
+    advice: tuple[str, ...]
+    cal_id: str
+    inclination_deg: float | None
+    toolface_deg: float | None
+    still_unseen: AttitudeError | None
+    """three standard deviations of what the hole alone says of the present attitude"""
+    stated: AttitudeError | None
+    """one standard deviation of the record at the present attitude"""
+    noise_grown: bool
+    noise_ratio: float
+    """of the innovations' standard deviation to the stated one"""
+    threshold: float
+    duration_s: float
+    counts: Counts
+    trace: Trace
+
+    def to_dict(self) -> dict[str, Any]:
+        """What goes into `watch.json`."""
+        plain = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "trace"}
+        return {"schema": SCHEMA, **{name: _plain(value) for name, value in plain.items()}}
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "__dataclass_fields__"):
+        return {key: _plain(item) for key, item in asdict(value).items()}
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value

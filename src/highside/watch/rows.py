@@ -1,0 +1,164 @@
+"""From the rows of a recording to the measurements of a watch: where the tool lay still, where it turned.
+
+Rests are the still intervals that calibration takes (`calibration.still_intervals`), none in which the gyros say it
+turned; rotation needs gyros. What is neither, or too short, says nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.arrays import Array
+from highside.calibration.still_intervals import find_still_intervals
+from highside.errors import InputError
+from highside.watch.measurement import Still, Turning
+from highside.watch.monitor import Watch
+from highside.watch.turning import TURNING, Left, TurningRows, fit_turning
+
+__all__ = ["Rows", "feed"]
+
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class RestPolicy:
+    """Of what counts as rest."""
+
+    shortest_s: float = 20.0
+    longest_s: float = 600.0
+    """of one mean: a longer rest is several"""
+    gap_s: float = 30.0
+    """without rows, that ends a rest or a window"""
+    rate_dps: float = 1.5
+    """mean rate from which a tool does not lie still; below it may be a bias of the gyro"""
+    batches: int = 16
+    """of a rest, whose scatter says how well its mean is known where its noise is coloured"""
+
+
+REST = RestPolicy()
+_SMOOTH_S = 10.0
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A recording: time (N,) s, corrected readings (3, N) g, and what there is of rates (3, N) rad/s, temperature,
+    vertical depth in m and vibration rms in g, (N,) each."""
+
+    t_s: Array
+    c: Array
+    rate_radps: Array | None = None
+    temp_c: Array | None = None
+    depth_m: Array | None = None
+    vibration_g: Array | None = None
+    left_out: list[str] = field(default_factory=list)
+
+    def mean_of(self, values: Array | None, rows: Indices) -> float | None:
+        """Of a column over some rows; None where it says nothing there."""
+        if values is None:
+            return None
+        part = values[rows]
+        part = part[np.isfinite(part)]
+        return float(part.mean()) if part.size else None
+
+    def depth_km(self, rows: Indices) -> float | None:
+        """Mean depth of some rows, km; None where it is not known."""
+        found = self.mean_of(self.depth_m, rows)
+        return None if found is None else found / 1000.0
+
+
+def feed(watch: Watch, rows: Rows) -> None:
+    """Give a watch all that a recording has to say, in the order of time. Raises InputError for too few rows."""
+    turning = list(_turnings(rows))
+    found: list[Still | Turning] = [one for one in turning if isinstance(one, Turning)]
+    for left in turning:
+        if isinstance(left, Left):
+            watch.leave_out(left.reason)
+    found += list(_stills(rows, watch))
+    for one in sorted(found, key=lambda one: one.t_s):
+        if isinstance(one, Still):
+            watch.still(one)
+        else:
+            watch.turning(one)
+
+
+def _stills(rows: Rows, watch: Watch) -> Iterator[Still]:
+    step = float(np.median(np.diff(rows.t_s)))
+    try:
+        intervals = find_still_intervals(rows.c, 1.0 / step, min_s=REST.shortest_s, window_s=max(0.5, 5.0 * step))
+    except InputError:
+        return
+    for interval in intervals:
+        for piece in _pieces(rows.t_s, interval.rows(), REST.longest_s):
+            if rows.t_s[piece[-1]] - rows.t_s[piece[0]] < REST.shortest_s - step:
+                watch.leave_out("rest too short")
+            elif rows.rate_radps is not None and _turns(rows.rate_radps[:, piece]):
+                watch.leave_out("rest in which the gyros turn")
+            else:
+                yield _still(rows, piece)
+
+
+def _turns(rate_radps: Array) -> bool:
+    """Whether the mean rate (3, K) is more than a bias of the gyros."""
+    return bool(np.degrees(np.linalg.norm(np.nanmean(rate_radps, axis=1))) > REST.rate_dps)
+
+
+def _still(rows: Rows, piece: Indices) -> Still:
+    c = rows.c[:, piece]
+    mean = c.mean(axis=1)
+    along = mean / np.linalg.norm(mean) @ c
+    white = float(along.var(ddof=1)) / along.size
+    batches = along[: along.size // REST.batches * REST.batches].reshape(REST.batches, -1).mean(axis=1)
+    coloured = float(batches.var(ddof=1)) / REST.batches if batches.size else white
+    return Still(
+        float(rows.t_s[piece].mean()),
+        mean,
+        float(np.sqrt(max(white, coloured))),
+        rows.mean_of(rows.temp_c, piece),
+        rows.depth_km(piece),
+    )
+
+
+def _turnings(rows: Rows) -> Iterator[Turning | Left]:
+    if rows.rate_radps is None:
+        return
+    rate = rows.rate_radps[2]
+    step = float(np.median(np.diff(rows.t_s)))
+    # stick-slip stops for a moment in the midst of a turn: judged over ten seconds
+    width = max(1, round(_SMOOTH_S / step))
+    calm = np.convolve(np.abs(np.nan_to_num(rate)), np.ones(width) / width, mode="same")
+    turns = np.flatnonzero((calm > np.radians(TURNING.rate_dps)) & np.isfinite(rate))
+    for piece in _pieces(rows.t_s, turns, TURNING.window_s):
+        lasts = float(rows.t_s[piece[-1]] - rows.t_s[piece[0]])
+        if lasts < TURNING.shortest_s:
+            # the moving mean of the rate reaches a little into the rests beside a turn
+            if lasts > _SMOOTH_S:
+                yield Left("rotation too short")
+            continue
+        vibration = rows.mean_of(rows.vibration_g, piece)
+        yield fit_turning(
+            TurningRows(
+                rows.t_s[piece],
+                rows.c[:, piece],
+                rate[piece],
+                rows.mean_of(rows.temp_c, piece),
+                rows.depth_km(piece),
+                0.0 if vibration is None else vibration,
+            )
+        )
+
+
+def _pieces(t: Array, rows: Indices, longest_s: float) -> Iterator[Indices]:
+    """Row numbers split at gaps (of rows or of time), and then evenly into pieces no longer than that."""
+    if rows.size < 2:
+        return
+    # a few rows that were taken out of a rest do not end it
+    borders = np.flatnonzero(np.diff(t[rows]) > REST.gap_s) + 1
+    for part in np.split(rows, borders):
+        if part.size < 2:
+            continue
+        lasts = float(t[part[-1]] - t[part[0]])
+        yield from np.array_split(part, max(1, int(np.ceil(lasts / longest_s - 1e-9))))

@@ -1,0 +1,84 @@
+"""What the watch tells a person to do, and why something cannot be seen, in plain sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from highside.watch.policy import WatchPolicy
+from highside.watch.result import AttitudeError, Verdict, WatchClaim
+
+__all__ = ["advice", "roll_test", "why_unseen"]
+
+_STEEP_RAD = math.radians(75.0)
+_ALONG = "b_z, S_zz and gravity are told apart by a spread of inclinations, and are out of sight near horizontal"
+_SIDE = {"b_z": _ALONG, "S_zz": _ALONG}
+_NEVER = {
+    "tilt_x": "a bent collar reads like an antisymmetric misalignment of x or y against z",
+    "tilt_y": "a bent collar reads like an antisymmetric misalignment of x or y against z",
+    "gravity": "an error of the site's gravity reads like a common scale",
+    "growth": "gravity's growth with depth runs together with time and temperature",
+}
+
+
+def why_unseen(name: str, turns: int) -> str:
+    """Why a parameter has not been seen so far."""
+    if name in ("S_xy", "S_yx"):
+        return "S_xy - S_yx is a toolface offset and never observable; the sum needs toolfaces beside 0, 90, 180, 270"
+    if name in _NEVER:
+        return _NEVER[name]
+    if name.startswith("kT"):
+        return "needs temperatures apart from that of the calibration"
+    if name.startswith("kV"):
+        return "needs a recorded vibration (column vibration_rms_g) that changes"
+    if name.startswith("arm"):
+        return "needs rotation at rates that differ"
+    if not turns:
+        return "needs other attitudes, or rotation with gyros: at rest one number is seen, the length of gravity"
+    return _SIDE.get(name, "needs other inclinations: at one of them it is not told from its neighbours")
+
+
+def roll_test(inc_rad: float) -> str:
+    """The manoeuvre that tells most, and what it will tell."""
+    names = "b_x, b_y, S_xx, S_yy and S_xy + S_yx"
+    if math.degrees(inc_rad) < 5.0:
+        names = "only b_z with the scale of z (little more can be seen in a vertical hole)"
+    return (
+        f"take a roll test here: eight toolfaces 45 deg apart, a minute each (four at right angles cannot see"
+        f" S_xy + S_yx); it tells {names}. A second one after 10 to 30 deg of build tells b_z from S_zz and b_x from"
+        " S_xz"
+    )
+
+
+def advice(
+    verdict: Verdict,
+    claims: Sequence[WatchClaim],
+    unseen: AttitudeError | None,
+    inc_rad: float | None,
+    policy: WatchPolicy,
+) -> tuple[str, ...]:
+    """What to do next, the first first."""
+    if inc_rad is None or unseen is None:
+        return ("nothing was measured: let the tool lie still, or turn with gyros recorded",)
+    if verdict == "holds":
+        return ("go on",)
+    if verdict == "learning":
+        side = (
+            " Near horizontal b_z and S_zz stay out of sight: a still at another inclination is needed."
+            if inc_rad > _STEEP_RAD
+            else ""
+        )
+        return (
+            f"not yet known: an error of up to {unseen.inc_deg:.2g} deg of inclination and"
+            f" {unseen.tf_sin_inc_deg:.2g} deg of toolface times sin I would not have been seen.{side}",
+            roll_test(inc_rad),
+        )
+    (claim, *_) = claims
+    lines = []
+    if len(claim.equivalence_class) > 1:
+        lines.append(f"{', '.join(claim.equivalence_class)} are not told apart so far: {roll_test(inc_rad)}")
+    if max(abs(claim.error.inc_deg), abs(claim.error.tf_sin_inc_deg)) > policy.pull_deg:
+        lines.append("the error is large: pull the tool")
+    else:
+        lines.append("check the next surveys against another tool, and calibrate again when this one is at surface")
+    return tuple(lines)

@@ -1,0 +1,316 @@
+"""The watch over simulated wells: does it cry wolf, does it find what departs, and is the truth in its class?
+
+The wells are made here, apart from the product's simulator: a tool with its own `S`, `b`, coefficients, arm, bent
+collar and gravity goes down a hole; each stand gives a still at a random toolface and, four times of five, two windows
+of rotation, as means and harmonics with the errors that such have (white noise, a floor, whirl, a walk). One well of
+the frame level, rows of accelerometers and gyros through a recording, is `frames`.
+
+    python -m studies.watch_wells --wells 30 --departures 30 --first-seed 5000
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from highside.arrays import Array
+from highside.watch import POLICY, STATED, Prior, StatedNoise, Still, Turning, Watch
+from highside.watch.parameters import INDEX, NAMES, SIZE, prior
+from highside.watch.present import error_of, std_of
+
+G0 = 9.80665
+WELLS = ("J", "S", "vertical", "45", "88")
+RECORD_STD = 1e-5
+"""g, and ratio: of the record alone; the tool's repeatability is `STATED.repeat_g`"""
+KT_STD = 1e-6
+"""g/degC: the record was made over temperatures"""
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Of a well beyond what the tool's class states: factors of noise and walk, 1/f noise, whirl."""
+
+    noise: float = 1.0
+    walk: float = 1.0
+    whirl: float = 1.0
+    hours: float = 100.0
+
+
+@dataclass(frozen=True)
+class Departure:
+    """A step of `name` by `size` at `at_s`."""
+
+    name: str
+    size: float
+    at_s: float
+
+
+def inclination_deg(kind: str, share: float) -> float:
+    """Of a well of that kind after a share of its time."""
+    if kind == "J":
+        return float(np.clip((share - 0.1) / 0.8, 0.0, 1.0) * 90.0)
+    if kind == "S":
+        return float(45.0 * np.sin(np.pi * np.clip((share - 0.1) / 0.8, 0.0, 1.0)))
+    return {"vertical": 0.5, "45": 45.0, "88": 88.0}[kind] + 0.4 * np.sin(40.0 * share)
+
+
+def stated_prior(noise: StatedNoise = STATED) -> Prior:
+    """What the tool's certificate and class say."""
+    return prior(np.eye(12) * RECORD_STD**2, KT_STD, 20.0, noise, POLICY)
+
+
+class Well:
+    """A tool in a hole; `stand` gives the measurements of the next one."""
+
+    def __init__(self, kind: str, seed: int, conditions: Conditions = Conditions(), what: Departure | None = None):
+        self.rng = rng = np.random.default_rng(seed)
+        self.kind, self.conditions, self.departure = kind, conditions, what
+        own = stated_prior()
+        self.truth = rng.standard_normal(SIZE) * np.sqrt(np.diag(own.covariance))
+        self.truth[INDEX["growth"]] = 0.0
+        self.per_km = 1.05e-4 + 2.4e-5 * rng.uniform(-1.5, 1.5)
+        self.density = 3e-5 * conditions.noise
+        self.t_s, self.walked_s = 0.0, 0.0
+        self.stepped = False
+
+    def _advance(self, t_s: float) -> None:
+        hours = (t_s - self.walked_s) / 3600.0
+        step = 5e-6 * self.conditions.walk * np.sqrt(hours)
+        self.truth[:12] += step * self.rng.standard_normal(12)
+        self.walked_s = t_s
+        what = self.departure
+        if what is not None and not self.stepped and t_s >= what.at_s:
+            if what.name == "S_all":
+                self.truth[[INDEX[f"S_{i}{i}"] for i in "xyz"]] += what.size
+            else:
+                self.truth[INDEX[what.name]] += what.size
+            self.stepped = True
+
+    def _reading(self, f: Array, *, turns: bool) -> Array:
+        """(3, ...) of a specific force (3, ...) in units of the stated gravity."""
+        t = self.truth
+        S = t[3:12].reshape(3, 3).copy()
+        if turns:
+            tx, ty = t[INDEX["tilt_x"]], t[INDEX["tilt_y"]]
+            S += np.array([[0.0, 0.0, ty], [0.0, 0.0, -tx], [-ty, tx, 0.0]])
+        share = self.t_s / 3600.0 / self.conditions.hours
+        f = f * (1.0 + t[INDEX["gravity"]] + self.per_km * 3.0 * share)
+        return np.asarray((np.eye(3) + S) @ f)
+
+    def stand(self, watch: Watch) -> float:
+        """Feed the next stand; its inclination in deg."""
+        rng = self.rng
+        self.t_s += rng.uniform(900.0, 1800.0)
+        share = self.t_s / 3600.0 / self.conditions.hours
+        inclination = np.radians(inclination_deg(self.kind, share))
+        temp = 20.0 + 100.0 * share
+        self._advance(self.t_s)
+        depth = 3.0 * share
+        offset = self.truth[:3] + self.truth[12:15] * (temp - 20.0)
+        toolface, lasts = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(60.0, 300.0)
+        f = _direction(inclination, toolface)
+        std = self.density / np.sqrt(2.0 * lasts)
+        floor = 1e-5 * self.conditions.noise
+        mean = self._reading(f, turns=False) + offset + np.hypot(std, floor) * rng.standard_normal(3)
+        watch.still(Still(self.t_s, mean, std / self.conditions.noise, temp, depth))
+        for _ in range(2 if rng.random() < 0.8 else 0):
+            self.t_s += 330.0
+            self._advance(self.t_s)
+            watch.turning(self._turn(inclination, offset, temp, depth))
+        return float(np.degrees(inclination))
+
+    def _turn(self, inclination: float, offset: Array, temp: float, depth: float) -> Turning:
+        rng, noise = self.rng, self.conditions.noise
+        rate = rng.uniform(20.0, 120.0) * 2.0 * np.pi / 60.0
+        slips = rng.random() < 0.5
+        rate2 = rate**2 * (1.0 + (0.5 * rng.uniform(0.2, 1.0) ** 2 if slips else 0.0))
+        phase, lasts = rng.uniform(0.0, 2.0 * np.pi), 300.0
+        s, c = np.sin(inclination), np.cos(inclination)
+        F = np.array(
+            [[0.0, s * np.cos(phase), -s * np.sin(phase)], [0.0, s * np.sin(phase), s * np.cos(phase)], [c, 0.0, 0.0]]
+        )
+        M = self._reading(F, turns=True)
+        M[:, 0] += offset
+        arm = self.truth[[INDEX["arm_x"], INDEX["arm_y"]]]
+        M[:2, 0] -= arm * rate2 / G0
+        M[:2, 0] += self.conditions.whirl * 1e-4 * rate2 / G0 * rng.standard_normal(2)
+        density = 3e-5 * rng.uniform(5.0, 50.0)
+        stds = density * np.array([[np.sqrt(0.5), 1.0, 1.0]] * 3) / np.sqrt(lasts)
+        M += noise * np.hypot(stds, 2e-5) * rng.standard_normal((3, 3))
+        arm_std = rng.uniform(2e-4, 2e-3)
+        return Turning(
+            self.t_s,
+            M,
+            np.diag(stds.ravel() ** 2),
+            float(rate2),
+            arm + arm_std * rng.standard_normal(2) if slips else None,
+            np.eye(2) * arm_std**2 if slips else None,
+            temp,
+            depth,
+        )
+
+
+def _direction(inclination: float, toolface: float) -> Array:
+    s = np.sin(inclination)
+    return np.array([s * np.cos(toolface), s * np.sin(toolface), np.cos(inclination)])
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Of one well: hours watched before the departure without an alarm, and what became of it."""
+
+    quiet_h: float
+    false_h: float | None
+    relevant: bool = False
+    bound_h: float | None = None
+    """from the step until the Cramer-Rao bound allows it to be found"""
+    found_h: float | None = None
+    in_class: tuple[bool, ...] = ()
+    """at the alarm, and 1, 3, 6, 12, 24 h later"""
+    alone: tuple[bool, ...] = ()
+    held: int = 0
+    intervals: int = 0
+    nis: float = 1.0
+
+
+LAGS_H = (0.0, 1.0, 3.0, 6.0, 12.0, 24.0)
+
+
+def run(kind: str, seed: int, conditions: Conditions, what: Departure | None = None) -> Outcome:
+    """One well."""
+    well, watch = Well(kind, seed, conditions, what), Watch(stated_prior())
+    outcome = Outcome(conditions.hours, None)
+    need = np.sqrt(POLICY.threshold) + POLICY.power
+    checks: list[float] = []
+    in_class: list[bool] = []
+    alone: list[bool] = []
+    while well.t_s < conditions.hours * 3600.0:
+        begun = well.stepped
+        inclination = well.stand(watch)
+        if watch.alarm_s is not None and not begun and (what is None or watch.alarm_s < what.at_s):
+            return replace(outcome, quiet_h=watch.alarm_s / 3600.0, false_h=watch.alarm_s / 3600.0)
+        if what is None or not well.stepped:
+            continue
+        since = (well.t_s - what.at_s) / 3600.0
+        if not begun:
+            outcome = replace(outcome, quiet_h=what.at_s / 3600.0, relevant=_relevant(what, inclination))
+        if outcome.bound_h is None and abs(what.size) * np.sqrt(watch.information_of(what.name, what.at_s)) >= need:
+            outcome = replace(outcome, bound_h=since)
+        if watch.alarm_s is None:
+            continue
+        if outcome.found_h is None:
+            outcome = replace(outcome, found_h=since)
+            checks = [since + lag for lag in LAGS_H]
+        while checks and since >= checks[0]:
+            (claim,) = watch.result().claims
+            in_class.append(what.name in claim.equivalence_class)
+            alone.append(claim.equivalence_class == (what.name,))
+            checks.pop(0)
+    result = watch.result()
+    held = sum(
+        abs(one.value - well.truth[INDEX[name]]) < 1.96 * one.std
+        for name, one in result.parameters.items()
+        if what is None and INDEX[name] < 12
+    )
+    return replace(
+        outcome,
+        in_class=tuple(in_class),
+        alone=tuple(alone),
+        held=held,
+        intervals=12 * (what is None),
+        nis=result.noise_ratio,
+    )
+
+
+def _relevant(what: Departure, inclination: float) -> bool:
+    """Whether the worst toolface's effect on I or T is more than three stated standard deviations."""
+    state = np.zeros(SIZE)
+    for name in [f"S_{i}{i}" for i in "xyz"] if what.name == "S_all" else [what.name]:
+        state[INDEX[name]] = what.size
+    inc = float(np.radians(inclination))
+    effect, stated = error_of(state, inc, None), std_of(stated_prior().covariance, inc, None)
+    return abs(effect.inc_deg) > 3.0 * stated.inc_deg or abs(effect.tf_sin_inc_deg) > 3.0 * stated.tf_sin_inc_deg
+
+
+def drawn_departure(rng: np.random.Generator, hours: float) -> Departure:
+    """A step of an offset (0.2 to 5 mg) or of an element of S (0.2 to 5 mg/g)."""
+    name = str(rng.choice([*NAMES[:12], "b_x", "b_y", "b_z", "S_all"]))
+    size = float(np.exp(rng.uniform(np.log(2e-4), np.log(5e-3))) * rng.choice([-1.0, 1.0]))
+    return Departure(name, size, float(rng.uniform(0.1, 0.6) * hours * 3600.0))
+
+
+def quiet(wells: int, first_seed: int, conditions: Conditions) -> list[Outcome]:
+    """Wells in which nothing departs."""
+    return [run(WELLS[k % len(WELLS)], first_seed + k, conditions) for k in range(wells)]
+
+
+def departing(wells: int, first_seed: int, conditions: Conditions) -> list[Outcome]:
+    """Wells in each of which one thing departs."""
+    out = []
+    for k in range(wells):
+        rng = np.random.default_rng([first_seed, k])
+        what = drawn_departure(rng, conditions.hours)
+        out.append(run(WELLS[k % len(WELLS)], first_seed + k, conditions, what))
+    return out
+
+
+def upper_95(count: int, hours: float) -> float:
+    """Upper limit (95 %, one-sided) of a Poisson rate per 1,000 h."""
+    from scipy.stats import chi2
+
+    return float(chi2.ppf(0.95, 2 * (count + 1)) / 2.0 / hours * 1000.0)
+
+
+def main() -> None:
+    """Print the scores."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--wells", type=int, default=30, help="without a departure, of each condition")
+    parser.add_argument("--departures", type=int, default=30)
+    parser.add_argument("--hours", type=float, default=100.0)
+    parser.add_argument("--first-seed", type=int, default=5000)
+    args = parser.parse_args()
+    stated = Conditions(hours=args.hours)
+    for word, conditions in (
+        ("as stated", stated),
+        ("noise 1.4 and walk 1.5 times the stated", replace(stated, noise=1.4, walk=1.5)),
+    ):
+        begun = time.process_time()
+        found = quiet(args.wells, args.first_seed, conditions)
+        hours = sum(one.quiet_h for one in found)
+        false = sum(one.false_h is not None for one in found)
+        held, of = sum(one.held for one in found), sum(one.intervals for one in found)
+        print(
+            f"{word}: {false} false departures in {hours:.0f} h, {false / hours * 1000:.2f} per 1,000 h"
+            f" (below {upper_95(false, hours):.2f}, 95 %); intervals of b and S hold {100 * held / max(of, 1):.1f} %"
+            f" of {of}; noise ratio {np.median([one.nis for one in found]):.2f};"
+            f" {time.process_time() - begun:.0f} s of processor"
+        )
+    _print_departures(departing(args.departures, args.first_seed + 100_000, stated))
+
+
+def _print_departures(found: list[Outcome]) -> None:
+    false = [one for one in found if one.false_h is not None]
+    hours = sum(one.quiet_h for one in found)
+    print(f"with one departure each: {len(found)} wells, {len(false)} alarms before it in {hours:.0f} h")
+    for word, of in (
+        ("effect above 3 stated sigmas", [one for one in found if one.relevant]),
+        ("within reach of the Cramer-Rao bound", [one for one in found if one.bound_h is not None]),
+    ):
+        got = [one for one in of if one.found_h is not None]
+        intime = [
+            one
+            for one in got
+            if one.bound_h is not None and one.found_h is not None and one.found_h <= max(1.5 * one.bound_h, 2.0)
+        ]
+        print(f"  {word}: {len(of)}, found {len(got)}, within max(1.5 t_CR, 2 h) {len(intime)}")
+    for k, lag in enumerate(LAGS_H):
+        judged = [one for one in found if len(one.in_class) > k]
+        right, alone = sum(one.in_class[k] for one in judged), sum(one.alone[k] for one in judged)
+        print(f"  {lag:g} h after the alarm: truth in the class {right} of {len(judged)}, one name alone {alone}")
+
+
+if __name__ == "__main__":
+    main()
