@@ -79,12 +79,15 @@ class ScoreTest:
 def log10_p(gain: Array, dof: Array | NDArray[np.intp], freedom: Array | float, tries: Array | float = 1.0) -> Array:
     """-log10 of the F test's p-value for a gain of chi-square with `dof` directions against unit noise.
 
-    The noise is known to `freedom` degrees of freedom; `tries` shapes were searched (Sidak).
+    The noise is known to `freedom` degrees of freedom, which may be infinite (chi squared); `tries` shapes were
+    searched (Sidak).
     """
-    from scipy.special import fdtrc
+    from scipy.special import chdtrc, fdtrc
 
-    k = np.maximum(dof, 1)
-    p = np.where(dof > 0, fdtrc(k, freedom, np.maximum(gain, 0.0) / k), 1.0)
+    k, above = np.maximum(dof, 1), np.maximum(gain, 0.0)
+    known = np.isinf(freedom)
+    p = np.where(known, chdtrc(k, above), fdtrc(k, np.where(known, 1.0, freedom), above / k))
+    p = np.where(dof > 0, p, 1.0)
     p = -np.expm1(np.asarray(tries) * np.log1p(-np.minimum(p, 1 - 1e-12)))
     return np.asarray(-np.log10(np.maximum(p, 1e-300)), dtype=float)
 

@@ -35,11 +35,13 @@ class Stability:
     """size in each part, in units of the size in all"""
     instead: str = ""
     """id of another effect, of which these are the sizes, that explains more in the claim's place"""
+    limit: float = STABILITY.log_p
+    """-log10 p from which the sizes are different; of a change that was chosen by evidence none is needed"""
 
     @property
     def stable(self) -> bool:
         """Whether the sizes agree to within chance, or to within what is of no matter."""
-        return self.log_p < STABILITY.log_p or self.share < STABILITY.share
+        return self.log_p < self.limit or self.share < STABILITY.share
 
     @property
     def words(self) -> str:
@@ -106,10 +108,13 @@ def stability(
     return worst
 
 
-def stability_of_inner(inner: Mapping[str, Array], amplitudes: int, freedom: float) -> Stability | None:
+def stability_of_inner(
+    inner: Mapping[str, Array], amplitudes: int, freedom: float, excess: float = 1.0
+) -> Stability | None:
     """As `stability`, where rows are known by their inner products alone: of each split (P, P, m, m) over its parts,
     (i, j) those of what is in part i with what is in part j. Of the m columns the last is the residual, before it stand
-    the `amplitudes` of the claim, first base and other claims. All whitened."""
+    the `amplitudes` of the claim, first base and other claims. All whitened; what the claim's size varies by between
+    blocks of rows is `excess` times the variance of white noise."""
     worst: Stability | None = None
     for name, blocks in inner.items():
         whole = blocks.sum(axis=(0, 1))
@@ -131,7 +136,7 @@ def stability_of_inner(inner: Mapping[str, Array], amplitudes: int, freedom: flo
         seen = (moment - cross.T @ taken[:, -1])[shows]
         factors[shows] = solved(left[np.ix_(shows, shows)], seen)
         gain = max(float(factors[shows] @ seen) - explained, 0.0)
-        log_p = float(log10_p(np.array(gain), np.array(dof), freedom, float(len(inner))))
+        log_p = float(log10_p(np.array(gain / excess), np.array(dof), freedom, float(len(inner))))
         one = Stability(name, log_p, gain / explained, tuple(float(f) for f in factors))
         if worst is None or one.log_p > worst.log_p:
             worst = one
@@ -148,17 +153,28 @@ class Change:
     factors: tuple[float, float]
     courses: int
     """that were tried"""
+    excess: float = 1.0
+    """variance of the size between blocks of rows, in those that white noise makes"""
 
     @property
     def log_p(self) -> float:
         """-log10 p of what the change adds."""
-        return float(log10_p(np.array(self.added), np.array(1), np.inf, float(self.courses)))
+        return float(log10_p(np.array(self.added / self.excess), np.array(1), np.inf, float(self.courses)))
 
     @property
     def stability(self) -> Stability:
-        """As of any other split."""
+        """As of any other split; a change is believed from `StabilityPolicy.change_log_p` on."""
+        return self._as_stability(STABILITY.change_log_p)
+
+    @property
+    def chosen(self) -> Stability:
+        """As `stability`, of a change that is preferred to what is claimed by evidence: no chance is asked."""
+        return self._as_stability(-np.inf)
+
+    def _as_stability(self, limit: float) -> Stability:
         before = max(self.gain - self.added, 1e-300)
-        return Stability("beginning and end of the session", self.log_p, self.added / before, self.factors)
+        words = "beginning and end of the session"
+        return Stability(words, self.log_p, self.added / before, self.factors, limit=limit)
 
 
 def best_change(blocks: Array, kept: Ints, own: Ints) -> Change | None:

@@ -60,7 +60,7 @@ def changing_instead(problem: RowsKnown, selection: SelectionState[RotationNoise
             return own.stability
         if limit and own.added > limit - RIVALS.same_class_bic:
             # the walk takes what a change of the size explains as well
-            return own.stability
+            return own.chosen
     for other in others:
         # another claim takes it
         rest = [o for o in others if o != other]
@@ -69,7 +69,7 @@ def changing_instead(problem: RowsKnown, selection: SelectionState[RotationNoise
             continue
         claimed = _explained(problem, rest, [term, other]) - _cost(problem, selection, other)
         if instead.gain - _cost_of(selection, instead) > claimed - RIVALS.same_class_bic:
-            return instead.stability
+            return instead.chosen
     if limit or term.candidate in {k for k, c in enumerate(problem.candidates) if c.id in problem.slow_ids}:
         return _another(problem, selection, others, term, gain + limit - _cost(problem, selection, term))
     return None
@@ -91,7 +91,7 @@ def _another(
             continue
         ahead = change.gain - _cost_of(selection, change) - _cost(problem, selection, rival) - claimed
         if ahead > max(RIVALS.same_class_bic, best[0] if best else 0.0):
-            best = (ahead, replace(change.stability, instead=problem.candidates[k].id))
+            best = (ahead, replace(change.chosen, instead=problem.candidates[k].id))
     return best[1] if best else None
 
 
