@@ -15,20 +15,28 @@ import numpy as np
 from highside.diagnosis.core.finding_policy import CHECKED
 from highside.diagnosis.core.memory import Memory
 from highside.diagnosis.core.problem import N, Problem, SelectionState
-from highside.diagnosis.core.result import Claim, Coverage, DiagnosisResult, FittedParameter, Remainder
+from highside.diagnosis.core.result import Claim, Coverage, DiagnosisResult, FittedParameter, Remainder, Verdict
 from highside.diagnosis.core.shares import shares_of
 from highside.diagnosis.core.stability import Stability
 from highside.diagnosis.core.unexplained import hinted, unexplained, with_excess, with_lattice
 
 
 def checked(
-    problem: Problem[N], selection: SelectionState[N], diagnosis: DiagnosisResult, memories: Sequence[Memory]
+    problem: Problem[N],
+    selection: SelectionState[N],
+    diagnosis: DiagnosisResult,
+    memories: Sequence[Memory],
+    dropped: Mapping[str, Stability] | None = None,
 ) -> DiagnosisResult:
-    """The diagnosis by the rules; claims and locations stand in the order of the selected terms."""
+    """The diagnosis by the rules; claims and locations stand in the order of the selected terms. Of `dropped` effects,
+    which were small, the sizes change."""
     if diagnosis.claims and len(diagnosis.claims) == len(selection.terms):
         diagnosis = _weighed(problem, selection, diagnosis)
     elif problem.method.refusal:
         diagnosis = _with_changing(problem, selection, diagnosis)
+    if dropped:
+        more: Verdict = "named_plus" if diagnosis.verdict == "named" else diagnosis.verdict
+        diagnosis = replace(diagnosis, verdict=more, remainder=_told_as_changing(diagnosis.remainder, dropped))
     if problem.method.refusal:
         found = unexplained(problem.floor_excess(selection.terms), memories)
         diagnosis = with_excess(diagnosis, found, problem.readings, problem.policy.floor_ratio)
@@ -102,7 +110,7 @@ def _told_as_changing(remainder: Remainder, changing: Mapping[str, Stability]) -
         remainder,
         hints=(*hints, *remainder.hints),
         resembles=tuple(dict.fromkeys((*instead, *remainder.resembles))),
-        changing=tuple(changing),
+        changing=tuple(dict.fromkeys((*changing, *remainder.changing))),
     )
 
 

@@ -62,6 +62,7 @@ def conclude(
 ) -> tuple[DiagnosisResult, ReportData]:
     """What is reported of the terms chosen, and the data of the report's figures."""
     believed = problem.believed(selection, _widened(problem, selection))
+    believed, changing = problem.steady(selection, believed) if problem.method.refusal else (believed, {})
     if believed != selection.terms:
         selection = replace(selection, terms=believed, fit=None, refits={})
     terms, selector = selection.terms, selection.selector
@@ -109,7 +110,7 @@ def conclude(
     diagnosis = DiagnosisResult(
         verdict, location, claims, proof, (), remainder, tuple(lacking), smallest, noise, problem.seed, version
     )
-    diagnosis = checked(problem, selection, diagnosis, correlation.memories)
+    diagnosis = checked(problem, selection, diagnosis, correlation.memories, changing)
     report_data = replace(problem.report_data(fit if named else None), scores=effect_scores(selector))
     return without_rounding(problem, problem.completed(diagnosis)), report_data
 

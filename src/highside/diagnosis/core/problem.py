@@ -223,6 +223,11 @@ class Problem(ABC, Generic[N]):
         """Whether the size of a term agrees over parts of the recording; None where that is not looked at."""
         return None
 
+    def steady(self, selection: SelectionState[N], terms: list[Term]) -> tuple[list[Term], dict[str, Stability]]:
+        """The terms without those that are small and change over the recording, and how these do, by id; where a change
+        withdraws every name, as a rule, all stay."""
+        return terms, {}
+
     @property
     def in_steps(self) -> tuple[Array, Array] | None:
         """(C,) step of the lattice on which each channel's rows lie (0.0: none), and what the base leaves of a row,

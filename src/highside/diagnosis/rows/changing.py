@@ -52,9 +52,9 @@ def changing_instead(problem: RowsKnown, selection: SelectionState[RotationNoise
     """How the size of a claim changes, or that of what explains more in its place if its size may change; None where
     a constant explains as much."""
     others = [o for o in selection.terms if o != term]
-    limit = _memory(problem, selection, term)
+    limit = memory_of_claim(problem, selection, term)
     gain = _explained(problem, others, [term])
-    own = _change(problem, others, term)
+    own = change_of(problem, others, term)
     if own is not None and own.added >= STABILITY.share * gain:
         if own.log_p > STABILITY.change_log_p and not limit:
             return own.stability
@@ -64,7 +64,7 @@ def changing_instead(problem: RowsKnown, selection: SelectionState[RotationNoise
     for other in others:
         # another claim takes it
         rest = [o for o in others if o != other]
-        instead = _change(problem, rest, term)
+        instead = change_of(problem, rest, term)
         if instead is None or instead.added < STABILITY.share * gain:
             continue
         claimed = _explained(problem, rest, [term, other]) - _cost(problem, selection, other)
@@ -86,7 +86,7 @@ def _another(
         if k in taken or effect is None or any(shape.epoch for shape in effect.shapes):
             # what begins at a time of its own, and changes after, is any transient
             continue
-        change = _change(problem, others, rival)
+        change = change_of(problem, others, rival)
         if change is None or change.added < STABILITY.share * change.gain:
             continue
         ahead = change.gain - _cost_of(selection, change) - _cost(problem, selection, rival) - claimed
@@ -95,7 +95,7 @@ def _another(
     return best[1] if best else None
 
 
-def _memory(problem: RowsKnown, selection: SelectionState[RotationNoise], term: Term) -> float:
+def memory_of_claim(problem: RowsKnown, selection: SelectionState[RotationNoise], term: Term) -> float:
     """-2 log likelihood that the memory gains beside the claims on the channels of one of them."""
     if not any(memory.upper for memory in selection.noise.memories):
         return 0.0
@@ -118,7 +118,8 @@ def _blocks(problem: RowsKnown, terms: list[Term]) -> tuple[Array, list[Ints]]:
     return np.stack([found[k, k] for k in range(len(found))]), places
 
 
-def _change(problem: RowsKnown, beside: list[Term], term: Term) -> Change | None:
+def change_of(problem: RowsKnown, beside: list[Term], term: Term) -> Change | None:
+    """The best change of the size of a term over the session, beside others and without any memory."""
     blocks, places = _blocks(problem, [*beside, term])
     return best_change(blocks, np.concatenate(places[:-1]), places[-1])
 

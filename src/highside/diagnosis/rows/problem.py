@@ -190,6 +190,14 @@ class RowsProblem(Problem[RotationNoise]):
         return self.placed(sought, coordinates.weights(signal), p, share)
 
     def stability(self, selection: SelectionState[RotationNoise], term: Term) -> Stability | None:
+        found = self.over_parts(selection, term)
+        if found is None or not found.stable:
+            return found
+        changed = changing_instead(self, selection, term)
+        return found if changed is None else changed
+
+    def over_parts(self, selection: SelectionState[RotationNoise], term: Term, excess: float = 1.0) -> Stability | None:
+        """Whether a size agrees over parts of the rows; between blocks it varies by `excess` times white noise."""
         others = [o for o in selection.terms if o != term]
         parts = [self.design.base, *(self.numbers_of(o) for o in [*others, term])]
         numbers = np.concatenate(parts).astype(np.intp)
@@ -197,11 +205,7 @@ class RowsProblem(Problem[RotationNoise]):
             name: inner_by_parts(self.design, self.grams, self.products.segments, numbers, part_of, selection.noise)
             for name, part_of in self._splits().items()
         }
-        found = stability_of_inner(inner, parts[-1].size, selection.noise.freedom)
-        if found is None or not found.stable:
-            return found
-        changed = changing_instead(self, selection, term)
-        return found if changed is None else changed
+        return stability_of_inner(inner, parts[-1].size, selection.noise.freedom, excess)
 
     def numbers_of(self, term: Term) -> Ints:
         """Numbers of a term's columns that show."""

@@ -136,6 +136,10 @@ class SimulationChoicePolicy:
     explains 0.3 %."""
     settled: float = 0.01
     """Relative change of a delay that shows no more. Chosen in f84f7d5; no run is recorded."""
+    least_blocks: int = 6
+    """Blocks of rows from which it is known how much a size varies between them. Source: four second differences."""
+    median_of_squares: float = 0.4549
+    """Median of the square of a normal value of unit variance. Source: chi-square of one degree of freedom."""
     full: int = 4
     """One in so many of a bin's rows must count. Chosen in d4bce32; no run is recorded."""
     quietest: float = 1e-3

@@ -15,14 +15,16 @@ from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.fit import JointFit
 from highside.diagnosis.core.held_out import gain_interval
 from highside.diagnosis.core.memory import Channel, SlowEffect
-from highside.diagnosis.core.policy import INTERVALS
+from highside.diagnosis.core.policy import INTERVALS, REGRESSION, RIVALS
 from highside.diagnosis.core.probability import student_quantile
 from highside.diagnosis.core.problem import ReportData, SelectionState
 from highside.diagnosis.core.problem_policy import ProblemPolicy
-from highside.diagnosis.core.regression import outside
+from highside.diagnosis.core.regression import outside, solved
 from highside.diagnosis.core.result import DiagnosisResult, Fit, FittedParameter, Location
 from highside.diagnosis.core.rivals import Rivalry
+from highside.diagnosis.core.shares import shares_of
 from highside.diagnosis.core.stability import Stability
+from highside.diagnosis.rows.changing import change_of, memory_of_claim
 from highside.diagnosis.rows.gram import HeldOutRows, Key, RandomWalkChannel
 from highside.diagnosis.rows.inner_products import InnerProducts
 from highside.diagnosis.rows.jitter import with_jitter
@@ -150,10 +152,68 @@ class SimulationProblem(RowsProblem):
         return SIMULATION
 
     def stability(self, selection: SelectionState[RotationNoise], term: Term) -> Stability | None:
-        # another program's output departs by more than the library holds, and a small claim beside a large one takes up
-        # what is left of it here and there: of a recording of the body's own motion and of a car (`tests/integration/
-        # test_diagnose_simulation.py`) that withdrew every name, of which the largest were constant to 3 %
-        return None
+        # no other name is compared in a claim's place: what the library does not hold departs by more than any of them
+        excess = self._excess(selection, term)
+        found = self.over_parts(selection, term, excess)
+        if found is None or not found.stable:
+            return found
+        change = change_of(self, [o for o in selection.terms if o != term], term)
+        if change is None:
+            return found
+        change = replace(change, excess=excess)
+        walk = memory_of_claim(self, selection, term)
+        if not walk:
+            return found if change.stability.stable else change.stability
+        # the walk takes what a change of the size explains as well
+        instead = change.added / excess > walk - RIVALS.same_class_bic and not change.chosen.stable
+        return change.chosen if instead else found
+
+    def steady(
+        self, selection: SelectionState[RotationNoise], terms: list[Term]
+    ) -> tuple[list[Term], dict[str, Stability]]:
+        # a small claim beside a large one takes up what is left of it here and there; the large one stands without
+        kept, dropped, lost = list(terms), dict[str, Stability](), 0.0
+        while len(kept) > 1:
+            now = replace(selection, terms=kept)
+            weights = shares_of(selection.selector, kept)
+            found = [(float(w), m, self.stability(now, m)) for w, m in zip(weights, kept, strict=True)]
+            changing = [(w, m, s) for w, m, s in found if s is not None and not s.stable]
+            if not changing:
+                return kept, dropped
+            share, term, steady = min(changing, key=lambda one: one[0])
+            lost += share * (1.0 - lost)
+            if lost > 1.0 - self.policy.named_share:
+                break
+            kept, dropped = [m for m in kept if m != term], {**dropped, self.candidates[term.candidate].id: steady}
+        return (terms, {}) if lost > 1.0 - self.policy.named_share else (kept, dropped)
+
+    def _excess(self, selection: SelectionState[RotationNoise], term: Term) -> float:
+        """By how many times the noise between blocks of rows moves a claim's size more than white noise would, at least
+        once: from second differences of the size between blocks, which no slow change of it reaches."""
+        others = [self.design.base, *(self.numbers_of(o) for o in selection.terms if o != term)]
+        own = self.numbers_of(term)
+        numbers = np.concatenate([*others, own]).astype(np.intp)
+        gram, moment = self._inner(numbers)
+        first, sizes = numbers.size - own.size, solved(gram, moment)
+        claim = gram[:, first:] @ sizes[first:]
+        direction = np.concatenate([-solved(gram[:first, :first], claim[:first]), sizes[first:]])
+        flip = self.products.segments.flip
+        starts = np.flatnonzero(np.diff(flip, prepend=-1))
+        score, energy = np.zeros(starts.size), np.zeros(starts.size)
+        for c, functions in enumerate(self.design.functions(slice(0, self.session.n), self.residual)):
+            at = self.design.where[numbers, c]
+            rows = functions[np.append(at[at >= 0], -1)]
+            white = self.noise.whiten(c, rows, slice(0, self.session.n))
+            along, left = direction[at >= 0] @ white[:-1], white[-1] - sizes[at >= 0] @ white[:-1]
+            score += np.add.reduceat(along * left, starts)
+            energy += np.add.reduceat(along**2, starts)
+        kept = energy > REGRESSION.visible * energy.max(initial=0.0)
+        if kept.sum() < SIMULATION_CHOICE.least_blocks:
+            return 1.0
+        size, variance = score[kept] / energy[kept], 1 / energy[kept]
+        bend = size[:-2] - 2 * size[1:-1] + size[2:]
+        expected = variance[:-2] + 4 * variance[1:-1] + variance[2:]
+        return max(1.0, float(np.median(bend**2 / expected)) / SIMULATION_CHOICE.median_of_squares)
 
     def believed(self, selection: SelectionState[RotationNoise], terms: list[Term]) -> list[Term]:
         selector = selection.selector
