@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from highside import api
 from highside.diagnosis.core.method import ProcedureParts
 from highside.diagnosis.rotation.bursts import found_burst
-from highside.diagnosis.rotation.lines import found_lines, on_grid
+from highside.diagnosis.rotation.lines import found_lines
 from highside.diagnosis.rows.session import RotationSession
+from highside.diagnosis.rows.spectrum import on_grid
 from highside.physics.forward import ForwardModel
 from highside.physics.noise import autoregressive
 from highside.physics.plan import Profile, RotationPlan, Session, Site

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from highside.arrays import AnyArray
-from highside.physics.effect import Effect, LinearEffect, Parameter
+from highside.physics.effect import Effect, Groups, LinearEffect, Parameter
 from highside.physics.state import ChainState
 from highside.units import STANDARD_GRAVITY_MPS2
 
@@ -53,6 +53,8 @@ class ChannelTerm:
     relinearised: bool = False
     tangents: AnyArray | None = None
     adjusted: bool = False
+    groups: Groups = ()
+    """parameters that may act alone, by their numbers; where none are given, each"""
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,8 @@ class OnChannels(LinearEffect):
         self.slow, self.constant = effect.slow, effect.constant
         self.parameters = () if term is None else term.parameters
         self.relinearised = term is not None and term.relinearised
-        self.groups = tuple((k,) for k in range(len(self.parameters)))
+        each = tuple((k,) for k in range(len(self.parameters)))
+        self.groups = term.groups if term is not None and term.groups else each
 
     def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
         # its columns are those of its term: there is no chain to act in

@@ -15,9 +15,9 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.result import DiagnosisResult, Location
-from highside.diagnosis.rotation.lines import on_grid
 from highside.diagnosis.rotation.policy import BURSTS
 from highside.diagnosis.rows.session import RotationSession
+from highside.diagnosis.rows.spectrum import on_grid
 
 
 @dataclass(frozen=True)

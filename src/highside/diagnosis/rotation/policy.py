@@ -70,26 +70,11 @@ BURSTS = BurstsPolicy()
 class LinesPolicy:
     """Lines in a rotation."""
 
-    chance: float = 1e-3
-    """Probability by which the highest of all peaks of a spectrum without lines is as high. Chosen in 96c27f5; no run
-    is recorded."""
     max_order: float = 60.0
     """Highest order of the rotation that is looked for. Chosen in 9535933; no run is recorded."""
     largest_whole: int = 12
     """Whole orders up to this are harmonics of the toolface, which other effects and the scan stand for. Chosen in
     9535933; no run is recorded."""
-    padded: int = 2
-    """A spectrum is evaluated at so many times as many frequencies: a line between two of them would lose half its
-    power. Chosen in 207dc25; no run is recorded."""
-    smooth: int = 101
-    """Independent cells of a spectrum by whose median the level around a cell is known. Chosen in 9535933; no run is
-    recorded."""
-    slowest: int = 12
-    """Cycles in the recording: what is slower is drift. Chosen in 207dc25; no run is recorded."""
-    about: float = 0.75
-    """Cells about a peak in which it is sought more finely. Chosen in 207dc25; no run is recorded."""
-    finer: int = 31
-    """Frequencies that are tried there. Chosen in 207dc25; no run is recorded."""
     spare: float = 1.2
     """Cells of a turn beyond what the highest order needs. Chosen in 9535933; no run is recorded."""
     beside: float = 2.5

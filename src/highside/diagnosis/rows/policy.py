@@ -53,6 +53,30 @@ DESIGN = DesignPolicy()
 
 
 @dataclass(frozen=True)
+class SpectrumPolicy:
+    """The strongest line of a spectrum."""
+
+    chance: float = 1e-3
+    """Probability by which the highest of all peaks of a spectrum without lines is as high. Chosen in 96c27f5; no run
+    is recorded."""
+    padded: int = 2
+    """A spectrum is evaluated at so many times as many frequencies: a line between two of them would lose half its
+    power. Chosen in 207dc25; no run is recorded."""
+    smooth: int = 101
+    """Independent cells of a spectrum by whose median the level around a cell is known. Chosen in 9535933; no run is
+    recorded."""
+    slowest: int = 12
+    """Cycles in the recording: what is slower is drift. Chosen in 207dc25; no run is recorded."""
+    about: float = 0.75
+    """Cells about a peak in which it is sought more finely. Chosen in 207dc25; no run is recorded."""
+    finer: int = 31
+    """Frequencies that are tried there. Chosen in 207dc25; no run is recorded."""
+
+
+SPECTRUM = SpectrumPolicy()
+
+
+@dataclass(frozen=True)
 class GramsPolicy:
     """Inner products of rows."""
 

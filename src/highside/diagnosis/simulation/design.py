@@ -6,6 +6,7 @@ As `design`, with everything at hand as rows: what is compared is short enough f
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +15,13 @@ from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate, Unobservable, Variant
 from highside.diagnosis.rows.bases import BasisGroup
 from highside.diagnosis.rows.design import Design
+from highside.diagnosis.rows.spectrum import strongest_line
 from highside.diagnosis.simulation.policy import SIMULATION_COLUMNS
 from highside.diagnosis.simulation.session import SimulationSession
 from highside.physics.channels import ChannelEffect, ChannelTerm, OnChannels, kind_of
 from highside.physics.effect import Effect, Stage
 from highside.physics.effects import on_channels, registry
+from highside.physics.effects.tone import EFFECT as TONE
 
 Ints = NDArray[np.intp]
 
@@ -47,6 +50,7 @@ class SimulationDesign(Design):
         """Of effects that move the clock the columns by which they are fitted"""
         self._add_effects(session)
         self._add_products(session)
+        self._add_line(session)
         self.groups = _groups(session)
         for b, functions in enumerate(_functions(session)):
             for c in range(len(session.names)):
@@ -86,6 +90,31 @@ class SimulationDesign(Design):
         self.unobservable = [Unobservable(OnChannels(e), e.channel_needs) for e in absent]
         small = "even the largest size that is plausible would not show in this recording"
         self.unobservable += [Unobservable(OnChannels(registry()[name]), small) for name in too_small]
+
+    def _add_line(self, session: SimulationSession) -> None:
+        """The strongest line of fixed frequency in what all effects leave: a filter that learns the noise would take it
+        for colour."""
+        kept = np.ones(session.n) if session.omitted is None else 1.0 - session.omitted
+        left = np.empty_like(session.readings)
+        for c, made in enumerate(self._rows):
+            rows = np.vstack([np.ones(session.n), *made]) * kept
+            rows /= np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
+            target = (session.readings[c] - session.original[c]) * kept
+            left[c] = target - np.linalg.lstsq(rows.T, target, rcond=1e-9)[0] @ rows
+        size = left.std(axis=1, keepdims=True)
+        shown = size[:, 0] > SIMULATION_COLUMNS.nothing
+        found = strongest_line(left[shown] / size[shown], session.places) if shown.any() else None
+        if found is None or TONE.id in self.free:
+            return
+        hz = found / session.step_s
+        channels = session.as_channels({**self.about, TONE.id: (hz,)})
+        (term,) = TONE.on_channels(channels)
+        effect = OnChannels(TONE, term)
+        tried = [[self._put(column) for column in columns] for columns in term.columns]
+        variants = [replace(v, shape={"f": hz}) for v in _variants(effect, tried)]
+        names = tuple(p.name for p in effect.parameters)
+        searched = max(session.n // 2, 1)
+        self.candidates.append(Candidate(effect.id, effect, names, tuple(variants), searched=searched))
 
     def _put_visible(self, effect: Effect, columns: Array, scatter: Array) -> list[int]:
         """Numbers of columns (k, C, n); -1 for those that even at the largest plausible size are small beside the

@@ -323,8 +323,19 @@ class SimulationProblem(RowsProblem):
                 )
                 if value + 2 * error < parameter.gate[0] or value - 2 * error > parameter.gate[1]:
                     outside.append(f"{effect.id}.{parameter.name}")
+            for name, value in self.variant(term).shape.items():
+                table[name] = self._of_shape(name, value, term)
             tables[effect.id] = table
         return JointFit(tables, left, tuple(outside))
+
+    def _of_shape(self, name: str, hz: float, term: Term) -> FittedParameter:
+        """The frequency of a line: what phases of its length and strength leave of it."""
+        gram, moment = self._inner(np.concatenate([self.design.base, self.numbers_of(term)]).astype(np.intp))
+        strength = max(float(moment @ solved(gram, moment)), 1.0)
+        # the bound of Cramer and Rao of a wave in white noise: sqrt(3 / strength) / (pi T)
+        error = float(np.sqrt(3.0 / strength) / (np.pi * self.session.n * self.session.step_s))
+        half = INTERVALS.normal * error
+        return FittedParameter(hz, error, hz - half, hz + half, "Hz")
 
     def _clock_moved(self, terms: Sequence[Term], numbers: list[NDArray[np.intp]]) -> dict[int, float]:
         """What moves the clock is taken out as it is, and fitted by what a little more of it would do: the columns that
