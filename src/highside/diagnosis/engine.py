@@ -43,6 +43,7 @@ from highside.diagnosis.rotation.policy import PILOT
 from highside.diagnosis.rotation.problem import RotationProblem
 from highside.diagnosis.rows.colour import with_long_memory
 from highside.diagnosis.rows.session import RotationSession
+from highside.diagnosis.simulation.band import humps, with_humps
 from highside.diagnosis.simulation.problem import SimulationProblem
 from highside.diagnosis.simulation.session import SimulationSession
 from highside.physics.forward import ForwardModel
@@ -113,11 +114,21 @@ def diagnose_magnitudes(
 
 
 def diagnose_simulation(
-    session: SimulationSession, free: Sequence[str], *, seed: int = 1, version: str = ""
+    session: SimulationSession,
+    free: Sequence[str],
+    *,
+    seed: int = 1,
+    version: str = "",
+    method: ProcedureParts = WHOLE,
 ) -> tuple[DiagnosisResult, ReportData]:
-    """Diagnose channels beside another program's prediction of them; `free` are ids of effects that are refitted."""
+    """Diagnose channels beside another program's prediction of them; `free` are ids of effects that are refitted. Of
+    `method` it is only asked whether laws are sought."""
     problem = SimulationProblem.beside(session, tuple(free), seed)
-    return with_channel_laws(problem, *diagnose(problem, version))
+    found, report = diagnose(problem, version)
+    beside = problem.session
+    left = humps(report.after, beside.step_s, beside.omitted, beside.names, beside.units)
+    found = with_humps(found, left)
+    return with_channel_laws(problem, found, report) if method.laws else (found, report)
 
 
 def diagnose(problem: Problem[N], version: str = "") -> tuple[DiagnosisResult, ReportData]:

@@ -70,4 +70,10 @@ def best_frequency(tries: Array, places: Array, row: Array) -> float:
     for k in range(tries.size):
         power[k] = np.abs(turned.sum())
         turned *= onward
-    return float(tries[int(np.argmax(power))])
+    at = int(np.argmax(power))
+    if not 0 < at < tries.size - 1:
+        return float(tries[at])
+    # between the tries, where a parabola through the three highest has its top
+    before, here, after = power[at - 1 : at + 2]
+    bend = before - 2 * here + after
+    return float(tries[at] + (0.5 * (before - after) / bend if bend < 0.0 else 0.0) * (tries[1] - tries[0]))

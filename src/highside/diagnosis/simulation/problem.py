@@ -168,6 +168,11 @@ class SimulationProblem(RowsProblem):
         instead = change.added / excess > walk - RIVALS.same_class_bic and not change.chosen.stable
         return change.chosen if instead else found
 
+    def mean_square_left(self, selection: SelectionState[RotationNoise]) -> float | None:
+        space = selection.selector.space_with(selection.terms)
+        left = outside(space, selection.selector.residual)
+        return float(left @ left) / max(left.size - len(space), 1)
+
     def steady(
         self, selection: SelectionState[RotationNoise], terms: list[Term]
     ) -> tuple[list[Term], dict[str, Stability]]:
