@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.special import chdtrc, fdtrc
 
 from highside.diagnosis.core.regression import log10_p
 from highside.diagnosis.core.stability import Change
+from highside.diagnosis.rows.gram import Gram, HeldOutRows
+from highside.diagnosis.rows.policy import GRAMS
 from highside.diagnosis.simulation.band import humps
 from studies import simulation_honesty as study
 
@@ -67,3 +71,18 @@ def test_a_lever_arm_whose_size_changes_has_not_that_name() -> None:
     changing = told("lever_arm", 1e4, "step")
     assert "lever_arm" not in {claim.effect for claim in changing.claims}
     assert "lever_arm" in changing.remainder.changing
+
+
+def test_what_one_stretch_alone_shows_is_not_extrapolated_from_the_others() -> None:
+    """Rounding of what is left of it was divided by itself: squares of that overflowed."""
+    rng = np.random.default_rng(4)
+    keys = [(fold, -1, True) for fold in range(GRAMS.folds)]
+    rows = rng.standard_normal((GRAMS.folds, 3, 50))
+    rows[1:, 1] *= 1e-7
+    rows[0, 1] *= 1e3
+    parts = {key: own @ own.T for key, own in zip(keys, rows, strict=True)}
+    gram = Gram(parts, np.zeros((3, 1)), np.ones(1), dict.fromkeys(keys, 50.0), np.zeros(1))
+    design = SimpleNamespace(where=np.array([[0], [1]]), base=np.array([0]))
+    held = HeldOutRows(design, [gram])  # type: ignore[arg-type]
+    before, after = (held.energies(np.array(own, dtype=np.intp), held.folds) for own in ([], [1]))
+    assert after == pytest.approx(before, rel=0.2)

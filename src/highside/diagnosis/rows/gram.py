@@ -369,8 +369,12 @@ class HeldOutRows:
         total = self.inner(every, [self.keys, *held_out, *scored])
         rest, test = total[0] - total[1 : len(folds) + 1], total[len(folds) + 1 :]
         result = []
+        whole = np.diag(total[0])[:-1]
         for trained, tested in zip(rest, test, strict=True):
-            solution = np.append(-solved(trained[:-1, :-1], trained[:-1, -1]), 1.0)
+            # what the other stretches do not determine, but for rounding, is not extrapolated
+            shows = np.flatnonzero(np.diag(trained)[:-1] > REGRESSION.independent * whole)
+            solution = np.append(np.zeros(every.size), 1.0)
+            solution[shows] = -solved(trained[np.ix_(shows, shows)], trained[shows, -1])
             result.append(float(solution @ tested @ solution))
         return np.array(result)
 
