@@ -15,21 +15,21 @@ from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.fit import JointFit
 from highside.diagnosis.core.held_out import gain_interval
 from highside.diagnosis.core.memory import Channel, SlowEffect
-from highside.diagnosis.core.policy import INTERVALS, REGRESSION, RIVALS
+from highside.diagnosis.core.policy import INTERVALS
 from highside.diagnosis.core.probability import student_quantile
 from highside.diagnosis.core.problem import ReportData, SelectionState
 from highside.diagnosis.core.problem_policy import ProblemPolicy
 from highside.diagnosis.core.regression import outside, solved
 from highside.diagnosis.core.result import DiagnosisResult, Fit, FittedParameter, Location
 from highside.diagnosis.core.rivals import Rivalry
-from highside.diagnosis.core.shares import shares_of
 from highside.diagnosis.core.stability import Stability
-from highside.diagnosis.rows.changing import change_of, memory_of_claim
 from highside.diagnosis.rows.gram import HeldOutRows, Key, RandomWalkChannel
 from highside.diagnosis.rows.inner_products import InnerProducts
 from highside.diagnosis.rows.jitter import with_jitter
 from highside.diagnosis.rows.noise import RotationNoise, estimate
 from highside.diagnosis.rows.problem import RowsProblem, RowsSelectionState
+from highside.diagnosis.simulation.activity import by_activity
+from highside.diagnosis.simulation.constancy import stability_beside, steady_terms
 from highside.diagnosis.simulation.design import About, SimulationDesign, covariates_of
 from highside.diagnosis.simulation.policy import SIMULATION, SIMULATION_CHOICE
 from highside.diagnosis.simulation.session import OFFSET, SKEW, SimulationSession
@@ -112,7 +112,7 @@ class SimulationProblem(RowsProblem):
             rows = (columns / sizes * kept).reshape(len(columns), -1)
             weights = np.linalg.lstsq(rows.T, (residual / sizes * kept).reshape(-1), rcond=1e-9)[0]
             residual = residual - np.tensordot(weights, columns, 1)
-        noise = _by_activity(design, estimate(design, residual, seed), residual)
+        noise = by_activity(design, estimate(design, residual, seed), residual)
         return cls(
             design.candidates,
             design.unobservable,
@@ -152,21 +152,7 @@ class SimulationProblem(RowsProblem):
         return SIMULATION
 
     def stability(self, selection: SelectionState[RotationNoise], term: Term) -> Stability | None:
-        # no other name is compared in a claim's place: what the library does not hold departs by more than any of them
-        excess = self._excess(selection, term)
-        found = self.over_parts(selection, term, excess)
-        if found is None or not found.stable:
-            return found
-        change = change_of(self, [o for o in selection.terms if o != term], term)
-        if change is None:
-            return found
-        change = replace(change, excess=excess)
-        walk = memory_of_claim(self, selection, term)
-        if not walk:
-            return found if change.stability.stable else change.stability
-        # the walk takes what a change of the size explains as well
-        instead = change.added / excess > walk - RIVALS.same_class_bic and not change.chosen.stable
-        return change.chosen if instead else found
+        return stability_beside(self, selection, term)
 
     def mean_square_left(self, selection: SelectionState[RotationNoise]) -> float | None:
         space = selection.selector.space_with(selection.terms)
@@ -176,49 +162,7 @@ class SimulationProblem(RowsProblem):
     def steady(
         self, selection: SelectionState[RotationNoise], terms: list[Term]
     ) -> tuple[list[Term], dict[str, Stability]]:
-        # a small claim beside a large one takes up what is left of it here and there; the large one stands without
-        kept, dropped, lost = list(terms), dict[str, Stability](), 0.0
-        while len(kept) > 1:
-            now = replace(selection, terms=kept)
-            weights = shares_of(selection.selector, kept)
-            found = [(float(w), m, self.stability(now, m)) for w, m in zip(weights, kept, strict=True)]
-            changing = [(w, m, s) for w, m, s in found if s is not None and not s.stable]
-            if not changing:
-                return kept, dropped
-            share, term, steady = min(changing, key=lambda one: one[0])
-            lost += share * (1.0 - lost)
-            if lost > 1.0 - self.policy.named_share:
-                break
-            kept, dropped = [m for m in kept if m != term], {**dropped, self.candidates[term.candidate].id: steady}
-        return (terms, {}) if lost > 1.0 - self.policy.named_share else (kept, dropped)
-
-    def _excess(self, selection: SelectionState[RotationNoise], term: Term) -> float:
-        """By how many times the noise between blocks of rows moves a claim's size more than white noise would, at least
-        once: from second differences of the size between blocks, which no slow change of it reaches."""
-        others = [self.design.base, *(self.numbers_of(o) for o in selection.terms if o != term)]
-        own = self.numbers_of(term)
-        numbers = np.concatenate([*others, own]).astype(np.intp)
-        gram, moment = self._inner(numbers)
-        first, sizes = numbers.size - own.size, solved(gram, moment)
-        claim = gram[:, first:] @ sizes[first:]
-        direction = np.concatenate([-solved(gram[:first, :first], claim[:first]), sizes[first:]])
-        flip = self.products.segments.flip
-        starts = np.flatnonzero(np.diff(flip, prepend=-1))
-        score, energy = np.zeros(starts.size), np.zeros(starts.size)
-        for c, functions in enumerate(self.design.functions(slice(0, self.session.n), self.residual)):
-            at = self.design.where[numbers, c]
-            rows = functions[np.append(at[at >= 0], -1)]
-            white = self.noise.whiten(c, rows, slice(0, self.session.n))
-            along, left = direction[at >= 0] @ white[:-1], white[-1] - sizes[at >= 0] @ white[:-1]
-            score += np.add.reduceat(along * left, starts)
-            energy += np.add.reduceat(along**2, starts)
-        kept = energy > REGRESSION.visible * energy.max(initial=0.0)
-        if kept.sum() < SIMULATION_CHOICE.least_blocks:
-            return 1.0
-        size, variance = score[kept] / energy[kept], 1 / energy[kept]
-        bend = size[:-2] - 2 * size[1:-1] + size[2:]
-        expected = variance[:-2] + 4 * variance[1:-1] + variance[2:]
-        return max(1.0, float(np.median(bend**2 / expected)) / SIMULATION_CHOICE.median_of_squares)
+        return steady_terms(self, selection, terms)
 
     def believed(self, selection: SelectionState[RotationNoise], terms: list[Term]) -> list[Term]:
         selector = selection.selector
@@ -251,7 +195,7 @@ class SimulationProblem(RowsProblem):
             int(k) for m in terms if self.candidates[m.candidate].named for k in self.variant(m).columns if k >= 0
         ]
         every = np.concatenate([self.design.base, np.array(numbers, dtype=np.intp)])
-        gram, moment = self._inner(every)
+        gram, moment = self.inner_products(every)
         sizes = np.linalg.lstsq(gram, moment, rcond=1e-12)[0]
         for number in self.variant(term).columns:
             c = int(np.flatnonzero(self.design.where[number] >= 0)[0])
@@ -288,10 +232,10 @@ class SimulationProblem(RowsProblem):
         moved = self._clock_moved(terms, numbers)
         claimed = np.concatenate(numbers)
         every = np.concatenate([self.design.base, claimed[claimed >= 0]])
-        gram, moment = self._inner(every)
+        gram, moment = self.inner_products(every)
         if moved:
             whole = np.array(list(moved), dtype=np.intp)
-            both = self._inner(np.concatenate([every, whole]))[0]
+            both = self.inner_products(np.concatenate([every, whole]))[0]
             moment = moment - both[: every.size, every.size :] @ np.array(list(moved.values()))
         size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
         values, vectors = np.linalg.eigh(gram / np.outer(size, size))
@@ -335,7 +279,7 @@ class SimulationProblem(RowsProblem):
 
     def _of_shape(self, name: str, hz: float, term: Term) -> FittedParameter:
         """The frequency of a line: what phases of its length and strength leave of it."""
-        gram, moment = self._inner(np.concatenate([self.design.base, self.numbers_of(term)]).astype(np.intp))
+        gram, moment = self.inner_products(np.concatenate([self.design.base, self.numbers_of(term)]).astype(np.intp))
         strength = max(float(moment @ solved(gram, moment)), 1.0)
         # the bound of Cramer and Rao of a wave in white noise: sqrt(3 / strength) / (pi T)
         error = float(np.sqrt(3.0 / strength) / (np.pi * self.session.n * self.session.step_s))
@@ -363,7 +307,7 @@ class SimulationProblem(RowsProblem):
         kept = np.isin(whole.columns, variant.columns)
         return np.where(kept, whole.columns, -1)
 
-    def _inner(self, numbers: NDArray[np.intp]) -> tuple[Array, Array]:
+    def inner_products(self, numbers: NDArray[np.intp]) -> tuple[Array, Array]:
         """(K, K) and (K,) whitened inner products of columns with one another and with the residual."""
         gram, moment = np.zeros((numbers.size, numbers.size)), np.zeros(numbers.size)
         for c, own in enumerate(self.grams):
@@ -440,7 +384,7 @@ class SimulationProblem(RowsProblem):
             return np.empty(0)
         kept = [replace(g, parts={k: g.parts[k] for k in keys if k in g.parts}) for g in self.grams]
         part = replace(self, products=replace(self.products, grams=kept))
-        gram, moment = part._inner(every)
+        gram, moment = part.inner_products(every)
         size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
         return np.asarray(np.linalg.lstsq(gram / np.outer(size, size), moment / size, rcond=1e-9)[0] / size)
 
@@ -486,35 +430,3 @@ def _near(one: About, other: About) -> bool:
         for name, values in one.items()
         for a, b in zip(values, other[name], strict=True)
     )
-
-
-def _by_activity(design: SimulationDesign, noise: RotationNoise, residual: Array) -> RotationNoise:
-    """The noise with its size following how much it moves, in whatever way: by bins of activity."""
-    session = design.session
-    activity = session.state.vibration_rms_g
-    order = np.argsort(activity, kind="stable")
-    bins = np.array_split(order, max(1, min(SIMULATION_CHOICE.most_bins, session.n // SIMULATION_CHOICE.least_in_bin)))
-    weight = noise.weight.copy()
-    for c, functions in enumerate(design.functions(slice(0, session.n), residual)):
-
-        def left(c: int = c, functions: Array = functions) -> Array:
-            white = replace(noise, weight=weight).whiten(c, functions, slice(0, session.n))
-            explained = np.linalg.lstsq(white[:-1].T, white[-1], rcond=1e-9)[0]
-            return np.asarray(white[-1] - explained @ white[:-1])
-
-        for _ in range(2):
-            innovations, counts = left(), weight[c] > 0
-            full = [
-                rows[counts[rows]]
-                for rows in bins
-                if counts[rows].sum() > SIMULATION_CHOICE.least_in_bin // SIMULATION_CHOICE.full
-            ]
-            if len(full) < SIMULATION_CHOICE.least_bins:
-                break
-            sizes = [float(np.sqrt(np.mean(innovations[rows] ** 2))) for rows in full]
-            middles = [float(activity[rows].mean()) for rows in full]
-            weight[c] /= np.maximum(np.interp(activity, middles, sizes), SIMULATION_CHOICE.quietest * max(sizes))
-        innovations = left()
-        freedom = int(np.sum(weight[c] > 0)) - design.sizes[c]
-        weight[c] *= np.sqrt(freedom / max(float(innovations @ innovations), 1e-300))
-    return replace(noise, weight=weight)
