@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import struct
 import tempfile
 from pathlib import Path
@@ -17,8 +18,10 @@ import pyarrow.parquet as pq
 import scipy.io
 from foreign_session import Session
 from foreign_texts import AXES, frame
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as BagWriter
+from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
 
 IMU = "sensor_msgs/msg/Imu"
@@ -158,6 +161,80 @@ def ros2_mcap(s: Session) -> bytes:
         writer.add_message(channel_id=channel, log_time=ns + 5_000_000, publish_time=ns, data=raw)
     writer.finish()  # type: ignore[no-untyped-call]
     return out.getvalue()
+
+
+def foxglove_json(s: Session) -> bytes:
+    """MCAP with messages in JSON, as Foxglove's libraries for browsers write them: stamps of `sec` and `nsec`."""
+    out = io.BytesIO()
+    writer = McapWriter(out)
+    writer.start(profile="", library="foxglove")
+    schema = writer.register_schema(name="Imu", encoding="jsonschema", data=b"{}")
+    channel = writer.register_channel(schema_id=schema, topic="/imu", message_encoding="json")
+    for k in range(s.n):
+        ns = int(s.ns[k])
+        value = {
+            "timestamp": {"sec": ns // 10**9, "nsec": ns % 10**9},
+            "linear_acceleration": dict(zip(AXES, s.accel_mps2[:, k].tolist(), strict=True)),
+            "angular_velocity": dict(zip(AXES, s.rate_rads[:, k].tolist(), strict=True)),
+        }
+        writer.add_message(channel, log_time=ns + 2_000_000, publish_time=ns, data=json.dumps(value).encode())
+    writer.finish()  # type: ignore[no-untyped-call]
+    return out.getvalue()
+
+
+def _imu_of_protobuf() -> tuple[bytes, Any]:
+    """(schema, class) of a message with a stamp and two vectors, as `protoc` would make them."""
+    file = descriptor_pb2.FileDescriptorProto(name="imu.proto", package="own", syntax="proto3")
+    file.dependency.append("google/protobuf/timestamp.proto")
+    vector = file.message_type.add(name="Vector3")
+    for number, axis in enumerate(AXES, 1):
+        vector.field.add(name=axis, number=number, type=1, label=1)
+    imu = file.message_type.add(name="Imu")
+    names = {"timestamp": ".google.protobuf.Timestamp", "linear_acceleration": ".own.Vector3"}
+    for number, (name, kind) in enumerate((names | {"angular_velocity": ".own.Vector3"}).items(), 1):
+        imu.field.add(name=name, number=number, type=11, label=1, type_name=kind)
+    stamp = descriptor_pb2.FileDescriptorProto()
+    timestamp_pb2.DESCRIPTOR.CopyToProto(stamp)
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(stamp)
+    pool.Add(file)
+    schema = descriptor_pb2.FileDescriptorSet(file=[stamp, file]).SerializeToString()
+    return schema, message_factory.GetMessageClass(pool.FindMessageTypeByName("own.Imu"))
+
+
+def protobuf_mcap(s: Session) -> bytes:
+    """MCAP with messages in protobuf, which carry their own description."""
+    description, kind = _imu_of_protobuf()
+    out = io.BytesIO()
+    writer = McapWriter(out)
+    writer.start(profile="", library="own")
+    schema = writer.register_schema(name="own.Imu", encoding="protobuf", data=description)
+    channel = writer.register_channel(schema_id=schema, topic="/imu", message_encoding="protobuf")
+    for k in range(s.n):
+        ns, message = int(s.ns[k]), kind()
+        message.timestamp.seconds, message.timestamp.nanos = ns // 10**9, ns % 10**9
+        for vector, values in (("linear_acceleration", s.accel_mps2), ("angular_velocity", s.rate_rads)):
+            for axis, value in zip(AXES, values[:, k], strict=True):
+                setattr(getattr(message, vector), axis, float(value))
+        writer.add_message(channel, log_time=ns + 2_000_000, publish_time=ns, data=message.SerializeToString())
+    writer.finish()  # type: ignore[no-untyped-call]
+    return out.getvalue()
+
+
+def ros2_db3(s: Session) -> bytes:
+    """`ros2 bag record /imu/data /encoder` with the storage `sqlite3`; the encoder as `std_msgs/Float64` in deg."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "bag"
+        with Ros2Writer(path, version=9) as bag:
+            imu = bag.add_connection("/imu/data", IMU, typestore=store)
+            encoder = bag.add_connection("/encoder", "std_msgs/msg/Float64", typestore=store)
+            angle = store.types["std_msgs/msg/Float64"]
+            for (ns, raw), tf_deg in zip(ros_messages(s, ros1=False), s.tf_deg, strict=True):
+                bag.write(imu, ns, raw)
+                bag.write(encoder, ns, bytes(store.serialize_cdr(angle(float(tf_deg)), "std_msgs/msg/Float64")))
+        (file,) = path.glob("*.db3")
+        return file.read_bytes()
 
 
 def labview_tdms(s: Session) -> bytes:

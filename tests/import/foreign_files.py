@@ -54,7 +54,10 @@ FILES = {
     "flight.log": ForeignFile("Mission Planner", containers.ardupilot_text),
     "drive.bag": ForeignFile("ROS 1", containers.ros1_bag),
     "drive.mcap": ForeignFile("ROS 2", containers.ros2_mcap),
+    "foxglove.mcap": ForeignFile("Foxglove", containers.foxglove_json, YES),
+    "protobuf.mcap": ForeignFile("protobuf", containers.protobuf_mcap, YES),
+    "drive.db3": ForeignFile("ROS 2", containers.ros2_db3),
     "labview.tdms": ForeignFile("LabVIEW", containers.labview_tdms, refused="TDMS"),
     "old.xls": ForeignFile("Excel", containers.old_excel, refused="xlsx"),
 }
-"""name of the file to its tool; 41 files of 32 programs"""
+"""name of the file to its tool; 44 files of 34 programs"""

@@ -12,6 +12,7 @@ from highside.importing.core.recording import ImportedRecording, recording_of
 from highside.importing.core.source import SourceTable
 from highside.importing.core.wishes import Wishes
 from highside.importing.forms.registry import form_of
+from highside.importing.forms.topics import bag_within
 from highside.reading import read_bytes
 
 __all__ = ["ImportedRecording", "open_foreign", "recording_of", "refuse_open"]
@@ -22,6 +23,7 @@ def open_foreign(path: Path, wishes: Wishes) -> Proposal:
 
     Of a file with several tables (sheets, topics, arrays of several lengths) the one with accelerations is meant.
     """
+    path = bag_within(path)
     where = str(path)
     data = read_bytes(path)
     if not data.strip():

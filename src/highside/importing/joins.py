@@ -12,9 +12,9 @@ from highside.codec.axes import AxisMap
 from highside.errors import InputError
 from highside.importing.core.axes import axes_by_reference
 from highside.importing.core.joining import joined
-from highside.importing.core.proposal import ACCELERATIONS, Doubt, Proposal
+from highside.importing.core.proposal import ACCELERATIONS, Doubt, Proposal, propose
 from highside.importing.core.recording import ImportedRecording, recording_of, turn
-from highside.importing.core.wishes import Taken, Wishes
+from highside.importing.core.wishes import NOTHING, Taken, Wishes
 from highside.importing.files import open_foreign
 from highside.recording.table import Recording
 
@@ -52,8 +52,20 @@ class Carried:
 def open_joined(path: Path, joins: Joins) -> list[tuple[str, Proposal, bool]]:
     """(name, proposal, whether of the same clock) of each table to be joined. Raises InputError."""
     wishes = replace(joins.wishes, reference=True)
-    found = [(name, open_foreign(path, replace(Wishes(reference=True), table=name)), True) for name in joins.tables]
+    found = [(name, _table_of(path, name, wishes), True) for name in joins.tables]
     return found + [(file.name, open_foreign(file, wishes), False) for file in joins.references]
+
+
+def _table_of(path: Path, name: str, wishes: Wishes) -> Proposal:
+    """Another table of the same file, with what was said of the columns that it has."""
+    found = open_foreign(path, Wishes(reference=True, table=name))
+    columns = found.table.columns
+    own = {
+        target: text
+        for target, text in wishes.mapping.items()
+        if any(text in (column.name, NOTHING) or text.startswith(f"{column.name}:") for column in columns)
+    }
+    return propose(found.table, replace(wishes, mapping=own)) if own or wishes.units else found
 
 
 def carry_out(

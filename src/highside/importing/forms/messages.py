@@ -1,4 +1,4 @@
-"""Messages of robots and autopilots: PX4 ULog (pyulog), ROS 1 bags and `sensor_msgs/Imu` within MCAP (rosbags).
+"""Messages of robots and autopilots: PX4 ULog (pyulog), ROS 1 bags and `sensor_msgs/Imu` (rosbags).
 
 The types define what their fields are and in which units: m/s2 and rad/s. Values are held against that all the same.
 """
@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import io
 import tempfile
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,6 @@ import numpy as np
 from highside.errors import InputError
 from highside.importing.core.source import SourceColumn, SourceTable, number_column
 from highside.importing.forms.missing import damaged, not_installed
-from highside.reading.columnar import McapMessage
 from highside.reading.files import allowed_bytes
 
 ULOG = b"ULog\x01\x12\x35"
@@ -108,7 +106,7 @@ def read_rosbag(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
     others: set[str] = set()
     size = 0
     try:
-        store = _store("ros1")
+        store = ros_store("ros1")
         # the library opens files by name alone
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "x.bag"
@@ -129,34 +127,8 @@ def read_rosbag(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
     return _imu_tables(topics, others, "ROS 1 bag", where)
 
 
-def imu_of_mcap(messages: Iterable[McapMessage], where: str) -> tuple[SourceTable, ...]:
-    """The topics of `sensor_msgs/Imu` among the messages of an MCAP file, written by ROS 2 or ROS 1.
-
-    Raises InputError where there are none, with what there is.
-    """
-    topics: dict[str, list[Any]] = {}
-    others: set[str] = set()
-    stores: dict[str, Any] = {}
-    for message in messages:
-        name = message.schema_name.replace("/msg/", "/").replace("/", "/msg/")
-        if name != IMU or message.encoding not in ("cdr", "ros1"):
-            others.add(f"{message.topic} ({message.schema_name or message.encoding})")
-            continue
-        try:
-            store = stores.setdefault(message.encoding, None) or _store(message.encoding)
-            stores[message.encoding] = store
-            read = store.deserialize_cdr if message.encoding == "cdr" else store.deserialize_ros1
-            topics.setdefault(message.topic, []).append(read(message.data, IMU))
-        except ImportError:
-            raise not_installed("rosbags", where) from None
-        except MemoryError:
-            raise
-        except Exception as error:
-            raise damaged("MCAP", error, where) from None
-    return _imu_tables(topics, others, "MCAP, sensor_msgs/Imu", where)
-
-
-def _store(encoding: str) -> Any:
+def ros_store(encoding: str) -> Any:
+    """The types of ROS 1 or 2 that are known without a definition."""
     from rosbags.typesys import Stores, get_typestore
 
     return get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
@@ -166,10 +138,11 @@ def _imu_tables(topics: dict[str, list[Any]], others: set[str], form: str, where
     if not topics:
         listed = ", ".join(sorted(others)[:8]) or "nothing"
         raise InputError(f"holds no sensor_msgs/Imu; it has {listed}", where=where, remedy="export it as CSV")
-    return tuple(_imu_table(topic, found, form, where) for topic, found in topics.items())
+    return tuple(imu_table(topic, found, form, where) for topic, found in topics.items())
 
 
-def _imu_table(topic: str, found: list[Any], form: str, where: str) -> SourceTable:
+def imu_table(topic: str, found: list[Any], form: str, where: str) -> SourceTable:
+    """The table of a topic of `sensor_msgs/Imu`; `found` are its messages."""
     ns = np.array([m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec for m in found], dtype=np.int64)
     columns = [SourceColumn("header.stamp", ns.astype(np.float64), integers=ns, instant=True)]
     hints = {"t_s": "header.stamp"}

@@ -6,7 +6,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from highside.importing.core.source import SourceTable
-from highside.importing.forms import arrays, columnar, dataflash, delimited, excel, matlab, messages, refused, vectornav
+from highside.importing.forms import (
+    arrays,
+    columnar,
+    dataflash,
+    delimited,
+    excel,
+    matlab,
+    messages,
+    refused,
+    topics,
+    vectornav,
+)
 from highside.reading.columnar import ARROW_MAGIC, MCAP_MAGIC, PARQUET_MAGIC
 
 HEAD_BYTES = 512
@@ -40,6 +51,7 @@ FORMS = (
     FileForm("HDF5", matlab.is_hdf5, matlab.read_hdf5),
     FileForm("PX4 ULog", lambda data: data[:7] == messages.ULOG, messages.read_ulog),
     FileForm("ROS 1 bag", lambda data: data[:12] == messages.ROSBAG, messages.read_rosbag),
+    FileForm("ROS 2 bag", lambda data: data[:16] == topics.SQLITE, topics.read_db3),
     FileForm("VectorNav ASCII", vectornav.is_vectornav, vectornav.read_vectornav),
     FileForm("ArduPilot log", dataflash.is_dataflash, dataflash.read_dataflash),
     FileForm("ArduPilot log as text", dataflash.is_dataflash_text, dataflash.read_dataflash_text),
