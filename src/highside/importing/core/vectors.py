@@ -128,6 +128,8 @@ def rate_unit(
     if steps is not None:
         said = f"no unit named; in steps of {steps.counts:g} counts per deg/s if they are {steps.unit}"
         return UnitGuess(unit_named(steps.unit, Quantity.RATE), (said,), likely=True)
+    if turn is None and gravity is not None and t_s is not None and _moved(block, gravity, t_s, policy):
+        return UnitGuess(None, tuple(evidence), "its unit is not named, and gravity does not turn as they say")
     if largest > policy.rate_rad_s and largest <= policy.rate_dps:
         return UnitGuess(unit_named("deg/s", Quantity.RATE), (f"no unit named; {evidence[0]}: no rad/s",), likely=True)
     return UnitGuess(None, tuple(evidence), "its unit is not named, and nothing moves enough to show it")
@@ -172,6 +174,15 @@ def turn_arrangement(rates: Block, gravity: Block, t_s: Block, policy: ImportPol
             if ratio is not None and ratio > 0:
                 return "".join(("-" if sign < 0 else "") + "xyz"[axis] for sign, axis in zip(signs, order, strict=True))
     return None
+
+
+def _moved(rates: Block, gravity: Block, t_s: Block, policy: ImportPolicy) -> bool:
+    """Whether gravity points elsewhere at some time, further than noise takes it."""
+    turns = _turns(rates, gravity, t_s, policy)
+    if turns is None:
+        return False
+    u = turns[0] / np.linalg.norm(turns[0], axis=0)
+    return bool((u[:, :1] * u).sum(axis=0).min() < np.cos(policy.kinematic_turn_rad))
 
 
 def _turns(
