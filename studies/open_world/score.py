@@ -30,7 +30,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from studies.sealed.deck import frozen_seed
-from studies.sealed.score import use_frozen
+from studies.sealed.score import leaving_out, use_frozen
 
 from . import answers, beside_simulation, by_hand, deck, judging, section_one
 from .answers import Case
@@ -99,9 +99,9 @@ def run_case(case: Case, folder: Path, without: str | None = None) -> Row:
         if case.prediction is not None
         else ["--write-model", str(found)]
     )
-    words += [] if without is None else ["--without", without]
     began = time.perf_counter()
-    trouble = command(*words)
+    with leaving_out(without):
+        trouble = command(*words)
     seconds = time.perf_counter() - began
     path = folder / "diagnosis.json"
     answer = json.loads(path.read_text()) if path.exists() else None
@@ -195,7 +195,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1, help="one case of so many, in the order of answering")
     parser.add_argument("--only", default="", help="cases whose name begins so")
     parser.add_argument("--minutes", type=float, default=1e9, help="stop after so long; a later run goes on")
-    parser.add_argument("--without", help="leave a part of the method out, as `highside diagnose --without`")
+    parser.add_argument("--without", help="leave a part of the method out, see `highside.diagnosis.core.method`")
     parser.add_argument(
         "--rivals", action="store_true", help="regressions of well-kept libraries on the pairs of sessions"
     )

@@ -61,8 +61,8 @@ def to_rotation_vector(q: Array) -> Array:
     return np.asarray(np.where(sine > 1e-12, angle / np.where(sine > 1e-12, sine, 1.0), 2.0) * q[1:])
 
 
-def direction_cosines(q: Array) -> Array:
-    """Equation (2): Cnb, (3, 3) or (3, 3, N), maps n-vectors to b-vectors."""
+def direction_cosines(q: Array | tuple[float, float, float, float]) -> Array:
+    """Equation (2): Cnb, (3, 3) or (3, 3, N), maps n-vectors to b-vectors; its last column is Up."""
     a, b, c, d = q
     return np.array(
         [

@@ -60,21 +60,15 @@ def diagnose(
     report: Annotated[
         bool, typer.Option("--report/--no-report", help="Draw report.html; without it diagnosis.json alone is written.")
     ] = True,
-    without: Annotated[
-        str | None, typer.Option("--without", hidden=True, help="colour, refit or refusal: what that part is worth.")
-    ] = None,
 ) -> None:
     """Say where a recording departs from the simulation, what was left out, and how sure that is."""
     from highside.api import diagnosis as api
     from highside.cli.diagnose_progress import progress_on_terminal
     from highside.config.model import Model, load_model
-    from highside.diagnosis.core.method import ProcedureParts
     from highside.recording.files import write_whole
 
     out = _require_consistent(recording, model, out, summary, simulation, write_model, align)
     take_in(effects)
-    with as_options("without"):
-        parts = ProcedureParts.without(without)
     knows = Model() if model is None else load_model(model)
     with progress_on_terminal() as progress:
         if recording is None:
@@ -92,7 +86,7 @@ def diagnose(
         else:
             rows = _rows_of(recording, codec, config, first_s, last_s)
             progress(0.0, f"{rows.n} rows")
-            made = api.diagnose(rows, knows, simulation=simulation, align=align, seed=seed, method=parts)
+            made = api.diagnose(rows, knows, simulation=simulation, align=align, seed=seed)
     for note in made.notes:
         echo(note)
     learnt = made.model_toml() if write_model is not None else None

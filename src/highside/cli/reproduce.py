@@ -28,11 +28,22 @@ def _make(folder: Path) -> None:
         raise InputError(f"cannot be made a folder: {error.strerror}", where=str(folder), field="-o") from None
 
 
+def _folder(output: Path | None, name: str, *, as_json: bool) -> Path | None:
+    """Where page and numbers of a paper go, made if it is not there; None where JSON alone is wanted. Raises
+    InputError."""
+    from highside.report.plots import need_plots
+
+    folder = output if output is not None or as_json else Path(f"reproduce-{name}")
+    if folder is not None:
+        need_plots()
+        _make(folder)
+    return folder
+
+
 def _write(folder: Path, name: str, page: str, result: dict[str, Any]) -> None:
-    """Write `name`.html and `name`.json into a folder, which is made if it is not there."""
+    """Write `name`.html and `name`.json into a folder."""
     from highside.recording.files import write_whole
 
-    _make(folder)
     write_whole(folder / f"{name}.html", page.encode())
     write_whole(folder / f"{name}.json", (json.dumps(result, indent=1) + "\n").encode())
 
@@ -54,12 +65,8 @@ def balance(
     from highside.papers import balance_triples, published_instrument
     from highside.papers.reproduce_balance import reproduce
     from highside.papers.reproduce_balance_json import as_dict
-    from highside.report.plots import need_plots
 
-    folder = output if output is not None or as_json else Path("reproduce-balance")
-    if folder is not None:
-        need_plots()
-        _make(folder)
+    folder = _folder(output, "balance", as_json=as_json)
     with progress_on_terminal() as progress:
         instrument = published_instrument.find(published_instrument.published(), progress=progress)
         progress(0.95, "figures and statements")
@@ -105,11 +112,8 @@ def rotation(
     Without --json the page and the numbers are written to a folder (reproduce-rotation, if -o names no other).
     """
     from highside.papers.reproduce_rotation import as_dict, page_of, run_experiment
-    from highside.report.plots import need_plots
 
-    folder = output if output is not None or as_json else Path("reproduce-rotation")
-    if folder is not None:
-        need_plots()
+    folder = _folder(output, "rotation", as_json=as_json)
     experiment = run_experiment()
     result = as_dict(experiment)
     if folder is not None:
@@ -135,11 +139,8 @@ def drift(
     numbers are written to a folder (reproduce-drift, if -o names no other).
     """
     from highside.papers.reproduce_drift import as_dict, run_study
-    from highside.report.plots import need_plots
 
-    folder = output if output is not None or as_json else Path("reproduce-drift")
-    if folder is not None:
-        need_plots()
+    folder = _folder(output, "drift", as_json=as_json)
     study = run_study()
     result = as_dict(study)
     if folder is not None:

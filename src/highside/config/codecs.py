@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from highside.codec.registry import CodecTable, codecs, faults, needed, path_fields
-from highside.config.mistakes import UNKNOWN, Mistake, reported_together
+from highside.config.mistakes import UNKNOWN, Mistake, explained
 from highside.errors import InputError
 from highside.reading import parse_toml, read_bytes
 
@@ -81,12 +81,7 @@ def codec_from_file(path: Path, name: str) -> CodecConfig:
     try:
         return _ADAPTER.validate_python(table)
     except ValidationError as error:
-        raise _one_line(error, where) from None
-
-
-def _one_line(error: ValidationError, where: str) -> InputError:
-    """All of pydantic's errors, as the user knows the file."""
-    return reported_together([_mistake(detail) for detail in error.errors(include_url=False)], where)
+        raise explained(error, where, _mistake) from None
 
 
 def _mistake(detail: ErrorDetails) -> Mistake:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -43,6 +43,11 @@ def reported_together(mistakes: Sequence[Mistake], where: str) -> InputError:
 
 
 UNKNOWN = "is not a known field"
+
+
+def explained(error: ValidationError, where: str, mistake: Callable[[ErrorDetails], Mistake]) -> InputError:
+    """One line for what pydantic found; `mistake` says each as the user knows the file."""
+    return reported_together([mistake(detail) for detail in error.errors(include_url=False)], where)
 
 
 def input_error(error: ValidationError, where: str, overrides: dict[str, Any], root: type[BaseModel]) -> InputError:

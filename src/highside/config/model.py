@@ -27,7 +27,7 @@ from pydantic import BaseModel, Field, ValidationError, field_validator, model_v
 from pydantic_core import ErrorDetails
 
 from highside.codec.axes import AxisMap
-from highside.config.mistakes import UNKNOWN, Mistake, reported_together
+from highside.config.mistakes import UNKNOWN, Mistake, explained
 from highside.config.model_effects import EffectsTable, SensorTable, known_effect
 from highside.config.model_motion import KINDS, Motion
 from highside.errors import InputError
@@ -218,11 +218,7 @@ def parse_model(tables: Mapping[str, Any], *, where: str) -> Model:
     try:
         return Model.model_validate(dict(tables))
     except ValidationError as error:
-        raise _one_line(error, where) from None
-
-
-def _one_line(error: ValidationError, where: str) -> InputError:
-    return reported_together([_mistake(detail) for detail in error.errors(include_url=False)], where)
+        raise explained(error, where, _mistake) from None
 
 
 def _mistake(detail: ErrorDetails) -> Mistake:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from highside.arrays import Array
+from highside.attitude.quaternion import direction_cosines
 
 Quaternion = tuple[float, float, float, float]
 
@@ -97,18 +98,6 @@ def quaternion_exp(x: float, y: float, z: float) -> Quaternion:
         angle = math.sqrt(h)
         c, s = math.cos(angle), 0.5 * math.sin(angle) / angle
     return c, s * x, s * y, s * z
-
-
-def direction_cosines(q: Quaternion) -> Array:
-    """Cnb (3, 3): a vector of the navigation frame resolved in the body frame. Its last column is Up."""
-    a, b, c, d = q
-    return np.array(
-        [
-            [a * a + b * b - c * c - d * d, 2 * (b * c + a * d), 2 * (b * d - a * c)],
-            [2 * (b * c - a * d), a * a - b * b + c * c - d * d, 2 * (c * d + a * b)],
-            [2 * (b * d + a * c), 2 * (c * d - a * b), a * a - b * b - c * c + d * d],
-        ]
-    )
 
 
 def cross_matrix(v: Array) -> Array:

@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from highside.arrays import Array
+from highside.attitude.quaternion import direction_cosines
 from highside.gyro.filter_state import (
     IDENTITY,
     IDENTITY_3,
@@ -28,7 +29,6 @@ from highside.gyro.filter_state import (
     azimuth_of,
     azimuth_row,
     cross_matrix,
-    direction_cosines,
     earth_in_body,
     quaternion_exp,
     quaternion_product,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from highside.arrays import Array
+from highside.attitude.quaternion import direction_cosines
 from highside.gyro.filter_state import (
     GAP_S,
     IDENTITY,
@@ -21,7 +22,6 @@ from highside.gyro.filter_state import (
     angle_random_walk,
     attitude_of,
     cross_matrix,
-    direction_cosines,
     quaternion_exp,
     quaternion_product,
     set_attitude,
