@@ -60,7 +60,7 @@ AREAS: dict[str, Area] = {
         "Give g and deg/s, in rows that rise in time.",
     ),
     "importing": Area(
-        "A recording of another program is not understood without being told more.",
+        "A recording of another program is not understood without further options.",
         "Say it with `--map`, `--units`, `--axes`, `--rate`, `--table` or `--part`.",
     ),
     "link": Area(

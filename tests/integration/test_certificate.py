@@ -155,7 +155,7 @@ def test_a_local_calibration_says_where_it_does_not_hold(records: Path) -> None:
     assert_numbered(pages)
     text = " ".join(" ".join(pages).split())
     assert "not calibrated" in text
-    assert "absorbs every error common to the poses of a ring" in text
+    assert "absorbs every error common to the four poses of an inclination" in text
 
 
 def test_a_record_of_another_tool_is_not_what_was_found(records: Path) -> None:

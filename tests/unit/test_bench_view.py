@@ -321,9 +321,9 @@ def test_without_data_no_number_stands_and_every_sentence_stands_once() -> None:
 
 
 def test_what_the_page_says_fits_what_was_done() -> None:
-    assert "Closure" not in parts_of(shown()).calibration, "a joint plan has no ring to wait for"
+    assert "Closure" not in parts_of(shown()).calibration, "a joint plan has no four poses to wait for"
     ring = PlanState(kind="balance", title="balance", method="balance", poses=4, done=1, skipped=0)
-    assert "after the first ring of four" in parts_of(shown(plan=ring)).calibration
+    assert "after the first four poses of an inclination" in parts_of(shown(plan=ring)).calibration
     u = UncertaintyState(
         inc_deg=[5.0, 45.0, 90.0], inc_std_deg=[0.002, 0.001, 0.001], tf_std_deg=[0.03, 0.004, 0.002],
         rms_inc_std_deg=0.0015, rms_tf_std_deg=0.0121,
@@ -336,7 +336,7 @@ def test_what_the_page_says_fits_what_was_done() -> None:
         in_force=ForceState(present="ab" * 32, before=None),
     )  # fmt: skip
     parts = parts_of(done)
-    assert "after the first ring" not in parts.calibration and "so far" not in parts.calibration
+    assert "after the first four" not in parts.calibration and "so far" not in parts.calibration
     assert "T ± 0.0020° to 0.0300° (at I = 5°)" in parts.result
     assert "Next:" in parts.result and "reload" in parts.result
     assert "Next:" not in parts_of(done.model_copy(update={"in_force": ForceState(present=None, before=None)})).result

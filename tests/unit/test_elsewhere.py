@@ -27,9 +27,9 @@ HERE = Path(__file__).parent
 
 def run(jobs: Sequence[Sequence[str | Path]], cwd: Path) -> subprocess.CompletedProcess[str]:
     """Jobs of `highside` on such a system, one after the other in one process."""
-    told = json.dumps([[str(word) for word in job] for job in jobs])
+    code = json.dumps([[str(word) for word in job] for job in jobs])
     return subprocess.run(
-        [sys.executable, HERE / "elsewhere.py"], input=told, capture_output=True, text=True, cwd=cwd, timeout=550,
+        [sys.executable, HERE / "elsewhere.py"], input=code, capture_output=True, text=True, cwd=cwd, timeout=550,
         env=os.environ | {"HIGHSIDE_DEBUG": "1", "XDG_DATA_HOME": str(cwd / "data")},
     )  # fmt: skip
 
@@ -50,8 +50,8 @@ def test_what_is_hidden_is_hidden_from_our_modules_alone(tmp_path: Path) -> None
     (package / "__init__.py").write_text("")
     for n, line in enumerate(("import fcntl", "from os import geteuid", "import signal; signal.SIGHUP")):
         (package / f"m{n}.py").write_text(line)
-        told = f"import sys; sys.path[:0] = [{str(tmp_path)!r}, {str(HERE)!r}]; import elsewhere; elsewhere.hide()\n"
-        done = subprocess.run([sys.executable, "-c", told + f"import highside.m{n}"], capture_output=True, text=True)
+        code = f"import sys; sys.path[:0] = [{str(tmp_path)!r}, {str(HERE)!r}]; import elsewhere; elsewhere.hide()\n"
+        done = subprocess.run([sys.executable, "-c", code + f"import highside.m{n}"], capture_output=True, text=True)
         assert done.returncode == 1, line
         assert "No module named 'fcntl'" in done.stderr or "geteuid" in done.stderr or "SIGHUP" in done.stderr
     assert os.geteuid is not None
@@ -113,7 +113,7 @@ def test_the_desk_and_the_bench_do_their_jobs(tmp_path: Path) -> None:
 
 @pytest.mark.timeout(600)
 def test_every_module_but_those_of_the_service_loads() -> None:
-    told = (
+    code = (
         f"import sys, pkgutil, importlib; sys.path.insert(0, {str(HERE)!r}); import elsewhere; elsewhere.hide()\n"
         "import highside\n"
         "names = [found.name for found in pkgutil.walk_packages(highside.__path__, 'highside.')]\n"
@@ -121,7 +121,7 @@ def test_every_module_but_those_of_the_service_loads() -> None:
         "    if not name.startswith('highside.service'): importlib.import_module(name)\n"
         "print(len(names))\n"
     )
-    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, timeout=550)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=550)
     assert done.returncode == 0, done.stderr[-2000:]
     assert int(done.stdout) > 300
 
@@ -165,9 +165,9 @@ def test_a_lock_keeps_another_process_out_until_that_ends(
     monkeypatch.setitem(sys.modules, "msvcrt", fake_msvcrt)
     path = tmp_path / "file"
     path.write_text("what it holds")
-    told = HOLD.format(here=str(HERE), path=str(path), flock=flock)
+    code = HOLD.format(here=str(HERE), path=str(path), flock=flock)
     with subprocess.Popen(
-        [sys.executable, "-c", told], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "held\n"
@@ -190,20 +190,20 @@ def test_a_file_that_another_program_has_open_is_replaced_when_it_is_let_go(
     path = tmp_path / "file.json"
     path.write_text("old")
     monkeypatch.delattr(os, "O_DIRECTORY")
-    real, asked = Path.replace, []
+    real, replaced = Path.replace, []
 
     def replace(self: Path, target: Path) -> Path:
-        asked.append(target)
-        if len(asked) < 4:
+        replaced.append(target)
+        if len(replaced) < 4:
             raise PermissionError(13, "Access is denied")
         return real(self, target)
 
     monkeypatch.setattr(Path, "replace", replace)
     files.write_whole(path, b"new")
     assert path.read_bytes() == b"new"
-    assert len(asked) == 4
+    assert len(replaced) == 4
     # and one that is never let go leaves the old file, and nothing beside it
-    asked[:] = []
+    replaced[:] = []
     monkeypatch.setattr(files, "LET_GO_S", 0.1)
     monkeypatch.setattr(Path, "replace", lambda *_: (_ for _ in ()).throw(PermissionError(13, "Access is denied")))
     with pytest.raises(InputError, match=r"cannot be written"):

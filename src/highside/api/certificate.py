@@ -95,14 +95,14 @@ def certify(
     those of the record. Raises InputError for what is not in order, Refused for a record of another tool.
     """
     record = _record(calibration)
-    told = fields if isinstance(fields, CertificateFields) else None
-    if told is None:
-        told = CertificateFields() if fields is None else load_certificate_fields(Path(fields))  # type: ignore[arg-type]
+    stated = fields if isinstance(fields, CertificateFields) else None
+    if stated is None:
+        stated = CertificateFields() if fields is None else load_certificate_fields(Path(fields))  # type: ignore[arg-type]
     before = None if previous is None else _record(previous)
     if before is not None and before.tool_id != record.tool_id:
         where = f"{previous}: " if isinstance(previous, str | Path) else ""
         raise RecordError(RecordReason.WRONG_TOOL, f"{where}is of tool {before.tool_id!r}, not of {record.tool_id!r}")
-    return Certificate(Inputs(record, told, to_utc(time.time()), before, _poses(as_found), _poses(as_left)))
+    return Certificate(Inputs(record, stated, to_utc(time.time()), before, _poses(as_found), _poses(as_left)))
 
 
 def _record(given: Calibration | CalibrationRecord | File) -> CalibrationRecord:

@@ -68,8 +68,8 @@ class ImportProposal:
             refuse_open(self._proposal, accepted=accept)
             if isinstance(self._imported, InputError):
                 raise self._imported
-        told = [f"{ours} is {column} ({unit}, {sure}): {why}" for ours, column, unit, sure, why in self.rows]
-        return Recording.of(self._imported.recording, (*told, *self.remarks))
+        taken = [f"{ours} is {column} ({unit}, {sure}): {why}" for ours, column, unit, sure, why in self.rows]
+        return Recording.of(self._imported.recording, (*taken, *self.remarks))
 
     def __str__(self) -> str:
         table = [("column", "from", "unit", "", "evidence"), *self.rows]

@@ -98,7 +98,7 @@ def balance(
         used[members_used] = True
         fours.append(chosen)
     if not zones:
-        others = f" (and {len(remarks) - 1} other rings for a like reason)" if len(remarks) > 1 else ""
+        others = f" (and {len(remarks) - 1} other inclinations for a like reason)" if len(remarks) > 1 else ""
         raise CalibrationRefused(remarks[0].reason, remarks[0].text + others, remarks[0].poses)
     closures = closures_of(poses, fours, [zone.model().A for zone in zones], pose_rad=bench.pose_rad)
     remarks += closure_remarks(closures)
@@ -291,7 +291,7 @@ def _require_invertible(center: float) -> None:
     if center < 0:
         raise CalibrationRefused(
             Reason.SINGULAR,
-            f"the reversed ring at {inc_deg:.3f} deg is of use to the joint method only; omitted from balance",
+            f"the reversed poses at {inc_deg:.3f} deg are of use to the joint method only; omitted from balance",
         )
     if abs(np.cos(center)) < HORIZONTAL_COS:
         raise CalibrationRefused(

@@ -33,7 +33,7 @@ app.command()(certificate.certificate)
 
 
 class Triples(StrEnum):
-    """Which poses of a ring make the balance matrix."""
+    """Which of the four poses at an inclination make the balance matrix."""
 
     T123 = "1-2-3"
     T234 = "2-3-4"
@@ -95,7 +95,9 @@ def solve(
     poses_file: Annotated[Path, typer.Argument(metavar="POSES", help="Pose table (CSV).")],
     method: Annotated[str, typer.Option(help="How to solve: conventional, balance, joint or an installed one.")],
     output: Output,
-    triples: Annotated[Triples, typer.Option(help="For balance: which poses of a ring.")] = Triples.AVERAGE,
+    triples: Annotated[
+        Triples, typer.Option(help="For balance: which of the four poses at an inclination.")
+    ] = Triples.AVERAGE,
     reference: Annotated[Reference, typer.Option(help="Attitude of the poses known, or only |g|.")] = Reference.POSE,
     pose_sigma_deg: Annotated[float, typer.Option(help="Standard deviation of a setting of the bench, deg.")] = 0.0052,
     fallback: Annotated[str, typer.Option(help="For balance: method of the correction beyond the zones.")] = "none",

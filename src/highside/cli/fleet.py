@@ -195,13 +195,13 @@ def _progress(job: str) -> Iterator[Callable[[int, int, str], None]]:
     said: list[str] = []
     with progress_on_terminal() as show:
 
-        def told(done: int, total: int, dashboard: str) -> None:
+        def report(done: int, total: int, dashboard: str) -> None:
             if dashboard and not said:
                 echo(f"dashboard: {dashboard}", err=True)
                 said.append(dashboard)
             show(done / total if total else 0.0, f"{job}: {done} of {total}")
 
-        yield told
+        yield report
 
 
 def _show(finished: Finished, out: Path, as_json: bool) -> None:

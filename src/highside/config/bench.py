@@ -42,7 +42,7 @@ MethodName = Annotated[str, AfterValidator(_a_method)]
 
 def _a_fallback(name: str) -> str:
     if name != NO_FALLBACK and solves_rings(_a_method(name)):
-        raise ValueError(f"method {name!r} holds near its own rings only")
+        raise ValueError(f"method {name!r} holds near its own inclinations only")
     return name
 
 
@@ -144,8 +144,8 @@ class VerificationPlan(_JudgingPlan):
     inclinations_deg: tuple[Inclination, ...] = Field(
         default=(-45.0, 5.0, 45.0, 90.0),
         min_length=1,
-        description="Negative: that ring again with the table turned the other way, at the same attitudes of the tool"
-        " (the toolfaces plus 180 are set); it tells how the bench leans.",
+        description="Negative: that inclination again with the table turned the other way, at the same attitudes of the"
+        " tool (the toolfaces plus 180 are set); it tells how the bench leans.",
     )
     toolfaces_deg: tuple[Toolface, ...] = Field(default=(20.0, 140.0, 260.0), min_length=1)
 

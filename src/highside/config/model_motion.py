@@ -1,7 +1,7 @@
 """The table `[motion]` of the model file: how the tool of a simulation is moved, by `kind`.
 
 What a kind means in poses and rows is a plan of `physics.plan`; the tables are the ways to write one down. They are not
-the plans: rings and single poses, full turns, rates in Hz or deg/s all become the same few plans.
+the plans: inclinations times toolfaces, single poses, full turns, rates in Hz or deg/s all become the same few plans.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class _StoppedMotion(_Motion):
 
 
 class PosesMotion(_StoppedMotion):
-    """A stepped session: rings (inclinations times toolfaces) and single poses."""
+    """A stepped session: inclinations times toolfaces and single poses."""
 
     kind: Literal["poses"]
     inclinations_deg: tuple[Inclination, ...] = ()
@@ -74,7 +74,7 @@ class PosesMotion(_StoppedMotion):
     poses: tuple[tuple[Inclination, Finite] | tuple[Inclination, Finite, Literal[-1, 1]], ...] = Field(
         default=(), description="Further poses [inclination, toolface] or [inclination, toolface, direction]."
     )
-    returns: bool = Field(default=False, description="Each ring a second time backwards, from the other side.")
+    returns: bool = Field(default=False, description="Each inclination a second time backwards, from the other side.")
     closure_every: int = Field(default=0, ge=0, description="Return to the first pose after so many poses; 0: never.")
 
     @model_validator(mode="after")

@@ -97,7 +97,7 @@ def _common(page: Page, summary: FleetSummary, one: Common) -> None:
                 "Proof",
                 f"tools left out one at a time: log likelihood +{one.proof.gain:.1f} +- {one.proof.std:.1f} with it",
             ),
-            ("Not told apart from", _names(one.same[1:])),
+            ("Not distinguished from", _names(one.same[1:])),
             ("Changes", f"after tool {one.change.after} (p = {one.change.p:.1g})" if one.change is not None else ""),
         ]
     )

@@ -112,7 +112,7 @@ def page_of_records(found: Stability, omitted: dict[str, str], title: str) -> st
         kind = "open" if found.refused else "found" if departed else "good"
         page.badge(f"{len(departed)} departed", kind, sentence_of_records(found))
         if found.walks:
-            page.heading("How fast sensors wander")
+            page.heading("Random walk of the sensors")
             page.table(
                 ["parameter", "after a day", "after a year", "95 %, after a year", "unit"],
                 [

@@ -111,7 +111,9 @@ def stability(points: Sequence[Point], limit_deg: float) -> Stability:
         by_tool.setdefault(point.tool, []).append(point)
     pairs = sum(len(own) - 1 for own in by_tool.values())
     if pairs < STABILITY.fewest_pairs:
-        why = f"{pairs} repeated calibrations; {STABILITY.fewest_pairs} are needed to tell how fast sensors wander"
+        why = (
+            f"{pairs} repeated calibrations; {STABILITY.fewest_pairs} are needed to state a random walk of the sensors"
+        )
         plain = tuple(ToolHistory(tool, tuple(own), (), None) for tool, own in sorted(by_tool.items()))
         return Stability((), plain, pairs, limit_deg, why)
     histories = list(by_tool.values())

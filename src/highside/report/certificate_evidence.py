@@ -151,13 +151,13 @@ def limits_of_proof(out: Sheets, inputs: Inputs) -> None:
         )
     if solves_rings(result.method):
         notes.append(
-            "The balance correction absorbs every error common to the poses of a ring, those of the bench included:"
-            " agreement at a ring's own inclination is not accuracy there."
+            "The balance correction absorbs every error common to the four poses of an inclination, those of the bench"
+            " included: agreement at that inclination is not accuracy there."
         )
     if record.request.reference == "pose":
         notes.append(
-            "An error common to all settings of inclination (the zero of its scale) is found only with rings on both"
-            " sides; an error common to all settings of toolface (the zero of the chuck) is never found."
+            "An error common to all settings of inclination (the zero of its scale) is found only with inclinations on"
+            " both sides; an error common to all settings of toolface (the zero of the chuck) is never found."
         )
     notes += [
         "Behaviour while turning, under vibration and under shock was not measured.",
@@ -201,7 +201,7 @@ def poses(out: Sheets, record: CalibrationRecord, comparison: MethodComparison |
     )
     if record.result.closures:
         out.table(
-            ["closure of the ring at", "size, ug", "chi²", "p", "pose to doubt"],
+            ["closure at inclination", "size, ug", "chi²", "p", "pose to doubt"],
             [
                 [
                     f"{math.degrees(c.inc_rad):.3f}°",

@@ -17,7 +17,7 @@ VERDICTS = {
     "law": "The simulation omits something that no effect of the library explains; found as a law",
     "partial": "Something was left out that the library does not fully explain; no name is given.",
     "unknown": "Something was left out that the library has no name for.",
-    "wander": "The zero offsets wander; slow effects cannot be distinguished from that.",
+    "wander": "The zero offsets follow a random walk; slow effects cannot be distinguished from it.",
     "implausible_fit": "The only explanation found has parameters that are not plausible; no name is given.",
     "not_testable": "This recording cannot show what was to be tested.",
     "bad_data": "The data are not what they claim to be; physics was not tested.",

@@ -55,8 +55,8 @@ CALIBRATION: dict[Reason, tuple[str, str]] = {
     Reason.NEAR_HORIZONTAL: ("Balance is not determined at 90 deg.", "Use `--method joint`, or other inclinations."),
     Reason.SINGULAR: ("The poses do not determine the matrix.", "Add poses at other toolfaces and inclinations."),
     Reason.TOO_FEW_POSES: ("Fewer poses than the method has unknowns.", "Add poses; the message says how many."),
-    Reason.NOT_FOUR_QUADRANTS: ("A ring lacks one of its four toolfaces.", "Measure 45, 135, 225 and 315 deg."),
-    Reason.CLOSURE: ("The four readings of a ring contradict one another.", "Set that ring again, hands off."),
+    Reason.NOT_FOUR_QUADRANTS: ("An inclination lacks one of its four toolfaces.", "Measure 45, 135, 225 and 315 deg."),
+    Reason.CLOSURE: ("The four readings at an inclination contradict one another.", "Set its poses again, hands off."),
     Reason.BAD_POSE: ("A reading is not what the other poses predict.", "Set the pose again, or leave it out."),
     Reason.SWAPPED_POSES: (
         "Two poses read as if they were exchanged.",
@@ -80,7 +80,7 @@ CALIBRATION: dict[Reason, tuple[str, str]] = {
     Reason.NOISE_ASSUMED: ("The noise of a reading was not measured.", "Give std_ax, std_ay, std_az and n."),
     Reason.BENCH_SCATTER: (
         "The bench repeats worse than was stated.",
-        "State a larger `--pose-sigma-deg`, or mend it.",
+        "State a larger `--pose-sigma-deg`, or repair it.",
     ),
     Reason.MISFIT: (
         "Scatter that neither noise nor bench explains.",
@@ -124,7 +124,7 @@ def catalogue() -> list[ErrorCode]:
         for kind in (InputError, Refused)
         for name, area in AREAS.items()
     ]
-    record = [ErrorCode(f"record.{reason.value}", 1, *told) for reason, told in RECORD.items()]
-    calibration = [ErrorCode(f"calibration.{reason.value}", 1, *told) for reason, told in CALIBRATION.items()]
-    link = [ErrorCode(f"link.{reason.value}", 2, *told) for reason, told in LINK.items()]
+    record = [ErrorCode(f"record.{reason.value}", 1, *words) for reason, words in RECORD.items()]
+    calibration = [ErrorCode(f"calibration.{reason.value}", 1, *words) for reason, words in CALIBRATION.items()]
+    link = [ErrorCode(f"link.{reason.value}", 2, *words) for reason, words in LINK.items()]
     return [*areas, *record, *calibration, *link]

@@ -14,8 +14,8 @@ __all__ = ["card", "templates"]
 
 def card(header: Sequence[str], rows: Iterable[Sequence[str]], *below: str, title: str = "") -> str:
     """An HTML table with a title over it and lines below it, everything escaped."""
-    told = templates().get_template("card.html")
-    return told.render(title=title, header=header, rows=list(rows), below=[line for line in below if line])
+    template = templates().get_template("card.html")
+    return template.render(title=title, header=header, rows=list(rows), below=[line for line in below if line])
 
 
 @cache

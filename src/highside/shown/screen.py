@@ -42,8 +42,8 @@ def can_draw() -> bool:
 
 def page_of(chart: Plot) -> str:
     """A page with one chart. Raises InputError where Bokeh is not installed."""
-    told = templates().get_template("chart.html")
-    return told.render(title=chart.title, item=_item(chart), packed=_library())
+    template = templates().get_template("chart.html")
+    return template.render(title=chart.title, item=_item(chart), packed=_library())
 
 
 def frame_of(chart: Plot) -> str:

@@ -197,7 +197,7 @@ def _calibration(snapshot: Snapshot, drawn: str) -> str:
     none = "after the first poses" if snapshot.plan.judges is None else "none: this session judges one"
     text = none if u is None else f"I ± {u.rms_inc_std_deg:.4f}°, T ± {u.rms_tf_std_deg:.4f}°"
     closures = "".join(
-        f'<li class="{"good" if c.good else "bad"}"><b aria-hidden="true">{"✓" if c.good else "✗"}</b> ring at'
+        f'<li class="{"good" if c.good else "bad"}"><b aria-hidden="true">{"✓" if c.good else "✗"}</b> inclination'
         f" {c.inc_deg:.2f}°: {1e6 * c.size_g:.0f} µg, p = {c.p:.2g}"
         f"{'' if c.good or not c.worst else ' – measure pose ' + escape(c.worst) + ' again'}</li>"
         for c in snapshot.closures
@@ -205,7 +205,7 @@ def _calibration(snapshot: Snapshot, drawn: str) -> str:
     key = '<p class="key"><span class="i">I</span> <span class="t">T</span> one standard deviation over inclination</p>'
     over = snapshot.result is not None or snapshot.state.ended
     if not closures and solves_rings(snapshot.plan.method) and not over:
-        closures = "<li>after the first ring of four</li>"
+        closures = "<li>after the first four poses of an inclination</li>"
     rings = f'<h2>Closure</h2><ul class="closures">{closures}</ul>' if closures else ""
     label = "calibration so far" if not over else "calibration"
     return f"{drawn}{key if u is not None else ''}{_caption(label, text)}{rings}"

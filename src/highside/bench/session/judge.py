@@ -141,5 +141,9 @@ def contradictions(ledger: Ledger, judged: JudgedHold) -> list[Reopened]:
             if suspected:
                 pose = min(suspected, key=lambda name: ledger.lines[name].requested_again)
                 size = float(np.linalg.norm(closure.value)) * 1e3
-                return [Reopened(pose, Rejection.CLOSURE, f"the ring does not close by {size:.2f} mg")]
+                return [
+                    Reopened(
+                        pose, Rejection.CLOSURE, f"the four poses of this inclination do not close by {size:.2f} mg"
+                    )
+                ]
     return []

@@ -48,7 +48,7 @@ class Rejection(_Explained):
         "outlier",
         "The reading contradicts the other poses. Set the pose again and look at table, clamp and scale.",
     )
-    CLOSURE = "closure", "The four readings of this ring contradict one another. Set this pose again with care."
+    CLOSURE = "closure", "The four readings at this inclination contradict one another. Set this pose again with care."
     OMITTED = "omitted", "The solution had to leave this pose out. Set it again with care."
     STORAGE = "storage", "The pose could not be written to the disk. Free the disk; it is measured again."
     OPERATOR = "operator", "Taken back by the operator."

@@ -19,7 +19,7 @@ def _solve(poses: PoseSet, request: SolveRequest, bench: BenchAccuracy) -> Solut
     if request.fallback != NO_FALLBACK:
         beyond = get(request.fallback, field="fallback")
         if beyond.by_ring:
-            raise InputError(f"method {beyond.name!r} holds near its own rings only", field="fallback")
+            raise InputError(f"method {beyond.name!r} holds near its own inclinations only", field="fallback")
         alone = SolveRequest(beyond.name, pose_sigma_deg=request.pose_sigma_deg)
         return Solution(result, fallback=beyond.solve(poses, alone, bench).result)
     if len(result.zones) < 2:

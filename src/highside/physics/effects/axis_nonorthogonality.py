@@ -20,7 +20,7 @@ class AxisNonorthogonality(LinearEffect):
     )
     parameters = (Parameter("eps", "rad", 3e-4, (-0.01, 0.01)),)
     confused_with = ("reference_twist", "base_tilt", "misalignment")
-    splitter = "rings on both sides of 90 deg and near vertical: cot I grows where cos I does not"
+    splitter = "inclination stations on both sides of 90 deg and near vertical: cot I grows where cos I does not"
     depends_on_input = False
 
     def basis(self, state: ChainState, x: AnyArray) -> AnyArray:

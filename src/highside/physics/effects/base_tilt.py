@@ -23,7 +23,7 @@ class BaseTilt(LinearEffect):
         Parameter("tilt_y", "rad", 5e-4, (-0.05, 0.05)),
     )
     confused_with = ("scale", "misalignment", "encoder_first_harmonic", "sag", "mounting")
-    splitter = "a second inclination; best a reversal ring (the table turned to -I or beyond 90 deg)"
+    splitter = "a second inclination; best the same one reversed (the table turned to -I or beyond 90 deg)"
     depends_on_input = False
     groups = singles(2)
 

@@ -22,10 +22,10 @@ class PoseError(RandomEffect):
     title = "Pose error of the bench"
     stage = Stage.NOISE
     draws_at = Stage.POSE
-    formula = "dI = U(inc_ring) a ring + U(inc_pose) a pose, dT = U(tf_station) a station + U(tf_pose) a pose"
+    formula = "dI = U(inc_ring) an inclination + U(inc_pose) a pose, dT = U(tf_station) a toolface + U(tf_pose) a pose"
     story = (
-        "The bench stops near, not at, the angle it shows: partly anew at each stop, partly the same for a whole "
-        "ring or at each return to a station."
+        "The bench stops near, not at, the angle it shows: partly anew at each stop, partly the same for all "
+        "poses at an inclination or at each return to a toolface."
     )
     parameters = (
         Parameter("inc_pose", "rad", 1.57e-4, LIMIT),

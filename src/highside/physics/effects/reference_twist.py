@@ -20,7 +20,7 @@ class ReferenceTwist(LinearEffect):
     )
     parameters = (Parameter("k", "rad", 5e-4, (-0.05, 0.05)),)
     confused_with = ("axis_nonorthogonality", "base_tilt", "mounting")
-    splitter = "rings near vertical: the non-orthogonality grows there as cot I, the twist stays"
+    splitter = "inclination stations near vertical: the non-orthogonality grows there as cot I, the twist stays"
     depends_on_input = False
 
     def basis(self, state: ChainState, x: AnyArray) -> AnyArray:
