@@ -176,7 +176,7 @@ def test_what_each_effect_does_adds_up_to_what_the_claims_do() -> None:
 def test_a_page_says_what_was_not_tested_in_words_that_a_phone_can_show() -> None:
     lacking = NotTestable("sag", "it is absorbed", "other inclinations & a roll")
     page = page_of(DiagnosisResult("nothing_left_out", not_testable=(lacking,)), report_data(np.array(0.0)), "rec.csv")
-    assert '<div class="wide told"><table>' in page
+    assert '<div class="wide stacked"><table>' in page
     assert re.search(r'data-name="what it needs">other inclinations &amp; a roll<', page)
     assert "Diagnosis of rec.csv" in page
 
