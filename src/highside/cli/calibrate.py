@@ -95,9 +95,7 @@ def solve(
     poses_file: Annotated[Path, typer.Argument(metavar="POSES", help="Pose table (CSV).")],
     method: Annotated[str, typer.Option(help="How to solve: conventional, balance, joint or an installed one.")],
     output: Output,
-    triples: Annotated[
-        Triples, typer.Option(help="For balance: which of the four poses at an inclination.")
-    ] = Triples.AVERAGE,
+    triples: Annotated[Triples, typer.Option(help="For balance: which of the four poses.")] = Triples.AVERAGE,
     reference: Annotated[Reference, typer.Option(help="Attitude of the poses known, or only |g|.")] = Reference.POSE,
     pose_sigma_deg: Annotated[float, typer.Option(help="Standard deviation of a setting of the bench, deg.")] = 0.0052,
     fallback: Annotated[str, typer.Option(help="For balance: method of the correction beyond the zones.")] = "none",
