@@ -52,6 +52,10 @@ AREAS: dict[str, Area] = {
         "A recording cannot be diagnosed: columns, length, reference or simulation are lacking.",
         "Record what the message names, or give another `[reference] kind`.",
     ),
+    "watch": Area(
+        "A calibration record cannot be watched: it corrects by zones of inclination alone.",
+        "Solve the same poses with `--method joint` and watch with that record.",
+    ),
     "fleet": Area(
         "A catalogue of many tools, or the place for its results, cannot be used.", "Correct the line that is named."
     ),

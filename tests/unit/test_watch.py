@@ -48,7 +48,7 @@ def test_the_bank_gives_the_likelihood_ratio_of_all_data_at_once() -> None:
     """Against the definition: mean and covariance of all measurements together, a step before the third."""
     rng = np.random.default_rng(4)
     P = np.eye(SIZE) * 1e-2
-    one, bank = Filter(np.zeros(SIZE), P.copy(), np.zeros((SIZE, SIZE))), Bank(POLICY)
+    one, bank = Filter(np.zeros(SIZE), P.copy(), np.zeros((SIZE, SIZE))), Bank(replace(POLICY, largest=10.0))
     hypothesis = next(h for h in HYPOTHESES if h.name == "S_xz")
     direction = np.array(hypothesis.direction)
     seen, mean, values = [], [], []
@@ -132,6 +132,21 @@ def test_a_gyro_that_turns_the_other_way_is_not_believed(calibration: highside.C
     assert made.counts.turns == 0
     assert made.counts.left_out == {"gyro and accelerometers disagree about the turn": 3}
     assert made.verdict != "departs"
+
+
+def test_a_dead_axis_is_no_small_departure(calibration: highside.Calibration) -> None:
+    rows = rows_of_a_well(9, stands=6, inclinations_deg=(40.0, 50.0))
+    rows["ax_g"] = np.where(rows["t_s"] > 3 * 1800.0, 0.0, rows["ax_g"])
+    found = highside.watch_recording(rows, calibration)
+    assert found.verdict == "departs"
+    assert found.found.claims[0].equivalence_class == ("dead axis", "stuck axis", "saturation")
+    assert "pull the tool" in found.found.advice[0]
+    assert "not to be used" in found.html()
+
+
+def test_readings_without_gravity_are_no_ground_for_a_verdict(calibration: highside.Calibration) -> None:
+    nothing = {"t_s": np.arange(600) / 10.0, **dict.fromkeys(("ax_g", "ay_g", "az_g"), np.zeros(600))}
+    assert highside.watch_recording(nothing, calibration).verdict == "learning"
 
 
 def test_simulated_wells_raise_no_false_alarm_and_claims_hold_the_truth() -> None:

@@ -18,7 +18,7 @@ from highside.recording.calibration_store import read_record
 from highside.recording.files import write_whole
 from highside.recording.frames import Columns, File, FrameT, source_of, take
 from highside.recording.table import Recording
-from highside.report.watch_page import headline, page_of
+from highside.report.watch_page import error_words, headline, page_of
 from highside.shown.card import card
 from highside.shown.panel import PlotLine, PlotPanel
 from highside.shown.plot import Plot
@@ -68,10 +68,10 @@ class WatchedRecording:
     def _repr_html_(self) -> str:
         """What a notebook shows: the verdict, the departures, and what to do."""
         rows = [
-            [", ".join(claim.equivalence_class), f"{claim.error.inc_deg:+.3f}", f"{claim.since_s:.0f}"]
+            [", ".join(claim.equivalence_class), error_words(claim.error), f"{claim.since_s:.0f}"]
             for claim in self.found.claims
         ]
-        return card(["departs", "deg of I", "since, s"], rows, *self.found.advice, title=headline(self.found))
+        return card(["departs", "error", "since, s"], rows, *self.found.advice, title=headline(self.found))
 
     def plot(self) -> Plot:
         """Deviations of the offsets and of the scales from the calibration over time, with standard deviations."""

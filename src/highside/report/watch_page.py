@@ -47,8 +47,10 @@ def claim_words(claim: WatchClaim) -> str:
     )
 
 
-def error_words(error: AttitudeError) -> str:
+def error_words(error: AttitudeError | None) -> str:
     """An error of inclination and toolface, deg."""
+    if error is None:
+        return "inclination and toolface are not to be used"
     tf = "" if error.tf_deg is None else f", {error.tf_deg:+.3f} deg of toolface"
     return f"{error.inc_deg:+.3f} deg of inclination{tf}"
 

@@ -59,16 +59,31 @@ class Watch:
         self._counts = {"stills": 0, "turns": 0}
         self._left_out: dict[str, int] = {}
         self._trace: list[tuple[float, Array, Array, float, float]] = []
+        self._beyond: list[tuple[float, float]] = []
 
     def still(self, still: Still) -> None:
         """Take a mean at rest."""
+        if self._is_beyond(still.t_s, float(np.linalg.norm(still.mean_g)) - 1.0):
+            return
         self._counts["stills"] += 1
         self._take(still.t_s, still.temp_c, still.depth_km, lambda around: linear_still(still, around, self._noise))
 
     def turning(self, turn: Turning) -> None:
         """Take a window of rotation."""
+        M = turn.harmonics_g
+        across = 0.5 * np.hypot(M[0, 1] + M[1, 2], M[1, 1] - M[0, 2])
+        if self._is_beyond(turn.t_s, float(np.hypot(across, M[2, 0])) - 1.0):
+            return
         self._counts["turns"] += 1
         self._take(turn.t_s, turn.temp_c, turn.depth_km, lambda around: linear_turning(turn, around, self._noise))
+
+    def _is_beyond(self, t_s: float, excess_g: float) -> bool:
+        """Whether a length is no gravity with small errors; such readings are kept apart."""
+        if abs(excess_g) <= self._policy.largest:
+            return False
+        self.leave_out("length is not that of gravity")
+        self._beyond.append((t_s, excess_g))
+        return True
 
     def leave_out(self, reason: str) -> None:
         """Count something that was not used."""
@@ -147,6 +162,8 @@ class Watch:
         unseen = None if inc is None else std_of(self._alone.covariance, inc, tf, 3.0)
         stated = None if inc is None else std_of(self._prior.stated, inc, tf)
         claims = () if self._alarm_s is None or inc is None else (self._claim(inc, tf, self._alarm_s),)
+        if len(self._beyond) >= self._policy.fewest_beyond:
+            claims = (self._broken(), *claims)
         verdict: Verdict = "departs" if claims else "holds" if self._holds(unseen) else "learning"
         deviations = self._deviations()
         ratio = self._noise_ratio()
@@ -220,6 +237,25 @@ class Watch:
             alarm_s=alarm_s,
             evidence=best.ratio,
             error=error_of(self._deviation_of(best), inc, tf),
+        )
+
+    def _broken(self) -> WatchClaim:
+        """The length of the readings is far from gravity's: no small error of the calibration."""
+        times, excess = zip(*self._beyond, strict=True)
+        size = float(np.median(excess))
+        std = float(np.std(excess)) / np.sqrt(len(excess))
+        half = _INTERVAL * std
+        return WatchClaim(
+            effect="unexplained",
+            parameter="length",
+            parameters={"length": Size(size, std, size - half, size + half, "g")},
+            equivalence_class=("dead axis", "stuck axis", "saturation"),
+            since_s=times[0],
+            since_low_s=times[0],
+            since_high_s=times[0],
+            alarm_s=times[self._policy.fewest_beyond - 1],
+            evidence=None,
+            error=None,
         )
 
     def _deviation_of(self, scored: Scored) -> Array:

@@ -61,9 +61,10 @@ class WatchClaim:
     """the onsets that explain it about as well"""
     alarm_s: float
     """when it was first said"""
-    evidence: float
-    """twice the log-likelihood ratio against no departure"""
-    error: AttitudeError
+    evidence: float | None
+    """twice the log-likelihood ratio against no departure; None where the length of the readings says it alone"""
+    error: AttitudeError | None
+    """None where it cannot be said: an axis is dead, stuck or saturated"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,6 +58,8 @@ def advice(
     policy: WatchPolicy,
 ) -> tuple[str, ...]:
     """What to do next, the first first."""
+    if claims and claims[0].error is None:
+        return ("the readings are not those of gravity: use none of them, pull the tool",)
     if inc_rad is None or unseen is None:
         return ("nothing was measured: let the tool lie still, or turn with gyros recorded",)
     if verdict == "holds":
@@ -73,11 +75,11 @@ def advice(
             f" {unseen.tf_sin_inc_deg:.2g} deg of toolface times sin I would not have been seen.{side}",
             roll_test(inc_rad),
         )
-    (claim, *_) = claims
-    lines = []
+    claim, lines = claims[0], []
     if len(claim.equivalence_class) > 1:
         lines.append(f"{', '.join(claim.equivalence_class)} are not told apart so far: {roll_test(inc_rad)}")
-    if max(abs(claim.error.inc_deg), abs(claim.error.tf_sin_inc_deg)) > policy.pull_deg:
+    error = claim.error
+    if error is not None and max(abs(error.inc_deg), abs(error.tf_sin_inc_deg)) > policy.pull_deg:
         lines.append("the error is large: pull the tool")
     else:
         lines.append("check the next surveys against another tool, and calibrate again when this one is at surface")
