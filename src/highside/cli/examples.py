@@ -24,6 +24,7 @@ EXAMPLES: dict[str, str] = {
     "fleet solve": "archive/ --method joint --out results",
     "fleet drift": "archive/ --method kinematic --out results",
     "fleet summary": "results --by lot --html fleet.html",
+    "fleet archive": "--host 10.0.0.5 --out archive",
     "fleet records": "calibrations --html records.html",
     "effects": "",
     "effects new": "--from report/diagnosis.json --id my_effect -o effects",

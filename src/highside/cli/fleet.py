@@ -156,6 +156,35 @@ def _model_text(model: Path) -> str:
     return decode_text(read_bytes(model), where=str(model), expected="TOML")
 
 
+@app.command("archive")
+def archive_command(
+    out: Annotated[Path, typer.Option("--out", help="Folder of the archive: KIND/DATE/*.parquet.")],
+    host: Annotated[str, typer.Option("--host", help="The broker.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option("--port", min=1, max=65_535)] = 1883,
+    prefix: Annotated[str, typer.Option("--prefix", help="Topics: PREFIX/TOOL/attitude.")] = "highside",
+    name: Annotated[str, typer.Option("--name", help="Client id: the broker keeps for it what comes meanwhile.")] = (
+        "highside-archive"
+    ),
+    user: Annotated[str | None, typer.Option("--user")] = None,
+    password_file: Annotated[Path | None, typer.Option("--password-file")] = None,
+    ca: Annotated[Path | None, typer.Option("--ca", help="Certificates by which the broker is known (TLS).")] = None,
+    every_s: Annotated[float, typer.Option("--every", min=0.1, help="Seconds of one part.")] = 60.0,
+) -> None:
+    """Keep the attitudes and surveys that tools publish as Parquet: each is acknowledged when it is on the disk."""
+    import signal
+    import threading
+
+    from highside.fleet.archive import Archive, Broker, follow
+    from highside.reading import read_named
+
+    password = None if password_file is None else read_named(password_file, field="--password-file").decode().strip()
+    archive, ending = Archive(out), threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: ending.set())
+    follow(Broker(host, port, prefix, name, user, password, ca), archive, every_s, ending.is_set)
+    echo(f"{out}: {archive.kept} messages kept, {archive.damaged} damaged")
+
+
 def _run(
     job: str,
     catalogue: str,
