@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from highside.arrays import AnyArray
-from highside.physics.effect import AxisEffect, Stage, triad
+from highside.physics.channels import EACH, Channels, ChannelTerm
+from highside.physics.effect import AxisEffect, Parameter, Stage, triad
 from highside.physics.state import ChainState
 
 
@@ -22,6 +25,16 @@ class Cubic(AxisEffect):
 
     def slope(self, state: ChainState, f: AnyArray) -> AnyArray:
         return 3 * f * f
+
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
+        terms = []
+        for place, members in data.of_kind("accel"):
+            parameters = tuple(
+                Parameter(f"k3_{data.names[c]}", f"1/({data.units[c]})^2", 1e-3, (-0.1, 0.1)) for c in members
+            )
+            columns = data.on([(c, data.predicted[c] ** 3) for c in members])
+            terms.append(ChannelTerm(parameters, (columns,), (EACH, place, 3)))
+        return terms
 
 
 EFFECT = Cubic()

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from highside.arrays import AnyArray
-from highside.physics.effect import AxisEffect, Stage, triad
+from highside.physics.channels import EACH, Channels, ChannelTerm
+from highside.physics.effect import AxisEffect, Parameter, Stage, triad
 from highside.physics.state import ChainState
 
 
@@ -31,6 +34,16 @@ class OddQuadratic(AxisEffect):
 
     def slope(self, state: ChainState, f: AnyArray) -> AnyArray:
         return 2 * f * np.sign(f.real)
+
+    def on_channels(self, data: Channels) -> Sequence[ChannelTerm]:
+        terms = []
+        for place, members in data.of_kind("accel"):
+            parameters = tuple(
+                Parameter(f"ko_{data.names[c]}", f"1/({data.units[c]})", 1e-3, (-0.1, 0.1)) for c in members
+            )
+            columns = data.on([(c, data.predicted[c] * np.abs(data.predicted[c])) for c in members])
+            terms.append(ChannelTerm(parameters, (columns,), (EACH, place, 4)))
+        return terms
 
 
 EFFECT = OddQuadratic()
