@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from highside.diagnosis.core.floor import NoiseFloor
-from highside.diagnosis.core.method import WHOLE, Method
+from highside.diagnosis.core.method import WHOLE, ProcedureParts
 from highside.diagnosis.engine import diagnose_poses, diagnose_rotation
 from highside.diagnosis.poses.session import PoseSession
 from highside.diagnosis.rows.session import RotationSession
@@ -104,7 +104,7 @@ def beside(session: PoseSession | RotationSession, pairs: int) -> tuple[float, f
     seconds, ratios, verdict = [], [], ""
     for _ in range(pairs):
         took = []
-        for method in (Method.without("laws"), WHOLE):
+        for method in (ProcedureParts.without("laws"), WHOLE):
             began = time.process_time()
             if isinstance(session, PoseSession):
                 found = diagnose_poses(session, ForwardModel.of({}), deck.FREE, method=method)[0]

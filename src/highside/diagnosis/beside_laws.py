@@ -107,6 +107,17 @@ def with_laws(
     return made, replace(report, after=after, parts=parts)
 
 
+def names_before_laws(
+    session: LawSession, model: ForwardModel, diagnosis: DiagnosisResult, report: ReportData
+) -> tuple[DiagnosisResult, ReportData] | None:
+    """A diagnosis of many names with the laws beside them; None unless every name stays where laws compete with it."""
+    if diagnosis.verdict not in ("named", "named_plus"):
+        return None
+    made, data = with_laws(session, model, diagnosis, report)
+    names = {c.effect for c in made.claims}
+    return (made, data) if {c.effect for c in diagnosis.claims} <= names else None
+
+
 def beside_laws(remainder: Remainder) -> Remainder:
     """What is told where laws are claimed: what they resemble, and which names have no constant size."""
     return Remainder(

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from highside.diagnosis.beside_laws import with_laws
+from highside.diagnosis.beside_laws import names_before_laws, with_laws
 from highside.diagnosis.core.candidate_set import Term
 from highside.diagnosis.core.candidates import INCLINATION_STATION
 from highside.diagnosis.core.conclusion import conclude, is_significant
@@ -95,9 +95,15 @@ def diagnose_rotation(
         subsample, selection, _ = _relinearised_selection(RotationProblem.of(rows, model, tuple(free), seed, method))
         pilot = PilotFit.of(rows, subsample, selection.terms)
     problem = RotationProblem.of(session, model, tuple(free), seed, method, pilot)
-    answer = conclude(*_relinearised_selection(problem, pilot.names if pilot else ()), version)
+    chosen = _relinearised_selection(problem, pilot.names if pilot else ())
+    answer = conclude(*chosen, version)
     if method.laws:
-        answer = with_laws(ChainSession.of_rotation(session, free, problem.residual), problem.model, *answer)
+        cells = ChainSession.of_rotation(session, free, problem.residual)
+        many = None
+        if answer[0].verdict == "partial" and len(chosen[1].terms) > problem.policy.most_named:
+            # harmonics of the toolface are matched by several names together: unless laws compete with them and lose
+            many = names_before_laws(cells, problem.model, *conclude(*chosen, version, many=True))
+        answer = many or with_laws(cells, problem.model, *answer)
     return with_long_memory(answer[0], session), answer[1]
 
 

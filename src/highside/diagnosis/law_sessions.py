@@ -25,6 +25,7 @@ from highside.diagnosis.laws.problem import LawProblem, PlaceField
 from highside.diagnosis.magnitude.observed import Magnitudes
 from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.diagnosis.poses.session import PoseSession
+from highside.diagnosis.rotation.lines import found_orders
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.effect import Effect
 from highside.physics.forward import ForwardModel
@@ -69,6 +70,8 @@ class ChainSession:
     jitters: bool = False
     delay_s: float = 0.0
     """how much later than the time zero of the claims its first value is"""
+    orders: tuple[float, ...] = ()
+    """of the turn, at which the readings have a line"""
 
     @classmethod
     def of_poses(cls, session: PoseSession, free: Sequence[str]) -> ChainSession:
@@ -83,19 +86,24 @@ class ChainSession:
     @classmethod
     def of_rotation(cls, session: RotationSession, free: Sequence[str], residual: Array) -> ChainSession:
         """Cells of the rows; their floor is the scatter within. `residual` (C, n) is what the base fit leaves."""
-        cells = cells_of(session)
-        used = cells.number >= 0
+        orders = found_orders(session, residual)
+        cells = cells_of(session, _sectors(session, orders))
+        # a cell of one row has no scatter within
+        used = (cells.number >= 0) & (cells.count[np.maximum(cells.number, 0)] > 1)
         within = residual - cells.mean(residual)[:, np.maximum(cells.number, 0)]
-        if cells.count.max() == 1:
+        rows, several = float(used.sum()), float(np.sum(cells.count > 1))
+        lost = np.sqrt(rows / max(rows - several, 1.0))
+        if rows < LAW_FLOOR.rows:
             # of single rows the scatter is what bends from row to row, of variance 6 for white noise of variance 1
             bent = residual[:, 2:] - 2 * residual[:, 1:-1] + residual[:, :-2]
-            within = np.pad(bent, ((0, 0), (1, 1)), mode="edge") / np.sqrt(1 + 4 + 1)
+            within, lost = np.pad(bent, ((0, 0), (1, 1)), mode="edge") / np.sqrt(1 + 4 + 1), 1.0
+            used = cells.number >= 0
         own = np.array([np.sqrt(np.median(row[used] ** 2)) for row in within]) / LAW_FLOOR.mad
-        rows = float(cells.count.sum())
-        lost = 1.0 if cells.count.max() == 1 else np.sqrt(rows / max(rows - cells.count.size, 1.0))
         least = LAW_FLOOR.least * np.sqrt(np.mean(session.readings**2, axis=1))
         floor = np.maximum(own * lost, least)[:, None] / np.sqrt(cells.count)
-        return cls(session.state, session.readings, tuple(free), session.channels, floor, OF_ROTATION, cells)
+        return cls(
+            session.state, session.readings, tuple(free), session.channels, floor, OF_ROTATION, cells, orders=orders
+        )
 
     @cached_property
     def lattice(self) -> Array:
@@ -139,7 +147,9 @@ class ChainSession:
         jitter = None
         if self.jitters:
             jitter = np.asarray(model.pose_sensitivity(state), dtype=float)[:, [0, 2]].transpose(1, 0, 2)
-        return chain_problem(model, state, residual, columns, self.floor, places=self.places, jitter=jitter)
+        return chain_problem(
+            model, state, residual, columns, self.floor, places=self.places, jitter=jitter, orders=self.orders
+        )
 
     def derivatives(self, model: ForwardModel, wanted: Sequence[tuple[Effect, Array]]) -> list[Array]:
         """(k, C, m) by the parameters of each effect, at its vector."""
@@ -264,7 +274,15 @@ def linear(session: LawSession, model: ForwardModel, laws: Sequence[Law]) -> Arr
     return np.asarray(sum((one[0] for one in made), np.zeros_like(session.floor)))
 
 
-def cells_of(session: RotationSession) -> CellMeans:
+def _sectors(session: RotationSession, orders: Sequence[float]) -> int:
+    """Sectors of a turn in which lines of these orders keep their size, as far as the rows tell sectors apart."""
+    turning = np.abs(session.state.rotor_rate_radps) * session.step_s
+    most = 2 * np.pi / max(float(np.median(turning)), 1e-9)
+    wanted = min(LAW_CELLS.a_wave * max(orders, default=0.0), most)
+    return max(LAW_CELLS.sectors, round(wanted))
+
+
+def cells_of(session: RotationSession, sectors: int = LAW_CELLS.sectors) -> CellMeans:
     """Sectors of toolface within some turns at one rate; where rows are few each is its own."""
     state, n = session.state, session.n
     rows = np.arange(n)
@@ -274,11 +292,11 @@ def cells_of(session: RotationSession) -> CellMeans:
         return CellMeans(number, np.ones(int(kept.sum())), rows[kept])
     turn = 2 * np.pi
     angle = state.tf_rad - state.tf_rad.min()
-    sector = np.floor(np.mod(angle, turn) / turn * LAW_CELLS.sectors).astype(int)
+    sector = np.floor(np.mod(angle, turn) / turn * sectors).astype(int)
     way = np.cumsum(np.abs(np.diff(angle, prepend=angle[:1]))) / turn
     rate = state.rotor_rate_radps
     level = np.round(rate / max(LAW_CELLS.rate * float(np.abs(rate).max()), 1e-12)).astype(int)
-    blocks = max(2, LAW_CELLS.most // LAW_CELLS.sectors)
+    blocks = max(2, LAW_CELLS.most // sectors)
     each = max(1.0, float(way[-1]) / blocks)
     seconds = max(float(state.t_s[-1] - state.t_s[0]), 1e-9) / blocks
     # a block ends after so many turns, after so long, or where the rate changes
@@ -288,7 +306,7 @@ def cells_of(session: RotationSession) -> CellMeans:
     )
     borders = (np.diff(block[0], prepend=0) != 0) | (np.diff(block[1], prepend=0) != 0)
     borders |= np.diff(level, prepend=level[:1]) != 0
-    key = np.cumsum(borders).astype(np.int64) * LAW_CELLS.sectors + sector
+    key = np.cumsum(borders).astype(np.int64) * sectors + sector
     _, number, count = np.unique(np.where(kept, key, -1), return_inverse=True, return_counts=True)
     number = number.reshape(-1)
     if not kept.all():

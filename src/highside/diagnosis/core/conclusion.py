@@ -58,9 +58,13 @@ def is_significant(problem: Problem[N], selection: SelectionState[N], terms: Seq
 
 
 def conclude(
-    problem: Problem[N], selection: SelectionState[N], correlation: SerialCorrelation[N], version: str
+    problem: Problem[N],
+    selection: SelectionState[N],
+    correlation: SerialCorrelation[N],
+    version: str,
+    many: bool = False,
 ) -> tuple[DiagnosisResult, ReportData]:
-    """What is reported of the terms chosen, and the data of the report's figures."""
+    """What is reported of the terms chosen, and the data of figures; `many`: names of any number, laws will compete."""
     believed = problem.believed(selection, _widened(problem, selection))
     believed, changing = problem.steady(selection, believed) if problem.method.refusal else (believed, {})
     if believed != selection.terms:
@@ -74,7 +78,7 @@ def conclude(
     share = _explained_share(problem, selection, after) if significant else 1.0
     random_walk = correlation.random_walk or (significant and not terms and _follows_slow_alone(selection, after))
     clear = float(after.log_p[after.most_significant]) > selection.scan_threshold + problem.policy.marginal
-    manifest = not significant and _each_manifest(selector, terms)
+    manifest = many or (not significant and _each_manifest(selector, terms))
     verdict = _verdict(problem, terms, rivalries, fit, random_walk, significant, share if clear else 1.0, manifest)
     if verdict == "named_plus" and share < CONCLUSION.changing and _changes(problem, selection, terms, after, share):
         verdict = "partial"

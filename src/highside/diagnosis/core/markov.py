@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from highside.arrays import Array
+from highside.diagnosis.core.policy import MEMORY
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,8 @@ class LevelNoise:
     def white(self, columns: Array) -> Array:
         """(S, K, n) independent unit innovations of columns (K, n)."""
         settings, n = self.variance.shape
+        if settings == 1 and len(columns) > MEMORY.banded_from:
+            return self._white_banded(columns, np.empty((len(columns), n)))[None]
         result = np.empty((n, settings, columns.shape[0]))
         level = np.zeros((settings, columns.shape[0]))
         gain, decay = self.gain.T[:, :, None], self.decay.T[:, :, None]
@@ -63,6 +66,30 @@ class LevelNoise:
             level = (level + gain[t] * left) * decay[t]
         result /= np.sqrt(self.variance.T)[:, :, None]
         return np.asarray(result.transpose(1, 2, 0))
+
+    def white_into(self, columns: Array, out: Array) -> None:
+        """The innovations of columns (K, n) under the only setting, written to `out` (K, n)."""
+        self._white_banded(columns, out)
+
+    def _white_banded(self, columns: Array, out: Array) -> Array:
+        """What the filter predicts of a row follows from that of the row before alone: a system of two bands. A few
+        columns at a time, they stay in the processor's cache."""
+        from scipy.linalg.lapack import dtbtrs
+
+        n = self.variance.shape[1]
+        gain, root = self.decay[0] * self.gain[0], 1.0 / np.sqrt(self.variance[0])
+        bands = np.asfortranarray(np.stack([np.ones(n), gain - self.decay[0]]))
+        drive = np.empty((min(MEMORY.banded_at_once, len(columns)), n))
+        for i in range(0, len(columns), MEMORY.banded_at_once):
+            own = columns[i : i + MEMORY.banded_at_once]
+            part = drive[: len(own)]
+            part[:, 0] = 0.0
+            np.multiply(own[:, :-1], gain[:-1], out=part[:, 1:])
+            level = dtbtrs(bands, part.T, uplo="L", diag="U", overwrite_b=1)[0].T
+            result = out[i : i + MEMORY.banded_at_once]
+            np.subtract(own, level, out=result)
+            result *= root
+        return out
 
 
 @dataclass(frozen=True)

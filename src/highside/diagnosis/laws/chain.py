@@ -66,6 +66,7 @@ def chain_problem(
     *,
     places: Sequence[str] = OF_POSES,
     jitter: Array | None = None,
+    orders: tuple[float, ...] = (),
 ) -> LawProblem:
     """The problem of a residual (C, n) beside what is free (P, C, n)."""
     gyros = residual.shape[0] > len(AXES)
@@ -74,4 +75,6 @@ def chain_problem(
     if not gyros:
         load = np.asarray(model.chain(state).force, dtype=float)
     names = (*CHANNELS, *GYROS)[: residual.shape[0]]
-    return LawProblem(residual, free, tuple(fields), covariate_values(state, load), floor, state.t_s, jitter, names)
+    return LawProblem(
+        residual, free, tuple(fields), covariate_values(state, load), floor, state.t_s, jitter, names, orders
+    )

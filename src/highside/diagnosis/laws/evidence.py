@@ -55,18 +55,9 @@ class _Family:
     channels: tuple[int, ...]
     orders: Array
     """(G, m)"""
-    raw: Array
+    groups: list[LawGroup]
     tries: Array
     """(G,) logarithm of how many like it are tried"""
-
-
-def _stacked(groups: list[LawGroup]) -> Array:
-    """(G, m, c, n) columns of groups that are alike, each made in its place."""
-    first = groups[0].columns()
-    result = np.empty((len(groups), *first.shape))
-    for own, group in zip(result, groups, strict=True):
-        own[:] = group.columns()
-    return result
 
 
 class Families:
@@ -82,7 +73,7 @@ class Families:
                 members,
                 channels,
                 np.stack([groups[i].orders for i in members]),
-                _stacked([groups[i] for i in members]),
+                [groups[i] for i in members],
                 np.log([float(groups[i].tries) for i in members]),
             )
             for (_, channels), members in alike.items()
@@ -103,7 +94,8 @@ class Families:
         for one in self._kept:
             if one.whitener.like(whitener):
                 return one
-        room = LAW_EVIDENCE.kept // max(sum(family.raw.size for family in self.families), 1)
+        size = sum(family.orders.size * len(family.channels) for family in self.families) * self.problem.n
+        room = LAW_EVIDENCE.kept // max(size, 1)
         del self._kept[: max(0, len(self._kept) - max(room - 1, 0))]
         self._kept.append(_WhiteFamilies(self, whitener))
         return self._kept[-1]
@@ -132,17 +124,24 @@ class _WhiteFamilies:
         self._projections: tuple[Array, list[Array]] | None = None
 
     def _part(self, family: _Family) -> _Part:
-        count, size, c, n = family.raw.shape
-        flat = family.raw.reshape(count * size, c, n)
-        channels = family.channels
-        if self.whitener.mixes:
-            full = np.zeros((count * size, self.problem.count, n))
-            full[:, list(channels)] = flat
-            white, channels = self.whitener.white(full), tuple(range(self.problem.count))
-        else:
-            white = np.empty(flat.shape)
+        """A few groups at a time: their columns are made where the last ones were, and not kept."""
+        (count, size), n = family.orders.shape, self.problem.n
+        mixes = self.whitener.mixes
+        channels = tuple(range(self.problem.count)) if mixes else family.channels
+        white = np.empty((count * size, len(channels), n))
+        at_once = max(1, LAW_EVIDENCE.at_once // size)
+        raw = np.zeros((min(at_once, count) * size, len(channels), n))
+        acting = list(family.channels) if mixes else list(range(len(channels)))
+        for i in range(0, count, at_once):
+            groups = family.groups[i : i + at_once]
+            for k, group in enumerate(groups):
+                raw[k * size : (k + 1) * size, acting] = group.columns()
+            own, out = raw[: len(groups) * size], white[i * size : (i + len(groups)) * size]
+            if mixes:
+                out[:] = self.whitener.white(own)
+                continue
             for k, ch in enumerate(channels):
-                white[:, k] = self.whitener.channel(ch, flat[:, k])
+                self.whitener.channel(ch, own[:, k], out[:, k])
         columns = white.reshape(count, size, -1)
         return _Part(family, channels, columns, columns @ columns.transpose(0, 2, 1))
 
@@ -326,19 +325,6 @@ def raw_columns_of(problem: LawProblem, group: LawGroup) -> Array:
     full = np.zeros((group.size, problem.count, problem.n))
     full[:, list(group.channels)] = group.columns()
     return full
-
-
-def reduced(problem: LawProblem, terms: list[LawTerm]) -> tuple[Array, Array]:
-    """Columns (K, C, n) and prior precisions (K,) of what is free and of the terms, less what the data cannot show."""
-    parts, precision = [problem.free], [np.zeros(len(problem.free))]
-    for term in terms:
-        scaled = raw_columns(problem, [term]) * np.sqrt(term.prior.variances(term.group.orders))[:, None, None]
-        white = (scaled / problem.floor).reshape(len(scaled), -1)
-        values, vectors = np.linalg.eigh(white @ white.T)
-        kept = vectors[:, values > LAW_EVIDENCE.undetermined]
-        parts.append(np.tensordot(kept.T, scaled, 1))
-        precision.append(np.ones(kept.shape[1]))
-    return np.concatenate(parts), np.concatenate(precision)
 
 
 def prior_of(problem: LawProblem, terms: list[LawTerm]) -> Array:

@@ -75,6 +75,14 @@ def forms_of(name: str, values: Array) -> Iterator[_Form]:
     yield _Form("saturation", [(Function("saturation", (c, w)),) for c in {*zero, *inner[1:-1]} for w in widths], 3)
 
 
+def _own_wave(group: LawGroup) -> tuple[_Form, ...]:
+    """The wave that a group is, where it is one and no more."""
+    functions = group.axes[0].functions
+    if {f.kind for f in functions} != {"cos", "sin"} or len({f.numbers for f in functions}) > 1:
+        return ()
+    return (_Form("wave", [functions], 3),)
+
+
 def _edges(values: Array) -> list[float]:
     """Middles between neighbouring values, not more than so many."""
     distinct = np.unique(values)
@@ -107,7 +115,7 @@ def closed_form(found: Found, white: Whitened, terms: list[LawTerm], k: int) -> 
     span = Axis(name, group.axes[0].low, group.axes[0].high, (Function("one"),))
     constant = (Function("one"),) if PLACES[group.place].constant else ()
     scored = []
-    for form in forms_of(name, values):
+    for form in (*_own_wave(group), *forms_of(name, values)):
         rough = _scored(found, white, columns, prior, group, span, form, constant, values)
         fine = None if rough is None else _finer(form, rough, float(np.ptp(values)))
         if fine is not None:

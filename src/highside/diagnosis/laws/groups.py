@@ -247,6 +247,7 @@ def _shapes(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) ->
         dents = [Function("dent", (float(c), w)) for c in centres for w in LAW_GROUPS.dent_widths_deg]
         for shape in dents:
             yield _group(problem, units, (Axis("tf", 0.0, 360.0, (shape,)),), zero, bases, len(dents))
+    yield from _lines(problem, units, known, bases)
     if "tf_fraction" in known:
         values = known["tf_fraction"]
         for k in range(1, LAW_GROUPS.fractions):
@@ -256,6 +257,22 @@ def _shapes(problem: LawProblem, units: tuple[PlaceField, ...], bases: Bases) ->
             both = tuple(Function(kind, (order,)) for kind in ("cos", "sin"))
             axis = Axis("tf_fraction", float(values.min()), float(values.max()), both)
             yield _group(problem, units, (axis,), np.zeros(2), bases, LAW_GROUPS.fractions)
+
+
+def _lines(
+    problem: LawProblem, units: tuple[PlaceField, ...], known: dict[str, Array], bases: Bases
+) -> Iterator[LawGroup]:
+    """Orders of the turn at which the readings have a line: on a channel that order, of an angle one more or less, as
+    the load it acts on turns once."""
+    near = {order + step for order in problem.orders for step in (-1.0, 0.0, 1.0)}
+    for order in sorted(near):
+        whole = order == round(order)
+        name = "tf" if whole else "tf_fraction"
+        if name not in known or order <= 0 or (whole and order <= LAW_GROUPS.orders):
+            continue
+        both = tuple(Function(kind, (order,)) for kind in ("cos", "sin"))
+        low, high = (0.0, 360.0) if whole else (float(known[name].min()), float(known[name].max()))
+        yield _group(problem, units, (Axis(name, low, high, both),), np.zeros(2), bases, LAW_GROUPS.lines)
 
 
 def confounded(one: Array, other: Array, share: float) -> bool:

@@ -33,6 +33,8 @@ class LawGroupsPolicy:
     """Widths of a dent, deg. Source: chosen; wider ones are the sum of few orders."""
     fractions: int = 80
     """Orders of toolface that are no whole numbers, tried in steps of a tenth. Source: chosen, orders below 8."""
+    lines: int = 120
+    """Orders of a line of the turn that are searched, beside which it is one. Source: half orders up to 60."""
     fraction_step: float = 0.1
     """Step of these orders, 1 per turn. Source: chosen; a session of one turn tells no finer ones apart."""
     distinct: float = 1e-6
@@ -67,6 +69,8 @@ class LawEvidencePolicy:
     """Square of whitened columns below which they are nothing. Source: rounding of columns that what is free takes."""
     first: int = 24
     """Groups of the highest bounds that are looked at first. Source: chosen; one of them is the best nearly always."""
+    at_once: int = 256
+    """Columns of groups that are whitened at once. Source: a processor's cache; for one a pass costs as much."""
     kept: int = 20_000_000
     """Numbers of whitened columns that are kept, of the noises tried last; of one noise always. Source: memory of
     160 MB; poses keep four and more noises, rotations one."""
@@ -102,8 +106,11 @@ class LawNoisePolicy:
     """Nats a further kind of noise must gain to be taken. Source: chosen; half a logarithm of fifty values each."""
     jitters: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 64.0)
     """Scatter of a set angle, in units of what the floor makes of it. Source: chosen; a wide grid."""
-    many: int = 4_000_000
-    """Numbers of one pass of the filter; more are passed in parts. Source: memory of 32 MB."""
+    ladder_columns: int = 256
+    """Columns of one pass of a ladder's filter. Source: a processor's cache of 1 MB."""
+    kept: int = 10_000_000
+    """Numbers of columns whitened under all settings that are kept, of each channel. Source: memory of 80 MB; inner
+    products of them are kept always."""
     at_once: int = 100_000
     """Settings times values of one pass. Source: the same memory with forty columns."""
     matrices: int = 50_000
@@ -231,6 +238,9 @@ class LawFloorPolicy:
 
     least: float = 1e-9
     """Share of the readings' own size that is noise at least. Source: rounding."""
+    rows: int = 200
+    """Rows of cells that have several, from which the scatter within cells is the floor. Source: a median of so many is
+    known to a tenth."""
     mad: float = 0.6745
     """Median of the size of a normal deviate. Source: the normal distribution."""
 
@@ -245,6 +255,9 @@ class LawCellsPolicy:
     most: int = 1500
     """Cells of a session, about, and rows below which each is its own. Source: chosen; the cost of a search stays at
     that of 264 poses times four."""
+    a_wave: float = 6.0
+    """Sectors of a turn for each wave of a line that was found in it. Source: a mean over a sixth of a wave keeps 0.95
+    of its size."""
     sectors: int = 30
     """Sectors of a turn. Source: chosen; the twelfth order keeps 0.76 of its size in a mean
     over one, the fourth 0.97."""

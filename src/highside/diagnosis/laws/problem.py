@@ -50,6 +50,8 @@ class LawProblem:
     """(J, C, n) what errors of the set angles do, each value's own; None: there are none"""
     channels: tuple[str, ...] = ()
     """names of the channels, as they are reported"""
+    orders: tuple[float, ...] = ()
+    """orders of the turn at which the readings have a line"""
 
     @property
     def n(self) -> int:

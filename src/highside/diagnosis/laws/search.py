@@ -10,9 +10,10 @@ from functools import cached_property
 import numpy as np
 
 from highside.arrays import Array
-from highside.diagnosis.laws.evidence import Families, LawTerm, Prior, Whitened, raw_columns, reduced
+from highside.diagnosis.laws.evidence import Families, LawTerm, Prior, Whitened, raw_columns
 from highside.diagnosis.laws.groups import LawGroup, confounded, groups_of, values_of
-from highside.diagnosis.laws.noise import LawNoise, NoiseLearner, Whitener
+from highside.diagnosis.laws.learning import NoiseLearner
+from highside.diagnosis.laws.noise import LawNoise, Whitener
 from highside.diagnosis.laws.policy import LAW_SEARCH
 from highside.diagnosis.laws.problem import LawProblem
 
@@ -78,8 +79,9 @@ class Search:
         gains, _ = quiet.scores([], least=LAW_SEARCH.gain, within=LAW_SEARCH.simpler)
         if float(np.max(gains, initial=-np.inf)) < LAW_SEARCH.gain:
             return self._found(first)
-        one = self._proved(self._grown(first, relearn=True))
+        # beside the floor first: what is whitened under it is there
         other = self._grown(_State([], floor, -np.inf, self.problem.residual), relearn=False)
+        one = self._proved(self._grown(first, relearn=True))
         two = self._learn(other.terms, self.problem.residual)
         # as it stands it may have a law too many; noise that explains more than all of them needs no further look
         if two.evidence < one.evidence + LAW_SEARCH.gain or _which(two.terms) == _which(one.terms):
@@ -131,7 +133,7 @@ class Search:
             self._learnt.append((residual, known))
         key = tuple(sorted((float(id(t.group)), t.prior.size, t.prior.length) for t in terms))
         if key not in known:
-            known[key] = self.learner.learn(*reduced(self.problem, terms), residual)
+            known[key] = self.learner.learn(terms, residual)
         return known[key]
 
     def _clipped(self, state: _State) -> Array:

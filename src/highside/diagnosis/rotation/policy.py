@@ -79,6 +79,18 @@ class LinesPolicy:
     """Cells of a turn beyond what the highest order needs. Chosen in 9535933; no run is recorded."""
     beside: float = 2.5
     """Cells beside a whole order that belong to it. Chosen in 9535933; no run is recorded."""
+    whole: float = 0.5
+    """Cells off a whole order within which a line has that order. Source: half of what the rows can tell apart."""
+    most_whole: int = 4
+    """Whole orders that are told, at most. Source: chosen; an error of the toolface makes two."""
+    smooth_orders: int = 4
+    """Whole orders up to this need no finer sectors. Source: a mean over a thirtieth of a turn keeps 0.97 of them."""
+    sure: float = 40.0
+    """Height of a peak above its neighbourhood, summed over the channels, from which it is a line beyond doubt. Source:
+    a line of strength 100 has about 50; AR(1) noise of 0.9 had none (`python -m studies.rotation_open nulls`)."""
+    beside_strongest: float = 0.1
+    """Height of a line beside that of the strongest, at least. Source: chosen; an error of the toolface makes two of
+    like height, and leakage less than a hundredth."""
     least_order: float = 0.1
     """Orders of the rotation below which nothing is looked for. Chosen in 96c27f5; no run is recorded."""
     turns: int = 3

@@ -113,9 +113,22 @@ class ColourPolicy:
     stretches: float = 30.0
     """Independent stretches, two memories apart, below which it is reported that slow effects show less. Source:
     chosen; a variance of so many is known to a quarter."""
-    lead: float = 6.0
+    lead: float = 12.0
     """-2 log likelihood, summed over the channels that wander, by which a random walk must be ahead of noise that
-    forgets to be told from it. Source: chosen; odds of e^3, as `RivalsPolicy.same_class_bic`."""
+    forgets to be told from it. Source: AR(1) noise of 0.99 over 1,200 rows led by 6.1 in one of 5 recordings
+    (`python -m studies.rotation_open nulls --kind 0.99`, seed 1); walks of 0.02 of the noise there by 0.1 to 8."""
+    few: int = 10
+    """Independent stretches below which the colour is so little known that a finding must be beyond `chance`. Source:
+    the false findings of the same command, seeds 0 to 4, had 2 to 6."""
+    filtered: float = 100.0
+    """Stretches, two memories of the rows' own filter apart, below which a remainder without a name must be beyond
+    `chance` too. Source: AR(1) noise of 0.9 over 1,200 rows has 60, and 2 of the first 2 recordings of the same command
+    (seeds 100 and 101) had an `unknown`."""
+    chance: float = 1e-6
+    """Probability of chance below which an effect or a place is believed all the same. Source: the false ones of that
+    command had 8e-4 and 2e-5; a strength of 60 has less."""
+    law_chance: float = 1e-9
+    """As `chance`, for a law. Source: a false one of that command had 2e-6, of which laws have many more forms."""
 
 
 COLOUR = ColourPolicy()

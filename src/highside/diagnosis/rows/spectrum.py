@@ -33,15 +33,20 @@ def highest(power: Array, skip: NDArray[np.bool_]) -> tuple[int, int] | None:
     more than chance gives: each in units of its local level is exponential, so their sum has a gamma distribution."""
     from scipy.special import gammainccinv
 
-    stretches = np.array_split(power, max(1, power.shape[1] // (SPECTRUM.padded * SPECTRUM.smooth)), axis=1)
-    level = np.concatenate(
-        [np.broadcast_to(np.median(s, axis=1, keepdims=True), s.shape) for s in stretches], axis=1
-    ) / np.log(2)
-    ratio = power / np.maximum(level, 1e-30)
+    ratio = heights(power)
     total = np.where(skip, 0.0, ratio.sum(axis=0))
     at = int(np.argmax(total))
     limit = float(gammainccinv(power.shape[0], SPECTRUM.chance / power.shape[1]))
     return (at, int(np.argmax(ratio[:, at]))) if total[at] > limit else None
+
+
+def heights(power: Array) -> Array:
+    """(C, cells) spectra in units of the mean of their neighbourhood."""
+    stretches = np.array_split(power, max(1, power.shape[1] // (SPECTRUM.padded * SPECTRUM.smooth)), axis=1)
+    level = np.concatenate(
+        [np.broadcast_to(np.median(s, axis=1, keepdims=True), s.shape) for s in stretches], axis=1
+    ) / np.log(2)
+    return np.asarray(power / np.maximum(level, 1e-30))
 
 
 def flattened(rows: Array) -> Array:

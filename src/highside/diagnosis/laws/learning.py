@@ -1,0 +1,311 @@
+"""The noise of a session beside any laws, of highest evidence.
+
+Settings of the noise are compared by inner products of whitened columns. What is whitened under a setting does not
+depend on what else is fitted, so the inner products of two sets of columns are taken once: of what is free, of the
+groups, of a residual. Priors and what the data cannot show turn these small matrices alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highside.arrays import Array
+from highside.diagnosis.core.markov import LevelNoise
+from highside.diagnosis.laws.evidence import LawTerm, raw_columns_of
+from highside.diagnosis.laws.groups import LawGroup
+from highside.diagnosis.laws.noise import (
+    LadderNoise,
+    LawNoise,
+    Whitener,
+    evidence,
+    ladder_lengths,
+    step_of,
+    white_by_ladders,
+)
+from highside.diagnosis.laws.policy import LAW_EVIDENCE, LAW_NOISE
+from highside.diagnosis.laws.problem import LawProblem
+
+FREE = "free"
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """Some columns (m, C, n) and how a fit combines them: `turn` (k, m)."""
+
+    key: Hashable
+    """the same of columns that are the same"""
+    raw: Array
+    turn: Array
+
+
+class NoiseLearner:
+    """Learns the noise of a problem beside any fit; the filters of all settings are made once."""
+
+    def __init__(self, problem: LawProblem) -> None:
+        self.problem = problem
+        self._channels: list[_Products] = []
+        self._raw: dict[LawGroup, tuple[Array, Array]] = {}
+        self._residuals: list[Array] = []
+
+    def learn(self, terms: Sequence[LawTerm], residual: Array) -> tuple[LawNoise, float]:
+        """The noise of highest evidence beside what is free and the terms, and that evidence."""
+        if not self._channels:
+            self._channels = _products_of(self.problem)
+        if not any(one is residual for one in self._residuals):
+            # what is kept goes by its identity
+            self._residuals.append(residual)
+        free = self.problem.free
+        parts = [_Columns(FREE, free, np.eye(len(free))), *(self._shown(term) for term in terms)]
+        count = sum(len(part.turn) for part in parts)
+        prior = np.concatenate([np.zeros(len(free)), np.ones(count - len(free))])
+        parts.append(_Columns(("residual", id(residual)), residual[None], np.eye(1)))
+        noise, best = _with_memory(self.problem, [own.settings(parts) for own in self._channels], prior)
+        if self.problem.jitter is not None:
+            both = np.concatenate([np.tensordot(part.turn, part.raw, 1) for part in parts])
+            other, gained = _with_jitter(self.problem, both, prior)
+            if gained > best:
+                noise, best = other, gained
+        return noise, best
+
+    def _shown(self, term: LawTerm) -> _Columns:
+        """Combinations of a term's columns of unit prior precision, less what the data cannot show."""
+        if term.group not in self._raw:
+            raw = raw_columns_of(self.problem, term.group)
+            white = (raw / self.problem.floor).reshape(len(raw), -1)
+            self._raw[term.group] = raw, white @ white.T
+        raw, gram = self._raw[term.group]
+        size = np.sqrt(term.prior.variances(term.group.orders))
+        values, vectors = np.linalg.eigh(size[:, None] * gram * size)
+        kept = vectors[:, values > LAW_EVIDENCE.undetermined]
+        return _Columns(term.group, raw, kept.T * size)
+
+
+@dataclass(frozen=True)
+class _Settings:
+    """Settings of one channel: inner products (S, K + 1, K + 1) and log determinants (S,) at a factor of 1."""
+
+    inner: Array
+    log_determinant: Array
+    share: Array
+    length: Array
+    ladder: Array
+    cost: Array
+
+
+@dataclass(frozen=True)
+class _Filters:
+    """Filters at a factor of 1 of white noise whose mean variance is 1: white noise, levels, ladders."""
+
+    sigma: Array
+    levels: tuple[LevelNoise, ...]
+    ladders: tuple[LadderNoise, ...]
+    share: Array
+    length: Array
+    ladder: Array
+    log_determinant: Array
+    """(S,)"""
+
+    @classmethod
+    def of(cls, white: Array, t_s: Array) -> _Filters:
+        shares = np.repeat(LAW_NOISE.shares, len(LAW_NOISE.lengths))
+        lengths = np.tile(LAW_NOISE.lengths, len(LAW_NOISE.shares)) * step_of(t_s)
+        at_once = max(1, LAW_NOISE.at_once // white.size)
+        parts = [slice(i, i + at_once) for i in range(0, shares.size, at_once)]
+        several = np.array(LAW_NOISE.ladders)
+        levels = tuple(LevelNoise.of(white, t_s, shares[part], lengths[part]) for part in parts)
+        ladders = tuple(LadderNoise.several(white, t_s, several, ladder_lengths(t_s)))
+        none = np.zeros(1)
+        plain = np.array([float(np.log(white).sum())])
+        return cls(
+            np.sqrt(white),
+            levels,
+            ladders,
+            np.concatenate([none, shares, np.zeros(several.size)]),
+            np.concatenate([none + 1, lengths, np.ones(several.size)]),
+            np.concatenate([none, np.zeros(shares.size), several]),
+            np.concatenate([plain, *(a.log_determinant for a in levels), *(b.log_determinant for b in ladders)]),
+        )
+
+    def white(self, rows: Array) -> Array:
+        """(S, m, n) rows (m, n) under each."""
+        result = np.empty((self.share.size, *rows.shape))
+        result[0] = rows / self.sigma
+        at = 1
+        for made in self.levels:
+            own = made.white(rows)
+            result[at : at + len(own)] = own
+            at += len(own)
+        result[at:] = white_by_ladders(self.ladders, rows)
+        return result
+
+
+class _Products:
+    """Inner products of one channel under every setting; `scale` is the mean variance of its white noise."""
+
+    def __init__(self, channel: int, filters: _Filters, scale: float, n: int) -> None:
+        self.channel, self.filters, self.scale, self.n = channel, filters, scale, n
+        self._white: dict[Hashable, Array] = {}
+        self._blocks: dict[tuple[Hashable, Hashable], Array] = {}
+
+    def settings(self, parts: Sequence[_Columns]) -> _Settings:
+        """Of all parts, in their order, the residual last."""
+        ends = np.cumsum([0, *(len(part.turn) for part in parts)])
+        filters = self.filters
+        inner = np.zeros((filters.share.size, int(ends[-1]), int(ends[-1])))
+        acting = [np.flatnonzero(np.any(part.raw[:, self.channel] != 0, axis=1)) for part in parts]
+        for i, one in enumerate(parts):
+            for j, other in enumerate(parts[i:], i):
+                if not acting[i].size or not acting[j].size:
+                    continue
+                turned = one.turn[:, acting[i]] @ self._block(one, other, acting[i], acting[j])
+                block = turned @ other.turn[:, acting[j]].T
+                inner[:, ends[i] : ends[i + 1], ends[j] : ends[j + 1]] = block
+                if j > i:
+                    inner[:, ends[j] : ends[j + 1], ends[i] : ends[i + 1]] = block.transpose(0, 2, 1)
+        inner /= self.scale
+        logs = filters.log_determinant + self.n * float(np.log(self.scale))
+        cost = np.where(np.arange(logs.size) > 0, LAW_NOISE.cost, 0.0)
+        return _Settings(inner, logs, filters.share, filters.length, filters.ladder, cost)
+
+    def _block(self, one: _Columns, other: _Columns, mine: NDArray[np.intp], its: NDArray[np.intp]) -> Array:
+        """(S, m, k) inner products of the columns of two parts that act on the channel."""
+        key = one.key, other.key
+        if key not in self._blocks:
+            if key[::-1] in self._blocks:
+                return self._blocks[key[::-1]].transpose(0, 2, 1)
+            left = self._whitened(one, mine)
+            right = left if one.key == other.key else self._whitened(other, its)
+            self._blocks[key] = left @ right.transpose(0, 2, 1)
+        return self._blocks[key]
+
+    def _whitened(self, part: _Columns, acting: NDArray[np.intp]) -> Array:
+        if part.key not in self._white:
+            made = self.filters.white(part.raw[acting, self.channel])
+            while self._white and made.size + sum(own.size for own in self._white.values()) > LAW_NOISE.kept:
+                # what is free comes back with every fit
+                oldest = next((key for key in self._white if key != FREE), FREE)
+                del self._white[oldest]
+            self._white[part.key] = made
+        return self._white[part.key]
+
+
+def _products_of(problem: LawProblem) -> list[_Products]:
+    """One for each channel; channels whose floors are in proportion share their filters."""
+    made: list[tuple[Array, _Filters]] = []
+    found = []
+    for c in range(problem.count):
+        variance = problem.floor[c] ** 2
+        mean = float(variance.mean())
+        white = variance / mean
+        own = next((filters for known, filters in made if np.allclose(known, white, rtol=1e-9, atol=0.0)), None)
+        if own is None:
+            own = _Filters.of(white, problem.t_s)
+            made.append((white, own))
+        found.append(_Products(c, own, mean, problem.n))
+    return found
+
+
+def _with_memory(problem: LawProblem, settings: list[_Settings], prior: Array) -> tuple[LawNoise, float]:
+    """White noise and levels, channel by channel; of each setting the factor that fits what it leaves."""
+    n, count = problem.n, problem.count
+    chosen, factor = [0] * count, np.ones(count)
+
+    def of(c: int) -> tuple[Array, float]:
+        own = settings[c]
+        return own.inner[chosen[c]] / factor[c] ** 2, float(own.log_determinant[chosen[c]]) + 2 * n * np.log(factor[c])
+
+    best = -np.inf
+    looked: list[tuple[float, ...]] = [()] * count
+    for _ in range(LAW_NOISE.turns):
+        for c, own in enumerate(settings):
+            # beside the same as before the same is best
+            state = (*map(float, chosen), *factor.tolist())
+            if looked[c] == state:
+                continue
+            looked[c] = state
+            parts = [of(d) for d in range(count)]
+            fitted = np.append(-_mean(sum((inner for inner, _ in parts), np.zeros_like(own.inner[0])), prior), 1.0)
+            rest = sum((inner for d, (inner, _) in enumerate(parts) if d != c), np.zeros_like(own.inner[0]))
+            logs = sum(log for d, (_, log) in enumerate(parts) if d != c)
+            left = np.einsum("i,sij,j->s", fitted, own.inner, fitted) / n
+            sizes = np.maximum(np.sqrt(np.maximum(left, 0.0))[:, None] * np.array(LAW_NOISE.factors), 1.0)
+            total = own.log_determinant[:, None] + 2 * n * np.log(sizes) + logs
+            # few at a time: the matrices stay in the processor's cache
+            step = max(1, LAW_NOISE.matrices // rest.size)
+            found = np.concatenate(
+                [
+                    evidence(
+                        (own.inner[i : i + step, None] / sizes[i : i + step, :, None, None] ** 2 + rest).reshape(
+                            -1, *rest.shape
+                        ),
+                        prior,
+                        total[i : i + step].reshape(-1),
+                    )
+                    for i in range(0, len(sizes), step)
+                ]
+            )
+            found -= np.repeat(own.cost, sizes.shape[1])
+            where = int(np.argmax(found))
+            chosen[c], factor[c] = where // sizes.shape[1], sizes.reshape(-1)[where]
+            best = float(found[where]) - float(sum(settings[d].cost[chosen[d]] for d in range(count) if d != c))
+    chosen_settings = list(zip(settings, chosen, strict=True))
+    noise = replace(
+        LawNoise.floor_alone(problem),
+        factor=factor,
+        share=np.array([s.share[i] for s, i in chosen_settings]),
+        length=np.array([s.length[i] for s, i in chosen_settings]),
+        ladder=np.array([s.ladder[i] for s, i in chosen_settings]),
+    )
+    return noise, best
+
+
+def _mean(inner: Array, prior: Array) -> Array:
+    """(K,) the coefficients' means from inner products (K + 1, K + 1)."""
+    k = prior.size
+    whole = inner[:k, :k] + np.diag(prior)
+    size = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    unit = whole / size[:, None] / size[None] + 1e-12 * np.eye(k)
+    return np.asarray(np.linalg.solve(unit, inner[:k, k] / size) / size)
+
+
+def _with_jitter(problem: LawProblem, both: Array, prior: Array) -> tuple[LawNoise, float]:
+    """White noise and errors of the set angles, which mix the channels."""
+    assert problem.jitter is not None
+    kinds = len(problem.jitter)
+    # one unit of an angle's error is as large as the floor
+    unit = [float(np.sqrt(np.mean(problem.floor**2) / max(float(np.mean(way**2)), 1e-30))) for way in problem.jitter]
+    noise = LawNoise.floor_alone(problem)
+
+    known: dict[tuple[float, ...], float] = {}
+
+    def of(one: LawNoise) -> float:
+        key = (*one.factor.tolist(), *one.jitter.tolist())
+        if key not in known:
+            made = Whitener(problem, one)
+            turned = made.white(both).reshape(len(both), -1)
+            own = evidence((turned @ turned.T)[None], prior, np.array([made.log_determinant]))
+            known[key] = float(own[0]) - LAW_NOISE.cost * int(np.count_nonzero(one.jitter))
+        return known[key]
+
+    best = -np.inf
+    for _ in range(LAW_NOISE.turns):
+        for k in range(kinds):
+            tries = [replace(noise, jitter=_put(noise.jitter, k, s * unit[k])) for s in (0.0, *LAW_NOISE.jitters)]
+            tries += [replace(noise, jitter=np.array(unit) * s) for s in LAW_NOISE.jitters if k == 0]
+            found = [of(one) for one in tries]
+            noise, best = tries[int(np.argmax(found))], max(found)
+        for c in range(problem.count):
+            tries = [replace(noise, factor=_put(noise.factor, c, f)) for f in LAW_NOISE.white]
+            found = [of(one) for one in tries]
+            noise, best = tries[int(np.argmax(found))], max(found)
+    return noise, best
+
+
+def _put(values: Array, index: int, value: float) -> Array:
+    result = values.copy()
+    result[index] = value
+    return result
