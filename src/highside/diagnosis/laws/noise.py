@@ -14,7 +14,7 @@ import numpy as np
 
 from highside.arrays import Array
 from highside.diagnosis.core.markov import LevelNoise
-from highside.diagnosis.laws.policy import LAW_NOISE
+from highside.diagnosis.laws.policy import LAW_EVIDENCE, LAW_NOISE
 from highside.diagnosis.laws.problem import LawProblem
 
 
@@ -215,8 +215,12 @@ def evidence(inner: Array, prior: Array, log_determinant: Array) -> Array:
     whole = inner[:, :k, :k] + np.diag(prior)
     right = inner[:, :k, k]
     size = np.sqrt(np.maximum(np.diagonal(whole, axis1=1, axis2=2), 1e-300))
-    unit = whole / size[:, :, None] / size[:, None, :] + 1e-12 * np.eye(k)
-    diagonal, half = cholesky_and_half(unit, right / size)
+    unit = whole / size[:, :, None] / size[:, None, :]
+    try:
+        diagonal, half = cholesky_and_half(unit + 1e-12 * np.eye(k), right / size)
+    except np.linalg.LinAlgError:
+        # columns that are nearly alike, by the rounding of inner products
+        diagonal, half = cholesky_and_half(unit + np.sqrt(LAW_EVIDENCE.ridge) * np.eye(k), right / size)
     logs = 2 * np.log(diagonal).sum(axis=1) + 2 * np.log(size).sum(axis=1)
     known = np.log(prior[prior > 0]).sum()
     left = inner[:, k, k] - np.sum(half**2, axis=1)
