@@ -63,7 +63,13 @@ class NoiseLearner:
         count = sum(len(part.turn) for part in parts)
         prior = np.concatenate([np.zeros(len(free)), np.ones(count - len(free))])
         parts.append(_Columns(("residual", id(residual)), residual[None], np.eye(1)))
-        noise, best = _with_memory(self.problem, [own.settings(parts) for own in self._channels], prior)
+        try:
+            noise, best = _with_memory(self.problem, [own.settings(parts) for own in self._channels], prior)
+        except np.linalg.LinAlgError:
+            # combinations in which large columns cancel are whitened themselves
+            turned = np.concatenate([np.tensordot(part.turn, part.raw, 1) for part in parts])
+            whole = [_Columns(object(), turned, np.eye(len(turned)))]
+            noise, best = _with_memory(self.problem, [own.settings(whole) for own in self._channels], prior)
         if self.problem.jitter is not None:
             both = np.concatenate([np.tensordot(part.turn, part.raw, 1) for part in parts])
             other, gained = _with_jitter(self.problem, both, prior)
