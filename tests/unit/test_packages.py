@@ -125,6 +125,13 @@ def test_classifiers_are_known_and_agree_with_what_is_required() -> None:
     assert f"Programming Language :: Python :: {oldest}" in project["classifiers"]
 
 
+def test_the_sources_carry_every_example_that_the_wheel_takes_from_them() -> None:
+    targets = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]
+    examples = {name for name in targets["wheel"]["force-include"] if name.startswith("config/")}
+    assert examples == {name for name in targets["sdist"]["only-include"] if name.startswith("config/")}
+    assert examples == {f"config/{path.name}" for path in (ROOT / "config").iterdir() if path.is_file()}
+
+
 def test_an_address_that_is_none_is_refused(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", tmp_path]
     done = subprocess.run(
