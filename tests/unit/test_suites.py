@@ -79,7 +79,7 @@ def test_every_test_file_is_in_one_piece_and_those_that_judge_a_pace_run_alone(
         name = path.relative_to(project_root).as_posix()
         if not name.startswith("tests/guest_suite/"):  # run by tests/guest, inside
             assert sum(name == place or name.startswith(f"{place}/") for place in places) == 1, name
-    with_timing = {arguments for arguments in given if "integration" in arguments or "faults" in arguments}
+    with_timing = {arguments for arguments in given if "tests/integration/" in arguments or "tests/faults" in arguments}
     assert all(arguments.endswith("-m not timing") for arguments in with_timing)
 
 
