@@ -123,10 +123,11 @@ def _field(problem: SimulationProblem, c: int, place: str) -> Array:
 
 
 def _free(problem: SimulationProblem, c: int, claims: tuple[Claim, ...]) -> Array:
-    """(P, n) columns on a channel of what is free and of the names; a constant is always free.
+    """(P, n) columns on a channel of what is free and of the names.
 
-    Beside a name, what of a factor and of a delay follows nothing is free as well, with the next order of the delay:
-    what the linearised column of a long lag leaves would be a law of any covariate.
+    What of an offset, a factor and a delay follows nothing is always free: a constant is a name's to claim, and the
+    mean of a law that follows something would be a second law. Beside a name the next order of the delay is free as
+    well: what the linearised column of a long lag leaves would be a law of any covariate.
     """
     numbers = [int(k) for k in problem.design.base]
     claimed = {claim.effect for claim in claims}
@@ -135,11 +136,12 @@ def _free(problem: SimulationProblem, c: int, claims: tuple[Claim, ...]) -> Arra
             numbers += [int(k) for variant in candidate.variants for k in variant.columns if variant.whole and k >= 0]
         numbers += [int(k) for k in problem.design.tangents.get(candidate.id, ()) if candidate.id in claimed and k >= 0]
     rows = [problem.design.column(k)[c] for k in dict.fromkeys(numbers)]
+    session = problem.session
+    rows += [session.predicted[c], session.slope[c]]
     if claims:
-        session = problem.session
         curved = np.gradient(session.slope[c], session.state.t_s)
-        rows += [session.predicted[c], session.slope[c], np.where(np.isfinite(curved), curved, 0.0)]
-    return np.stack([row for row in (np.ones(problem.session.n), *rows) if np.any(row)])
+        rows.append(np.where(np.isfinite(curved), curved, 0.0))
+    return np.stack([row for row in (np.ones(session.n), *rows) if np.any(row)])
 
 
 def _covariates(problem: SimulationProblem) -> dict[str, Array]:
