@@ -184,7 +184,7 @@ def test_every_command_finds_the_codec_of_the_recipe(tmp_path: Path, rig_sensors
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "codec.axis: is not a known field; did you mean 'axes'?" in done.stderr
     schema = json.loads(highside("schema", "--config", path=rig_sensors).stdout)
-    assert "witmotion" in schema["properties"]["codec"]["discriminator"]["mapping"]
+    assert "witmotion" in schema["$defs"]["Settings"]["properties"]["codec"]["discriminator"]["mapping"]
     # without the package installed the name means nothing
     done = highside("decode", config, "--codec", "witmotion", "-o", tmp_path / "x.csv", path=tmp_path)
     assert (done.returncode, done.stderr) == (

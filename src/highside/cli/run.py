@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from highside.config.settings import Settings
 
 ConfigOption = Annotated[Path, typer.Option("--config", help="TOML file; see config/ for examples.")]
+ToolOption = Annotated[
+    str | None, typer.Option("--tool", metavar="ID", help="Of a file with [[tools]]: which of them; all if left out.")
+]
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", help="Override one field: key.path=value. May be repeated.")
 ]
@@ -210,10 +213,10 @@ def schema(
         return
     if config:
         from highside.codec.registry import faults
-        from highside.config.settings import Settings
+        from highside.config.tools_schema import config_schema
 
         report_omitted("codec", faults())
-        echo_json(json.dumps(Settings.model_json_schema(), indent=2))
+        echo_json(json.dumps(config_schema(), indent=2))
         return
     from highside.service.messages import schemas
 

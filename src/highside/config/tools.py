@@ -26,11 +26,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from highside.config.settings import Settings, anchor_paths, parse_overrides, validate
+from highside.config.settings import Settings, anchor_paths, load, parse_overrides, validate
 from highside.errors import InputError
 from highside.reading import read_toml
 
-__all__ = ["has_tools", "load_tool", "load_tools", "tool_ids"]
+__all__ = ["chosen_tools", "has_tools", "load_tool", "load_tools", "one_tool", "tool_ids"]
 
 ENTRIES = "tools"
 MOST = 1000
@@ -66,6 +66,25 @@ def load_tools(path: Path, overrides: Sequence[str] | None = None) -> tuple[Sett
     found = tuple(_settings(common, key, entry, path, overrides) for key, entry in _entries(tables, path).items())
     _no_place_twice(found, path)
     return found
+
+
+def chosen_tools(path: Path, overrides: Sequence[str] | None, tool_id: str | None) -> tuple[Settings, ...]:
+    """The tools of a file of one tool or of several: `tool_id` alone, or all where it is None. Raises InputError."""
+    every = load_tools(path, overrides) if has_tools(path) else (load(path, [*(overrides or ())]),)
+    found = tuple(one for one in every if tool_id in (None, one.tool.id))
+    if not found:
+        names = ", ".join(one.tool.id for one in every)
+        raise InputError(f"{tool_id!r} is not in {path}", field="--tool", remedy=f"one of {names}")
+    return found
+
+
+def one_tool(path: Path, overrides: Sequence[str] | None, tool_id: str | None) -> Settings:
+    """As `chosen_tools`, for what goes with one tool: of several it must be said which. Raises InputError."""
+    found = chosen_tools(path, overrides, tool_id)
+    if len(found) > 1:
+        names = ", ".join(one.tool.id for one in found)
+        raise InputError(f"holds {len(found)} tools", where=str(path), field="--tool", remedy=f"say which: {names}")
+    return found[0]
 
 
 def _entries(tables: Mapping[str, Any], path: Path) -> dict[str, dict[str, Any]]:

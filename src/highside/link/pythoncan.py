@@ -11,6 +11,7 @@ import asyncio
 import contextlib
 import threading
 import time
+from contextvars import copy_context
 from typing import TYPE_CHECKING
 
 from pydantic import Field
@@ -66,7 +67,10 @@ class PythonCanTransport:
             raise LinkError(LinkReason.IO_ERROR, "closed while being opened")
         self._handover = Handover(loop, self._taken, capacity=64)
         self._thread = threading.Thread(
-            target=self._read_in_thread, args=(self._bus, self._handover), name=f"read {self._name}", daemon=True
+            target=copy_context().run,
+            args=(self._read_in_thread, self._bus, self._handover),
+            name=f"read {self._name}",
+            daemon=True,
         )
         self._thread.start()
 

@@ -16,6 +16,7 @@ import errno
 import os
 import threading
 import time
+from contextvars import copy_context
 from pathlib import Path
 from typing import Any, Literal
 
@@ -118,8 +119,8 @@ class SerialTransport:
         else:
             self._handover = Handover(loop, self._taken, capacity=64)
             self._thread = threading.Thread(
-                target=self._read_in_thread,
-                args=(self._port, self._handover),
+                target=copy_context().run,
+                args=(self._read_in_thread, self._port, self._handover),
                 name=f"read {self._settings.port}",
                 daemon=True,
             )

@@ -37,6 +37,7 @@ import sqlite3
 import threading
 import time
 from collections import deque
+from contextvars import copy_context
 from pathlib import Path
 
 from highside.errors import InputError
@@ -103,7 +104,7 @@ class Outbox(OutboxMemory):
         `wait=False` returns when the sequence numbers are known: a file with a million messages takes seconds to be
         counted, and what is measured meanwhile waits in memory.
         """
-        self._thread = threading.Thread(target=self._run, name="outbox", daemon=True)
+        self._thread = threading.Thread(target=copy_context().run, args=(self._run,), name="outbox", daemon=True)
         self._thread.start()
         (self._ready if wait else self._numbered).wait()
         if self._fatal is not None:

@@ -27,6 +27,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Mapping
+from contextvars import copy_context
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -103,7 +104,7 @@ class Recorder:
         if self._thread is not None:
             raise RuntimeError("the recorder has been started already")
         self.stats.state = RecorderState.IDLE if self._settings.enabled else RecorderState.OFF
-        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread = threading.Thread(target=copy_context().run, args=(self._run,), name="recorder", daemon=True)
         self._thread.start()
 
     def on_batch(self, batch: Batch) -> None:

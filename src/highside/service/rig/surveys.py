@@ -19,6 +19,7 @@ import os
 import threading
 from collections import deque
 from collections.abc import Iterable
+from contextvars import copy_context
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -251,7 +252,7 @@ class SurveyLog:
         with contextlib.suppress(OSError):
             if self.path.stat().st_size > self._max_bytes:
                 self.path.replace(self.path.with_name("surveys.1.jsonl"))
-        self._thread = threading.Thread(target=self._write_all, name="surveys", daemon=True)
+        self._thread = threading.Thread(target=copy_context().run, args=(self._write_all,), name="surveys", daemon=True)
         self._thread.start()
 
     def keep(self, survey: dict[str, Any]) -> None:
