@@ -42,6 +42,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from highside.api import (
+        AnalysedSurveys,
         Calibration,
         Certificate,
         ComparedRotation,
@@ -68,6 +69,7 @@ if TYPE_CHECKING:
         TurntableFit,
         WatchedRecording,
         allow_bytes,
+        analyse_surveys,
         calibrate,
         certify,
         compare_rotation,
@@ -90,6 +92,7 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
+    "AnalysedSurveys",
     "Calibration",
     "Certificate",
     "ComparedRotation",
@@ -117,6 +120,7 @@ __all__ = [
     "WatchedRecording",
     "__version__",
     "allow_bytes",
+    "analyse_surveys",
     "calibrate",
     "certify",
     "compare_rotation",

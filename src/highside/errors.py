@@ -53,8 +53,8 @@ AREAS: dict[str, Area] = {
         "Record what the message names, or give another `[reference] kind`.",
     ),
     "watch": Area(
-        "A calibration record cannot be watched: it corrects by zones of inclination alone.",
-        "Solve the same poses with `--method joint` and watch with that record.",
+        "A calibration record cannot be watched (it corrects by zones of inclination alone), or no survey tells of it.",
+        "Solve the same poses with `--method joint` and watch with that record; give surveys made under it.",
     ),
     "fleet": Area(
         "A catalogue of many tools, or the place for its results, cannot be used.", "Correct the line that is named."

@@ -23,6 +23,7 @@ from typing import Any
 import seeds
 from mutate import Document, damaged, damaged_gzip
 
+from highside.api.surveys import analyse_surveys
 from highside.bench.mqtt import FAILED, SessionMqtt
 from highside.bench.session.commands import Origin
 from highside.bench.session.driver import SessionDriver
@@ -201,6 +202,10 @@ class Bench:
         trend_of(log.recent(), "c1").as_dict()
         return log.damaged_lines == 0
 
+    def surveys_analysed(self, data: bytes) -> bool:
+        analyse_surveys(self.put(data, "kept.jsonl")).to_dict()
+        return True
+
     def starts(self, data: bytes) -> bool:
         """A damaged file tells nothing, and is replaced."""
         self.put(data, "starts.json")
@@ -335,6 +340,7 @@ CALIBRATION = ("calibration", "recording/calibration_store", "attitude")
 TABLES = ("recording/table", "reading/table", "reading/columnar", "reading/arrays")
 ROTATION = ("rotation",)
 RIG = ("service/rig/surveys", "service/rig/toolface")
+SURVEYS = ("recording/kept_surveys", "reading/messages", "api/surveys", "watch")
 KEYS = ("recording/keys", "calibration/signature")
 IMPORT = ("importing", "reading/table")
 SESSION = ("bench/mqtt", "bench/session", "reading/messages")
@@ -383,6 +389,7 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
             "toolface log", of(seeds.toolface_log()), bench.toolface, (seeds.toolface_log(),), ("service/rig/toolface",)
         ),
         Parser("surveys", of(seeds.surveys()), bench.surveys, (seeds.surveys(),), RIG),
+        Parser("surveys, analysed", of(seeds.surveys()), bench.surveys_analysed, (seeds.surveys(),), SURVEYS),
         Parser("starts of the service", of(seeds.starts()), bench.starts, (seeds.starts(),), ("service/starts",)),
         Parser("known time", of(seeds.known_time()), bench.known_time, (seeds.known_time(),), ("service/known_time",)),
         Parser("trusted keys", of(seeds.trusted_keys()), bench.trusted_keys, (seeds.trusted_keys(),), KEYS),

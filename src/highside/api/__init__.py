@@ -7,7 +7,8 @@
     learning      `confirm` (a law on another session), `new_effect` (a law as an effect of one's own)
     drift         `drift`: attitude and azimuth by gyros and gravity
     rotation      `fit_rotation`, `compensate`, `compare_rotation`: errors that repeat with the rotor angle
-    watch         `watch_recording`: whether a calibration still holds, from a recording of the hole alone
+    watch         `watch_recording`: whether a calibration still holds, from a recording of the hole alone;
+                  `analyse_surveys`: the same from the surveys that a tool kept
     turntable     `fit_turntable`, `fit_self`: a bench's own encoder and axis
 
 The commands are thin callers of these: what a command does beside is to read options, print and set the exit status. An
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
         fit_rotation,
     )
     from highside.api.simulation import Simulation, predict, simulate
+    from highside.api.surveys import AnalysedSurveys, analyse_surveys
     from highside.api.turntable import SelfFit, TurntableFit, fit_self, fit_turntable
     from highside.api.watch import WatchedRecording, watch_recording
     from highside.config.model import Model
@@ -54,6 +56,7 @@ if TYPE_CHECKING:
     from highside.shown.plot import Plot
 
 __all__ = [
+    "AnalysedSurveys",
     "Calibration",
     "Certificate",
     "ComparedRotation",
@@ -80,6 +83,7 @@ __all__ = [
     "TurntableFit",
     "WatchedRecording",
     "allow_bytes",
+    "analyse_surveys",
     "calibrate",
     "certify",
     "compare_rotation",
@@ -102,6 +106,7 @@ __all__ = [
 ]
 
 _HOMES = {
+    "AnalysedSurveys": "highside.api.surveys",
     "Calibration": "highside.api.calibration",
     "Certificate": "highside.api.certificate",
     "ComparedRotation": "highside.api.rotation",
@@ -128,6 +133,7 @@ _HOMES = {
     "TurntableFit": "highside.api.turntable",
     "WatchedRecording": "highside.api.watch",
     "allow_bytes": "highside.reading.files",
+    "analyse_surveys": "highside.api.surveys",
     "calibrate": "highside.api.calibration",
     "certify": "highside.api.certificate",
     "compare_rotation": "highside.api.rotation",

@@ -45,6 +45,7 @@ COMMANDS = {
     "init": "init.init",
     "import": "importing.import_file",
     "keys": "keys.app",
+    "surveys": "surveys.app",
     "toolface": "toolface.app",
     "watch": "watch.watch",
     "check": "run.check",

@@ -54,6 +54,7 @@ EXAMPLES: dict[str, str] = {
     "keys show": "lab.key.pub",
     "keys sign": "cal.json --key lab.key",
     "keys verify": "cal.json --trusted lab.key.pub",
+    "surveys analyse": "surveys.jsonl --calibration cal.json --out surveys",
     "toolface set": '12.5 --author "A. Driller" --config highside.toml',
     "toolface show": "--config highside.toml",
     "watch": "run.csv.gz --calibration cal.json --out watch",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from highside.report.document import Page
@@ -58,8 +58,26 @@ def error_words(error: AttitudeError | None) -> str:
 def page_of(found: WatchResult, source: str, notes: Sequence[str] = ()) -> str:
     """The page as HTML; without figures where matplotlib is not installed."""
     page = Page("Watch: does the calibration hold?")
+    add_found(page, found, ("Recording", source))
+    if notes:
+        page.heading("Notes")
+        page.bullets(list(notes))
+    return page.html()
+
+
+def add_found(
+    page: Page,
+    found: WatchResult,
+    source: tuple[str, str],
+    *,
+    more: Sequence[tuple[str, str]] = (),
+    first: Callable[[], Figure] | None = None,
+    caption: str = "",
+) -> None:
+    """Verdict, claims, advice, parameters over time and what has not been seen, on any page. `source`: what was looked
+    at, by kind and name; `more` facts beside; `first`: draws a figure that comes before, with its `caption`."""
     page.badge(found.verdict, BADGES[found.verdict], HEADLINES[found.verdict])
-    page.facts(_facts(found, source))
+    page.facts([source, *more, *_facts(found)])
     if found.claims:
         page.heading("What departs")
         page.bullets([claim_words(claim) for claim in found.claims])
@@ -70,6 +88,8 @@ def page_of(found: WatchResult, source: str, notes: Sequence[str] = ()) -> str:
         page.paragraph("Nothing was measured: the tool neither lay still nor turned long enough.", look="soft")
     elif can_plot():
         with plotting():
+            if first is not None:
+                page.figure(first(), caption)
             page.figure(
                 _figure(found),
                 "Deviation from the calibration in force, with bands of two standard deviations; the last panel is the"
@@ -89,17 +109,12 @@ def page_of(found: WatchResult, source: str, notes: Sequence[str] = ()) -> str:
     if found.not_observable:
         page.heading("Not observable so far")
         page.bullets([f"{one.parameter}: {one.why}" for one in found.not_observable])
-    if notes:
-        page.heading("Notes")
-        page.bullets(list(notes))
-    return page.html()
 
 
-def _facts(found: WatchResult, source: str) -> list[tuple[str, str]]:
+def _facts(found: WatchResult) -> list[tuple[str, str]]:
     counts = found.counts
     left = ", ".join(f"{count} x {reason}" for reason, count in counts.left_out.items())
     rows = [
-        ("Recording", source),
         ("Calibration", found.cal_id),
         ("Watched", f"{found.duration_s / 3600.0:.2f} h: {counts.stills} rests, {counts.turns} windows of rotation"),
         ("Not used", left),

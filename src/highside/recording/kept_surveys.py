@@ -1,0 +1,105 @@
+"""The surveys that a tool kept: `surveys.jsonl` of its state directory, one line of JSON each.
+
+A survey keeps inclination, toolface and Gtotal of the corrected mean at rest, not its three components; together they
+are that mean. A line that a loss of power tore stays in the file and is counted, not read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from highside.arrays import Array
+from highside.errors import InputError
+from highside.reading import parse_message, read_bytes
+
+__all__ = ["AT_REST", "KeptSurvey", "KeptSurveys", "read_surveys"]
+
+AT_REST = frozenset({"g_total_low", "g_total_high", "uncertain"})
+"""reasons of a refusal that leave a mean at rest with a correction in force: such a survey tells of the calibration"""
+LONGEST_LINE = 64 * 1024
+"""bytes; a survey has about one thousand"""
+
+Angle = Annotated[float, Field(ge=0, le=360)]
+
+
+class KeptSurvey(BaseModel):
+    """One line. Angles in deg, `t` in UTC epoch seconds; members that are not named here are left unread."""
+
+    model_config = ConfigDict(strict=True, frozen=True, extra="ignore")
+
+    t: Annotated[float, Field(ge=0, le=1e11)]
+    seq: int | None = None
+    inc_deg: Annotated[float, Field(ge=0, le=180)] | None
+    inc_std_deg: Annotated[float, Field(ge=0)] | None = None
+    tf_deg: Angle | None = None
+    tf_std_deg: Annotated[float, Field(ge=0)] | None = None
+    azi_deg: Angle | None = None
+    azi_std_deg: Annotated[float, Field(ge=0)] | None = None
+    g_total: Annotated[float, Field(ge=0, le=100)] | None
+    g_error_mg: float | None = None
+    g_error_std_mg: Annotated[float, Field(ge=0)] | None = None
+    g_std: Annotated[float, Field(ge=0)] | None = None
+    g_noise_mg: Annotated[float, Field(ge=0)] | None = None
+    """standard deviation of Gtotal by the readings' own noise"""
+    n: Annotated[int, Field(ge=0)] | None = None
+    temp_c: float | None = None
+    md_m: Annotated[float, Field(ge=0, le=20_000)] | None = None
+    """measured depth, where whoever kept the survey knew it"""
+    tvd_m: Annotated[float, Field(ge=-10_000, le=20_000)] | None = None
+    cal_id: str
+    accepted: bool
+    reasons: list[str] = []
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether it is the mean of a tool at rest under a calibration, accepted or not."""
+        return self.inc_deg is not None and self.g_total is not None and set(self.reasons) <= AT_REST
+
+    def mean_g(self) -> Array:
+        """(3,) the corrected mean at rest, in units of the calibration. Where toolface is not defined (a vertical
+        hole) what is across the axis is put on x."""
+        assert self.inc_deg is not None and self.g_total is not None
+        inc, tf = np.radians(self.inc_deg), np.radians(self.tf_deg or 0.0)
+        s = np.sin(inc)
+        return self.g_total * np.array([s * np.cos(tf), s * np.sin(tf), np.cos(inc)])
+
+
+@dataclass(frozen=True, slots=True)
+class KeptSurveys:
+    """The surveys of a file in the order of time. `damaged_lines`: lines that are no survey; `repeated`: lines of a
+    survey that is there already (the same time and number)."""
+
+    surveys: tuple[KeptSurvey, ...]
+    source: str
+    damaged_lines: int = 0
+    repeated: int = 0
+
+
+def read_surveys(path: Path) -> KeptSurveys:
+    """Every survey of a file. Raises InputError for a file that holds none."""
+    found: dict[tuple[float, int | None], KeptSurvey] = {}
+    damaged = repeated = 0
+    why: InputError | None = None
+    for line in read_bytes(path).split(b"\n"):
+        if not line.strip():
+            continue
+        try:
+            survey = parse_message(KeptSurvey, line, max_bytes=LONGEST_LINE)
+        except InputError as error:
+            damaged += 1
+            why = why or error
+            continue
+        key = (survey.t, survey.seq)
+        repeated += key in found
+        found.setdefault(key, survey)
+    if not found:
+        first = "it is empty" if why is None else f"first line: {why}"
+        raise InputError(
+            f"holds no survey ({first})", where=str(path), remedy="give surveys.jsonl of a tool's state directory"
+        )
+    return KeptSurveys(tuple(sorted(found.values(), key=lambda one: one.t)), str(path), damaged, repeated)
