@@ -102,16 +102,16 @@ def layers() -> list[list[str]]:
     """The contract's layers, highest first; those of one line may not use each other."""
     project = tomllib.loads((HERE.parent / "pyproject.toml").read_text())
     contracts = project["tool"]["importlinter"]["contracts"]
-    told = next(contract["layers"] for contract in contracts if "containers" not in contract)
-    return [[name.strip().removeprefix("highside.") for name in re.split("[:|]", line)] for line in told]
+    reported = next(contract["layers"] for contract in contracts if "containers" not in contract)
+    return [[name.strip().removeprefix("highside.") for name in re.split("[:|]", line)] for line in reported]
 
 
 def pure() -> set[str]:
     """Packages that know no link, no service and no event loop, by the contract."""
     project = tomllib.loads((HERE.parent / "pyproject.toml").read_text())
     contracts = project["tool"]["importlinter"]["contracts"]
-    told = next(contract["source_modules"] for contract in contracts if contract["type"] == "forbidden")
-    return {name.removeprefix("highside.") for name in told}
+    reported = next(contract["source_modules"] for contract in contracts if contract["type"] == "forbidden")
+    return {name.removeprefix("highside.") for name in reported}
 
 
 def draw_layers() -> str:

@@ -53,7 +53,7 @@ def drawn_instrument(seed: int) -> tuple[ForwardModel, float]:
             name: float(rng.normal(0.0, 2e-3)) for name in ("m_xy", "m_xz", "m_yx", "m_yz", "m_zx", "m_zy")
         },
         "pose_error": {
-            "inc_ring": EXPLAINING.step_rad,
+            "inc_station": EXPLAINING.step_rad,
             "tf_station": EXPLAINING.step_rad,
             "inc_pose": 0.0,
             "tf_pose": 0.0,
@@ -98,8 +98,8 @@ def one(seed: int) -> tuple[Predictions, tuple[str, ...], tuple[str, ...]]:
     session = run_session(PaperPlan.of_the_paper(), model, noise_g, np.random.default_rng([seed, 2]))
     tables = tables_of(cells_of(session.errors_deg()))
     inc = np.array([row["inc_ref_deg"] for row in tables["table1"]])
-    told = np.array([[row[name] for name in COLUMNS] for row in tables["table1"]])
-    problem = prepare(inc, told, Procedure("conventional3"), ForwardModel.of({}), FREE, None, 1)
+    reported = np.array([[row[name] for name in COLUMNS] for row in tables["table1"]])
+    problem = prepare(inc, reported, Procedure("conventional3"), ForwardModel.of({}), FREE, None, 1)
     explained = explain(problem, lambda share, words: None)
     ensemble = run_ensemble(instruments(explained, DRAWS, 1).draws, 2)
     has = tuple(sorted(set(model.ids) - {"bias", "scale", "misalignment", "pose_error"}))

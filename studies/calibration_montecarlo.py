@@ -67,7 +67,7 @@ class Kind:
 _POSE = float(np.deg2rad(0.009) ** 2 / 3.0)
 _INDEPENDENT = Variances(_POSE, _POSE, 0.0, 0.0)
 _COMMON = Variances(1e-18, 1e-18, _POSE, _POSE)
-_COMMON_BENCH = {"pose_error_deg": 0.0, "ring_error_deg": 0.009, "station_error_deg": 0.009}
+_COMMON_BENCH = {"pose_error_deg": 0.0, "inc_station_error_deg": 0.009, "tf_station_error_deg": 0.009}
 _NONLINEAR = {"nonlinearity_g": 2e-3}
 _TERMS = ("quadratic", "cubic", "cross")
 
@@ -233,13 +233,13 @@ def _rivals(
 
 
 def _by_zone(result: CalibrationResult, reading: Array, inc: Array) -> Array:
-    """Each ring corrected by its own matrix; no value where there is none (90 deg)."""
+    """Each inclination corrected by its own matrix; no value where there is none (90 deg)."""
     out = np.full_like(reading, np.nan)
     for value in np.unique(inc):
         zone = result.zone_at(float(value))
         if zone is not None:
-            ring = inc == value
-            out[:, ring] = result.correct(reading[:, ring], zone=zone)
+            at = inc == value
+            out[:, at] = result.correct(reading[:, at], zone=zone)
     return out
 
 

@@ -83,12 +83,12 @@ def answered(job: Job) -> Answer:
             value = np.array([f.value for f in fitted])
             errors.append(float(np.linalg.norm((value - true)[seen]) / np.linalg.norm(true[seen])))
             held += [f.low <= t <= f.high for f, t, s in zip(fitted, true, seen, strict=True) if s]
-    told = "+".join(named) or "+".join(diagnosis.remainder.resembles) or "; ".join(diagnosis.remainder.hints)
+    reported = "+".join(named) or "+".join(diagnosis.remainder.resembles) or "; ".join(diagnosis.remainder.hints)
     return Answer(
         row=job.row,
         verdict=diagnosis.verdict,
         named=named,
-        words=f"{job.seed}{job.kind[0]} {diagnosis.verdict}:{told}",
+        words=f"{job.seed}{job.kind[0]} {diagnosis.verdict}:{reported}",
         alarm=diagnosis.verdict != "nothing_left_out",
         exact=bool(truth) and set(named) == truth,
         in_class=in_class,

@@ -41,7 +41,7 @@ class Scored:
     """share of the gap in which the truth lies within 1.96 stated standard deviations"""
 
 
-def told(theta: Floats, error: Floats, scenario: Scenario, one: Draw) -> tuple[Floats, Floats]:
+def informed(theta: Floats, error: Floats, scenario: Scenario, one: Draw) -> tuple[Floats, Floats]:
     """Posterior mean and covariance of the coefficients, with the scenario's own sizes as prior."""
     rows = fourier_rows(theta, 8)
     size = one.coefficients
@@ -54,7 +54,7 @@ def told(theta: Floats, error: Floats, scenario: Scenario, one: Draw) -> tuple[F
 
 def score(scenario: Scenario, rows: int, seeds: range, positions: Floats) -> dict[str, Scored]:
     """Every seed, channel and position of the gap."""
-    found = {name: Scored([], [], []) for name in ("auto", "told")}
+    found = {name: Scored([], [], []) for name in ("auto", "informed")}
     for seed in seeds:
         for channel in range(len(CHANNELS)):
             one = draw(scenario, seed, channel, rows=rows)
@@ -67,7 +67,7 @@ def score(scenario: Scenario, rows: int, seeds: range, positions: Floats) -> dic
                 assert curve.coverage.warning is not None
                 for name, (p, covariance) in (
                     ("auto", (curve.parameters, curve.covariance)),
-                    ("told", told(theta, error, scenario, one)),
+                    ("informed", informed(theta, error, scenario, one)),
                 ):
                     basis = fourier_rows(at, (p.size - 1) // 2)
                     off = np.abs(p @ basis - one.true_at(at))

@@ -3,8 +3,8 @@
 `reference_scenario(seed)` is the reference scenario of the calibration specification: a sensor with scale +-0.5 %,
 misalignment +-0.2 deg and bias +-2 mg, noise of 50 ug/sqrt(Hz), 10 s a calibration pose and 1 s a later reading, a
 bench of 0.018 deg steps (pose errors uniform +-0.009 deg) that is out of level by up to +-0.03 deg on two axes, and 44
-poses: the eleven inclinations of the published tables times four toolfaces. Benches whose errors are common to a ring
-or repeat by station, non-linear sensors, and sensors with a structure that no model has are options.
+poses: the eleven inclinations of the published tables times four toolfaces. Benches whose errors are common to an
+inclination or repeat by station, non-linear sensors, and sensors with a structure that no model has are options.
 """
 
 from __future__ import annotations
@@ -113,7 +113,8 @@ class Scenario:
     ) -> PoseData:
         """A session of other poses on the same bench with the same instrument.
 
-        Errors common to a ring or a station are common within the call: measure in one call what belongs together.
+        Errors common to an inclination or a station are common within the call: measure in one call what belongs
+        together.
         """
         return _measure(
             self.sensor,
@@ -172,21 +173,24 @@ def random_bench(
     *,
     tilt_deg: float = 0.03,
     pose_error_deg: float = 0.009,
-    ring_error_deg: float = 0.0,
-    station_error_deg: float = 0.0,
+    inc_station_error_deg: float = 0.0,
+    tf_station_error_deg: float = 0.0,
 ) -> ForwardModel:
     """A bench with a tilt uniform within +-`tilt_deg` on each axis and uniform pose errors of the given half-widths.
 
-    `ring_error_deg` is an inclination error common to a ring, `station_error_deg` a toolface error common to a station.
+    `inc_station_error_deg` is an inclination error common to an inclination, `tf_station_error_deg` a toolface error
+    common to a station.
     """
-    tilt, pose, ring, station = np.radians([tilt_deg, pose_error_deg, ring_error_deg, station_error_deg])
+    tilt, pose, inclination, station = np.radians(
+        [tilt_deg, pose_error_deg, inc_station_error_deg, tf_station_error_deg]
+    )
     return ForwardModel.of(
         {
             "base_tilt": {"tilt_x": float(rng.uniform(-tilt, tilt)), "tilt_y": float(rng.uniform(-tilt, tilt))},
             "pose_error": {
                 "inc_pose": float(pose),
                 "tf_pose": float(pose),
-                "inc_ring": float(ring),
+                "inc_station": float(inclination),
                 "tf_station": float(station),
             },
         }
@@ -211,8 +215,8 @@ def reference_scenario(
     reading_seconds: float = 1.0,
     tilt_deg: float = 0.03,
     pose_error_deg: float = 0.009,
-    ring_error_deg: float = 0.0,
-    station_error_deg: float = 0.0,
+    inc_station_error_deg: float = 0.0,
+    tf_station_error_deg: float = 0.0,
 ) -> Scenario:
     """One draw of the reference scenario; see the module's text. Sizes are half-widths of uniform distributions.
 
@@ -234,8 +238,8 @@ def reference_scenario(
         for_bench,
         tilt_deg=tilt_deg,
         pose_error_deg=pose_error_deg,
-        ring_error_deg=ring_error_deg,
-        station_error_deg=station_error_deg,
+        inc_station_error_deg=inc_station_error_deg,
+        tf_station_error_deg=tf_station_error_deg,
     )
     inc_ref, tf_ref = pose_grid(inclinations_deg, toolfaces_deg) if poses_rad is None else poses_rad
     sigma = std_of_average(density_g, reading_seconds)

@@ -65,21 +65,23 @@ class Kind:
     solve: Solver
     tilt_deg: float = 0.03 / math.sqrt(3.0)
     pose_deg: float = 0.009
-    ring_deg: float = 0.0
-    station_deg: float = 0.0
+    inc_station_deg: float = 0.0
+    tf_station_deg: float = 0.0
 
 
 KINDS = {
     "balance+conventional": Kind(balance_and_conventional),
     "balance+conventional, nominal tilt": Kind(balance_and_conventional, tilt_deg=0.05),
     "balance+conventional, level bench": Kind(balance_and_conventional, tilt_deg=0.002),
-    "balance+conventional, ring, station": Kind(
-        balance_and_conventional, pose_deg=0.0, ring_deg=0.009, station_deg=0.009
+    "balance+conventional, inclination, station": Kind(
+        balance_and_conventional, pose_deg=0.0, inc_station_deg=0.009, tf_station_deg=0.009
     ),
     "balance+joint": Kind(balance_and_joint),
-    "balance+joint, ring, station": Kind(balance_and_joint, pose_deg=0.0, ring_deg=0.009, station_deg=0.009),
+    "balance+joint, inclination, station": Kind(
+        balance_and_joint, pose_deg=0.0, inc_station_deg=0.009, tf_station_deg=0.009
+    ),
     "joint": Kind(joint_alone),
-    "joint, ring, station": Kind(joint_alone, pose_deg=0.0, ring_deg=0.009, station_deg=0.009),
+    "joint, inclination, station": Kind(joint_alone, pose_deg=0.0, inc_station_deg=0.009, tf_station_deg=0.009),
 }
 
 
@@ -97,8 +99,8 @@ def held(kind: Kind, seed: int, tilt: Array) -> tuple[Array, int]:
             "pose_error": {
                 "inc_pose": math.radians(kind.pose_deg),
                 "tf_pose": math.radians(kind.pose_deg),
-                "inc_ring": math.radians(kind.ring_deg),
-                "tf_station": math.radians(kind.station_deg),
+                "inc_station": math.radians(kind.inc_station_deg),
+                "tf_station": math.radians(kind.tf_station_deg),
             },
         }
     )

@@ -4,9 +4,9 @@
                                                                 WORD: only the plans whose names hold it)
 
 Sensors at random (scale within 0.5 %, misalignment 0.2 deg, offset 2 mg), benches at random (tilt 0.02 deg, settings
-0.0052 deg, half of the variance common to ring or station), everything through the session: stillness, recognition,
-capture, checks, solution. Errors and stated uncertainties are root mean squares over all attitudes of use; where the
-plan goes over temperature both are taken at each of its temperatures, and the worst of them counts.
+0.0052 deg, half of the variance common to inclination or station), everything through the session: stillness,
+recognition, capture, checks, solution. Errors and stated uncertainties are root mean squares over all attitudes of use;
+where the plan goes over temperature both are taken at each of its temperatures, and the worst of them counts.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ PLANS: dict[str, SessionPlan] = {
     "conventional 24": plans.conventional_plan(24, LIMITS),
     "joint 8": plans.joint_plan(8, LIMITS),
     "joint 16": plans.joint_plan(16, LIMITS),
-    "custom, 14 poses on two rings": plans.custom_plan(
+    "custom, 14 poses on two inclinations": plans.custom_plan(
         [(inc, tf) for inc in (5.0, 45.0) for tf in EIGHTHS[:-1]], "joint", LIMITS
     ),
-    "custom, 12 poses on three rings": plans.custom_plan(
+    "custom, 12 poses on three inclinations": plans.custom_plan(
         [(inc, tf) for inc in (5.0, 45.0, 90.0) for tf in EIGHTHS[1::2]], "joint", LIMITS
     ),
     "turntable, 16 stations at 20, 50, 90 deg": plans.turntable_plan((20.0, 50.0, 90.0), 16, LIMITS),
@@ -115,8 +115,8 @@ def main(seeds: int, word: str = "") -> None:
     if word in ("", "verdict"):
         for moved_g, what in ((0.0, "unchanged"), (10e-3, "offset moved by 10 mg (0.57 deg)")):
             found = [verdict(seed, moved_g) for seed in range(seeds)]
-            told = ", ".join(f"{found.count(name)} {name}" for name in ("pass", "undecided", "fail"))
-            print(f"verification at 0.3 deg, sensor {what}: {told}", flush=True)
+            reported = ", ".join(f"{found.count(name)} {name}" for name in ("pass", "undecided", "fail"))
+            print(f"verification at 0.3 deg, sensor {what}: {reported}", flush=True)
 
 
 if __name__ == "__main__":

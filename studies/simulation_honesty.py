@@ -162,7 +162,7 @@ def noise_of(kind: str, rng: np.random.Generator, clean: Array) -> Array:
     return np.asarray(drawn)
 
 
-def told(motion: Motion, added: Array, noise: str, seed: int, *, laws: bool = True) -> DiagnosisResult:
+def reported(motion: Motion, added: Array, noise: str, seed: int, *, laws: bool = True) -> DiagnosisResult:
     """The answer to a recording that has `added` (6, n) beside the motion; without `laws` that of names alone."""
     clean = motion.at(T_S)
     rows = clean + added + SIGMA * noise_of(noise, np.random.default_rng(seed + 10_000), clean)
@@ -227,7 +227,7 @@ def sweep(seeds: Sequence[int], only: Sequence[str], noise: str, decades: Sequen
         for seed in seeds:
             motion = Motion(seed)
             for strength in decades:
-                found = told(motion, made(name, motion, strength), noise, seed, laws=laws)
+                found = reported(motion, made(name, motion, strength), noise, seed, laws=laws)
                 verdict = judged(found, right)
                 table[strength][verdict] += 1
                 print(f"{name:18s} {seed} {strength:7.0e} {verdict:11s} {short(found)}", flush=True)
@@ -258,7 +258,7 @@ def sizes(
             motion = Motion(seed)
             added = made(name, motion, strength)
             for course in courses:
-                found = told(motion, COURSES[course]() * added, noise, seed, laws=laws)
+                found = reported(motion, COURSES[course]() * added, noise, seed, laws=laws)
                 names = {n for c in found.claims for n in (c.effect, *c.equivalence_class)}
                 # of a delay that changes steadily, or of what follows the temperature, there are names
                 other = {"time_offset": "clock_skew", "misalignment": "temperature_misalignment"}.get(name, "")
@@ -275,7 +275,7 @@ def nulls(seeds: Sequence[int], noises: Sequence[str], *, laws: bool) -> None:
         count: collections.Counter[str] = collections.Counter()
         for seed in seeds:
             motion = Motion(seed)
-            found = told(motion, np.zeros((6, T_S.size)), noise, seed, laws=laws)
+            found = reported(motion, np.zeros((6, T_S.size)), noise, seed, laws=laws)
             count[found.verdict] += 1
             if found.verdict != "nothing_left_out":
                 print(f"{noise:15s} {seed} {short(found)}", flush=True)

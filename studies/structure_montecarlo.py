@@ -117,7 +117,7 @@ def main() -> None:
             continue
         for plan, toolfaces in PLANS.items():
             print(f"\n## {name}, {plan}, {chosen.sensors} sensors\n")
-            print("| rms in deg | I at the poses' rings | I at 20 to 82 | I at 100 | T at 0.612 | T at 45 |")
+            print("| rms in deg | I at the poses' inclinations | I at 20 to 82 | I at 100 | T at 0.612 | T at 45 |")
             print("|---|---|---|---|---|---|")
             study(structure, size_g, toolfaces, chosen.sensors, chosen.first_seed)
 

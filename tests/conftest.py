@@ -66,15 +66,17 @@ def shared_data() -> Path:
 
 
 def _without_recording(missing: Path) -> None:
-    told = f"no real recordings at {missing}: `make data` fetches them, or HIGHSIDE_DATA names the folder that has them"
+    reason = (
+        f"no real recordings at {missing}: `make data` fetches them, or HIGHSIDE_DATA names the folder that has them"
+    )
     for one in _listed():
         if missing == SHARED_DATA / one["path"] and "url" not in one:
-            told = (
+            reason = (
                 f"no {missing}: it cannot be fetched ({one['not_fetched']}); HIGHSIDE_DATA names a folder that has it"
             )
     if os.environ.get("CI") == "true":
-        pytest.fail(f"{told}; CI must not skip these tests", pytrace=False)
-    pytest.skip(told)
+        pytest.fail(f"{reason}; CI must not skip these tests", pytrace=False)
+    pytest.skip(reason)
 
 
 def _listed() -> list[dict[str, Any]]:
@@ -115,16 +117,16 @@ def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.Tes
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_setup() -> Generator[None, None, None]:
     """A fixture that needs a recording which is not there is treated as `shared_data` treats the folder."""
-    return (yield from _told_of_recordings())
+    return (yield from _with_recordings())
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call() -> Generator[None, None, None]:
     """Likewise a test."""
-    return (yield from _told_of_recordings())
+    return (yield from _with_recordings())
 
 
-def _told_of_recordings() -> Generator[None, None, None]:
+def _with_recordings() -> Generator[None, None, None]:
     try:
         return (yield)
     except Exception as error:

@@ -183,10 +183,12 @@ def kind_of(info: FieldInfo) -> str:
 
 def _limit(limit: Any) -> str:
     signs = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤", "min_length": "length ≥", "max_length": "length ≤"}
-    told = [f"{sign} {getattr(limit, name)}" for name, sign in signs.items() if getattr(limit, name, None) is not None]
+    reported = [
+        f"{sign} {getattr(limit, name)}" for name, sign in signs.items() if getattr(limit, name, None) is not None
+    ]
     if getattr(limit, "pattern", None):
-        told.append(f"`{limit.pattern}`")
-    return ", ".join(told)
+        reported.append(f"`{limit.pattern}`")
+    return ", ".join(reported)
 
 
 def _type(annotation: Any) -> str:
@@ -237,22 +239,22 @@ def topics() -> str:
         "All below `<prefix>/<tool>/` (`mqtt.prefix`, `tool.id`). As an AsyncAPI 3 document, for generators and",
         "viewers: [asyncapi.json](asyncapi.json), or `highside schema --asyncapi`.",
     )
-    told = (*SERVICE_TOPICS, *SESSION_TOPICS)
+    reported = (*SERVICE_TOPICS, *SESSION_TOPICS)
     rows: list[tuple[object, ...]] = [
         (f"[`{topic.name}`](#{topic.key})", "to the tool" if topic.to_us else "from the tool",
          "yes" if topic.retained else "no", topic.qos, topic.says)
-        for topic in told
+        for topic in reported
     ]  # fmt: skip
     lines += table(("topic", "direction", "retained", "QoS", "what"), rows)
     schemas = document()["components"]["schemas"]
-    for topic in told:
+    for topic in reported:
         lines += [f"## `{topic.name}` {{ #{topic.key} }}", "", topic.says, ""]
         if isinstance(topic.payload, str):
             lines += [f"Plain text: `{topic.payload}`", ""]
         else:
             lines += _members(schemas[topic.payload.__name__])
     lines += ["## Parts of these messages", ""]
-    roots = {topic.payload.__name__ for topic in told if not isinstance(topic.payload, str)}
+    roots = {topic.payload.__name__ for topic in reported if not isinstance(topic.payload, str)}
     for name, schema in sorted(schemas.items()):
         if name not in roots:
             lines += [f"### {name} {{ #{name.lower()} }}", "", " ".join(schema.get("description", "").split()), ""]
@@ -303,8 +305,8 @@ def errors() -> str:
         (70, "a defect of highside", "`HIGHSIDE_DEBUG=1` shows where; report it"),
         (130, "interrupted by Ctrl-C", "nothing"),
     ])  # fmt: skip
-    told = sorted(messages())
-    raised = {(kind, area) for kind, area, *_ in told}
+    reported = sorted(messages())
+    raised = {(kind, area) for kind, area, *_ in reported}
     codes = [one for one in catalogue() if one.code.count(".") != 1 or _is_raised(one.code, raised)]
     lines += ["## Codes", ""]
     lines += table(
@@ -317,7 +319,7 @@ def errors() -> str:
     for code in sorted({f"{kind}.{area}" for kind, area in raised}):
         rows: list[tuple[object, ...]] = [
             (what, remedy or next(one.remedy for one in codes if one.code == code))
-            for kind, area, what, remedy in told
+            for kind, area, what, remedy in reported
             if f"{kind}.{area}" == code and not re.fullmatch(r"\{[^{}]*\}", what)  # handed on from below
         ]
         lines += [f"### `{code}`", "", *table(("message", "what to do"), list(dict.fromkeys(rows)))]
@@ -362,8 +364,8 @@ def messages() -> list[tuple[str, str, str, str]]:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in KINDS and node.args:
                 remedy = next((one.value for one in node.keywords if one.arg == "remedy"), None)
-                told = _words(remedy) if remedy is not None else ""
-                found.append((KINDS[node.func.id], parts[0].removesuffix(".py"), _words(node.args[0]), told))
+                reported = _words(remedy) if remedy is not None else ""
+                found.append((KINDS[node.func.id], parts[0].removesuffix(".py"), _words(node.args[0]), reported))
     return found
 
 

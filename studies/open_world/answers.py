@@ -93,9 +93,10 @@ def model_of(s: Session, *, noise_g: float | None = None, extra: str = "") -> st
     if s.gyros:
         free += ["gyro_bias", "gyro_scale", "gyro_misalignment"]
         included = '["earth_rotation"]\n[effects.earth_rotation]\nshare = 1.0'
-    told = "" if noise_g is None else f"noise_g = {noise_g:.3e}\n"
+    reported = "" if noise_g is None else f"noise_g = {noise_g:.3e}\n"
     return (
-        f"[sensor]\n{told}free = {json.dumps(free)}\n[site]\ngravity_mps2 = {G_MPS2}\nlatitude_deg = {LATITUDE_DEG}\n"
+        f"[sensor]\n{reported}free = {json.dumps(free)}\n[site]\n"
+        f"gravity_mps2 = {G_MPS2}\nlatitude_deg = {LATITUDE_DEG}\n"
         f"azimuth_deg = {AZIMUTH_DEG}\n[effects]\nincluded = {included}\n{extra}"
     )
 

@@ -99,18 +99,18 @@ def built(
         if rng.random() < 0.2 and not plain
         else np.ones(s.n, dtype=bool)
     )
-    told = s.rows(kept)
+    reported = s.rows(kept)
     # a third of the models say what a row's noise is
     stated = (
         noise.sigma[0] if not plain and rng.random() < 0.33 and noise.kind not in ("quantised", "modulated") else None
     )
     case = Case(
-        name, group, s.kind, world.columns(told, data[:, kept]), model_of(s, noise_g=stated), noise.kind,
-        laws=hidden, sigma=noise.sigma, first=told,
+        name, group, s.kind, world.columns(reported, data[:, kept]), model_of(s, noise_g=stated), noise.kind,
+        laws=hidden, sigma=noise.sigma, first=reported,
     )  # fmt: skip
-    added = world.off_base(told, world.contribution(told, sensor, hidden))
+    added = world.off_base(reported, world.contribution(reported, sensor, hidden))
     case.hidden = added / np.array(noise.sigma)[:, None]
-    case.strength = noises.energy(told, noise, added)
+    case.strength = noises.energy(reported, noise, added)
     if second is not None:
         alone = tuple(replace(law, onset_s=None) if law.onset_s is not None else law for law in hidden)
         case.second = world.columns(second, noises.added(rng, second, noise, world.readings(second, sensor, alone)))
@@ -152,8 +152,8 @@ def law_case(name: str, seed: str, k: int) -> Case:
             hidden.append(sized(s, sensor, law, noise, float(np.exp(rng.uniform(np.log(30), np.log(1e6))))))
         case = built(name, "law", rng, s, noise, tuple(hidden), sensor, second)
         # a law that the session or the other one hardly shows is drawn again
-        told = case.kept_from is not None and np.isfinite(case.kept_from).mean() > 0.6
-        if case.strength >= 25.0 and told and _shows(second, noise, case.kept_from, case.strength):
+        reported = case.kept_from is not None and np.isfinite(case.kept_from).mean() > 0.6
+        if case.strength >= 25.0 and reported and _shows(second, noise, case.kept_from, case.strength):
             return case
 
 

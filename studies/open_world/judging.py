@@ -154,16 +154,16 @@ def judged(row: Row) -> Row:
     claims = [c for c in claims if c["effect"] not in NOISE_NAMES.get(truth["noise"], ())]
     only_noise = bool(answer["claims"]) and not claims
     names = [c["effect"] for c in claims if not is_law(c)]
-    told = [c for c in claims if is_law(c)]
+    reported = [c for c in claims if is_law(c)]
     known = truth["effects"]
     allowed = [pattern for pattern in truth["right"] if not pattern.startswith("verdict:")]
     verdicts = [pattern.removeprefix("verdict:") for pattern in truth["right"] if pattern.startswith("verdict:")]
     classes = [set(c["equivalence_class"]) | {c["effect"]} for c in claims if not is_law(c)]
     right_names = [any(k in known or _matches(k, allowed) for k in members) for members in classes]
     keys = [accepted(law, truth["design"]) for law in truth["laws"]]
-    exact = [any(key_of(c) in options for c in told) for options in keys]
-    in_class = [hit or any(_in_class(options, c) for c in told) for hit, options in zip(exact, keys, strict=True)]
-    stray = [c for c in told if not any(key_of(c) in o or _in_class(o, c) for o in keys)]
+    exact = [any(key_of(c) in options for c in reported) for options in keys]
+    in_class = [hit or any(_in_class(options, c) for c in reported) for hit, options in zip(exact, keys, strict=True)]
+    stray = [c for c in reported if not any(key_of(c) in o or _in_class(o, c) for o in keys)]
     left = row.get("outside")
     # beside nothing at all every name is wrong
     beside = not all(right_names) and (left is None or left >= OUTSIDE or bool(known) or not keys)
@@ -173,14 +173,14 @@ def judged(row: Row) -> Row:
     covered = _covered(known, names, classes, allowed, exact, in_class, verdicts, answer["verdict"])
     found: Row = {
         "verdict": answer["verdict"], "names": names,
-        "told": [f"{p}({', '.join(sorted(c))})" for p, c in map(key_of, told)],
+        "told": [f"{p}({', '.join(sorted(c))})" for p, c in map(key_of, reported)],
         "alarm": answer["verdict"] not in (*QUIET, "failed") and not _walks(truth, answer) and not only_noise,
-        "false_law": bool(told) and not keys, "wrong_name": bool(names) and beside,
+        "false_law": bool(reported) and not keys, "wrong_name": bool(names) and beside,
         "exact": bool(keys) and all(exact) and not stray, "in_class": bool(keys) and all(in_class) and not stray,
         "first_exact": bool(keys) and all(exact), "nothing": answer["verdict"] in SILENT,
         "closed": row.get("closed"), "named": named_known, "right": covered,
-        "known_exact": bool(known) and set(names) == set(known) and not told,
-        "known_law": bool(known) and bool(told) and not names,
+        "known_exact": bool(known) and set(names) == set(known) and not reported,
+        "known_law": bool(known) and bool(reported) and not names,
         "weak": bool(0.0 < truth["strength"] < WEAK), "failed": row["answer"] is None,
         "bad_data": answer["verdict"] == "bad_data",
     }  # fmt: skip

@@ -57,8 +57,8 @@ def row_of(case: Case) -> dict[str, Any] | None:
         began = time.perf_counter()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            told = np.stack([learn(case.first, x, row, new) for row in target])
-        ways[way] = judging.closed(case.other, case.kept_from, told, case.sigma)
+            reported = np.stack([learn(case.first, x, row, new) for row in target])
+        ways[way] = judging.closed(case.other, case.kept_from, reported, case.sigma)
         seconds[way] = time.perf_counter() - began
     return {"name": case.name, "group": case.group, "truth": case.answer(), "ways": ways, "seconds": seconds}
 

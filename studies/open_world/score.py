@@ -136,9 +136,9 @@ def confirmed(case: Case, folder: Path) -> tuple[float | None, str | None]:
             names = lines.readline().strip().split(",")
             values = np.genfromtxt(lines, delimiter=",")
         table = dict(zip(names, values.T, strict=True))
-    told = np.stack([np.asarray(table[name], dtype=float) for name in CHANNELS[: len(case.kept_from)]])
-    told[3:] = np.radians(told[3:])
-    return judging.closed(case.other, case.kept_from, told, case.sigma), None
+    reported = np.stack([np.asarray(table[name], dtype=float) for name in CHANNELS[: len(case.kept_from)]])
+    reported[3:] = np.radians(reported[3:])
+    return judging.closed(case.other, case.kept_from, reported, case.sigma), None
 
 
 def shortened(answer: Row | None) -> Row | None:
@@ -234,8 +234,8 @@ def main() -> None:
                 continue
             file.write(json.dumps(row, default=float) + "\n")
             file.flush()
-            told = row.get("ways") or _said(row)
-            print(f"{number:4d} of {len(todo)} {time.perf_counter() - began:6.0f} s  {name}: {told}", flush=True)
+            reported = row.get("ways") or _said(row)
+            print(f"{number:4d} of {len(todo)} {time.perf_counter() - began:6.0f} s  {name}: {reported}", flush=True)
 
 
 def _said(row: Row) -> str:

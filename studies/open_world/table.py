@@ -126,10 +126,10 @@ def monotone(rows: list[Row]) -> list[Row]:
     found = []
     for name, group in by_sweep.items():
         group.sort(key=lambda r: r["truth"]["strength"])
-        told = [r["in_class"] or (r["verdict"] == "implausible_fit" and bool(r["told"])) for r in group]
+        reported = [r["in_class"] or (r["verdict"] == "implausible_fit" and bool(r["told"])) for r in group]
         quiet = [r["nothing"] for r in group]
         # told, then never again untold; something, then never again nothing
-        falls = any(a and not b for a, b in pairwise(told))
+        falls = any(a and not b for a, b in pairwise(reported))
         silent = any(not a and b for a, b in pairwise(quiet))
         if len(group) > 1:
             found.append({"name": name, "monotone": not falls and not silent})

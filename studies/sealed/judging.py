@@ -63,14 +63,14 @@ def _parameters(claim: Row, truth: deck.Values, found: Row) -> None:
     sizes = {n: v for n, v in truth.items() if not deck._is_shape(n, truth) and n in claim["parameters"]}
     if not sizes:
         return
-    told = {name: claim["parameters"][name] for name in sizes}
+    reported = {name: claim["parameters"][name] for name in sizes}
     true = np.array(list(sizes.values()))
-    factor = {n: _unit(told[n].get("unit", "")) for n in sizes}
-    value = np.array([told[n]["value"] * factor[n] for n in sizes])
+    factor = {n: _unit(reported[n].get("unit", "")) for n in sizes}
+    value = np.array([reported[n]["value"] * factor[n] for n in sizes])
     if np.linalg.norm(true) > 0.0:
         found["errors"].append(float(np.linalg.norm(value - true) / np.linalg.norm(true)))
     for name, v in sizes.items():
-        low, high = told[name]["low"], told[name]["high"]
+        low, high = reported[name]["low"], reported[name]["high"]
         if low is not None and high is not None:
             found["covered"].append(bool(low * factor[name] <= v <= high * factor[name]))
 
@@ -85,19 +85,19 @@ def _unit(unit: str) -> float:
 def _f1(location: list[Row], truth: list[str] | tuple[str, ...]) -> float | None:
     if not truth or not location:
         return None
-    told = {c for place in location for c in place["channels"]}
-    both = len(told & set(truth))
-    return 2.0 * both / (len(told) + len(truth))
+    reported = {c for place in location for c in place["channels"]}
+    both = len(reported & set(truth))
+    return 2.0 * both / (len(reported) + len(truth))
 
 
 def _iou(location: list[Row], interval: list[Any] | None, settings: list[float] | None) -> float | None:
     """What the told and the true interval have in common, of all that either has.
 
-    Along a continuous covariate lengths are compared. Where the recording steps through a few settings (rings, stops of
-    the toolface) there is nothing between them: an interval is then the set of settings inside, since where between two
-    of them it ends is known to nobody. A ring that is off is (ring - 0.1, ring + 0.1) in truth; whoever says halfway to
-    its neighbours has said the same, and whoever adds a neighbour has said twice as much. An end that touches a setting
-    by rounding is inside.
+    Along a continuous covariate lengths are compared. Where the recording steps through a few settings (inclinations,
+    stops of the toolface) there is nothing between them: an interval is then the set of settings inside, since where
+    between two of them it ends is known to nobody. An inclination I that is off is (I - 0.1, I + 0.1) in truth; whoever
+    says halfway to its neighbours has said the same, and whoever adds a neighbour has said twice as much. An end that
+    touches a setting by rounding is inside.
     """
     if interval is None:
         return None
@@ -106,14 +106,14 @@ def _iou(location: list[Row], interval: list[Any] | None, settings: list[float] 
     for place in location:
         if place["covariate"] not in (covariate, {"tf_ref_deg": "rotor_deg"}.get(covariate)):
             continue
-        told = [(float(a), float(b)) for a, b in place["intervals"] or []]
+        reported = [(float(a), float(b)) for a, b in place["intervals"] or []]
         if settings is not None:
             true = {s for s in settings if low - 1e-3 <= s <= high + 1e-3}
-            said = {s for s in settings if any(a - 1e-3 <= s <= b + 1e-3 for a, b in told)}
+            said = {s for s in settings if any(a - 1e-3 <= s <= b + 1e-3 for a, b in reported)}
             best = max(best, len(true & said) / max(len(true | said), 1))
             continue
-        common = sum(max(min(b, high) - max(a, low), 0.0) for a, b in told)
-        union = sum(b - a for a, b in told) + (high - low) - common
+        common = sum(max(min(b, high) - max(a, low), 0.0) for a, b in reported)
+        union = sum(b - a for a, b in reported) + (high - low) - common
         best = max(best, common / union if union > 0 else 0.0)
     return best
 

@@ -199,9 +199,10 @@ def main() -> None:
         for number, row in enumerate(pool.imap_unordered(run, todo, chunksize=1), 1):
             file.write(json.dumps(row) + "\n")
             file.flush()
-            told = row["names"] if given.rivals else row["answer"]["verdict"] if row["answer"] else row["trouble"]
+            reported = row["names"] if given.rivals else row["answer"]["verdict"] if row["answer"] else row["trouble"]
             print(
-                f"{number:4d} of {len(todo)}  {time.perf_counter() - began:6.0f} s  {row['name']}: {told}", flush=True
+                f"{number:4d} of {len(todo)}  {time.perf_counter() - began:6.0f} s  {row['name']}: {reported}",
+                flush=True,
             )
     text = whole_table(given.out, seed)
     (given.out / "table.md").write_text(text)

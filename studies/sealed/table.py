@@ -112,9 +112,9 @@ def deck_table(rows: list[Row], designs: dict[str, str]) -> str:
 
 
 def _answers(rows: Iterable[Row]) -> str:
-    told = [r["verdict"] + (": " + "+".join(r["names"]) if r["names"] else "") for r in rows]
+    reported = [r["verdict"] + (": " + "+".join(r["names"]) if r["names"] else "") for r in rows]
     return "; ".join(f"{answer} x{count}" if count > 1 else answer
-                     for answer, count in sorted({a: told.count(a) for a in told}.items()))  # fmt: skip
+                     for answer, count in sorted({a: reported.count(a) for a in reported}.items()))  # fmt: skip
 
 
 def _nulls(rows: list[Row], designs: dict[str, str]) -> list[str]:

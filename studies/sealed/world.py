@@ -102,7 +102,7 @@ def pose_programme(
     both_sides: bool = True,
     temperature: str = "loop",
 ) -> Programme:
-    """Rings of equally spaced toolfaces, then returns from the other side; one pose a minute."""
+    """Equally spaced toolfaces at each inclination, then returns from the other side; one pose a minute."""
     stops = [(i, 360.0 * k / toolfaces, 1.0) for i in inclinations for k in range(toolfaces)]
     if both_sides:
         returns = [(i, 360.0 * k / toolfaces + 360.0 / (2 * toolfaces), -1.0)

@@ -70,17 +70,17 @@ def measured(clients: int, subscribers: int, messages: int, pace_per_s: float = 
         time.sleep(1.0)
         each, before, began = messages // clients, cpu_s(pid), time.monotonic()
         memory = (rss_kib(pid) - empty) / (clients + subscribers)
-        told = []
+        lines = []
         for k in range(each):
             if pace_per_s:
                 # tool by tool, as clocks that know nothing of each other
                 for tool_number, tool in enumerate(tools):
                     due = began + (k + tool_number / clients) / pace_per_s
                     time.sleep(max(due - time.monotonic(), 0.0))
-                    told.append(tool.publish(f"highside/{tool_number}/attitude", PAYLOAD, qos=1))
+                    lines.append(tool.publish(f"highside/{tool_number}/attitude", PAYLOAD, qos=1))
             else:
-                told += [tool.publish(f"highside/{i}/attitude", PAYLOAD, qos=1) for i, tool in enumerate(tools)]
-        for one in told:
+                lines += [tool.publish(f"highside/{i}/attitude", PAYLOAD, qos=1) for i, tool in enumerate(tools)]
+        for one in lines:
             one.wait_for_publish(WAIT_S)
         until = time.monotonic() + WAIT_S
         while min(heard, default=each * clients) < each * clients and time.monotonic() < until:

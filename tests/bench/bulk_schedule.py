@@ -26,13 +26,13 @@ from highside.calibration.schedule import ScheduledCorrection
 from highside.physics.gravity import gravity_direction
 from tests.bench.bulk_attitude import compile_loop, seconds
 
-RINGS_DEG = (0.612, 1.206, 3.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0)
+INCLINATIONS_DEG = (0.612, 1.206, 3.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0)
 
 
 def schedule(A: np.ndarray, b: np.ndarray) -> ScheduledCorrection:
     """Nine zones and a global fallback."""
-    inc = np.deg2rad(np.repeat(RINGS_DEG, 4))
-    tf = np.deg2rad(np.tile([45.0, 135.0, 225.0, 315.0], len(RINGS_DEG)))
+    inc = np.deg2rad(np.repeat(INCLINATIONS_DEG, 4))
+    tf = np.deg2rad(np.tile([45.0, 135.0, 225.0, 315.0], len(INCLINATIONS_DEG)))
     poses = PoseSet.build(
         A @ gravity_direction(inc, tf) + b[:, None], inc_ref_rad=inc, tf_ref_rad=tf, n=1000.0, std=5e-4
     )

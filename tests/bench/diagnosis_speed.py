@@ -25,15 +25,15 @@ from highside.diagnosis.engine import diagnose_poses, diagnose_rotation
 from highside.diagnosis.poses.session import PoseSession
 from highside.diagnosis.rows.session import RotationSession
 from highside.physics.forward import ForwardModel
-from highside.physics.plan import PosePlan, Session, rings
+from highside.physics.plan import PosePlan, Session, station_poses
 from studies import diagnosis_deck as deck
 from studies import rotation_cases as cases
 
 
 def poses(inclinations: int) -> PoseSession:
-    """Rings of twelve toolfaces, there and back."""
+    """Twelve toolfaces at each inclination, there and back."""
     plan = PosePlan(
-        rings(np.linspace(3, 150, inclinations).tolist(), range(0, 360, 30), returns=True), hold_s=1, row_s=1
+        station_poses(np.linspace(3, 150, inclinations).tolist(), range(0, 360, 30), returns=True), hold_s=1, row_s=1
     )
     state = Session(plan).rows().state
     rng = np.random.default_rng(1)
@@ -63,7 +63,7 @@ BITS = 12
 def held(inclinations: int, effects: dict[str, dict[str, float]], law_g: float = 0.0) -> PoseSession:
     """Poses at a temperature that varies, their floor known; the law is a bump of y's offset over toolface."""
     plan = PosePlan(
-        rings(np.linspace(3, 150, inclinations).tolist(), range(0, 360, 30), returns=True), hold_s=1, row_s=1
+        station_poses(np.linspace(3, 150, inclinations).tolist(), range(0, 360, 30), returns=True), hold_s=1, row_s=1
     )
     state = Session(plan).rows().state
     share = state.t_s / state.t_s[-1]

@@ -121,9 +121,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--list", type=Path, default=LIST, help="of what to fetch; default: recordings.json beside this"
     )
-    told = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
     try:
-        fetch_all(told.folder, recordings(told.list))
+        fetch_all(options.folder, recordings(options.list))
     except FetchError as error:
         print(f"fetch: {error}", file=sys.stderr)
         return error.status

@@ -1,7 +1,7 @@
 """Damaged files and messages given to every parser: each is accepted or refused by name, nothing else.
 
     python tests/faults/fuzz.py --inputs 1000000 [--parser NAME]... [--seconds S] [--seed N] [--keep DIR] [--books FILE]
-    python tests/faults/fuzz.py --told [--books FILE]
+    python tests/faults/fuzz.py --report [--books FILE]
 
 Prints a table `parser | inputs | accepted | refused by name | escaped` and exits with 1 if anything escaped: another
 exception than the program's own errors, an error of more than one line, or an input that took longer than 10 s. A
@@ -10,7 +10,7 @@ parser that is not done after `--seconds` ends there; the table tells how far it
 With `--books` what became of the inputs is kept in a file (`tests/faults/fuzzed.json` is tracked), and the next run
 with the same seed goes on behind the last input of this one: what takes hours can be spread over nights. An
 interruption loses the last minute. The books say for each parser which inputs of which seed were given to which state
-of its code (the hash of its modules); `--inputs` counts those that the present code took, `--told` prints them beside
+of its code (the hash of its modules); `--inputs` counts those that the present code took, `--report` prints them beside
 all others.
 """
 
@@ -217,7 +217,7 @@ def at_most(parser: Parser, inputs: int, seed: int, seconds: float, books: Books
 HEAD = "| parser | inputs | accepted | refused by name | escaped | a second of processor |\n|---|---|---|---|---|---|"
 
 
-def told(parsers: Sequence[Parser], books: Books) -> str:
+def reported(parsers: Sequence[Parser], books: Books) -> str:
     """The books as a table."""
     lines = ["| parser | inputs, its present code | accepted | refused by name | escaped | inputs, code before |",
              "|---|---|---|---|---|---|"]  # fmt: skip
@@ -245,14 +245,14 @@ def main() -> int:
     arguments.add_argument("--seed", type=int, default=1)
     arguments.add_argument("--keep", type=Path, help="folder for one input of each kind of escape")
     arguments.add_argument("--books", type=Path, help="file where the books are kept: the next run goes on from there")
-    arguments.add_argument("--told", action="store_true", help="give no inputs, print what the books hold")
+    arguments.add_argument("--report", action="store_true", help="give no inputs, print what the books hold")
     asked = arguments.parse_args()
     # an environment of a hundred variables is looked through for each field of each configuration
     for name in set(os.environ) - {"PATH", "HOME"}:
         del os.environ[name]
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     try:
-        books = Books(asked.books or (BOOKS if asked.told else None))
+        books = Books(asked.books or (BOOKS if asked.report else None))
     except (OSError, ValueError, TypeError) as error:
         arguments.error(f"--books {asked.books}: {error}; name another file")
     bench = Bench()
@@ -262,8 +262,8 @@ def main() -> int:
         unknown = set(asked.parser or ()) - {parser.name for parser in parsers}
         if unknown:
             arguments.error(f"no parser {unknown}; there are: {', '.join(parser.name for parser in parsers)}")
-        if asked.told:
-            print(told(parsers, books))
+        if asked.report:
+            print(reported(parsers, books))
             return 0
         print(HEAD)
         for parser in parsers:

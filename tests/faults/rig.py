@@ -254,8 +254,8 @@ def books(checks: Checks, health: dict[str, Any], tool: Tool) -> None:
         "gap": (monitor["gap"], tool.unheard),
         "duplicates": (monitor["duplicate"] + monitor["late"], 0),
     }
-    for name, (told, sent) in pairs.items():
-        checks.ask(told == sent, f"{name}: the daemon says {told}, the tool {sent}")
+    for name, (counted, sent) in pairs.items():
+        checks.ask(counted == sent, f"{name}: the daemon says {counted}, the tool {sent}")
     checks.ask(
         not tool.wire.unheard,
         f"{tool.wire.unheard} bytes were sent while nobody had the port open, by the tool's books",

@@ -81,13 +81,15 @@ class Tests:
             [*command, *self.nodes.split()], cwd=ROOT, env=env, capture_output=True, text=True, check=False
         )
         lines = [line.strip(" .") for line in done.stdout.splitlines() if line.strip(" .=")]
-        told = [line for line in lines[:-1] if self._is_figure(line)][-3:]
+        figures = [line for line in lines[:-1] if self._is_figure(line)][-3:]
         summary = lines[-1].strip("= ") if lines else "no output"
         if done.returncode != 0:
             missed = (line.split(" - ")[0] for line in lines if line.startswith("FAILED "))
-            told = list(dict.fromkeys(line.removeprefix("FAILED ").rpartition("::")[2] for line in missed)) + told[-1:]
+            figures = (
+                list(dict.fromkeys(line.removeprefix("FAILED ").rpartition("::")[2] for line in missed)) + figures[-1:]
+            )
             print(done.stdout[-20_000:], file=sys.stderr)
-        measured = "; ".join([*told, summary]).replace("|", "/")
+        measured = "; ".join([*figures, summary]).replace("|", "/")
         run = f"{chosen:,}" if self.variable else "as asked"
         return Row(self.key, self.name, self.asked, run, measured, done.returncode == 0, f"{prefix}pytest {self.nodes}")
 

@@ -107,12 +107,12 @@ def unplugs(number: int, folder: Path, *, strict: bool) -> Row:
             time.sleep(0.5)
             tool.drain()
             sent = tool.frames + tool.unheard
-            told = wait_for(
+            health = wait_for(
                 lambda: (h := health_of(subscriber))["monitor"]["expected"] == sent and h, 20, "the last frame", daemon
             )
             # a reader throws away what a port held when it was opened: that is gap as well
-            at_opening = tool.frames - told["monitor"]["good"]
-            checks.ask(at_opening <= number and all(told["balance"].values()), f"{at_opening} frames lost")
+            at_opening = tool.frames - health["monitor"]["good"]
+            checks.ask(at_opening <= number and all(health["balance"].values()), f"{at_opening} frames lost")
             checks.ask(daemon.terminate() == 0, "orderly end")
         subscriber.close()
     tool.stop()
@@ -188,7 +188,7 @@ def broker_away(seconds: int, folder: Path, *, strict: bool) -> Row:
             back_s = time.monotonic() - returned
             time.sleep(2.0)
             tool.drain()
-            told = wait_for(
+            health = wait_for(
                 lambda: (
                     (h := health_of(subscriber))["monitor"]["good"] == tool.frames and not h["outbox"]["queued"] and h
                 ),
@@ -197,22 +197,22 @@ def broker_away(seconds: int, folder: Path, *, strict: bool) -> Row:
                 daemon,
             )
             wait_for(
-                lambda: len({p["seq"] for p in subscriber.payloads("attitude")}) >= told["pipeline"]["attitudes"],
+                lambda: len({p["seq"] for p in subscriber.payloads("attitude")}) >= health["pipeline"]["attitudes"],
                 30, "all of them at the subscriber", daemon,
             )  # fmt: skip
-            books(checks, told, tool)
+            books(checks, health, tool)
             attitudes = subscriber.payloads("attitude")
-            twice = delivered(checks, attitudes, told["pipeline"]["attitudes"])
-            lost = told["pipeline"]["attitudes"] - len({message["seq"] for message in attitudes})
+            twice = delivered(checks, attitudes, health["pipeline"]["attitudes"])
+            lost = health["pipeline"]["attitudes"] - len({message["seq"] for message in attitudes})
             rising(checks, attitudes)
             checks.ask(daemon.terminate() == 0, "orderly end")
         subscriber.close()
     tool.stop()
-    outbox = told["outbox"]
+    outbox = health["outbox"]
     checks.ask(not outbox["dropped"], f"dropped {outbox['dropped']}")
     checks.ask(grown < 5.0 or not strict, f"memory grew by {grown:.1f} MiB")
     checks.say(
-        f"away {away_s:.0f} s; {told['pipeline']['attitudes']:,} attitudes made, {lost} lost,"
+        f"away {away_s:.0f} s; {health['pipeline']['attitudes']:,} attitudes made, {lost} lost,"
         f" {twice} sent twice; {outbox['committed']:,} went through the disk; first back after {back_s:.1f} s; memory"
         f" {grown:+.1f} MiB"
     )

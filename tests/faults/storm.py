@@ -103,14 +103,14 @@ class Storm:
         tool = self._tool
         tool.drain()
         sent = tool.frame_bytes + tool.noise_bytes
-        self._told(lambda health: health["codec"]["bytes_in"] >= sent, "all bytes")
+        self._until(lambda health: health["codec"]["bytes_in"] >= sent, "all bytes")
         opens = health_of(self._subscriber)["link"]["opens"]
         tool.disconnect()
         time.sleep(self._rng.uniform(0.05, 1.0))
-        tool.connect(opened=lambda: self._told(lambda health: health["link"]["opens"] > opens, "the open port"))
+        tool.connect(opened=lambda: self._until(lambda health: health["link"]["opens"] > opens, "the open port"))
         self.done["unplugs"] += 1
 
-    def _told(self, true: Callable[[dict[str, Any]], bool], what: str) -> None:
+    def _until(self, true: Callable[[dict[str, Any]], bool], what: str) -> None:
         try:
             wait_for(lambda: (health := health_of(self._subscriber)) and true(health), 30, what, self._daemon)
         except AssertionError:
@@ -195,7 +195,7 @@ def storm(seconds: int, folder: Path, *, strict: bool) -> Row:
             wall.set(0)
             time.sleep(1.0)
             tool.drain()
-            told = wait_for(
+            last_health = wait_for(
                 lambda: (
                     (h := health_of(subscriber))
                     and h["monitor"]["received"] >= tool.frames
@@ -205,7 +205,7 @@ def storm(seconds: int, folder: Path, *, strict: bool) -> Row:
                 ),
                 60, "all frames and an empty outbox", daemon,
             )  # fmt: skip
-            made = told["pipeline"]["attitudes"]
+            made = last_health["pipeline"]["attitudes"]
             with contextlib.suppress(AssertionError):
                 wait_for(lambda: len({p["seq"] for p in subscriber.payloads("attitude")}) >= made, 10)
             more, grown = process.num_fds() - descriptors, (process.memory_info().rss - rss) / 2**20
@@ -214,14 +214,14 @@ def storm(seconds: int, folder: Path, *, strict: bool) -> Row:
             checks.ask("Traceback" not in daemon.log, "no traceback in the log")
         subscriber.close()
     tool.stop()
-    books(checks, told, tool)
+    books(checks, last_health, tool)
     twice = delivered(checks, attitudes, made)
     rising(checks, attitudes)
-    outbox, recorder = told["outbox"], told["recorder"]
+    outbox, recorder = last_health["outbox"], last_health["recorder"]
     checks.ask(not outbox["dropped"], f"messages dropped: {outbox['dropped']}")
     checks.ask(outbox["produced"] == outbox["acknowledged"] + outbox["queued"], "produced = acknowledged + queued")
     checks.ask(len(faults.refused) == faults.kinds, "every kind of bad file refused")
-    checks.ask(recorder["bytes_in"] == told["codec"]["bytes_in"], "the recorder was given every byte")
+    checks.ask(recorder["bytes_in"] == last_health["codec"]["bytes_in"], "the recorder was given every byte")
     checks.ask(more <= 3, f"descriptors {more:+d}")
     checks.ask(tool.frames + tool.unheard >= 0.95 * RATE_HZ * took_s, "the tool kept its rate")
     checks.say(

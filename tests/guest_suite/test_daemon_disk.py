@@ -120,15 +120,15 @@ def test_acquisition_goes_on_the_alarm_comes_and_goes_and_nothing_kept_is_harmed
             command("sync")
             harm(disk)
             begun = time.monotonic()
-            told = wait_for(
+            health = wait_for(
                 lambda: (h := health_of(subscriber)) and "recorder_storage" in h["alarms"] and h, 30, "alarm", daemon
             )
             alarm_s = time.monotonic() - begun
             more = wait_for(
-                lambda: (h := health_of(subscriber)) and h["monitor"]["good"] > told["monitor"]["good"] + 100 and h,
+                lambda: (h := health_of(subscriber)) and h["monitor"]["good"] > health["monitor"]["good"] + 100 and h,
                 20, "frames on the failed disk", daemon,
             )  # fmt: skip
-            assert more["pipeline"]["attitudes"] > told["pipeline"]["attitudes"]
+            assert more["pipeline"]["attitudes"] > health["pipeline"]["attitudes"]
             assert more["calibration"]["cal_id"] == record.id
             heal(disk)
             wait_for(

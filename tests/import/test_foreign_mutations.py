@@ -55,20 +55,20 @@ def judged(path: Path, name: str, how: str, data: bytes, s: Session, answer: dic
 
 @pytest.mark.parametrize("seed", [20261123])
 def test_no_spoilt_file_gives_a_wrong_unit_or_a_wrong_axis(tmp_path: Path, seed: int) -> None:
-    told: Counter[tuple[str, str]] = Counter()
+    counts: Counter[tuple[str, str]] = Counter()
     faults = []
     for number, (name, how, data, s) in enumerate(spoilt(seed, FILES_SPOILT)):
         for answer in answers(READ[name]):
             said = judged(tmp_path / name, name, how, data, s, answer)
-            told[how, said.split(":")[0]] += 1
+            counts[how, said.split(":")[0]] += 1
             if said.startswith("wrong"):
                 faults.append((number, name, how, answer, said))
-    print(*sorted(told.items()), sep="\n")
+    print(*sorted(counts.items()), sep="\n")
     assert not faults
     # they are not all refused
-    assert told["shuffled_columns", "right"] >= 5
-    assert told["cut_rows", "right"] >= 5
-    assert told["other_separator", "right"] >= 3
+    assert counts["shuffled_columns", "right"] >= 5
+    assert counts["cut_rows", "right"] >= 5
+    assert counts["other_separator", "right"] >= 3
     # and what is wrong in them is seen
-    assert told["scaled_accelerations", "refused"] >= 5
-    assert told["two_axes", "refused"] >= 10
+    assert counts["scaled_accelerations", "refused"] >= 5
+    assert counts["two_axes", "refused"] >= 10

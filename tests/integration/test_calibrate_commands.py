@@ -70,8 +70,10 @@ def numbers(path: Path, name: str) -> np.ndarray:
     return np.array([float(cell) if cell else np.nan for cell in read_csv(path)[name]])
 
 
-def pose_columns(rings: tuple[float, ...], stations: tuple[float, ...] = QUADRANTS, seed: int = 1) -> dict[str, Any]:
-    inc, tf = np.repeat(rings, len(stations)), np.tile(stations, len(rings))
+def pose_columns(
+    inclinations: tuple[float, ...], stations: tuple[float, ...] = QUADRANTS, seed: int = 1
+) -> dict[str, Any]:
+    inc, tf = np.repeat(inclinations, len(stations)), np.tile(stations, len(inclinations))
     a = measured(inc, tf, seed, NOISE_G / np.sqrt(READINGS))
     std = [NOISE_G] * inc.size
     return {
@@ -403,12 +405,12 @@ def test_noise_comes_from_the_option_or_the_column_or_the_record(run: Run, tmp_p
 
 
 def test_the_bench_frame_gives_back_the_benchs_own_angles(run: Run, tmp_path: Path) -> None:
-    rings = (1.206, 5.0, 45.0, 90.0, 135.0)
-    inc, tf = np.repeat(rings, 8), np.tile(ALL_ROUND, len(rings))
+    inclinations = (1.206, 5.0, 45.0, 90.0, 135.0)
+    inc, tf = np.repeat(inclinations, 8), np.tile(ALL_ROUND, len(inclinations))
     tilt = np.deg2rad([0.04, -0.03])
     noise = NOISE_G / np.sqrt(READINGS) * np.random.default_rng(3).standard_normal((3, inc.size))
     a = SENSOR @ bench_gravity(np.deg2rad(inc), np.deg2rad(tf), *tilt) + OFFSET[:, None] + noise
-    columns = pose_columns(rings, ALL_ROUND) | {"ax": a[0], "ay": a[1], "az": a[2]}
+    columns = pose_columns(inclinations, ALL_ROUND) | {"ax": a[0], "ay": a[1], "az": a[2]}
     table, record = write_csv(tmp_path / "poses.csv", columns), tmp_path / "cal.json"
     assert run("solve", table, "--method", "joint", "-o", record)[0] == 0
     errors = {}
@@ -454,8 +456,8 @@ def test_an_oven_cycle_is_solved_over_temperature(run: Run, tmp_path: Path) -> N
 def test_poses_are_found_in_a_recording_and_solved(run: Run, tmp_path: Path) -> None:
     """A pose-stepped session at 50 Hz: 4 s still at each of 24 poses, 2 s of turning between them."""
     rng = np.random.default_rng(5)
-    rings, rate = (5.0, 45.0, 90.0), 50
-    targets = [(inc, tf) for inc in rings for tf in ALL_ROUND]
+    inclinations, rate = (5.0, 45.0, 90.0), 50
+    targets = [(inc, tf) for inc in inclinations for tf in ALL_ROUND]
     inc_all, tf_all, pose = [], [], []
     at = (0.0, 0.0)
     for number, target in enumerate(targets):

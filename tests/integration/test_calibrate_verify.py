@@ -51,11 +51,12 @@ README = ("--limit-inc-deg", "0.1", "--limit-tf-deg", "1")
 
 
 def test_what_the_readme_suggests_passes(session: tuple[Path, Path], tmp_path: Path, project_root: Path) -> None:
-    """The level of the bench is not stated: rings set from both sides tell it; the truth is in the model's file."""
+    """The level of the bench is not stated: inclinations set from both sides tell it; the truth is in the model's
+    file."""
     one_side = (project_root / MODEL).read_text()
-    rings = "inclinations_deg = ["
-    assert one_side.count(rings) == 1
-    (tmp_path / "model.toml").write_text(one_side.replace(rings, rings + "-90.0, -45.0, "))
+    key = "inclinations_deg = ["
+    assert one_side.count(key) == 1
+    (tmp_path / "model.toml").write_text(one_side.replace(key, key + "-90.0, -45.0, "))
     poses = tmp_path / "poses.csv"
     highside(
         "simulate", str(tmp_path / "model.toml"), "-o", str(tmp_path / "s.csv.gz"), "--poses", str(poses), "--seed", "3"
@@ -65,8 +66,8 @@ def test_what_the_readme_suggests_passes(session: tuple[Path, Path], tmp_path: P
     assert found["verdict"] == "pass" and len(found["poses"]) == 52
     level = found["bench_level"]
     assert level["source"] == "reversed"
-    for told, std, true in zip(level["tilt_deg"], level["tilt_std_deg"], (0.02, -0.015), strict=True):
-        assert abs(told - true) < 4 * std and std < 0.003
+    for stated, std, true in zip(level["tilt_deg"], level["tilt_std_deg"], (0.02, -0.015), strict=True):
+        assert abs(stated - true) < 4 * std and std < 0.003
     said = highside("calibrate", "verify", str(session[0]), str(poses), *README).stdout
     assert "level of the bench, by poses with the table turned the other way" in said
 

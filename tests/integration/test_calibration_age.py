@@ -59,7 +59,7 @@ def parts(tmp_path):
         line.close()
 
 
-def told(subscriber: Subscriber, daemon, condition):
+def reported(subscriber: Subscriber, daemon, condition):
     return wait_for(lambda: (h := health(subscriber)) and condition(h) and h, 40, "the health", daemon)
 
 
@@ -69,7 +69,7 @@ def test_what_has_expired_is_refused_by_a_clock_set_back_too(tmp_path, parts, of
     made(tmp_path, made_days_ago=100, expires_in_s=-DAY)
     was_synchronised(tmp_path)
     with running(path, env=Wall(tmp_path, off_s).env) as daemon:
-        found = told(subscriber, daemon, lambda h: h["link"]["opens"])
+        found = reported(subscriber, daemon, lambda h: h["link"]["opens"])
         assert found["calibration"]["cal_id"] == "none"
         assert found["calibration"]["reason"] == "expired"
         assert "calibration_refused" in found["alarms"]
@@ -83,11 +83,11 @@ def test_a_good_one_stays_good_when_the_clock_is_set_while_it_runs(tmp_path, par
     was_synchronised(tmp_path)
     wall = Wall(tmp_path, 0)
     with running(path, env=wall.env) as daemon:
-        told(subscriber, daemon, lambda h: h["link"]["opens"])
+        reported(subscriber, daemon, lambda h: h["link"]["opens"])
         wall.set(by_s)
-        told(subscriber, daemon, lambda h: "clock_stepped" in h["alarms"])
+        reported(subscriber, daemon, lambda h: "clock_stepped" in h["alarms"])
         daemon.process.send_signal(signal.SIGHUP)
-        found = told(subscriber, daemon, lambda h: h["reload"]["count"] == 1)
+        found = reported(subscriber, daemon, lambda h: h["reload"]["count"] == 1)
         assert found["calibration"] == {"cal_id": record.id, "refused": None, "reason": None, "kept": False}
         # nor after a restart under the wrong clock
         assert daemon.terminate(15) == 0
@@ -105,10 +105,10 @@ def test_one_that_expires_while_it_runs_is_kept_and_flagged(tmp_path, parts):
     was_synchronised(tmp_path)
     wall = Wall(tmp_path, 0)
     with running(path, env=wall.env) as daemon:
-        first = told(subscriber, daemon, lambda h: h["link"]["opens"])
+        first = reported(subscriber, daemon, lambda h: h["link"]["opens"])
         assert first["calibration"] == {"cal_id": record.id, "refused": None, "reason": None, "kept": False}
         wall.set(-400 * DAY)  # it does not live longer for that
-        found = told(subscriber, daemon, lambda h: h["calibration"]["kept"])
+        found = reported(subscriber, daemon, lambda h: h["calibration"]["kept"])
         assert time.time() >= record.expires_s
         assert found["calibration"]["reason"] == "expired"
         assert found["calibration"]["cal_id"] == record.id
@@ -130,7 +130,7 @@ def test_where_no_clock_can_tell_it_is_used_and_flagged_and_what_surely_expired_
     was_synchronised(tmp_path, days_ago=2, this_boot=False)
     wall = Wall(tmp_path, 120.0 - time.time() if isinstance(off_s, str) else off_s)
     with running(path, env=wall.env) as daemon:
-        found = told(subscriber, daemon, lambda h: h["link"]["opens"])
+        found = reported(subscriber, daemon, lambda h: h["link"]["opens"])
         assert found["calibration"] == {"cal_id": record.id, "refused": None, "reason": None, "kept": False}
         assert "calibration_age_unknown" in found["alarms"]
         while not subscriber.payloads("attitude"):
@@ -139,7 +139,7 @@ def test_where_no_clock_can_tell_it_is_used_and_flagged_and_what_surely_expired_
         # another record, that expired before the last moment known: not put in force; the running one is kept
         made(tmp_path, made_days_ago=90, expires_in_s=-5 * DAY)
         daemon.process.send_signal(signal.SIGHUP)
-        found = told(subscriber, daemon, lambda h: h["reload"]["count"] == 1)
+        found = reported(subscriber, daemon, lambda h: h["reload"]["count"] == 1)
         assert (found["calibration"]["cal_id"], found["calibration"]["reason"]) == (record.id, "expired")
         assert found["calibration"]["kept"]
         assert daemon.terminate(15) == 0

@@ -37,12 +37,14 @@ def test_demo_without_json_prints_lines_where_there_is_no_terminal():
     assert "0 lost" in run.stdout.splitlines()[-1]
     # within ten seconds: what the calibration buys, and what a pulled plug does
     assert "uncorrected I" in run.stdout
-    told = run.stdout[run.stdout.index("the plug is pulled") :]
-    assert told.index("noticed within") < told.index("no data from the tool") < told.index("the plug is in again")
-    missed = re.search(r"I and T again after \d+\.\d s; (\d+) frames missed and counted", told)
+    printed = run.stdout[run.stdout.index("the plug is pulled") :]
+    assert (
+        printed.index("noticed within") < printed.index("no data from the tool") < printed.index("the plug is in again")
+    )
+    missed = re.search(r"I and T again after \d+\.\d s; (\d+) frames missed and counted", printed)
     assert missed is not None
     assert int(missed[1]) >= 100, "1.5 s of 200 frames/s, less what a busy machine sent late"
-    errors = re.search(r"rms error I (\S+) deg, T \S+ deg \(uncorrected: I (\S+) deg", told)
+    errors = re.search(r"rms error I (\S+) deg, T \S+ deg \(uncorrected: I (\S+) deg", printed)
     assert errors is not None
     assert float(errors[2]) > 10 * float(errors[1])
     assert "Traceback" not in run.stderr

@@ -149,7 +149,7 @@ def test_a_corrupted_recording_is_bad_data_for_the_right_reason(healthy: Columns
 
 
 @pytest.mark.parametrize("lack", [dropped_frames, missing_values], ids=lambda lack: lack.__name__)
-def test_what_is_missing_is_told_and_does_no_harm(healthy: Columns, lack: Any, tmp_path: Path) -> None:
+def test_what_is_missing_is_reported_and_does_no_harm(healthy: Columns, lack: Any, tmp_path: Path) -> None:
     status, found = diagnosed(tmp_path, lack(dict(healthy), np.random.default_rng(3)))
     assert found["verdict"] == diagnosed(tmp_path, healthy)[1]["verdict"]
     assert status == 0
@@ -163,7 +163,7 @@ def test_the_healthy_recording_passes(healthy: Columns, tmp_path: Path) -> None:
     assert found["verdict"] != "bad_data"
 
 
-def test_impulses_are_told_and_left_out(healthy: Columns, tmp_path: Path) -> None:
+def test_impulses_are_reported_and_left_out(healthy: Columns, tmp_path: Path) -> None:
     hit = healthy["ay_g"].copy()
     hit[[100, 333, 600]] += [0.05, -0.04, 0.06]
     status, found = diagnosed(tmp_path, healthy | {"ay_g": hit})

@@ -208,7 +208,7 @@ def test_a_quadratic_term_put_into_a_real_session_is_found(tmp_path: Path, share
     assert "quadratic" in found["claims"][0]["equivalence_class"]
 
 
-def test_a_recording_without_any_reference_is_told_which_ones_there_are(tmp_path: Path, shared_data: Path) -> None:
+def test_a_recording_without_any_reference_is_reported_which_ones_there_are(tmp_path: Path, shared_data: Path) -> None:
     write_recording(tmp_path / "rec.csv", Recording(columns_of(shared_data, "mpu9150_imu0")))
     (tmp_path / "model.toml").write_text("")
     status, _, err = highside("diagnose", tmp_path / "rec.csv", "--model", tmp_path / "model.toml", "--out", tmp_path)

@@ -57,7 +57,7 @@ def diagnosed(recording: Path, model: Path, out: Path) -> dict[str, Any]:
     return found
 
 
-def test_a_time_offset_is_told_from_a_lag_by_the_gyros(tmp_path: Path) -> None:
+def test_a_time_offset_is_distinguished_from_a_lag_by_the_gyros(tmp_path: Path) -> None:
     (tmp_path / "truth.toml").write_text(TRUTH)
     (tmp_path / "knows.toml").write_text("[sensor]\nnoise_g = 80e-6\n")
     recording = tmp_path / "rec.csv.gz"
@@ -85,21 +85,21 @@ def test_a_time_offset_is_told_from_a_lag_by_the_gyros(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-def test_four_strong_effects_of_the_sample_model_are_told_with_their_sizes(tmp_path: Path) -> None:
+def test_four_strong_effects_of_the_sample_model_are_reported_with_their_sizes(tmp_path: Path) -> None:
     """Beyond first order a lever arm and a late clock multiply: that is loud, and no effect of its own."""
     config = Path(__file__).resolve().parents[2] / "config"
     recording = tmp_path / "rec.csv.gz"
     assert highside("simulate", config / "model-rotation.toml", "-o", recording, "--seed", "1")[0] == 0
     found = diagnosed(recording, config / "model-known.toml", tmp_path / "out")
     assert found["verdict"] == "named"
-    told = {claim["effect"]: claim["parameters"] for claim in found["claims"]}
-    assert set(told) == {"lever_arm", "time_offset", "temperature_bias", "earth_rotation"}
-    assert told["lever_arm"]["r_x"]["value"] == pytest.approx(8e-3, abs=2e-6)
-    assert told["lever_arm"]["r_y"]["value"] == pytest.approx(-3e-3, abs=2e-6)
-    assert told["time_offset"]["t0"]["value"] == pytest.approx(2e-3, abs=1e-6)
+    claims = {claim["effect"]: claim["parameters"] for claim in found["claims"]}
+    assert set(claims) == {"lever_arm", "time_offset", "temperature_bias", "earth_rotation"}
+    assert claims["lever_arm"]["r_x"]["value"] == pytest.approx(8e-3, abs=2e-6)
+    assert claims["lever_arm"]["r_y"]["value"] == pytest.approx(-3e-3, abs=2e-6)
+    assert claims["time_offset"]["t0"]["value"] == pytest.approx(2e-3, abs=1e-6)
     for axis, size in zip("xyz", (40e-6, -25e-6, 60e-6), strict=True):
-        assert told["temperature_bias"][f"bt_{axis}"]["value"] == pytest.approx(size, abs=2e-6)
-    assert told["earth_rotation"]["share"]["low"] < 1 < told["earth_rotation"]["share"]["high"]
+        assert claims["temperature_bias"][f"bt_{axis}"]["value"] == pytest.approx(size, abs=2e-6)
+    assert claims["earth_rotation"]["share"]["low"] < 1 < claims["earth_rotation"]["share"]["high"]
     assert found["fit"]["rmse_before"] > 100 * found["fit"]["rmse_after"]
 
 

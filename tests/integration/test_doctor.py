@@ -61,11 +61,13 @@ def test_doctor_beside_a_healthy_service_finds_no_fault_and_says_nothing_at_the_
                 assert answer.stderr == ""
                 assert answer.returncode == 0, answer.stdout
                 assert "FAIL" not in answer.stdout
-                told = [" ".join(line.split()[1:]) for line in answer.stdout.splitlines() if line.split()[:1] == ["OK"]]
-                assert any(line.startswith("service") and "is running" in line for line in told), answer.stdout
-                assert any(line.startswith("health") and "no alarm" in line for line in told), answer.stdout
-                assert any(line.startswith("outbox") and "in use by the running service" in line for line in told)
-                assert any(line.startswith("broker ") and "answers" in line for line in told), answer.stdout
+                report = [
+                    " ".join(line.split()[1:]) for line in answer.stdout.splitlines() if line.split()[:1] == ["OK"]
+                ]
+                assert any(line.startswith("service") and "is running" in line for line in report), answer.stdout
+                assert any(line.startswith("health") and "no alarm" in line for line in report), answer.stdout
+                assert any(line.startswith("outbox") and "in use by the running service" in line for line in report)
+                assert any(line.startswith("broker ") and "answers" in line for line in report), answer.stdout
                 time.sleep(0.5)
                 after = subscriber.drain()
                 own = {
@@ -90,7 +92,7 @@ def test_the_brokers_queue_is_tried_without_a_word_on_stderr(tmp_path: Path) -> 
         assert re.search(r"broker queue\s+keeps 1,0\d\d of 1,200", answer.stdout), answer.stdout
 
 
-def test_a_tool_that_was_never_calibrated_is_told_to_be_calibrated(tmp_path: Path, broker: Mosquitto) -> None:
+def test_a_tool_that_was_never_calibrated_is_reported_to_be_calibrated(tmp_path: Path, broker: Mosquitto) -> None:
     store = tmp_path / "calibrations"
     (store / "records").mkdir(parents=True)
     path = configuration(tmp_path / "c", broker, f'[calibration]\nstore = "{store}"\n')
@@ -123,9 +125,9 @@ def test_a_tool_that_was_never_calibrated_is_told_to_be_calibrated(tmp_path: Pat
 def test_doctor_says_what_is_wrong_and_what_to_do(tmp_path: Path, broker: Mosquitto) -> None:
     path = configuration(tmp_path / "doctor", broker, "")
     answer = command("doctor", "--config", str(path), "--json", "--queue", "300")
-    told = json.loads(answer.stdout)
-    found = {finding["check"]: finding for finding in told["findings"]}
-    assert answer.returncode == 0, told
+    report = json.loads(answer.stdout)
+    found = {finding["check"]: finding for finding in report["findings"]}
+    assert answer.returncode == 0, report
     assert found["broker"]["level"] == "ok"
     assert found["broker queue"]["found"] == "keeps 300 of 300 messages for a subscriber that is away"
     assert found["calibration"]["level"] == "warn"
@@ -134,9 +136,9 @@ def test_doctor_says_what_is_wrong_and_what_to_do(tmp_path: Path, broker: Mosqui
                                     f'kind = "serial"\nport = "{tmp_path / "ttyNONE"}"')  # fmt: skip
     path.write_text(text.replace(f"port = {broker.port}", f"port = {free_port()}"))
     answer = command("doctor", "--config", str(path), "--json")
-    told = json.loads(answer.stdout)
-    assert (answer.returncode, told["ok"]) == (1, False)
-    bad = {finding["check"]: finding for finding in told["findings"] if finding["level"] == "fail"}
+    report = json.loads(answer.stdout)
+    assert (answer.returncode, report["ok"]) == (1, False)
+    bad = {finding["check"]: finding for finding in report["findings"] if finding["level"] == "fail"}
     assert set(bad) == {"link", "broker"}
     assert all(finding["remedy"] for finding in bad.values())
     assert "does not exist" in bad["link"]["found"]
@@ -154,8 +156,8 @@ def test_doctor_finds_the_brokers_queue_limit(tmp_path: Path) -> None:
     shipped.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\nuser root\n")
     with Mosquitto(folder, config=shipped, port=port) as broker:
         path = configuration(tmp_path / "c", broker, "")
-        told = json.loads(command("doctor", "--config", str(path), "--json", "--queue", "1200").stdout)
-        queue = next(f for f in told["findings"] if f["check"] == "broker queue")
+        report = json.loads(command("doctor", "--config", str(path), "--json", "--queue", "1200").stdout)
+        queue = next(f for f in report["findings"] if f["check"] == "broker queue")
         assert queue["level"] == "warn"
         assert re.search(r"keeps 1,0\d\d of 1,200", queue["found"]), queue
         assert "max_queued_messages" in queue["remedy"]
@@ -173,8 +175,8 @@ def test_doctor_sees_a_service_that_runs_and_leaves_its_port_alone(tmp_path: Pat
     try:
         with running(path) as daemon:
             wait_for(lambda: (subscriber.latest("health") or {}).get("link", {}).get("opens"), 20, "the link", daemon)
-            told = json.loads(command("doctor", "--config", str(path), "--json", "--queue", "0").stdout)
-            found = {finding["check"]: finding for finding in told["findings"]}
+            report = json.loads(command("doctor", "--config", str(path), "--json", "--queue", "0").stdout)
+            found = {finding["check"]: finding for finding in report["findings"]}
             assert found["service"]["level"] == "ok"
             assert found["link"]["found"].endswith("the running service holds it")
             health = subscriber.latest("health")

@@ -157,7 +157,7 @@ def test_wrong_options_are_refused_in_one_line(still: Path, tmp_path: Path) -> N
     assert not out.exists()
 
 
-def test_a_saturated_gyro_and_a_gap_are_told(tmp_path: Path) -> None:
+def test_a_saturated_gyro_and_a_gap_are_reported(tmp_path: Path) -> None:
     experiment = rotating_table(30.0, 60.0, 50.0, rate_dps=50.0)
     columns = _columns(record(experiment, 1))
     columns["gz_dps"] = np.clip(columns["gz_dps"], -49.0, 49.0)

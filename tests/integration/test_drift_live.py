@@ -94,7 +94,7 @@ def away_deg(message: AttitudeMessage) -> float:
     return abs(math.remainder(message.azi_deg - AZIMUTH, 360.0))
 
 
-def test_the_azimuth_is_told_followed_and_outlives_the_daemon(
+def test_the_azimuth_is_reported_followed_and_outlives_the_daemon(
     tmp_path: Path, broker: Mosquitto, tool: SimulatedDevice
 ) -> None:
     path = config(tmp_path, tool, broker)
@@ -118,8 +118,8 @@ def test_the_azimuth_is_told_followed_and_outlives_the_daemon(
             assert away_deg(first) < 0.3
 
             def found_a_stop() -> bool:
-                told = ear.latest("drift")
-                return told is not None and not told["connection"] and told["motion"] == "still"
+                latest = ear.latest("drift")
+                return latest is not None and not latest["connection"] and latest["motion"] == "still"
 
             wait_for(lambda: tool.time_s > 23.0 and found_a_stop(), 40.0, "a stop found in the data", daemon)
             # killed, not stopped: what was kept half a second ago is taken up
@@ -129,11 +129,11 @@ def test_the_azimuth_is_told_followed_and_outlives_the_daemon(
             mark = len(ear.payloads("attitude"))
             wait_for(lambda: len(ear.payloads("attitude")) > mark + 30, 20.0, "attitudes again", daemon)
             wait_for(lambda: latest(ear).azi_deg is not None, 10.0, "the azimuth again", daemon)
-            told = DriftMessage.model_validate(wait_for(lambda: ear.latest("drift"), 5.0, "drift", daemon))
-            assert told.restored is not None
-            assert "the tool stood all the time, gyro biases kept" in told.restored
-            assert told.alignment is not None
-            assert told.alignment.by == "command"
+            drift_message = DriftMessage.model_validate(wait_for(lambda: ear.latest("drift"), 5.0, "drift", daemon))
+            assert drift_message.restored is not None
+            assert "the tool stood all the time, gyro biases kept" in drift_message.restored
+            assert drift_message.alignment is not None
+            assert drift_message.alignment.by == "command"
             # it turns and inclines, and the azimuth stays
             legs = (Leg(6.0, inclination_to_deg=40.0, turn_deg=720.0), Leg(600.0))
             began = tool.time_s
@@ -144,12 +144,12 @@ def test_the_azimuth_is_told_followed_and_outlives_the_daemon(
             assert away_deg(message) < 3.0 * message.azi_std_deg
             assert message.azi_std_deg < 2.0
             assert message.inc_deg == pytest.approx(40.0, abs=0.2)
-            told = DriftMessage.model_validate(ear.latest("drift"))
-            assert told.bias_dph is not None
-            assert told.bias_std_dph is not None
-            for found, std, true in zip(told.bias_dph, told.bias_std_dph, BIAS_DPS, strict=True):
+            drift_message = DriftMessage.model_validate(ear.latest("drift"))
+            assert drift_message.bias_dph is not None
+            assert drift_message.bias_std_dph is not None
+            for found, std, true in zip(drift_message.bias_dph, drift_message.bias_std_dph, BIAS_DPS, strict=True):
                 assert abs(found - true * 3600.0) < 4.0 * std
-            assert told.literal is not None
+            assert drift_message.literal is not None
             health = ear.latest("health")
             assert health is not None
             assert health["drift"]["aligned"] is True
@@ -178,8 +178,8 @@ def test_a_configured_azimuth_and_a_method_for_comparison(
             message = latest(ear)
             assert message.azi_basis == ["nothing"]
             assert away_deg(message) < 2.0
-            told = wait_for(lambda: (d := ear.latest("drift")) and d["literal"] and d, 10.0, "drift", daemon)
-            drift = DriftMessage.model_validate(told)
+            drift_message = wait_for(lambda: (d := ear.latest("drift")) and d["literal"] and d, 10.0, "drift", daemon)
+            drift = DriftMessage.model_validate(drift_message)
             assert drift.method == method
             if method == "literal":
                 assert message.azi_std_deg is None

@@ -89,7 +89,7 @@ def test_csv_of_a_real_wire_recording(shared_data: Path, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         (["nothing.csv", "--to", "csv"], "no such file"),
         (["bad.csv", "--to", "mcap", "-o", "x.mcap"], "lacks the column t_s"),
@@ -99,13 +99,13 @@ def test_csv_of_a_real_wire_recording(shared_data: Path, tmp_path: Path) -> None
     ],
 )
 def test_what_cannot_be_exported_is_said_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], told: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], reported: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("bad.csv").write_text("x\n1\n")
     Path("early.csv").write_text("t_s,ax_g\n-1.5,1\n-0.5,1\n")
     answer = export(*arguments)
     assert answer.returncode == 2, answer.stderr
-    assert told in answer.stderr
+    assert reported in answer.stderr
     assert answer.stderr.count("\n") == 1
     assert not Path("x.mcap").exists()

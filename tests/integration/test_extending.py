@@ -288,20 +288,20 @@ def test_a_decoder_that_raises_costs_what_it_was_given_and_is_one_line(tmp_path:
     )
     bad = b"\xee\xee\xee"
 
-    def told(condition: Callable[[dict[str, Any]], bool], what: str) -> dict[str, Any]:
+    def reported(condition: Callable[[dict[str, Any]], bool], what: str) -> dict[str, Any]:
         return wait_for(lambda: (h := subscriber.latest("health")) and condition(h) and h, 30, what, daemon)
 
     try:
         config = configuration(tmp_path, line.path, broker.port, codec="broken")
         with running(config, env=environment(into)) as daemon:
-            told(lambda health: health["link"]["opens"] == 1, "the link")
+            reported(lambda health: health["link"]["opens"] == 1, "the link")
             line.write_all(first)
-            told(lambda health: health["monitor"]["good"] == 50, "the frames before")
+            reported(lambda health: health["monitor"]["good"] == 50, "the frames before")
             for count in range(1, 4):
                 line.write_all(bad)
-                told(lambda health, count=count: health["codec"]["faults"] == count, "the fault")
+                reported(lambda health, count=count: health["codec"]["faults"] == count, "the fault")
             line.write_all(last)
-            health = told(lambda health: health["monitor"]["good"] == 99, "the frames behind")
+            health = reported(lambda health: health["monitor"]["good"] == 99, "the frames behind")
             assert daemon.terminate() == 0, daemon.log
     finally:
         line.close()

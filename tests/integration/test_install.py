@@ -61,8 +61,10 @@ class Installed:
         command = [self.folder / "bin" / "highside", *arguments]
         return subprocess.run(command, capture_output=True, text=True, timeout=300, cwd=cwd)
 
-    def python(self, told: str) -> str:
-        done = subprocess.run([self.folder / "bin" / "python", "-c", told], capture_output=True, text=True, timeout=300)
+    def python(self, declared: str) -> str:
+        done = subprocess.run(
+            [self.folder / "bin" / "python", "-c", declared], capture_output=True, text=True, timeout=300
+        )
         assert done.returncode == 0, done.stderr
         return done.stdout.strip()
 
@@ -181,8 +183,11 @@ def test_the_unit_installs_what_a_tool_needs(project_root: Path) -> None:
 
 
 def test_nothing_holds_the_parser_of_the_command_line_back(project_root: Path) -> None:
-    told = tomllib.loads((project_root / "pyproject.toml").read_text())["project"]
-    wanted = [*told["dependencies"], *(name for extra in told["optional-dependencies"].values() for name in extra)]
+    declared = tomllib.loads((project_root / "pyproject.toml").read_text())["project"]
+    wanted = [
+        *declared["dependencies"],
+        *(name for extra in declared["optional-dependencies"].values() for name in extra),
+    ]
     assert not [name for name in wanted if re.match(r"(amqtt|passlib|click)\b", name)]
 
 
@@ -453,9 +458,9 @@ EXTRAS: dict[str, tuple[Does, ...]] = {
 
 
 def test_each_extra_is_tried(project_root: Path) -> None:
-    told = tomllib.loads((project_root / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    declared = tomllib.loads((project_root / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     # those are no part of the product: the tests themselves, the site's builder, the build, the benchmarks' rivals
-    assert set(EXTRAS) == set(told) - {"all", "test", "docs", "build", "rivals"}
+    assert set(EXTRAS) == set(declared) - {"all", "test", "docs", "build", "rivals"}
 
 
 @pytest.mark.parametrize("extra", EXTRAS)

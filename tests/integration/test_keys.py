@@ -70,8 +70,8 @@ def test_from_a_key_to_a_service_that_accepts_nothing_else(folder: Path) -> None
     forged = store / "records" / f"{content_id(data)}.json"
     forged.write_text(json.dumps({"id": content_id(data), **data}))
     CalibrationStore(store).activate(CalibrationStore(store).get(content_id(data)), now_s=2e9)
-    told = highside("check", service, status=1).stderr
-    assert "unsigned" in told and told.count("\n") == 1
+    printed = highside("check", service, status=1).stderr
+    assert "unsigned" in printed and printed.count("\n") == 1
     highside("keys", "sign", forged, "--key", folder / "stranger.key")
     assert "untrusted" in highside("check", service, status=1).stderr
     assert "untrusted" in highside("keys", "verify", forged, "--trusted", trusted, status=1).stdout

@@ -105,7 +105,7 @@ async def test_a_slow_body_a_slow_head_and_an_idle_connection_end(tmp_path: Path
         assert time.monotonic() - begun < 60.0
 
 
-async def test_a_crowd_of_connections_is_told_so_and_shuts_nobody_out_for_long(tmp_path: Path) -> None:
+async def test_a_crowd_of_connections_is_reported_so_and_shuts_nobody_out_for_long(tmp_path: Path) -> None:
     async with bench_process(tmp_path) as bench:
         before = bench.rss_mb
         opened = [await asyncio.open_connection("127.0.0.1", bench.port) for _ in range(1000)]

@@ -58,9 +58,9 @@ async def test_a_plot_draws_zooms_and_tells_values_without_a_network(opened: Any
     assert page.wrong == []
     for step in range(20):  # the first moves tell Bokeh where the pointer is
         await page.mouse.move(300 + step, 130)
-    told = page.locator(".bk-tooltip-content").first
-    await told.wait_for(timeout=20_000)
-    words = await told.inner_text()
+    tooltip = page.locator(".bk-tooltip-content").first
+    await tooltip.wait_for(timeout=20_000)
+    words = await tooltip.inner_text()
     assert "time, s" in words
     assert "</script><b>" in words
     assert await page.locator("b").count() == 0, "a name from outside became markup"

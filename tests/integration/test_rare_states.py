@@ -19,7 +19,7 @@ from highside.service.demo import factory_record
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(180)]
 
 
-def told(subscriber: Subscriber, daemon, condition):
+def reported(subscriber: Subscriber, daemon, condition):
     return wait_for(lambda: (h := health(subscriber)) and condition(h) and h, 60, "the health", daemon)
 
 
@@ -35,7 +35,7 @@ def test_a_key_that_is_no_longer_trusted_takes_its_calibration_away_at_a_reload(
         path = config(tmp_path, line, broker.port)
         path.write_text(path.read_text() + '[calibration]\nrecord = "cal.json"\ntrusted_keys = "trusted"\n')
         with running(path) as daemon:
-            first = told(subscriber, daemon, lambda h: h["link"]["opens"])
+            first = reported(subscriber, daemon, lambda h: h["link"]["opens"])
             assert first["calibration"]["cal_id"] == record.id
             steps = (
                 # a file that cannot be read has taken nothing back
@@ -48,7 +48,7 @@ def test_a_key_that_is_no_longer_trusted_takes_its_calibration_away_at_a_reload(
             for count, (content, cal_id, kept) in enumerate(steps, start=1):
                 trusted.write_text(content)
                 daemon.process.send_signal(signal.SIGHUP)
-                found = told(subscriber, daemon, lambda h, count=count: h["reload"]["count"] == count)
+                found = reported(subscriber, daemon, lambda h, count=count: h["reload"]["count"] == count)
                 assert (found["calibration"]["cal_id"], found["calibration"]["kept"]) == (cal_id, kept), content
                 refused = kept or cal_id == "none"
                 assert (found["calibration"]["refused"] is not None) == refused
@@ -64,16 +64,16 @@ def test_under_a_clock_of_before_1970_it_works_and_is_set_right(tmp_path: Path) 
     with Mosquitto(tmp_path / "broker") as broker:
         subscriber = Subscriber(broker.port)
         with running(config(tmp_path, line, broker.port), env=wall.env) as daemon:
-            told(subscriber, daemon, lambda h: h["link"]["opens"])
+            reported(subscriber, daemon, lambda h: h["link"]["opens"])
             while len(subscriber.payloads("attitude")) < 5:
                 tool.speak(0.2)
             assert subscriber.latest("attitude")["t"] < 0.0
             wall.set(0)
-            told(subscriber, daemon, lambda h: "clock_stepped" in h["alarms"])
+            reported(subscriber, daemon, lambda h: "clock_stepped" in h["alarms"])
             count = len(subscriber.payloads("attitude"))
             while len(subscriber.payloads("attitude")) < count + 5:
                 tool.speak(0.2)
-            last = told(subscriber, daemon, lambda h: h["outbox"]["queued"] == 0)
+            last = reported(subscriber, daemon, lambda h: h["outbox"]["queued"] == 0)
             assert all(last["balance"].values())
             assert last["outbox"]["dropped"] == {}
             assert abs(subscriber.latest("attitude")["t"] - time.time()) < 60.0
@@ -83,7 +83,7 @@ def test_under_a_clock_of_before_1970_it_works_and_is_set_right(tmp_path: Path) 
     line.close()
 
 
-def test_the_password_is_told_to_nobody_but_the_broker(tmp_path: Path) -> None:
+def test_the_password_is_reported_to_nobody_but_the_broker(tmp_path: Path) -> None:
     """Not in the log, at its most talkative, nor in health, `check`, a refusal or what lies in the state directory."""
     require_mosquitto()
     secret = "Zq8-never-to-be-seen"
@@ -105,7 +105,7 @@ def test_the_password_is_told_to_nobody_but_the_broker(tmp_path: Path) -> None:
     with broker:
         subscriber = Subscriber(broker.port)
         with running(path, env={"HIGHSIDE_DEBUG": "1"}) as daemon:
-            told(subscriber, daemon, lambda h: h["link"]["opens"])
+            reported(subscriber, daemon, lambda h: h["link"]["opens"])
             # a wrong one is refused by the broker, which the log tells
             (tmp_path / "password").write_text(secret + "wrong\n")
             broker.kill()

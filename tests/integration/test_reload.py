@@ -144,10 +144,10 @@ def test_twenty_bad_reloads_of_every_kind_while_frames_flow_lose_nothing(tmp_pat
         for kind, content in bad.items():
             assert content != good, kind
             health = reload(content)
-            told = health["reload"]
-            assert told["refused"], kind
-            assert (told["count"], "reload_refused" in health["alarms"]) == (0, True), kind
-            assert "\n" not in told["refused"], kind
+            reload_state = health["reload"]
+            assert reload_state["refused"], kind
+            assert (reload_state["count"], "reload_refused" in health["alarms"]) == (0, True), kind
+            assert "\n" not in reload_state["refused"], kind
             answer = [message for message in manager.heard() if "READY=1" in message][-1]
             assert answer.startswith("READY=1\nSTATUS=reload refused: "), (kind, answer)
         (tmp_path / "highside.toml").unlink()

@@ -262,10 +262,10 @@ async def test_a_fault_at_any_line_of_a_reload_changes_nothing(tmp_path, monkeyp
                 await bench.sighup()
             else:
                 refused += 1
-                told = service.reloader.refused
-                assert "InjectedError: a fault" in told["refused"], target
+                refusal = service.reloader.refused
+                assert "InjectedError: a fault" in refusal["refused"], target
                 assert "reload_refused" in service.health().alarms
-                assert f"STATUS=reload refused: {told['refused']}"[:80] in answered[1]
+                assert f"STATUS=reload refused: {refusal['refused']}"[:80] in answered[1]
                 assert_unchanged(before, service.parts, target)
                 await bench.until(lambda: len(asyncio.all_tasks()) <= tasks, f"{target}: no task is left over")
                 gc.collect()

@@ -74,14 +74,14 @@ def test_the_numbers_kept_are_the_published_ones(shared_data: Path) -> None:
 def test_the_instrument_is_the_one_that_table_1_alone_gives(
     run: tuple[Path, dict[str, Any]], table1_alone: dict[str, Any]
 ) -> None:
-    told = run[1]["instrument"]
-    assert told["found_from"] == "table 1"
+    part = run[1]["instrument"]
+    assert part["found_from"] == "table 1"
     # to the last digit: the same engine, the same seed, nothing else known
-    assert told["diagnosis"] == table1_alone
+    assert part["diagnosis"] == table1_alone
     for claim in table1_alone["claims"]:
         for name, parameter in claim["parameters"].items():
-            assert told["named"][claim["effect"]][name] == parameter["value"]
-    assert told["noise_g"] == table1_alone["noise"]["reading_noise_g"]
+            assert part["named"][claim["effect"]][name] == parameter["value"]
+    assert part["noise_g"] == table1_alone["noise"]["reading_noise_g"]
 
 
 def test_there_is_no_second_instrument(run: tuple[Path, dict[str, Any]]) -> None:
@@ -111,21 +111,21 @@ def test_every_table_and_column_has_published_predicted_interval_and_covered(run
 
 
 def test_each_held_out_figure_counts_once_and_each_column_has_a_verdict(run: tuple[Path, dict[str, Any]]) -> None:
-    told = run[1]["coverage"]
+    part = run[1]["coverage"]
     # table 6 without 90 deg; tables 4 and 5; of tables 2 and 3 what stands nowhere else and is not lost
-    assert told["of"] == 40 + 32 + 7 + 9
-    assert sum(c["of"] for c in told["by_column"].values()) == told["of"]
-    assert sum(c["covered"] for c in told["by_column"].values()) == told["covered"]
-    assert told["expected"] == pytest.approx(0.95 * told["of"])
-    assert {(row["table"], row["column"]) for row in told["by_table"]} == {
+    assert part["of"] == 40 + 32 + 7 + 9
+    assert sum(c["of"] for c in part["by_column"].values()) == part["of"]
+    assert sum(c["covered"] for c in part["by_column"].values()) == part["covered"]
+    assert part["expected"] == pytest.approx(0.95 * part["of"])
+    assert {(row["table"], row["column"]) for row in part["by_table"]} == {
         (table, column) for table in list(FILES)[1:] for column in COLUMNS
     }
-    assert {row["verdict"] for row in told["by_table"]} <= {
+    assert {row["verdict"] for row in part["by_table"]} <= {
         "predicted", "predicted in part", "not predicted", "nothing to predict",
     }  # fmt: skip
-    assert told["simulated"]["instruments"] >= 50
+    assert part["simulated"]["instruments"] >= 50
     # measured on the published tables; far below, the prediction is broken
-    assert told["covered"] > 0.6 * told["of"]
+    assert part["covered"] > 0.6 * part["of"]
 
 
 def test_verdicts_follow_the_counts() -> None:
@@ -154,12 +154,12 @@ def test_other_numbers_in_the_held_out_tables_change_no_prediction() -> None:
 
 
 def test_the_mean_toolface_of_a_triple_follows_from_the_means_of_inclination(run: tuple[Path, dict[str, Any]]) -> None:
-    told = run[1]["triples"]
+    part = run[1]["triples"]
     # of arcs of 0.003 deg: the paper counts T and its errors as this project does
-    assert told["rms_arc_deg"]["signs_as_here"] < 1.5e-4
-    assert told["rms_arc_deg"]["toolface_the_other_way"] > 20 * told["rms_arc_deg"]["signs_as_here"]
-    assert len(told["closures"]) == 4
-    assert set(told["arc_of_1-2-3_deg"]) == {"3.006", "1.998", "1.206", "0.612"}
+    assert part["rms_arc_deg"]["signs_as_here"] < 1.5e-4
+    assert part["rms_arc_deg"]["toolface_the_other_way"] > 20 * part["rms_arc_deg"]["signs_as_here"]
+    assert len(part["closures"]) == 4
+    assert set(part["arc_of_1-2-3_deg"]) == {"3.006", "1.998", "1.206", "0.612"}
 
 
 def test_the_same_holds_on_any_simulated_instrument() -> None:

@@ -147,14 +147,14 @@ def test_the_whole_pack_live(tmp_path: Path, broker: Mosquitto) -> None:
             assert used <= served, f"the dashboard asks for what nobody serves: {used - served}"
 
             topic, payload, *_ = next(m for m in subscriber.drain() if m[0].startswith("homeassistant/"))
-            told = json.loads(payload)
+            message = json.loads(payload)
             assert topic == "homeassistant/device/highside_t1/config"
-            assert told["availability_topic"] == "highside/t1/status"
-            assert told["components"]["inc"]["state_topic"] == "highside/t1/latest"
+            assert message["availability_topic"] == "highside/t1/status"
+            assert message["components"]["inc"]["state_topic"] == "highside/t1/latest"
             seconds = wait_for(lambda: len(m := subscriber.payloads("latest")) > 3 and m, 10, "latest", daemon)
             assert seconds[-1]["t"] - seconds[-4]["t"] > 2.5
             assert seconds[-1]["inc_deg"] == pytest.approx(first["inc_deg"], abs=0.5)
-            assert told["device"]["serial_number"] == "SN 7"
+            assert message["device"]["serial_number"] == "SN 7"
 
             # a new offset is in force within seconds, and health says who set it
             assert (
@@ -253,7 +253,7 @@ def _connected(port: int) -> socket.socket | None:
 
 
 @pytest.mark.parametrize(
-    ("extra", "told"),
+    ("extra", "message"),
     [
         ('[[wits]]\nkind = "serial"\n', "wits.0.port: is missing"),
         ('[[wits]]\nkind = "pigeon"\n', "wits.0.kind: 'pigeon' is unknown"),
@@ -263,10 +263,10 @@ def _connected(port: int) -> socket.socket | None:
         ('[vibration]\nrms_levels_g = [2.0, 1.0]\n', "`rms_levels_g` must rise"),
     ],
 )  # fmt: skip
-def test_a_wrong_table_is_named(tmp_path: Path, extra: str, told: str) -> None:
+def test_a_wrong_table_is_named(tmp_path: Path, extra: str, message: str) -> None:
     path = tmp_path / "c.toml"
     path.write_text(f'[link]\nkind = "simulated"\n[codec]\nname = "tool"\n{extra}')
     answer = command("check", str(path))
     assert answer.returncode == 2, answer.stderr
-    assert told in answer.stderr
+    assert message in answer.stderr
     assert answer.stderr.count("\n") == 1

@@ -167,13 +167,13 @@ def test_new_limits_in_the_middle_of_a_frame_lose_nothing(tmp_path, broker, subs
         cut = len(data) // 2 + 11
         line.write_all(data[:cut])
         healthy(subscriber, lambda h: h["codec"]["bytes_pending"] > 0, daemon, "half a frame")
-        told = reload(
+        last_health = reload(
             daemon,
             subscriber,
             path,
             content + "[monitor]\nrange_g = 5\n[rebalance]\napply = true\n[survey]\nstill_s = 2\n",
         )
-        assert told == {"count": 1, "refused": None}
+        assert last_health == {"count": 1, "refused": None}
         line.write_all(data[cut:])
         health = healthy(subscriber, lambda h: h["monitor"]["received"] == 200, daemon, "all frames")
         assert (health["monitor"]["gap"], health["codec"]["bytes_junk"]) == (0, 0)
@@ -212,9 +212,9 @@ def test_codec_broker_and_recorder_change_in_mid_stream_and_the_counters_balance
             ("[mqtt.outbox]\nmax_rows = 500", "mqtt.outbox"),
             ("[mqtt.tls]\nca = 'no.pem'", "mqtt.tls.ca"),
         ):
-            told = reload(daemon, subscriber, path, renamed.replace("[service]", f"{wrong}\n[service]"))
-            assert named in told["refused"]
-            assert told["count"] == 2
+            last_health = reload(daemon, subscriber, path, renamed.replace("[service]", f"{wrong}\n[service]"))
+            assert named in last_health["refused"]
+            assert last_health["count"] == 2
         assert daemon.terminate(10) == 0
     seqs = sorted(json.loads(p)["seq"] for t, p, _, _ in subscriber.drain() if t == "highside/t1/attitude")
     assert seqs == list(range(len(seqs)))

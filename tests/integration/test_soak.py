@@ -225,9 +225,9 @@ def test_a_while_at_9000_can_frames_a_second_loses_nothing(tmp_path: Path) -> No
     command = [sys.executable, "-c", CAN_DAEMON, str(tmp_path / "state"), str(CAN_RATE), str(SECONDS)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as daemon:
         runs = given_priority(daemon.pid)
-        told, said = daemon.communicate()
+        printed, said = daemon.communicate()
     assert daemon.returncode == 0, said[-3000:]
-    found = json.loads(told)
+    found = json.loads(printed)
     health, sent = found["health"], found["sent"]
     print(
         f"can, {runs}: {sent} frames ({found['per_reading']} a reading), rss {found['drift_mib']:+.2f} MiB,"

@@ -104,29 +104,29 @@ def test_all_state_files_damaged_at_once_do_not_end_the_service(tmp_path, broker
     health, log = run_with(tmp_path, broker, contents)
     state = tmp_path / "state"
     asides = {path.name.split(".damaged-")[0] for path in state.iterdir() if ".damaged-" in path.name}
-    told = {one["file"] for one in health["damaged"]}
+    damaged_files = {one["file"] for one in health["damaged"]}
     for name in ("drift.json", "toolface.jsonl"):
         if name == "toolface.jsonl" and kind in ("torn", "empty"):
             continue  # an unfinished last line was never confirmed: no damage
-        assert name in told, health["damaged"]
+        assert name in damaged_files, health["damaged"]
         assert name in asides
         kept = next(path for path in state.iterdir() if path.name.startswith(f"{name}.damaged-"))
         assert has_content(kept, DAMAGES[kind])
         assert sum(f"{name}" in line and "kept as" in line for line in log.splitlines()) == 1
-    if told:
+    if damaged_files:
         assert "damaged_file" in health["alarms"]
     if kind == "directory":
         assert {"surveys.jsonl", "lock"} <= asides
     elif kind != "empty":
         assert {"recordings"} <= asides
-        assert "recordings" in told
+        assert "recordings" in damaged_files
     # nothing of it is alarmed as if it still were so
     assert "survey_storage" not in health["alarms"]
     assert "recorder_storage" not in health["alarms"]
     assert "outbox_storage" not in health["alarms"]
 
 
-def test_a_lost_toolface_offset_is_told_until_it_is_set_anew(tmp_path, broker):
+def test_a_lost_toolface_offset_is_reported_until_it_is_set_anew(tmp_path, broker):
     health, _ = run_with(tmp_path, broker, {"toolface.jsonl": b"[" * 100_000 + b"\n{}\n"})
     assert "toolface_offset" in health["alarms"]
     line, subscriber = Pty(), Subscriber(broker.port)
@@ -203,7 +203,7 @@ def test_a_service_that_is_killed_again_and_again_says_so(tmp_path, broker):
         line.close()
 
 
-def test_a_start_that_fails_again_and_again_is_told_once_it_succeeds(tmp_path, broker):
+def test_a_start_that_fails_again_and_again_is_reported_once_it_succeeds(tmp_path, broker):
     missing = configuration(tmp_path, str(tmp_path / "no-such-port"), broker.port)
     for _ in range(3):
         with running(missing) as daemon:

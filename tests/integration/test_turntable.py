@@ -45,11 +45,22 @@ def test_a_bench_is_measured_with_one_tool_and_calibrates_the_next(tmp_path: Pat
     assert "encoder" in done.stdout
 
     sensor, offset = np.eye(3) + 3e-3 * rng.standard_normal((3, 3)), np.array([1e-3, -2e-3, 5e-4])
-    ring = np.repeat([5.0, 20.0, 45.0, 70.0, 90.0, 120.0], 8)
+    inclination = np.repeat([5.0, 20.0, 45.0, 70.0, 90.0, 120.0], 8)
     at = np.tile(np.arange(0.0, 360.0, 45.0), 6)
-    mean = sensor @ gravity_direction(*on_the_bench(ring, at)) + offset[:, None] + 1e-6 * rng.standard_normal((3, 48))
+    mean = (
+        sensor @ gravity_direction(*on_the_bench(inclination, at))
+        + offset[:, None]
+        + 1e-6 * rng.standard_normal((3, 48))
+    )
     Table(
-        {"inc_ref_deg": ring, "tf_ref_deg": at, "ax": mean[0], "ay": mean[1], "az": mean[2], "n": np.full(48, 1000.0)},
+        {
+            "inc_ref_deg": inclination,
+            "tf_ref_deg": at,
+            "ax": mean[0],
+            "ay": mean[1],
+            "az": mean[2],
+            "n": np.full(48, 1000.0),
+        },
     ).write(tmp_path / "poses.csv")
     closure = {}
     for name, given in (("without", ()), ("with", ("--turntable", "table.json"))):

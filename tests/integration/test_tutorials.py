@@ -21,7 +21,7 @@ TUTORIALS = Path(__file__).resolve().parents[2] / "docs" / "tutorials"
 BLOCK = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-class Told(NamedTuple):
+class Expected(NamedTuple):
     """What a tutorial has to end with: the law's place, what it follows, the effect's id, a size and its truth."""
 
     place: str
@@ -34,13 +34,13 @@ class Told(NamedTuple):
 
 
 TUTORIAL = {
-    "dent": Told("offset", ["tf"], "wire_at_130", "a_y", 4e-4, 4e-4, "the sensor"),
+    "dent": Expected("offset", ["tf"], "wire_at_130", "a_y", 4e-4, 4e-4, "the sensor"),
     # the curve lacks what is constant: between half of the peak and all of it
-    "glue": Told("scale", ["temp"], "soft_glue", "a_z", 3e-4, 6e-4, "the sensor"),
-    "supply": Told("offset", ["supply_v"], "supply_dip", "a_x", 1e-4, 2.6e-4, "the sensor"),
+    "glue": Expected("scale", ["temp"], "soft_glue", "a_z", 3e-4, 6e-4, "the sensor"),
+    "supply": Expected("offset", ["supply_v"], "supply_dip", "a_x", 1e-4, 2.6e-4, "the sensor"),
     # 4e-7 (T - 22)^2 at 55 to 62 C
-    "arm": Told("inclination", ["temp"], "warm_arm", "a_inc", 4.3e-4, 6.4e-4, "the bench"),
-    "ring": Told("offset", ["tf"], "bouncing_brush", "a_y", 3e-4, 4e-4, "the sensor"),
+    "arm": Expected("inclination", ["temp"], "warm_arm", "a_inc", 4.3e-4, 6.4e-4, "the bench"),
+    "ring": Expected("offset", ["tf"], "bouncing_brush", "a_y", 3e-4, 4e-4, "the sensor"),
 }
 
 
@@ -52,7 +52,7 @@ def answer(path: Path) -> dict[str, Any]:
 
 @pytest.mark.parametrize("name", TUTORIAL)
 def test_from_a_law_to_a_name(name: str, tmp_path: Path) -> None:
-    told = TUTORIAL[name]
+    expected = TUTORIAL[name]
     shutil.copy(TUTORIALS / "sessions.py", tmp_path)
     found, confirmed, made, named = BLOCK.findall((TUTORIALS / f"{name}.md").read_text())
     said = []
@@ -66,17 +66,17 @@ def test_from_a_law_to_a_name(name: str, tmp_path: Path) -> None:
     first = answer(tmp_path / "one" / "diagnosis.json")
     assert first["verdict"] == "law"
     (claim,) = first["claims"]
-    assert (claim["place"], claim["depends_on"]) == (told.place, told.depends_on)
-    assert told.blamed in said[0]
+    assert (claim["place"], claim["depends_on"]) == (expected.place, expected.depends_on)
+    assert expected.blamed in said[0]
     line = said[1].splitlines()[0]
     assert line.startswith(claim["effect"]) and ": confirmed, " in line
     if "--out two" in confirmed:
         assert answer(tmp_path / "two" / "diagnosis.json")["verdict"] == "nothing_left_out"
-    assert "Not yet understood" not in said[2] and f"### `{told.effect}`" in said[2]
+    assert "Not yet understood" not in said[2] and f"### `{expected.effect}`" in said[2]
     third = answer(tmp_path / "three" / "diagnosis.json")
-    assert [claim["effect"] for claim in third["claims"]] == [told.effect]
-    size = third["claims"][0]["parameters"][told.amplitude]
-    assert size["low"] <= told.high and size["high"] >= told.low
+    assert [claim["effect"] for claim in third["claims"]] == [expected.effect]
+    size = third["claims"][0]["parameters"][expected.amplitude]
+    assert size["low"] <= expected.high and size["high"] >= expected.low
 
 
 def test_the_generator_uses_nothing_of_highside_and_refuses_what_it_does_not_know(tmp_path: Path) -> None:

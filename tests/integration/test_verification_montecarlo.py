@@ -38,12 +38,12 @@ LIMITS = {"limit_inc_deg": 0.1, "limit_tf_deg": 1.0}
 """what README and config/bench.toml suggest"""
 POSE_DEG, TILT_DEG, NOISE_G = 0.0052, 0.05, 15e-6
 PLAN = _plan(VerificationPlan(kind="verification", **LIMITS), Limits())
-RINGS = [0.612, 1.206, 1.998, 3.006, 5.004, 14.994, 30.006, 45.0, 59.994, 75.006, 90.0]
+INCLINATIONS = [0.612, 1.206, 1.998, 3.006, 5.004, 14.994, 30.006, 45.0, 59.994, 75.006, 90.0]
 TOOLFACES = (45.0, 135.0, 225.0, 315.0)
 POSE_SETS = {
     "plan": np.array([(pose.inc_deg, pose.tf_deg) for pose in PLAN.poses]).T,
-    "both sides": np.array([(inc, tf) for inc in [-5.004, -45.0, *RINGS] for tf in TOOLFACES]).T,
-    "one side": np.array([(inc, tf) for inc in RINGS[4:] for tf in TOOLFACES]).T,
+    "both sides": np.array([(inc, tf) for inc in [-5.004, -45.0, *INCLINATIONS] for tf in TOOLFACES]).T,
+    "one side": np.array([(inc, tf) for inc in INCLINATIONS[4:] for tf in TOOLFACES]).T,
 }
 DECIDED = ("plan", "both sides")
 """pose sets with reversed poses"""
@@ -159,7 +159,7 @@ def out_by(factor: float, which: str, kind: str, seed: int) -> Changed:
     return KINDS[kind](size, direction)
 
 
-def told(name: str, count: int, total: int) -> str:
+def reported(name: str, count: int, total: int) -> str:
     low = beta.ppf(0.025, count, total - count + 1) if count else 0.0
     high = beta.ppf(0.975, count + 1, total - count) if count < total else 1.0
     return f"{name}: {count} of {total} ({100 * low:.2f} to {100 * high:.2f} %)"
@@ -173,7 +173,7 @@ def passing(which: str, sessions: int, kind: str | None = None, factor: float = 
     ]
     passed = sum(verdict is Conformity.PASS for verdict in found)
     what = "good tools" if kind is None else f"tools out by {factor:g} of a limit, {kind}"
-    print(told(f"{what}, {which}, level to {tilt_deg:g} deg: pass", passed, sessions), dict(Counter(found)))
+    print(reported(f"{what}, {which}, level to {tilt_deg:g} deg: pass", passed, sessions), dict(Counter(found)))
     return passed
 
 

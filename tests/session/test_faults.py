@@ -245,7 +245,7 @@ def test_waiting_long_is_said_and_nothing_else_happens() -> None:
     assert Fault.WAITING_LONG in rehearsal.session.faults
 
 
-def test_a_tool_without_thermometer_is_told_from_one_that_is_cold() -> None:
+def test_a_tool_without_thermometer_is_distinguished_from_one_that_is_cold() -> None:
     rehearsal = Rehearsal(SOAK)
     session, bench = rehearsal.session, rehearsal.bench
     session.command(command(CommandName.START), 0.0)

@@ -67,8 +67,8 @@ def test_put_in_force_and_taken_back(tmp_path: Path) -> None:
     assert kept.active_id("tool") == first.record.id
     assert [entry.action for entry in kept.history("tool")] == ["activate", "activate", "rollback"]
     # told by the journal, which is whole
-    told = [e for e in read_journal(second.rehearsal.journal).entries if isinstance(e, PutInForce)]
-    assert [(e.how, e.record) for e in told] == [("activate", second.record.id), ("rollback", first.record.id)]
+    commands_kept = [e for e in read_journal(second.rehearsal.journal).entries if isinstance(e, PutInForce)]
+    assert [(e.how, e.record) for e in commands_kept] == [("activate", second.record.id), ("rollback", first.record.id)]
     assert second.rehearsal.replayed()[2].id == second.record.id  # type: ignore[attr-defined]
 
 

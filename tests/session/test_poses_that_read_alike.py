@@ -1,4 +1,4 @@
-"""Two settings of the bench that the tool cannot tell apart: a ring and its reverse, toolfaces at the vertical.
+"""Two settings of the bench that the tool cannot tell apart: an inclination and its reverse, toolfaces at the vertical.
 
 Taken at the wrong one a pose is wrong by twice the tilt of the bench, and the good poses beside it are asked for again.
 """
@@ -23,7 +23,7 @@ from highside.physics.gravity import bench_gravity
 
 QUICK = Limits(std_error_g=3e-5, min_hold_s=2.0, max_hold_s=8.0)
 DEFAULT = _plan(VerificationPlan(kind="verification", limit_inc_deg=0.1, limit_tf_deg=1.0), QUICK)
-"""the poses of the plan `verification`: a reversed ring at -45 deg, then 5, 45 and 90"""
+"""the poses of the plan `verification`: a reversed inclination at -45 deg, then 5, 45 and 90"""
 TILT_DEG = (0.02, -0.01)
 
 

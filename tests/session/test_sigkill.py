@@ -67,16 +67,16 @@ def test_a_kill_loses_at_most_the_pose_in_progress_and_the_session_goes_on(tmp_p
         os.close(write_end)
         assert os.read(read_end, 2) == b"! "
         # after some poses and a little, so that a slow machine is killed as early as a quick one
-        told = b""
+        acknowledged_bytes = b""
         wanted = rng.randint(0, len(PLAN.poses))
-        while told.count(b" ") < wanted:
-            told += os.read(read_end, 1)
+        while acknowledged_bytes.count(b" ") < wanted:
+            acknowledged_bytes += os.read(read_end, 1)
         time.sleep(rng.uniform(0.0, 0.08))
         assert child.pid is not None
         os.kill(child.pid, signal.SIGKILL)
         child.join()
         while part := os.read(read_end, 1024):
-            told += part
+            acknowledged_bytes += part
         os.close(read_end)
         path = directory / "rehearsal.journal"
         raw = path.read_bytes()
@@ -84,7 +84,7 @@ def test_a_kill_loses_at_most_the_pose_in_progress_and_the_session_goes_on(tmp_p
         torn += journal.good_bytes < len(raw)
         ledger = journal.ledger()
         on_disk = {line.id for line in ledger.done}
-        acknowledged = set(told.decode().split())
+        acknowledged = set(acknowledged_bytes.decode().split())
         # what was told is there; at most one more was written and not told any more
         assert acknowledged <= on_disk and len(on_disk - acknowledged) <= 1
         readings = {line.id: line.readings for line in ledger.done}

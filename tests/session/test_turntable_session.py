@@ -66,11 +66,11 @@ def test_the_journal_tells_the_same_fit(turned: Rehearsal) -> None:
     _, solved, record = turned.replayed()
     assert solved.turntable is not None and solved.turntable.to_json() == fitted(turned).to_json()
     assert record is not None and turned.session.record is not None and record.id == turned.session.record.id
-    told = [replace(e, turntable="0" * 64) if isinstance(e, Ended) else e for e in turned.entries]
+    altered = [replace(e, turntable="0" * 64) if isinstance(e, Ended) else e for e in turned.entries]
     from highside.bench.session import outcome
 
     with pytest.raises(InputError, match="turntable"):
-        outcome.replay(read_journal(encode_all(turned.header, [(entry, 1.0) for entry in told])))
+        outcome.replay(read_journal(encode_all(turned.header, [(entry, 1.0) for entry in altered])))
 
 
 def test_toolface_is_better_calibrated_with_the_turntable(turned: Rehearsal) -> None:

@@ -79,8 +79,8 @@ def test_a_session_ends_with_its_verdict(make: object, limit_deg: float, offset_
 
 def test_a_verdict_that_does_not_follow_from_the_journal_is_refused() -> None:
     done = judge(verification(0.3))
-    told = [replace(e, verdict="fail") if isinstance(e, Ended) else e for e in done.entries]
-    journal = read_journal(encode_all(done.header, [(entry, 1.0) for entry in told]))
+    altered = [replace(e, verdict="fail") if isinstance(e, Ended) else e for e in done.entries]
+    journal = read_journal(encode_all(done.header, [(entry, 1.0) for entry in altered]))
     with pytest.raises(InputError, match="gives the verdict pass, not fail"):
         outcome.replay(journal)
 

@@ -88,8 +88,8 @@ def test_every_alarm_has_its_meaning_and_the_schema_says_it() -> None:
     raised |= set(re.findall(r"found\.extend\(\"([a-z_]+)\"", text))
     assert len(raised) > 10
     assert raised <= set(ALARMS), raised - set(ALARMS)
-    told = schemas()["health"]["properties"]["alarms"]["description"]
-    assert all(f"`{name}`: {text}" in told for name, text in ALARMS.items())
+    description = schemas()["health"]["properties"]["alarms"]["description"]
+    assert all(f"`{name}`: {text}" in description for name, text in ALARMS.items())
 
 
 def test_answers_have_an_allowance_of_each_kind_and_never_pile_up() -> None:

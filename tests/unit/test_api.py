@@ -278,7 +278,7 @@ def test_a_table_that_is_not_in_order_is_refused_in_one_line(data: Any, words: s
     assert "\n" not in str(error.value)
 
 
-def test_a_gap_is_told_by_the_row_of_a_table_and_the_line_of_a_file(
+def test_a_gap_is_reported_by_the_row_of_a_table_and_the_line_of_a_file(
     simulation: highside.Simulation, calibration: highside.Calibration, tmp_path: Path
 ) -> None:
     frame = simulation.recording.to_pandas()

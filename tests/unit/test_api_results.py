@@ -42,7 +42,7 @@ def log(path: Path, header: str, *, gap: bool = False) -> Path:
 # --- read ----------------------------------------------------------------------------------------------------------
 
 
-def test_what_a_file_says_clearly_is_read_and_told(tmp_path: Path) -> None:
+def test_what_a_file_says_clearly_is_read_and_reported(tmp_path: Path) -> None:
     path = log(tmp_path / "log.csv", "time [ms],acc_x [m/s2],acc_y [m/s2],acc_z [m/s2]")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -85,9 +85,9 @@ def test_what_is_open_is_never_read(tmp_path: Path) -> None:
 
 def test_lost_rows_are_a_warning(tmp_path: Path) -> None:
     path = log(tmp_path / "log.csv", "time [ms],acc_x [m/s2],acc_y [m/s2],acc_z [m/s2]", gap=True)
-    with pytest.warns(UserWarning, match=r"log\.csv: .*pause.* line 103") as told:
+    with pytest.warns(UserWarning, match=r"log\.csv: .*pause.* line 103") as warned:
         recording = highside.read(path)
-    assert told[0].filename == __file__
+    assert warned[0].filename == __file__
     assert any("pause" in note for note in recording.notes)
 
 

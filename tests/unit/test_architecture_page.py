@@ -27,20 +27,20 @@ def test_every_file_that_is_named_exists(project_root: Path, page: str) -> None:
 
 @pytest.mark.parametrize("name", ["architecture-layers.svg", "architecture-reading.svg"])
 def test_pictures_are_as_they_are_drawn_now(project_root: Path, name: str) -> None:
-    told = (
+    program = (
         "import sys; sys.path.insert(0, 'docs'); import architecture_picture as a;"
         " sys.stdout.write(a.draw_layers() if 'layers' in sys.argv[1] else a.draw_reading())"
     )
-    drawn = subprocess.run([sys.executable, "-c", told, name], cwd=project_root, capture_output=True, text=True)
+    drawn = subprocess.run([sys.executable, "-c", program, name], cwd=project_root, capture_output=True, text=True)
     assert drawn.returncode == 0, drawn.stderr
     assert (project_root / "docs" / name).read_text() == drawn.stdout, "run docs/architecture_picture.py"
     assert "http" not in drawn.stdout.replace('xmlns="http://www.w3.org/2000/svg"', "")
 
 
 def test_every_layer_has_its_purpose(project_root: Path) -> None:
-    told = (
+    program = (
         "import sys; sys.path.insert(0, 'docs'); import architecture_picture as a;"
         " print({n for row in a.layers() for n in row} - set(a.PURPOSE))"
     )
-    lacking = subprocess.run([sys.executable, "-c", told], cwd=project_root, capture_output=True, text=True)
+    lacking = subprocess.run([sys.executable, "-c", program], cwd=project_root, capture_output=True, text=True)
     assert lacking.stdout.strip() == "set()", "docs/architecture_picture.py, PURPOSE"

@@ -50,13 +50,13 @@ class Driver:
 
     def __init__(self, shown: Snapshot) -> None:
         self.shown = shown
-        self.told: list[Command] = []
+        self.commands: list[Command] = []
 
     def snapshot(self) -> Snapshot:
         return self.shown
 
     async def command(self, command: Command) -> Reply:
-        self.told.append(command)
+        self.commands.append(command)
         return Reply(request_id=command.request_id, accepted=True, text="done", state=SessionState.ACCEPTED, seq=2)
 
 
@@ -74,33 +74,33 @@ def test_a_key_that_puts_a_calibration_in_force_counts_when_pressed_twice() -> N
     driver = Driver(snapshot())
     face = RichFace(driver, "ann", listen=False)  # type: ignore[arg-type]
     press(face, "F")
-    assert driver.told[-1].confirm is None, "asked about first"
+    assert driver.commands[-1].confirm is None, "asked about first"
     press(face, "F")
-    assert (driver.told[-1].name, driver.told[-1].confirm) == (CommandName.ACTIVATE, RECORD)
+    assert (driver.commands[-1].name, driver.commands[-1].confirm) == (CommandName.ACTIVATE, RECORD)
     press(face, "FB")
-    assert driver.told[-1].confirm is None, "another key in between begins anew"
+    assert driver.commands[-1].confirm is None, "another key in between begins anew"
     press(face, "B")
-    assert (driver.told[-1].name, driver.told[-1].confirm) == (CommandName.ROLLBACK, BEFORE)
+    assert (driver.commands[-1].name, driver.commands[-1].confirm) == (CommandName.ROLLBACK, BEFORE)
     press(face, "p")
-    assert driver.told[-1].confirm is None and driver.told[-1].pose is None
+    assert driver.commands[-1].confirm is None and driver.commands[-1].pose is None
 
 
 def test_nothing_to_put_in_force_is_never_confirmed() -> None:
     driver = Driver(snapshot(record=None))
     face = RichFace(driver, "ann", listen=False)  # type: ignore[arg-type]
     press(face, "FF")
-    assert [told.confirm for told in driver.told] == [None, None]
+    assert [commands.confirm for commands in driver.commands] == [None, None]
 
 
 def test_words_name_the_record_or_the_pose() -> None:
     driver = Driver(snapshot())
     face = PlainFace(driver, "ann", listen=False)  # type: ignore[arg-type]
     asyncio.run(face.send(CommandName.ACTIVATE, RECORD[:8]))
-    assert (driver.told[-1].confirm, driver.told[-1].pose) == (RECORD[:8], None)
+    assert (driver.commands[-1].confirm, driver.commands[-1].pose) == (RECORD[:8], None)
     asyncio.run(face.send(CommandName.REDO, "3"))
-    assert (driver.told[-1].confirm, driver.told[-1].pose) == (None, "3")
+    assert (driver.commands[-1].confirm, driver.commands[-1].pose) == (None, "3")
     asyncio.run(face.send(CommandName.ACTIVATE, "x" * 100))
-    assert len(driver.told) == 2 and "no name of a record" in face.answer
+    assert len(driver.commands) == 2 and "no name of a record" in face.answer
 
 
 def test_the_picture_shows_a_verdict() -> None:

@@ -17,8 +17,8 @@ NO_FIT = {"heldout_rmse_before": None}
 
 
 def claim(effect: str, *others: str, **parameters: float) -> dict[str, Any]:
-    told = {n: {"value": v, "low": v - 1e-4, "high": v + 1e-4, "unit": "g"} for n, v in parameters.items()}
-    return {"effect": effect, "equivalence_class": [effect, *others], "parameters": told}
+    stated = {n: {"value": v, "low": v - 1e-4, "high": v + 1e-4, "unit": "g"} for n, v in parameters.items()}
+    return {"effect": effect, "equivalence_class": [effect, *others], "parameters": stated}
 
 
 def row(group: str, truth: dict[str, Any], verdict: str, *claims: dict[str, Any], **more: Any) -> dict[str, Any]:
@@ -166,8 +166,8 @@ def test_the_frozen_package_answers_and_not_the_tree(tmp_path: Path, project_roo
         f"score.use_frozen({head.stdout.strip()!r}, Path({str(tmp_path)!r}));"
         "import highside.cli.main as m; print(m.__file__)"
     )
-    told = subprocess.run([sys.executable, "-c", words], cwd=project_root, capture_output=True, text=True, check=True)
-    assert Path(told.stdout.strip()) == tmp_path / "src/highside/cli/main.py"
+    stated = subprocess.run([sys.executable, "-c", words], cwd=project_root, capture_output=True, text=True, check=True)
+    assert Path(stated.stdout.strip()) == tmp_path / "src/highside/cli/main.py"
 
 
 def located(covariate: str, *intervals: tuple[float, float]) -> list[dict[str, Any]]:

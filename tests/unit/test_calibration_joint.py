@@ -154,7 +154,7 @@ def test_a_session_that_contradicts_itself_is_refused() -> None:
         joint(poses.subset(np.arange(4)))
 
 
-def test_one_inclination_is_answered_with_what_cannot_be_told_apart_and_the_pose_that_would_help() -> None:
+def test_one_inclination_is_answered_with_what_cannot_be_distinguished_and_the_pose_that_would_help() -> None:
     scenario = reference_scenario(2, inclinations_deg=[45.0], toolfaces_deg=np.arange(15.0, 360.0, 30.0).tolist())
     result = joint(pose_set(scenario))
     assert reasons(result) == [Reason.UNOBSERVABLE]
@@ -206,9 +206,14 @@ def test_encoder_harmonics_are_found_where_there_are_stations_enough_and_not_whe
 def test_variance_components_tell_a_bench_with_common_errors_from_one_without() -> None:
     found = []
     for common in (False, True):
-        errors = {"pose_error_deg": 0.0, "ring_error_deg": 0.009, "station_error_deg": 0.009} if common else {}
+        errors = (
+            {"pose_error_deg": 0.0, "inc_station_error_deg": 0.009, "tf_station_error_deg": 0.009} if common else {}
+        )
         deg = [
-            [np.rad2deg(r.variance[name]) for name in ("pose_inc_rad", "ring_inc_rad", "pose_tf_rad", "station_tf_rad")]
+            [
+                np.rad2deg(r.variance[name])
+                for name in ("pose_inc_rad", "station_inc_rad", "pose_tf_rad", "station_tf_rad")
+            ]
             for r in (joint(pose_set(reference_scenario(seed, **errors))) for seed in range(15))  # type: ignore[arg-type]
         ]
         found.append(np.median(deg, axis=0))
@@ -251,7 +256,7 @@ def test_a_nonlinear_sensor_is_inverted() -> None:
     assert np.allclose(sensor.correct(sensor.forward(g[:, 0])), g[:, 0], atol=1e-12)
 
 
-def test_reversal_rings_separate_bench_from_sensor_better_than_more_of_the_same() -> None:
+def test_reversal_inclinations_separate_bench_from_sensor_better_than_more_of_the_same() -> None:
     base = pose_grid([5.0, 45.0, 90.0], BALANCE_TOOLFACES_DEG)
 
     def tilt_std(extra: list[float]) -> Array:
@@ -259,16 +264,16 @@ def test_reversal_rings_separate_bench_from_sensor_better_than_more_of_the_same(
         F = plan_information(np.append(base[0], more[0]), np.append(base[1], more[1]))
         return np.asarray(np.sqrt(np.diag(np.linalg.inv(F))[12:14]))
 
-    same, reversed_rings, beyond = (
+    same, reversed_inclinations, beyond = (
         tilt_std([5.0, 45.0, 90.0]),
         tilt_std([-5.0, -45.0, -90.0]),
         tilt_std([120.0, 135, 150]),
     )
-    assert np.all(reversed_rings < 0.85 * same)
+    assert np.all(reversed_inclinations < 0.85 * same)
     assert beyond[0] < 0.8 * same[0]
 
 
-def test_the_advice_asks_for_reversed_rings_or_rings_beyond_horizontal() -> None:
+def test_the_advice_asks_for_reversed_inclinations_or_inclinations_beyond_horizontal() -> None:
     poses = pose_set(reference_scenario(9))
     for criterion in ("I", "D"):
         advice = next_best_poses(poses, count=3, criterion=criterion)  # type: ignore[arg-type]
@@ -348,10 +353,11 @@ def test_structure_that_no_term_has_is_said_and_stands_in_the_uncertainty() -> N
     assert 0.5 < np.sqrt(np.mean(pulls)) < 1.6
 
 
-def test_with_two_rings_the_uncertainty_is_that_over_all_errors_they_may_have_in_common(
+def test_with_two_inclinations_the_uncertainty_is_that_over_all_errors_they_may_have_in_common(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Elsewhere than on its two rings: covered in a hundred sessions, wider most where the rings happen to agree."""
+    """Elsewhere than on its two inclinations: covered in a hundred sessions, wider most where the inclinations happen
+    to agree."""
     inc, tf = np.deg2rad(126.0), 0.5
     seen = []
     for seed in range(100):
@@ -360,20 +366,24 @@ def test_with_two_rings_the_uncertainty_is_that_over_all_errors_they_may_have_in
             inclinations_deg=(5.0, 45.0),
             toolfaces_deg=tuple(45.0 * k for k in range(7)),
             pose_error_deg=0.0064,
-            ring_error_deg=0.0064,
-            station_error_deg=0.0064,
+            inc_station_error_deg=0.0064,
+            tf_station_error_deg=0.0064,
         )
         result = joint(pose_set(scenario))
         g = result.correct(scenario.read(np.array([inc]), np.array([tf])))
         std = result.predict_std(inc, tf, 0.0)[0][0]
         with monkeypatch.context() as patch:
-            patch.setattr("highside.calibration.joint.FEW_RINGS", 0)
+            patch.setattr("highside.calibration.joint.FEW_INCLINATIONS", 0)
             likeliest = joint(pose_set(scenario))
         wider = std / likeliest.predict_std(inc, tf, 0.0)[0][0]
         seen.append(
-            (abs(np.arctan2(np.hypot(g[0], g[1]), g[2])[0] - inc) / std, wider, result.variance["ring_inc_rad"])
+            (abs(np.arctan2(np.hypot(g[0], g[1]), g[2])[0] - inc) / std, wider, result.variance["station_inc_rad"])
         )
-    z, wider, ring = np.transpose(seen)
+    z, wider, inclination = np.transpose(seen)
     assert np.mean(z <= 1.96) >= 0.88  # 95 expected; below 88 by chance once in a thousand
     assert np.all(wider > 0.9)
-    assert np.mean(wider[ring <= np.median(ring)]) > 1.05 > np.mean(wider[ring > np.median(ring)])
+    assert (
+        np.mean(wider[inclination <= np.median(inclination)])
+        > 1.05
+        > np.mean(wider[inclination > np.median(inclination)])
+    )

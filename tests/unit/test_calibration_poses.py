@@ -24,7 +24,7 @@ def test_a_table_in_degrees_becomes_a_pose_set() -> None:
     assert len(poses) == 4
     assert np.allclose(np.rad2deg(poses.reference()[0]), [5, 45, 90, 90])
     assert not poses.std_known
-    assert poses.rings().tolist() == [0, 1, 2, 2]
+    assert poses.inclination_stations().tolist() == [0, 1, 2, 2]
     assert poses.subset(np.array([True, False, True, True])).ids == ("1", "3", "4")
 
 

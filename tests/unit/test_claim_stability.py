@@ -77,6 +77,6 @@ def test_sizes_beside_a_large_remainder_are_as_wide_as_it_makes_them() -> None:
     steady = Stability("thirds of the session", 0.1, 0.0, (0.9, 1.0, 1.1))
     assert _widened(found, 1.1, [steady]) == found
     wide = _widened(found, 9.0, [steady])
-    told = wide.claims[0].parameters["s"]
-    assert (told.std, told.low, told.high) == pytest.approx((3e-5, 9.4e-4, 1.06e-3))
+    stated = wide.claims[0].parameters["s"]
+    assert (stated.std, stated.low, stated.high) == pytest.approx((3e-5, 9.4e-4, 1.06e-3))
     assert "0.90 / 1.00 / 1.10" in wide.remainder.hints[-1]

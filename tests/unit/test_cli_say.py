@@ -73,5 +73,5 @@ def test_an_author_out_of_a_file_does_not_command_the_terminal(tmp_path: Path) -
     )
     shown = CliRunner().invoke(app, ["toolface", "show", "--config", str(config)]).output
     assert "by Eve\\x1b]0;owned\\x07\\u202e" in shown
-    told = json.loads(CliRunner().invoke(app, ["toolface", "show", "--config", str(config), "--json"]).output)
-    assert told[0]["author"] == author
+    report = json.loads(CliRunner().invoke(app, ["toolface", "show", "--config", str(config), "--json"]).output)
+    assert report[0]["author"] == author

@@ -19,18 +19,20 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 def test_numpy_is_not_imported_before_its_threads_are_settled() -> None:
     # OPENBLAS_NUM_THREADS is read when numpy is imported; a diagnosis takes half as long again without it
-    told = "import highside.cli.main, sys; print('numpy' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", told], capture_output=True, text=True).stdout.strip() == "False"
+    program_text = "import highside.cli.main, sys; print('numpy' in sys.modules)"
+    assert (
+        subprocess.run([sys.executable, "-c", program_text], capture_output=True, text=True).stdout.strip() == "False"
+    )
 
 
 @pytest.mark.parametrize("asked", ["--version", "--help"])
 def test_nothing_heavy_is_imported_to_say_what_there_is(asked: str) -> None:
-    told = (
+    program_text = (
         "import sys; from highside.cli.main import app; app([sys.argv[1]], standalone_mode=False);"
         " heavy = {'numpy', 'scipy', 'pydantic_settings', 'matplotlib', 'nicegui', 'aiomqtt', 'serial', 'can'};"
         " print('heavy:', *sorted(heavy & set(sys.modules)))"
     )
-    done = subprocess.run([sys.executable, "-c", told, asked], capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-c", program_text, asked], capture_output=True, text=True)
     assert done.stdout.splitlines()[-1].strip() == "heavy:", done.stderr
 
 
@@ -40,13 +42,13 @@ NEVER = {"matplotlib", "bokeh", "pyarrow", "nicegui", "scipy.stats", "pydantic_s
 
 def modules_of(program: str, *arguments: str) -> set[str]:
     """What a fresh interpreter has loaded when `program` has ended."""
-    told = f"import sys\n{program}\nprint('loaded:', *sorted(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", told, *arguments], capture_output=True, text=True, timeout=120)
+    program_text = f"import sys\n{program}\nprint('loaded:', *sorted(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", program_text, *arguments], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     return set(done.stdout.splitlines()[-1].removeprefix("loaded:").split())
 
 
-def test_the_version_is_told_without_the_commands() -> None:
+def test_the_version_is_reported_without_the_commands() -> None:
     loaded = modules_of("from highside.cli.main import main; main()", "--version")
     own = {name for name in loaded if name.startswith("highside")}
     assert own == {"highside", "highside.cli", "highside.cli.main", "highside.cli.say", "highside.printable"}
@@ -110,7 +112,7 @@ def test_a_group_without_a_command_prints_its_help(group: list[str]) -> None:
     assert done.stderr == f"highside: no command given; choose one of those above (see {command} --help)\n"
 
 
-def test_the_shell_is_told_how_a_command_goes_on() -> None:
+def test_the_shell_is_reported_how_a_command_goes_on() -> None:
     asked = {"_HIGHSIDE_COMPLETE": "complete_bash", "COMP_WORDS": "highside ca", "COMP_CWORD": "1"}
     done = subprocess.run([HIGHSIDE], capture_output=True, text=True, env=os.environ | asked, timeout=60)
     assert done.stdout.split() == ["calibrate"]

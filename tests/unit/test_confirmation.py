@@ -75,7 +75,7 @@ def test_what_is_there_again_is_confirmed_with_its_share() -> None:
     assert inside >= 13
 
 
-def test_what_is_not_there_is_not_confirmed_and_half_of_it_is_told_as_half() -> None:
+def test_what_is_not_there_is_not_confirmed_and_half_of_it_is_reported_as_half() -> None:
     done = highside.confirm(MODEL, session(3, dent=0.0))
     assert verdicts(done) == {"law:offset_y_tf": "not_confirmed", "law:scale_x_temp": "confirmed"}
     assert not done.confirmed
@@ -138,6 +138,6 @@ def test_the_command_says_it_in_words_and_by_its_exit_status(
     first, second = capsys.readouterr().out.splitlines()
     assert first.startswith("law:offset_y_tf (") and ": confirmed, " in first and ": confirmed, " in second
     assert app(["confirm", str(found), str(tmp_path / "other.csv"), "--json"], standalone_mode=False) == 1
-    told = json.loads(capsys.readouterr().out)
-    assert [claim["verdict"] for claim in told["claims"]] == ["not_confirmed", "not_varied"]
-    assert told["claims"][1]["share"] is None
+    report = json.loads(capsys.readouterr().out)
+    assert [claim["verdict"] for claim in report["claims"]] == ["not_confirmed", "not_varied"]
+    assert report["claims"][1]["share"] is None

@@ -48,8 +48,8 @@ def test_a_store_that_is_named_starts_beside_the_file(home: Path) -> None:
     store = load_bench(home / "bench.toml").store
     assert store.sessions == home / "mine"
     assert store.directory == home / "data" / "highside" / "calibrations"
-    told = load_bench(home / "bench.toml", [f"store.directory={home}/told"])
-    assert told.store.directory == home / "told"
+    stated = load_bench(home / "bench.toml", [f"store.directory={home}/told"])
+    assert stated.store.directory == home / "told"
 
 
 def test_two_services_of_one_user_have_a_folder_each(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,11 +15,11 @@ BENCH = BenchAccuracy(pose_rad=float(np.deg2rad(0.0052)))
 
 
 @pytest.mark.parametrize("wrong_deg", [0.0, 0.2, 3.0])
-@pytest.mark.parametrize("rings", [(45.0,), (5.0, 45.0, 90.0)])
-def test_they_are_those_of_the_joint_estimator(rings: tuple[float, ...], wrong_deg: float) -> None:
+@pytest.mark.parametrize("inclinations", [(45.0,), (5.0, 45.0, 90.0)])
+def test_they_are_those_of_the_joint_estimator(inclinations: tuple[float, ...], wrong_deg: float) -> None:
     rng = np.random.default_rng(4)
-    inc = np.deg2rad(np.repeat(rings, 6))
-    tf = np.deg2rad(np.tile(np.arange(0.0, 360.0, 60.0), len(rings)))
+    inc = np.deg2rad(np.repeat(inclinations, 6))
+    tf = np.deg2rad(np.tile(np.arange(0.0, 360.0, 60.0), len(inclinations)))
     true_tf = tf + rng.normal(0.0, BENCH.pose_rad, tf.size)
     true_tf[3] += np.deg2rad(wrong_deg)
     matrix = np.eye(3) + 3e-3 * rng.standard_normal((3, 3))
@@ -31,5 +31,5 @@ def test_they_are_those_of_the_joint_estimator(rings: tuple[float, ...], wrong_d
     poses = PoseSet.from_columns(columns)
     whole = joint(poses, bench=BENCH, nonlinear="none", encoder="none", estimate_variances=False)
     assert np.allclose(departures(poses, BENCH), whole.poses.studentised, rtol=1e-9)
-    if wrong_deg and len(rings) > 1:
+    if wrong_deg and len(inclinations) > 1:
         assert int(np.argmax(departures(poses, BENCH))) == 3

@@ -43,7 +43,7 @@ def of(force: Array, t_s: Array = T_S, noise: float = 0.0, seed: int = 7) -> Col
     return {"t_s": t_s, **dict(zip(AXES, rows, strict=False))}
 
 
-def told(recorded: Columns, predicted: Columns) -> tuple[DiagnosisResult, SimulationSession]:
+def reported(recorded: Columns, predicted: Columns) -> tuple[DiagnosisResult, SimulationSession]:
     session = simulation_session(recorded, predicted)
     return diagnose_simulation(session, ())[0], session
 
@@ -56,7 +56,7 @@ def names(found: DiagnosisResult) -> list[str]:
 @pytest.mark.parametrize("early_s", [0.01, 0.03, 0.05, 0.2, 2.0, -0.03])
 def test_a_prediction_that_is_early_is_named_a_time_offset_and_nothing_else(early_s: float) -> None:
     """At 50 ms it was a lag of 40 ms beside an offset of 17 ms, at 200 ms a lag of 0.6 s, a scale and a lever arm."""
-    found, session = told(of(by_hand(), noise=NOISE_G), of(by_hand(), T_S - early_s))
+    found, session = reported(of(by_hand(), noise=NOISE_G), of(by_hand(), T_S - early_s))
     assert [claim.effect for claim in found.claims] == ["time_offset"]
     offset = found.claims[0].parameters["t0"]
     assert offset.value == pytest.approx(early_s, abs=1e-4)
@@ -74,7 +74,7 @@ def filtered(tau_s: float) -> Array:
 
 
 def test_a_filters_delay_is_no_time_offset() -> None:
-    found, session = told(of(filtered(0.04), noise=NOISE_G), of(by_hand()))
+    found, session = reported(of(filtered(0.04), noise=NOISE_G), of(by_hand()))
     assert names(found) == ["bandwidth_lag"]
     assert found.claims[0].parameters["tau_accel"].value == pytest.approx(0.04, abs=1e-3)
     assert session.alignment.lag_s > 0.02
@@ -82,7 +82,7 @@ def test_a_filters_delay_is_no_time_offset() -> None:
 
 def test_an_offset_beside_another_effect_keeps_its_size() -> None:
     force = by_hand() * np.array([[1.01], [1.0], [1.0]])
-    found, _ = told(of(force, noise=NOISE_G), of(by_hand(), T_S - 0.03))
+    found, _ = reported(of(force, noise=NOISE_G), of(by_hand(), T_S - 0.03))
     sizes = {claim.effect: claim.parameters for claim in found.claims}
     assert set(sizes) == {"time_offset", "scale"}
     assert sizes["time_offset"]["t0"].value == pytest.approx(0.03, abs=1e-4)
@@ -98,7 +98,7 @@ def pendulum(frequency_hz: float) -> Array:
 @pytest.mark.parametrize("off", [0.02, -0.03, 0.05])
 def test_a_periodic_motion_with_a_constant_that_is_off_is_a_rate(off: float) -> None:
     """Shifted by whole periods until too little was left to compare, once."""
-    found, session = told(of(pendulum(0.8 * (1 - off)), noise=NOISE_G), of(pendulum(0.8)))
+    found, session = reported(of(pendulum(0.8 * (1 - off)), noise=NOISE_G), of(pendulum(0.8)))
     assert names(found) == ["clock_skew"]
     assert found.claims[0].parameters["eps"].value == pytest.approx(off, abs=2e-4)
     assert "rate of the clock or of the motion" in found.claims[0].story
@@ -108,7 +108,7 @@ def test_a_periodic_motion_with_a_constant_that_is_off_is_a_rate(off: float) -> 
 
 def test_a_clock_that_runs_off_by_little_is_a_rate_too() -> None:
     force = np.stack([CubicSpline(T_S, row)(T_S * (1 - 5e-4)) for row in by_hand()])
-    found, _ = told(of(force, noise=NOISE_G), of(by_hand()))
+    found, _ = reported(of(force, noise=NOISE_G), of(by_hand()))
     assert names(found) == ["clock_skew"]
     assert found.claims[0].parameters["eps"].value == pytest.approx(5e-4, abs=5e-6)
 
@@ -129,7 +129,7 @@ def test_whose_clock_it_is_may_be_said(how: str, same: bool) -> None:
 
 def test_files_with_a_zero_of_time_of_their_own_leave_no_offset_behind() -> None:
     """The lag is measured to a share of a row; what it lacks is adjusted, and no physics."""
-    found, session = told(of(by_hand(), noise=NOISE_G), of(by_hand(), T_S + 5000.003))
+    found, session = reported(of(by_hand(), noise=NOISE_G), of(by_hand(), T_S + 5000.003))
     assert not session.alignment.same_clock
     assert found.verdict == "nothing_left_out"
     assert "time_offset" in {entry.effect for entry in found.not_testable}

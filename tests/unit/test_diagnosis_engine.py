@@ -177,8 +177,8 @@ def test_what_a_strong_effect_does_beyond_first_order_is_given_no_name_of_its_ow
     assert found.verdict == "named"
     assert [c.effect for c in found.claims] == [effect]
     for name, size in sizes.items():
-        told = found.claims[0].parameters[name]
-        assert abs(told.value - size) < 4 * told.std
+        stated = found.claims[0].parameters[name]
+        assert abs(stated.value - size) < 4 * stated.std
     assert found.fit.rmse_before > 10 * found.fit.rmse_after
 
 
@@ -195,8 +195,8 @@ def test_a_strong_slow_effect_is_no_walk_whatever_its_time_constant(
     found = deck.diagnosed(session)
     assert found.verdict == "named"
     assert [c.effect for c in found.claims] == [effect]
-    for name, told in found.claims[0].parameters.items():
-        assert abs(told.value - truth[name]) < 4.5 * told.std
+    for name, stated in found.claims[0].parameters.items():
+        assert abs(stated.value - truth[name]) < 4.5 * stated.std
 
 
 def test_what_lives_within_a_few_poses_is_proved_on_poses_between_them(monkeypatch: pytest.MonkeyPatch) -> None:

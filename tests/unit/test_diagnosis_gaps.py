@@ -48,9 +48,9 @@ def test_rows_missing_of_poses_do_no_harm(share: float, how: str) -> None:
     found = api.diagnose(columns, MODEL).found
     assert found.verdict in ("named", "named_plus")
     assert [claim.effect for claim in found.claims] == ["sag"]
-    (told,) = found.intake
-    assert told.check == ("dropped_frames" if how == "rows" else "missing_values")
-    assert "averaged from the rows that are there" in told.remedy
+    (finding,) = found.intake
+    assert finding.check == ("dropped_frames" if how == "rows" else "missing_values")
+    assert "averaged from the rows that are there" in finding.remedy
 
 
 def test_a_column_that_is_all_but_empty_is_still_bad_data() -> None:

@@ -42,14 +42,14 @@ def test_a_healthy_recording_passes_with_any_converter(seed: int, step: float, s
     assert {finding.check for finding in found.findings} <= {"quantisation"}
 
 
-def test_a_coarse_converter_is_told_but_spoils_nothing() -> None:
+def test_a_coarse_converter_is_reported_but_spoils_nothing() -> None:
     found = checked(healthy(step=2e-3))
     assert {f.check for f in found.findings} == {"quantisation"}
     assert {"ax", "ay"} <= {channel for f in found.findings for channel in f.channels}
     assert not found.spoiled
 
 
-def test_few_clipped_readings_are_told_with_their_share_and_limit() -> None:
+def test_few_clipped_readings_are_reported_with_their_share_and_limit() -> None:
     columns = healthy()
     columns["ax_g"] = np.minimum(columns["ax_g"], 0.8)
     found = checked(columns)
@@ -135,7 +135,7 @@ def test_each_fault_has_its_own_name_and_spoils_the_data(
     assert found.findings[0].remedy
 
 
-def test_lost_frames_are_told_and_spoil_nothing_until_most_are_lost() -> None:
+def test_lost_frames_are_reported_and_spoil_nothing_until_most_are_lost() -> None:
     columns = healthy(0)
     _lose(columns)
     found = checked(columns)

@@ -81,9 +81,9 @@ def test_inner_products_and_bends_by_runs_are_those_of_the_whole() -> None:
             assert two.parameters[name][key].value == pytest.approx(value.value, rel=1e-9)
             assert two.parameters[name][key].std == pytest.approx(value.std, rel=1e-6)
     assert one.second_order is not None
-    told = [second_order_of(model, one, seen, FREE, design.candidates, terms) for seen in (whole, parts)]
-    assert np.abs(told[0] - told[1]).max() < 1e-12
-    assert np.abs(told[0] - one.second_order).max() < 1e-12
+    results = [second_order_of(model, one, seen, FREE, design.candidates, terms) for seen in (whole, parts)]
+    assert np.abs(results[0] - results[1]).max() < 1e-12
+    assert np.abs(results[0] - one.second_order).max() < 1e-12
 
 
 def test_some_functions_are_those_among_all() -> None:
@@ -126,7 +126,7 @@ def test_only_a_strong_effect_is_looked_for_in_some_rows_first() -> None:
     )
 
 
-def test_strong_effects_of_a_long_recording_are_told_from_what_is_the_same_to_first_order() -> None:
+def test_strong_effects_of_a_long_recording_are_distinguished_from_what_is_the_same_to_first_order() -> None:
     session = recording(STRONG, turning(160.0))
     diagnosis, _ = diagnose_rotation(session, ForwardModel.of({}), FREE)
     assert diagnosis.verdict == "named"
@@ -149,6 +149,6 @@ def test_weak_effects_of_a_long_recording_keep_their_class() -> None:
 def test_a_full_fit_puts_a_rival_into_the_class_and_takes_it_out() -> None:
     best = [Term(k, 0) for k in range(4)]
     found = Rivalry(np.array([0.0, 1.4, 50.0, 8.0]), best, (0, 1, 3))
-    told = beside_refits(found, [Refitted(best[1], 400.0), Refitted(best[2], 2.0), Refitted(best[3], 9.0)])
-    assert told.same == (0, 3, 2)
-    assert told.delta_bic.tolist() == [0.0, 400.0, 2.0, 9.0]
+    results = beside_refits(found, [Refitted(best[1], 400.0), Refitted(best[2], 2.0), Refitted(best[3], 9.0)])
+    assert results.same == (0, 3, 2)
+    assert results.delta_bic.tolist() == [0.0, 400.0, 2.0, 9.0]

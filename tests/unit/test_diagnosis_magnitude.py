@@ -59,10 +59,10 @@ def test_what_the_model_lacks_is_named_alone_however_large(withheld: tuple[str, 
     assert (found.verdict, [c.effect for c in found.claims]) == ("named", list(withheld))
 
 
-def test_an_offset_that_was_left_out_is_told_with_its_size() -> None:
-    told = by_hand(("bias",), 4).claims[0].parameters
+def test_an_offset_that_was_left_out_is_reported_with_its_size() -> None:
+    stated = by_hand(("bias",), 4).claims[0].parameters
     for axis in "xyz":
-        assert told[f"b_{axis}"].value == pytest.approx(REAL["bias"][f"b_{axis}"], abs=1.5e-3)
+        assert stated[f"b_{axis}"].value == pytest.approx(REAL["bias"][f"b_{axis}"], abs=1.5e-3)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
@@ -74,23 +74,23 @@ def test_products_that_only_turn_the_reading_are_left_open() -> None:
     """Of the three coefficients of products of other axes' loads a magnitude shows the sum alone."""
     found = by_hand((), 7, cross_product={"k_x_yz": 4e-3, "k_y_yz": 2e-3})
     assert [c.effect for c in found.claims] == ["cross_product"]
-    told = found.claims[0].parameters
-    assert told["k_y_yz"].low < 2e-3 < told["k_y_yz"].high < 5e-3
+    stated = found.claims[0].parameters
+    assert stated["k_y_yz"].low < 2e-3 < stated["k_y_yz"].high < 5e-3
     for name in ("k_x_yz", "k_y_xz", "k_z_xy"):
-        assert told[name].value == pytest.approx(4e-3 / 3, abs=5e-4)
-        assert told[name].high - told[name].low > 5e-3
-    assert told["k_x_yz"].low < 4e-3 < told["k_x_yz"].high
+        assert stated[name].value == pytest.approx(4e-3 / 3, abs=5e-4)
+        assert stated[name].high - stated[name].low > 5e-3
+    assert stated["k_x_yz"].low < 4e-3 < stated["k_x_yz"].high
 
 
-def test_what_follows_time_is_told_from_the_first_row_on() -> None:
+def test_what_follows_time_is_distinguished_from_the_first_row_on() -> None:
     """A warm-up has been larger before the first reading, and a step comes later after the start than after it."""
     size, nothing = FittedParameter(1e-3, 1e-4, 8e-4, 1.2e-3, "g"), FittedParameter(0.0, 1e-4, -2e-4, 2e-4, "g")
     sizes = {"a_x": size, "a_y": nothing, "a_z": nothing}
     table = {**sizes, "tau": FittedParameter(50.0, 5.0, 40.0, 60.0, "s")}
-    told = from_the_start(table, get("warmup"), 25.0)
-    assert told["tau"] == table["tau"]
-    assert told["a_x"].value == pytest.approx(1e-3 * np.exp(0.5))
-    assert told["a_x"].high - told["a_x"].low == pytest.approx(4e-4 * np.exp(0.5))
+    stated = from_the_start(table, get("warmup"), 25.0)
+    assert stated["tau"] == table["tau"]
+    assert stated["a_x"].value == pytest.approx(1e-3 * np.exp(0.5))
+    assert stated["a_x"].high - stated["a_x"].low == pytest.approx(4e-4 * np.exp(0.5))
     step = {**sizes, "t0": FittedParameter(100.0, 0.0, 100.0, 100.0, "s")}
     later = {**step, "t0": FittedParameter(125.0, 0.0, 125.0, 125.0, "s")}
     assert from_the_start(step, get("bias_step"), 25.0) == later
@@ -120,12 +120,12 @@ def test_in_one_attitude_offset_scale_and_matrix_are_not_testable() -> None:
 def test_at_rest_what_acts_across_gravity_stays_open() -> None:
     found = rest(2, 1e-3)
     assert [c.effect for c in found.claims] == ["bias_step"]
-    told = found.claims[0].parameters
-    assert told["a_z"].value == pytest.approx(1e-3 * np.sqrt(0.95), abs=1.5e-4)
-    assert told["a_x"].value == pytest.approx(1e-3 * 0.2, abs=3e-5)
+    stated = found.claims[0].parameters
+    assert stated["a_z"].value == pytest.approx(1e-3 * np.sqrt(0.95), abs=1.5e-4)
+    assert stated["a_x"].value == pytest.approx(1e-3 * 0.2, abs=3e-5)
     # any plausible step of x or y would show no more than z can make up for
-    assert told["a_x"].high - told["a_x"].low > 0.09
-    assert told["t0"].value == pytest.approx(240.0, abs=4.0)
+    assert stated["a_x"].high - stated["a_x"].low > 0.09
+    assert stated["t0"].value == pytest.approx(240.0, abs=4.0)
 
 
 def test_intervals_at_rest_allow_for_a_walk_that_hardly_shows() -> None:
@@ -134,6 +134,6 @@ def test_intervals_at_rest_allow_for_a_walk_that_hardly_shows() -> None:
     for seed in range(12):
         found = rest(100 + seed, 1e-3, 1.5e-4 / np.sqrt(6000))
         if [c.effect for c in found.claims] == ["bias_step"]:
-            told = found.claims[0].parameters["a_z"]
-            misses.append(abs(told.value - 1e-3 * np.sqrt(0.95)) > 2.0 * told.std)
+            stated = found.claims[0].parameters["a_z"]
+            misses.append(abs(stated.value - 1e-3 * np.sqrt(0.95)) > 2.0 * stated.std)
     assert len(misses) >= 8 and sum(misses) <= 2

@@ -49,7 +49,7 @@ def report_data(before: np.ndarray) -> ReportData:
         ("direction x tf_ref_deg", "toolface, deg"),
     ],
 )
-def test_a_residual_is_drawn_along_what_its_intervals_are_told_in(covariate: str, label: str) -> None:
+def test_a_residual_is_drawn_along_what_its_intervals_are_reported_in(covariate: str, label: str) -> None:
     place = Location(("ax", "ay"), covariate, ((-720.0, -360.0),), None, 1.0, 1e-9)
     with plotting():
         figures = residuals(report_data(np.array(1e-5)), place)
@@ -182,16 +182,16 @@ def test_a_page_says_what_was_not_tested_in_words_that_a_phone_can_show() -> Non
 
 
 @pytest.mark.parametrize(
-    ("value", "error", "told"),
+    ("value", "error", "reported"),
     [(0.00080012, 1.5e-7, "0.00080012"), (0.0002, 1e-5, "0.000200"), (-12.3456, 0.5, "-12.35"), (3.0, 0.0, "3"),
      (1e-5, 1e-4, "0.00001")],
 )  # fmt: skip
-def test_a_size_has_two_digits_of_its_error(value: float, error: float, told: str) -> None:
-    assert rounded(value, error) == told
+def test_a_size_has_two_digits_of_its_error(value: float, error: float, reported: str) -> None:
+    assert rounded(value, error) == reported
 
 
 @pytest.mark.parametrize(
-    ("parameter", "told"),
+    ("parameter", "reported"),
     [
         (FittedParameter(0.00800037, 2.5e-7, 0.0079998, 0.0080009, "m"), "r = 8.00037 mm (7.99980 to 8.00090)"),
         (FittedParameter(-2.467e-5, 4e-7, -2.545e-5, -2.388e-5, "g/C"), "r = -24.67 ug/C (-25.45 to -23.88)"),
@@ -200,13 +200,13 @@ def test_a_size_has_two_digits_of_its_error(value: float, error: float, told: st
         (FittedParameter(0.0, 3e-6, -6e-6, 6e-6, "g"), "r = 0.0 ug (-6.0 to 6.0)"),
     ],
 )
-def test_a_size_is_told_in_a_unit_that_suits_it(parameter: FittedParameter, told: str) -> None:
+def test_a_size_is_reported_in_a_unit_that_suits_it(parameter: FittedParameter, reported: str) -> None:
     claim = Claim("lever_arm", "", "", "kinematic", {"r": parameter}, 0.0, ("lever_arm",), (), "")
-    assert sizes(claim) == told
+    assert sizes(claim) == reported
 
 
 @pytest.mark.parametrize(
-    ("value", "unit", "told"),
+    ("value", "unit", "reported"),
     [
         (0.02995446, "g", "29.95 mg"),
         (8.6e-6, "g", "8.6 ug"),
@@ -214,16 +214,16 @@ def test_a_size_is_told_in_a_unit_that_suits_it(parameter: FittedParameter, told
         (0.5, "rad/s", "500 mrad/s"),
     ],
 )
-def test_a_misfit_is_told_in_a_unit_that_suits_it(value: float, unit: str, told: str) -> None:
-    assert shown(value, unit) == told
+def test_a_misfit_is_reported_in_a_unit_that_suits_it(value: float, unit: str, reported: str) -> None:
+    assert shown(value, unit) == reported
 
 
-def test_a_product_is_told_in_words() -> None:
+def test_a_product_is_reported_in_words() -> None:
     words = axis_name("temp_c x gravity_direction")
     assert words == "temperature, C (what it does there turns with direction of gravity)"
 
 
-def test_where_gravity_alone_is_known_nothing_is_told_with_what_would_not_show() -> None:
+def test_where_gravity_alone_is_known_nothing_is_reported_with_what_would_not_show() -> None:
     sizes = {"bias_step": Detectable(3.1e-4, "g"), "quadratic": Detectable(2e-4, "1/g")}
     found = DiagnosisResult("nothing_left_out", minimum_detectable=sizes, noise={"repeats_g": 7e-5})
     words = verdict_words(found)

@@ -26,9 +26,9 @@ STATE = deck.design()
 FREE = ("bias", "scale", "misalignment")
 
 
-def overlap(told: tuple[tuple[float, float], ...], low: float, high: float) -> float:
-    common = sum(max(min(b, high) - max(a, low), 0.0) for a, b in told)
-    return common / (sum(b - a for a, b in told) + high - low - common)
+def overlap(inside_interval: tuple[tuple[float, float], ...], low: float, high: float) -> float:
+    common = sum(max(min(b, high) - max(a, low), 0.0) for a, b in inside_interval)
+    return common / (sum(b - a for a, b in inside_interval) + high - low - common)
 
 
 @settings(max_examples=40, deadline=None)
@@ -47,9 +47,9 @@ def test_a_range_is_found_again_through_a_base_that_absorbs_a_part_of_it(
     base = span(np.stack([np.ones(3000), np.cos(turn), np.sin(turn)]))
     residual = outside(base, 0.6 * inside + rng.standard_normal(3000))
     found = support(cells, *products(cells.functions(), residual, base))
-    told = np.any([(along >= a) & (along <= b) for a, b in found.intervals], axis=0)
+    inside_interval = np.any([(along >= a) & (along <= b) for a, b in found.intervals], axis=0)
     # but for a cell at either end, which chance may add or take
-    assert np.sum(told != inside) < 2.3 * 3000 / 24
+    assert np.sum(inside_interval != inside) < 2.3 * 3000 / 24
     assert found.gain > 0.5 * float(residual @ residual - 3000) - 200
 
 
@@ -63,7 +63,7 @@ def test_chance_alone_has_hardly_any_range() -> None:
     assert np.median(gains) < 15
 
 
-def test_settings_are_cells_and_a_range_over_the_turn_is_told_in_two_parts() -> None:
+def test_settings_are_cells_and_a_range_over_the_turn_is_reported_in_two_parts() -> None:
     along = np.tile(np.arange(0.0, 360.0, 30.0), 20)
     cells = cells_of("tf_ref_deg", along, circular=True)
     assert cells.count == 12
@@ -80,12 +80,12 @@ def test_a_bump_over_the_toolface_is_located_where_it_is() -> None:
     assert overlap(place.intervals, 80.0, 180.0) > 0.6
 
 
-@pytest.mark.parametrize("ring", [20.0, 45.0, 90.0])
-def test_one_ring_that_is_off_is_no_noise_that_remembers_but_that_ring(ring: float) -> None:
-    rng = np.random.default_rng(int(ring))
+@pytest.mark.parametrize("inclination", [20.0, 45.0, 90.0])
+def test_one_inclination_that_is_off_is_no_noise_that_remembers_but_that_inclination(inclination: float) -> None:
+    rng = np.random.default_rng(int(inclination))
     sensor, base = deck.sensor_and_base(STATE, rng)
     signal = np.zeros((3, STATE.n))
-    signal[2] = np.abs(np.degrees(STATE.inc_rad) - ring) < 0.1
+    signal[2] = np.abs(np.degrees(STATE.inc_rad) - inclination) < 0.1
     mean = sensor.predict(STATE) + signal * deck.scaled(signal, base, 400.0) + deck.white_noise(STATE, rng)
     found = deck.diagnosed(PoseSession(mean, np.ones(STATE.n), STATE))
     assert found.verdict in ("unknown", "law")
@@ -93,7 +93,7 @@ def test_one_ring_that_is_off_is_no_noise_that_remembers_but_that_ring(ring: flo
     assert all("law:offset_z_inc" in (claim.effect, *claim.equivalence_class) for claim in found.claims)
     place = found.location[0]
     assert place.channels == ("az",)
-    along = {"inc_ref_deg": ring, "load": np.cos(np.radians(ring))}[place.covariate]
+    along = {"inc_ref_deg": inclination, "load": np.cos(np.radians(inclination))}[place.covariate]
     assert any(low <= along <= high for low, high in place.intervals)
     width = sum(high - low for low, high in place.intervals)
     assert width < (60.0 if place.covariate == "inc_ref_deg" else 1.0)
@@ -117,7 +117,7 @@ def test_a_step_sits_after_its_time_and_a_lever_arm_where_the_tool_turns_fast() 
     ]  # fmt: skip
 
 
-def test_one_side_of_approach_cannot_show_backlash_and_it_is_told_what_can() -> None:
+def test_one_side_of_approach_cannot_show_backlash_and_it_is_reported_what_can() -> None:
     one_side = replace(STATE, direction=np.ones(STATE.n))
     rng = np.random.default_rng(2)
     sensor, _ = deck.sensor_and_base(one_side, rng)

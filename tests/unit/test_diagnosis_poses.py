@@ -99,7 +99,7 @@ def test_an_effect_that_another_contains_has_that_in_its_class() -> None:
     assert "cross_product" in claim.equivalence_class
 
 
-def test_an_effect_is_not_told_as_itself_and_a_case_of_itself() -> None:
+def test_an_effect_is_not_reported_as_itself_and_a_case_of_itself() -> None:
     # y z on x and x z on y turn the reading like a twist of the reference; the rest does not
     terms = {"k_x_xy": 3e-5, "k_x_xz": 3e-5, "k_x_yz": 1e-4, "k_y_xy": -1.1e-4, "k_y_xz": -5e-5, "k_y_yz": 6e-5,
              "k_z_xy": 3e-5, "k_z_xz": -9e-5, "k_z_yz": -2e-5}  # fmt: skip

@@ -266,7 +266,9 @@ class TestVerdicts:
         assert "independent stretches" in diagnosis.remainder.hints[0]
 
     @pytest.mark.parametrize(("lead", "verdict"), [(2.0, "not_testable"), (15.0, "wander")])
-    def test_a_random_walk_is_claimed_where_it_is_told_from_noise_that_forgets(self, lead: float, verdict: str) -> None:
+    def test_a_random_walk_is_claimed_where_it_is_distinguished_from_noise_that_forgets(
+        self, lead: float, verdict: str
+    ) -> None:
         noise = {"memory_evidence": [90.0, 3.0], "memory_poses": ["random_walk", 12.0], "memory_lead": [lead, 0.0]}
         found = with_long_memory(DiagnosisResult("wander", noise=noise), recording({}, turning(4.0)))
         assert found.verdict == verdict

@@ -34,37 +34,37 @@ def rising() -> ChainState:
     return Session(plan, Site(latitude_rad=0.9), Profile((25.0, 38.0, 33.0, 37.0, 27.0))).rows().state
 
 
-def told(effects: dict[str, dict[str, float]], state: ChainState, seed: int = 3) -> DiagnosisResult:
+def reported(effects: dict[str, dict[str, float]], state: ChainState, seed: int = 3) -> DiagnosisResult:
     rng = np.random.default_rng(seed)
     readings = random_sensor(rng).with_effects(effects).predict(state) + SIGMA * rng.standard_normal((3, state.n))
     return diagnose_rotation(RotationSession(readings, state), ForwardModel.of({}), FREE)[0]
 
 
 def test_a_warm_up_is_not_taken_for_what_rises_with_the_rate(rising: ChainState) -> None:
-    diagnosis = told({"warmup": {"a_x": 1e-5, "a_y": -5e-5, "a_z": 4e-5, "tau": 25.0}}, rising)
+    diagnosis = reported({"warmup": {"a_x": 1e-5, "a_y": -5e-5, "a_z": 4e-5, "tau": 25.0}}, rising)
     assert [claim.effect for claim in diagnosis.claims] == ["warmup"]
 
 
 def test_two_that_nearly_cancel_are_found_together(rising: ChainState) -> None:
-    diagnosis = told({"backlash": {"h_tf": 2.6e-5}, "time_offset": {"t0": 3.5e-6}}, rising)
+    diagnosis = reported({"backlash": {"h_tf": 2.6e-5}, "time_offset": {"t0": 3.5e-6}}, rising)
     assert len(diagnosis.claims) == 2
     assert "backlash" in {claim.effect for claim in diagnosis.claims}
     assert any("time_offset" in claim.equivalence_class for claim in diagnosis.claims)
 
 
 def test_two_that_cancel_so_far_that_neither_passes_alone_are_found(rising: ChainState) -> None:
-    diagnosis = told({"backlash": {"h_tf": 2e-5}, "bandwidth_lag": {"tau": 2.5e-6}}, rising)
+    diagnosis = reported({"backlash": {"h_tf": 2e-5}, "bandwidth_lag": {"tau": 2.5e-6}}, rising)
     assert {claim.effect for claim in diagnosis.claims} == {"backlash", "bandwidth_lag"}
 
 
 def test_of_two_slacks_that_look_alike_the_one_without_memory_stands_first(rising: ChainState) -> None:
-    diagnosis = told({"backlash": {"h_tf": -3e-5}}, rising)
+    diagnosis = reported({"backlash": {"h_tf": -3e-5}}, rising)
     assert [claim.effect for claim in diagnosis.claims] == ["backlash"]
     assert "stiction" in diagnosis.claims[0].equivalence_class
 
 
 def test_held_out_means_show_what_was_closed(rising: ChainState) -> None:
-    fit = told({"lever_arm": {"r_x": 4e-6, "r_y": -3e-6}}, rising).fit
+    fit = reported({"lever_arm": {"r_x": 4e-6, "r_y": -3e-6}}, rising).fit
     assert fit is not None and fit.heldout_rmse_before is not None and fit.heldout_rmse_after is not None
     room = fit.heldout_rmse_before**2 - fit.noise_floor**2
     assert room > 0.2 * fit.heldout_rmse_before**2

@@ -19,7 +19,7 @@ Effects = dict[str, dict[str, float]]
 
 INC_DEG = np.array([90.0, 70.0, 45.0, 20.0, 5.0, 2.0, 0.8])
 STEP = float(np.radians(0.009))
-BENCH = {"pose_error": {"inc_ring": STEP, "tf_station": STEP, "inc_pose": 0.0, "tf_pose": 0.0}}
+BENCH = {"pose_error": {"inc_station": STEP, "tf_station": STEP, "inc_pose": 0.0, "tf_pose": 0.0}}
 SENSOR = {
     "bias": {"b_x": 3e-4, "b_y": -2e-4, "b_z": 7e-4},
     "scale": {"s_x": 2e-3, "s_y": -1e-3, "s_z": 3e-3},
@@ -46,9 +46,9 @@ def table(effects: Effects, seed: int, noise_g: float = 30e-6) -> Array:
     return np.stack([inc.mean(axis=1), np.ptp(inc, axis=1), tf.mean(axis=1), np.ptp(tf, axis=1)], axis=1)
 
 
-def diagnosed(told: Array) -> Summarised:
+def diagnosed(printed: Array) -> Summarised:
     return diagnose_summary(
-        INC_DEG, told, Procedure("conventional3"), ForwardModel.of({}), ("bias", "scale", "misalignment")
+        INC_DEG, printed, Procedure("conventional3"), ForwardModel.of({}), ("bias", "scale", "misalignment")
     )
 
 
@@ -118,17 +118,17 @@ def test_a_bench_that_is_not_level_is_named_with_its_size_and_place() -> None:
 
 
 def test_a_row_that_was_measured_wrongly_is_named() -> None:
-    told = table({"base_tilt": {"tilt_x": 3e-4, "tilt_y": -4e-4}}, 3)
-    told[3, 2] += 0.05
-    found = diagnosed(told).diagnosis
+    printed = table({"base_tilt": {"tilt_x": 3e-4, "tilt_y": -4e-4}}, 3)
+    printed[3, 2] += 0.05
+    found = diagnosed(printed).diagnosis
     assert "20 deg" in " ".join(found.remainder.hints)
     assert [claim.effect for claim in found.claims] in (["base_tilt"], [])
 
 
 def test_lost_cells_are_no_zeros() -> None:
-    told = table({}, 4)
-    told[2, 1] = told[5, 3] = np.nan
-    assert diagnosed(told).diagnosis.verdict == "nothing_left_out"
+    printed = table({}, 4)
+    printed[2, 1] = printed[5, 3] = np.nan
+    assert diagnosed(printed).diagnosis.verdict == "nothing_left_out"
 
 
 def test_too_few_cells_are_refused() -> None:

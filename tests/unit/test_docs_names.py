@@ -25,7 +25,7 @@ LINK = re.compile(r"\]\(([^()\s]+)\)")
 HEADING = re.compile(r"^#+ +(.*?) *$", re.MULTILINE)
 
 
-def told_names(text: str) -> list[str]:
+def names_in(text: str) -> list[str]:
     """What stands in backticks and reads like a name in the package (`calibration.joint.joint`) or a file (`a/b`)."""
     spans = (span.removesuffix("()") for span in IN_BACKTICKS.findall(FENCE.sub("", text)))
     return [span for span in spans if DOTTED.fullmatch(span) or FILE.fullmatch(span)]
@@ -83,7 +83,7 @@ def broken_links(page: Path) -> list[str]:
 
 @pytest.mark.parametrize("page", sorted(THEORY.glob("*.md")), ids=lambda page: page.name)
 def test_every_name_in_the_theory_is_in_the_code(page: Path) -> None:
-    assert [name for name in told_names(page.read_text()) if not resolves(name)] == []
+    assert [name for name in names_in(page.read_text()) if not resolves(name)] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
@@ -93,14 +93,14 @@ def test_every_relative_link_leads_somewhere(page: Path) -> None:
 
 @pytest.mark.parametrize("page", sorted(set(THEORY.glob("*.md")) - {THEORY / "README.md"}), ids=lambda page: page.name)
 def test_every_page_of_theory_points_into_the_code_and_is_in_the_index(page: Path) -> None:
-    assert len(set(told_names(page.read_text()))) >= 20
+    assert len(set(names_in(page.read_text()))) >= 20
     assert f"({page.name})" in (THEORY / "README.md").read_text()
 
 
 def test_the_checks_see_what_is_wrong(tmp_path: Path) -> None:
     """A renamed function, a lost module and a lost file are found; what only looks like a name is left alone."""
     text = "`calibration.joint.joint` `calibration.joint.renamed` `lost.module` `tests/unit/lost.py` `m = A g + b` `x`"
-    assert [name for name in told_names(text) if not resolves(name)] == [
+    assert [name for name in names_in(text) if not resolves(name)] == [
         "calibration.joint.renamed",
         "lost.module",
         "tests/unit/lost.py",

@@ -41,8 +41,8 @@ MOVING = ("rotation", "slow rotation", "to and fro", "vibration")
 @pytest.mark.parametrize("begins", MOVING)
 def test_kinematic_says_that_no_stop_is_found_and_claims_less(begins: str) -> None:
     found, at_rest = drift(recording(begins)), drift(recording("rest"))
-    told = [note for note in found.notes if "does not begin with 20 s of rest" in note]
-    assert len(told) == 1 and "rest=" in told[0] and "no stop is found" in told[0]
+    found_notes = [note for note in found.notes if "does not begin with 20 s of rest" in note]
+    assert len(found_notes) == 1 and "rest=" in found_notes[0] and "no stop is found" in found_notes[0]
     assert "zero-rate" not in found.basis and "zero-rate" in at_rest.basis
     assert not any("20 s of rest" in note for note in at_rest.notes)
     std, known = (one.data["azi_std_deg"][-1] for one in (found, at_rest))
@@ -56,10 +56,10 @@ def test_kinematic_says_that_no_stop_is_found_and_claims_less(begins: str) -> No
 @pytest.mark.parametrize("begins", MOVING)
 def test_the_paper_s_gate_says_with_what_it_could_not_compare(begins: str, method: MethodName) -> None:
     found = drift(recording(begins), method)
-    told = [note for note in found.notes if note.startswith("gravity believed in")]
-    assert len(told) == 1 and "does not begin with 20 s of rest" in told[0] and "rest=" in told[0]
+    found_notes = [note for note in found.notes if note.startswith("gravity believed in")]
+    assert len(found_notes) == 1 and "does not begin with 20 s of rest" in found_notes[0] and "rest=" in found_notes[0]
     # rough vibration is not believed without anything to compare it with
-    assert ("in 18000 of 18000" in told[0]) == (begins != "vibration")
+    assert ("in 18000 of 18000" in found_notes[0]) == (begins != "vibration")
     assert not any("20 s of rest" in note for note in drift(recording("rest"), method).notes)
 
 

@@ -44,7 +44,7 @@ def test_online_and_batch_blocks_are_equal_bit_for_bit() -> None:
     assert sum(block.n for block in batch) == samples[0].size
 
 
-def test_a_gap_is_told_and_not_integrated() -> None:
+def test_a_gap_is_reported_and_not_integrated() -> None:
     t, w, a = _jittered()
     blocks = Batch.of(t, w, a).blocks()
     gap = sum(block.gap_s for block in blocks)

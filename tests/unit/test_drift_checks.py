@@ -71,7 +71,7 @@ def test_axes_that_are_not_those_of_the_accelerometers_are_refused() -> None:
         check_units(e.t_s, -data.rate, data.accel, arw=ARW)
 
 
-def test_silent_and_hanging_gyros_are_told() -> None:
+def test_silent_and_hanging_gyros_are_reported() -> None:
     e = MOTIONS["standing"]
     data = record(e, 1)
     silent, hanging = data.rate.copy(), data.rate.copy()

@@ -305,7 +305,7 @@ def test_an_alignment_changes_the_azimuth_alone() -> None:
     assert np.abs(row @ P[:3, 3:]).max() < 1e-12
 
 
-def test_a_gap_widens_the_azimuth_and_is_told() -> None:
+def test_a_gap_widens_the_azimuth_and_is_reported() -> None:
     experiment = turntable(120.0, 50.0)
     data = record(experiment, 1)
     keep = (experiment.t_s < 60.0) | (experiment.t_s > 70.0)

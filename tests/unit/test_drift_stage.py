@@ -240,26 +240,26 @@ def test_a_declared_connection_measures_the_gyros_until_the_tool_turns_for_all_t
 
 def test_a_tool_that_moved_when_it_was_first_heard_says_that_no_stop_is_found() -> None:
     data = record(drilling(200.0, 20.0, leg_s=100.0, start_s=60.0, turning_dps=60.0, stop_s=40.0), 1)
-    told = "the tool did not rest in the first 20 s, so that no stop is found"
+    reported = "the tool did not rest in the first 20 s, so that no stop is found"
     rested, moved = DriftStage(ALIGNED, LATITUDE), DriftStage(ALIGNED, LATITUDE)
     feed(rested, data, until_s=90.0)
-    assert not any(told in note for note in rested.message(0.0).notes)
+    assert not any(reported in note for note in rested.message(0.0).notes)
     feed(moved, data, after_s=70.0, until_s=85.0)
-    assert not any(told in note for note in moved.message(0.0).notes), "it is not known yet"
+    assert not any(reported in note for note in moved.message(0.0).notes), "it is not known yet"
     feed(moved, data, after_s=85.0, until_s=95.0)
-    (note,) = [note for note in moved.message(0.0).notes if told in note]
+    (note,) = [note for note in moved.message(0.0).notes if reported in note]
     assert "the command connection" in note
     # what the note asks for ends it
     assert moved.restart() is None
     feed(moved, data, after_s=105.0, until_s=139.0)
-    assert not any(told in note for note in moved.message(0.0).notes)
+    assert not any(reported in note for note in moved.message(0.0).notes)
     # asked to find none, it has nothing to say
     silent = DriftStage(ALIGNED.model_copy(update={"detect_stops": False}), LATITUDE)
     feed(silent, data, after_s=70.0, until_s=95.0)
-    assert not any(told in note for note in silent.message(0.0).notes)
+    assert not any(reported in note for note in silent.message(0.0).notes)
 
 
-def test_gyros_in_the_wrong_unit_or_silent_or_at_their_range_are_told() -> None:
+def test_gyros_in_the_wrong_unit_or_silent_or_at_their_range_are_reported() -> None:
     turning = record(drilling(100.0, 20.0, leg_s=1e6, start_s=30.0, turning_dps=20.0, vibration_rms_g=0.01), 1)
     wrong = DriftStage(ALIGNED, LATITUDE)
     t, rates = turning.experiment.t_s, turning.rate
@@ -353,7 +353,7 @@ def test_the_recursive_filter_is_aligned_by_command_while_the_tool_turns() -> No
     assert stage.message(0.0).recursive is None
 
 
-def test_an_azimuth_is_told_of_the_hole_and_kept_of_the_package() -> None:
+def test_an_azimuth_is_reported_of_the_hole_and_kept_of_the_package() -> None:
     data = record(turntable(10.0, 20.0), 1)
     t, rates = data.experiment.t_s, np.degrees(data.rate)
 
@@ -389,11 +389,11 @@ class Desk:
             f"[site]\nlatitude_deg = 35.2\n{tables}"
         )
         self.replies: list[dict[str, object]] = []
-        self.told: list[bytes] = []
+        self.reported: list[bytes] = []
         self.keeper = DriftKeeper(
             folder,
             lambda payload, _: self.replies.append(json.loads(payload)),
-            self.told.append,
+            self.reported.append,
             lambda: self.parts,
             DamageLog(),
         )
@@ -438,10 +438,10 @@ def test_commands_are_answered_whatever_they_contain(tmp_path: Path) -> None:
     assert stage.azimuth(40.0) == moved
     assert desk.say(id="9", command="restart")["ok"] is True
     assert stage.azimuth(40.0) is None
-    assert desk.told
+    assert desk.reported
 
 
-async def test_what_is_kept_is_taken_up_by_the_next_service_and_damage_is_told(tmp_path: Path) -> None:
+async def test_what_is_kept_is_taken_up_by_the_next_service_and_damage_is_reported(tmp_path: Path) -> None:
     desk = Desk(tmp_path, "[drift]\nazimuth_deg = 60.0\n")
     assert desk.keeper.stage is not None
     feed(desk.keeper.stage, record(turntable(20.0, 20.0, Triad()), 1))
@@ -548,7 +548,7 @@ def test_a_hundred_thousand_spoilt_commands_are_each_answered(tmp_path: Path) ->
         reply = DriftReply.model_validate(desk.replies.pop())
         assert len(reply.id) <= 64 and len(reply.error or "") <= 400
         done += reply.ok
-        desk.told.clear()
+        desk.reported.clear()
         assert desk.keeper.commands == i + 1
     print(f"{count} commands, {done} of them done")
     assert done > count / 1000

@@ -32,7 +32,7 @@ by_id = pytest.mark.parametrize("effect", LIBRARY, ids=lambda effect: effect.id)
 
 
 def poses() -> ChainState:
-    """Rings from both sides while the temperature goes up and down."""
+    """Inclinations from both sides while the temperature goes up and down."""
     inc, tf = np.meshgrid(np.radians([5.0, 30, 60, 90, 120]), np.radians(np.arange(0, 360, 30)), indexing="ij")
     n = 2 * inc.size
     k = np.arange(n)

@@ -21,7 +21,7 @@ PLAIN, LONG, TEXT = bytes(range(256)) * 9, b"kept" * 50 + b"not kept" * 50, b"t_
 
 
 class Quiet(SimpleHTTPRequestHandler):
-    def log_message(self, *told: object) -> None:
+    def log_message(self, *reported: object) -> None:
         pass
 
 

@@ -41,9 +41,9 @@ def test_the_rate_of_the_walk_lies_within_its_interval(rate: float) -> None:
     for seed in range(4):
         rng = np.random.default_rng(seed)
         points = [p for i in range(10) for p in history(rng, f"t{i}", 5, rate=rate)]
-        for walk in stability(points, 0.1).walks:
-            held += walk.low <= rate <= walk.high
-            found.append(walk.rate)
+        for random_walk in stability(points, 0.1).random_walks:
+            held += random_walk.low <= rate <= random_walk.high
+            found.append(random_walk.rate)
     assert held >= 40
     if rate >= RATE:  # below, the walk of a year is less than a record's error
         assert np.median(found) == pytest.approx(rate, rel=0.2)
@@ -75,7 +75,7 @@ def test_due_is_when_the_error_reaches_the_limit() -> None:
     rng = np.random.default_rng(3)
     points = [p for i in range(10) for p in history(rng, f"t{i}", 5, rate=1e-4)]
     found = stability(points, 0.3)
-    rates = {walk.parameter: walk.rate for walk in found.walks}
+    rates = {random_walk.parameter: random_walk.rate for random_walk in found.random_walks}
     typical = float(np.median([rates[name] for name in NAMES]))
     # the error of a direction is b's and A's together: u C (dA g + db), so twice the variance of one parameter
     days = (np.deg2rad(0.3) / 2) ** 2 / (2 * typical**2)
@@ -90,7 +90,7 @@ def test_due_is_when_the_error_reaches_the_limit() -> None:
 def test_too_few_repeats_are_refused_in_words() -> None:
     rng = np.random.default_rng(4)
     found = stability(history(rng, "a", STABILITY.fewest_pairs), 0.1)
-    assert not found.walks and f"{STABILITY.fewest_pairs - 1} repeated" in found.refused
+    assert not found.random_walks and f"{STABILITY.fewest_pairs - 1} repeated" in found.refused
 
 
 def test_records_of_a_folder_are_judged(tmp_path: Path) -> None:

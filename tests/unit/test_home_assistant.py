@@ -23,7 +23,7 @@ HEALTH = {"outbox": {"queued": 4}, "link": {"data_age_s": 0.25}, "alarms": ["lin
 
 
 @pytest.fixture
-def told() -> dict[str, Any]:
+def reported() -> dict[str, Any]:
     _, payload = discovery("t.1", "SN 7", MqttSettings(), HomeAssistantSettings(), health_interval_s=20.0)
     return json.loads(payload)
 
@@ -33,29 +33,29 @@ def render(template: str, payload: Any) -> str:
     return jinja2.Environment().from_string(template).render(value=payload, value_json=payload)
 
 
-def test_every_template_finds_its_value(told: dict[str, Any]) -> None:
+def test_every_template_finds_its_value(reported: dict[str, Any]) -> None:
     payloads = {"latest": json.loads(latest_payload(time.time(), VALUES)), "survey": SURVEY, "health": HEALTH}
     shown = {
         key: render(c["value_template"], payloads[c["state_topic"].rpartition("/")[2]])
-        for key, c in told["components"].items()
+        for key, c in reported["components"].items()
     }
     assert shown == {
         "inc": "12.3456", "inc_std": "0.01", "toolface": "103.0", "tf_std": "0.2", "azimuth": "None", "g_total": "None",
         "survey_inc": "12.0", "survey_toolface": "101.0", "survey_azimuth": "None", "survey_g_error": "0.2",
         "queued": "4", "data_age": "0.25", "survey_accepted": "OFF", "problem": "ON",
     }  # fmt: skip
-    assert json.loads(render(told["components"]["problem"]["json_attributes_template"], HEALTH)) == {
+    assert json.loads(render(reported["components"]["problem"]["json_attributes_template"], HEALTH)) == {
         "alarms": ["link_stale"]
     }
 
 
-def test_nothing_is_announced_from_the_stream_of_attitudes(told: dict[str, Any]) -> None:
-    topics = {component["state_topic"] for component in told["components"].values()}
+def test_nothing_is_announced_from_the_stream_of_attitudes(reported: dict[str, Any]) -> None:
+    topics = {component["state_topic"] for component in reported["components"].values()}
     assert topics == {"highside/t.1/latest", "highside/t.1/survey", "highside/t.1/health"}
 
 
-def test_values_expire_and_diagnostics_are_called_so(told: dict[str, Any]) -> None:
-    components = told["components"]
+def test_values_expire_and_diagnostics_are_called_so(reported: dict[str, Any]) -> None:
+    components = reported["components"]
     assert components["inc"]["expire_after"] == 10
     assert components["problem"]["expire_after"] == components["queued"]["expire_after"] == 65
     assert "expire_after" not in components["survey_inc"]
@@ -66,9 +66,9 @@ def test_values_expire_and_diagnostics_are_called_so(told: dict[str, Any]) -> No
     assert len({c["unique_id"] for c in components.values()}) == len(components)
 
 
-def test_the_status_is_the_word_that_is_waited_for(told: dict[str, Any]) -> None:
-    assert (told["payload_available"], told["payload_not_available"]) == ("online", "offline")
-    assert "availability_template" not in told
+def test_the_status_is_the_word_that_is_waited_for(reported: dict[str, Any]) -> None:
+    assert (reported["payload_available"], reported["payload_not_available"]) == ("online", "offline")
+    assert "availability_template" not in reported
 
 
 def test_latest_reads_back_and_says_nothing_that_is_not_finite() -> None:

@@ -38,7 +38,7 @@ def test_a_full_collection_of_the_settled_daemon_is_short() -> None:
     assert switch_s < 0.001
 
 
-async def test_a_stall_by_ones_own_work_is_told_from_one_of_waiting() -> None:
+async def test_a_stall_by_ones_own_work_is_distinguished_from_one_of_waiting() -> None:
     lag = LoopLag()
     measuring = asyncio.create_task(lag.run())
     await asyncio.sleep(0.01)

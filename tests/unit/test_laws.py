@@ -57,12 +57,12 @@ def test_a_short_diagnosis_does_not_wait_for_scipy_stats(tmp_path: Path, project
         tmp_path / "poses.csv",
     ]
     subprocess.run(made, capture_output=True, timeout=120, check=True)
-    told = (
+    program = (
         "import sys; from highside.cli.main import app; app(sys.argv[1:], standalone_mode=False);"
         " print('stats:', sorted({'scipy.stats', 'scipy.signal'} & set(sys.modules)))"
     )
     asked = ["diagnose", tmp_path / "poses.csv", "--model", model / "model-known.toml", "--out", tmp_path / "out"]
-    done = subprocess.run([sys.executable, "-c", told, *asked], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, "-c", program, *asked], capture_output=True, text=True, timeout=120)
     assert done.stdout.splitlines()[-1] == "stats: []", done.stderr
     assert (tmp_path / "out" / "diagnosis.json").is_file()
 

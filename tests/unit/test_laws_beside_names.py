@@ -55,8 +55,8 @@ def test_a_law_that_was_found_predicts_the_next_session_and_leaves_nothing_there
     assert text is not None
     model = parse_model(tomllib.loads(text), where="found.toml")
     columns, added = recording(2, "warm")
-    told = predict(model, columns)["ay_g"] - predict(Model(), columns)["ay_g"]
-    away = added[1] - told
+    change = predict(model, columns)["ay_g"] - predict(Model(), columns)["ay_g"]
+    away = added[1] - change
     assert np.var(away) < 0.05 * np.var(added[1])
     assert diagnose(columns, model).verdict == "nothing_left_out"
 

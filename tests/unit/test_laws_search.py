@@ -178,7 +178,7 @@ def test_the_ladder_whitens_as_its_covariance_does() -> None:
     assert float(turned[0] @ turned[0]) == pytest.approx(column[0] @ np.linalg.solve(covariance, column[0]))
 
 
-def test_a_formula_is_told_where_it_predicts_as_well_as_the_curve() -> None:
+def test_a_formula_is_reported_where_it_predicts_as_well_as_the_curve() -> None:
     state = session(13, 90)
     noise = SIGMA * np.random.default_rng(14).normal(size=(3, state.n))
     readings = PLAIN.predict(state) + axis(1) * 6e-4 * (state.temp_c > 40) + noise

@@ -116,7 +116,7 @@ def test_what_a_recording_lacks_does_nothing_rather_than_stop_a_diagnosis(tmp_pa
     assert not effect.delta(state, np.ones(1), np.zeros((3, state.n))).any()
 
 
-def test_the_next_recording_is_told_by_its_name(tmp_path: Path, clean: None) -> None:
+def test_the_next_recording_is_reported_by_its_name(tmp_path: Path, clean: None) -> None:
     folder = tmp_path / "mine"
     new_effect(answer(DENT), "contact_at_130", folder)
     library.use_folders([folder])
@@ -131,10 +131,10 @@ def test_the_next_recording_is_told_by_its_name(tmp_path: Path, clean: None) -> 
 
 
 def test_its_words_are_those_of_the_claim(tmp_path: Path) -> None:
-    told = answer(
+    answered = answer(
         LOAD, resembles=["quadratic", "none such"], readings=["a suspension with two sides"], confirm="tumble"
     )
-    effect = effect_of_file(new_effect(told, "two_sided", tmp_path))
+    effect = effect_of_file(new_effect(answered, "two_sided", tmp_path))
     assert effect.confused_with == ("quadratic",)
     assert effect.splitter == "tumble"
     assert "a suspension with two sides" in effect.story
@@ -142,7 +142,7 @@ def test_its_words_are_those_of_the_claim(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "effect_id", "law", "what"),
+    ("answered", "effect_id", "law", "what"),
     [
         (answer(DENT), "Not a name", None, "no name of an effect"),
         (answer(DENT), "quadratic", None, "there is an effect 'quadratic' already"),
@@ -156,10 +156,10 @@ def test_its_words_are_those_of_the_claim(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_made_is_one_line_and_nothing_is_written(
-    told: dict[str, Any], effect_id: str, law: str | None, what: str, tmp_path: Path
+    answered: dict[str, Any], effect_id: str, law: str | None, what: str, tmp_path: Path
 ) -> None:
     with pytest.raises(InputError) as refused:
-        new_effect(told, effect_id, tmp_path / "mine", law=law)
+        new_effect(answered, effect_id, tmp_path / "mine", law=law)
     assert what in str(refused.value) and "\n" not in str(refused.value)
     assert not (tmp_path / "mine").exists()
 

@@ -13,7 +13,7 @@ from highside.diagnosis.engine import diagnose_poses
 from highside.diagnosis.poses.session import PoseSession, pose_session
 from highside.physics import effects as library
 from highside.physics.forward import ForwardModel
-from highside.physics.plan import PosePlan, Session, rings
+from highside.physics.plan import PosePlan, Session, station_poses
 from highside.physics.state import ChainState
 from studies import diagnosis_deck as deck
 from studies.scenario import random_sensor
@@ -68,7 +68,7 @@ def test_a_bench_that_settles_is_named_where_poses_are_held_for_different_times(
     """The rows are the command's: means are made of them, and with them the time since the stop."""
     rng = np.random.default_rng(3)
     truth = {"e_inc": 2e-3, "e_tf": 1.5e-3, "tau": 25.0}
-    poses = rings([5.0, 30.0, 60.0, 90.0, 120.0], [float(t) for t in range(0, 360, 40)], returns=True)
+    poses = station_poses([5.0, 30.0, 60.0, 90.0, 120.0], [float(t) for t in range(0, 360, 40)], returns=True)
     hold = rng.choice([4, 12, 40, 90], len(poses))
     begins = np.concatenate([[0.0], np.cumsum(hold[:-1] + 15.0)])
     inc, tf, direction = np.array([tuple(p) for p in poses]).T
@@ -88,11 +88,11 @@ def test_a_bench_that_settles_is_named_where_poses_are_held_for_different_times(
     # held alike, all that is left of it is a constant share of each move: that is no settling
     even = replace(session.state, since_move_s=np.full(session.n, 5.0))
     blind = diagnose_poses(PoseSession(session.mean, session.count, even), ForwardModel.of({}), deck.FREE)[0]
-    told = next(entry for entry in blind.not_testable if entry.effect == "bench_settling")
-    assert "hold some poses briefly and others long" in told.needs
+    not_testable_entry = next(entry for entry in blind.not_testable if entry.effect == "bench_settling")
+    assert "hold some poses briefly and others long" in not_testable_entry.needs
 
 
-def test_rectification_is_told_axis_by_axis_where_the_vibration_is_recorded_so() -> None:
+def test_rectification_is_reported_axis_by_axis_where_the_vibration_is_recorded_so() -> None:
     rng = np.random.default_rng(4)
     state = deck.design()
     shaken = {
@@ -129,7 +129,7 @@ def test_what_stands_beside_them_keeps_its_name(effect: str, sizes: Sizes) -> No
 
 
 def test_the_poses_of_a_plan_say_how_long_ago_they_were_reached() -> None:
-    plan = PosePlan(rings([10.0, 40.0], [0.0, 90.0]), hold_s=5.0, row_s=1.0, move_s=8.0, record_moves=True)
+    plan = PosePlan(station_poses([10.0, 40.0], [0.0, 90.0]), hold_s=5.0, row_s=1.0, move_s=8.0, record_moves=True)
     state, held = Session(plan).rows()
     assert state.since_move_s[held].tolist() == [0.0, 1.0, 2.0, 3.0, 4.0] * 4
     assert np.all(state.since_move_s[~held] == 0.0)

@@ -25,7 +25,7 @@ def test_a_name_misspelt_is_not_hidden_by_the_name_that_is_missing_for_it() -> N
     assert said.count("| also") == 3
 
 
-def test_many_mistakes_are_counted_and_what_is_allowed_is_told_once() -> None:
+def test_many_mistakes_are_counted_and_what_is_allowed_is_reported_once() -> None:
     with pytest.raises(InputError) as caught:
         validate({f"zz{i}": 1 for i in range(20)}, where="my.toml", environment=False)
     said = str(caught.value)

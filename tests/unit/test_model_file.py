@@ -128,6 +128,14 @@ def test_an_implausible_parameter_is_accepted_when_it_is_meant() -> None:
     assert model(text).forward().parameters()["base_tilt"]["tilt_x"] == 0.49
 
 
+def test_a_parameter_is_read_under_the_name_it_had_before() -> None:
+    text = '[effects]\nincluded = ["pose_error"]\n[effects.pose_error]\n'
+    values = model(f"{text}inc_ring_deg = 0.009").effects.values()["pose_error"]
+    assert values == {"inc_station": pytest.approx(math.radians(0.009))}
+    assert "given twice" in error(f"{text}inc_ring = 1e-4\ninc_station = 1e-4")
+    assert effects.get("pose_error").vector({"inc_ring": 2e-4})[2] == 2e-4
+
+
 def test_gravity_follows_the_latitude_unless_it_is_given() -> None:
     assert model("").site.site.gravity_mps2 == 9.80665
     assert model("[site]\nlatitude_deg = 90").site.site.gravity_mps2 == pytest.approx(9.83218, abs=1e-5)

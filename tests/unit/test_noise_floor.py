@@ -80,7 +80,7 @@ def test_readings_without_dither_are_no_better_than_their_lattice() -> None:
     assert floor is not None and floor.sigma.min() > 0.28
 
 
-def test_what_is_above_the_floor_is_told_in_units_of_it() -> None:
+def test_what_is_above_the_floor_is_reported_in_units_of_it() -> None:
     rng = np.random.default_rng(4)
     floor = NoiseFloor(np.full((3, 60), 1e-5), 1e3)
     columns = rng.standard_normal((6, 3, 60))

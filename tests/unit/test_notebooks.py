@@ -56,8 +56,8 @@ def test_a_notebook_runs_and_shows_what_it_says(name: str, tmp_path: Path) -> No
         for output in cell.outputs:
             data = output.get("data", {})
             shown.append(output.get("text") or data.get("text/html") or data.get("text/plain", ""))
-    told = "\n".join(text for text in shown if not text.startswith("<iframe"))
-    assert [words for words in PROMISED[name] if words not in told] == []
+    text_shown = "\n".join(text for text in shown if not text.startswith("<iframe"))
+    assert [words for words in PROMISED[name] if words not in text_shown] == []
     plots = [text for text in shown if text.startswith("<iframe")]
     assert plots, "no plot"
     for plot in plots:

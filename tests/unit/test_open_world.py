@@ -272,14 +272,15 @@ def test_nulls_known_effects_and_other_words_for_a_law_are_judged() -> None:
 
 
 def test_a_sweep_that_forgets_what_it_knew_is_not_monotone() -> None:
-    def at(strength: float, *, told: bool, nothing: bool = False) -> dict[str, object]:
+    def at(strength: float, *, in_class: bool, nothing: bool = False) -> dict[str, object]:
         return {"name": f"sweep/1/{strength:.0f}", "group": "sweep", "truth": {"strength": strength},
-                "in_class": told, "verdict": "law", "told": ["x"] if told else [], "nothing": nothing}  # fmt: skip
+                "in_class": in_class,
+                "verdict": "law", "told": ["x"] if in_class else [], "nothing": nothing}  # fmt: skip
 
-    good = [at(30, told=False, nothing=True), at(400, told=True), at(1e4, told=True)]
+    good = [at(30, in_class=False, nothing=True), at(400, in_class=True), at(1e4, in_class=True)]
     assert table.monotone(good)[0]["monotone"]
-    assert not table.monotone([*good, at(1e6, told=False)])[0]["monotone"]
-    assert not table.monotone([at(30, told=False), at(400, told=False, nothing=True)])[0]["monotone"]
+    assert not table.monotone([*good, at(1e6, in_class=False)])[0]["monotone"]
+    assert not table.monotone([at(30, in_class=False), at(400, in_class=False, nothing=True)])[0]["monotone"]
 
 
 def test_a_bar_says_whether_it_is_held_and_how_surely() -> None:

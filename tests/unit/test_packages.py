@@ -169,10 +169,10 @@ def instructions() -> list[tuple[str, str]]:
 
 
 def test_the_image_is_of_two_stages_without_rights_and_says_how_it_is() -> None:
-    told = instructions()
-    stages = [n for n, (word, _) in enumerate(told) if word == "FROM"]
+    instruction_list = instructions()
+    stages = [n for n, (word, _) in enumerate(instruction_list) if word == "FROM"]
     assert len(stages) == 2
-    last = told[stages[1] :]
+    last = instruction_list[stages[1] :]
     assert [rest for word, rest in last if word == "USER"] == ["highside"]
     assert not any("venv" in rest for word, rest in last if word == "RUN"), "what installs is left behind"
     entry, command = (json.loads(next(rest for word, rest in last if word == name)) for name in ("ENTRYPOINT", "CMD"))
@@ -199,14 +199,15 @@ def test_the_lock_of_the_service_is_a_part_of_that_of_all() -> None:
 
 
 def test_what_is_composed_fits_together() -> None:
-    told = yaml.safe_load((ROOT / "compose.yaml").read_text())
-    services = told["services"]
+    composed = yaml.safe_load((ROOT / "compose.yaml").read_text())
+    services = composed["services"]
     mounted: dict[str, dict[str, str]] = {}
     for name, service in services.items():
         for volume in service["volumes"]:
             source, target, *_ = volume.split(":")
             mounted.setdefault(name, {})[target] = source
-            assert source in told["volumes"] if not source.startswith(".") else (ROOT / source).is_file(), volume
+            known = source in composed["volumes"] if not source.startswith(".") else (ROOT / source).is_file()
+            assert known, volume
         assert all(port.startswith("127.0.0.1:") for port in service.get("ports", [])), "of this machine alone"
 
     def read(service: str, target: str) -> str:

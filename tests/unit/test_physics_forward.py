@@ -216,7 +216,7 @@ def test_an_unknown_free_parameter_is_refused_by_name() -> None:
         ForwardModel.of({}).free_names(["base_tilt.z"])
 
 
-def test_draws_are_told_by_the_stage_they_disturb() -> None:
+def test_draws_are_reported_by_the_stage_they_disturb() -> None:
     model = ForwardModel.of({"pose_error": {"inc_pose": 1e-4}, "turn_on_bias": {"sigma_x": 3e-4}})
     draws = model.draw(ChainState.build(np.zeros(3), np.zeros(3)), np.random.default_rng(0))
     assert set(draws) == {Stage.POSE, Stage.SENSOR}

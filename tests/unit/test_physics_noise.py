@@ -62,8 +62,8 @@ def test_quantised_values_lie_on_the_comb_and_near_by() -> None:
 
 def test_pose_errors_are_common_to_what_they_should_be_common_to() -> None:
     state = ChainState.build(np.repeat([0.1, 0.5], 6), np.tile([0.0, 2.0, 4.0], 4), pose=np.arange(12))
-    ring = ForwardModel.of({"pose_error": {"inc_ring": 1e-3}})
-    error = ring.truth(state, ring.draw(state, rng()))[0] - state.inc_rad
+    inclination = ForwardModel.of({"pose_error": {"inc_station": 1e-3}})
+    error = inclination.truth(state, inclination.draw(state, rng()))[0] - state.inc_rad
     assert np.ptp(error[:6]) < 1e-15
     assert np.ptp(error[6:]) < 1e-15
     assert abs(error[0] - error[6]) > 1e-6

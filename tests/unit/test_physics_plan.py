@@ -7,7 +7,18 @@ import pytest
 
 from highside.errors import InputError
 from highside.physics.motion import Leg
-from highside.physics.plan import LegPlan, Plan, Pose, PosePlan, Profile, RotationPlan, Session, Site, full_turns, rings
+from highside.physics.plan import (
+    LegPlan,
+    Plan,
+    Pose,
+    PosePlan,
+    Profile,
+    RotationPlan,
+    Session,
+    Site,
+    full_turns,
+    station_poses,
+)
 from highside.physics.state import ChainState
 
 
@@ -22,7 +33,7 @@ def test_a_stepped_session_holds_each_pose_and_needs_time_to_reach_the_next() ->
 
 
 def test_rings_return_from_the_other_side_and_close_on_the_first_pose() -> None:
-    poses = rings([10, -10], [0, 90], returns=True, closure_every=4)
+    poses = station_poses([10, -10], [0, 90], returns=True, closure_every=4)
     assert poses == (
         Pose(10, 0, 1),
         Pose(10, 90, 1),
@@ -111,10 +122,10 @@ def test_each_rate_may_have_its_own_vibration() -> None:
     assert state.vibration_rms_g[-1] == pytest.approx(0.4)
 
 
-def test_rings_and_stations_are_told_from_the_encoder_readings() -> None:
-    state, _ = PosePlan(rings([0.612, -0.612], [0, 120, 240, 360]), hold_s=1).rows(Site())
-    assert len(set(state.ring.tolist())) == 2
-    assert len(set(state.station.tolist())) == 3
+def test_rings_and_stations_are_distinguished_from_the_encoder_readings() -> None:
+    state, _ = PosePlan(station_poses([0.612, -0.612], [0, 120, 240, 360]), hold_s=1).rows(Site())
+    assert len(set(state.inclination_station.tolist())) == 2
+    assert len(set(state.toolface_station.tolist())) == 3
 
 
 @pytest.mark.parametrize("plan", [ROTATION, MOVES, LEGS], ids=["rotation", "moves", "legs"])
@@ -148,12 +159,12 @@ def test_the_state_of_a_rotation_is_read_back_from_its_columns() -> None:
 
 
 def test_the_state_of_a_stepped_session_has_no_rates_between_its_poses() -> None:
-    state, _ = PosePlan(rings([5, 45], [0, 90, 180]), hold_s=2).rows(Site())
+    state, _ = PosePlan(station_poses([5, 45], [0, 90, 180]), hold_s=2).rows(Site())
     back = ChainState.from_columns(recorded(state, pose=state.pose.astype(float), direction=-state.direction))
     assert not back.rotor_rate_radps.any()
     assert np.array_equal(back.pose, state.pose)
     assert np.array_equal(back.direction, -state.direction)
-    assert np.array_equal(back.ring, state.ring)
+    assert np.array_equal(back.inclination_station, state.inclination_station)
 
 
 def test_the_rotor_angle_stands_in_for_the_toolface() -> None:

@@ -21,7 +21,7 @@ def test_another_plan_of_poses_leaves_the_sensor_and_the_bench_of_a_seed() -> No
     few = reference_scenario(5, inclinations_deg=[5.0, 45.0, 90.0], toolfaces_deg=[0.0, 90.0])
     assert few.poses.mean.shape == (3, 6)
     assert few.sensor.parameters() == reference_scenario(5).sensor.parameters()
-    tilt = reference_scenario(5, ring_error_deg=0.01).bench.parameters()["base_tilt"]
+    tilt = reference_scenario(5, inc_station_error_deg=0.01).bench.parameters()["base_tilt"]
     assert tilt == reference_scenario(5).bench.parameters()["base_tilt"]
 
 
@@ -68,7 +68,7 @@ def test_pose_errors_are_uniform_within_half_a_step_around_the_tilted_bench() ->
 
 
 def test_a_bench_with_ring_errors_moves_a_whole_ring() -> None:
-    poses = reference_scenario(3, tilt_deg=0.0, pose_error_deg=0.0, ring_error_deg=0.009).poses
+    poses = reference_scenario(3, tilt_deg=0.0, pose_error_deg=0.0, inc_station_error_deg=0.009).poses
     error = (poses.inc_true - poses.inc_ref).reshape(11, 4)
     assert np.ptp(error, axis=1).max() < 1e-12
     assert np.degrees(np.abs(error)).max() > 0.004

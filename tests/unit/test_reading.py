@@ -342,11 +342,11 @@ class Message(BaseModel):
     value: float
 
 
-def test_a_message_says_which_field_and_the_id_of_a_wrong_one_is_told() -> None:
+def test_a_message_says_which_field_and_the_id_of_a_wrong_one_is_reported() -> None:
     assert parse_message(Message, b'{"id": "1", "value": 2}') == Message(id="1", value=2.0)
     with pytest.raises(InputError, match="value: Field required"):
         parse_message(Message, b'{"id": "1"}')
-    for data, told in (
+    for data, message in (
         (b'{"id": "7", "value": "x"}', "7"),
         (b'{"id": 7}', "7"),
         (b'{"value": NaN, "id": "ab-1"}', "ab-1"),
@@ -355,7 +355,7 @@ def test_a_message_says_which_field_and_the_id_of_a_wrong_one_is_told() -> None:
         (b'{"id": ["x"]}', ""),
         (b"\xff", ""),
     ):
-        assert text_member(data, "id") == told
+        assert text_member(data, "id") == message
 
 
 # --- tables --------------------------------------------------------------------------------------------------------

@@ -296,14 +296,14 @@ def test_gaps_and_readings_that_are_no_numbers_begin_anew() -> None:
 def test_a_lever_arm_is_taken_off_and_its_uncertainty_stated() -> None:
     arm = (4.0, -2.0)
     seen = turning(30.0, lever_mm=arm, seed=8)
-    told = fed(*seen, RollingBiasSettings(lever_mm=arm, lever_std_mm=0.5)).offset
-    untold = fed(*seen).offset
-    assert told is not None
-    assert untold is not None
-    assert abs(told.bx_g - BIAS[0]) < 5.0 * untold.std_g[0]
-    assert abs(untold.bx_g - BIAS[0]) > 1e-3  # 4 mm at 20 rpm pass for 1.8 mg
+    informed = fed(*seen, RollingBiasSettings(lever_mm=arm, lever_std_mm=0.5)).offset
+    uninformed = fed(*seen).offset
+    assert informed is not None
+    assert uninformed is not None
+    assert abs(informed.bx_g - BIAS[0]) < 5.0 * uninformed.std_g[0]
+    assert abs(uninformed.bx_g - BIAS[0]) > 1e-3  # 4 mm at 20 rpm pass for 1.8 mg
     centripetal_of_half_mm = (20.0 * 2 * math.pi / 60.0) ** 2 * 0.5e-3 / 9.80665
-    assert told.std_g[0] == pytest.approx(math.hypot(untold.std_g[0], centripetal_of_half_mm), rel=0.05)
+    assert informed.std_g[0] == pytest.approx(math.hypot(uninformed.std_g[0], centripetal_of_half_mm), rel=0.05)
 
 
 def test_memory_stays_bounded_over_a_long_run() -> None:

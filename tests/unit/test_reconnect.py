@@ -97,9 +97,9 @@ def test_what_others_call_themselves_is_printable_and_short() -> None:
     lives(state, clock, 1.0)
     state.connected()
     state.heard_instance(b"online \x1b[2J" + b"y" * 1000, retained=True)
-    told = str(state.taken)
-    assert told.isprintable()
-    assert len(told) < 200
+    text = str(state.taken)
+    assert text.isprintable()
+    assert len(text) < 200
 
 
 def test_the_status_says_whose_word_it_is() -> None:

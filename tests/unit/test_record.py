@@ -38,13 +38,13 @@ from highside.physics.gravity import gravity_direction
 from highside.recording.calibration_store import CalibrationStore, load_active, load_record_file, read_record
 
 NOW = from_utc("2026-11-21T12:00:00Z")
-RINGS = (1.206, 5.0, 45.0)
+INCLINATIONS = (1.206, 5.0, 45.0)
 
 
-def columns(seed: int = 0, rings: tuple[float, ...] = RINGS, **more: list[float]) -> dict[str, Any]:
+def columns(seed: int = 0, inclinations: tuple[float, ...] = INCLINATIONS, **more: list[float]) -> dict[str, Any]:
     rng = np.random.default_rng(seed)
-    inc = np.repeat(rings, 8)
-    tf = np.tile(np.arange(0.0, 360.0, 45.0), len(rings))
+    inc = np.repeat(inclinations, 8)
+    tf = np.tile(np.arange(0.0, 360.0, 45.0), len(inclinations))
     A = np.eye(3) + 2e-3 * rng.standard_normal((3, 3))
     m = A @ gravity_direction(np.deg2rad(inc), np.deg2rad(tf)) + 1e-3 + 1e-5 * rng.standard_normal((3, inc.size))
     names = ("ax", "ay", "az")
@@ -187,6 +187,19 @@ def test_a_record_by_magnitude_of_an_earlier_version_is_read_and_applied() -> No
     assert isinstance(correction, LinearCorrection) and isinstance(now, LinearCorrection)
     reading = np.array([[0.1], [0.7], [0.7]])
     assert np.array_equal(correction.correct_block(reading), now.correct_block(reading))
+
+
+def test_variances_under_the_name_of_an_earlier_version_are_read_and_the_file_stays_as_it_is() -> None:
+    record = make("joint")
+
+    def as_then(content: dict[str, Any]) -> None:
+        then = content["result"]["variance"]
+        then["ring_inc_rad"] = then.pop("station_inc_rad")
+
+    earlier = parse_record(_signed(as_then, record))
+    assert earlier.result.variance == record.result.variance
+    assert "ring_inc_rad" in earlier.content["result"]["variance"]
+    assert largest_difference(earlier, recompute(earlier)) == 0.0
 
 
 @pytest.mark.parametrize("part", ["result", "tool", "created", "environment", "pose_table", "guide", "request"])

@@ -116,7 +116,7 @@ def test_windows_line_ends_byte_order_mark_and_spaces_are_read(tmp_path: Path) -
     np.testing.assert_array_equal(read_recording(path).columns["ax_g"], [1.0, 2.0])
 
 
-def test_commands_are_told_what_they_lack() -> None:
+def test_commands_are_reported_what_they_lack() -> None:
     recording = Recording({"t_s": np.arange(3.0), "ax_g": np.array([1.0, NAN, 2.0]), "ay_g": np.full(3, NAN)})
     with pytest.raises(InputError, match="lacks the columns az_g, gx_dps"):
         recording.require("ax_g", "az_g", "gx_dps")

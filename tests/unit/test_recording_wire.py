@@ -76,7 +76,7 @@ def test_a_file_torn_at_any_byte_is_read_to_its_last_complete_record(tmp_path: P
         assert reader.torn_bytes == size - at
 
 
-def test_a_damaged_record_ends_the_reading_and_is_told(tmp_path: Path) -> None:
+def test_a_damaged_record_ends_the_reading_and_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "a.hsw"
     pieces = [encode_record(r) for r in some_records(5)]
     data = bytearray(encode_header(META) + b"".join(pieces))

@@ -77,9 +77,9 @@ def test_every_field_of_the_service_is_there_with_its_default_and_what_it_says(
     pages: ModuleType, texts: dict[str, str]
 ) -> None:
     page = texts["configuration.md"]
-    told = list(fields(Settings, pages))
-    assert len(told) > 120
-    for name, info in told:
+    listed = list(fields(Settings, pages))
+    assert len(listed) > 120
+    for name, info in listed:
         line = f"| `{name}` | {pages.cell(pages.kind_of(info))} | {pages.cell(pages.default_of(info))} |"
         assert f"{line} {pages.cell(info.description or '')} |" in page
     assert "| `port` | whole number, ≥ 1, ≤ 65535 | `1883` |" in page
@@ -131,14 +131,14 @@ def test_every_code_that_can_be_raised_is_on_the_page_with_cause_and_remedy(
     pages: ModuleType, texts: dict[str, str]
 ) -> None:
     assert RECORD.keys() == set(RecordReason) and CALIBRATION.keys() == set(Reason) and LINK.keys() == set(LinkReason)
-    told = {one.code: one for one in catalogue()}
+    listed = {one.code: one for one in catalogue()}
     raised = {f"{kind}.{area}" for kind, area, *_ in pages.messages()}
     assert len(raised) > 20
-    assert raised <= told.keys(), "a package raises errors and has no entry in errors.AREAS"
+    assert raised <= listed.keys(), "a package raises errors and has no entry in errors.AREAS"
     raised |= {f"record.{reason.value}" for reason in RecordReason}
     raised |= {f"calibration.{reason.value}" for reason in Reason} | {f"link.{reason.value}" for reason in LinkReason}
     for code in raised:
-        one = told[code]
+        one = listed[code]
         assert one.cause and one.remedy
         assert f"| `{code}` | {one.exit_status} |" in texts["errors.md"]
 

@@ -79,7 +79,7 @@ def test_prior_variances_are_those_of_the_stated_size() -> None:
 def test_a_sensor_without_structure_is_left_as_it_is() -> None:
     for seed in range(4):
         for toolfaces in ((45.0, 135.0, 225.0, 315.0), TWELVE):
-            for bench in ({}, {"pose_error_deg": 0.0, "ring_error_deg": 0.009, "station_error_deg": 0.009}):
+            for bench in ({}, {"pose_error_deg": 0.0, "inc_station_error_deg": 0.009, "tf_station_error_deg": 0.009}):
                 poses = pose_set(reference_scenario(seed, toolfaces_deg=toolfaces, **bench))  # type: ignore[arg-type]
                 plain = joint(poses)
                 same = refine(plain, poses)

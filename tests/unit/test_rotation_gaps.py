@@ -65,9 +65,9 @@ def test_an_effect_is_named_although_rows_are_missing(how: str, colour: float) -
     assert [claim.effect for claim in found.claims] == ["quadratic"]
     size = found.claims[0].parameters["k2_x"]
     assert abs(size.value - 4e-4) < 4 * size.std
-    (told,) = found.intake
-    assert told.check == ("missing_values" if how == "values" else "dropped_frames")
-    assert str(int(lost.sum())) in told.remedy or how == "burst"
+    (remark,) = found.intake
+    assert remark.check == ("missing_values" if how == "values" else "dropped_frames")
+    assert str(int(lost.sum())) in remark.remedy or how == "burst"
 
 
 def test_nothing_is_found_where_nothing_is_left_out() -> None:

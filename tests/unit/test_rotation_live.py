@@ -184,14 +184,14 @@ class Compass:
     """In place of a drift stage: an azimuth of 200 deg, off by the rotor's error."""
 
     def __init__(self) -> None:
-        self.told: list[float | None] = []
+        self.azimuths_set: list[float | None] = []
         self.theta = 0.0
 
     def add(self, *_: float) -> None: ...
 
     def close(self, t_s: float, _t_mono: float, _a: object, rotor_error_rad: float | None) -> None:
         self.theta = math.radians(120.0 * t_s)
-        self.told.append(rotor_error_rad)
+        self.azimuths_set.append(rotor_error_rad)
 
     def azimuth(self, _t_s: float) -> Azimuth:
         return Azimuth((200.0 + float(of_heading(self.theta)) / 60.0) % 360.0, 0.3, ("rotation",))
@@ -222,7 +222,7 @@ def test_the_azimuth_is_compensated_by_the_angle_of_its_own_reading() -> None:
         assert set(one.flags) <= {"uncalibrated", "moving"}
         assert one.comp_id == made.id
     # the stage is told what to add when an azimuth is told
-    assert compass.told[-1] == pytest.approx(math.radians(float(of_heading(compass.theta)) / 60.0), abs=1e-6)
+    assert compass.azimuths_set[-1] == pytest.approx(math.radians(float(of_heading(compass.theta)) / 60.0), abs=1e-6)
 
 
 def test_a_compensation_of_the_heading_alone_leaves_inclination_and_toolface() -> None:
@@ -243,7 +243,7 @@ def test_where_the_heading_does_not_hold_nothing_is_taken_off_and_one_flag_says_
         found, compass = headings(frames, whole)
         assert [one.azimuth for one in plain] == [one.azimuth and one.azimuth._replace(flags=()) for one in found]
         assert all(one.flags.count(flag) == 1 for one in found)
-        assert set(compass.told) == ({None} if flag == ROTOR_UNKNOWN else {0.0})
+        assert set(compass.azimuths_set) == ({None} if flag == ROTOR_UNKNOWN else {0.0})
     found, _ = headings(stream(3.0), compensation({"heading": of_heading}, gap=True))
     for one in found:
         theta = 120.0 * one.t_device_s % 360.0

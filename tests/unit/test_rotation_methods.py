@@ -252,11 +252,11 @@ def test_a_quarter_of_the_turn_missing_is_bridged_with_a_warning(start_deg: floa
 def test_a_gap_anywhere_under_strong_wobble_is_bridged_as_well_as_can_be(rows: int) -> None:
     # of many seeds 95 % (60 rows) and more are within 0.01' (rms over the gap); this is a part of that benchmark
     found = rotation_gap.score(B, rows, range(700, 706), np.arange(6) * (np.pi / 3))
-    ours, told = found["auto"], found["told"]
+    ours, informed = found["auto"], found["informed"]
     for name in ("rms", "worst"):
-        share = [float(np.mean(np.array(getattr(one, name)) <= 0.01)) for one in (ours, told)]
+        share = [float(np.mean(np.array(getattr(one, name)) <= 0.01)) for one in (ours, informed)]
         assert share[0] >= share[1] - 0.08
-        assert np.mean(getattr(ours, name)) < 1.15 * np.mean(getattr(told, name))
+        assert np.mean(getattr(ours, name)) < 1.15 * np.mean(getattr(informed, name))
     assert np.mean(np.array(ours.rms) <= 0.01) >= (0.88 if rows == 60 else 0.97)
     assert np.mean(ours.inside) > 0.88
 

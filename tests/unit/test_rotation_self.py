@@ -151,7 +151,7 @@ def test_gaps_in_time_part_the_recording() -> None:
     assert np.abs((curve.parameters - exact)[3:]).max() < 0.1
 
 
-def test_what_cannot_be_told_is_refused() -> None:
+def test_what_cannot_be_reported_is_refused() -> None:
     one = made(Run(turns=4))
     with pytest.raises(Refused, match="needs gyros"):
         self_errors(one.t_s, one.accel, None, one.theta, ErrorPart.SENSOR)

@@ -57,7 +57,7 @@ def test_one_change_of_a_size_is_found_where_it_is() -> None:
     assert change.gain == pytest.approx(float(np.sum((residual - residual.mean()) ** 2)), rel=2e-3)
 
 
-def told(factor: np.ndarray) -> DiagnosisResult:
+def reported(factor: np.ndarray) -> DiagnosisResult:
     """A rotation about an axis that the sensors are off by 0.1 mm, times a factor (n,) of each row."""
     state = turning()
     sensor = random_sensor(np.random.default_rng(4))
@@ -70,9 +70,9 @@ def told(factor: np.ndarray) -> DiagnosisResult:
 
 def test_a_lever_arm_that_changes_over_the_session_has_not_that_name() -> None:
     n = turning().n
-    constant = told(np.ones(n))
+    constant = reported(np.ones(n))
     assert [(claim.effect, claim.stable) for claim in constant.claims] == [("lever_arm", True)]
-    changing = told(np.where(np.arange(n) < 0.45 * n, 1.35, 0.65))
+    changing = reported(np.where(np.arange(n) < 0.45 * n, 1.35, 0.65))
     assert "lever_arm" not in {name for claim in changing.claims for name in claim.equivalence_class}
     assert "lever_arm" in changing.remainder.changing
     assert any(hint.startswith("lever_arm is no constant") for hint in changing.remainder.hints)

@@ -53,7 +53,7 @@ def test_two_turns_correct_ten_others_at_another_inclination(seed: int) -> None:
     assert rms_after <= 1.2 * rms_own
 
 
-def test_the_parts_are_told_apart() -> None:
+def test_the_parts_are_distinguished() -> None:
     rng = np.random.default_rng(7)
     turns = [(inc, *turn(inc, rng)) for inc in (20.0, 45.0, 80.0)]
     curve = fit_turntable(

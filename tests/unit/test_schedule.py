@@ -24,7 +24,7 @@ from highside.calibration.zone import Parameters, TemperatureRange
 from highside.errors import InputError
 from highside.physics.gravity import bench_gravity, gravity_direction
 
-RINGS_DEG = (0.612, 1.206, 3.0, 5.0, 10.0, 20.0, 30.0, 45.0)
+INCLINATIONS_DEG = (0.612, 1.206, 3.0, 5.0, 10.0, 20.0, 30.0, 45.0)
 A = np.eye(3) + 3e-3 * np.random.default_rng(7).standard_normal((3, 3))
 B = np.array([1.5e-3, -0.8e-3, 2e-3])
 
@@ -34,19 +34,19 @@ def reading(inc_rad: float, tf_rad: float) -> tuple[float, float, float]:
     return x, y, z
 
 
-def session(rings_deg: tuple[float, ...] = RINGS_DEG) -> PoseSet:
-    inc = np.deg2rad(np.repeat(rings_deg, 4))
-    tf = np.deg2rad(np.tile([45.0, 135.0, 225.0, 315.0], len(rings_deg)))
+def session(inclinations_deg: tuple[float, ...] = INCLINATIONS_DEG) -> PoseSet:
+    inc = np.deg2rad(np.repeat(inclinations_deg, 4))
+    tf = np.deg2rad(np.tile([45.0, 135.0, 225.0, 315.0], len(inclinations_deg)))
     noise = 5e-5 * np.random.default_rng(3).standard_normal((3, inc.size))
     return PoseSet.build(
         A @ gravity_direction(inc, tf) + B[:, None] + noise, inc_ref_rad=inc, tf_ref_rad=tf, n=100.0, std=5e-4
     )
 
 
-def schedule(*, with_fallback: bool, rings_deg: tuple[float, ...] = RINGS_DEG) -> ScheduledCorrection:
-    poses = session(rings_deg)
+def schedule(*, with_fallback: bool, inclinations_deg: tuple[float, ...] = INCLINATIONS_DEG) -> ScheduledCorrection:
+    poses = session(inclinations_deg)
     zones = tuple(LinearCorrection(zone, guarded=False) for zone in balance(poses).zones)
-    whole = LinearCorrection(conventional(poses).main) if len(rings_deg) > 1 else None
+    whole = LinearCorrection(conventional(poses).main) if len(inclinations_deg) > 1 else None
     if with_fallback:
         return ScheduledCorrection(zones, fallback=whole)
     return ScheduledCorrection(zones, guide=whole)
@@ -82,7 +82,7 @@ def test_a_small_step_of_the_reading_makes_a_small_step_of_the_vector(
 def test_no_jump_of_inclination_or_toolface_over_a_sweep_through_all_zones() -> None:
     inc = np.linspace(np.deg2rad(0.4), np.deg2rad(47.0), 40001)
     readings = A @ gravity_direction(inc, np.full_like(inc, 1.0)) + B[:, None]
-    for one in (WITH, schedule(with_fallback=False, rings_deg=(0.612, 1.206, 2.0, 3.0, 5.0))):
+    for one in (WITH, schedule(with_fallback=False, inclinations_deg=(0.612, 1.206, 2.0, 3.0, 5.0))):
         got_inc, got_tf = one.attitude(readings)
         held = np.isfinite(got_inc[:-1]) & np.isfinite(got_inc[1:])
         assert held.sum() > 3000
@@ -118,7 +118,7 @@ def test_nothing_is_extrapolated_where_no_zone_holds() -> None:
 
 
 def test_a_gap_between_zones_is_refused_too() -> None:
-    apart = schedule(with_fallback=False, rings_deg=(1.206, 45.0))
+    apart = schedule(with_fallback=False, inclinations_deg=(1.206, 45.0))
     states = [OUTSIDE_ZONE in apart.correct(reading(math.radians(inc), 1.0)).flags for inc in (1.0, 10.0, 45.0, 80.0)]
     assert states == [False, True, False, True]
 
@@ -190,7 +190,7 @@ def test_bulk_does_not_depend_on_how_the_readings_are_cut() -> None:
             )
 
 
-APART = schedule(with_fallback=False, rings_deg=(1.206, 45.0))
+APART = schedule(with_fallback=False, inclinations_deg=(1.206, 45.0))
 coordinate = st.one_of(
     st.floats(-2.0, 2.0), st.sampled_from([0.0, -0.0, 1e-300, 5e-324, math.nan, math.inf, -math.inf])
 )
@@ -254,7 +254,7 @@ def test_a_missing_reading_spoils_only_itself() -> None:
 def test_the_covariance_of_a_blend_is_never_below_its_true_scatter() -> None:
     """Two zones whose errors are independent, the same, or opposite: the stated covariance bounds each."""
     rng = np.random.default_rng(21)
-    low, high = (part.zone for part in schedule(with_fallback=False, rings_deg=(3.0, 5.0)).zones)
+    low, high = (part.zone for part in schedule(with_fallback=False, inclinations_deg=(3.0, 5.0)).zones)
     inc = math.radians(4.0)
     g = gravity_direction(np.array([inc]), np.array([0.7]))[:, 0]
     root = np.linalg.cholesky(1e-9 * np.eye(12))
@@ -279,11 +279,11 @@ def test_the_covariance_of_a_blend_is_never_below_its_true_scatter() -> None:
 
 
 def test_the_unknown_offset_acts_on_neighbouring_zones_with_opposite_signs() -> None:
-    """A level bench, rings close enough to blend: what the offset does between them is stated with its sign."""
+    """A level bench, inclinations close enough to blend: what the offset does between them is stated with its sign."""
     rng = np.random.default_rng(4)
-    rings, places = (15.0, 20.0), np.deg2rad([15.0, 16.0, 17.5, 19.0, 20.0])
-    inc = np.deg2rad(np.repeat(rings, 4))
-    tf = np.deg2rad(np.tile([45.0, 135.0, 225.0, 315.0], len(rings)))
+    inclinations, places = (15.0, 20.0), np.deg2rad([15.0, 16.0, 17.5, 19.0, 20.0])
+    inc = np.deg2rad(np.repeat(inclinations, 4))
+    tf = np.deg2rad(np.tile([45.0, 135.0, 225.0, 315.0], len(inclinations)))
     g = gravity_direction(places, np.full(places.size, 0.7))
     level, noise, std = BenchAccuracy(tilt_rad=1e-9, pose_rad=1e-9), 1e-6, 2e-3
     errors, stated, levers = [], [], []
@@ -354,8 +354,8 @@ def test_a_schedule_without_corrections_or_with_guarded_zones_is_refused() -> No
 def test_stated_intervals_hold_the_truth_within_between_and_beyond_the_zones() -> None:
     """Sensors and benches drawn from what the calibrations assume: 95 % intervals of I and T, nearly vertical too."""
     rng = np.random.default_rng(1)
-    inc = np.deg2rad(np.repeat((*RINGS_DEG, 60.0), 4))
-    tf = np.deg2rad(np.tile([45.0, 135.0, 225.0, 315.0], len(RINGS_DEG) + 1))
+    inc = np.deg2rad(np.repeat((*INCLINATIONS_DEG, 60.0), 4))
+    tf = np.deg2rad(np.tile([45.0, 135.0, 225.0, 315.0], len(INCLINATIONS_DEG) + 1))
     noise, tilt, pose = 1e-4, math.radians(0.05), math.radians(0.0052)
     places = (0.2, 0.9, 2.0, 4.0, 7.0, 44.0, 100.0)
     hits = np.zeros((len(places), 2))

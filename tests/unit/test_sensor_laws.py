@@ -45,7 +45,7 @@ STEEP = {
     "axes": [{"covariate": "temp", "low": 15.0, "high": 65.0, "functions": [["saturation", 38.0, 5.0]]}],
 }  # fmt: skip
 """no effect of the library, nor a polynomial of the third order, is like this"""
-RINGS = ([20.0, 55.0, 90.0, 130.0], [45.0, 117.0, 189.0, 261.0, 333.0])
+INCLINATIONS = ([20.0, 55.0, 90.0, 130.0], [45.0, 117.0, 189.0, 261.0, 333.0])
 
 
 def session(inc: list[float], tf: list[float], temps: list[float], seed: int, *laws: Any) -> highside.Simulation:
@@ -69,7 +69,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def calibrated(found: Path) -> highside.Calibration:
-    return highside.calibrate(session(*RINGS, [20.0, 61.0], 2, STEEP).poses, tool="t", model=found)
+    return highside.calibrate(session(*INCLINATIONS, [20.0, 61.0], 2, STEEP).poses, tool="t", model=found)
 
 
 @pytest.fixture(scope="module")
@@ -91,9 +91,9 @@ def errors(calibration: highside.Calibration, of: highside.Simulation) -> dict[s
 def test_another_session_falls_to_the_floor_with_the_law_in_the_record(
     calibrated: highside.Calibration, other: highside.Simulation
 ) -> None:
-    bare = highside.calibrate(session(*RINGS, [20.0, 61.0], 2, STEEP).poses, tool="t")
+    bare = highside.calibrate(session(*INCLINATIONS, [20.0, 61.0], 2, STEEP).poses, tool="t")
     # the floor: the same poses and noise of a sensor that has no law, by a calibration that knows of none
-    clean = highside.calibrate(session(*RINGS, [20.0, 61.0], 2).poses, tool="t")
+    clean = highside.calibrate(session(*INCLINATIONS, [20.0, 61.0], 2).poses, tool="t")
     floor = errors(
         clean, session([12.0, 37.0, 72.0, 100.0], [20.0, 80.0, 140.0, 200.0, 260.0, 320.0], [59.0, 22.0, 50.0], 3)
     )
@@ -229,7 +229,7 @@ LOADED = (
 
 def test_laws_of_load_rate_and_a_further_column_are_inverted_live_as_in_batch() -> None:
     laws = SensorLaws(tuple(Law.from_dict(plain) for plain in LOADED))
-    clean = highside.calibrate(session(*RINGS, [25.0, 25.0], 2).poses, tool="t")
+    clean = highside.calibrate(session(*INCLINATIONS, [25.0, 25.0], 2).poses, tool="t")
     bare = correction_from_record(clean.record)
     assert isinstance(bare, LinearCorrection)
     rng = np.random.default_rng(3)
@@ -258,7 +258,7 @@ def test_laws_of_load_rate_and_a_further_column_are_inverted_live_as_in_batch() 
 
 
 def test_poses_of_a_recording_keep_what_laws_depend_on() -> None:
-    made = session(*RINGS, [20.0, 61.0], 2)
+    made = session(*INCLINATIONS, [20.0, 61.0], 2)
     pose = made.recording["pose"]
     columns = {**made.recording.columns, "mud bar": np.where(np.isfinite(pose), 10.0 * pose, np.nan)}
     # a gap of one pose leaves the column out: half a column would be refused later, without the reason
@@ -324,7 +324,7 @@ def test_without_laws_nothing_is_asked_of_a_frame(calibrated: highside.Calibrati
     ],
 )
 def test_what_cannot_be_used_is_refused_in_one_line(model: Any, lacks: str, field: str) -> None:
-    poses = session(*RINGS, [20.0, 61.0], 2, STEEP).poses
+    poses = session(*INCLINATIONS, [20.0, 61.0], 2, STEEP).poses
     assert poses is not None
     columns = {name: values for name, values in poses.columns.items() if name != lacks}
     with pytest.raises(InputError) as refused:
@@ -358,7 +358,7 @@ def test_solve_takes_effects_of_a_folder_for_the_bench(tmp_path: Path) -> None:
     (tmp_path / "own" / "own_dial.py").write_text(OWN)
     model, poses = tmp_path / "model.toml", tmp_path / "poses.csv"
     model.write_text('[effects]\nincluded = ["own_dial"]\n[effects.own_dial]\na = 0.002\n')
-    made = session(*RINGS, [25.0, 25.0], 2).poses
+    made = session(*INCLINATIONS, [25.0, 25.0], 2).poses
     assert made is not None
     made.write(poses)
     command = ["calibrate", "solve", str(poses), "--method", "joint", "-o", str(tmp_path / "cal.json"), "--tool", "t",

@@ -193,8 +193,8 @@ def test_fingerprint_and_keys_are_those_of_openssh(tmp_path: Path, lab: SigningK
             pytest.fail("ssh-keygen is not installed, and CI must not skip this test")
         pytest.skip("needs ssh-keygen (apt-get install openssh-client)")
     public = write_key(tmp_path / "lab.key", lab)
-    told = subprocess.run(["ssh-keygen", "-lf", public], capture_output=True, text=True, check=True).stdout
-    assert lab.fingerprint in told
+    printed = subprocess.run(["ssh-keygen", "-lf", public], capture_output=True, text=True, check=True).stdout
+    assert lab.fingerprint in printed
     made = tmp_path / "ssh"
     subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", "Bench 3", "-f", made], check=True)
     key = read_key(made)

@@ -18,10 +18,10 @@ from studies import simulation_honesty as study
 SEED = 41
 
 
-def told(case: str, strength: float, course: str = "constant") -> study.DiagnosisResult:
+def reported(case: str, strength: float, course: str = "constant") -> study.DiagnosisResult:
     motion = study.Motion(SEED)
     added = study.COURSES[course]() * study.made(case, motion, strength)
-    return study.told(motion, added, "white", SEED, laws=False)
+    return study.reported(motion, added, "white", SEED, laws=False)
 
 
 def test_noise_that_is_known_for_certain_is_judged_by_chi_squared() -> None:
@@ -45,7 +45,7 @@ def test_a_change_of_a_size_is_judged_by_its_own_chance(added: float, stable: bo
 @pytest.mark.parametrize("strength", [3e3, 1e6])
 def test_a_line_of_fixed_frequency_is_a_tone_and_no_noise(strength: float) -> None:
     """The filter that learns the noise took it for colour: nothing was left out, at any strength."""
-    found = told("tone", strength)
+    found = reported("tone", strength)
     assert [claim.effect for claim in found.claims] == ["tone"]
     frequency = found.claims[0].parameters["f"]
     assert frequency.value == pytest.approx(1.7, abs=max(5 * frequency.std, 1e-4))
@@ -53,7 +53,7 @@ def test_a_line_of_fixed_frequency_is_a_tone_and_no_noise(strength: float) -> No
 
 @pytest.mark.parametrize("strength", [1e4, 1e6])
 def test_motion_that_the_prediction_lacks_is_not_nothing(strength: float) -> None:
-    found = told("missing motion", strength)
+    found = reported("missing motion", strength)
     assert found.verdict != "nothing_left_out"
     assert any("something moves that the prediction does not have" in hint for hint in found.remainder.hints)
 
@@ -66,9 +66,9 @@ def test_no_noise_of_a_sensor_stands_out_of_its_own_spectrum(noise: str) -> None
 
 
 def test_a_lever_arm_whose_size_changes_has_not_that_name() -> None:
-    constant = told("lever_arm", 1e4)
+    constant = reported("lever_arm", 1e4)
     assert [(claim.effect, claim.stable) for claim in constant.claims] == [("lever_arm", True)]
-    changing = told("lever_arm", 1e4, "step")
+    changing = reported("lever_arm", 1e4, "step")
     assert "lever_arm" not in {claim.effect for claim in changing.claims}
     assert "lever_arm" in changing.remainder.changing
 

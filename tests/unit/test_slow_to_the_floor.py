@@ -65,12 +65,12 @@ def test_a_warm_up_in_a_session_by_hand_is_named(size_g: float) -> None:
 
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("effect", ["bias_step", "warmup"])
-def test_what_is_too_small_for_a_name_is_told_with_its_size(seed: int, effect: str) -> None:
+def test_what_is_too_small_for_a_name_is_reported_with_its_size(seed: int, effect: str) -> None:
     shape = {"t0": 145.0} if effect == "bias_step" else {"tau": 60.0}
     found = by_hand(seed, **{effect: {**of_axes(7e-4 if effect == "bias_step" else 1.2e-3), **shape}})
     assert found.verdict != "nothing_left_out"
-    told = {e for claim in found.claims for e in claim.equivalence_class}
-    assert effect in told or any("more than they repeat" in hint for hint in found.remainder.hints)
+    claimed = {e for claim in found.claims for e in claim.equivalence_class}
+    assert effect in claimed or any("more than they repeat" in hint for hint in found.remainder.hints)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -121,5 +121,5 @@ def test_temperature_is_named_however_long_the_recording(length_s: float) -> Non
 
     found = at_rest(3, level, temp, length_s)
     assert found.verdict in ("named", "named_plus")
-    told = {e for claim in found.claims for e in claim.equivalence_class}
-    assert told & {"temperature_bias", "temperature_scale", "reference_voltage"}
+    claimed = {e for claim in found.claims for e in claim.equivalence_class}
+    assert claimed & {"temperature_bias", "temperature_scale", "reference_voltage"}

@@ -47,14 +47,14 @@ def test_each_piece_is_shown_and_one_that_fails_is_a_failure(tmp_path: Path, pro
     command = suites(tmp_path, project_root, failing)
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=100)
     assert done.returncode == (1 if failing else 0), done.stdout + done.stderr
-    told = dict(
+    pieces = dict(
         line.removeprefix("== ").split(": exit status ") for line in done.stdout.splitlines() if "exit status" in line
     )
-    assert {name: status.split()[0] for name, status in told.items() if not status.startswith("0 after")} == (
+    assert {name: status.split()[0] for name, status in pieces.items() if not status.startswith("0 after")} == (
         {failing: "5"} if failing else {}
     )
-    assert {"checks", "guests", "integration 1 of 8", "faults", "unit 4 of 4", "session", "timing"} <= set(told)
-    assert len([line for line in done.stdout.splitlines() if line.startswith("ran: ")]) == len(told)
+    assert {"checks", "guests", "integration 1 of 8", "faults", "unit 4 of 4", "session", "timing"} <= set(pieces)
+    assert len([line for line in done.stdout.splitlines() if line.startswith("ran: ")]) == len(pieces)
 
 
 def test_every_test_file_is_in_one_piece_and_those_that_judge_a_pace_run_alone(

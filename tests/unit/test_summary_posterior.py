@@ -19,7 +19,7 @@ MODEL = ForwardModel.of(
         "scale": {"s_x": 2e-3, "s_y": -1e-3, "s_z": 1e-3},
         "base_tilt": {"tilt_x": 4e-4, "tilt_y": -3e-4},
         "pose_error": {
-            "inc_ring": EXPLAINING.step_rad,
+            "inc_station": EXPLAINING.step_rad,
             "tf_station": EXPLAINING.step_rad,
             "inc_pose": 0.0,
             "tf_pose": 0.0,
@@ -31,9 +31,11 @@ MODEL = ForwardModel.of(
 @pytest.fixture(scope="module")
 def explained() -> Explained:
     session = run_session(PaperPlan.of_the_paper(), MODEL, NOISE_G, np.random.default_rng(3))
-    told = cells_of(session.errors_deg())[0]
+    table_given = cells_of(session.errors_deg())[0]
     free = ("bias", "scale", "misalignment")
-    problem = prepare(np.array(INCLINATIONS_DEG), told, Procedure("conventional3"), ForwardModel.of({}), free, None, 1)
+    problem = prepare(
+        np.array(INCLINATIONS_DEG), table_given, Procedure("conventional3"), ForwardModel.of({}), free, None, 1
+    )
     return explain(problem, lambda share, words: None)
 
 

@@ -44,10 +44,10 @@ def readings(inc_deg: Any, tf_deg: Any, rng: np.random.Generator, offset: Any = 
 
 
 def record(
-    method: str = "joint", rings: tuple[float, ...] = (-45.0, 5.0, 45.0, 90.0, 120.0), noise: float = NOISE
+    method: str = "joint", inclinations: tuple[float, ...] = (-45.0, 5.0, 45.0, 90.0, 120.0), noise: float = NOISE
 ) -> CalibrationRecord:
     rng = np.random.default_rng(7)
-    inc, tf = np.repeat(rings, 4), np.tile([45.0, 135.0, 225.0, 315.0], len(rings))
+    inc, tf = np.repeat(inclinations, 4), np.tile([45.0, 135.0, 225.0, 315.0], len(inclinations))
     m = readings(inc, tf, rng, noise=noise)
     table = {"inc_ref_deg": inc.tolist(), "tf_ref_deg": tf.tolist(), "n": [100.0] * inc.size}
     table |= {name: row.tolist() for name, row in zip(("ax", "ay", "az"), m, strict=True)}
@@ -227,8 +227,8 @@ def tilted(inc: np.ndarray, tf: np.ndarray, rng: np.random.Generator) -> np.ndar
 
 def wrong_alike_everywhere(size_deg: float, *, reversed_too: bool, stated_deg: float = 0.05) -> Verification:
     """A tool that shows I wrong by the same angle at every pose, on a level bench."""
-    rings = (5.0, 30.0, 45.0, 75.0, 90.0)
-    inc, tf = np.repeat(rings, 4), np.tile([45.0, 135.0, 225.0, 315.0], len(rings))
+    inclinations = (5.0, 30.0, 45.0, 75.0, 90.0)
+    inc, tf = np.repeat(inclinations, 4), np.tile([45.0, 135.0, 225.0, 315.0], len(inclinations))
     sides = [(inc, tf), (-inc[:4], (tf[:4] + 180.0) % 360.0)][: 1 + reversed_too]
     set_inc, set_tf = (np.concatenate(part) for part in zip(*sides, strict=True))
     true_inc, true_tf = np.abs(set_inc), np.where(set_inc < 0.0, set_tf + 180.0, set_tf)

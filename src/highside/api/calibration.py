@@ -112,8 +112,8 @@ def calibrate(
     `poses` (a file, DataFrame, dict of arrays or PoseTable of K rows): `ax, ay, az` in g and, unless `reference` is
     "magnitude" (only |g| is known), `inc_ref_deg, tf_ref_deg`; optional `n`, `std_ax, ...` (g), `temp_c`, `pose`,
     `direction`. `method`: "joint" (all poses at once, the default), "balance" (zones of inclination; `triples` says
-    which poses of a ring, `fallback` what corrects elsewhere) or "conventional". `pose_sigma_deg`: standard deviation
-    of a setting of the bench. `tool`, `serial`, `bench`, `operator`, `gravity_mps2` with `gravity_std_mps2`,
+    which poses of an inclination, `fallback` what corrects elsewhere) or "conventional". `pose_sigma_deg`: standard
+    deviation of a setting of the bench. `tool`, `serial`, `bench`, `operator`, `gravity_mps2` with `gravity_std_mps2`,
     `temp_c` and `expires_days` go into the record. `turntable`: errors of the bench's own encoder and axis; `model`:
     a model (`Diagnosis.write_model`) whose effects and laws of the bench are known; both are taken off the references
     first. Its laws of the sensor are taken off the readings and kept in the record, which takes them off whatever it
@@ -123,7 +123,9 @@ def calibrate(
     an argument that is not in order, Refused where no calibration follows at all.
     """
     _require_arguments(pose_sigma_deg, gravity_mps2, expires_days)
-    request = SolveRequest(method, triples, reference, pose_sigma_deg, fallback if get(method).by_ring else NO_FALLBACK)
+    request = SolveRequest(
+        method, triples, reference, pose_sigma_deg, fallback if get(method).by_inclination else NO_FALLBACK
+    )
     source = read_solver_table(poses)
     where = source.table.source or "pose table"
     tool_id, serial = tool_of_session(source.table.columns, source.table.texts, tool, serial, where)

@@ -25,8 +25,8 @@ from highside.link.device import CanEncoder, DeviceSettings, SimulatedDevice
 from highside.link.wire import Wire
 from highside.physics.motion import Leg, Motion
 
-RING_SHARE = 0.5
-"""Share of the variance of a setting that repeats with the ring (inclination) or station (toolface)."""
+STATION_SHARE = 0.5
+"""Share of the variance of a setting that repeats with the inclination or the toolface station."""
 
 
 class SimulatedBench(SimulatedDevice):
@@ -123,8 +123,8 @@ class SimulatedBench(SimulatedDevice):
             # drawn by the setting itself, so that a session gone on with meets the same bench
             rng = np.random.default_rng([bench.seed, 101, what == "inc", key[1] % 2**32])
             self._common[key] = float(rng.standard_normal())
-        common = self._common[key] * math.sqrt(RING_SHARE)
-        own = float(self._pose_rng.standard_normal()) * math.sqrt(1.0 - RING_SHARE)
+        common = self._common[key] * math.sqrt(STATION_SHARE)
+        own = float(self._pose_rng.standard_normal()) * math.sqrt(1.0 - STATION_SHARE)
         return bench.pose_sigma_deg * (common + own)
 
     def _encoder_error(self, reading_deg: float) -> float:

@@ -1,14 +1,15 @@
 """Which pose to measure next, and how good a plan can be at best.
 
 A plan's information matrix is that of the joint estimator: sensor and bench tilt as unknowns, reading noise and pose
-errors as weights, ring and station errors as random columns. Its inverse is the Cramer-Rao bound of the parameters, and
+errors as weights, inclination and station errors as random columns. Its inverse is the Cramer-Rao bound of the
+parameters, and
 `J F^-1 J'` that of a later I or T; with the reading's own noise it is the total that no method can beat.
 
 The next best pose is the one that lowers the mean variance of I and of the cross-axis error over the inclinations of
 use the most (I-optimality), or that raises the determinant of the information the most (D-optimality). Candidates are
-a grid of inclinations from -120 to 150 deg: rings turned the other way (-I) and beyond horizontal separate bench from
-sensor far better than more poses of the same kind, because there the bench's tilt changes sign against the sensor's
-errors.
+a grid of inclinations from -120 to 150 deg: inclinations turned the other way (-I) and beyond horizontal separate bench
+from sensor far better than more poses of the same kind, because there the bench's tilt changes sign against the
+sensor's errors.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ class NextPose:
 
 
 def split_equally(bench: BenchAccuracy) -> Variances:
-    """The stated pose error halved between a pose's own part and that common to its ring or station."""
+    """The stated pose error halved between a pose's own part and that common to its inclination or station."""
     half = 0.5 * bench.pose_rad**2
     return Variances(half, half, half, half)
 
@@ -78,7 +79,7 @@ def plan_information(
     F = X.T @ X
     random, penalty = [], []
     for column, groups, variance in (
-        (white[:, :, size], group_settings(inc_rad), v.ring_inc),
+        (white[:, :, size], group_settings(inc_rad), v.station_inc),
         (white[:, :, size + 1], group_settings(tf_rad, modulo=2 * np.pi), v.station_tf),
     ):
         if variance > 0:

@@ -65,11 +65,12 @@ def balance(
     offset_std_g: float = DEFAULT_OFFSET_STD_G,
     bench: BenchAccuracy = NOMINAL_BENCH,
 ) -> CalibrationResult:
-    """A matrix for each ring (inclination) of the session.
+    """A matrix for each inclination of the session.
 
-    `triples`: "1-2-3", "2-3-4", "3-4-1", "4-1-2" (by quadrant), "average" or "least-squares" (all poses of the ring).
-    `offset_g` (3,): the zero offset, subtracted first (0 if None), known to `offset_std_g`. A ring that cannot be
-    solved is omitted with a remark marked `refused`. Raises CalibrationRefused where none can.
+    `triples`: "1-2-3", "2-3-4", "3-4-1", "4-1-2" (by quadrant), "average" or "least-squares" (all poses of the
+    inclination).
+    `offset_g` (3,): the zero offset, subtracted first (0 if None), known to `offset_std_g`. An inclination that cannot
+    be solved is omitted with a remark marked `refused`. Raises CalibrationRefused where none can.
     """
     if triples not in TOPOLOGIES:
         raise ValueError(f"{triples!r} is none of {', '.join(TOPOLOGIES)}")
@@ -80,14 +81,14 @@ def balance(
     remarks: list[Remark] = []
     residual = np.zeros((3, len(poses)))
     used = np.zeros(len(poses), dtype=bool)
-    rings = poses.rings()
-    for ring in range(int(rings.max()) + 1):
-        members = np.flatnonzero(rings == ring)
+    inclinations = poses.inclination_stations()
+    for inclination in range(int(inclinations.max()) + 1):
+        members = np.flatnonzero(inclinations == inclination)
         center = float(np.mean(inc[members]))
         try:
             chosen = _members_by_quadrant(poses, members, center)
             _require_invertible(center)
-            zone, fitted = _solve_ring(poses, members, chosen, center, triples, offset, offset_std_g, bench)
+            zone, fitted = _solve_inclination(poses, members, chosen, center, triples, offset, offset_std_g, bench)
         except CalibrationRefused as refusal:
             text, names = refusal.remark.text, refusal.remark.poses
             remarks.append(Remark(refusal.remark.reason, text, names, refused=True))
@@ -118,7 +119,8 @@ def balance(
 
 
 def _departures(poses: PoseSet, closures: list[Closure]) -> Array:
-    """Departure of each pose (N,) in standard deviations: the four of a ring have one redundancy and share it."""
+    """Departure of each pose (N,) in standard deviations: the four of an inclination have one redundancy and share
+    it."""
     out = np.zeros(len(poses))
     index = {name: i for i, name in enumerate(poses.ids)}
     for closure in closures:
@@ -167,12 +169,13 @@ def closures_of(
     pose_rad: float = 0.0,
     pose_covariance: Array | None = None,
 ) -> list[Closure]:
-    """Closures of rings; `fours` are the indices of their four poses in the order of the quadrants, `A` their matrices.
+    """Closures of inclinations; `fours` are the indices of their four poses in the order of the quadrants, `A` their
+    matrices.
 
     The covariance is the sum of those of the four poses: reading noise and the pose errors, `pose_rad` in both
     inclination and toolface, or `pose_covariance` (N, 3, 3; reading noise included) as the joint estimator found them.
-    An error common to the ring cancels. The coefficients are 1, -1, 1, -1 on exact toolfaces, else the null vector of
-    W.
+    An error common to the inclination cancels. The coefficients are 1, -1, 1, -1 on exact toolfaces, else the null
+    vector of W.
     """
     if not fours:
         return []
@@ -244,14 +247,14 @@ def closure_remarks(closures: list[Closure]) -> list[Remark]:
     return out
 
 
-def rings_of_four(poses: PoseSet) -> list[Indices]:
-    """The four poses nearest the middles of the quadrants, for every ring that has them."""
+def quadrant_poses(poses: PoseSet) -> list[Indices]:
+    """The four poses nearest the middles of the quadrants, for every inclination that has them."""
     away = _away_from_quadrants(poses.reference()[1])
-    rings = poses.rings()
-    if poses.temp_c is not None:  # a ring is measured at one temperature
+    inclinations = poses.inclination_stations()
+    if poses.temp_c is not None:  # an inclination is measured at one temperature
         stage = group_settings(poses.temp_c, tolerance=SAME_TEMPERATURE_C)
-        rings = rings * (int(stage.max()) + 1) + stage
-    members = rings == np.arange(int(rings.max()) + 1)[:, None]
+        inclinations = inclinations * (int(stage.max()) + 1) + stage
+    members = inclinations == np.arange(int(inclinations.max()) + 1)[:, None]
     apart = np.where(members[:, None, :], away, np.inf)
     nearest = apart.argmin(axis=2)
     whole = np.take_along_axis(apart, nearest[:, :, None], axis=2).max(axis=(1, 2)) <= QUADRANT_TOLERANCE_RAD
@@ -308,7 +311,7 @@ def _require_invertible(center: float) -> None:
         )
 
 
-def _solve_ring(
+def _solve_inclination(
     poses: PoseSet,
     members: Indices,
     four: Indices,

@@ -6,10 +6,10 @@ wrong with the tool:
 
 - *Reversed poses.* (I, T) and (-I, T + 180 deg) are one attitude to the tool, whatever its errors are, but the tilt
   counts once with either sign: half the difference is the tilt. Nothing is assumed of the tool.
-- *Rings.* Offsets, scales and axes of a triad that have changed (twelve numbers, all free) cannot make the pattern of a
-  tilt at all of many attitudes. What they leave free of it shows a lean, provided that they describe the errors at all:
-  where the errors do not fit (chi-square), or too few comparisons are left over to see that, this is not used. But a
-  tool that is wrong alike everywhere makes the same pattern: from one side an observed lean is never proof of the
+- *Pattern.* Offsets, scales and axes of a triad that have changed (twelve numbers, all free) cannot make the pattern of
+  a tilt at all of many attitudes. What they leave free of it shows a lean, provided that they describe the errors at
+  all: where the errors do not fit (chi-square), or too few comparisons are left over to see that, this is not used. But
+  a tool that is wrong alike everywhere makes the same pattern: from one side an observed lean is never proof of the
   bench's, so it is taken off for no verdict but "undecided". All that a bench may lean by what was stated counts in U.
 
 Errors of one setting of the bench and of reading noise are independent from pose to pose; a scatter larger than stated
@@ -41,7 +41,7 @@ FIT_SPARE = 20
 """So many comparisons beyond what is fitted see errors of another kind of the size that matters: with the 62 that 44
 poses leave, a third harmonic of 0.1 deg is detected in all of 300 simulated sessions."""
 ROUNDS = 3
-"""Of the fit by rings: its second step is below 1e-6 deg for tilts of a degree at 5 deg of inclination."""
+"""Of the fit by the pattern: its second step is below 1e-6 deg for tilts of a degree at 5 deg of inclination."""
 TILT_STEP_RAD = 1e-6
 CONTRADICTS_SIGMAS = 4.0
 """What is said of a bench beforehand is wrong where the poses say otherwise by more than this."""
@@ -59,7 +59,7 @@ class LevelSource(StrEnum):
     """as the joint calibration found it that the record holds (`same_bench`)"""
     REVERSED = "reversed"
     """from poses set with the table turned the other way"""
-    RINGS = "rings"
+    PATTERN = "pattern"
     """observed in the pattern over many attitudes, and beyond what was stated: the bench's, or the tool's"""
 
     @property
@@ -68,7 +68,7 @@ class LevelSource(StrEnum):
             LevelSource.STATED: "as stated",
             LevelSource.RECORD: "as the record found it",
             LevelSource.REVERSED: "by poses with the table turned the other way",
-            LevelSource.RINGS: "by the pattern over all poses",
+            LevelSource.PATTERN: "by the pattern over all poses",
         }[self]
 
 
@@ -93,7 +93,7 @@ class BenchLevel:
     @property
     def unproven(self) -> bool:
         """Whether this is a lean that was not expected and could as well be an error of the tool."""
-        return self.source is LevelSource.RINGS
+        return self.source is LevelSource.PATTERN
 
     def contradicts(self, other: BenchLevel, sigmas: float = CONTRADICTS_SIGMAS) -> bool:
         """Whether two answers differ by more than they allow for."""
@@ -136,7 +136,7 @@ def best_level(poses: ReferenceComparison, stated_level: BenchLevel) -> BenchLev
         measured.worst_std_rad < stated_level.worst_std_rad or measured.contradicts(stated_level)
     ):
         return measured
-    fitted = from_rings(poses)
+    fitted = from_pattern(poses)
     return fitted if fitted is not None and fitted.contradicts(stated_level, UNPROVEN_SIGMAS) else stated_level
 
 
@@ -198,7 +198,7 @@ def _attitudes_on_both_sides(poses: ReferenceComparison, use: Mask) -> list[tupl
     return [(ahead.astype(int), back.astype(int)) for ahead, back in sides if ahead.size and back.size]
 
 
-def from_rings(poses: ReferenceComparison) -> BenchLevel | None:
+def from_pattern(poses: ReferenceComparison) -> BenchLevel | None:
     """By the pattern over all poses, whatever offsets, scales and axes of the tool have become; None where that is not
     to be estimated (see the module)."""
     inc_ok, tf_ok = poses.usable()
@@ -220,7 +220,7 @@ def from_rings(poses: ReferenceComparison) -> BenchLevel | None:
         cov = np.linalg.inv(normal)
         x_std, y_std = np.sqrt(np.diag(cov)).tolist()
         if poses.inc_error is None or poses.tf_error is None:
-            return BenchLevel(0.0, 0.0, x_std, y_std, LevelSource.RINGS)
+            return BenchLevel(0.0, 0.0, x_std, y_std, LevelSource.PATTERN)
         shift_inc, shift_tf = leaning(poses.inc_set, poses.tf_set, *x)
         tf_error = poses.tf_error[tf_ok] - shift_tf[tf_ok]
         # about their middle: a tool clamped half a turn off has errors near +-180 deg
@@ -235,7 +235,7 @@ def from_rings(poses: ReferenceComparison) -> BenchLevel | None:
     if law.sf(chi2, spare) < FIT_P:
         return None
     wider = math.sqrt(max(1.0, chi2 / spare))
-    return BenchLevel(float(x[0]), float(x[1]), wider * x_std, wider * y_std, LevelSource.RINGS)
+    return BenchLevel(float(x[0]), float(x[1]), wider * x_std, wider * y_std, LevelSource.PATTERN)
 
 
 def leaning(inc_set: Array, tf_set: Array, tilt_x_rad: float, tilt_y_rad: float) -> tuple[Array, Array]:

@@ -66,12 +66,12 @@ class Variances:
 
     pose_inc: float
     pose_tf: float
-    ring_inc: float
+    station_inc: float
     station_tf: float
     reading: float = 1.0
 
     def as_array(self) -> Array:
-        return np.array([self.pose_inc, self.pose_tf, self.ring_inc, self.station_tf, self.reading])
+        return np.array([self.pose_inc, self.pose_tf, self.station_inc, self.station_tf, self.reading])
 
 
 @dataclass(frozen=True, slots=True)

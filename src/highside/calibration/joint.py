@@ -6,14 +6,15 @@ Forward model of a pose at the bench's setting (I, T):
 
 The bench's tilt (tx, ty) is estimated beside the sensor; without it, weighting poses by their errors makes toolface
 worse than plain least squares. The pose errors dI and dT are not parameters but part of the weights, and they are not
-independent: the inclination stage does not move within a ring, and the toolface encoder repeats by station. So
+independent: the inclination stage does not move between the poses of an inclination, and the toolface encoder repeats
+by station. So
 
-    dI = ring part + pose part,   dT = station part + pose part,
+    dI = inclination part + pose part,   dT = station part + pose part,
 
 four variances (five where the reading noise is not known), found by restricted maximum likelihood: Newton steps with
 the average-information matrix (Gilmour, Thompson and Cullis, Biometrics 51, 1995, 1440) in the logarithms of the
-variances. Ring and station parts are carried as random columns, so that a session of N poses costs N blocks of 3 x 3
-and one symmetric system of some dozens of unknowns.
+variances. Inclination and station parts are carried as random columns, so that a session of N poses costs N blocks of 3
+x 3 and one symmetric system of some dozens of unknowns.
 
 Every parameter has a prior (A 5 %, b 50 mg, tilt 0.05 deg, K 1 mg), wide against what a session tells. Nonlinear terms
 and encoder harmonics enter by evidence only: the Bayes factor of each group by the Savage-Dickey ratio of its
@@ -45,7 +46,7 @@ from highside.calibration.mixed_model import (
     MixedModelFit,
     PoseRegression,
     ThermalTerms,
-    covariance_over_ring_errors,
+    covariance_over_station_errors,
     covariance_with_variances,
     evaluate,
     initial_variances,
@@ -66,8 +67,8 @@ MAX_DEPARTURE = 6.0
 """Elements of A and b may lie this many prior standard deviations from nominal."""
 MAX_SCATTER_RAD = float(np.deg2rad(0.5))
 """A session whose poses scatter by more than this is no calibration."""
-FEW_RINGS = 3
-"""Below this the covariance is averaged over what errors a ring may have in common."""
+FEW_INCLINATIONS = 3
+"""Below this the covariance is averaged over what errors an inclination may have in common."""
 MIN_ENCODER_STATIONS = 8
 MIN_NONLINEAR_POSES = 20
 Selection = Literal["auto", "none", "all"]
@@ -128,8 +129,8 @@ def joint(
     covariance, student = fit.covariance, None
     if estimate_variances:
         covariance, student = covariance_with_variances(session, fit, variances, bench)
-        if session.ring_of.shape[1] < FEW_RINGS:
-            covariance = covariance - fit.covariance + covariance_over_ring_errors(session, fit, bench, variances)
+        if session.inclination_indicator.shape[1] < FEW_INCLINATIONS:
+            covariance = covariance - fit.covariance + covariance_over_station_errors(session, fit, bench, variances)
     return result_of(
         session, fit, variances, used, away, bench, toolface_zero_rad, toolface_zero_std_rad, covariance, student
     )
@@ -161,7 +162,7 @@ def _optional_groups(session: PoseRegression, nonlinear: Selection, encoder: Sel
     out = []
     if nonlinear == "auto" and len(session.poses) >= MIN_NONLINEAR_POSES:
         out += ["quadratic", "cubic", "cross"]
-    if encoder == "auto" and session.station_of.shape[1] >= MIN_ENCODER_STATIONS:
+    if encoder == "auto" and session.toolface_indicator.shape[1] >= MIN_ENCODER_STATIONS:
         out.append("encoder")
     return out
 
@@ -176,7 +177,7 @@ def log_bayes(fit: MixedModelFit, group: tuple[str, ...]) -> float:
 
 def _require_agreement(session: PoseRegression, fit: MixedModelFit, variances: Variances) -> None:
     """Refuse poses that scatter as if their settings had nothing to do with their readings."""
-    bench = max(variances.pose_inc + variances.ring_inc, variances.pose_tf + variances.station_tf)
+    bench = max(variances.pose_inc + variances.station_inc, variances.pose_tf + variances.station_tf)
     reading = variances.reading * float(np.mean(session.noise**2))
     scatter = float(np.sqrt(max(bench, reading)))
     if scatter > MAX_SCATTER_RAD:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.calibration.advice import next_best_poses
-from highside.calibration.balance import closure_remarks, closures_of, rings_of_four
+from highside.calibration.balance import closure_remarks, closures_of, quadrant_poses
 from highside.calibration.forward import (
     BASE_NAMES,
     GROUPS,
@@ -56,7 +56,7 @@ def result_of(
         Variances(variances.pose_inc, variances.pose_tf + variances.station_tf, 0.0, 0.0, variances.reading),
     )
     sensor = sensor_of(fit.names, fit.theta)
-    fours = [four for four in rings_of_four(poses) if used[four].all()]
+    fours = [four for four in quadrant_poses(poses) if used[four].all()]
     # the closure is a property of an affine sensor: what is known of the other terms is taken out first
     affine = poses if sensor.is_linear else replace(poses, a=poses.a - sensor.nonlinear(sensor.correct(poses.a)))
     closures = closures_of(affine, fours, [sensor.A] * len(fours), pose_covariance=per_pose)
@@ -81,7 +81,7 @@ def result_of(
             "reading_g": _reading_noise(session, variances),
             "pose_inc_rad": float(np.sqrt(variances.pose_inc)),
             "pose_tf_rad": float(np.sqrt(variances.pose_tf)),
-            "ring_inc_rad": float(np.sqrt(variances.ring_inc)),
+            "station_inc_rad": float(np.sqrt(variances.station_inc)),
             "station_tf_rad": float(np.sqrt(variances.station_tf)),
             **{f"misfit_{axis}_g": float(size) for axis, size in zip(AXES, misfit, strict=True)},
         },
@@ -179,7 +179,7 @@ def _scatter_remarks(variances: Variances, bench: BenchAccuracy) -> list[Remark]
             )
         )
     for name, total in (
-        ("inclination", variances.pose_inc + variances.ring_inc),
+        ("inclination", variances.pose_inc + variances.station_inc),
         ("toolface", variances.pose_tf + variances.station_tf),
     ):
         if total > 9.0 * bench.pose_rad**2:

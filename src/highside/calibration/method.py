@@ -27,7 +27,8 @@ class SolveRequest:
     reference: str = "pose"
     pose_sigma_deg: float = 0.0052
     fallback: str = NO_FALLBACK
-    """for a method of rings: the method of the global correction between and beyond the zones, or "none" """
+    """for a method that solves by inclination: the method of the global correction between and beyond the zones, or
+    "none" """
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -41,7 +42,8 @@ class SolveRequest:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """What `solve` found: the calibration, and beside the zones of a method of rings a fallback or a guide."""
+    """What `solve` found: the calibration, and beside the zones of a method that solves by inclination, a fallback or a
+    guide."""
 
     result: CalibrationResult
     fallback: CalibrationResult | None = None
@@ -55,15 +57,16 @@ class Method:
     name: str
     """as records and commands call it; `CalibrationResult.method` says the same"""
     described: str
-    """in a certificate: "conventional positions"; `{triples}` stands for the poses of a ring that were requested"""
+    """in a certificate: "conventional positions"; `{triples}` stands for the poses of an inclination that were
+    requested"""
     colour: str
     """in figures that show several methods, `#rrggbb`"""
     solve: Callable[[PoseSet, SolveRequest, BenchAccuracy], Solution]
     """from poses whose attitudes the bench gives. Raises CalibrationRefused where they give no calibration."""
     by_magnitude: Callable[[PoseSet], Solution] | None = None
     """from poses of which |g| alone is known; None: it needs their attitudes"""
-    by_ring: bool = False
-    """it solves each ring of inclination alone and holds near these; else it holds everywhere, so that it may serve as
+    by_inclination: bool = False
+    """it solves each inclination alone and holds near these; else it holds everywhere, so that it may serve as
     the fallback of one that does not"""
     order: int = 100
     """its place where several are shown, from the simplest on"""

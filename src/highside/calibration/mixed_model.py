@@ -1,8 +1,8 @@
 """The mixed model behind the joint estimator: parameters with priors, errors of the bench with variances.
 
 A session of N poses, linearised, is `y = design (theta - prior mean) + errors`. The errors of a pose by reading noise
-and by its own dI and dT are one block of 3 x 3; what a ring or a station has in common is carried as random columns, so
-that a session costs N blocks and one symmetric system of some dozens of unknowns.
+and by its own dI and dT are one block of 3 x 3; what an inclination or a station has in common is carried as random
+columns, so that a session costs N blocks and one symmetric system of some dozens of unknowns.
 
 The variances are found by restricted maximum likelihood: Newton steps with the average-information matrix (Gilmour,
 Thompson and Cullis, Biometrics 51, 1995, 1440) in their logarithms.
@@ -37,16 +37,16 @@ class ThermalTerms:
 
 @dataclass(frozen=True, slots=True)
 class PoseRegression:
-    """What of a session does not change between solutions: N poses with R rings and S stations."""
+    """What of a session does not change between solutions: N poses with R inclinations and S stations."""
 
     poses: PoseSet
     state: ChainState
     """the bench's settings"""
     noise: Array
     """(3, N) of the means"""
-    ring_of: Array
+    inclination_indicator: Array
     """(N, R), 0 or 1"""
-    station_of: Array
+    toolface_indicator: Array
     """(N, S), 0 or 1"""
     bench: BenchAccuracy
     thermal: ThermalTerms | None
@@ -61,8 +61,8 @@ class PoseRegression:
             poses=poses,
             state=ChainState.build(inc, tf + toolface_zero_rad),
             noise=poses.noise_of_mean(),
-            ring_of=_indicator(poses.rings()),
-            station_of=_indicator(poses.stations()),
+            inclination_indicator=_indicator(poses.inclination_stations()),
+            toolface_indicator=_indicator(poses.toolface_stations()),
             bench=bench,
             thermal=thermal,
         )
@@ -140,7 +140,7 @@ class MixedModelFit:
 
     @property
     def effects(self) -> Array:
-        """(R + S,) estimated errors of the rings and stations, rad."""
+        """(R + S,) estimated errors of the inclinations and stations, rad."""
         return self.system.solution[self.theta.size :]
 
     def take(self, names: tuple[str, ...]) -> Array:
@@ -188,7 +188,7 @@ class System:
     """The penalised, whitened system at given variances, solved."""
 
     columns: Array
-    """(N, 3, P + R + S): design, rings, stations; zero for poses not used"""
+    """(N, 3, P + R + S): design, inclinations, stations; zero for poses not used"""
     pose_columns: Array
     """(N, 3, 5): directions of dI, dT and of the reading noise of the three axes"""
     inverse: Array
@@ -200,19 +200,25 @@ class System:
 
 
 def whitened(session: PoseRegression, equations: Equations, variances: Variances) -> tuple[Array, Array, Array, float]:
-    """Design, rings and stations (N, 3, P + R + S), directions of dI, dT and of the three axes' noise (N, 3, 5), and
-    readings (3 N,), each pose by its own covariance, zero where not used; the logarithm of the determinant."""
+    """Design, inclinations and stations (N, 3, P + R + S), directions of dI, dT and of the three axes' noise (N, 3, 5),
+    and readings (3 N,), each pose by its own covariance, zero where not used; the logarithm of the determinant."""
     stacked, parts, used, size = equations.stacked, equations.parts, equations.used, equations.size
     if used.all():
         white, log_det = whiten(stacked, parts, variances)
     else:
         white = np.zeros_like(stacked)
         white[used], log_det = whiten(stacked[used], parts[:, used], variances)
-    rings = session.ring_of.shape[1]
-    columns = np.empty((white.shape[0], 3, size + rings + session.station_of.shape[1]))
+    inclinations = session.inclination_indicator.shape[1]
+    columns = np.empty((white.shape[0], 3, size + inclinations + session.toolface_indicator.shape[1]))
     columns[:, :, :size] = white[:, :, :size]
-    np.multiply(white[:, :, size, None], session.ring_of[:, None, :], out=columns[:, :, size : size + rings])
-    np.multiply(white[:, :, size + 1, None], session.station_of[:, None, :], out=columns[:, :, size + rings :])
+    np.multiply(
+        white[:, :, size, None],
+        session.inclination_indicator[:, None, :],
+        out=columns[:, :, size : size + inclinations],
+    )
+    np.multiply(
+        white[:, :, size + 1, None], session.toolface_indicator[:, None, :], out=columns[:, :, size + inclinations :]
+    )
     yw = np.ascontiguousarray(white[:, :, size + 5]).reshape(-1)
     return columns, white[:, :, size : size + 5], yw, log_det
 
@@ -243,8 +249,8 @@ def _penalty(prior: Array, variances: Variances, session: PoseRegression) -> Arr
     return np.concatenate(
         [
             1.0 / prior**2,
-            np.full(session.ring_of.shape[1], 1.0 / variances.ring_inc),
-            np.full(session.station_of.shape[1], 1.0 / variances.station_tf),
+            np.full(session.inclination_indicator.shape[1], 1.0 / variances.station_inc),
+            np.full(session.toolface_indicator.shape[1], 1.0 / variances.station_tf),
         ]
     )
 
@@ -312,9 +318,9 @@ class VariancePrior:
 
     def penalty(self, v: Array) -> float:
         """Minus twice the log density of `v` (5,) in its logarithms."""
-        inc, tf, ring, station, reading = map(float, v)
-        totals = [log(total) + self.stated / total for total in (inc + ring, tf + station)]
-        split = [log(one) + _SMALL_SHARE * self.stated / one for one in (inc, tf, ring, station)]
+        inc, tf, inclination, station, reading = map(float, v)
+        totals = [log(total) + self.stated / total for total in (inc + inclination, tf + station)]
+        split = [log(one) + _SMALL_SHARE * self.stated / one for one in (inc, tf, inclination, station)]
         return _TOTAL_PRIOR * sum(totals) + _SPLIT_PRIOR * sum(split) + self.reading * (log(reading) + 1.0 / reading)
 
     def derivatives(self, v: Array) -> tuple[Array, Array]:
@@ -341,7 +347,7 @@ def _information(session: PoseRegression, system: System, size: int, v: Array) -
     average information of two components is `(Z Z' P y)' P (Z Z' P y)`. Third, the columns' products (P + R + S, 5)
     with `Z Z' P y`, of which the change of the solution with each variance follows.
     """
-    rings, stations = session.ring_of.shape[1], session.station_of.shape[1]
+    inclinations, stations = session.inclination_indicator.shape[1], session.toolface_indicator.shape[1]
     count = system.residual.shape[0]
     columns, inverse, residual = system.columns, system.inverse, system.residual
     # per pose: dI, dT and the three axes of reading noise; `left` is what the solution leaves of a pose's own error
@@ -358,11 +364,11 @@ def _information(session: PoseRegression, system: System, size: int, v: Array) -
     gradient[4] = trace[2:].sum() - square[2:].sum()
     spread[:, :, :2] = pulled[:, :, :2]
     spread[:, :, 4] = pulled[:, :, 2:].sum(axis=2)
-    # common to a ring or a station: the effects are part of the solution
+    # common to an inclination or a station: the effects are part of the solution
     diagonal = np.diagonal(inverse)
     for k, first, number, groups in (
-        (2, size, rings, session.ring_of),
-        (3, size + rings, stations, session.station_of),
+        (2, size, inclinations, session.inclination_indicator),
+        (3, size + inclinations, stations, session.toolface_indicator),
     ):
         effect = system.solution[first : first + number] / v[k]
         gradient[k] = (number - diagonal[first : first + number].sum() / v[k]) / v[k] - effect @ effect
@@ -393,34 +399,34 @@ def covariance_with_variances(
     # how an error of each pose, and of each axis of its reading, moves the parameters
     products = (system.columns.transpose(0, 2, 1) @ system.pose_columns).transpose(1, 0, 2).reshape(width, -1)
     levers = (system.inverse[:size] @ products).reshape(size, count, 5)
-    rings = session.ring_of.shape[1]
+    inclinations = session.inclination_indicator.shape[1]
     common = system.inverse[:size, size:]
     parts = [
         levers[:, :, 0] * np.sqrt(v[0]),
         levers[:, :, 1] * np.sqrt(v[1]),
-        common[:, :rings] / np.sqrt(v[2]),
-        common[:, rings:] / np.sqrt(v[3]),
+        common[:, :inclinations] / np.sqrt(v[2]),
+        common[:, inclinations:] / np.sqrt(v[3]),
         levers[:, :, 2:].reshape(size, -1) * np.sqrt(v[4]),
     ]
     return widened(fit.covariance, W, by_variance, np.stack([part @ part.T for part in parts]))
 
 
-def covariance_over_ring_errors(
+def covariance_over_station_errors(
     session: PoseRegression, fit: MixedModelFit, bench: BenchAccuracy, variances: Variances
 ) -> Array:
-    """Covariance (P, P) of the parameters about `fit.theta`, over what errors a ring may have in common.
+    """Covariance (P, P) of the parameters about `fit.theta`, over what errors an inclination may have in common.
 
-    Two rings hold a single difference of theirs: where it happens to be small the most likely variance is next to
-    nothing, and a covariance at that place, even with its slope, is far too small for a calibration that is used at
-    other inclinations. Here the sum of a setting's own and its ring's variance, and the ring's share in it, run over a
-    grid in their logarithm and log-odds, each place weighted by its restricted likelihood and prior; the other
-    variances stay. Parameters and covariances of all places make the mixture's second moment.
+    Two inclinations hold a single difference of theirs: where it happens to be small the most likely variance is next
+    to nothing, and a covariance at that place, even with its slope, is far too small for a calibration that is used at
+    other inclinations. Here the sum of a setting's own and its inclination's variance, and the inclination's share in
+    it, run over a grid in their logarithm and log-odds, each place weighted by its restricted likelihood and prior; the
+    other variances stay. Parameters and covariances of all places make the mixture's second moment.
     """
     prior, size = VariancePrior.of(session, bench), fit.theta.size
     objective, second = [], []
     for total in bench.pose_rad**2 * np.exp(np.linspace(-1.6, 1.6, 7)):
         for share in 1.0 / (1.0 + np.exp(np.linspace(4.0, -4.0, 9))):
-            at = replace(variances, pose_inc=float(total * (1.0 - share)), ring_inc=float(total * share))
+            at = replace(variances, pose_inc=float(total * (1.0 - share)), station_inc=float(total * share))
             system = evaluate(session, fit.equations, fit.prior, at)
             away = system.solution[:size] - fit.system.solution[:size]
             objective.append(system.deviance + prior.penalty(at.as_array()))

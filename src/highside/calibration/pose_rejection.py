@@ -86,7 +86,9 @@ def _raw_columns(
     one = slice(i, i + 1)
     u, leg = (None, None) if session.thermal is None else (session.thermal.u[one], session.thermal.leg[one])
     design, by_inc, by_tf = linearise(fit.names, fit.theta, session.state.rows(one), u, leg)[1:]
-    columns = np.concatenate([design[:, 0], by_inc * session.ring_of[i], by_tf * session.station_of[i]], axis=1)
+    columns = np.concatenate(
+        [design[:, 0], by_inc * session.inclination_indicator[i], by_tf * session.toolface_indicator[i]], axis=1
+    )
     return columns, pose_covariance(session.noise[:, [noise_of]], by_inc, by_tf, variances)[0]
 
 

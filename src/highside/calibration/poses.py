@@ -26,7 +26,8 @@ DEFAULT_NOISE_G = 50e-6
 """Standard deviation assumed for one reading where a pose table states none."""
 
 SAME_SETTING_RAD = float(np.deg2rad(0.02))
-"""Settings of a bench closer than this are the same ring or station; just above the usual step of 0.018 deg."""
+"""Settings of a bench closer than this are the same inclination or toolface station; just above the usual step of 0.018
+deg."""
 
 
 SAME_TEMPERATURE_C = 3.0
@@ -226,11 +227,11 @@ class PoseSet:
             direction=cut(self.direction),
         )
 
-    def rings(self) -> Indices:
+    def inclination_stations(self) -> Indices:
         """Which inclination setting each pose belongs to (N,)."""
         return group_settings(self.reference()[0])
 
-    def stations(self) -> Indices:
+    def toolface_stations(self) -> Indices:
         """Which toolface setting each pose belongs to (N,)."""
         return group_settings(self.reference()[1], modulo=2 * np.pi)
 

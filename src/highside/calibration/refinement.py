@@ -250,14 +250,14 @@ class _Likelihood:
         return StructureSize(*np.exp(np.clip(best, bounds[:, 0], bounds[:, 1])).tolist())
 
     def _reduced(self, variances: Variances) -> tuple[Array, Array, float]:
-        """Normal matrix (parameters without their priors, rings and stations with theirs), right side, and the rest of
-        the deviance."""
+        """Normal matrix (parameters without their priors, inclinations and stations with theirs), right side, and the
+        rest of the deviance."""
         session = self._session
         columns, _, y, log_det = whitened(session, self._equations, variances)
         flat = columns.reshape(y.size, -1)
         normal = flat.T @ flat
-        rings, stations = session.ring_of.shape[1], session.station_of.shape[1]
-        common = np.repeat([variances.ring_inc, variances.station_tf], [rings, stations])
+        inclinations, stations = session.inclination_indicator.shape[1], session.toolface_indicator.shape[1]
+        common = np.repeat([variances.station_inc, variances.station_tf], [inclinations, stations])
         last = range(normal.shape[0] - common.size, normal.shape[0])
         normal[last, last] += 1.0 / common
         rest = log_det + float(np.log(common).sum() + y @ y) + self._prior.penalty(variances.as_array())

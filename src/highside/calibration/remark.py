@@ -18,7 +18,7 @@ class Reason(StrEnum):
     TOO_FEW_POSES = "too_few_poses"
     NOT_FOUR_QUADRANTS = "not_four_quadrants"
     CLOSURE = "closure"
-    """the four readings of a ring contradict one another"""
+    """the four readings of an inclination contradict one another"""
     BAD_POSE = "bad_pose"
     """a reading that the others do not predict; rejected"""
     SWAPPED_POSES = "swapped_poses"

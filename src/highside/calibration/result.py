@@ -20,14 +20,18 @@ from highside.calibration.remark import Reason, Remark
 from highside.calibration.zone import TILT_NAMES, Zone
 from highside.physics.gravity import gravity_direction
 
+_FORMER_VARIANCES = {"ring_inc_rad": "station_inc_rad"}
+"""names of variances in older records, and those of today"""
+
 
 @dataclass(frozen=True, slots=True)
 class Closure:
-    """The closure `S1 - S2 + S3 - S4` of the four poses of a ring, which an affine sensor on a perfect rig makes zero.
+    """The closure `S1 - S2 + S3 - S4` of the four poses of an inclination, which an affine sensor on a perfect rig
+    makes zero.
 
     `value` (3,) and `covariance` (3, 3) in g and g^2 (reading noise and the bench's pose repeatability), `chi2` its
     squared length in units of that covariance (3 degrees of freedom), `p` the probability of a larger one,
-    `worst_pose` the pose to measure again if it is too large ("" where the ring itself cannot tell).
+    `worst_pose` the pose to measure again if it is too large ("" where the inclination itself cannot tell).
     """
 
     inc_rad: float
@@ -98,7 +102,7 @@ class CalibrationResult:
     what the corrected vector is referred to, "gravity" (the bench's tilt was estimated) or "bench" (the bench was
     taken as level; its tilt is then in the stated uncertainty if its size was stated). `zones`: see `Zone`.
     `variance`: standard deviations of the error components (`reading_g` of one reading; `pose_inc_rad`, `pose_tf_rad`,
-    `ring_inc_rad`, `station_tf_rad`). `toolface_zero_rad`, `toolface_zero_std_rad`: the chuck's toolface zero, a
+    `station_inc_rad`, `station_tf_rad`). `toolface_zero_rad`, `toolface_zero_std_rad`: the chuck's toolface zero, a
     convention that no pose can reveal, kept apart.
     """
 
@@ -115,7 +119,8 @@ class CalibrationResult:
 
     @property
     def refused(self) -> bool:
-        """Whether a part of the input was refused (a ring, a pose): the result stands, but scripts must see it."""
+        """Whether a part of the input was refused (an inclination, a pose): the result stands, but scripts must see
+        it."""
         return any(remark.refused for remark in self.remarks)
 
     @property
@@ -230,7 +235,7 @@ class CalibrationResult:
             zones=tuple(Zone.from_dict(zone) for zone in data["zones"]),
             poses=PoseFit.from_dict(data["poses"]),
             closures=tuple(Closure.from_dict(closure) for closure in data["closures"]),
-            variance=dict(data["variance"]),
+            variance={_FORMER_VARIANCES.get(name, name): value for name, value in data["variance"].items()},
             remarks=tuple(
                 Remark(Reason(r["reason"]), r["text"], tuple(r["poses"]), r["refused"]) for r in data["remarks"]
             ),

@@ -15,8 +15,8 @@ Covariance of the blend of local corrections `z_i` (weights w_i) and the fallbac
 - what was taken for known in all of them moves them together, each by its own lever: the tilt of a bench taken for
   level, the sensor's offset where it was not observed (between two balance zones it acts with opposite signs). These
   errors add with their signs, `E = sum w e`;
-- apart from these the zones share no reading (each is of its own ring) and are independent of one another, while the
-  global solution makes the best of all poses, so that any other solution errs by what f errs by and by something
+- apart from these the zones share no reading (each is of its own inclination) and are independent of one another, while
+  the global solution makes the best of all poses, so that any other solution errs by what f errs by and by something
   uncorrelated with it (Gauss and Markov: `Cov(z, f) = Cov(f)`). Hence `sum w_i^2 R_i + (1 - (sum w_i)^2) R_f` with R
   the covariance without what is shared, sums over the zones;
 - without a fallback, `sum w_i^2 R_i`;

@@ -11,7 +11,8 @@ from highside.calibration.record import CalibrationRecord
 __all__ = ["SUMMARY_INCLINATIONS_DEG", "summary", "uncertainty"]
 
 SUMMARY_INCLINATIONS_DEG = (0.6, 1.2, 3.0, 10.0, 30.0, 45.0, 60.0, 90.0)
-"""inclinations at which the accuracy of a calibration is said, deg: from the steepest ring of a bench to horizontal"""
+"""inclinations at which the accuracy of a calibration is said, deg: from the steepest inclination of a bench to
+horizontal"""
 
 
 def summary(record: CalibrationRecord) -> dict[str, Any]:

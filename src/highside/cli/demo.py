@@ -42,13 +42,13 @@ def demo(
             last = asyncio.run(run_demo(seconds, lambda snapshot: live.update(live_table(snapshot))))
     else:
         printed_s = 0.0
-        told = 0
+        printed = 0
 
         def line(snapshot: DemoState) -> None:
-            nonlocal printed_s, told
-            for at_s, text in snapshot.events[told:]:
+            nonlocal printed_s, printed
+            for at_s, text in snapshot.events[printed:]:
                 echo(f"{at_s:7.1f} s  {text}", err=as_json)
-            told = len(snapshot.events)
+            printed = len(snapshot.events)
             if snapshot.elapsed_s - printed_s >= LINE_EVERY_S and snapshot.latest is not None:
                 printed_s = snapshot.elapsed_s
                 echo(one_line(snapshot), err=as_json)

@@ -57,10 +57,10 @@ def _page(command: Any, words: tuple[str, ...], below: dict[str, Any]) -> Iterat
     # what the help of the command line says of each
     context = typer.Context(command, info_name=words[-1])
     for title, ones in (("ARGUMENTS", arguments), ("OPTIONS", options)):
-        told = [record for one in ones if (record := one.get_help_record(context)) is not None]
-        if told:
+        records = [record for one in ones if (record := one.get_help_record(context)) is not None]
+        if records:
             yield f".SH {title}"
-        for what, said_of in told:
+        for what, said_of in records:
             yield f".TP\n.B {_roff(what)}\n{_roff(_plain(said_of))}"
     if not options:
         yield ".SH OPTIONS"

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from highside.calibration.method import NO_FALLBACK
-from highside.calibration.methods import get, solves_rings
+from highside.calibration.methods import get, solves_by_inclination
 from highside.calibration.methods.joint import METHOD as JOINT
 from highside.codec.registry import codecs, path_fields
 from highside.codec.tool import ToolCodecConfig
@@ -41,7 +41,7 @@ MethodName = Annotated[str, AfterValidator(_a_method)]
 
 
 def _a_fallback(name: str) -> str:
-    if name != NO_FALLBACK and solves_rings(_a_method(name)):
+    if name != NO_FALLBACK and solves_by_inclination(_a_method(name)):
         raise ValueError(f"method {name!r} holds near its own inclinations only")
     return name
 

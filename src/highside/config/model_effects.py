@@ -125,11 +125,13 @@ def known_effect(effect_id: str) -> Effect:
 def _parameters(effect: Effect, table: Mapping[str, Any]) -> dict[str, float]:
     """Values in the library's units from a table that may use suffixes of units and vectors of three."""
     known = {parameter.name: parameter for parameter in effect.parameters}
+    known |= {parameter.formerly: parameter for parameter in effect.parameters if parameter.formerly}
     values: dict[str, float] = {}
 
     def put(name: str, value: object, factor: float, written: str) -> None:
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise ValueError(f"{effect.id}.{written} must be a finite number (given {value!r})")
+        name = known[name].name
         if name in values:
             raise ValueError(f"{effect.id}.{name} is given twice")
         values[name] = float(value) * factor
@@ -146,7 +148,7 @@ def _parameters(effect: Effect, table: Mapping[str, Any]) -> dict[str, float]:
                 put(f"{stem}_{axis}", one, factor, written)
         else:
             near = difflib.get_close_matches(written, known, n=1)
-            remedy = f"did you mean {near[0]}?" if near else f"it has: {', '.join(known)}"
+            remedy = f"did you mean {near[0]}?" if near else f"it has: {', '.join(p.name for p in effect.parameters)}"
             raise ValueError(f"the effect '{effect.id}' has no parameter '{written}'; {remedy}")
     return values
 

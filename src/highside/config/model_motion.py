@@ -13,7 +13,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, Field, model_validator
 
 from highside.physics.motion import Leg
-from highside.physics.plan import LegPlan, Plan, Pose, PosePlan, Profile, RotationPlan, full_turns, rings
+from highside.physics.plan import LegPlan, Plan, Pose, PosePlan, Profile, RotationPlan, full_turns, station_poses
 from highside.reading.config_table import ConfigTable
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -86,12 +86,14 @@ class PosesMotion(_StoppedMotion):
         return self
 
     def plan(self) -> Plan:
-        on_rings = (
-            rings(self.inclinations_deg, self.toolfaces_deg, returns=self.returns, closure_every=self.closure_every)
+        at_stations = (
+            station_poses(
+                self.inclinations_deg, self.toolfaces_deg, returns=self.returns, closure_every=self.closure_every
+            )
             if self.inclinations_deg
             else ()
         )
-        return self._plan((*on_rings, *(Pose(*pose) for pose in self.poses)), self.hold_s)
+        return self._plan((*at_stations, *(Pose(*pose) for pose in self.poses)), self.hold_s)
 
 
 class TurnsMotion(_StoppedMotion):

@@ -42,7 +42,7 @@ COLUMNS = {
 OFFSETS = frozenset({"offset", "gyro_offset"})
 """places in which a random walk of the zero offset acts"""
 SLOW = frozenset({"time", "temp", "temp_rate", "temp_filtered_300", "temp_filtered_1200"})
-"""covariates that run as slowly as such a walk"""
+"""covariates that run as slowly as such a random walk"""
 
 
 @dataclass(frozen=True)

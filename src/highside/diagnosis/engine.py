@@ -322,9 +322,9 @@ def _choose(
     def needed(subsample: Sequence[Term]) -> bool:
         others = [o for o in terms if o not in subsample]
         dof = len(selector.space_with(terms)) - len(selector.space_with(others))
-        inclination_stations = [m for m in subsample if not problem.candidates[m.candidate].named]
-        tries = float(np.prod([selector.candidate_set.tries[m.candidate] for m in inclination_stations]))
-        certain = problem.policy.certain + (PROCEDURE.station_certain if inclination_stations else 0.0)
+        unnamed = [m for m in subsample if not problem.candidates[m.candidate].named]
+        tries = float(np.prod([selector.candidate_set.tries[m.candidate] for m in unnamed]))
+        certain = problem.policy.certain + (PROCEDURE.station_certain if unnamed else 0.0)
         return beats_random_walk(channels, problem.block(others), problem.block(subsample), dof, tries, certain)
 
     for _ in range(PROCEDURE.doubts):

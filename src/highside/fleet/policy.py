@@ -70,9 +70,11 @@ class StabilityPolicy:
     """Of calibrations over time."""
 
     fewest_pairs: int = 5
-    """repeated calibrations below which no walk is stated: its rate would be known to worse than a factor of two"""
+    """repeated calibrations below which no random walk is stated: its rate would be known to worse than a factor of
+    two"""
     most_deviations: float = 3.5
-    """standard deviations of an innovation beyond which it says nothing more of the walk: one of 2,000 normal ones"""
+    """standard deviations of an innovation beyond which it says nothing more of the random walk: one of 2,000 normal
+    ones"""
     interval: float = 1.92
     """of the log likelihood: 95 % of one parameter"""
     grid: int = 60

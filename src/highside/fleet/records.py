@@ -53,8 +53,13 @@ def to_dict(found: Stability, omitted: dict[str, str]) -> dict[str, Any]:
         "pairs": found.pairs,
         "refused": found.refused or None,
         "walk_per_root_day": {
-            walk.parameter: {"value": walk.rate, "low": walk.low, "high": walk.high, "unit": _unit(walk.parameter)}
-            for walk in found.walks
+            random_walk.parameter: {
+                "value": random_walk.rate,
+                "low": random_walk.low,
+                "high": random_walk.high,
+                "unit": _unit(random_walk.parameter),
+            }
+            for random_walk in found.random_walks
         },
         "tools": [
             {
@@ -111,19 +116,19 @@ def page_of_records(found: Stability, omitted: dict[str, str], title: str) -> st
         departed = [tool for tool in found.tools if tool.departures]
         kind = "open" if found.refused else "found" if departed else "good"
         page.badge(f"{len(departed)} departed", kind, sentence_of_records(found))
-        if found.walks:
+        if found.random_walks:
             page.heading("Random walk of the sensors")
             page.table(
                 ["parameter", "after a day", "after a year", "95 %, after a year", "unit"],
                 [
                     [
-                        walk.parameter,
-                        f"{walk.rate:.2g}",
-                        f"{walk.rate * np.sqrt(365):.2g}",
-                        f"{walk.low * np.sqrt(365):.2g} to {walk.high * np.sqrt(365):.2g}",
-                        _unit(walk.parameter),
+                        random_walk.parameter,
+                        f"{random_walk.rate:.2g}",
+                        f"{random_walk.rate * np.sqrt(365):.2g}",
+                        f"{random_walk.low * np.sqrt(365):.2g} to {random_walk.high * np.sqrt(365):.2g}",
+                        _unit(random_walk.parameter),
                     ]
-                    for walk in found.walks
+                    for random_walk in found.random_walks
                 ],
                 caption=f"one standard deviation, from {found.pairs} repeated calibrations",
                 words=(0, 4),
@@ -156,11 +161,11 @@ def _charted(found: Stability) -> list[ToolHistory]:
 
 
 def _chart(tool: ToolHistory, found: Stability) -> Figure:
-    """Offsets and diagonal of A over time; the band is what walk and the first record's error explain."""
+    """Offsets and diagonal of A over time; the band is what random walk and the first record's error explain."""
     shown = ("b_x", "b_y", "b_z", "A_xx", "A_yy", "A_zz")
     figure, grid = new_figure(2, 3, height=2.2)
     days = np.array([(point.at_s - tool.points[0].at_s) / DAY_S for point in tool.points])
-    rates = {walk.parameter: walk.rate for walk in found.walks}
+    rates = {random_walk.parameter: random_walk.rate for random_walk in found.random_walks}
     for name, axes in zip(shown, [axes for row in grid for axes in row], strict=True):
         k = NAMES.index(name)
         moved = 1e3 * np.array([point.values[k] - tool.points[0].values[k] for point in tool.points])

@@ -23,7 +23,7 @@ from highside.errors import InputError
 from highside.fleet.policy import STABILITY
 from highside.physics.gravity import gravity_direction, gravity_jacobians
 
-__all__ = ["NAMES", "Departure", "Point", "Stability", "ToolHistory", "Walk", "point_of", "stability"]
+__all__ = ["NAMES", "Departure", "Point", "RandomWalk", "Stability", "ToolHistory", "point_of", "stability"]
 
 NAMES = (*MATRIX_NAMES, *OFFSET_NAMES)
 """the twelve parameters that are followed: A row by row (no unit), b (g)"""
@@ -45,8 +45,8 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Walk:
-    """How fast one parameter wanders: one standard deviation after a day; after n days sqrt(n) times that."""
+class RandomWalk:
+    """How fast one parameter drifts: one standard deviation after a day; after n days sqrt(n) times that."""
 
     parameter: str
     rate: float
@@ -57,7 +57,7 @@ class Walk:
 
 @dataclass(frozen=True)
 class Departure:
-    """A calibration that is further from the one before than the walk and both errors explain."""
+    """A calibration that is further from the one before than the random walk and both errors explain."""
 
     record: str
     at_s: float
@@ -84,13 +84,13 @@ class ToolHistory:
 class Stability:
     """A group of tools."""
 
-    walks: tuple[Walk, ...]
+    random_walks: tuple[RandomWalk, ...]
     tools: tuple[ToolHistory, ...]
     pairs: int
-    """of calibrations of one tool that follow one another: what the walks rest on"""
+    """of calibrations of one tool that follow one another: what the random walks rest on"""
     limit_deg: float
     refused: str = ""
-    """why no walk is given"""
+    """why no random walk is given"""
 
 
 def point_of(record: CalibrationRecord) -> Point:
@@ -117,12 +117,12 @@ def stability(points: Sequence[Point], limit_deg: float) -> Stability:
         plain = tuple(ToolHistory(tool, tuple(own), (), None) for tool, own in sorted(by_tool.items()))
         return Stability((), plain, pairs, limit_deg, why)
     histories = list(by_tool.values())
-    walks = tuple(_walk(histories, k) for k in range(len(NAMES)))
+    random_walks = tuple(_random_walk(histories, k) for k in range(len(NAMES)))
     tools = tuple(
-        ToolHistory(tool, tuple(own), _departures(own, walks, pairs), _due(own[-1], walks, limit_deg))
+        ToolHistory(tool, tuple(own), _departures(own, random_walks, pairs), _due(own[-1], random_walks, limit_deg))
         for tool, own in sorted(by_tool.items())
     )
-    return Stability(walks, tools, pairs, limit_deg)
+    return Stability(random_walks, tools, pairs, limit_deg)
 
 
 def _innovations(own: Sequence[Point], k: int, rate: float) -> tuple[Array, Array]:
@@ -139,7 +139,7 @@ def _innovations(own: Sequence[Point], k: int, rate: float) -> tuple[Array, Arra
     return np.array(away), np.array(spread)
 
 
-def _walk(histories: Sequence[Sequence[Point]], k: int) -> Walk:
+def _random_walk(histories: Sequence[Sequence[Point]], k: int) -> RandomWalk:
     """The rate of one parameter by maximum likelihood, on a grid: robust, and the interval comes with it."""
     several = [own for own in histories if len(own) > 1]
     days = np.concatenate([np.diff([point.at_s for point in own]) for own in several]) / DAY_S
@@ -152,27 +152,30 @@ def _walk(histories: Sequence[Sequence[Point]], k: int) -> Walk:
     for i, rate in enumerate(rates):
         for own in several:
             away, spread = _innovations(own, k, float(rate))
-            # a tool that was dropped does not make all others wander: beyond some deviations one more costs nothing
+            # a tool that was dropped does not widen the random walk of all others: beyond some deviations one more
+            # costs nothing
             square = np.minimum(away**2 / spread, STABILITY.most_deviations**2)
             likelihood[i] -= 0.5 * float(np.sum(np.log(spread) + square))
     near = rates[likelihood > likelihood.max() - STABILITY.interval]
-    return Walk(NAMES[k], float(rates[np.argmax(likelihood)]), float(near.min()), float(near.max()))
+    return RandomWalk(NAMES[k], float(rates[np.argmax(likelihood)]), float(near.min()), float(near.max()))
 
 
-def _departures(own: Sequence[Point], walks: Sequence[Walk], pairs: int) -> tuple[Departure, ...]:
+def _departures(own: Sequence[Point], random_walks: Sequence[RandomWalk], pairs: int) -> tuple[Departure, ...]:
     found = []
-    for k, walk in enumerate(walks):
-        away, spread = _innovations(own, k, walk.rate)
+    for k, random_walk in enumerate(random_walks):
+        away, spread = _innovations(own, k, random_walk.rate)
         deviations = away / np.sqrt(spread)
-        # the walk is known from so many pairs: Student's t
-        p_of = 2 * stdtr(pairs, -np.abs(deviations)) * pairs * len(walks)
+        # the random walk is known from so many pairs: Student's t
+        p_of = 2 * stdtr(pairs, -np.abs(deviations)) * pairs * len(random_walks)
         for i in np.flatnonzero(p_of < STABILITY.alarm_p).tolist():
             point, p = own[i + 1], float(p_of[i])
-            found.append(Departure(point.record, point.at_s, walk.parameter, float(away[i]), float(deviations[i]), p))
+            found.append(
+                Departure(point.record, point.at_s, random_walk.parameter, float(away[i]), float(deviations[i]), p)
+            )
     return tuple(sorted(found, key=lambda one: one.p))
 
 
-def _due(point: Point, walks: Sequence[Walk], limit_deg: float) -> float | None:
+def _due(point: Point, random_walks: Sequence[RandomWalk], limit_deg: float) -> float | None:
     """When twice the standard deviation of gravity's direction reaches the limit, at the worst attitude."""
     inc = np.deg2rad(np.repeat(STABILITY.inclinations_deg, len(STABILITY.toolfaces_deg)))
     tf = np.deg2rad(np.tile(STABILITY.toolfaces_deg, len(STABILITY.inclinations_deg)))
@@ -183,7 +186,7 @@ def _due(point: Point, walks: Sequence[Walk], limit_deg: float) -> float | None:
     turned = np.einsum("din,ij->djn", across, inverse)
     levers = np.concatenate([np.einsum("din,jn->dijn", turned, gravity).reshape(2, 9, -1), turned], axis=1)
     now = np.einsum("dpn,pq,eqn->nde", levers, point.covariance, levers)
-    growth = np.einsum("dpn,p,epn->nde", levers, [walk.rate**2 for walk in walks], levers)
+    growth = np.einsum("dpn,p,epn->nde", levers, [random_walk.rate**2 for random_walk in random_walks], levers)
     variance = (np.deg2rad(limit_deg) / 2.0) ** 2
 
     def over(days: float) -> bool:

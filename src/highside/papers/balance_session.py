@@ -30,12 +30,12 @@ READINGS = 4
 """readings at each station of a turn, and averaged for each calibration pose"""
 METHODS = ("conventional", *TRIPLES, "average")
 COLUMNS = ("d_inc_mean_deg", "d_inc_pp_deg", "d_tf_mean_deg", "d_tf_pp_deg")
-_THREE, _RINGS = 3, 4 * len(INCLINATIONS_DEG)
+_THREE, _BALANCE = 3, 4 * len(INCLINATIONS_DEG)
 
 
 @dataclass(frozen=True)
 class PaperPlan:
-    """All poses of the experiment: the three conventional ones, four on each ring, and the turns."""
+    """All poses of the experiment: the three conventional ones, four on each inclination, and the turns."""
 
     inc_rad: Array
     tf_rad: Array
@@ -43,11 +43,11 @@ class PaperPlan:
 
     @classmethod
     def of_the_paper(cls) -> PaperPlan:
-        """The poses in the order conventional, rings, turns."""
+        """The poses in the order conventional, inclinations, turns."""
         three_inc, three_tf = position_plan(3)
-        ring_inc, ring_tf = pose_grid(INCLINATIONS_DEG, BALANCE_TOOLFACES_DEG)
+        station_inc, balance_tf = pose_grid(INCLINATIONS_DEG, BALANCE_TOOLFACES_DEG)
         turn_inc, turn_tf = pose_grid(INCLINATIONS_DEG, STATIONS_DEG)
-        inc, tf = np.concatenate([three_inc, ring_inc, turn_inc]), np.concatenate([three_tf, ring_tf, turn_tf])
+        inc, tf = np.concatenate([three_inc, station_inc, turn_inc]), np.concatenate([three_tf, balance_tf, turn_tf])
         return cls(inc, tf, ChainState.build(inc, tf))
 
 
@@ -65,9 +65,9 @@ class BalanceRun:
         means = self.readings.mean(axis=2)
         W = np.asarray(gravity_direction(self.plan.inc_rad, self.plan.tf_rad), dtype=float)
         conventional = W[:, :_THREE] @ np.linalg.inv(means[:, :_THREE])
-        rings = len(INCLINATIONS_DEG)
-        four = [slice(_THREE + 4 * r, _THREE + 4 * r + 4) for r in range(rings)]
-        found = [np.broadcast_to(conventional, (rings, 3, 3))]
+        inclinations = len(INCLINATIONS_DEG)
+        four = [slice(_THREE + 4 * r, _THREE + 4 * r + 4) for r in range(inclinations)]
+        found = [np.broadcast_to(conventional, (inclinations, 3, 3))]
         found += [np.stack([balance_matrix(means[:, f], W[:, f], name) for f in four]) for name in METHODS[1:]]
         return np.stack(found)
 
@@ -77,28 +77,28 @@ class BalanceRun:
         """Errors (M, 11, 73, 4) of I and T in deg, against the "bench" or the "truth", after all corrections or after
         other `matrices` (M, 11, 3, 3) behind an `offset_g` (3,)."""
         C = self.matrices() if matrices is None else matrices
-        rings, stations = len(INCLINATIONS_DEG), len(STATIONS_DEG)
-        turns = self.readings[:, _THREE + _RINGS :].reshape(3, rings, stations * READINGS)
+        inclinations, stations = len(INCLINATIONS_DEG), len(STATIONS_DEG)
+        turns = self.readings[:, _THREE + _BALANCE :].reshape(3, inclinations, stations * READINGS)
         if offset_g is not None:
             turns = turns - offset_g[:, None, None]
         g = np.einsum("mrij,jrs->imrs", C, turns)
         inc, tf = attitude_block(g.reshape(3, -1))
-        shape = (len(C), rings, stations, READINGS)
-        where = slice(_THREE + _RINGS, None)
+        shape = (len(C), inclinations, stations, READINGS)
+        where = slice(_THREE + _BALANCE, None)
         inc_ref, tf_ref = (
             (self.plan.inc_rad, self.plan.tf_rad) if against == "bench" else (self.inc_true_rad, self.tf_true_rad)
         )
-        d_inc = inc.reshape(shape) - inc_ref[where].reshape(1, rings, stations, 1)
-        d_tf = wrap_signed(tf.reshape(shape) - tf_ref[where].reshape(1, rings, stations, 1))
+        d_inc = inc.reshape(shape) - inc_ref[where].reshape(1, inclinations, stations, 1)
+        d_tf = wrap_signed(tf.reshape(shape) - tf_ref[where].reshape(1, inclinations, stations, 1))
         return np.degrees(d_inc), np.degrees(d_tf)
 
     def poses(self) -> PoseSet:
         """The conventional and the balance poses, for an estimator over all of them."""
-        part = self.readings[:, : _THREE + _RINGS]
+        part = self.readings[:, : _THREE + _BALANCE]
         return PoseSet.build(
             part.mean(axis=2),
-            inc_ref_rad=self.plan.inc_rad[: _THREE + _RINGS],
-            tf_ref_rad=self.plan.tf_rad[: _THREE + _RINGS],
+            inc_ref_rad=self.plan.inc_rad[: _THREE + _BALANCE],
+            tf_ref_rad=self.plan.tf_rad[: _THREE + _BALANCE],
             n=READINGS,
             std=part.std(axis=2, ddof=1),
         )

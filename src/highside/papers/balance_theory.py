@@ -16,8 +16,8 @@ functions `corrected_*` are what follows. Errata:
    of the three axes turns nothing: dSr vanishes from dI and dT, and both means over a turn are zero. Even on the
    paper's own premises the factor -4 in (13) must be -2.
 3. W of (17), and S of (21) and (22), have lost their minus signs. With the paper's premises (dSm common to x and y of
-   all poses of the ring, dSz common to z) `dC = -[0 0 dSm; 0 0 dSm; 0 0 dSz] / cos Ic`. That dI = 0 in (19) is no
-   property of dC: the error cancels that of the reading itself (`C dM`), and only at I = Ic.
+   all poses of the inclination, dSz common to z) `dC = -[0 0 dSm; 0 0 dSm; 0 0 dSz] / cos Ic`. That dI = 0 in (19) is
+   no property of dC: the error cancels that of the reading itself (`C dM`), and only at I = Ic.
 4. and 5. concern the ratios and statements drawn from the tables: see `papers.reproduce_balance`.
 
 Angles in rad, errors of readings in g; arrays of any one shape.

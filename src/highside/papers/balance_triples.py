@@ -1,9 +1,9 @@
 """What makes the mean toolface of a triple: the closure of its four poses, and a check of the paper's signs by itself.
 
-A matrix from three of a ring's four poses meets them exactly, so the closure `e = S1 - S2 + S3 - S4` of the four falls
-on the pose omitted. Beside the average of the triples each has an affine field, of `r = e / 4` at the three poses and
--3 r at the fourth. Near vertical, where gx and gy alone count, its means over the turn are (times sin I for T, and
-1/sqrt 2 for all):
+A matrix from three of an inclination's four poses meets them exactly, so the closure `e = S1 - S2 + S3 - S4` of the
+four falls on the pose omitted. Beside the average of the triples each has an affine field, of `r = e / 4` at the three
+poses and -3 r at the fourth. Near vertical, where gx and gy alone count, its means over the turn are (times sin I for
+T, and 1/sqrt 2 for all):
 
     triple   mean T sin I     mean I
     1-2-3    -(rx + ry)       -(rx - ry)

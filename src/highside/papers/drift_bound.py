@@ -60,7 +60,7 @@ def azimuth_bound(
         multiply(conjugate(q[:, :-1]), multiply(from_rotation_vector(earth * dt)[:, None], q[:, 1:]))
     )
     shaken = e.vibrating[np.maximum(at - n // 2, 0)]
-    walk = np.hypot(
+    arw = np.hypot(
         triad.arw_deg_sqrt_h * np.pi / 180 / 60, np.radians(triad.gyro_vibration_dps) * shaken / rate_hz**0.5
     )
     reading = np.hypot(triad.accel_noise_g, triad.vibration_rms_g * shaken) / n**0.5
@@ -77,7 +77,7 @@ def azimuth_bound(
         if not still[k]:
             F = _transition(turns[:, k - 1], dt)
             P = F @ P @ F.T
-            P[:3, :3] += walk[k] ** 2 * dt * np.eye(3)
+            P[:3, :3] += arw[k] ** 2 * dt * np.eye(3)
         P[3:6, 3:6] += rrw**2 * dt * np.eye(3)
         p = C[:, 2]
         H = np.zeros((3, 10))
@@ -88,7 +88,7 @@ def azimuth_bound(
             H = np.zeros((3, 10))
             H[:, :3] = _cross(C @ earth)
             H[:, 3:6] = np.eye(3)
-            P = _measured(P, H, walk[k] ** 2 / dt)
+            P = _measured(P, H, arw[k] ** 2 / dt)
         row = _azimuth_row(C)
         bound[k] = np.sqrt(row @ P[:3, :3] @ row)
     return bound

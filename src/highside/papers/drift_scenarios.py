@@ -236,13 +236,13 @@ def record(experiment: DriftExperiment, seed: int) -> DriftData:
     n = e.t_s.size
     interval = float(np.median(np.diff(e.t_s)))
     bias = np.array(triad.bias_dph)[:, None] * DEG_PER_HOUR
-    walk = random_walk(e.t_s, triad.rrw_dph_sqrt_h * DEG_PER_HOUR / 60.0, rng)
+    bias_change = random_walk(e.t_s, triad.rrw_dph_sqrt_h * DEG_PER_HOUR / 60.0, rng)
     rate[1] *= 1.0 + triad.axial_scale_ppm * 1e-6
     noise = np.full(n, triad.arw_deg_sqrt_h * np.pi / 180 / 60 / np.sqrt(interval))
     noise = np.hypot(noise, np.radians(triad.gyro_vibration_dps) * e.vibrating)
     rate[0] += triad.rectification_dph_g2 * DEG_PER_HOUR * triad.vibration_rms_g**2 * e.vibrating
-    rate = rate + bias + walk + noise * rng.standard_normal((3, n))
+    rate = rate + bias + bias_change + noise * rng.standard_normal((3, n))
     shake = np.hypot(triad.accel_noise_g, triad.vibration_rms_g * e.vibrating)
     offset = triad.accel_bias_g * rng.standard_normal((3, 1))
     accel = up + offset + shake * rng.standard_normal((3, n))
-    return DriftData(e, to_tool(rate), to_tool(accel), to_tool(bias[:, 0] + walk[:, -1]))
+    return DriftData(e, to_tool(rate), to_tool(accel), to_tool(bias[:, 0] + bias_change[:, -1]))

@@ -92,6 +92,8 @@ class Parameter:
     time_constant: bool = False
     epoch: bool = False
     line_over: Literal["", "time", "turns"] = ""
+    formerly: str = ""
+    """the name in older files, which is still read"""
 
     @property
     def fitted(self) -> bool:
@@ -154,7 +156,7 @@ class Effect(ABC):
     together always may. So an effect on one axis is not judged as if it had needed three."""
     slow: bool = False
     """True: a function of time or temperature alone, as a random walk of the zero offset may look too. It is believed
-    only where it beats such a walk"""
+    only where it beats such a random walk"""
     averages_out: str = ""
     """why it leaves no trace in the mean of a pose that is held, in words; empty if it does leave one"""
     constant: bool = False
@@ -198,12 +200,17 @@ class Effect(ABC):
             jacobian[:, j] = np.imag(self.delta(state, p, step)) / 1e-30
         return jacobian
 
+    def renamed(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Named values of a file, which may use names of older versions, under the names of today."""
+        former = {parameter.formerly: parameter.name for parameter in self.parameters if parameter.formerly}
+        return {former.get(name, name): value for name, value in values.items()}
+
     def vector(self, values: Mapping[str, float] | None = None) -> AnyArray:
         """Parameter vector (K,) from named values; those not named take their default.
 
         Raises InputError for a name the effect does not have.
         """
-        values = dict(values or {})
+        values = self.renamed(values or {})
         result = np.array([values.pop(parameter.name, parameter.default) for parameter in self.parameters], dtype=float)
         if values:
             known = ", ".join(parameter.name for parameter in self.parameters)

@@ -34,7 +34,7 @@ def autoregressive(shape: tuple[int, int], sigma: float, coefficient: float, rng
 
 
 def random_walk(t_s: AnyArray, rate: AnyArray | float, rng: np.random.Generator) -> AnyArray:
-    """(3, N) walks from 0 with standard deviation rate * sqrt(elapsed seconds); `rate` scalar or (3,)."""
+    """(3, N) random walks from 0 with standard deviation rate * sqrt(elapsed seconds); `rate` scalar or (3,)."""
     steps = np.sqrt(np.clip(np.diff(t_s, prepend=t_s[:1]), 0.0, None)) * rng.standard_normal((3, t_s.size))
     return np.broadcast_to(np.asarray(rate, dtype=float), (3,))[:, None] * np.cumsum(steps, axis=1)
 

@@ -260,17 +260,17 @@ class Session:
         return SessionRows(state, held)
 
 
-def rings(
+def station_poses(
     inclinations_deg: Sequence[float],
     toolfaces_deg: Sequence[float],
     *,
     returns: bool = False,
     closure_every: int = 0,
 ) -> tuple[Pose, ...]:
-    """All toolfaces at each inclination in turn; inclinations below 0 or beyond 90 deg are reversal rings.
+    """All toolfaces at each inclination in turn; inclinations below 0 or beyond 90 deg are reached by reversal.
 
-    `returns` goes through each ring a second time backwards, approached from the other side; `closure_every` comes
-    back to the very first pose after so many poses, to tell a drift from an error of the bench.
+    `returns` goes through each inclination a second time backwards, approached from the other side; `closure_every`
+    comes back to the very first pose after so many poses, to tell a drift from an error of the bench.
     """
     poses: list[Pose] = []
     for inclination in inclinations_deg:
@@ -290,7 +290,7 @@ def rings(
 
 def full_turns(inclinations_deg: Sequence[float], stations: int = 73) -> tuple[Pose, ...]:
     """Stations evenly over a turn from 0 to 360 deg inclusive, at each inclination: the published verification."""
-    return rings(inclinations_deg, tuple(np.linspace(0.0, 360.0, stations).tolist()))
+    return station_poses(inclinations_deg, tuple(np.linspace(0.0, 360.0, stations).tolist()))
 
 
 def _placed(state: ChainState, site: Site) -> ChainState:
@@ -299,6 +299,7 @@ def _placed(state: ChainState, site: Site) -> ChainState:
 
 
 def pose_grid(inclinations_deg: Sequence[float], toolfaces_deg: Sequence[float]) -> tuple[AnyArray, AnyArray]:
-    """All combinations, ring by ring: (N,) inclinations and (N,) toolfaces in rad."""
+    """All combinations, all toolfaces of an inclination before the next: (N,) inclinations and (N,) toolfaces in
+    rad."""
     inc, tf = np.meshgrid(np.radians(inclinations_deg), np.radians(toolfaces_deg), indexing="ij")
     return inc.ravel(), tf.ravel()

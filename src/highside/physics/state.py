@@ -188,12 +188,12 @@ class ChainState:
         return self.t_s.size
 
     @cached_property
-    def ring(self) -> Ints:
-        """(N,) number of the ring a row belongs to: rows whose commanded inclination is the same to 0.001 deg."""
+    def inclination_station(self) -> Ints:
+        """(N,) number of the inclination station of a row: commanded inclinations that agree to 0.001 deg."""
         return np.unique(np.round(np.degrees(self.inc_rad), 3), return_inverse=True)[1].reshape(-1)
 
     @cached_property
-    def station(self) -> Ints:
+    def toolface_station(self) -> Ints:
         """(N,) number of the toolface station of a row: encoder readings modulo a turn that agree to 0.001 deg."""
         turn = np.round(np.mod(np.degrees(self.tf_rad), 360.0), 3) % 360.0
         return np.unique(turn, return_inverse=True)[1].reshape(-1)

@@ -93,7 +93,7 @@ def bench_findings(joint: Solution) -> list[ErrorOrigin]:
         if abs(value) > SIGNIFICANT * std:
             out.append(ErrorOrigin("bench", f"it is not level: tilt {value:+.4f} ± {std:.4f} deg {words}; taken off"))
     spread = {
-        "ring_inc_rad": "settings of inclination (common to an inclination station)",
+        "station_inc_rad": "settings of inclination (common to an inclination station)",
         "station_tf_rad": "settings of toolface (the encoder, station by station)",
         "pose_inc_rad": "inclination from pose to pose",
         "pose_tf_rad": "toolface from pose to pose",

@@ -9,7 +9,7 @@ import numpy as np
 
 from highside.calibration.comparison import Errors, MethodComparison
 from highside.calibration.method import NO_FALLBACK
-from highside.calibration.methods import all_methods, solves_rings
+from highside.calibration.methods import all_methods, solves_by_inclination
 from highside.calibration.record import CalibrationRecord
 from highside.config.certificate import ReferenceInstrument
 from highside.report.bench_or_sensor import Findings
@@ -135,11 +135,11 @@ def limits_of_proof(out: Sheets, inputs: Inputs) -> None:
     record = inputs.record
     result = record.result
     inc = np.asarray(record.content["pose_table"].get("inc_ref_deg", ()), dtype=float)
-    rings = np.unique(np.round(inc, 2))
+    inclinations = np.unique(np.round(inc, 2))
     notes = []
     if record.request.reference == "magnitude":
         notes.append("Without a bench the axes of the tool are those of the sensor: its mounting angle is not known.")
-    elif rings.size < 2:
+    elif inclinations.size < 2:
         notes.append(
             "With one inclination the bench's tilt cannot be distinguished from scale and rotation of the sensor:"
             " agreement with this bench is not accuracy in the field."
@@ -149,7 +149,7 @@ def limits_of_proof(out: Sheets, inputs: Inputs) -> None:
             "No pose was turned the other way or beyond 90 deg: bench and sensor are separated by the inclinations"
             " between alone."
         )
-    if solves_rings(result.method):
+    if solves_by_inclination(result.method):
         notes.append(
             "The balance correction absorbs every error common to the four poses of an inclination, those of the bench"
             " included: agreement at that inclination is not accuracy there."

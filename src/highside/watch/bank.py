@@ -77,12 +77,12 @@ class Filter:
 
     state: Array
     covariance: Array
-    walk: Array
+    process_noise: Array
     """growth of the covariance per hour"""
 
     def wait(self, hours: float) -> None:
         """Let time pass."""
-        self.covariance = self.covariance + self.walk * hours
+        self.covariance = self.covariance + self.process_noise * hours
 
     def take(self, y: Array, H: Array) -> Update:
         """A measurement `y = H x + e` with e of unit variance."""

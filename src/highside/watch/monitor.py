@@ -44,8 +44,8 @@ class Watch:
 
     def __init__(self, prior: Prior, cal_id: str = "none", policy: WatchPolicy = POLICY) -> None:
         self._prior, self._policy, self._cal_id = prior, policy, cal_id
-        self._filter = Filter(np.zeros(SIZE), prior.covariance.copy(), prior.walk)
-        self._alone = Filter(np.zeros(SIZE), prior.wide.copy(), prior.walk)
+        self._filter = Filter(np.zeros(SIZE), prior.covariance.copy(), prior.process_noise)
+        self._alone = Filter(np.zeros(SIZE), prior.wide.copy(), prior.process_noise)
         self._bank = Bank(policy)
         self._ref_c = prior.ref_c
         self._start_s: float | None = None

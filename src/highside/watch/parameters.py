@@ -48,7 +48,7 @@ class Prior:
     the record alone."""
 
     covariance: Array
-    walk: Array
+    process_noise: Array
     wide: Array
     stated: Array
     ref_c: float | None
@@ -84,10 +84,10 @@ def prior(
     covariance[range(CALIBRATION, SIZE), range(CALIBRATION, SIZE)] = beside**2
     wide = covariance.copy()
     wide[:CALIBRATION, :CALIBRATION] = _wide(policy.wide) + 1e-12 * np.eye(CALIBRATION)
-    walk = np.zeros((SIZE, SIZE))
-    rates = [noise.walk_g**2] * 3 + [noise.walk**2] * 9
-    walk[range(CALIBRATION), range(CALIBRATION)] = rates
-    return Prior(covariance, walk, wide, calibration, ref_c, noise)
+    process_noise = np.zeros((SIZE, SIZE))
+    rates = [noise.offset_random_walk**2] * 3 + [noise.matrix_random_walk**2] * 9
+    process_noise[range(CALIBRATION), range(CALIBRATION)] = rates
+    return Prior(covariance, process_noise, wide, calibration, ref_c, noise)
 
 
 def _wide(size: float) -> Array:

@@ -19,9 +19,9 @@ class StatedNoise:
     """of each offset from one power-up to another and from the bench to the hole, beside the record's covariance"""
     repeat: float = 1e-4
     """the same of each element of the matrix"""
-    walk_g: float = 5e-6
+    offset_random_walk: float = 5e-6
     """random walk of each offset, g/sqrt(h)"""
-    walk: float = 5e-6
+    matrix_random_walk: float = 5e-6
     """the same of each element of the matrix, 1/sqrt(h)"""
     still_floor_g: float = 1e-5
     """of the mean of a still beyond what its own rows scatter: 1/f noise, creep of the string"""
@@ -52,7 +52,8 @@ class WatchPolicy:
 
     threshold: float = 36.0
     """of twice the log-likelihood ratio of the best hypothesis: six standard deviations. No false departure in 3,000 h
-    as stated, 1 in 2,970 h with noise 1.4 and walk 1.5 times the stated (`studies.watch_wells --first-seed 5000`)"""
+    as stated, 1 in 2,970 h with noise 1.4 and random walk 1.5 times the stated (`studies.watch_wells --first-seed
+    5000`)"""
     power: float = 1.65
     """standard deviations by which a departure must pass the threshold to be found with 95 % probability"""
     same_class: float = 10.0

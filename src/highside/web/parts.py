@@ -10,7 +10,7 @@ from html import escape
 
 from highside.bench.session.reasons import Fault
 from highside.bench.session.snapshot import PoseRow, PoseState, SessionState, Snapshot, VerdictState, table_reads
-from highside.calibration.methods import solves_rings
+from highside.calibration.methods import solves_by_inclination
 from highside.web.drawings import pictures
 
 STATES = {
@@ -204,11 +204,11 @@ def _calibration(snapshot: Snapshot, drawn: str) -> str:
     )
     key = '<p class="key"><span class="i">I</span> <span class="t">T</span> one standard deviation over inclination</p>'
     over = snapshot.result is not None or snapshot.state.ended
-    if not closures and solves_rings(snapshot.plan.method) and not over:
+    if not closures and solves_by_inclination(snapshot.plan.method) and not over:
         closures = "<li>after the first four poses of an inclination</li>"
-    rings = f'<h2>Closure</h2><ul class="closures">{closures}</ul>' if closures else ""
+    listed = f'<h2>Closure</h2><ul class="closures">{closures}</ul>' if closures else ""
     label = "calibration so far" if not over else "calibration"
-    return f"{drawn}{key if u is not None else ''}{_caption(label, text)}{rings}"
+    return f"{drawn}{key if u is not None else ''}{_caption(label, text)}{listed}"
 
 
 def _result(snapshot: Snapshot) -> str:

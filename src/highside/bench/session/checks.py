@@ -1,4 +1,4 @@
-"""A pose against the others: outlier, and closure of its ring."""
+"""A pose against the others: outlier, and closure of its inclination."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from highside.bench.session.plans import Limits, SessionPlan
-from highside.calibration.balance import CLOSURE_P, closures_of, rings_of_four
+from highside.calibration.balance import CLOSURE_P, closures_of, quadrant_poses
 from highside.calibration.departures import departures
 from highside.calibration.linear_errors import BenchAccuracy
 from highside.calibration.poses import PoseSet
@@ -65,15 +65,15 @@ def all_departures(poses: PoseSet, limits: Limits) -> dict[str, float]:
     return {pose: float(sigmas) for pose, sigmas in zip(poses.ids, away, strict=True)}
 
 
-def ring_closures(poses: PoseSet, limits: Limits) -> list[Closure]:
-    """The closures of all rings that have their four poses."""
+def inclination_closures(poses: PoseSet, limits: Limits) -> list[Closure]:
+    """The closures of all inclinations that have their four poses."""
     if not poses.has_reference or len(poses) < 4:
         return []
-    fours = rings_of_four(poses)
+    fours = quadrant_poses(poses)
     return closures_of(poses, fours, [np.eye(3)] * len(fours), pose_rad=bench_of(limits).pose_rad)
 
 
 def closure_limit(plan: SessionPlan) -> float:
     """Probability below which one closure of this plan is not chance."""
-    rings = len({(pose.inc_deg, pose.stage) for pose in plan.poses})
-    return CLOSURE_P / max(1, rings)
+    inclinations = len({(pose.inc_deg, pose.stage) for pose in plan.poses})
+    return CLOSURE_P / max(1, inclinations)

@@ -163,7 +163,7 @@ def recognise(a: Array, model: Provisional, chart: Chart, target: CandidatePose 
     if target is not None and angles[nearest] <= limit and any(pose.id == target.id for pose in alike):
         best = target
     elif not best.open:
-        # measured already, but an open one reads the same (a reversed ring, the next step of temperature)
+        # measured already, but an open one reads the same (a reversed inclination, the next step of temperature)
         direction = best.direction()
         best = next((p for p in alike if angle_between_deg(p.direction(), direction) < doubt), best)
     return Recognised(best, angle_between_deg(g, best.direction()), limit)

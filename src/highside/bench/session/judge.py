@@ -118,7 +118,7 @@ def _joined(first: HoldReadings, second: HoldReadings) -> HoldReadings:
 def contradictions(ledger: Ledger, judged: JudgedHold) -> list[Reopened]:
     """After a pose was taken: the poses that it shows to be wrong, to be measured again now, while the table is near.
 
-    A ring that does not close, or another pose that departs most from all the others.
+    An inclination that does not close, or another pose that departs most from all the others.
     """
     entry = judged.entry
     if not isinstance(entry, TakenPose) or ledger.plan.open_ended:
@@ -135,7 +135,7 @@ def contradictions(ledger: Ledger, judged: JudgedHold) -> list[Reopened]:
     if other is not None and away > limits.outlier_sigmas and may_request(other):
         return [Reopened(other, Rejection.OUTLIER, f"{away:.1f} standard deviations from what the other poses predict")]
     limit = checks.closure_limit(ledger.plan)
-    for closure in checks.ring_closures(ledger.pose_set(), limits):
+    for closure in checks.inclination_closures(ledger.pose_set(), limits):
         if entry.pose in closure.poses and closure.p < limit:
             suspected = [pose for pose in suspects(closure.worst_pose, closure.poses) if may_request(pose)]
             if suspected:

@@ -20,7 +20,7 @@ from highside.bench.session.reasons import Rejection
 from highside.bench.session.snapshot import PoseState, UncertaintyState
 from highside.bench.session.verdict import Found, judge
 from highside.calibration.method import Solution, SolveRequest
-from highside.calibration.methods import solves_rings
+from highside.calibration.methods import solves_by_inclination
 from highside.calibration.record import CalibrationRecord, PoseColumns, build_record, solve_poses
 from highside.calibration.remark import Reason
 from highside.calibration.result import CalibrationResult
@@ -125,7 +125,8 @@ def solve_so_far(columns: PoseColumns, request: SolveRequest, plan: SessionPlan)
 
 
 def _contradicted(result: CalibrationResult) -> tuple[tuple[str, Rejection, str], ...]:
-    """The poses to measure again: what the solver omitted first, then the worst of each ring that does not close."""
+    """The poses to measure again: what the solver omitted first, then the worst of each inclination that does not
+    close."""
     found: dict[str, tuple[Rejection, str]] = {}
     for remark in result.remarks:
         if remark.refused and remark.reason in (Reason.BAD_POSE, Reason.SWAPPED_POSES):
@@ -142,7 +143,7 @@ def _contradicted(result: CalibrationResult) -> tuple[tuple[str, Rejection, str]
 
 def to_measure_again(solved: Solved, ledger: Ledger) -> tuple[tuple[str, Rejection, str], ...]:
     """Of the poses that the solution contradicts those that may be requested once more: all that were omitted, but
-    one of a ring that does not close (the one requested least so far)."""
+    one of an inclination that does not close (the one requested least so far)."""
     may = [
         item
         for item in solved.again
@@ -156,7 +157,7 @@ def to_measure_again(solved: Solved, ledger: Ledger) -> tuple[tuple[str, Rejecti
 
 
 def suspects(worst: str, poses: tuple[str, ...]) -> tuple[str, ...]:
-    """The poses that `Closure.worst_pose` names ("3", "1 or 3"), or all of the ring where it cannot tell."""
+    """The poses that `Closure.worst_pose` names ("3", "1 or 3"), or all of the inclination where it cannot tell."""
     return tuple(worst.split(" or ")) if worst else poses
 
 
@@ -168,9 +169,9 @@ def attitudes_of_use(solution: Solution) -> tuple[Array, Array]:
     tf = np.mod(k * np.pi * (3.0 - np.sqrt(5.0)), 2.0 * np.pi)
     if any(not zone.is_local for zone in solution.result.zones) or solution.fallback is not None:
         return inc, tf
-    rings = [zone.inc_center_rad for zone in solution.result.zones if zone.inc_center_rad is not None]
+    inclinations = [zone.inc_center_rad for zone in solution.result.zones if zone.inc_center_rad is not None]
     around = np.deg2rad(np.arange(0.0, 360.0, 5.0))
-    return np.repeat(rings, around.size), np.tile(around, len(rings))
+    return np.repeat(inclinations, around.size), np.tile(around, len(inclinations))
 
 
 def stated_uncertainty(solution: Solution, temp_c: float | None = None) -> tuple[float, float]:
@@ -198,13 +199,13 @@ def _std(solution: Solution, inc: Array, tf: Array, temp_c: float | None = None)
 
 
 USE_INC_DEG = (1.0, 5.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0)
-"""Where the curve of uncertainty is shown, but for a local method, which holds at its own rings."""
+"""Where the curve of uncertainty is shown, but for a local method, which holds at its own inclinations."""
 
 
 def uncertainty_of(solution: Solution, plan: SessionPlan) -> UncertaintyState:
     """What a solution states of itself: rms over the attitudes of use, and the curve over inclination."""
     around = np.deg2rad(np.arange(0.0, 360.0, 45.0))
-    use = sorted({abs(pose.inc_deg) for pose in plan.poses}) if solves_rings(plan.method) else USE_INC_DEG
+    use = sorted({abs(pose.inc_deg) for pose in plan.poses}) if solves_by_inclination(plan.method) else USE_INC_DEG
     shown, inc_std, tf_std = [], [], []
     for inc_deg in use:
         one_inc, one_tf = _std(solution, np.full(around.size, np.deg2rad(inc_deg)), around)

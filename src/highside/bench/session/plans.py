@@ -217,9 +217,14 @@ def balance_plan(
                 remedy="choose others, or the joint method",
             )
     poses = _grid(inclinations_deg, BALANCE_TOOLFACES_DEG)
-    rings = ", ".join(f"{inc:g}" for inc in inclinations_deg)
+    inclinations = ", ".join(f"{inc:g}" for inc in inclinations_deg)
     return SessionPlan(
-        SessionKind.BALANCE, f"balance at {rings} deg", BALANCE.name, poses, limits=limits or Limits(), triples=triples
+        SessionKind.BALANCE,
+        f"balance at {inclinations} deg",
+        BALANCE.name,
+        poses,
+        limits=limits or Limits(),
+        triples=triples,
     )
 
 
@@ -413,6 +418,6 @@ def roll_test_plan(
 
 
 def _grid(inclinations_deg: Sequence[float], toolfaces_deg: Sequence[float]) -> tuple[PlannedPose, ...]:
-    """Ring by ring, all toolfaces of one inclination before the next."""
+    """Inclination by inclination, all toolfaces of one inclination before the next."""
     settings = [(float(inc), float(tf)) for inc in inclinations_deg for tf in toolfaces_deg]
     return tuple(PlannedPose(str(k + 1), inc, tf) for k, (inc, tf) in enumerate(settings))

@@ -161,7 +161,7 @@ class UncertaintyState(_Model):
 
 
 class ClosureState(_Model):
-    """The closure of a ring of four."""
+    """The closure of an inclination of four."""
 
     inc_deg: float
     size_g: float

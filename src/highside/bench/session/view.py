@@ -105,7 +105,7 @@ class View:
         if any(line.sigmas is None and line.id not in self._away for line in ledger.done):
             self._away = checks.all_departures(ledger.pose_set(), ledger.plan.limits)
         limit = checks.closure_limit(ledger.plan)
-        closures = checks.ring_closures(ledger.pose_set(), ledger.plan.limits) if ledger.done else []
+        closures = checks.inclination_closures(ledger.pose_set(), ledger.plan.limits) if ledger.done else []
         self._closures = [
             ClosureState(
                 inc_deg=math.degrees(c.inc_rad),

@@ -4,9 +4,10 @@ At a bench the planned pose nearest to the reading is recognised; without one, a
 way lives here. A pose that was refused as it stood has to be left before it is measured again: the same setting would
 only give the same reading.
 
-Some plans have two settings of the bench that read the same (a ring and its reverse; toolfaces at the vertical). Which
-of them the table stands at is known only by what was requested: the tool stands at the pose that was the target when it
-came there, until it leaves. Taken from the wrong side such a pose would be wrong by twice the tilt of the bench.
+Some plans have two settings of the bench that read the same (an inclination and its reverse; toolfaces at the
+vertical). Which of them the table stands at is known only by what was requested: the tool stands at the pose that was
+the target when it came there, until it leaves. Taken from the wrong side such a pose would be wrong by twice the tilt
+of the bench.
 """
 
 from __future__ import annotations

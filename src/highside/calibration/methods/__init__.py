@@ -16,7 +16,7 @@ from highside.plugins import Plugin, plugins
 GROUP = "highside.methods"
 """Entry points of this group are calibration methods."""
 
-__all__ = ["GROUP", "all_methods", "faults", "get", "solves_rings"]
+__all__ = ["GROUP", "all_methods", "faults", "get", "solves_by_inclination"]
 
 
 @cache
@@ -56,10 +56,10 @@ def get(name: str, *, field: str = "method") -> Method:
     return all_methods()[name]
 
 
-def solves_rings(name: str) -> bool:
-    """Whether it is the name of a method that solves each ring of inclination alone; no name of a method: no."""
+def solves_by_inclination(name: str) -> bool:
+    """Whether it is the name of a method that solves each inclination alone; no name of a method: no."""
     method = all_methods().get(name)
-    return method is not None and method.by_ring
+    return method is not None and method.by_inclination
 
 
 def _unfit(plugin: Plugin, others: Mapping[str, Method]) -> str:

@@ -1,4 +1,4 @@
-"""The method `balance`: a matrix for each ring of inclination, from poses in its four quadrants."""
+"""The method `balance`: a matrix for each inclination, from poses in its four quadrants."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from highside.errors import InputError
 
 
 def _solve(poses: PoseSet, request: SolveRequest, bench: BenchAccuracy) -> Solution:
-    """The zones, with the `fallback` that is requested; else, where the rings span enough to give one, with a rough
-    global `guide` that only chooses the zone of a reading."""
+    """The zones, with the `fallback` that is requested; else, where the inclinations span enough to give one, with a
+    rough global `guide` that only chooses the zone of a reading."""
     result = balance(poses, triples=request.triples, bench=bench)
     if request.fallback != NO_FALLBACK:
         beyond = get(request.fallback, field="fallback")
-        if beyond.by_ring:
+        if beyond.by_inclination:
             raise InputError(f"method {beyond.name!r} holds near its own inclinations only", field="fallback")
         alone = SolveRequest(beyond.name, pose_sigma_deg=request.pose_sigma_deg)
         return Solution(result, fallback=beyond.solve(poses, alone, bench).result)
@@ -35,6 +35,6 @@ METHOD = Method(
     described="balance correction ({triples})",
     colour="#3d8b40",
     solve=_solve,
-    by_ring=True,
+    by_inclination=True,
     order=2,
 )

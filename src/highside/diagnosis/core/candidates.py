@@ -277,10 +277,12 @@ def unnamed_interactions(state: ChainState, force: Array) -> list[Candidate]:
     add("time", time, square)
     if np.ptp(state.direction) > 0:
         add("direction of approach", np.asarray(state.direction), linear)
-    numbers, first = np.unique(state.ring, return_index=True)
+    numbers, first = np.unique(state.inclination_station, return_index=True)
     if numbers.size > CANDIDATES.inclination_stations and CANDIDATES.least_at_station * numbers.size <= state.n:
         inclination_stations = {
-            f"inclination station at {np.degrees(state.inc_rad[i]):g} deg": np.asarray(state.ring == k, dtype=float)
+            f"inclination station at {np.degrees(state.inc_rad[i]):g} deg": np.asarray(
+                state.inclination_station == k, dtype=float
+            )
             for k, i in zip(numbers, first, strict=True)
         }
         add("one", np.ones(state.n), inclination_stations)

@@ -36,7 +36,7 @@ def checked(
         diagnosis = _with_changing(problem, selection, diagnosis)
     if dropped:
         more: Verdict = "named_plus" if diagnosis.verdict == "named" else diagnosis.verdict
-        diagnosis = replace(diagnosis, verdict=more, remainder=_told_as_changing(diagnosis.remainder, dropped))
+        diagnosis = replace(diagnosis, verdict=more, remainder=_noted_as_changing(diagnosis.remainder, dropped))
     if problem.method.refusal:
         found = unexplained(problem.floor_excess(selection.terms), memories)
         diagnosis = with_excess(diagnosis, found, problem.readings, problem.policy.floor_ratio)
@@ -89,22 +89,22 @@ def _weighed(problem: Problem[N], selection: SelectionState[N], diagnosis: Diagn
 
 
 def _with_changing(problem: Problem[N], selection: SelectionState[N], diagnosis: DiagnosisResult) -> DiagnosisResult:
-    """The diagnosis where names are withdrawn already: those whose sizes change are told as such."""
+    """The diagnosis where names are withdrawn already: those whose sizes change are reported as such."""
     named = [m for m in selection.terms if problem.candidates[m.candidate].named]
     found = {problem.candidates[m.candidate].id: problem.stability(selection, m) for m in named}
     changing = {name: steady for name, steady in found.items() if steady is not None and not steady.stable}
-    return replace(diagnosis, remainder=_told_as_changing(diagnosis.remainder, changing)) if changing else diagnosis
+    return replace(diagnosis, remainder=_noted_as_changing(diagnosis.remainder, changing)) if changing else diagnosis
 
 
 def _withdrawn(diagnosis: DiagnosisResult, changing: Mapping[str, Stability]) -> DiagnosisResult:
     """Names are not given where one of them has no constant size."""
     remainder = replace(diagnosis.remainder, resembles=tuple(claim.effect for claim in diagnosis.claims))
-    remainder = _told_as_changing(remainder, changing)
+    remainder = _noted_as_changing(remainder, changing)
     return replace(diagnosis, verdict="partial", claims=(), remainder=remainder)
 
 
-def _told_as_changing(remainder: Remainder, changing: Mapping[str, Stability]) -> Remainder:
-    hints = tuple(steady.told_of(effect) for effect, steady in changing.items())
+def _noted_as_changing(remainder: Remainder, changing: Mapping[str, Stability]) -> Remainder:
+    hints = tuple(steady.hint_for(effect) for effect, steady in changing.items())
     instead = (steady.instead for steady in changing.values() if steady.instead)
     return replace(
         remainder,

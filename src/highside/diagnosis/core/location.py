@@ -49,7 +49,7 @@ def pose_bases(state: ChainState, force: Array) -> list[Basis]:
     x, y, z = force
     square = [x * x, y * y, x * y, x * z, y * z]
     cubic = [x**3, y**3, z**3, x * x * y, x * x * z, y * y * z, x * y * z]
-    stations = np.unique(state.station).size
+    stations = np.unique(state.toolface_station).size
     orders = tuple(k for k in range(1, PLACES.harmonics + 1) if 2 * k <= stations)
     return [
         *_attitude_bases(state, z, orders),
@@ -76,14 +76,18 @@ def _attitude_bases(state: ChainState, z: Array, orders: tuple[int, ...]) -> lis
     bases: list[Basis] = []
     if orders:
         bases.append(_basis("tf_ref_deg", np.mod(np.degrees(tf), 360.0), _harmonics(tf, orders), orders))
-    stations = np.unique(state.ring).size
+    stations = np.unique(state.inclination_station).size
     if stations <= 1:
         return bases
     smooth = _harmonics(inc, range(1, min(PLACES.inclination_orders, stations)))
     bases.append(_basis("inc_ref_deg", inc_deg, smooth))
     if stations > CANDIDATES.inclination_stations and CANDIDATES.least_at_station * stations <= state.n:
         # one inclination station may be off: no smooth function shows that
-        bases.append(_basis("inc_ref_deg", inc_deg, [state.ring == k for k in np.unique(state.ring)]))
+        bases.append(
+            _basis(
+                "inc_ref_deg", inc_deg, [state.inclination_station == k for k in np.unique(state.inclination_station)]
+            )
+        )
     if orders:
         product = [z * f for f in _harmonics(tf, orders[: PLACES.product_orders])]
         bases.append(_basis("inc_ref_deg x tf_ref_deg", inc_deg, product))

@@ -49,7 +49,7 @@ class Stability:
         parts = " / ".join(f"{factor:.2f}" for factor in self.factors)
         return f"its size over {self.split} is {parts} times that over all"
 
-    def told_of(self, effect: str) -> str:
+    def hint_for(self, effect: str) -> str:
         """Why an effect is no name of what is there."""
         if self.instead:
             return f"{effect} explains less than {self.instead} would if that changes: {self.words}"

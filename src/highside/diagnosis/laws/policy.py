@@ -295,8 +295,8 @@ class LawVerdictPolicy:
     located by 3.3 of its standard deviations."""
     beside_random_walk: float = 40.0
     """Nats that an offset that follows time or temperature must gain where a random walk of the zero offset was found.
-    Source: such a walk in a rotation of 12 minutes (tests/unit/test_diagnosis_rotation.py) was worth 15.7; levels of a
-    walk that is sampled in cells are learned less well than white noise."""
+    Source: such a random walk in a rotation of 12 minutes (tests/unit/test_diagnosis_rotation.py) was worth 15.7;
+    levels of a random walk that is sampled in cells are learned less well than white noise."""
     least_share: float = 1e-5
     """Share of the misfit below which a law beside names is none. Source: two effects of 30 mg (lever arm, late clock)
     leave 3e-7 of what they do to the means over cells (tests/unit/test_diagnosis_long.py)."""

@@ -36,7 +36,7 @@ from highside.diagnosis.magnitude.fit import fitted_columns, from_the_start, lea
 from highside.diagnosis.magnitude.noise import plainly_required, rich_columns, scatter
 from highside.diagnosis.magnitude.observed import Magnitudes
 from highside.diagnosis.magnitude.policy import AT_REST, MAGNITUDE, MAGNITUDE_CHOICE
-from highside.diagnosis.magnitude.projected_random_walk import ProjectedWalkLikelihoods, ProjectedWalkNoise
+from highside.diagnosis.magnitude.projected_random_walk import ProjectedRandomWalkLikelihoods, ProjectedRandomWalkNoise
 from highside.diagnosis.magnitude.remainder import READINGS, levels_differ, with_what_is_left
 from highside.diagnosis.magnitude.session import MagnitudeSession
 from highside.diagnosis.magnitude.shapes import sharpened
@@ -180,7 +180,7 @@ class MagnitudeProblem(IndependentProblem):
             return super().likelihoods(terms)
         explained = np.concatenate([self.base, self.block(terms)])[:, 0]
         residual, variance, t_s = self.residual[0], self.noise.std[0] ** 2, self.session.t_s
-        return [ProjectedWalkLikelihoods(residual, variance, explained, t_s, self.session.direction)]
+        return [ProjectedRandomWalkLikelihoods(residual, variance, explained, t_s, self.session.direction)]
 
     def slow(self) -> list[SlowEffect]:
         found = []
@@ -228,7 +228,7 @@ class MagnitudeProblem(IndependentProblem):
         """The noise with a memory of `length` readings and a variance of `share` of the white part's."""
         if self.session.rest:
             return self.noise.remembering([length], [share], self.session.t_s)
-        level = ProjectedWalkNoise.of(
+        level = ProjectedRandomWalkNoise.of(
             self.noise.std[0] ** 2, self.session.direction, self.session.t_s, np.array([share])
         )
         return replace(self.noise, levels=(level,))

@@ -17,13 +17,13 @@ from highside.diagnosis.magnitude.policy import PROJECTED_RANDOM_WALK
 
 
 @dataclass(frozen=True)
-class ProjectedWalkNoise:
+class ProjectedRandomWalkNoise:
     """Whitening of n readings under S random walks: `roots` (S, n, n), the inverse of the Cholesky factors."""
 
     roots: Array
 
     @classmethod
-    def of(cls, variance: Array, direction: Array, t_s: Array, shares: Array) -> ProjectedWalkNoise:
+    def of(cls, variance: Array, direction: Array, t_s: Array, shares: Array) -> ProjectedRandomWalkNoise:
         """`variance` (n,) of the white part, `direction` (3, n) of gravity, `shares` (S,) of its mean."""
         t = intervals(t_s) + 1.0
         random_walk = np.minimum.outer(t, t) * (direction.T @ direction)
@@ -40,11 +40,13 @@ class ProjectedWalkNoise:
         return np.asarray(np.einsum("sij,kj->ski", self.roots, columns))
 
 
-class ProjectedWalkLikelihoods(Likelihoods):
+class ProjectedRandomWalkLikelihoods(Likelihoods):
     """As `Likelihoods`, of magnitudes with gravity along `direction` (3, n), under random walks alone."""
 
     def __init__(self, residual: Array, variance: Array, nuisance: Array, t_s: Array, direction: Array) -> None:
         self.settings = [(np.inf if share else 1.0, share) for share in PROJECTED_RANDOM_WALK.shares]
         self._prepare(
-            residual, ProjectedWalkNoise.of(variance, direction, t_s, np.array(PROJECTED_RANDOM_WALK.shares)), nuisance
+            residual,
+            ProjectedRandomWalkNoise.of(variance, direction, t_s, np.array(PROJECTED_RANDOM_WALK.shares)),
+            nuisance,
         )

@@ -59,7 +59,7 @@ def changing_instead(problem: RowsKnown, selection: SelectionState[RotationNoise
         if own.log_p > STABILITY.change_log_p and not limit:
             return own.stability
         if limit and own.added > limit - RIVALS.same_class_bic:
-            # the walk takes what a change of the size explains as well
+            # the random walk takes what a change of the size explains as well
             return own.chosen
     for other in others:
         # another claim takes it

@@ -1,5 +1,5 @@
-"""Noise whose memory is long beside the recording: what that leaves open is said, and no walk or effect claimed that
-is none."""
+"""Noise whose memory is long beside the recording: what that leaves open is said, and no random walk or effect claimed
+that is none."""
 
 from __future__ import annotations
 

@@ -116,7 +116,8 @@ class ColourPolicy:
     lead: float = 12.0
     """-2 log likelihood, summed over the channels that wander, by which a random walk must be ahead of noise that
     forgets to be told from it. Source: AR(1) noise of 0.99 over 1,200 rows led by 6.1 in one of 5 recordings
-    (`python -m studies.rotation_open nulls --kind 0.99`, seed 1); walks of 0.02 of the noise there by 0.1 to 8."""
+    (`python -m studies.rotation_open nulls --kind 0.99`, seed 1); random walks of 0.02 of the noise there by 0.1 to
+    8."""
     few: int = 10
     """Independent stretches below which the colour is so little known that a finding must be beyond `chance`. Source:
     the false findings of the same command, seeds 0 to 4, had 2 to 6."""

@@ -75,7 +75,7 @@ def with_humps(diagnosis: DiagnosisResult, found: Sequence[Hump]) -> DiagnosisRe
     """The diagnosis with what stands out of the noise's spectrum: something is left then, named or not."""
     if not found:
         return diagnosis
-    told = hinted(diagnosis, found[0].words)
+    with_hint = hinted(diagnosis, found[0].words)
     if diagnosis.verdict == "nothing_left_out":
-        return replace(told, verdict="unknown")
-    return replace(told, verdict="named_plus") if diagnosis.verdict == "named" else told
+        return replace(with_hint, verdict="unknown")
+    return replace(with_hint, verdict="named_plus") if diagnosis.verdict == "named" else with_hint

@@ -56,11 +56,11 @@ def stability_beside(problem: Constancies, selection: SelectionState[RotationNoi
     if change is None:
         return found
     change = replace(change, excess=excess)
-    walk = memory_of_claim(problem, selection, term)
-    if not walk:
+    random_walk = memory_of_claim(problem, selection, term)
+    if not random_walk:
         return found if change.stability.stable else change.stability
-    # the walk takes what a change of the size explains as well
-    instead = change.added / excess > walk - RIVALS.same_class_bic and not change.chosen.stable
+    # the random walk takes what a change of the size explains as well
+    instead = change.added / excess > random_walk - RIVALS.same_class_bic and not change.chosen.stable
     return change.chosen if instead else found
 
 

@@ -104,7 +104,7 @@ def prepare(
         model = model.with_effects(
             {
                 POSE_ERROR.id: {
-                    "inc_ring": EXPLAINING.step_rad,
+                    "inc_station": EXPLAINING.step_rad,
                     "tf_station": EXPLAINING.step_rad,
                     "inc_pose": 0.0,
                     "tf_pose": 0.0,
