@@ -65,7 +65,7 @@ def detectable(stills: Sequence[Still], prior: Prior, policy: WatchPolicy = POLI
         raise InputError("no survey can be used", remedy="give surveys of a tool at rest under a calibration")
     P, H, hours = _linear(stills, prior)
     root = np.linalg.cholesky(
-        H @ P @ H.T + (H @ prior.walk @ H.T) * np.minimum.outer(hours, hours) + np.eye(hours.size)
+        H @ P @ H.T + (H @ prior.process_noise @ H.T) * np.minimum.outer(hours, hours) + np.eye(hours.size)
     )
     columns = np.array([h.direction for h in HYPOTHESES]).T
     seen = H @ columns
