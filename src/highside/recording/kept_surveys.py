@@ -41,13 +41,13 @@ class KeptSurvey(BaseModel):
     azi_deg: Angle | None = None
     azi_std_deg: Annotated[float, Field(ge=0)] | None = None
     g_total: Annotated[float, Field(ge=0, le=100)] | None
-    g_error_mg: float | None = None
-    g_error_std_mg: Annotated[float, Field(ge=0)] | None = None
-    g_std: Annotated[float, Field(ge=0)] | None = None
-    g_noise_mg: Annotated[float, Field(ge=0)] | None = None
+    g_error_mg: Annotated[float, Field(ge=-1e6, le=1e6)] | None = None
+    g_error_std_mg: Annotated[float, Field(ge=0, le=1e6)] | None = None
+    g_std: Annotated[float, Field(ge=0, le=1e3)] | None = None
+    g_noise_mg: Annotated[float, Field(ge=0, le=1e6)] | None = None
     """standard deviation of Gtotal by the readings' own noise"""
     n: Annotated[int, Field(ge=0)] | None = None
-    temp_c: float | None = None
+    temp_c: Annotated[float, Field(ge=-274, le=1000)] | None = None
     md_m: Annotated[float, Field(ge=0, le=20_000)] | None = None
     """measured depth, where whoever kept the survey knew it"""
     tvd_m: Annotated[float, Field(ge=-10_000, le=20_000)] | None = None
