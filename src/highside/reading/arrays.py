@@ -7,19 +7,16 @@ import math
 import struct
 import zipfile
 import zlib
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highside.errors import InputError
-from highside.reading.files import MAX_RATIO, RATIO_FROM_BYTES, allowed_bytes, in_words
+from highside.reading.files import IF_MEANT, MAX_RATIO, allowed_bytes, in_words, too_packed
 
 MAX_MEMBERS = 4096
 """files in an archive: the largest that are known here have 40"""
-_PACKED = 15
-"""kind of a part of a MATLAB 5 file that is packed"""
-_PIECE = 1 << 20
 _DAMAGED = (
     zipfile.BadZipFile,
     zlib.error,
@@ -48,7 +45,12 @@ def npy_array(data: bytes, *, where: str) -> NDArray[Any]:
     begin = stream.tell()
     if dtype.itemsize == 0 or count * dtype.itemsize > len(data) - begin:
         raise _no_array("it is torn: the array is longer than the file", where)
-    return np.frombuffer(data, dtype=dtype, count=count, offset=begin).reshape(shape, order="F" if fortran else "C")
+    try:
+        values = np.frombuffer(data, dtype=dtype, count=count, offset=begin)
+        return values.reshape(shape, order="F" if fortran else "C")
+    except ValueError as error:
+        # negative sizes, more dimensions than NumPy has
+        raise _no_array(str(error), where) from None
 
 
 def npz_arrays(data: bytes, *, where: str) -> dict[str, NDArray[Any]]:
@@ -78,11 +80,9 @@ def check_archive(archive: zipfile.ZipFile, packed: int, *, where: str) -> None:
             where=where,
             remedy="if it is meant so: highside --max-bytes SIZE ...",
         )
-    if total > RATIO_FROM_BYTES and total > MAX_RATIO * packed:
+    if too_packed(total, packed):
         raise InputError(
-            f"expands to more than {MAX_RATIO} times its size, as no recording does",
-            where=where,
-            remedy="give the right file",
+            f"expands to more than {MAX_RATIO} times its size, as no recording does", where=where, remedy=IF_MEANT
         )
 
 
@@ -97,36 +97,3 @@ def check_zip(data: bytes, *, where: str) -> None:
 
 def _no_array(why: str, where: str) -> InputError:
     return InputError(f"is no NumPy array ({why})", where=where, remedy="give the right file")
-
-
-def check_mat5(data: bytes, *, where: str) -> None:
-    """Hold what the packed parts of a MATLAB 5 file unpack to against the limits. Raises InputError."""
-    order: Literal["little", "big"] = "big" if data[126:128] == b"MI" else "little"
-    position, total = 128, 0
-    while position + 8 <= len(data):
-        kind = int.from_bytes(data[position : position + 4], order)
-        size = int.from_bytes(data[position + 4 : position + 8], order)
-        if position + 8 + size > len(data):
-            raise InputError("is torn: its last array is not whole", where=where, remedy="give the whole file")
-        if kind == _PACKED:
-            total += _unpacked(data[position + 8 : position + 8 + size], where)
-            if total > allowed_bytes() or (total > RATIO_FROM_BYTES and total > MAX_RATIO * len(data)):
-                raise InputError(
-                    "expands to more than any recording does", where=where, remedy="save it without compression"
-                )
-        position += 8 + size
-
-
-def _unpacked(packed: bytes, where: str) -> int:
-    """Bytes that come out, counted in pieces."""
-    stream, count = zlib.decompressobj(), 0
-    try:
-        piece = stream.decompress(packed, _PIECE)
-        while piece:
-            count += len(piece)
-            if count > allowed_bytes():
-                break
-            piece = stream.decompress(stream.unconsumed_tail, _PIECE)
-    except zlib.error as error:
-        raise InputError(f"is a damaged MATLAB file ({error})", where=where, remedy="give the right file") from None
-    return count

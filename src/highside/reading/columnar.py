@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.errors import InputError
+from highside.reading.arrow_size import FILE_MARK_BYTES, unpacked_bytes
 from highside.reading.documents import parse_json
-from highside.reading.files import allowed_bytes, in_words
+from highside.reading.files import IF_MEANT, MAX_RATIO, allowed_bytes, in_words, too_packed
+from highside.reading.mcap_size import unpacked_chunks
 from highside.reading.table import MAX_COLUMNS
 
 PARQUET_MAGIC = b"PAR1"
@@ -23,6 +25,7 @@ ARROW_MAGIC = b"ARROW1"
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 _CELL_BYTES = 8
 _SHOWN = 120
+_WHOLE_MOST = 1 << 63
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,28 +58,55 @@ def parquet_columns(data: bytes, *, where: str) -> list[ReadColumn]:
     """The columns of a Parquet file. Raises InputError for what is damaged or too large."""
     pq = _library("pyarrow.parquet", where)
 
-    def read() -> Any:
-        file = pq.ParquetFile(io.BytesIO(data))
-        meta = file.metadata
-        _fits(meta.num_rows, meta.num_columns, where)
+    def read() -> list[ReadColumn]:
+        meta = pq.read_metadata(io.BytesIO(data))
+        _fits(meta.num_rows, meta.num_columns, len(data), where)
         unpacked = sum(meta.row_group(k).total_byte_size for k in range(meta.num_row_groups))
-        if unpacked > allowed_bytes():
-            raise _too_large(where)
-        return file.read()
+        _refuse_expansion(unpacked, len(data), where)
+        leaves = [meta.schema.column(k) for k in range(meta.num_columns)]
+        # a text that stands once in the file stands once in the memory
+        texts = [leaf.path for leaf in leaves if leaf.physical_type == "BYTE_ARRAY" and leaf.max_repetition_level == 0]
+        table = pq.ParquetFile(io.BytesIO(data), read_dictionary=texts).read()
+        return _table(_checked(table, len(data), where), where)
 
-    return _table(_guarded(read, "Parquet", where), where)
+    return _guarded(read, "Parquet", where)
 
 
 def arrow_columns(data: bytes, *, where: str) -> list[ReadColumn]:
     """The columns of an Arrow (Feather) file. Raises InputError for what is damaged or too large."""
-    feather = _library("pyarrow.feather", where)
+    pa = _library("pyarrow", where)
 
-    def read() -> Any:
-        table = feather.read_table(io.BytesIO(data))
-        _fits(table.num_rows, table.num_columns, where)
-        return table
+    def read() -> list[ReadColumn]:
+        buffer = pa.py_buffer(data)
+        _refuse_expansion(unpacked_bytes(buffer), len(data), where)
+        # the stream between the file's marks: the messages that were just looked at, and no others
+        table = pa.ipc.open_stream(buffer.slice(FILE_MARK_BYTES)).read_all()
+        return _table(_checked(table, len(data), where), where)
 
-    return _table(_guarded(read, "Arrow", where), where)
+    return _guarded(read, "Arrow", where)
+
+
+def _checked(table: Any, size: int, where: str) -> Any:
+    """A table whose values are what its types say, and whose texts are not too long all together."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    _fits(table.num_rows, table.num_columns, size, where)
+    table.validate(full=True)
+    texts = 0
+    for column in table.columns:
+        if pa.types.is_dictionary(column.type) and _is_text(column.type.value_type):
+            for chunk in column.chunks:
+                lengths = pc.binary_length(chunk.dictionary).take(chunk.indices)
+                texts += pc.sum(pc.cast(lengths, pa.int64())).as_py() or 0
+    _refuse_expansion(texts, size, where)
+    return table
+
+
+def _is_text(kind: Any) -> bool:
+    from pyarrow import types
+
+    return bool(types.is_string(kind) or types.is_large_string(kind))
 
 
 def mcap_messages(data: bytes, *, where: str) -> Iterator[McapMessage]:
@@ -84,7 +114,12 @@ def mcap_messages(data: bytes, *, where: str) -> Iterator[McapMessage]:
     reader = _library("mcap.reader", where)
     limit = allowed_bytes()
     try:
+        unpacked, chunks = unpacked_chunks(data)
+        _refuse_expansion(unpacked, len(data), where)
         opened = reader.SeekingReader(io.BytesIO(data), validate_crcs=True, record_size_limit=limit)
+        summary = opened.get_summary()
+        if summary is not None and not chunks.issuperset(index.chunk_start_offset for index in summary.chunk_indexes):
+            raise ValueError("its index names a chunk that is not there")
         size = 0
         for schema, channel, message in opened.iter_messages():
             size += len(message.data)
@@ -147,8 +182,15 @@ def column_of(name: str, values: list[Any], where: str) -> ReadColumn:
         if not all(isinstance(value, str) for value in present):
             raise InputError("is a number in one row and a text in another", where=where, field=name)
         return ReadColumn(name, None, tuple("" if value is None else value for value in values))
-    numbers = np.array([np.nan if value is None else float(value) for value in values])
-    whole = bool(present) and len(present) == len(values) and all(type(value) is int for value in present)
+    try:
+        numbers = np.array([np.nan if value is None else float(value) for value in values])
+    except (OverflowError, TypeError):
+        raise InputError("holds what is no number of 64 bits", where=where, field=name) from None
+    whole = (
+        bool(present)
+        and len(present) == len(values)
+        and all(type(value) is int and -_WHOLE_MOST <= value < _WHOLE_MOST for value in present)
+    )
     return ReadColumn(name, numbers, integers=np.array(values, dtype=np.int64) if whole else None)
 
 
@@ -180,12 +222,22 @@ def column_of_arrow(name: str, field: Any, array: Any) -> ReadColumn | None:
         return ReadColumn(
             name, numbers, integers=_whole(array.cast(pa.int64()), np.int64) if whole else None, unit=unit
         )
+    if pa.types.is_dictionary(kind) and _is_text(kind.value_type):
+        return ReadColumn(name, None, tuple(_texts_of(array)), unit=unit)
     if pa.types.is_dictionary(kind):
         array = pc.cast(array, kind.value_type)
         kind = kind.value_type
-    if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+    if _is_text(kind):
         return ReadColumn(name, None, tuple("" if text is None else text for text in array.to_pylist()), unit=unit)
     return None
+
+
+def _texts_of(array: Any) -> Iterator[str]:
+    """The texts of a dictionary's column: each of them once, however often it stands there."""
+    for chunk in array.chunks:
+        words = chunk.dictionary.to_pylist()
+        for place in chunk.indices.to_pylist():
+            yield "" if place is None else words[place] or ""
 
 
 def _whole(array: Any, dtype: type) -> NDArray[Any]:
@@ -203,7 +255,7 @@ def _whole(array: Any, dtype: type) -> NDArray[Any]:
     return np.concatenate(parts) if parts else np.zeros(0, dtype)
 
 
-def _guarded(read: Callable[[], Any], kind: str, where: str) -> Any:
+def _guarded(read: Callable[[], list[ReadColumn]], kind: str, where: str) -> list[ReadColumn]:
     try:
         return read()
     except (InputError, MemoryError):
@@ -217,11 +269,20 @@ def _damaged(kind: str, error: Exception, where: str) -> InputError:
     return InputError(f"is a damaged {kind} file ({reason})", where=where, remedy="give the right file")
 
 
-def _fits(rows: int, columns: int, where: str) -> None:
+def _fits(rows: int, columns: int, size: int, where: str) -> None:
     if columns > MAX_COLUMNS:
         raise InputError(f"has more than {MAX_COLUMNS} columns", where=where, remedy="give the right file")
-    if rows * columns * _CELL_BYTES > allowed_bytes():
+    _refuse_expansion(rows * columns * _CELL_BYTES, size, where)
+
+
+def _refuse_expansion(unpacked: int, size: int, where: str) -> None:
+    """Raises InputError where a file of `size` bytes takes more memory than any may, or than any recording does."""
+    if unpacked > allowed_bytes():
         raise _too_large(where)
+    if too_packed(unpacked, size):
+        raise InputError(
+            f"expands to more than {MAX_RATIO} times its size, as no recording does", where=where, remedy=IF_MEANT
+        )
 
 
 def _too_large(where: str) -> InputError:

@@ -71,6 +71,15 @@ def _columns(name: str, array: NDArray[Any], unit: str | None) -> list[SourceCol
         ns = array.astype("datetime64[ns]").astype(np.int64)
         return [SourceColumn(name, numbers=ns.astype(np.float64), integers=ns, instant=True)]
     if array.dtype.kind in "US":
-        texts = array.astype(str).tolist()
-        return [text_column(name, tuple(texts), unit)]
+        return [text_column(name, _texts(array), unit)]
     return []
+
+
+def _texts(array: NDArray[Any]) -> tuple[str, ...]:
+    """The texts of an array (N,) of bytes or characters; what is none in Unicode is marked as such."""
+    if array.dtype.kind == "S":
+        return tuple(text.decode("utf-8", "replace") for text in array.tolist())
+    wide = array.dtype.itemsize
+    data = np.ascontiguousarray(array.astype(array.dtype.newbyteorder("<"))).tobytes()
+    cells = (data[k : k + wide] for k in range(0, len(data), wide)) if wide else [b""] * array.size
+    return tuple(cell.decode("utf-32-le", "replace").rstrip("\0") for cell in cells)

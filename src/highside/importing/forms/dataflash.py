@@ -38,6 +38,10 @@ _INERTIAL = frozenset({"IMU", "IMU2", "IMU3", "ACC", "GYR", "ACC1", "ACC2", "ACC
 _OURS = {"AccX": "ax_g", "AccY": "ay_g", "AccZ": "az_g", "GyrX": "gx_dps", "GyrY": "gy_dps", "GyrZ": "gz_dps"}
 _RENAMED = {"T": "temperature"}
 """a field whose name says something else elsewhere"""
+_HEAD_FIELD = "\0head"
+"""no field's name has a NUL in it"""
+_MOST_SENSORS = 64
+"""of one type: flight controllers have up to six"""
 _LEAST = 3
 """messages of a type that make a table"""
 
@@ -51,7 +55,7 @@ class _Kind:
 
     @property
     def dtype(self) -> np.dtype[np.void]:
-        fields = [("head", "S3"), *zip(self.labels, (_PACKED[letter] for letter in self.letters), strict=True)]
+        fields = [(_HEAD_FIELD, "S3"), *zip(self.labels, (_PACKED[letter] for letter in self.letters), strict=True)]
         return np.dtype(fields)  # packed, as it is written
 
 
@@ -158,7 +162,14 @@ def _tables(
 ) -> list[SourceTable]:
     """One table for each sensor (field `I`)."""
     sensors = columns.get("I")
-    marks = [None] if sensors is None else [int(mark) for mark in np.unique(sensors.astype(np.int64))]
+    marks: list[int | None] = [None]
+    if sensors is not None:
+        marks = [int(mark) for mark in np.unique(sensors.astype(np.int64))]
+    if len(marks) > _MOST_SENSORS and name in _INERTIAL:
+        what = f"{name} numbers {len(marks)} sensors"
+        raise InputError(what, where=where, field="I", remedy="the log is damaged; give the whole log")
+    if len(marks) > _MOST_SENSORS:
+        marks = [None]
     tables = []
     for mark in marks:
         rows = slice(None) if mark is None else np.flatnonzero(np.asarray(sensors) == mark)

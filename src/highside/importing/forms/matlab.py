@@ -1,54 +1,26 @@
-"""MATLAB files of version 5 (scipy) and 7.3, which are HDF5, and HDF5 files of others (h5py): their arrays by name."""
+"""MATLAB files of version 5 and 7.3, which are HDF5, and HDF5 files of others (h5py): their arrays by name."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from highside.errors import InputError
 from highside.importing.core.source import SourceTable
 from highside.importing.forms.arrays import tables_of
 from highside.importing.forms.missing import damaged, not_installed
-from highside.reading.arrays import check_mat5
 from highside.reading.files import allowed_bytes, in_words
+from highside.reading.mat5 import mat5_arrays
 
 MAT5 = b"MATLAB 5.0 MAT-file"
 HDF5 = b"\x89HDF\r\n\x1a\n"
-_DEEPEST = 8
-"""structures within structures"""
 
 
 def read_mat5(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
     """The arrays of a MATLAB 5 file, fields of structures as `outer.inner`. Raises InputError."""
-    check_mat5(data, where=where)
-    from scipy.io import loadmat
-
-    try:
-        found = loadmat(io.BytesIO(data), squeeze_me=False, chars_as_strings=True)  # type: ignore[arg-type]
-        arrays = {
-            name: array
-            for key, value in found.items()
-            if not key.startswith("__")
-            for name, array in _fields(key, value, 0)
-        }
-    except MemoryError:
-        raise
-    except Exception as error:
-        raise damaged("MATLAB", error, where) from None
-    return tables_of(arrays, "MATLAB 5", where)
-
-
-def _fields(name: str, value: Any, depth: int) -> Iterator[tuple[str, NDArray[Any]]]:
-    array = np.asarray(value)
-    if array.dtype.names and array.size == 1 and depth < _DEEPEST:
-        for field in array.dtype.names:
-            yield from _fields(f"{name}.{field}", array[field].ravel()[0], depth + 1)
-    elif array.dtype.kind in "biuf":
-        yield name, array
+    return tables_of(mat5_arrays(data, where=where), "MATLAB 5", where)
 
 
 def is_hdf5(data: bytes) -> bool:

@@ -7,6 +7,7 @@ path. The time of a message that carries none is the one at which it was written
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -29,6 +30,13 @@ WRITTEN_AT = "log_time"
 """column: when the message was written, ns since 1970"""
 _LONGEST = 9
 """numbers of one list that are taken apart"""
+
+_FIXED = re.compile(rb"\[\s*([0-9]+)\s*\]")
+_DIGITS = 12
+_LONGEST_FIXED = 1000
+"""members of an array of a fixed length: one of 1,000 texts takes 1 s (rosbags 0.10), a covariance has 36"""
+_WHOLE = re.compile("-?[0-9]{1,19}")
+"""as whole numbers of 64 bits are written"""
 
 Decoder = Callable[[bytes], dict[str, Any]]
 
@@ -180,6 +188,7 @@ def _ros(message: McapMessage, where: str) -> Decoder | None:
         if name not in store.types and message.schema_encoding in ("ros2msg", "ros1msg") and message.schema:
             from rosbags.typesys import get_types_from_msg
 
+            _refuse_long_arrays(message, where)
             store.register({
                 kind: fields
                 for kind, fields in get_types_from_msg(message.schema.decode(), name).items()
@@ -187,12 +196,24 @@ def _ros(message: McapMessage, where: str) -> Decoder | None:
             })  # fmt: skip
     except ImportError:
         raise not_installed("rosbags", where) from None
+    except InputError:
+        raise
     except Exception as error:
         raise damaged("MCAP", error, where) from None
     if name not in store.types:
         return None
     read = store.deserialize_cdr if message.encoding == "cdr" else store.deserialize_ros1
     return (lambda data: read(data, name)) if imu else (lambda data: _fields(read(data, name)))
+
+
+def _refuse_long_arrays(message: McapMessage, where: str) -> None:
+    """The library writes a piece of program for each member of an array of a fixed length."""
+    longest = max((int(size[:_DIGITS]) for size in _FIXED.findall(message.schema)), default=0)
+    if longest > _LONGEST_FIXED:
+        raise InputError(
+            f"is described with arrays of {longest}, more than {_LONGEST_FIXED}", where=where, field=message.topic,
+            remedy="record it without that topic, or export it as CSV",
+        )  # fmt: skip
 
 
 def _fields(value: Any) -> dict[str, Any]:
@@ -231,6 +252,6 @@ def _table(topic: str, rows: list[dict[str, Any]], form: str, where: str) -> Sou
 
 def _number(value: Any) -> Any:
     """Whole numbers of 64 bits are texts in protobuf's JSON."""
-    if isinstance(value, str) and value.lstrip("-").isdigit() and len(value) <= 19:
+    if isinstance(value, str) and _WHOLE.fullmatch(value):
         return int(value)
     return value
