@@ -38,6 +38,7 @@ COMMANDS = {
     "reproduce": "reproduce.app",
     "rotation": "rotation.app",
     "run": "run.run",
+    "serve": "serve.serve",
     "simulate": "simulate.simulate",
     "effects": "effects.app",
     "fleet": "fleet.app",

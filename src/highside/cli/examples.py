@@ -18,6 +18,7 @@ EXAMPLES: dict[str, str] = {
     "doctor": "--config highside.toml",
     "init": "highside.toml",
     "run": "--config highside.toml --set mqtt.host=10.0.0.5",
+    "serve": "--set mqtt.host=10.0.0.5",
     "check": "config/bench-simulated.toml",
     "schema": "",
     "fleet diagnose": "archive/ --model config/model-known.toml --out results",

@@ -8,7 +8,7 @@ bench (`[bench]`), and where journal and records are kept (`[store]`). Errors na
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
@@ -20,6 +20,7 @@ from highside.codec.tool import ToolCodecConfig
 from highside.config import places
 from highside.config.codecs import CodecConfig
 from highside.config.links import LinkConfig
+from highside.config.merge import merged
 from highside.config.mistakes import input_error
 from highside.config.mqtt import MqttSettings
 from highside.config.settings import ToolSettings, anchor_paths, parse_overrides
@@ -322,20 +323,8 @@ def load_bench(path: Path, overrides: list[str] | None = None) -> BenchFile:
     anchor_paths(tables, base, PATHS)
     given = parse_overrides(overrides or [])
     try:
-        return BenchFile.model_validate(_merged(tables, given))
+        return BenchFile.model_validate(merged(tables, given))
     except ValidationError as error:
         raise input_error(error, str(path), given, BenchFile) from None
     except InputError as error:
         raise InputError(error.what, where=str(path), field=error.field, remedy=error.remedy) from None
-
-
-def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
-    """Tables laid over one another; one of another kind replaces what was there."""
-    out = dict(below)
-    for key, value in above.items():
-        old = out.get(key)
-        if isinstance(old, dict) and isinstance(value, dict) and value.get("kind") in (None, old.get("kind")):
-            out[key] = _merged(old, value)
-        else:
-            out[key] = value
-    return out

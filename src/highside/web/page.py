@@ -6,10 +6,7 @@ then looks again: a slow viewer sees fewer pictures, and nothing waits or piles 
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
 import itertools
-import math
 import secrets
 import time
 from dataclasses import fields
@@ -24,12 +21,8 @@ from pydantic import ValidationError
 from highside.bench.session.driver import SessionDriver
 from highside.bench.session.labels import LABELS
 from highside.bench.session.snapshot import Command, CommandName, PoseState, SessionState, Snapshot
+from highside.web.host import CONNECT_WITHIN_S, is_drawn, is_there
 from highside.web.parts import PageParts, parts_of
-
-CONNECT_WITHIN_S = 15.0
-"""A page whose socket has not come within this is forgotten: each holds some 0.4 MB. A phone on a bad line takes 5."""
-ALIVE_TIMEOUT_S = 10.0
-"""A browser that has not drawn for so long is queried again."""
 
 GO = frozenset({CommandName.START, CommandName.ACCEPT, CommandName.RESUME, CommandName.CAPTURE, CommandName.ACTIVATE})
 QUESTIONS = {
@@ -181,19 +174,17 @@ class BenchView:
 
     async def follow(self, client: Client) -> None:
         """Show the session until the viewer is gone or the session is over."""
-        if not await _is_there(client, time.monotonic() + CONNECT_WITHIN_S):
+        if not await is_there(client, time.monotonic() + CONNECT_WITHIN_S):
             if not client.is_deleted:
                 # requested and never opened: a program, or a reader who has gone on
                 client.delete()
             return
         async for snapshot in self._driver.subscribe(self._rate_hz):
-            if not await _is_there(client):
+            if not await is_there(client):
                 return
             with client:
                 self.show(snapshot)
-                with contextlib.suppress(TimeoutError):
-                    # comes back when the browser has done all before it: only then is there more for it
-                    await client.run_javascript("return 0", timeout=ALIVE_TIMEOUT_S)
+                await is_drawn(client)
         if not client.is_deleted:
             with client:
                 self.show(self._driver.snapshot())
@@ -242,15 +233,6 @@ class BenchView:
         reply = await self._driver.command(command)
         label = LABELS[name][0]
         self._answer.set_text(f"{label}: {reply.text}")
-
-
-async def _is_there(client: Client, until_s: float = math.inf) -> bool:
-    """Wait for the viewer's socket; False once he is gone, or where it has not come by then."""
-    while not client.has_socket_connection:
-        if client.is_deleted or time.monotonic() > until_s:
-            return False
-        await asyncio.sleep(0.2)
-    return True
 
 
 _SCROLL = """

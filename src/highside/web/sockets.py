@@ -2,9 +2,9 @@
 
 NiceGUI takes events, answers, acknowledgements and log messages from any socket that names a page's id. Here a socket
 speaks for the one page it was opened for, a page that may command only from a browser that shows the operator's cookie,
-and events are taken from such pages alone; who looks on can say that he has drawn what he was sent, and no more. Log
-messages are taken from nobody. What is malformed, binary or too much ends the socket it came by, and of all such one
-line a minute is logged.
+and events are taken from such pages alone; who looks on can say that he has drawn what he was sent, and that a 3-D
+picture is built, and no more. Log messages are taken from nobody. What is malformed, binary or too much ends the socket
+it came by, and of all such one line a minute is logged.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from http.cookies import CookieError, SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs
 
-from nicegui import core
+from nicegui import Client, core, ui
 from socketio.exceptions import ConnectionRefusedError as Refused
 
 from highside.printable import one_line
@@ -178,7 +178,9 @@ class Sockets:
 
     def _event(self, sid: str, *args: Any) -> None:
         message = self._from_own_page(sid, args)
-        if message is None or not self._viewers.may_command(message["client_id"]) or not set(message) <= _EVENT_KEYS:
+        if message is None or not set(message) <= _EVENT_KEYS:
+            return
+        if not (self._viewers.may_command(message["client_id"]) or _is_scene_built(message)):
             return
         self._pass_on("event", sid, message)
 
@@ -224,6 +226,16 @@ class Sockets:
     def _sender(self, sid: str) -> object:
         environ = core.sio.get_environ(sid) or {}
         return environ.get("asgi.scope", {}).get("client")
+
+
+def _is_scene_built(message: dict[str, Any]) -> bool:
+    """Whether a 3-D picture of the library says that the browser has built it; until then nothing is drawn in it."""
+    client = Client.instances.get(message["client_id"])
+    element = None if client is None else client.elements.get(message.get("id", -1))
+    if not isinstance(element, ui.scene) or not isinstance(message.get("listener_id"), str):
+        return False
+    listener = element._event_listeners.get(message["listener_id"])
+    return listener is not None and listener.type == "init"
 
 
 def _nothing(*_: Any) -> None:

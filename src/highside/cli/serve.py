@@ -1,0 +1,56 @@
+"""`highside serve`: every tool at a broker, in a browser."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from highside.cli.run import SetOption
+from highside.cli.say import echo
+from highside.errors import InputError
+
+
+def serve(
+    config: Annotated[
+        Path | None,
+        typer.Option("--config", help="TOML file with [mqtt] and [web]; without one: the broker on this machine."),
+    ] = None,
+    overrides: SetOption = None,
+) -> None:
+    """Show every tool at a broker in a browser: attitude, alarms, parts, surveys, log. Nothing can be commanded."""
+    from highside.config.serve import load_serve
+    from highside.service.broker_client import check_secrets
+    from highside.service.logs import start_logging
+
+    settings = load_serve(config, overrides)
+    check_secrets(settings.mqtt)
+    start_logging("warning")
+    try:
+        from highside.web.tools.server import ToolsPage
+    except ModuleNotFoundError as error:
+        raise InputError(f"the tools' page needs {error.name}", remedy="pip install 'highside[web]'") from None
+    if not settings.web.is_loopback:
+        clear = "" if settings.web.tls is not None else ", and reads along on the way: give [web.tls]"
+        echo(f"warning: [web] host = {settings.web.host!r}: whoever reaches this machine may look{clear}", err=True)
+
+    async def until_ended() -> None:
+        page = ToolsPage(settings)
+        await page.start()
+        echo(f"tools page: {page.address}", err=True)
+        ending = asyncio.Event()
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            with contextlib.suppress(NotImplementedError):
+                loop.add_signal_handler(number, ending.set)
+        try:
+            await ending.wait()
+        finally:
+            await page.stop()
+
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(until_ended())

@@ -1,0 +1,104 @@
+"""Listens at the broker for what every tool publishes, and connects again whenever that ends."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import random
+import secrets
+import time
+
+from highside.config.mqtt import MqttSettings
+from highside.errors import InputError
+from highside.service.broker_client import (
+    broker_client,
+    connect_reason,
+    notice_a_closed_door,
+    on_each_message,
+    write_only_while_open,
+)
+from highside.service.quiet_log import QuietLog
+from highside.service.reconnect import Reconnect
+from highside.web.tools.state import TOPICS, Tools
+
+log = logging.getLogger("highside")
+
+
+class Listener:
+    """Feeds `tools`; `connected` and `reason` say how it stands with the broker."""
+
+    def __init__(self, settings: MqttSettings, tools: Tools) -> None:
+        self._settings = settings
+        self._tools = tools
+        self._identifier = settings.client_id or f"highside-page-{secrets.token_hex(4)}"
+        self._quiet = QuietLog(log)
+        self._never_connected = True
+        """in this attempt"""
+        self.connected = False
+        self.reason = "not connected yet"
+        """why there is no connection; empty while there is one"""
+        self.since_mono = time.monotonic()
+        """when the connection began or was lost"""
+
+    async def run(self) -> None:
+        """Connect and listen for ever. Never raises for a broker that is away, or a secret that cannot be read."""
+        settings = self._settings
+        pauses = Reconnect(
+            self._identifier,
+            "",
+            min_s=settings.reconnect_min_s,
+            max_s=settings.reconnect_max_s,
+            rng=random.Random(),
+        )
+        while True:
+            try:
+                await self._one_connection(pauses)
+            except Exception as error:  # whatever it was: the page says so, and connects again
+                self._lost(error)
+            await asyncio.sleep(pauses.pause_s())
+
+    async def _one_connection(self, pauses: Reconnect) -> None:
+        self._never_connected = True
+        made = await broker_client(self._settings, self._identifier)
+        # before the first of them can arrive: what is retained comes with the answer to a subscription
+        notice_a_closed_door(made)
+        write_only_while_open(made)
+        on_each_message(made, self._take)
+        try:
+            async with made as client:
+                pauses.connected()
+                prefix = self._settings.prefix
+                granted = await client.subscribe([(f"{prefix}/+/{name}", 0) for name in TOPICS])
+                if any(_code(code) >= 0x80 for code in granted):
+                    raise _RefusedError(f"the broker refuses the subscription to {prefix}/+: see its access list")
+                self._never_connected = False
+                self.connected, self.reason, self.since_mono = True, "", time.monotonic()
+                # ends, with an error, when the connection does; messages go to `_take` and not here
+                async for _ in client.messages:
+                    pass
+        finally:
+            if self.connected:
+                self.connected, self.since_mono = False, time.monotonic()
+
+    def _take(self, topic: str, payload: bytes, retained: bool) -> None:
+        try:
+            self._tools.take(topic, payload, retained=retained, mono=time.monotonic(), utc=time.time())
+        except Exception as error:
+            # a defect of ours must not end the client's loop
+            self._quiet.say(logging.ERROR, "defect", "tools page: a message failed (%r)", error)
+
+    def _lost(self, error: Exception) -> None:
+        if isinstance(error, _RefusedError | InputError):
+            self.reason = str(error)
+        else:
+            self.reason = connect_reason(error) if self._never_connected else "connection lost"
+        where = f"{self._settings.host}:{self._settings.port}"
+        self._quiet.say(logging.WARNING, self.reason, "tools page: broker %s: %s (%s)", where, self.reason, error)
+
+
+class _RefusedError(Exception):
+    """The broker takes the connection and not the subscription."""
+
+
+def _code(code: object) -> int:
+    return code if isinstance(code, int) else int(getattr(code, "value", 0))

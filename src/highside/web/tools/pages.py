@@ -1,0 +1,177 @@
+"""The pages in a browser: each viewer has one task, which shows what has changed and waits until that is drawn.
+
+A slow viewer sees fewer pictures; nothing waits or piles up for it. What is shown is made once for all viewers.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from dataclasses import fields
+from typing import TYPE_CHECKING
+
+from nicegui import Client, ui
+
+from highside.config.mqtt import MqttSettings
+from highside.web.host import CONNECT_WITHIN_S, is_drawn, is_there
+from highside.web.tools.drawings import orientation, trend
+from highside.web.tools.state import Tools, ToolState
+from highside.web.tools.views import Broker, ToolPage, list_page, tool_page
+
+if TYPE_CHECKING:
+    from nicegui.elements.html import Html
+
+    from highside.web.tools.listener import Listener
+
+TREND_EVERY_S = 2.0
+"""A picture of the trend has some 30 KB: not with each attitude."""
+LENGTH, RADIUS = 3.0, 0.28
+"""Of the tool in the picture, in units of its scene."""
+
+
+class Shown:
+    """What the pages show at present, made anew when something was heard, or when a second has passed."""
+
+    def __init__(self, tools: Tools, listener: Listener, settings: MqttSettings) -> None:
+        self.tools = tools
+        self._listener = listener
+        self._where = f"{settings.host}:{settings.port}"
+        self._list: tuple[object, str] = (None, "")
+        self._pages: dict[str, tuple[object, ToolPage]] = {}
+
+    def broker(self, now: float) -> Broker:
+        """How this page stands with the broker."""
+        listener = self._listener
+        return Broker(self._where, listener.connected, listener.reason, now - listener.since_mono)
+
+    def list(self, now: float) -> str:
+        """The start page."""
+        broker = self.broker(now)
+        heard = sum(tool.version for tool in self.tools.tools.values())
+        key = (int(now), broker.connected, broker.reason, len(self.tools.tools), heard)
+        if self._list[0] != key:
+            self._list = (key, list_page(self.tools, broker, now))
+        return self._list[1]
+
+    def page(self, tool: ToolState, now: float) -> ToolPage:
+        """A tool's page."""
+        broker = self.broker(now)
+        key = (tool.version, int(now), tool.condition(now), broker.connected, broker.reason)
+        known = self._pages.get(tool.tool)
+        if known is None or known[0] != key:
+            known = self._pages[tool.tool] = (key, tool_page(tool, broker, now))
+        return known[1]
+
+
+class ListView:
+    """One viewer's start page."""
+
+    def __init__(self, shown: Shown) -> None:
+        self._shown = shown
+        with ui.element("div").classes("tools-page"):
+            # made by templates that escape: nothing of it needs the browser's sanitiser
+            self._place = ui.html("", sanitize=False)
+        self.show()
+
+    def show(self) -> bool:
+        """Put what has changed into the page; whether anything had."""
+        content = self._shown.list(time.monotonic())
+        if self._place.content == content:
+            return False
+        self._place.set_content(content)
+        return True
+
+
+class ToolView:
+    """One viewer's page of a tool."""
+
+    def __init__(self, shown: Shown, tool: ToolState) -> None:
+        self._shown, self._tool = shown, tool
+        self._places: dict[str, Html] = {}
+        self._turned: tuple[float, float, float] | None = None
+        self._trend_at = -1e9
+        with ui.element("div").classes("tool-page"):
+            self._section("head", "what is going on")
+            self._section("figures", "inclination and toolface")
+            with ui.element("section").classes("space").props('aria-label="the tool in space"'):
+                self._build_scene()
+            self._section("dial", "toolface")
+            self._section("state", "readings", title="Readings", scrolls=True)
+            with ui.element("section").classes("trend").props('aria-label="the last ten minutes"'):
+                ui.html("<h2>The last ten minutes</h2>", sanitize=False)
+                self._chart = ui.echart(trend((), 0.0)).classes("chart")
+            self._section("parts", "parts", title="Parts", scrolls=True)
+            self._section("surveys", "surveys", title="Surveys", scrolls=True)
+            self._section("events", "log", title="Log", scrolls=True)
+        self.show()
+
+    def _section(self, name: str, label: str, *, title: str = "", scrolls: bool = False) -> None:
+        reached = ' tabindex="0"' if scrolls else ""
+        with ui.element("section").classes(name).props(f'aria-label="{label}"{reached}'):
+            if title:
+                ui.html(f"<h2>{title}</h2>", sanitize=False)
+            self._places[name] = ui.html("", sanitize=False).classes("drawn" if name == "dial" else "")
+
+    def _build_scene(self) -> None:
+        """A pipe with its scribe line, the hole ahead below it, over the compass, seen from the high side of a hole to
+        the north; without an azimuth it is drawn as if to the north."""
+        self._scene = ui.scene(width=360, height=300, grid=(8, 8), background_color="#dfe6ec", click_events=[])
+        self._scene.classes("scene")
+        with self._scene as scene:
+            scene.move_camera(x=3.2, y=4.0, z=3.2, look_at_z=1.3, duration=0.0)
+            scene.text("N", "color:#46525d").move(0.0, 3.2, 0.0)
+            scene.text("E", "color:#46525d").move(3.2, 0.0, 0.0)
+            with scene.group() as self._body:
+                self._body.move(0.0, 0.0, 2.0)
+                scene.cylinder(RADIUS, RADIUS, LENGTH, 48).rotate(1.570796326794897, 0.0, 0.0).material("#7c8b99")
+                # the scribe line is along +x of the sensor
+                scene.box(0.05, 0.08, LENGTH).move(RADIUS, 0.0, 0.0).material("#d02c2f")
+                scene.cylinder(0.0, RADIUS, 0.5, 48).rotate(-1.570796326794897, 0.0, 0.0).move(
+                    0.0, 0.0, -LENGTH / 2 - 0.25
+                ).material("#3b4650")
+
+    def show(self) -> bool:
+        """Put what has changed into the page; whether anything had."""
+        now = time.monotonic()
+        page, changed = self._shown.page(self._tool, now), False
+        for field in fields(page):
+            place, content = self._places[field.name], getattr(page, field.name)
+            if place.content != content:
+                place.set_content(content)
+                changed = True
+        turned, drawn = self._turn(), self._draw_trend(now)
+        return changed or turned or drawn
+
+    def _turn(self) -> bool:
+        reading = self._tool.reading
+        if reading is None or reading.inc_deg is None:
+            return False
+        angles = (reading.inc_deg, reading.tf_deg or 0.0, reading.azi_deg or 0.0)
+        if angles == self._turned:
+            return False
+        self._turned = angles
+        self._body.rotate_R(orientation(*angles))
+        return True
+
+    def _draw_trend(self, now: float) -> bool:
+        if now - self._trend_at < TREND_EVERY_S or not self._tool.trend:
+            return False
+        self._trend_at = now
+        self._chart.options.clear()
+        self._chart.options.update(trend(list(self._tool.trend), now))
+        self._chart.update()
+        return True
+
+
+async def follow(view: ListView | ToolView, client: Client, rate_hz: float) -> None:
+    """Show what is new until the viewer is gone."""
+    if not await is_there(client, time.monotonic() + CONNECT_WITHIN_S):
+        if not client.is_deleted:
+            # requested and never opened: a program, or a reader who has gone on
+            client.delete()
+        return
+    while await is_there(client):
+        with client:
+            if view.show():
+                await is_drawn(client)
+        await asyncio.sleep(1.0 / rate_hz)

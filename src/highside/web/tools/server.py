@@ -1,0 +1,108 @@
+"""Serves the tools' pages, in a process that acquires nothing.
+
+    GET  /                every tool at the broker
+    GET  /tool/ID         one tool, live
+    GET  /api/tools       the same as the start page (JSON), for programs
+
+Nothing can be commanded here. Whoever reaches the address may look: it listens on this machine alone unless
+`[web] host` says otherwise.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from fastapi import Request, Response
+from fastapi.responses import JSONResponse
+from nicegui import background_tasks, ui
+
+from highside.config.serve import ServeFile
+from highside.service.tasks import ended
+from highside.web.host import PageHost, notice
+from highside.web.tools.listener import Listener
+from highside.web.tools.pages import ListView, Shown, ToolView, follow
+from highside.web.tools.state import Tools, ToolState
+
+_STYLE = (Path(__file__).parent / "tools.css").read_text(encoding="utf-8")
+_TOOL = "/tool/"
+
+
+class ToolsPage:
+    """The pages of all tools at a broker. One in a process, as its host. `start` it, `stop` it."""
+
+    def __init__(self, settings: ServeFile) -> None:
+        self._settings = settings
+        self._tools = Tools(settings.mqtt.prefix)
+        self._listener = Listener(settings.mqtt, self._tools)
+        self._shown = Shown(self._tools, self._listener, settings.mqtt)
+        self._host = PageHost(settings.web, is_page=_is_page, instead=self._unknown)
+        self._listening: asyncio.Task[None] | None = None
+
+    @property
+    def address(self) -> str:
+        """Where the start page is."""
+        return self._host.address
+
+    async def start(self) -> None:
+        """Listen to the broker and serve. Raises InputError where the address cannot be had, or [web.tls] not be
+        used; a broker that is away is no error, the page says so."""
+        self._host.app.get("/api/tools")(self._api)
+        ui.page("/", title="highside", language="en-US", dark=None)(self._list)
+        ui.page("/tool/{tool}", title="highside", language="en-US", dark=None)(self._tool)
+        await self._host.start()
+        self._listening = asyncio.create_task(self._listener.run())
+
+    async def stop(self) -> None:
+        """Say good-bye to the viewers and the broker."""
+        if self._listening is not None:
+            await ended(self._listening)
+        await self._host.stop()
+
+    def _unknown(self, request: Request) -> Response | None:
+        path = request.url.path
+        if path.startswith(_TOOL) and self._of(path) is None:
+            return notice("Not found", "No tool of that name has been heard at this broker.", 404)
+        return None
+
+    def _of(self, path: str) -> ToolState | None:
+        return self._tools.tools.get(unquote(path.removeprefix(_TOOL)))
+
+    async def _list(self, request: Request) -> None:
+        client, _ = self._host.admit(request)
+        ui.add_css(_STYLE)
+        view = ListView(self._shown)
+        background_tasks.create(follow(view, client, self._settings.web.rate_hz), name=f"viewer {client.id}")
+
+    async def _tool(self, request: Request, tool: str) -> None:
+        client, _ = self._host.admit(request)
+        ui.add_css(_STYLE)
+        ui.page_title(tool)
+        view = ToolView(self._shown, self._tools.tools[tool])
+        background_tasks.create(follow(view, client, self._settings.web.rate_hz), name=f"viewer {client.id}")
+
+    async def _api(self) -> Response:
+        now = time.monotonic()
+        return JSONResponse({
+            "broker": {"connected": self._listener.connected, "reason": self._listener.reason},
+            "tools": [_summary(tool, now) for tool in self._tools.in_order(now)],
+        })  # fmt: skip
+
+
+def _is_page(path: str) -> bool:
+    return path == "/" or path.startswith(_TOOL)
+
+
+def _summary(tool: ToolState, now: float) -> dict[str, Any]:
+    reading = tool.reading
+    return {
+        "tool": tool.tool,
+        "condition": tool.condition(now),
+        "age_s": tool.age_s(now),
+        "inc_deg": None if reading is None else reading.inc_deg,
+        "toolface_deg": None if reading is None else reading.toolface_deg,
+        "alarms": list(tool.alarms),
+    }

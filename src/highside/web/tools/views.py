@@ -1,0 +1,316 @@
+"""What the pages say of the tools, as HTML made once for all who look: pure, from the state and the time.
+
+Everything that comes from outside is escaped by the templates (Jinja2 with autoescape).
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from highside.service.alarms import ALARMS
+from highside.web.tools.drawings import dial
+from highside.web.tools.state import Condition, Reading, Tools, ToolState, departs, needs_attention, number, text, texts
+
+WORDS: dict[Condition, str] = {
+    "live": "live",
+    "silent": "silent",
+    "offline": "offline",
+    "unknown": "never heard",
+}
+"""What the sign of a tool says."""
+
+UNKNOWN_ALARM = "This page does not know the alarm: the tool's version is another; see its documentation."
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """An alarm with its cause and remedy."""
+
+    name: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A name, a value and what is to be noted of it."""
+
+    name: str
+    value: str
+    note: str = ""
+    bad: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A large number with its 95 % band."""
+
+    name: str
+    value: str
+    band: str
+
+
+@dataclass(frozen=True, slots=True)
+class Broker:
+    """How this page stands with the broker."""
+
+    where: str
+    connected: bool
+    reason: str
+    since_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class ToolPage:
+    """One string for each place of a tool's page."""
+
+    head: str
+    figures: str
+    dial: str
+    state: str
+    parts: str
+    surveys: str
+    events: str
+
+
+def list_page(tools: Tools, broker: Broker, now: float) -> str:
+    """The start page: every tool in a row, those that need attention first."""
+    rows = [_list_row(tool, now) for tool in tools.in_order(now)]
+    count = sum(row["attention"] for row in rows)
+    if not rows:
+        said = "No tool has been heard at this broker yet." if broker.connected else "No broker, no tools."
+    elif count == 0:
+        said = f"{_tools(len(rows))}, nothing needs attention."
+    else:
+        said = f"{count} of {_tools(len(rows))} need{'s' if count == 1 else ''} attention."
+    return _render("list.html", rows=rows, said=said, broker=broker, refused=tools.refused)
+
+
+def tool_page(tool: ToolState, broker: Broker, now: float) -> ToolPage:
+    """Everything of one tool."""
+    condition = tool.condition(now)
+    fresh = condition == "live" and broker.connected
+    reading = tool.reading
+    toolface, std = (None, None) if reading is None else (reading.toolface_deg, reading.tf_std_deg)
+    past = [p.reading.toolface_deg for p in tool.trend if p.reading.toolface_deg is not None]
+    return ToolPage(
+        head=_render(
+            "head.html",
+            tool=tool.tool,
+            sign=WORDS[condition],
+            condition=condition,
+            broker=broker,
+            said=_sentence(tool, now),
+            alarms=_alarms(tool),
+            advice=texts(tool.watch.get("advice")) if departs(tool) else (),
+        ),
+        figures=_render("figures.html", figures=_figures(reading), fresh=fresh),
+        dial=_render("dial.html", dial=dial(toolface, std, past[:-1]), fresh=fresh, ticks=_TICKS),
+        state=_render("rows.html", rows=_state_rows(tool), fresh=fresh),
+        parts=_render("rows.html", rows=_part_rows(tool, now), fresh=True),
+        surveys=_render("surveys.html", surveys=[_survey(row) for row in reversed(tool.surveys)]),
+        events=_render("events.html", events=[(_utc(event.utc), event.text) for event in reversed(tool.events)]),
+    )
+
+
+# --- the words ---------------------------------------------------------------------------------------------------
+
+
+def _tools(count: int) -> str:
+    return "1 tool" if count == 1 else f"{count} tools"
+
+
+def _sentence(tool: ToolState, now: float) -> str:
+    """What is going on, in one sentence."""
+    condition, age = tool.condition(now), tool.age_s(now)
+    if condition == "live":
+        flags = tool.reading.flags if tool.reading is not None else ()
+        return "Attitudes arrive." if not flags else f"Attitudes arrive, with doubts: {', '.join(flags)}."
+    last = "no attitude has come yet" if age is None else f"the last attitude is {duration(age)} old"
+    if condition == "offline":
+        return f"The service of this tool has gone off line; {last}."
+    if condition == "silent":
+        said = "Its service is on line, but " if tool.status == "online" else ""
+        return f"{said}{last}." if said else f"{last[0].upper()}{last[1:]}."
+    return "Only kept messages are known of this tool; it has said nothing since."
+
+
+def duration(seconds: float) -> str:
+    """In the unit that people would use."""
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    if seconds < 7200:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.0f} h" if seconds < 172_800 else f"{seconds / 86_400:.0f} days"
+
+
+def _list_row(tool: ToolState, now: float) -> dict[str, Any]:
+    condition = tool.condition(now)
+    figures = _figures(tool.reading)
+    return {
+        "tool": tool.tool,
+        "sign": WORDS[condition],
+        "condition": condition,
+        "fresh": condition == "live",
+        "figures": figures[:2],
+        "said": _sentence(tool, now),
+        "alarms": _alarms(tool),
+        "attention": needs_attention(tool, now),
+        "departs": departs(tool),
+    }
+
+
+def _alarms(tool: ToolState) -> list[Alarm]:
+    return [Alarm(name, ALARMS.get(name, UNKNOWN_ALARM)) for name in tool.alarms]
+
+
+def _figures(reading: Reading | None) -> list[Figure]:
+    if reading is None:
+        return [Figure("I", "–", ""), Figure("T", "–", "")]
+    return [
+        Figure("I", _degrees(reading.inc_deg, reading.inc_std_deg), _band(reading.inc_std_deg)),
+        Figure("T", _degrees(reading.toolface_deg, reading.tf_std_deg), _band(reading.tf_std_deg)),
+    ]
+
+
+def _degrees(value: float | None, std: float | None) -> str:
+    return "–" if value is None else f"{value:.{_digits(std)}f}°"
+
+
+def _digits(std: float | None) -> int:
+    """Digits after the point that the uncertainty leaves."""
+    if std is None or std <= 0.0:
+        return 2
+    return min(4, max(0, 1 - math.floor(math.log10(std))))
+
+
+def _band(std: float | None) -> str:
+    return "uncertainty unknown" if std is None else f"± {2 * std:.2g}° (95 %)"
+
+
+def _state_rows(tool: ToolState) -> list[Row]:
+    """What the tool measures beside I and T."""
+    reading = tool.reading
+    rows: list[Row] = []
+    if reading is not None:
+        offset = "" if reading.tf_deg is None else f"of the sensor: {reading.tf_deg:.2f}°"
+        rows.append(Row("toolface", _degrees(reading.toolface_deg, reading.tf_std_deg), offset))
+        if reading.azi_deg is not None:
+            rows.append(Row("azimuth", _degrees(reading.azi_deg, reading.azi_std_deg), _band(reading.azi_std_deg)))
+        rows.append(Row("|g|", "–" if reading.g_total is None else f"{reading.g_total:.6f} g", "1 at rest"))
+    temp = next((row.temp_c for row in reversed(tool.surveys) if row.temp_c is not None), None)
+    if temp is not None:
+        rows.append(Row("temperature", f"{temp:.1f} °C", "of the last survey"))
+    vibration = tool.health.get("vibration")
+    rms = vibration.get("rms_g") if isinstance(vibration, dict) else None
+    if isinstance(rms, list) and (known := [value for item in rms if (value := number(item)) is not None]):
+        rows.append(Row("vibration, rms", " · ".join(f"{value:.3f} g" for value in known), "x · y · z"))
+    return rows
+
+
+def _part_rows(tool: ToolState, now: float) -> list[Row]:
+    """How its parts are, from its `health`; nothing where it never published one."""
+    health = tool.health
+    if not health:
+        return []
+    age = "its age is not known: the broker had kept it" if tool.health_mono is None else (
+        f"{duration(now - tool.health_mono)} ago"
+    )  # fmt: skip
+    link, outbox = _table(health, "link"), _table(health, "outbox")
+    recorder, calibration = _table(health, "recorder"), _table(health, "calibration")
+    dropped = sum(int(value) for value in _table(outbox, "dropped").values() if number(value) is not None)
+    lost = number(recorder.get("bytes_dropped")) or 0
+    rows = [
+        Row("reported", age, f"version {text(health.get('version'))}"),
+        Row("link", text(link.get("state")) or "–", _age(link), bad=text(link.get("state")) not in ("up", "")),
+        Row("outbox", f"{_count(outbox, 'queued')} waiting", f"{dropped} dropped", bad=dropped > 0),
+    ]
+    if recorder:
+        state = text(recorder.get("state"))
+        note = text(recorder.get("message")) or f"{_count(recorder, 'bytes_written')} bytes written, {lost:.0f} dropped"
+        rows.append(Row("recorder", state or "–", note, bad=state == "failing" or lost > 0))
+    refused = text(calibration.get("refused"))
+    cal = text(calibration.get("cal_id"))
+    rows.append(Row("calibration", cal[:12] or "–", refused, bad=bool(refused)))
+    if tool.watch:
+        rows.append(Row("watch over it", text(tool.watch.get("verdict")) or "–", _claims(tool), bad=departs(tool)))
+    if tool.drift:
+        std = number(tool.drift.get("azi_std_deg"))
+        rows.append(Row("azimuth state", text(tool.drift.get("motion")) or "–", _band(std)))
+    surveys = _table(health, "surveys")
+    if surveys:
+        rows.append(Row("surveys", f"{_count(surveys, 'accepted')} accepted", f"{_count(surveys, 'refused')} refused"))
+    rows.append(
+        Row("attitudes", f"{tool.attitudes:,} heard", f"{tool.late} late, {tool.unreadable} messages unreadable")
+    )
+    return rows
+
+
+def _claims(tool: ToolState) -> str:
+    claims = tool.watch.get("claims")
+    found = [claim for claim in claims if isinstance(claim, dict)] if isinstance(claims, list) else []
+    return ", ".join(text(claim.get("effect")) or text(claim.get("parameter")) for claim in found)
+
+
+def _age(link: dict[str, Any]) -> str:
+    age = number(link.get("data_age_s"))
+    return "" if age is None else f"last data {duration(age)} before"
+
+
+def _table(said: dict[str, Any], name: str) -> dict[str, Any]:
+    found = said.get(name)
+    return found if isinstance(found, dict) else {}
+
+
+def _count(said: dict[str, Any], name: str) -> str:
+    found = number(said.get(name))
+    return "–" if found is None else f"{found:,.0f}"
+
+
+def _survey(row: Any) -> dict[str, Any]:
+    reading: Reading = row.reading
+    return {
+        "at": _utc(reading.t),
+        "inc": _degrees(reading.inc_deg, reading.inc_std_deg),
+        "tf": _degrees(reading.toolface_deg, reading.tf_std_deg),
+        "azi": _degrees(reading.azi_deg, reading.azi_std_deg),
+        "g": "–" if row.g_error_mg is None else f"{row.g_error_mg:+.2f}",
+        "accepted": row.accepted,
+        "reasons": ", ".join(row.reasons),
+    }
+
+
+def _utc(seconds: float | None) -> str:
+    """Date and time, or a dash for what is no date."""
+    try:
+        return "–" if seconds is None else f"{dt.datetime.fromtimestamp(seconds, dt.UTC):%Y-%m-%d %H:%M:%S}"
+    except (ValueError, OverflowError, OSError):
+        return "–"
+
+
+_TICKS = tuple(range(0, 360, 15))
+
+
+@cache
+def _templates() -> Environment:
+    made = Environment(
+        loader=PackageLoader("highside.web.tools"), autoescape=True, undefined=StrictUndefined, auto_reload=False
+    )
+    made.filters["path"] = _path
+    return made
+
+
+def _path(tool: str) -> str:
+    """A tool's name as a part of an address."""
+    from urllib.parse import quote
+
+    return quote(tool, safe="")
+
+
+def _render(name: str, **values: object) -> str:
+    return _templates().get_template(name).render(**values)
