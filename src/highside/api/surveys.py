@@ -111,8 +111,8 @@ def analyse_surveys(
     `g_error_mg`, `cal_id` and `reasons` are used (`tvd_m` where it was added). `calibration`: the record they were made
     under; its covariance is what is known beforehand. Without it the surveys of the newest calibration in the file are
     taken, and a tool that keeps the accelerometer terms of the ISCWSA MWD model is assumed. Gravity is what the tool
-    compared Gtotal with, unless `gravity_mps2` (m/s2, with its standard deviation) says better; that needs
-    `calibration`, whose bench defined the unit. Refused surveys are used where the tool was at rest under a
+    compared Gtotal with, unless `gravity_mps2` (m/s2, with its standard deviation `gravity_std_mps2`) says better; that
+    needs `calibration`, whose bench defined the unit. Refused surveys are used where the tool was at rest under a
     calibration. Raises InputError for a file or record that is not in order, or without one survey that can be used.
     """
     kept = read_surveys(Path(surveys))
