@@ -23,6 +23,7 @@ from typing import Any
 import seeds
 from mutate import Document, damaged, damaged_gzip
 
+from highside.api.survey_list import list_surveys
 from highside.api.surveys import analyse_surveys
 from highside.bench.mqtt import FAILED, SessionMqtt
 from highside.bench.session.commands import Origin
@@ -204,6 +205,12 @@ class Bench:
 
     def surveys_analysed(self, data: bytes) -> bool:
         analyse_surveys(self.put(data, "kept.jsonl")).to_dict()
+        return True
+
+    def survey_join(self, data: bytes) -> bool:
+        """Depths beside sound surveys."""
+        kept = self.put(seeds.surveys(), "kept.jsonl")
+        list_surveys(kept, depths=self.put(data, "depths.csv")).table.as_csv()
         return True
 
     def starts(self, data: bytes) -> bool:
@@ -390,6 +397,9 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
         ),
         Parser("surveys", of(seeds.surveys()), bench.surveys, (seeds.surveys(),), RIG),
         Parser("surveys, analysed", of(seeds.surveys()), bench.surveys_analysed, (seeds.surveys(),), SURVEYS),
+        Parser(
+            "survey depths", of(seeds.DEPTHS), bench.survey_join, (seeds.DEPTHS,), (*TABLES, "recording/survey_list")
+        ),
         Parser("starts of the service", of(seeds.starts()), bench.starts, (seeds.starts(),), ("service/starts",)),
         Parser("known time", of(seeds.known_time()), bench.known_time, (seeds.known_time(),), ("service/known_time",)),
         Parser("trusted keys", of(seeds.trusted_keys()), bench.trusted_keys, (seeds.trusted_keys(),), KEYS),

@@ -189,6 +189,10 @@ def surveys() -> bytes:
     return b"".join(json.dumps(line).encode() + b"\n" for line in lines)
 
 
+DEPTHS = "".join(["seq,md_m\n", *(f"{i},{30.0 * i + 10.5}\n" for i in range(12))]).encode()
+"""of the same surveys"""
+
+
 def starts() -> bytes:
     """Of a service that was killed three times in the last minutes."""
     now = Stamp.now(synced=False)

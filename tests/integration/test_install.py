@@ -340,6 +340,16 @@ def exports(it: Installed, _root: Path, data: Path, folder: Path) -> None:
         assert (folder / f"session.{kind}").stat().st_size > 1000
 
 
+def lists_surveys(it: Installed, _root: Path, _data: Path, folder: Path) -> None:
+    kept = {"t": 1.79e9, "g_total": 1.0, "tf_deg": 10.0, "cal_id": "c1", "accepted": True, "reasons": []}
+    lines = [kept | {"seq": k, "inc_deg": 2.0 * k, "azi_deg": 30.0 + k, "md_m": 30.0 * k} for k in range(5)]
+    (folder / "surveys.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    for kind in ("las", "witsml"):
+        done = it.highside("surveys", "export", "surveys.jsonl", "--to", kind, "-o", f"list.{kind}", cwd=folder)
+        assert done.returncode == 0, done.stderr
+        assert "120" in (folder / f"list.{kind}").read_text()
+
+
 def imports(it: Installed, _root: Path, _data: Path, folder: Path) -> None:
     it.python(
         "import numpy as np, openpyxl, h5py\n"
@@ -451,6 +461,7 @@ EXTRAS: dict[str, tuple[Does, ...]] = {
     "frames": (takes_frames,),
     "notebook": (shows_plots, draws),
     "sign": (signs,),
+    "survey": (lists_surveys,),
     "fast": (compiles,),
     "fleet": (sums_up_a_fleet,),
     "service": (reads_a_dbc, serves_figures, signs),

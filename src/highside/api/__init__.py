@@ -9,6 +9,7 @@
     rotation      `fit_rotation`, `compensate`, `compare_rotation`: errors that repeat with the rotor angle
     watch         `watch_recording`: whether a calibration still holds, from a recording of the hole alone;
                   `analyse_surveys`: the same from the surveys that a tool kept
+    survey list   `list_surveys`: surveys by depth, positions by minimum curvature, for other programs
     turntable     `fit_turntable`, `fit_self`: a bench's own encoder and axis
 
 The commands are thin callers of these: what a command does beside is to read options, print and set the exit status. An
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
         fit_rotation,
     )
     from highside.api.simulation import Simulation, predict, simulate
+    from highside.api.survey_list import ListedSurveys, list_surveys
     from highside.api.surveys import AnalysedSurveys, analyse_surveys
     from highside.api.turntable import SelfFit, TurntableFit, fit_self, fit_turntable
     from highside.api.watch import WatchedRecording, watch_recording
@@ -70,6 +72,7 @@ __all__ = [
     "HighsideError",
     "ImportProposal",
     "InputError",
+    "ListedSurveys",
     "Model",
     "Plot",
     "PlotLine",
@@ -98,6 +101,7 @@ __all__ = [
     "fit_turntable",
     "import_recording",
     "inspect_import",
+    "list_surveys",
     "new_effect",
     "predict",
     "read",
@@ -120,6 +124,7 @@ _HOMES = {
     "HighsideError": "highside.errors",
     "ImportProposal": "highside.api.importing",
     "InputError": "highside.errors",
+    "ListedSurveys": "highside.api.survey_list",
     "Model": "highside.config.model",
     "Plot": "highside.shown.plot",
     "PlotLine": "highside.shown.panel",
@@ -148,6 +153,7 @@ _HOMES = {
     "fit_turntable": "highside.api.turntable",
     "import_recording": "highside.api.importing",
     "inspect_import": "highside.api.importing",
+    "list_surveys": "highside.api.survey_list",
     "new_effect": "highside.api.learning",
     "predict": "highside.api.simulation",
     "read": "highside.api.any_file",

@@ -56,6 +56,8 @@ EXAMPLES: dict[str, str] = {
     "keys sign": "cal.json --key lab.key",
     "keys verify": "cal.json --trusted lab.key.pub",
     "surveys analyse": "surveys.jsonl --calibration cal.json --out surveys",
+    "surveys list": "surveys.jsonl --depths depths.csv",
+    "surveys export": "surveys.jsonl --to las -o surveys.las --depths depths.csv --azimuths gyro.csv",
     "toolface set": '12.5 --author "A. Driller" --config highside.toml',
     "toolface show": "--config highside.toml",
     "watch": "run.csv.gz --calibration cal.json --out watch",

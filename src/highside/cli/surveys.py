@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from highside.cli.options import as_options
 from highside.cli.say import echo
+from highside.recording.survey_formats import SurveyFormat
+
+if TYPE_CHECKING:
+    from highside.api.survey_list import ListedSurveys
 
 app = typer.Typer(
     name="surveys", no_args_is_help=True, help="Kept surveys: what they say of the calibration, and lists for others."
@@ -58,3 +62,64 @@ def analyse(
         echo(f"{out / 'report.html'}: {NO_FIGURES}", err=True)
     if found.verdict == "departs":
         raise typer.Exit(1)
+
+
+Depths = Annotated[
+    Path | None,
+    typer.Option("--depths", help="CSV with md_m and seq or t (UTC epoch s); else md_m of the surveys themselves."),
+]
+Azimuths = Annotated[
+    Path | None,
+    typer.Option("--azimuths", help="CSV with azi_deg and seq, t or md_m; else azi_deg of a tool with gyros."),
+]
+Offset = Annotated[
+    float, typer.Option("--sensor-offset-m", min=-100.0, max=1000.0, help="Of the sensor behind the depth given.")
+]
+
+
+@app.command("list")
+def list_command(
+    surveys: Surveys, depths: Depths = None, azimuths: Azimuths = None, sensor_offset_m: Offset = 0.0
+) -> None:
+    """Print the accepted surveys by measured depth, with positions by minimum curvature where azimuth is known."""
+    from highside.api.survey_list import list_surveys
+
+    found = list_surveys(surveys, depths=depths, azimuths=azimuths, sensor_offset_m=sensor_offset_m)
+    names = [name for name in _SHOWN if found.table.has(name)]
+    echo("  ".join(f"{name:>11}" for name in names))
+    for row in range(found.table.n):
+        cells = (float(found.table.columns[name][row]) for name in names)
+        echo("  ".join(f"{'' if cell != cell else f'{cell:.3f}':>11}" for cell in cells))
+    _remarks(found)
+
+
+_SHOWN = ("md_m", "inc_deg", "azi_deg", "tf_deg", "tvd_m", "north_m", "east_m", "dls_deg_30m")
+
+
+@app.command("export")
+def export(
+    surveys: Surveys,
+    to: Annotated[SurveyFormat, typer.Option("--to", help="What to write.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The file to write.")],
+    depths: Depths = None,
+    azimuths: Azimuths = None,
+    sensor_offset_m: Offset = 0.0,
+    wellbore: Annotated[str, typer.Option("--wellbore", help="Name of the wellbore.")] = "unknown",
+    datum: Annotated[str, typer.Option("--datum", help="What measured depth counts from, e.g. KB.")] = "unknown",
+    north: Annotated[str, typer.Option("--north", help="What azimuths refer to: true, magnetic or grid.")] = "true",
+) -> None:
+    """Write the survey list as CSV, LAS 2.0 or a WITSML 2.0 trajectory."""
+    from highside.api.survey_list import list_surveys
+
+    found = list_surveys(surveys, depths=depths, azimuths=azimuths, sensor_offset_m=sensor_offset_m)
+    with as_options("north", "to"):
+        found.save(output, to.value, wellbore=wellbore, datum=datum, north=north)
+    echo(f"{output}: {found.table.n} stations", err=True)
+    _remarks(found)
+
+
+def _remarks(found: ListedSurveys) -> None:
+    for reason, count in found.left_out.items():
+        echo(f"left out: {count} ({reason})", err=True)
+    for note in found.notes:
+        echo(f"note: {note}", err=True)
