@@ -24,9 +24,11 @@ from highside.rotation.linear import identifiable_rate
 from highside.rotation.samples import Samples
 
 LARGEST_ORDER = 12
-"""Highest harmonic tried at first; where it is taken, `fit` looks beyond."""
-UTMOST_ORDER = 35
-"""Highest harmonic ever tried: the last that five-degree sectors of the turn can carry."""
+"""Highest harmonic tried at first; where it is taken, or a higher one comes back in every turn, `fit` looks beyond."""
+BEYOND_ORDER = 35
+"""Highest harmonic tried where the first range is used up: the last that five-degree sectors of the turn can carry."""
+UTMOST_ORDER = 60
+"""Highest harmonic ever tried, where one beyond the others comes back in every turn: that of three-degree sectors."""
 HUBER = 1.345
 _MAD_TO_STD = 1.482602218505602
 _ROUNDS = 30
@@ -114,8 +116,10 @@ def _with_rate(rows: Array, samples: Samples, rate: RateTerms | None) -> Array:
 
 
 def _order_allowed(samples: Samples, largest: int, rows_a_parameter: int) -> int:
-    """At most `largest`, so many rows a parameter, and half of the five-degree sectors that hold rows."""
-    sectors = np.unique((wrap_positive(samples.theta_rad) * (72 / TURN)).astype(np.int64)).size
+    """At most `largest`, so many rows a parameter, and half of the sectors that hold rows: of five degrees, or finer
+    ones where higher orders are asked for."""
+    fine = 2 * max(largest, BEYOND_ORDER) + 2
+    sectors = np.unique((wrap_positive(samples.theta_rad) * (fine / TURN)).astype(np.int64)).size
     order = min(largest, (samples.n // rows_a_parameter - 1) // 2, (sectors - 1) // 2)
     if order < 1:
         raise Refused("the rotor stood at too few different angles for a curve over the turn")
