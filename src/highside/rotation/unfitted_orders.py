@@ -30,8 +30,9 @@ HIGHEST_ORDER = 120
 CHANCE = 1e-4
 """Probability by which any order of noise is reported. Source: a hundredth of a false alarm in a hundred fits."""
 OWN_CHANCE = 1e-3
-"""Probability by which wobble of one order comes back as well by chance. Source: two turns of 720 rows prove an order of
-three times the noise of a row; of 400 recordings with nine such orders each, one in a hundred is an alarm."""
+"""Probability by which wobble of one order comes back as well by chance. Source: two turns of 720 rows prove an order
+of three times the noise of a row; of 200 recordings with nine such orders each 2 are alarms
+(`tests/unit/test_rotation_orders.py`)."""
 NEIGHBOURS = 5
 """Orders at each side by which the level of an order is known. Source: eleven are known to a third of a turn's own."""
 LEAKAGE = 0.05
