@@ -4,7 +4,8 @@ BIC compares orders one by one from the lowest, so a lone high order is not seen
 coefficient of each order above the fitted ones is therefore taken turn by turn, c_kt = (2 / n_t) sum r exp(-i k theta).
 Its mean over T turns is compared with what it varies by from turn to turn at the orders near it,
 
-    F_k = T |mean_t c_kt|^2 / s_k^2,    s_k^2 the mean over the orders j within 5 of k of sum_t |c_jt - mean|^2 / (T - 1)
+    F_k = T |mean_t c_kt|^2 / s_k^2
+    s_k^2: the mean over the orders j within 5 of k of sum_t |c_jt - mean_t c_jt|^2 / (T - 1)
 
 which is F distributed with 2 and 22 (T - 1) degrees of freedom where nothing comes back (circular complex normal
 coefficients: Brillinger, Time Series, 1981, section 6.2); half as many are counted, as levels differ from order to
