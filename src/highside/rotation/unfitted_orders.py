@@ -59,7 +59,7 @@ def repeated_orders(samples: Samples, residual: Array, above: int) -> list[Repea
     top = min(HIGHEST_ORDER, (_occupied(samples.theta_rad) - 1) // 2, int(np.bincount(turn[turn >= 0]).mean()) // 2 - 1)
     if samples.coverage.has_gap or top - above < NEIGHBOURS:
         return []
-    orders = np.arange(above + 1, top + 1)
+    orders = np.arange(above + 1.0, top + 1.0)
     coefficients = _coefficients(samples.theta_rad, residual, turn, count, orders)
     mean = coefficients.mean(axis=1)
     level, freedom, own = _level(coefficients, mean)
