@@ -144,14 +144,26 @@ COURSES: dict[str, Callable[[], Array]] = {
     "ramp": lambda: 0.5 + T_S / LENGTH_S,
     "bump": lambda: 1.0 + 0.5 * np.cos(2 * np.pi * T_S / LENGTH_S),
 }
-NOISES = ("white", "coloured", "heavy", "walk", "loud in motion")
+NOISES = ("white", "coloured", "heavy", "walk", "loud in motion", "AR 0.7", "AR 0.97", "1/f", "quantised")
+COLOURS = {"AR 0.7": 0.7, "coloured": 0.9, "AR 0.97": 0.97}
+"""coefficient of autoregressive noise of the first order"""
+STEP = np.array([8 / 4096] * 3 + [1000 / 4096] * 3)[:, None]
+"""a step of 12 bits over +-4 g and +-500 deg/s: four to five times the noise"""
 
 
 def noise_of(kind: str, rng: np.random.Generator, clean: Array) -> Array:
     """(6, n) of unit size."""
     drawn = rng.standard_normal((6, T_S.size))
-    if kind == "coloured":
-        drawn = lfilter([np.sqrt(1 - 0.81)], [1.0, -0.9], drawn, axis=1)
+    if kind in COLOURS:
+        # what comes before the first row is drawn as well: it starts as it goes on
+        lead = rng.standard_normal((6, 200))
+        a = COLOURS[kind]
+        drawn = lfilter([np.sqrt(1 - a * a)], [1.0, -a], np.concatenate([lead, drawn], axis=1), axis=1)[:, 200:]
+    elif kind == "1/f":
+        hz = np.fft.rfftfreq(T_S.size)
+        drawn = np.fft.irfft(np.fft.rfft(drawn, axis=1) / np.sqrt(np.maximum(hz, hz[1])), n=T_S.size, axis=1)
+        drawn -= drawn.mean(axis=1, keepdims=True)
+        drawn /= drawn.std(axis=1, keepdims=True)
     elif kind == "heavy":
         drawn = rng.standard_t(4, (6, T_S.size)) / np.sqrt(2.0)
     elif kind == "walk":
@@ -166,6 +178,8 @@ def reported(motion: Motion, added: Array, noise: str, seed: int, *, laws: bool 
     """The answer to a recording that has `added` (6, n) beside the motion; without `laws` that of names alone."""
     clean = motion.at(T_S)
     rows = clean + added + SIGMA * noise_of(noise, np.random.default_rng(seed + 10_000), clean)
+    if noise == "quantised":
+        rows = STEP * np.round(rows / STEP)
     recorded = {"t_s": T_S, **dict(zip(NAMES, rows, strict=True)), "temp_c": TEMP_C}
     predicted = {"t_s": T_S, **dict(zip(NAMES, clean, strict=True))}
     session = simulation_session(recorded, predicted)

@@ -50,11 +50,11 @@ def cases(seed: str, each: int = 10) -> dict[str, Callable[[], Case]]:
         for mg in (0.3, 1.0, 3.0, 10.0, 20.0, 50.0):
             name = f"real/step at rest, {sensor}/{mg:g}"
             found[name] = partial(_step_at_rest, name, seed, sensor, mg)
-    found["real/clock/0"] = partial(_clock, "real/clock/0", seed, 0.0)
+    found["real/clock/0"] = partial(clock, "real/clock/0", seed, 0.0)
     for ms in OFFSETS_MS:
         for sign in (1, -1):
             name = f"real/clock/{sign * ms:g}"
-            found[name] = partial(_clock, name, seed, sign * ms)
+            found[name] = partial(clock, name, seed, sign * ms)
     return found
 
 
@@ -122,7 +122,7 @@ def _step_at_rest(name: str, seed: str, which: str, mg: float) -> Case:
     return case
 
 
-def _clock(name: str, seed: str, ms: float) -> Case:
+def clock(name: str, seed: str, ms: float) -> Case:
     """What optics say the accelerometer should read, its times moved."""
     with np.load(DATA / "broad" / "07_undisturbed_fast_rotation_B.npz") as z:
         hz, acc = float(z["fs"]), z["imu_acc"].T.astype(float) / world.G_MPS2

@@ -13,6 +13,7 @@ from highside.diagnosis.core.stability import Change
 from highside.diagnosis.rows.gram import Gram, HeldOutRows
 from highside.diagnosis.rows.policy import GRAMS
 from highside.diagnosis.simulation.band import humps
+from highside.diagnosis.simulation.independence import NoNoise, no_noise
 from studies import simulation_honesty as study
 
 SEED = 41
@@ -86,3 +87,72 @@ def test_what_one_stretch_alone_shows_is_not_extrapolated_from_the_others() -> N
     held = HeldOutRows(design, [gram])  # type: ignore[arg-type]
     before, after = (held.energies(np.array(own, dtype=np.intp), held.folds) for own in ([], [1]))
     assert after == pytest.approx(before, rel=0.2)
+
+
+def none_of(noise: str, seed: int) -> study.DiagnosisResult:
+    motion = study.Motion(seed)
+    return study.told(motion, np.zeros((6, study.T_S.size)), noise, seed, laws=False)
+
+
+@pytest.mark.parametrize(("noise", "seed"), [("AR 0.7", 101), ("coloured", 101), ("AR 0.97", 103)])
+def test_what_a_filter_leaves_of_slow_colour_is_a_memory_and_no_effect(noise: str, seed: int) -> None:
+    """Beside random walks alone these were `temperature_scale`, and twice a walk."""
+    found = none_of(noise, seed)
+    assert found.verdict == "nothing_left_out", study.short(found)
+    assert max(found.noise["memory_evidence"]) > 12.0
+
+
+def departing(rows: study.Array) -> NoNoise | None:
+    white = rows / rows.std(axis=1, keepdims=True)
+    return no_noise(rows, white, 0.08, None, [f"c{k}" for k in range(len(rows))])
+
+
+def test_chance_of_a_rising_spectrum_and_of_a_shared_departure_is_as_stated() -> None:
+    rng = np.random.default_rng(6)
+    drawn = rng.standard_normal((150, 4, 600))
+    # falling spectra too: they are farther from rising
+    walking = 0.1 * np.cumsum(drawn[:50], axis=2) + rng.standard_normal((50, 4, 600))
+    assert sum(departing(rows) is not None for rows in [*drawn, *walking]) <= 2
+
+
+@pytest.mark.parametrize("size", [0.5, 5.0, 500.0])
+def test_a_departure_in_a_band_or_on_two_channels_is_no_noise(size: float) -> None:
+    rng = np.random.default_rng(8)
+    rows, t = rng.standard_normal((4, 600)), 0.08 * np.arange(600)
+    band = rows.copy()
+    band[2] += size * sum(
+        np.sin(2 * np.pi * f * t + p) for f, p in zip((1.3, 1.5, 1.61, 1.83), rng.uniform(0, 6, 4), strict=True)
+    )
+    found = departing(band)
+    assert found is not None
+    assert found.channels == (2,)
+    assert "c2 departs more from" in found.words
+    both = rows.copy()
+    both[[0, 3]] += 2 * size * rng.standard_normal(600)
+    found = departing(both)
+    assert found is not None
+    assert found.channels == (0, 3)
+
+
+def test_a_delay_that_changes_is_located_where_it_is_small() -> None:
+    """At this strength it was nothing."""
+    found = told("delay by time", 3e2)
+    assert found.verdict != "nothing_left_out"
+    assert any("t_s x the change of the prediction" in place.covariate for place in found.location)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_no_misfit_above_the_noise_is_nothing(seed: int) -> None:
+    """Random smooth functions of time, of a rate or of a load, on a channel or two, over six decades of strength."""
+    rng = np.random.default_rng(seed)
+    motion = study.Motion(SEED)
+    clean = motion.at(study.T_S)
+    along = [study.T_S, clean[rng.integers(3, 6)], clean[rng.integers(3)]][seed % 3]
+    u = 2 * np.pi * (along - along.min()) / np.ptp(along)
+    course = sum(rng.standard_normal() * np.sin(k * u / 2 + rng.uniform(0, 6)) / k for k in range(1, 6))
+    added = np.zeros_like(clean)
+    added[rng.permutation(6)[:2]] = course
+    added = added * study.SIGMA
+    for strength in (1e3, 1e5, 1e7, 1e9):
+        found = study.told(motion, study.of_strength(added, strength), "white", SEED, laws=False)
+        assert found.verdict != "nothing_left_out", (strength, study.short(found))

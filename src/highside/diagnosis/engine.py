@@ -44,6 +44,7 @@ from highside.diagnosis.rotation.problem import RotationProblem
 from highside.diagnosis.rows.colour import with_long_memory
 from highside.diagnosis.rows.session import RotationSession
 from highside.diagnosis.simulation.band import humps, with_humps
+from highside.diagnosis.simulation.independence import no_noise, with_no_noise
 from highside.diagnosis.simulation.problem import SimulationProblem
 from highside.diagnosis.simulation.session import SimulationSession
 from highside.physics.forward import ForwardModel
@@ -134,7 +135,13 @@ def diagnose_simulation(
     beside = problem.session
     left = humps(report.after, beside.step_s, beside.omitted, beside.names, beside.units)
     found = with_humps(found, left)
-    return with_channel_laws(problem, found, report) if method.laws else (found, report)
+    if found.verdict == "nothing_left_out":
+        rest, white = report.after, problem.noise.white(report.after).reshape(report.after.shape)
+        departs = no_noise(rest, white, beside.step_s, beside.omitted, beside.names)
+        found = with_no_noise(found, departs, rest, beside.state.t_s, beside.names)
+    if method.laws:
+        found, report = with_channel_laws(problem, found, report)
+    return with_long_memory(found, beside), report
 
 
 def diagnose(problem: Problem[N], version: str = "") -> tuple[DiagnosisResult, ReportData]:

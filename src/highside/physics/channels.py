@@ -80,6 +80,8 @@ class Channels:
     about: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     slope: AnyArray = field(default_factory=lambda: np.empty((0, 0)))
     at: Callable[[AnyArray], AnyArray] = field(default=lambda later_s: np.empty((0, 0)))
+    risen: Callable[[float], AnyArray] = field(default=lambda since_s: np.empty(0))
+    """(n,) what a unit step becomes in these rows, so many seconds after the first of them"""
 
     @property
     def n(self) -> int:

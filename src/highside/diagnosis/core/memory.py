@@ -61,6 +61,8 @@ class SlowEffect:
     variant: int
     function: AnyArray
     first: int = 0
+    tries: float = 1.0
+    """shapes that were searched for this one"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,7 +272,7 @@ def plain_level(channels: Sequence[Channel], slow: Sequence[SlowEffect]) -> Arra
 def _tries(slow: Sequence[SlowEffect]) -> Array:
     """(len(slow),) how many shapes of its effect each is one of."""
     owners, count = np.unique([e.candidate for e in slow], return_counts=True)
-    return np.array([float(count[owners == e.candidate][0]) for e in slow])
+    return np.array([float(count[owners == e.candidate][0]) * e.tries for e in slow])
 
 
 def slow_effects(

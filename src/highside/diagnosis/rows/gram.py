@@ -180,6 +180,7 @@ class RandomWalkGrams:
     grams: Array
     log_determinant: Array
     rows: float
+    rows_per_block: float
 
     @classmethod
     def of(cls, gram: Gram) -> RandomWalkGrams:
@@ -190,12 +191,20 @@ class RandomWalkGrams:
         noise = _level_noise(counts, gram.at[used], MEMORIES)
         within = gram.total - (means * counts) @ means.T
         between = noise.white(means)
-        return cls(within + between @ between.transpose(0, 2, 1), noise.log_determinant, float(counts.sum()))
+        return cls(
+            within + between @ between.transpose(0, 2, 1),
+            noise.log_determinant,
+            float(counts.sum()),
+            float(np.median(counts)),
+        )
 
-    def random_walks_only(self) -> RandomWalkGrams:
-        """Those of `GRAMS.random_walk_shares` alone."""
-        count = len(GRAMS.random_walk_shares)
-        return RandomWalkGrams(self.grams[:count], self.log_determinant[:count], self.rows)
+    def mean_variance(self, memory: Memory) -> float:
+        """Variance of the mean of a level over all rows, the largest of a memory that the data allow, in units of the
+        white variance of a row: a third of what a random walk gathers; of a level that forgets, two lengths are one
+        value."""
+        if np.isinf(memory.length):
+            return memory.upper * self.rows / 3
+        return memory.upper / self.rows_per_block * min(1.0, 2 * memory.length * self.rows_per_block / self.rows)
 
     def under(self, memory: Memory) -> Array:
         """(m + 1, m + 1) under the largest memory of its length that the data allow."""

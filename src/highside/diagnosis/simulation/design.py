@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from highside.arrays import Array
 from highside.diagnosis.core.candidates import Candidate, Unobservable, Variant
+from highside.diagnosis.core.regression import span
 from highside.diagnosis.rows.bases import BasisGroup
 from highside.diagnosis.rows.design import Design
 from highside.diagnosis.rows.spectrum import strongest_line
@@ -21,9 +22,17 @@ from highside.diagnosis.simulation.session import SimulationSession
 from highside.physics.channels import ChannelEffect, ChannelTerm, OnChannels, kind_of
 from highside.physics.effect import Effect, Stage
 from highside.physics.effects import on_channels, registry
+from highside.physics.effects.bias_step import EFFECT as BIAS_STEP
+from highside.physics.effects.bias_step import BiasStep
+from highside.physics.effects.gyro_bias_step import EFFECT as GYRO_BIAS_STEP
 from highside.physics.effects.tone import EFFECT as TONE
 
 Ints = NDArray[np.intp]
+
+TONE_SHAPE = next(p.name for p in TONE.parameters if p.line_over)
+
+PREDICTED, SLOPE = "the prediction", "the change of the prediction"
+"""What a factor and a delay act on, as covariates of a place."""
 
 About = Mapping[str, tuple[float, ...]]
 """where effects that are not linear are taken: the values of their parameters, by id; empty at nothing"""
@@ -51,11 +60,13 @@ class SimulationDesign(Design):
         self._add_effects(session)
         self._add_products(session)
         self._add_line(session)
+        for step in (BIAS_STEP, GYRO_BIAS_STEP):
+            self._add_step(session, step)
         self.groups = _groups(session)
         for b, functions in enumerate(_functions(session)):
             for c in range(len(session.names)):
                 self.cell_of.append((c, b))
-                self.cells.append(np.array([self._put_on(c, f) for f in functions], dtype=np.intp))
+                self.cells.append(np.array([self._put_on(c, f) for f in functions[c]], dtype=np.intp))
         self.where = np.array(self._columns)
         self.sizes = [len(rows) for rows in self._rows]
         self._stacked = [np.stack(rows) for rows in self._rows]
@@ -91,30 +102,77 @@ class SimulationDesign(Design):
         small = "even the largest size that is plausible would not show in this recording"
         self.unobservable += [Unobservable(OnChannels(registry()[name]), small) for name in too_small]
 
+    def _left(self, session: SimulationSession) -> Array:
+        """(C, n) what all effects leave of the readings; 0 in rows that are left out."""
+        kept = np.ones(session.n) if session.omitted is None else 1.0 - session.omitted
+        left = np.empty_like(session.readings)
+        for c in range(len(left)):
+            target = (session.readings[c] - session.original[c]) * kept
+            left[c] = target - (target @ self._space(c, kept).T) @ self._space(c, kept)
+        return left
+
+    def _space(self, channel: int, kept: Array) -> Array:
+        """(r, n) orthonormal: what effects, an offset among them, do on a channel in the rows that are kept."""
+        rows = np.vstack([np.ones(kept.size), *self._rows[channel]]) * kept
+        rows /= np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
+        return span(rows)
+
     def _add_line(self, session: SimulationSession) -> None:
         """The strongest line of fixed frequency in what all effects leave: a filter that learns the noise would take it
         for colour."""
-        kept = np.ones(session.n) if session.omitted is None else 1.0 - session.omitted
-        left = np.empty_like(session.readings)
-        for c, made in enumerate(self._rows):
-            rows = np.vstack([np.ones(session.n), *made]) * kept
-            rows /= np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
-            target = (session.readings[c] - session.original[c]) * kept
-            left[c] = target - np.linalg.lstsq(rows.T, target, rcond=1e-9)[0] @ rows
+        left = self._left(session)
         size = left.std(axis=1, keepdims=True)
         shown = size[:, 0] > SIMULATION_COLUMNS.nothing
         found = strongest_line(left[shown] / size[shown], session.places) if shown.any() else None
-        if found is None or TONE.id in self.free:
+        if found is not None and TONE.id not in self.free:
+            self._add_found(session, TONE, {TONE_SHAPE: found / session.step_s}, max(session.n // 2, 1))
+
+    def _add_step(self, session: SimulationSession, effect: BiasStep) -> None:
+        """The strongest step of the channels that an effect acts on, at the instant where it explains most."""
+        kinds = session.as_channels(self.about).kinds()
+        members = [c for kind, own in kinds.items() if effect.steps_on(kind) for c in own]
+        kept = np.ones(session.n) if session.omitted is None else 1.0 - session.omitted
+        margin = max(2, round(SIMULATION_COLUMNS.margin * session.n))
+        left = self._left(session)
+        best: tuple[float, int, int] | None = None
+        for c in members:
+            size = float(left[c].std())
+            if size <= SIMULATION_COLUMNS.nothing:
+                continue
+            space = self._space(c, kept)
+            # of steps at each row: what lies outside of the effects, and how much of it is left
+            after = np.cumsum(space[:, ::-1], axis=1)[:, ::-1]
+            bare = np.cumsum(kept[::-1])[::-1] - np.sum(after**2, axis=0)
+            moment = np.cumsum(left[c][::-1])[::-1] / size
+            gain = np.where(bare > SIMULATION_COLUMNS.least_step, moment**2 / np.maximum(bare, 1e-9), 0.0)
+            gain[:margin] = gain[session.n - margin :] = 0.0
+            at = int(np.argmax(gain))
+            if gain[at] > 0.0 and (best is None or gain[at] > best[0]):
+                best = (float(gain[at]), c, at)
+        if best is None or effect.id in self.free:
             return
-        hz = found / session.step_s
-        channels = session.as_channels({**self.about, TONE.id: (hz,)})
-        (term,) = TONE.on_channels(channels)
-        effect = OnChannels(TONE, term)
-        tried = [[self._put(column) for column in columns] for columns in term.columns]
-        variants = [replace(v, shape={"f": hz}) for v in _variants(effect, tried)]
-        names = tuple(p.name for p in effect.parameters)
-        searched = max(session.n // 2, 1)
-        self.candidates.append(Candidate(effect.id, effect, names, tuple(variants), searched=searched))
+        since_s = self._instant(session, left[best[1]], self._space(best[1], kept), kept, best[2])
+        (epoch,) = (p.name for p in effect.parameters if p.epoch)
+        self._add_found(session, effect, {epoch: since_s}, session.n)
+
+    @staticmethod
+    def _instant(session: SimulationSession, left: Array, space: Array, kept: Array, row: int) -> float:
+        """Seconds since the first row at which a step near a row explains most of what is left (n,)."""
+        finer = np.arange(-SIMULATION_COLUMNS.finer, SIMULATION_COLUMNS.finer + 1) / SIMULATION_COLUMNS.finer
+        tried = session.elapsed_s[row] + finer * session.step_s
+        steps = np.stack([session.risen(float(t)) for t in tried]) * kept
+        bare = steps - (steps @ space.T) @ space
+        return float(tried[int(np.argmax((bare @ left) ** 2 / np.maximum(np.sum(bare**2, axis=1), 1e-9)))])
+
+    def _add_found(self, session: SimulationSession, found: Effect, shape: dict[str, float], searched: int) -> None:
+        """A candidate whose shape was searched."""
+        about = {**self.about, found.id: tuple(shape.values())}
+        for term in found.on_channels(session.as_channels(about)):
+            effect = OnChannels(found, term)
+            tried = [[self._put(column) for column in columns] for columns in term.columns]
+            variants = [replace(v, shape=shape) for v in _variants(effect, tried)]
+            names = tuple(p.name for p in effect.parameters)
+            self.candidates.append(Candidate(effect.id, effect, names, tuple(variants), searched=searched))
 
     def _put_visible(self, effect: Effect, columns: Array, scatter: Array) -> list[int]:
         """Numbers of columns (k, C, n); -1 for those that even at the largest plausible size are small beside the
@@ -224,9 +282,25 @@ def covariates_of(session: SimulationSession) -> dict[str, Array]:
     return {name: along for name, along, _, _ in _covariates(session)}
 
 
+def _changing(session: SimulationSession) -> list[tuple[str, list[list[Array]]]]:
+    """Of each channel's factor and delay how they may follow time: name, and functions of each channel, of what changes
+    of the prediction, as an offset that follows time is another place."""
+    u = np.linspace(0.0, 1.0, session.n)
+    waves = [np.cos(np.pi * k * u) for k in range(1, SIMULATION_COLUMNS.factor_waves + 1)]
+    fields = {f"t_s x {PREDICTED}": session.predicted, f"t_s x {SLOPE}": session.slope}
+    return [
+        (name, [[wave * (row - row.mean()) / max(float(np.std(row)), 1e-12) for wave in waves] for row in rows])
+        for name, rows in fields.items()
+    ]
+
+
 def _groups(session: SimulationSession) -> list[BasisGroup]:
-    return [BasisGroup(name, along, lambda _: [], (), slow) for name, along, _, slow in _covariates(session)]
+    found = [BasisGroup(name, along, lambda _: [], (), slow) for name, along, _, slow in _covariates(session)]
+    return found + [BasisGroup(name, session.state.t_s, lambda _: [], ()) for name, _ in _changing(session)]
 
 
-def _functions(session: SimulationSession) -> list[list[Array]]:
-    return [functions for _, _, functions, _ in _covariates(session)]
+def _functions(session: SimulationSession) -> list[list[list[Array]]]:
+    """Of each group, on each channel, its functions."""
+    channels = range(len(session.names))
+    found = [[functions for _ in channels] for _, _, functions, _ in _covariates(session)]
+    return found + [functions for _, functions in _changing(session)]

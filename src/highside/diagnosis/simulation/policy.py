@@ -75,6 +75,16 @@ class SimulationColumnsPolicy:
     run is recorded."""
     time_waves: int = 8
     """Waves of time that are scanned. Chosen in 98cb144; no run is recorded."""
+    margin: float = 0.03
+    """Share of a recording at each end in which a step is not looked for. Source: as `DesignPolicy.step_margin`."""
+    least_step: float = 1.0
+    """Rows that of a step must lie outside of all effects for it to be looked for. Source: a definition."""
+    finer: int = 8
+    """Parts of a row's step in which the instant of a step is known. Source: an eighth of the rise of a low-pass that
+    takes a row."""
+    factor_waves: int = 4
+    """Half waves of time by which a factor or a delay of a channel is scanned. Source: as many as tell a step from a
+    ramp; each takes one of some hundred directions from a channel's noise."""
 
 
 SIMULATION_COLUMNS = SimulationColumnsPolicy()
@@ -140,6 +150,11 @@ class SimulationChoicePolicy:
     """Blocks of rows from which it is known how much a size varies between them. Source: four second differences."""
     median_of_squares: float = 0.4549
     """Median of the square of a normal value of unit variance. Source: chi-square of one degree of freedom."""
+    missed: float = 5.1
+    """Rows, standard deviation, by which the instant of a step of one standard deviation of a row is missed. Source:
+    Yao, Ann. Statist. 15, 1987: the variance is 26."""
+    within_a_row: float = 0.29
+    """Rows, standard deviation, of an instant known to a row. Source: 1 / sqrt(12)."""
     full: int = 4
     """One in so many of a bin's rows must count. Chosen in d4bce32; no run is recorded."""
     quietest: float = 1e-3
@@ -168,6 +183,21 @@ class BandPolicy:
     """Standard deviations left, in those of noise that is as large at lower frequencies, from which something is left.
     Source: of 1,110 channels of the five kinds of noise of `studies/simulation_honesty.py` none exceeds 1.3; a motion
     that is missing shows 2.5 at a strength of 1e4."""
+    chance: float = 1e-3
+    """Probability of chance below which what is left is no noise. Source: one session in a hundred may raise an alarm
+    (`CandidateSetPolicy.alarm_rate`); a tenth of that is left for this."""
+    skipped: int = 2
+    """Ordinates of the lowest frequencies that are not looked at: a base that is fitted takes of these. Source: what is
+    removed with a mean, and its neighbour."""
+    ordinates: int = 8
+    """Ordinates of a band, at least, for the law of its likelihood ratio to hold. Source: of 800 draws of six channels
+    of 600 white rows the chance of less than 0.1, 0.03 and 0.01 is found as often as that, or less."""
+    rounding: float = 1e-15
+    """What a coherence lacks of one, at least. Source: rounding of doubles."""
+    least_bands: int = 3
+    """Octaves from which a spectrum is told to rise. Source: a hump has something on either side."""
+    nothing: float = 1e-9
+    """Share of the largest level below which there is no power. Source: rounding."""
 
 
 BAND = BandPolicy()
@@ -201,6 +231,12 @@ class SimulationSessionsPolicy:
     no_filter: float = 0.39
     """Share of a side's own rate: where the band reaches it, no low-pass is needed. Chosen in 98cb144; no run is
     recorded."""
+    step_reach: int = 12
+    """Periods of the band's edge to either side of a step beyond which its low-pass has settled. Source: the filter's
+    slowest pole, of damping 0.38, has decayed to 1e-12."""
+    step_rows: int = 64
+    """Rows per such period in which the low-passed step is known. Source: straight lines between them are off by
+    1e-4."""
     room_c: float = 25.0
     """degC; taken where none was recorded. Chosen in 98cb144; no run is recorded."""
     copy: float = 1e-9

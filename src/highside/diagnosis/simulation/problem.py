@@ -30,7 +30,7 @@ from highside.diagnosis.rows.noise import RotationNoise, estimate
 from highside.diagnosis.rows.problem import RowsProblem, RowsSelectionState
 from highside.diagnosis.simulation.activity import by_activity
 from highside.diagnosis.simulation.constancy import stability_beside, steady_terms
-from highside.diagnosis.simulation.design import About, SimulationDesign, covariates_of
+from highside.diagnosis.simulation.design import TONE_SHAPE, About, SimulationDesign, covariates_of
 from highside.diagnosis.simulation.policy import SIMULATION, SIMULATION_CHOICE
 from highside.diagnosis.simulation.session import OFFSET, SKEW, SimulationSession
 from highside.physics.channels import OnChannels
@@ -166,7 +166,7 @@ class SimulationProblem(RowsProblem):
 
     def believed(self, selection: SelectionState[RotationNoise], terms: list[Term]) -> list[Term]:
         selector = selection.selector
-        terms = [m for m in terms if not self._within_random_walk(selection.noise, m, terms)]
+        terms = [m for m in terms if not self._within_memory(selection.noise, m, terms)]
 
         def gain(subset: Sequence[Term]) -> float:
             left = outside(selector.space_with(subset), selector.residual)
@@ -186,8 +186,9 @@ class SimulationProblem(RowsProblem):
                 kept = others
         return kept
 
-    def _within_random_walk(self, noise: RotationNoise, term: Term, terms: Sequence[Term]) -> bool:
-        """Whether an offset is no larger than the mean of a random walk as large as the noise may hold."""
+    def _within_memory(self, noise: RotationNoise, term: Term, terms: Sequence[Term]) -> bool:
+        """Whether an offset is no larger than the mean of a level, walking or forgetful, as large as the noise may
+        hold."""
         effect = self.candidates[term.candidate].effect
         if effect is None or not effect.constant or not noise.memories:
             return False
@@ -199,10 +200,9 @@ class SimulationProblem(RowsProblem):
         sizes = np.linalg.lstsq(gram, moment, rcond=1e-12)[0]
         for number in self.variant(term).columns:
             c = int(np.flatnonzero(self.design.where[number] >= 0)[0])
-            rows = float(np.sum(noise.weight[c] > 0))
             white = np.mean(noise.weight[c]) * np.sum(noise.filters[c])
             mean = sizes[int(np.flatnonzero(every == number)[0])] * white
-            if abs(mean) > SIMULATION_CHOICE.far * np.sqrt(noise.memories[c].upper * rows / 3):
+            if abs(mean) > SIMULATION_CHOICE.far * np.sqrt(self.random_walks[c].mean_variance(noise.memories[c])):
                 return False
         return True
 
@@ -211,7 +211,7 @@ class SimulationProblem(RowsProblem):
         found: list[Channel] = []
         for c in range(len(self.channels)):
             where = np.concatenate([self.design.where[self.design.base, c], block[:, c]])
-            found.append(RandomWalkChannel(self.random_walks[c].random_walks_only(), np.unique(where[where >= 0])))
+            found.append(RandomWalkChannel(self.random_walks[c], np.unique(where[where >= 0])))
         return found
 
     def slow(self) -> list[SlowEffect]:
@@ -221,7 +221,8 @@ class SimulationProblem(RowsProblem):
                 for j, variant in enumerate(candidate.variants):
                     number = int(variant.columns[0])
                     if variant.columns.size == 1 and number >= 0:
-                        found.append(SlowEffect(i, j, self.design.where[number]))
+                        tries = float(max(candidate.searched, 1))
+                        found.append(SlowEffect(i, j, self.design.where[number], tries=tries))
         return found
 
     def fit(self, terms: Sequence[Term], noise: RotationNoise, *, with_second_order: bool = True) -> JointFit:
@@ -277,14 +278,20 @@ class SimulationProblem(RowsProblem):
             tables[effect.id] = table
         return JointFit(tables, left, tuple(outside))
 
-    def _of_shape(self, name: str, hz: float, term: Term) -> FittedParameter:
-        """The frequency of a line: what phases of its length and strength leave of it."""
+    def _of_shape(self, name: str, value: float, term: Term) -> FittedParameter:
+        """The frequency of a line, or the instant of a step: what their strength leaves of it."""
         gram, moment = self.inner_products(np.concatenate([self.design.base, self.numbers_of(term)]).astype(np.intp))
         strength = max(float(moment @ solved(gram, moment)), 1.0)
-        # the bound of Cramer and Rao of a wave in white noise: sqrt(3 / strength) / (pi T)
-        error = float(np.sqrt(3.0 / strength) / (np.pi * self.session.n * self.session.step_s))
+        if name == TONE_SHAPE:
+            # the bound of Cramer and Rao of a wave in white noise: sqrt(3 / strength) / (pi T)
+            error = float(np.sqrt(3.0 / strength) / (np.pi * self.session.n * self.session.step_s))
+        else:
+            # Yao, Ann. Statist. 15, 1987: rows by which a change of level is missed, times the square of its size
+            after = float(np.mean(self.session.elapsed_s >= value))
+            rows = SIMULATION_CHOICE.missed * self.session.n * after * (1.0 - after) / strength
+            error = self.session.step_s * max(rows, SIMULATION_CHOICE.within_a_row)
         half = INTERVALS.normal * error
-        return FittedParameter(hz, error, hz - half, hz + half, "Hz")
+        return FittedParameter(value, error, value - half, value + half, "Hz" if name == TONE_SHAPE else "s")
 
     def _clock_moved(self, terms: Sequence[Term], numbers: list[NDArray[np.intp]]) -> dict[int, float]:
         """What moves the clock is taken out as it is, and fitted by what a little more of it would do: the columns that

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -90,6 +90,8 @@ class SimulationSession(RotationSession):
     prediction: Prediction | None = None
     later_s: Array | float = 0.0
     """(n,) how much later the recording is taken to show what the prediction shows"""
+    low_passed: bool = False
+    """whether the grid is coarser than the rows of the recording, which were low-passed for it"""
     always_lost: NDArray[np.bool_] | None = None
     """(n,) rows left out wherever the clock is moved"""
 
@@ -150,7 +152,16 @@ class SimulationSession(RotationSession):
             about,
             self.slope,
             self.predicted_later,
+            self.risen,
         )
+
+    def risen(self, since_s: float) -> Array:
+        """(n,) what a unit step of the recording becomes on the grid, so many seconds after its first row."""
+        elapsed = self.elapsed_s - since_s
+        if not self.low_passed:
+            return np.asarray(elapsed >= 0.0, dtype=float)
+        periods, response = _step_response()
+        return np.asarray(np.interp(elapsed * self.band_hz, periods, response))
 
     @property
     def slope(self) -> Array:
@@ -223,7 +234,19 @@ def simulation_session(
     omitted = lost if lost.any() else None
     speed = covariates.get(SPEED)
     return SimulationSession(
-        measured, state, omitted, names, model, model, rates, speed, found, band_hz, prediction, always_lost=omitted
+        measured,
+        state,
+        omitted,
+        names,
+        model,
+        model,
+        rates,
+        speed,
+        found,
+        band_hz,
+        prediction,
+        low_passed=band_hz < SIMULATION_SESSIONS.no_filter * max(usual_rate(t_s), raw_hz),
+        always_lost=omitted,
     )
 
 
@@ -361,6 +384,17 @@ def _smoothed(t_s: Array, values: Array, band_hz: float, raw_hz: float) -> tuple
     times = np.arange(t_s[0], t_s[-1], 1 / own_hz)
     smooth = sosfiltfilt(butter(4, band_hz, fs=own_hz, output="sos"), filled(times, t_s, values))
     return times, np.asarray(smooth)
+
+
+@cache
+def _step_response() -> tuple[Array, Array]:
+    """Times in periods of the band's edge, and what the low-pass of `_smoothed` makes of a unit step at zero."""
+    from scipy.signal import butter, sosfiltfilt
+
+    reach, per_period = SIMULATION_SESSIONS.step_reach, SIMULATION_SESSIONS.step_rows
+    periods = np.arange(-reach * per_period, reach * per_period + 1) / per_period
+    step = np.where(periods == 0.0, 0.5, periods > 0.0)
+    return periods, np.asarray(sosfiltfilt(butter(4, 1.0, fs=per_period, output="sos"), step))
 
 
 def _sampled(grid: Array, t_s: Array, values: Array, band_hz: float, raw_hz: float) -> Array:

@@ -23,5 +23,8 @@ class GyroBiasStep(BiasStep):
     confused_with = ("gyro_wander", "gyro_temperature_bias", "gyro_warmup")
     splitter = "stand still before and after: a step separates two levels, a random walk has none"
 
+    def steps_on(self, kind: str) -> bool:
+        return kind == "rate"
+
 
 EFFECT = GyroBiasStep()

@@ -1,0 +1,177 @@
+"""Is what is left noise of sensors? Two tests that no misfit can raise the floor of.
+
+Noise is learned from what is left, so a small misfit passes for some colour of it. But whatever its colour, noise of a
+sensor has no less power at lower frequencies than at higher ones, and each channel has its own. Both are tested on what
+a recording leaves beside a prediction, against the nearest noise that there could be:
+
+- the spectrum against the nearest that falls (isotonic regression of the levels of octaves, which are gamma variates):
+  the likelihood ratio is a mixture of chi-squares, with the probabilities of the simple order (Robertson, Wright and
+  Dykstra, Order Restricted Statistical Inference, 1988, sections 2.3 and 2.4, there for equal weights, which octaves
+  have not; their law is as stated, `BandPolicy.ordinates`);
+- the coherence of two channels against none: of m ordinates it exceeds x by chance with (1 - x)^(m - 1) (Goodman,
+  Technometrics 3, 1961).
+
+A motion that is missing in some octave shows where it is above the noise of the octaves below; what falls with
+frequency as noise does, and is on one channel, no spectrum tells from noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from highside.arrays import Array
+from highside.diagnosis.core.location import intervals
+from highside.diagnosis.core.result import DiagnosisResult, Location
+from highside.diagnosis.core.unexplained import hinted
+from highside.diagnosis.simulation.policy import BAND
+
+
+@dataclass(frozen=True)
+class NoNoise:
+    """Channels of which what is left is no noise of theirs alone, the chance of that, and why, in words."""
+
+    channels: tuple[int, ...]
+    p: float
+    words: str
+
+
+def no_noise(
+    left: Array,
+    white: Array,
+    step_s: float,
+    omitted: NDArray[np.bool_] | None,
+    channels: Sequence[str],
+) -> NoNoise | None:
+    """What is left (C, n), and the same whitened (C, n), as that which no noise of sensors does, if it is certain."""
+    kept = np.ones(left.shape[1], dtype=bool) if omitted is None else ~omitted
+    rows, whitened = (
+        np.where(kept, values - values[:, kept].mean(axis=1, keepdims=True), 0.0) for values in (left, white)
+    )
+    found = [one for one in (_rising(rows, step_s, channels), _shared(whitened, step_s, channels)) if one is not None]
+    best = min(found, key=lambda one: one.p, default=None)
+    return best if best is not None and len(found) * best.p < BAND.chance else None
+
+
+def with_no_noise(
+    diagnosis: DiagnosisResult, found: NoNoise | None, left: Array, t_s: Array, channels: Sequence[str]
+) -> DiagnosisResult:
+    """The diagnosis where what is left (C, n) at times (n,) is no noise: then something was left out."""
+    if found is None or diagnosis.verdict != "nothing_left_out":
+        return diagnosis
+    energy = np.sum(left[list(found.channels)] ** 2, axis=0)
+    place = Location(
+        tuple(channels[c] for c in found.channels), "t_s", intervals("t_s", t_s, energy), None, 1.0, found.p
+    )
+    remainder = replace(diagnosis.remainder, location=(place,), p=found.p)
+    return hinted(replace(diagnosis, verdict="unknown", location=(place,), remainder=remainder), found.words)
+
+
+def _bands(rows: Array) -> tuple[Array, list[NDArray[np.intp]]] | None:
+    """(C, m) the Fourier transform of rows (C, n), and the ordinates of each band, about an octave each; None where
+    there are too few."""
+    last = (rows.shape[1] - 1) // 2
+    edges = [BAND.skipped, BAND.skipped + BAND.ordinates]
+    while edges[-1] * 2 < last:
+        edges.append(edges[-1] * 2)
+    edges[-1] = last
+    parts = [np.arange(a, b) for a, b in pairwise(edges)]
+    return None if len(parts) < BAND.least_bands else (np.fft.rfft(rows, axis=1), parts)
+
+
+def _rising(rows: Array, step_s: float, channels: Sequence[str]) -> NoNoise | None:
+    """The channel whose spectrum rises the most surely; where all do a little, those together."""
+    from scipy.optimize import isotonic_regression
+
+    known = _bands(rows)
+    if known is None:
+        return None
+    waves, parts = known
+    count = np.array([part.size for part in parts], dtype=float)
+    deviance, words = np.zeros(len(rows)), [""] * len(rows)
+    for c, own in enumerate(waves):
+        level = np.array([float(np.mean(np.abs(own[part]) ** 2)) for part in parts])
+        if level.max() <= 0.0:
+            continue
+        level = np.maximum(level, BAND.nothing * level.max())
+        falling = isotonic_regression(level, weights=count, increasing=False).x
+        # rows of unequal size make the ordinates of a band depend on one another
+        spread = max(1.0, float(np.mean(rows[c] ** 4) / (3 * np.mean(rows[c] ** 2) ** 2)))
+        deviance[c] = float(2 * np.sum(count * np.log(falling / level))) / spread
+        highest = int(np.argmax(level / falling))
+        low, high = (float(k / (rows.shape[1] * step_s)) for k in (parts[highest][0], parts[highest][-1]))
+        words[c] = (
+            f"{channels[c]} departs more from {low:.2g} to {high:.2g} Hz than at lower frequencies, as noise of a "
+            "sensor does not: something moves that the prediction does not have"
+        )
+    order = _orders(len(parts))
+    alone = [float(np.sum(order * _beyond(value, len(parts) - 1))) for value in deviance]
+    mixed = order
+    for _ in range(len(rows) - 1):
+        mixed = np.convolve(mixed, order)
+    together = float(np.sum(mixed * _beyond(float(deviance.sum()), len(rows) * (len(parts) - 1))))
+    most = int(np.argmax(deviance))
+    tests = len(rows) + 1
+    if alone[most] <= together:
+        return NoNoise((most,), min(1.0, tests * alone[most]), words[most])
+    shown = tuple(int(c) for c in np.flatnonzero(deviance > deviance.max() / 2))
+    return NoNoise(shown, min(1.0, tests * together), words[most])
+
+
+def _shared(white: Array, step_s: float, channels: Sequence[str]) -> NoNoise | None:
+    """The two channels that depart together the most surely; rows are whitened (C, n)."""
+    known = _bands(white)
+    if known is None or len(white) < 2:
+        return None
+    waves, parts = known
+    best: NoNoise | None = None
+    pairs = list(combinations(range(len(white)), 2))
+    for a, b in pairs:
+        power = [np.sum(np.abs(waves[c]) ** 2) for c in (a, b)]
+        if min(power) <= 0.0:
+            continue
+        total, widest = 0.0, (0.0, parts[0])
+        for part in parts:
+            one, other = waves[a][part], waves[b][part]
+            coherence = float(
+                np.abs(np.vdot(one, other)) ** 2
+                / max(float(np.vdot(one, one).real * np.vdot(other, other).real), 1e-300)
+            )
+            value = -2 * (part.size - 1) * float(np.log1p(-min(coherence, 1 - BAND.rounding)))
+            total += value
+            widest = max(widest, (value, part), key=lambda pair: pair[0])
+        # where both are loud at the same times more of it is chance
+        spread = max(
+            1.0, float(np.mean(white[a] ** 2 * white[b] ** 2) / (np.mean(white[a] ** 2) * np.mean(white[b] ** 2)))
+        )
+        p = min(1.0, len(pairs) * float(chdtrc(2 * len(parts), total / spread)))
+        if best is None or p < best.p:
+            low, high = (float(k / (white.shape[1] * step_s)) for k in (widest[1][0], widest[1][-1]))
+            words = (
+                f"{channels[a]} and {channels[b]} depart together, most of all from {low:.2g} to {high:.2g} Hz, as "
+                "noise of sensors of their own does not: both show something that the prediction does not have"
+            )
+            best = NoNoise((a, b), p, words)
+    return best
+
+
+def _beyond(value: float, most: int) -> Array:
+    """(most + 1,) the chance of more than a value under chi-square of `most`, ..., 1 and no degrees of freedom."""
+    freedom = np.arange(most, -1, -1)
+    return np.asarray(np.where(freedom > 0, chdtrc(np.maximum(freedom, 1), value), float(value <= 0.0)))
+
+
+def _orders(count: int) -> Array:
+    """(count,) chance that so many equal levels, 1, 2, ..., are left of the isotonic regression of `count` equal ones:
+    Stirling numbers of the first kind over the factorial (Robertson, Wright and Dykstra, 1988, corollary B to theorem
+    2.4.2)."""
+    found = np.array([1.0])
+    for k in range(2, count + 1):
+        # z (z + 1) ... (z + k - 1) / k!
+        found = (np.append(found * (k - 1), 0.0) + np.insert(found, 0, 0.0)) / k
+    return found
