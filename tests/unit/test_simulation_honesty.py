@@ -91,7 +91,7 @@ def test_what_one_stretch_alone_shows_is_not_extrapolated_from_the_others() -> N
 
 def none_of(noise: str, seed: int) -> study.DiagnosisResult:
     motion = study.Motion(seed)
-    return study.told(motion, np.zeros((6, study.T_S.size)), noise, seed, laws=False)
+    return study.reported(motion, np.zeros((6, study.T_S.size)), noise, seed, laws=False)
 
 
 @pytest.mark.parametrize(("noise", "seed"), [("AR 0.7", 101), ("coloured", 101), ("AR 0.97", 103)])
@@ -136,7 +136,7 @@ def test_a_departure_in_a_band_or_on_two_channels_is_no_noise(size: float) -> No
 
 def test_a_delay_that_changes_is_located_where_it_is_small() -> None:
     """At this strength it was nothing."""
-    found = told("delay by time", 3e2)
+    found = reported("delay by time", 3e2)
     assert found.verdict != "nothing_left_out"
     assert any("t_s x the change of the prediction" in place.covariate for place in found.location)
 
@@ -154,5 +154,5 @@ def test_no_misfit_above_the_noise_is_nothing(seed: int) -> None:
     added[rng.permutation(6)[:2]] = course
     added = added * study.SIGMA
     for strength in (1e3, 1e5, 1e7, 1e9):
-        found = study.told(motion, study.of_strength(added, strength), "white", SEED, laws=False)
+        found = study.reported(motion, study.of_strength(added, strength), "white", SEED, laws=False)
         assert found.verdict != "nothing_left_out", (strength, study.short(found))
