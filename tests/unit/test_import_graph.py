@@ -1,4 +1,4 @@
-"""No module reaches itself by its imports, not even by those inside functions; those for types alone load nothing."""
+"""No module reaches itself by its imports: not by those inside functions, and not by those for types alone."""
 
 from __future__ import annotations
 
@@ -18,17 +18,9 @@ def modules(sources: Path) -> dict[str, Path]:
     return {".".join(parts[:-1] if parts[-1] == "__init__" else parts): path for path, parts in paths.items()}
 
 
-def run_nodes(node: ast.AST) -> Iterator[ast.AST]:
-    """All nodes but those below `if TYPE_CHECKING`."""
-    yield node
-    for child in ast.iter_child_nodes(node):
-        if not (isinstance(child, ast.If) and isinstance(child.test, ast.Name) and child.test.id == "TYPE_CHECKING"):
-            yield from run_nodes(child)
-
-
 def imported(source: str, known: Mapping[str, Path]) -> Iterator[str]:
-    """Modules among the known that a source imports when it runs, anywhere in it."""
-    for node in run_nodes(ast.parse(source)):
+    """Modules among the known that a source imports, anywhere in it."""
+    for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if alias.name in known)
         elif isinstance(node, ast.ImportFrom):
@@ -53,8 +45,9 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
     TopologicalSorter(graph).prepare()
 
 
-def test_a_circle_within_functions_is_found(tmp_path: Path) -> None:
+@pytest.mark.parametrize("where", ["def f():", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:"])
+def test_a_circle_within_functions_or_for_types_alone_is_found(tmp_path: Path, where: str) -> None:
     for name, other in (("a", "b"), ("b", "c"), ("c", "a")):
-        (tmp_path / f"{name}.py").write_text(f"def f():\n    from {other} import x\n")
+        (tmp_path / f"{name}.py").write_text(f"{where}\n    from {other} import x\n")
     with pytest.raises(CycleError):
         TopologicalSorter(graph_of(tmp_path)).prepare()

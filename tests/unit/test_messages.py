@@ -13,7 +13,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from highside.service.drift_stage import Azimuth
 from highside.service.messages import (
     PAYLOADS,
     AttitudeMessage,
@@ -26,8 +25,7 @@ from highside.service.messages import (
     survey_dict,
     survey_payload,
 )
-from highside.service.outputs import AttitudeOutput, Survey
-from highside.service.rig.surveys import SurveyReason, SurveyVerdict
+from highside.service.outputs import AttitudeOutput, Azimuth, Survey, SurveyReason, SurveyVerdict
 
 ATTITUDE = AttitudeOutput(
     t_device_s=1.0,

@@ -26,8 +26,7 @@ from highside.rotation import Compensation, CurveMethod, ErrorCurve, FitOptions,
 from highside.rotation.live import ROTATION_GAP, ROTATION_OUTSIDE, ROTOR_UNKNOWN, LiveCompensation, point
 from highside.rotation.recorded import attitudes as attitudes_of
 from highside.rotation.recorded import azimuths
-from highside.service.drift_stage import Azimuth
-from highside.service.outputs import AttitudeOutput, Survey
+from highside.service.outputs import AttitudeOutput, Azimuth, Survey
 
 ONE = draw(A, 0, 0)
 RATE = 0.1 * (1.0 + np.floor(ONE.theta_rad / 1.6))

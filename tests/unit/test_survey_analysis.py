@@ -15,8 +15,8 @@ from highside.cli.main import app
 from highside.errors import InputError
 from highside.recording.kept_surveys import AT_REST, read_surveys
 from highside.service.messages import survey_dict
-from highside.service.outputs import AttitudeOutput, Survey
-from highside.service.rig.surveys import SurveyReason, SurveyVerdict, trusted
+from highside.service.outputs import AttitudeOutput, Survey, SurveyReason, SurveyVerdict
+from highside.service.rig.surveys import trusted
 from highside.watch import STATED, Still, Watch, prior_of_record
 from highside.watch.surveys import detectable, iscwsa_prior
 from studies.survey_analysis import Conditions, Departure, Well, calibration, run

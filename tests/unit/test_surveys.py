@@ -20,13 +20,12 @@ from highside.codec.tool import ToolCodec
 from highside.config.rig import AcceptSettings, SiteSettings
 from highside.config.settings import MonitorSettings, PipelineSettings, RebalanceTable, SurveySettings, ToolSettings
 from highside.physics.motion import Leg, Motion
-from highside.service.outputs import AttitudeOutput, Survey
+from highside.service.outputs import AttitudeOutput, Survey, SurveyReason
 from highside.service.pipeline import Pipeline
 from highside.service.rig import surveys
 from highside.service.rig.surveys import (
     GravityTrend,
     SurveyLog,
-    SurveyReason,
     TrendPoint,
     expected_gravity,
     judge,

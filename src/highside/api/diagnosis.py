@@ -10,7 +10,6 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from highside import __version__
 from highside.api.bench import ModelLike, model_of
 from highside.arrays import Array
 from highside.config.model import Model, as_toml
@@ -32,6 +31,7 @@ from highside.report.diagnosis_claims import claim_size
 from highside.report.diagnosis_words import verdict_words
 from highside.shown.card import card
 from highside.shown.plot import Plot
+from highside.version import __version__
 
 __all__ = ["Diagnosis", "diagnose", "diagnose_table", "rows_of"]
 

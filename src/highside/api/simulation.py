@@ -10,7 +10,6 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from highside import __version__
 from highside.api.bench import ModelLike, model_of
 from highside.api.recording import Recording
 from highside.arrays import Array
@@ -26,6 +25,7 @@ from highside.physics.state import ChainState
 from highside.recording.frames import Columns, File, FrameT, take
 from highside.recording.table import PoseTable, Readings, Table
 from highside.shown.plot import Plot
+from highside.version import __version__
 
 __all__ = ["Simulation", "predict", "simulate"]
 

@@ -11,7 +11,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from highside import __version__
 from highside.api.calibration import Calibration
 from highside.calibration.record import CalibrationRecord
 from highside.errors import InputError
@@ -23,6 +22,7 @@ from highside.report.surveys_page import SurveyPoint, page_of
 from highside.report.watch_page import error_words, headline
 from highside.shown.card import card
 from highside.units import STANDARD_GRAVITY_MPS2
+from highside.version import __version__
 from highside.watch import STATED, Still, Watch, WatchResult, prior_of_record
 from highside.watch.surveys import Detectable, detectable, iscwsa_prior
 

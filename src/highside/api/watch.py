@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from highside import __version__
 from highside.api.calibration import Calibration
 from highside.arrays import Array
 from highside.calibration.applied import corrected_accel
@@ -22,6 +21,7 @@ from highside.report.watch_page import error_words, headline, page_of
 from highside.shown.card import card
 from highside.shown.panel import PlotLine, PlotPanel
 from highside.shown.plot import Plot
+from highside.version import __version__
 from highside.watch import Watch, WatchResult, prior_of_record
 from highside.watch.rows import Rows, feed
 

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from highside import __version__
 from highside.bench.session import plans
 from highside.bench.session.journal import Header
 from highside.bench.session.turntable import at_true_settings
@@ -29,6 +28,7 @@ from highside.reading import read_bytes
 from highside.recording.calibration_store import CalibrationStore, read_record
 from highside.recording.table import Table
 from highside.rotation.compensation import Compensation
+from highside.version import __version__
 
 
 def plan_of(settings: config.BenchFile) -> plans.SessionPlan:

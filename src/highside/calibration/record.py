@@ -21,7 +21,6 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any
 
-from highside import __version__
 from highside.calibration.correction import OUTSIDE_ZONE, Correction, TemperatureTrust
 from highside.calibration.linear_correction import LinearCorrection
 from highside.calibration.linear_errors import BenchAccuracy
@@ -36,6 +35,7 @@ from highside.calibration.zone import SHARED_NAMES
 from highside.errors import InputError, Refused
 from highside.physics.law import Law
 from highside.reading import MALFORMED, parse_json
+from highside.version import __version__
 
 SCHEMA = "highside.calibration/1"
 SCHEMA_WITH_LAWS = "highside.calibration/2"

@@ -13,12 +13,12 @@ from typing import Any
 
 import typer
 
-from highside import __version__
 from highside.cli import examples
 from highside.cli.options import as_options, in_options
 from highside.cli.say import echo
 from highside.errors import HighsideError
 from highside.printable import one_line
+from highside.version import __version__
 
 __all__ = ["COMMANDS", "app_of", "run"]
 

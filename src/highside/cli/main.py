@@ -10,8 +10,8 @@ import os
 import sys
 from typing import TYPE_CHECKING, Any
 
-from highside import __version__
 from highside.cli.say import echo_version
+from highside.version import __version__
 
 if TYPE_CHECKING:
     import typer

@@ -14,8 +14,8 @@ from typing import Any
 
 import typer
 
-from highside import __version__
 from highside.errors import InputError
+from highside.version import __version__
 
 STATUS = (
     ("0", "The work was done."),

@@ -24,10 +24,10 @@ class ExperimentName(StrEnum):
 
 def write_experiment(name: ExperimentName, elevation_deg: float, output: Path, seed: int) -> None:
     """Write the Recording of an experiment and the truth beside it; says what was written."""
-    from highside import __version__
     from highside.papers import drift_scenarios as scenarios
     from highside.recording.files import write_whole
     from highside.recording.table import Recording, write_recording
+    from highside.version import __version__
 
     made = {
         ExperimentName.TURNTABLE: scenarios.turntable,

@@ -15,7 +15,6 @@ from typing import Any, get_args
 
 import numpy as np
 
-from highside import __version__
 from highside.api.calibration import calibrate
 from highside.api.diagnosis import diagnose, rows_of
 from highside.api.gyro import drift
@@ -24,6 +23,7 @@ from highside.diagnosis.core.effect_scores import EffectScores
 from highside.errors import HighsideError
 from highside.gyro.follow import MethodName, columns_deg
 from highside.reading import parse_toml
+from highside.version import __version__
 
 __all__ = ["JOBS", "Order", "empty_row", "row_of"]
 

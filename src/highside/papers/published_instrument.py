@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from highside import __version__
 from highside.config.model import Model
 from highside.diagnosis.core.result import DiagnosisResult
 from highside.diagnosis.table.chain import CELLS, Procedure
@@ -38,6 +37,7 @@ from highside.reading import parse_json
 from highside.report.diagnosis_figures import table_misfit
 from highside.report.diagnosis_words import proof, sizes, sureness
 from highside.report.document import Page
+from highside.version import __version__
 
 SIMULATED = {
     "instruments": 58,

@@ -17,7 +17,7 @@ Effects of one stage act side by side (each sees the stage's input, not another'
 matter and the model stays `m = f + sum of terms(f)`, the form of the calibration equations.
 
 Where another program predicts some channels, no chain is known, only its output. What an effect may have done to such
-channels it says by `on_channels`; a `ChannelEffect` (module `channels`) acts on those alone and stands in no chain.
+channels it says by `on_channels`; a `ChannelEffect` (module `channel_effect`) acts on those alone and stands in no chain.
 
 An effect is *one file* holding one instance named `EFFECT`; it is found by itself. It declares what it is: nothing is
 read from the names of its parameters, and nothing else lists effects.
@@ -27,24 +27,36 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from enum import Enum
-from itertools import combinations
-from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from highside.arrays import AnyArray
 from highside.errors import InputError
+from highside.physics.channels import Channels, ChannelTerm
+from highside.physics.parameter import AXES, Groups, Parameter, across, pairs, runs, singles, triad
 from highside.physics.state import ChainState
 
-if TYPE_CHECKING:
-    from highside.physics.channels import Channels, ChannelTerm
+__all__ = [
+    "AXES",
+    "REFERENCE_TEMP_C",
+    "AxisEffect",
+    "Effect",
+    "Groups",
+    "LinearEffect",
+    "Modulated",
+    "Parameter",
+    "RandomEffect",
+    "RecordEffect",
+    "Stage",
+    "across",
+    "on_own_axis",
+    "pairs",
+    "runs",
+    "singles",
+    "triad",
+]
 
-Groups = tuple[tuple[int, ...], ...]
-"""sets of amplitudes, by their numbers in the order of `Effect.amplitudes`"""
-
-AXES = ("x", "y", "z")
 REFERENCE_TEMP_C = 25.0
 """temperature at which the thermal effects vanish"""
 
@@ -62,68 +74,6 @@ class Stage(Enum):
     GYRO = "gyro"
     NOISE = "noise"
     DIGITAL = "digital"
-
-
-@dataclass(frozen=True, slots=True)
-class Parameter:
-    """One number of an effect.
-
-    `gate` is the physically plausible range: a fit outside of it is not believed, a model outside of it is refused.
-    `shape` marks numbers that form the effect without giving it size (a time constant, a harmonic order): with all
-    others at zero the effect is nothing, whatever the shape; the others are its *amplitudes*. Of several shapes every
-    combination is tried. What is tried of a shape, one of:
-
-    `grid`           the values worth trying;
-    `time_constant`  the same, halved and doubled on to all that the length of a recording tells apart;
-    `epoch`          it is a time of onset, in s since the first row, and may be anywhere: nothing of the effect shows
-                     before. It is searched, not fitted: no derivative says where a step is;
-    `line_over`      it is a frequency, in cycles per second ("time") or per turn ("turns"), looked for in a spectrum;
-                     the effect is a cosine and a sine on each axis it acts on.
-    """
-
-    name: str
-    unit: str
-    typical: float
-    gate: tuple[float, float]
-    default: float = 0.0
-    shape: bool = False
-    integer: bool = False
-    grid: tuple[float, ...] = ()
-    time_constant: bool = False
-    epoch: bool = False
-    line_over: Literal["", "time", "turns"] = ""
-    formerly: str = ""
-    """the name in older files, which is still read"""
-
-    @property
-    def fitted(self) -> bool:
-        """Whether a fit may move it: not a number of things, not a time of onset."""
-        return not self.integer and not self.epoch
-
-
-def triad(prefix: str, unit: str, typical: float, limit: float) -> tuple[Parameter, ...]:
-    """Three parameters `prefix_x, prefix_y, prefix_z` with the gate +-limit."""
-    return tuple(Parameter(f"{prefix}_{axis}", unit, typical, (-limit, limit)) for axis in AXES)
-
-
-def singles(count: int) -> Groups:
-    """Each of so many amplitudes by itself."""
-    return tuple((k,) for k in range(count))
-
-
-def runs(count: int, length: int) -> Groups:
-    """Neighbours together: of 6 by 2 (0, 1), (2, 3), (4, 5), as the rows of a matrix."""
-    return tuple(tuple(range(k, k + length)) for k in range(0, count, length))
-
-
-def across(count: int, step: int) -> Groups:
-    """Those so many apart together: of 6 by 3 (0, 3), (1, 4), (2, 5), as the orders or the phases of each axis."""
-    return tuple(tuple(range(k, count, step)) for k in range(step))
-
-
-def pairs(groups: Groups) -> Groups:
-    """Two groups at a time."""
-    return tuple((*one, *other) for one, other in combinations(groups, 2))
 
 
 class Effect(ABC):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from highside.physics import effects as package
-from highside.physics.channels import ChannelEffect
+from highside.physics.channel_effect import ChannelEffect
 from highside.physics.effect import Effect, RandomEffect, Stage
 
 STAGES = {

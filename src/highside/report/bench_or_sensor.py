@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from highside import __version__
 from highside.calibration.method import Solution
 from highside.calibration.record import PoseColumns
 from highside.diagnosis.core.result import DiagnosisResult
@@ -25,6 +24,7 @@ from highside.physics.effects import all_effects
 from highside.physics.forward import ForwardModel
 from highside.physics.state import ChainState
 from highside.units import STANDARD_GRAVITY_MPS2
+from highside.version import __version__
 
 FREE = ("bias", "scale", "misalignment")
 """What a calibration fits anyway."""

@@ -13,12 +13,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
-from highside import __version__
 from highside.errors import InputError, Refused
 from highside.printable import printable
 from highside.reading import MALFORMED, parse_json
 from highside.rotation.curve import ErrorCurve
 from highside.rotation.direction import RotorMotion
+from highside.version import __version__
 
 SCHEMA = "highside.rotation/1"
 UNIT = "arcmin"

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -34,6 +33,7 @@ from highside.gyro.gates import NO_REST_LIVE, MotionState
 from highside.gyro.literal import AzimuthPolicy, Literal
 from highside.gyro.result import AzimuthBasis
 from highside.service.messages import DriftMessage, LiteralAzimuth, RecursiveAzimuth
+from highside.service.outputs import Azimuth
 from highside.service.saved_drift import SAVED, HeadingAlignment, SavedDrift
 
 STALE_S = 1.0
@@ -46,15 +46,6 @@ _NO_ROTOR = (
 )
 _SAME_TILT_RAD = math.radians(0.1)
 _VERTICAL_COS = 0.05
-
-
-class Azimuth(NamedTuple):
-    """What an attitude says about the azimuth; None where it is not known, the basis then says why."""
-
-    azi_deg: float | None
-    azi_std_deg: float | None
-    basis: tuple[str, ...]
-    flags: tuple[str, ...] = ()
 
 
 class DriftStage:

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from highside import __version__
 from highside.link.base import LinkState
 from highside.service import messages
 from highside.service.alarms import DECODER_STANDS_S, UNANSWERED_STANDS_S, Dropping, Growing
@@ -19,6 +18,7 @@ from highside.service.recorder import Recorder
 from highside.service.recorder_stats import RecorderState
 from highside.service.rig.rig import Rig
 from highside.service.starts import StartLog
+from highside.version import __version__
 
 
 class Health:

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, NamedTuple
 
-from highside.service.drift_stage import Azimuth
-from highside.service.rig.surveys import SurveyVerdict
+
+class Azimuth(NamedTuple):
+    """What an attitude says about the azimuth; None where it is not known, the basis then says why."""
+
+    azi_deg: float | None
+    azi_std_deg: float | None
+    basis: tuple[str, ...]
+    flags: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +53,44 @@ class AttitudeOutput:
     """mean of the window, corrected, x, y and z of the tool in local g: for channels that follow from it"""
 
 
+class SurveyReason(StrEnum):
+    """Why a survey is refused."""
+
+    MOVED = "moved"
+    G_TOTAL_LOW = "g_total_low"
+    G_TOTAL_HIGH = "g_total_high"
+    TOO_COLD = "too_cold"
+    TOO_HOT = "too_hot"
+    TEMPERATURE_UNKNOWN = "temperature_unknown"
+    SHOCK = "shock"
+    UNCERTAIN = "uncertain"
+    NO_CORRECTION = "no_correction"
+    SENSOR_STUCK = "sensor_stuck"
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyVerdict:
+    """What was decided about a survey."""
+
+    accepted: bool
+    reasons: tuple[SurveyReason, ...]
+    g_error_mg: float
+    """Gtotal minus the expected one, mg; NaN where no correction holds"""
+    g_std_mg: float
+    """standard deviation of that difference, of survey, calibration and both gravities"""
+    shock_g: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Members of the survey message and of the kept line."""
+        return {
+            "accepted": self.accepted,
+            "reasons": [reason.value for reason in self.reasons],
+            "g_error_mg": _finite(self.g_error_mg, 4),
+            "g_error_std_mg": _finite(self.g_std_mg, 4),
+            "shock_g": round(self.shock_g, 4),
+        }
+
+
 @dataclass(frozen=True, slots=True)
 class Survey:
     """The average over a time without motion."""
@@ -54,3 +100,7 @@ class Survey:
     g_std: float
     """standard deviation of one reading, root mean square over the axes"""
     verdict: SurveyVerdict
+
+
+def _finite(value: float, digits: int) -> float | None:
+    return round(value, digits) if math.isfinite(value) else None

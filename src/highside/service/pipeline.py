@@ -30,9 +30,9 @@ from highside.config.settings import (
 )
 from highside.link.base import Batch, Chunk
 from highside.rotation.live import ROTOR_UNKNOWN, LiveCompensation, RotorError, mean_error
-from highside.service.drift_stage import Azimuth, DriftStage
+from highside.service.drift_stage import DriftStage
 from highside.service.monitor import Monitor
-from highside.service.outputs import AttitudeOutput, Survey
+from highside.service.outputs import AttitudeOutput, Azimuth, Survey
 from highside.service.rig.shock import ShockMeter
 from highside.service.rig.surveys import Gravity, judge
 from highside.service.stillness import Cut, StillnessDetector

@@ -11,7 +11,7 @@
 4. *Build* again, since the running parts went on in the meantime, and *swap* them in.
 
 Whatever is raised before the swap, and by whatever, leaves the service as it was: what was opened is closed, what was
-closed is opened again. `Service.settings` is still the old one, so that a corrected file is applied by the next SIGHUP.
+closed is opened again. `service.settings` is still the old one, so that a corrected file is applied by the next SIGHUP.
 A refused calibration or compensation does not refuse the reload: the one in force stays (`in_force`).
 """
 
@@ -23,27 +23,65 @@ import time
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from highside.codec.frame import ByteCodec, CanCodec
 from highside.config.settings import Settings
 from highside.errors import HighsideError, InputError
-from highside.link.base import LinkError
+from highside.link.base import LinkError, LinkSupervisor
 from highside.link.opened import OpenedTransport
 from highside.service.broker_client import check_secrets
+from highside.service.clock_watch import ClockWatch
+from highside.service.drift_keeper import DriftKeeper, DriftParts
 from highside.service.in_force import CalibrationInForce, CompensationInForce, calibration_for, error_text, rotation_for
-from highside.service.parts import ServiceParts, make_supervisor
+from highside.service.leaving import Leaving
+from highside.service.notify import Notifier
+from highside.service.parts import ServiceParts, Tap, make_supervisor
+from highside.service.pipeline import Pipeline
 from highside.service.places import ToolLock
+from highside.service.publisher import Publisher
 from highside.service.rig.metrics import MetricsServer
-from highside.service.rig.rig import run_outputs
-
-if TYPE_CHECKING:
-    from highside.service.app import Service
+from highside.service.rig.rig import Rig, run_outputs
 
 log = logging.getLogger("highside")
 
 ONLY_BY_RESTART = ("service.state_dir", "tool.id", "mqtt.outbox", "mqtt.historical_after_s")
 """Fields that decide where messages are kept and under which name: they hold for the life of the process."""
+
+
+class Reloadable(Protocol):
+    """What a reload needs of the service: the parts in force, what makes others, and what puts them in force."""
+
+    parts: ServiceParts
+    clock: ClockWatch
+    leaving: Leaving
+    notifier: Notifier
+    rig: Rig
+    drift: DriftKeeper
+
+    @property
+    def settings(self) -> Settings: ...
+
+    def make_pipeline(
+        self,
+        settings: Settings,
+        codec: ByteCodec | CanCodec,
+        calibration: CalibrationInForce,
+        rotation: CompensationInForce,
+        drift: DriftParts,
+    ) -> Pipeline: ...
+
+    def make_publisher(self, settings: Settings) -> Publisher: ...
+
+    def make_tap(self) -> Tap: ...
+
+    def take(self, parts: ServiceParts) -> None: ...
+
+    def run_link(self, supervisor: LinkSupervisor) -> None: ...
+
+    def announce(self) -> None: ...
+
+    def publish_health(self) -> None: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +134,7 @@ def _opened_first(settings: Settings) -> bool:
 class Reload:
     """One attempt. `run` puts the new configuration in force, or raises with everything as it was."""
 
-    def __init__(self, service: Service, load: Callable[[], Settings]) -> None:
+    def __init__(self, service: Reloadable, load: Callable[[], Settings]) -> None:
         self._service, self._load = service, load
         self._old = service.parts
         self._present = service.clock.present()
@@ -280,7 +318,7 @@ class Reload:
 class Reloader:
     """Answers SIGHUP: one reload at a time; what is requested meanwhile is done afterwards, once."""
 
-    def __init__(self, service: Service, load: Callable[[], Settings] | None) -> None:
+    def __init__(self, service: Reloadable, load: Callable[[], Settings] | None) -> None:
         self._service, self._load = service, load
         self._requested = asyncio.Event()
         self.count = 0

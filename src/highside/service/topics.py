@@ -12,9 +12,9 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field, TypeAdapter
 from pydantic.json_schema import models_json_schema
 
-from highside import __version__
 from highside.config.mqtt import MqttSettings
 from highside.service.messages import PAYLOADS, WORDS
+from highside.version import __version__
 
 REFERENCE = "#/components/schemas/{model}"
 DIALECT = "application/schema+json;version=draft-07"

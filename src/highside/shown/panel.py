@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Look", "PlotLine", "PlotPanel", "thinned"]
+__all__ = ["Chart", "Look", "PlotLine", "PlotPanel", "thinned"]
 
 Look = Literal["line", "dashed", "points"]
 ROWS_DRAWN = 4000
@@ -40,6 +40,16 @@ class PlotPanel:
     log: bool = False
     names: tuple[str, ...] = ()
     """words along x in the place of its numbers, (N,)"""
+
+
+class Chart(Protocol):
+    """What can be drawn: panels above one another, under a title."""
+
+    @property
+    def title(self) -> str: ...
+
+    @property
+    def panels(self) -> tuple[PlotPanel, ...]: ...
 
 
 def thinned(panel: PlotPanel, most: int = ROWS_DRAWN) -> PlotPanel:

@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from highside.errors import InputError
-from highside.shown.panel import PlotLine, PlotPanel, thinned
+from highside.shown.panel import Chart, PlotLine, PlotPanel, thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from highside.shown.plot import Plot
 
 __all__ = ["figure_of"]
 
@@ -21,7 +19,7 @@ WIDTH_IN, PANEL_IN = 9.0, 2.4
 STYLES = {"line": "-", "dashed": "--", "points": "o"}
 
 
-def figure_of(chart: Plot) -> Figure:
+def figure_of(chart: Chart) -> Figure:
     """An axis a panel. Raises InputError where matplotlib is not installed."""
     try:
         from matplotlib.figure import Figure as NewFigure

@@ -14,12 +14,11 @@ from markupsafe import Markup
 
 from highside.errors import InputError
 from highside.shown.card import templates
-from highside.shown.panel import PlotLine, PlotPanel, thinned
+from highside.shown.panel import Chart, PlotLine, PlotPanel, thinned
+from highside.shown.paper import figure_of
 
 if TYPE_CHECKING:
     from bokeh.plotting import figure
-
-    from highside.shown.plot import Plot
 
 __all__ = ["can_draw", "chart_part", "frame_of", "library_part", "page_of"]
 
@@ -40,20 +39,20 @@ def can_draw() -> bool:
     return find_spec("bokeh") is not None
 
 
-def page_of(chart: Plot) -> str:
+def page_of(chart: Chart) -> str:
     """A page with one chart. Raises InputError where Bokeh is not installed."""
     template = templates().get_template("chart.html")
     return template.render(title=chart.title, item=_item(chart), packed=_library())
 
 
-def frame_of(chart: Plot) -> str:
+def frame_of(chart: Chart) -> str:
     """The chart within a notebook, apart from its styles and scripts; without Bokeh a still picture, without matplotlib
     too what to install."""
     if can_draw():
         height = PANEL_PX * len(chart.panels) + FRAME_PX
         return templates().get_template("frame.html").render(title=chart.title, page=page_of(chart), height=height)
     try:
-        figure = chart.figure()
+        figure = figure_of(chart)
     except InputError:
         return str(Markup("<p>plots need Bokeh, which is not installed; {}</p>").format(INSTALL))
     drawn = io.StringIO()
@@ -62,7 +61,7 @@ def frame_of(chart: Plot) -> str:
     return svg[svg.index("<svg") :]
 
 
-def chart_part(chart: Plot) -> Markup:
+def chart_part(chart: Chart) -> Markup:
     """The chart as a part of a larger page, which holds `library_part` once, behind its charts. Raises InputError."""
     return Markup(_macros().chart(_item(chart)))  # made by a template of our own, which escapes what it is given
 
@@ -91,7 +90,7 @@ def _need_bokeh() -> None:
         raise InputError("a chart with zoom and hover needs Bokeh, which is not installed", remedy=INSTALL)
 
 
-def _item(chart: Plot) -> Any:
+def _item(chart: Chart) -> Any:
     """What BokehJS draws, as JSON."""
     _need_bokeh()
     from bokeh.embed import json_item

@@ -19,7 +19,8 @@ from highside.diagnosis.rows.design import Design
 from highside.diagnosis.rows.spectrum import strongest_line
 from highside.diagnosis.simulation.policy import SIMULATION_COLUMNS
 from highside.diagnosis.simulation.session import SimulationSession
-from highside.physics.channels import ChannelEffect, ChannelTerm, OnChannels, kind_of
+from highside.physics.channel_effect import ChannelEffect, OnChannels
+from highside.physics.channels import ChannelTerm, kind_of
 from highside.physics.effect import Effect, Stage
 from highside.physics.effects import on_channels, registry
 from highside.physics.effects.bias_step import EFFECT as BIAS_STEP

@@ -33,7 +33,7 @@ from highside.diagnosis.simulation.constancy import stability_beside, steady_ter
 from highside.diagnosis.simulation.design import TONE_SHAPE, About, SimulationDesign, covariates_of
 from highside.diagnosis.simulation.policy import SIMULATION, SIMULATION_CHOICE
 from highside.diagnosis.simulation.session import OFFSET, SKEW, SimulationSession
-from highside.physics.channels import OnChannels
+from highside.physics.channel_effect import OnChannels
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 
 from highside.errors import InputError
-from highside.physics.channels import ChannelEffect
+from highside.physics.channel_effect import ChannelEffect
 from highside.physics.effect import Effect, Stage
 from highside.physics.outside_effects import check, effects_of_folder, effects_of_packages, references_lacking
 

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from highside.physics.channels import ACROSS, ANY, ChannelEffect, Channels, ChannelTerm
+from highside.physics.channel_effect import ChannelEffect
+from highside.physics.channels import ACROSS, ANY, Channels, ChannelTerm
 from highside.physics.effect import Parameter, Stage
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from highside.physics.channels import ChannelEffect, Channels, ChannelTerm
+from highside.physics.channel_effect import ChannelEffect
+from highside.physics.channels import Channels, ChannelTerm
 from highside.physics.effect import Stage
 
 

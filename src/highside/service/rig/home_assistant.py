@@ -11,10 +11,10 @@ import json
 import math
 from typing import Any, NamedTuple
 
-from highside import __version__
 from highside.config.mqtt import MqttSettings
 from highside.config.rig import HomeAssistantSettings
 from highside.service.messages import OFFLINE, ONLINE
+from highside.version import __version__
 
 LATEST_EXPIRES_S = 10
 """Seconds after which a value of `latest` is no more shown: ten of them are missing then."""

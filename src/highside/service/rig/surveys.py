@@ -21,10 +21,9 @@ from collections import deque
 from collections.abc import Iterable
 from contextvars import copy_context
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,10 +32,8 @@ from highside.config.rig import AcceptSettings, SiteSettings
 from highside.errors import InputError
 from highside.reading import parse_json
 from highside.recording.files import flush_directory
+from highside.service.outputs import AttitudeOutput, SurveyReason, SurveyVerdict
 from highside.units import STANDARD_GRAVITY_MPS2
-
-if TYPE_CHECKING:
-    from highside.service.outputs import AttitudeOutput
 
 log = logging.getLogger(__name__)
 
@@ -49,21 +46,6 @@ TREND_LENGTH = 200
 TREND_MIN = 8
 TREND_SIGMAS = 4.0
 """A slope this far from zero is accepted: 1 of 16,000 by chance."""
-
-
-class SurveyReason(StrEnum):
-    """Why a survey is refused."""
-
-    MOVED = "moved"
-    G_TOTAL_LOW = "g_total_low"
-    G_TOTAL_HIGH = "g_total_high"
-    TOO_COLD = "too_cold"
-    TOO_HOT = "too_hot"
-    TEMPERATURE_UNKNOWN = "temperature_unknown"
-    SHOCK = "shock"
-    UNCERTAIN = "uncertain"
-    NO_CORRECTION = "no_correction"
-    SENSOR_STUCK = "sensor_stuck"
 
 
 REASON_TEXTS = {
@@ -99,29 +81,6 @@ def expected_gravity(site: SiteSettings, bench_mps2: float | None, bench_std_mps
     return Gravity(
         site.gravity_mps2 / bench_mps2, 1e3 * std / STANDARD_GRAVITY_MPS2, 1e3 * bench_mps2 / STANDARD_GRAVITY_MPS2
     )
-
-
-@dataclass(frozen=True, slots=True)
-class SurveyVerdict:
-    """What was decided about a survey."""
-
-    accepted: bool
-    reasons: tuple[SurveyReason, ...]
-    g_error_mg: float
-    """Gtotal minus the expected one, mg; NaN where no correction holds"""
-    g_std_mg: float
-    """standard deviation of that difference, of survey, calibration and both gravities"""
-    shock_g: float
-
-    def as_dict(self) -> dict[str, Any]:
-        """Members of the survey message and of the kept line."""
-        return {
-            "accepted": self.accepted,
-            "reasons": [reason.value for reason in self.reasons],
-            "g_error_mg": _finite(self.g_error_mg, 4),
-            "g_error_std_mg": _finite(self.g_std_mg, 4),
-            "shock_g": round(self.shock_g, 4),
-        }
 
 
 def judge(
@@ -371,7 +330,3 @@ def trusted(reasons: Iterable[str]) -> bool:
         SurveyReason.G_TOTAL_HIGH.value,
         SurveyReason.UNCERTAIN.value,
     }
-
-
-def _finite(value: float, digits: int) -> float | None:
-    return round(value, digits) if math.isfinite(value) else None
