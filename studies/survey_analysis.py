@@ -102,8 +102,8 @@ class Well:
     def bound(self, prior: Prior) -> Array:
         """(12,) Bayesian Cramer-Rao bound of b and S at the last survey, without a departure."""
         P = _with_depth(prior)
-        V, now = self._covariance(prior, P), (P + prior.walk * self.hours[-1])
-        cross = P @ self.H.T + prior.walk @ self.H.T * self.hours[None, :]
+        V, now = self._covariance(prior, P), (P + prior.process_noise * self.hours[-1])
+        cross = P @ self.H.T + prior.process_noise @ self.H.T * self.hours[None, :]
         return np.asarray(np.sqrt(np.diag(now - cross @ np.linalg.solve(V, cross.T))))[:12]
 
     def information(self, what: Departure, prior: Prior) -> float:
@@ -115,7 +115,7 @@ class Well:
         return float(seen @ np.linalg.solve(self._covariance(prior, _with_depth(prior)), seen))
 
     def _covariance(self, prior: Prior, P: Array) -> Array:
-        walked = self.H @ prior.walk @ self.H.T * np.minimum.outer(self.hours, self.hours)
+        walked = self.H @ prior.process_noise @ self.H.T * np.minimum.outer(self.hours, self.hours)
         return np.asarray(self.H @ P @ self.H.T + walked + np.eye(self.hours.size))
 
 

@@ -17,7 +17,8 @@ Effects of one stage act side by side (each sees the stage's input, not another'
 matter and the model stays `m = f + sum of terms(f)`, the form of the calibration equations.
 
 Where another program predicts some channels, no chain is known, only its output. What an effect may have done to such
-channels it says by `on_channels`; a `ChannelEffect` (module `channel_effect`) acts on those alone and stands in no chain.
+channels it says by `on_channels`; a `ChannelEffect` (module `channel_effect`) acts on those alone and
+stands in no chain.
 
 An effect is *one file* holding one instance named `EFFECT`; it is found by itself. It declares what it is: nothing is
 read from the names of its parameters, and nothing else lists effects.

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment
 from markupsafe import Markup
 
 from highside.errors import InputError
 from highside.report.plots import as_svg
+from highside.shown.card import templates
 from highside.shown.plot import Plot
 from highside.shown.screen import can_draw, chart_part, library_part
 
@@ -190,14 +191,7 @@ def css_string(text: str) -> Markup:
 
 @cache
 def _environment() -> Environment:
-    """Templates with everything escaped, in which a name that is not there is an error; each is read once, so that an
-    installation that is being replaced does not change the pages of a process that runs."""
-    found = Environment(
-        loader=PackageLoader("highside.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        keep_trailing_newline=True,
-        auto_reload=False,
-    )
+    """Templates of the pages."""
+    found = templates("highside.report", keep_trailing_newline=True)
     found.filters["css_string"] = css_string
     return found

@@ -19,12 +19,17 @@ def card(header: Sequence[str], rows: Iterable[Sequence[str]], *below: str, titl
 
 
 @cache
-def templates() -> Environment:
-    """The templates of this package, in which everything is escaped and a name that is not there is an error."""
+def templates(package: str = "highside.shown", *, keep_trailing_newline: bool = False) -> Environment:
+    """The templates of a package, in which everything is escaped and a name that is not there is an error; each is read
+    once, so that an installation that is being replaced does not change the pages of a process that runs."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     found = Environment(
-        loader=PackageLoader("highside.shown"), autoescape=True, undefined=StrictUndefined, auto_reload=False
+        loader=PackageLoader(package),
+        autoescape=True,
+        undefined=StrictUndefined,
+        keep_trailing_newline=keep_trailing_newline,
+        auto_reload=False,
     )
     # a chart names its parts where they come first
     found.policies["json.dumps_kwargs"] = {"sort_keys": False}

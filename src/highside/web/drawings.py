@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from html import escape
+from xml.etree.ElementTree import Element, tostring
+
+from markupsafe import Markup
 
 from highside.bench.session.snapshot import (
     AttitudeState,
@@ -28,11 +30,24 @@ INNER = 0.26
 TRACE_LOW, TRACE_HIGH = 0.1, 100.0
 
 
-def svg(content: str, summary: str, *, box: str, name: str) -> str:
-    """An SVG element that screen readers take as one image."""
-    fit = ' preserveAspectRatio="none"' if name == "trace" else ""
-    label = escape(summary, quote=True)
-    return f'<svg class="{name}" viewBox="{box}"{fit} role="img" aria-label="{label}">{content}</svg>'
+def svg(shapes: Sequence[Element], summary: str, *, box: str, name: str) -> Markup:
+    """An SVG element that screen readers take as one image, built as a tree: no word in it becomes markup."""
+    fit = {"preserveAspectRatio": "none"} if name == "trace" else {}
+    drawn = Element("svg", {"class": name, "viewBox": box, **fit, "role": "img", "aria-label": summary})
+    drawn.extend(shapes)
+    return Markup(tostring(drawn, encoding="unicode"))
+
+
+def _shape(tag: str, kind: str, *, text: str | None = None, **at: str | float) -> Element:
+    """A shape of a class of the style sheet; numbers to a tenth of a unit."""
+    values = {key: value if isinstance(value, str) else _short(value) for key, value in at.items()}
+    element = Element(tag, {"class": kind, **values})
+    element.text = text
+    return element
+
+
+def _short(value: float) -> str:
+    return f"{value:.1f}".removesuffix(".0")
 
 
 def radius_of(angle_deg: float, tolerance_deg: float) -> float:
@@ -44,29 +59,31 @@ def radius_of(angle_deg: float, tolerance_deg: float) -> float:
     return min(1.0, INNER + (1.0 - INNER) * math.log(angle / tolerance) / span)
 
 
-def bulls_eye(deviation: Deviation | None, target: Target | None) -> str:
+def bulls_eye(deviation: Deviation | None, target: Target | None) -> Markup:
     """The tool as a dot, the requested pose as the centre: up is more inclined, right is clockwise."""
+    shapes = [_shape("circle", "ring", r=RADIUS)]
     if deviation is None or target is None:
         why = "no pose requested" if target is None else "no readings"
-        empty = f'<circle class="ring" r="{RADIUS:g}"/><text class="scale mid" y="6">{why}</text>'
-        return svg(empty, why, box="-112 -112 224 224", name="bullseye")
-    good = deviation.angle_deg <= deviation.tolerance_deg
-    parts = [f'<circle class="ring" r="{RADIUS:g}"/>']
+        shapes.append(_shape("text", "scale mid", text=why, y=6.0))
+        return svg(shapes, why, box="-112 -112 224 224", name="bullseye")
+    good = " hit" if deviation.angle_deg <= deviation.tolerance_deg else ""
     for ring in RINGS_DEG:
         if ring > 1.6 * deviation.tolerance_deg:
             r = RADIUS * radius_of(ring, deviation.tolerance_deg)
             # within its ring, unless the goal is drawn there
             y = 12.0 - r if r - 14.0 > RADIUS * INNER else -3.0 - r
-            parts.append(f'<circle class="ring" r="{r:.1f}"/><text class="scale" x="3" y="{y:.1f}">{ring:g}°</text>')
-    parts.append('<path class="ring" d="M-100 0H100M0 -100V100"/>')
-    parts.append(f'<circle class="goal{" hit" if good else ""}" r="{RADIUS * INNER:.1f}"/>')
+            shapes += [_shape("circle", "ring", r=r), _shape("text", "scale", text=f"{ring:g}°", x=3.0, y=y)]
     x, y = place(deviation, target)
-    parts.append(f'<line class="way" x1="{x:.1f}" y1="{y:.1f}" x2="0" y2="0"/>')
-    parts.append(f'<circle class="tool{" hit" if good else ""}" cx="{x:.1f}" cy="{y:.1f}" r="9"/>')
+    shapes += [
+        _shape("path", "ring", d="M-100 0H100M0 -100V100"),
+        _shape("circle", f"goal{good}", r=RADIUS * INNER),
+        _shape("line", "way", x1=x, y1=y, x2=0.0, y2=0.0),
+        _shape("circle", f"tool{good}", cx=x, cy=y, r=9.0),
+    ]
     summary = (
         f"the tool is {deviation.angle_deg:.2f} degrees from the pose; within {deviation.tolerance_deg:.2f} it is taken"
     )
-    return svg("".join(parts), summary, box="-112 -112 224 224", name="bullseye")
+    return svg(shapes, summary, box="-112 -112 224 224", name="bullseye")
 
 
 def place(deviation: Deviation, target: Target) -> tuple[float, float]:
@@ -79,56 +96,57 @@ def place(deviation: Deviation, target: Target) -> tuple[float, float]:
     return -r * across / size, r * deviation.inc_deg / size
 
 
-def dial(attitude: AttitudeState | None, target: Target | None) -> str:
+def dial(attitude: AttitudeState | None, target: Target | None) -> Markup:
     """The gravity toolface looking down-hole, clockwise from the high side: needle where it is, wedge where it goes."""
-    parts = [f'<circle class="ring" r="{RADIUS:g}"/>']
+    shapes = [_shape("circle", "ring", r=RADIUS)]
     for k in range(24):
         angle = 15.0 * k
-        inner = 88.0 if k % 3 == 0 else 94.0
-        parts.append(f'<line class="tick" {_ends(angle, inner, 100.0)}/>')
+        (x1, y1), (x2, y2) = _at(angle, 88.0 if k % 3 == 0 else 94.0), _at(angle, 100.0)
+        shapes.append(_shape("line", "tick", x1=x1, y1=y1, x2=x2, y2=y2))
         if k % 6 == 0:
             x, y = _at(angle, 74.0)
-            parts.append(f'<text class="scale mid" x="{x:.1f}" y="{y + 5:.1f}">{angle:g}°</text>')
+            shapes.append(_shape("text", "scale mid", text=f"{angle:g}°", x=x, y=y + 5))
     now = None if attitude is None else table_reads(attitude, target)[1]
     goal = None if target is None else target.tf_deg
     if goal is not None and abs(math.sin(math.radians(target.inc_deg if target else 0.0))) > 1e-3:
-        (x1, y1), (x2, y2), (x3, y3) = _at(goal - 6, 112.0), _at(goal + 6, 112.0), _at(goal, 90.0)
-        parts.append(f'<path class="wedge" d="M{x1:.1f} {y1:.1f}L{x2:.1f} {y2:.1f}L{x3:.1f} {y3:.1f}Z"/>')
+        corners = (_at(goal - 6, 112.0), _at(goal + 6, 112.0), _at(goal, 90.0))
+        shapes.append(_shape("path", "wedge", d="M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in corners) + "Z"))
     if now is not None:
         x, y = _at(now, 62.0)
-        parts.append(f'<line class="needle" x1="0" y1="0" x2="{x:.1f}" y2="{y:.1f}"/><circle class="hub" r="7"/>')
+        shapes += [_shape("line", "needle", x1=0.0, y1=0.0, x2=x, y2=y), _shape("circle", "hub", r=7.0)]
         words = f"toolface {now:.1f} degrees"
     else:
         words = "toolface not known" if attitude is None else "toolface not defined: the tool is vertical"
     if goal is not None:
         words += f", requested {goal % 360.0:.1f}"
-    return svg("".join(parts), words, box="-118 -118 236 236", name="dial")
+    return svg(shapes, words, box="-118 -118 236 236", name="dial")
 
 
-def trace(stillness: StillnessState | None) -> str:
+def trace(stillness: StillnessState | None) -> Markup:
     """The last stillness values against the limit, logarithmic; below the line is still."""
     width, height = 300.0, 90.0
+    box = f"0 0 {width:g} {height:g}"
+    shapes = [_shape("rect", "pane", width=width, height=height)]
     if stillness is None or not stillness.trace:
-        parts = f'<rect class="pane" width="{width:g}" height="{height:g}"/>'
-        return svg(parts, "no readings yet", box=f"0 0 {width:g} {height:g}", name="trace")
+        return svg(shapes, "no readings yet", box=box, name="trace")
     y_limit = height * (1.0 - _share(stillness.limit))
     points = _polyline([height * (1.0 - _share(value)) for value in stillness.trace], width)
-    parts = (
-        f'<rect class="pane" width="{width:g}" height="{height:g}"/>'
-        f'<rect class="calm" y="{y_limit:.1f}" width="{width:g}" height="{height - y_limit:.1f}"/>'
-        f'<line class="limit" x1="0" x2="{width:g}" y1="{y_limit:.1f}" y2="{y_limit:.1f}"/>'
-        f'<polyline class="line{" hit" if stillness.still else ""}" points="{points}"/>'
-    )
+    shapes += [
+        _shape("rect", "calm", y=y_limit, width=width, height=height - y_limit),
+        _shape("line", "limit", x1=0.0, x2=width, y1=y_limit, y2=y_limit),
+        _shape("polyline", "line hit" if stillness.still else "line", points=points),
+    ]
     summary = f"{'still' if stillness.still else 'moving'}: {stillness.value:.1f} times what its own noise allows"
-    return svg(parts, summary, box=f"0 0 {width:g} {height:g}", name="trace")
+    return svg(shapes, summary, box=box, name="trace")
 
 
-def uncertainty_curve(uncertainty: UncertaintyState | None) -> str:
+def uncertainty_curve(uncertainty: UncertaintyState | None) -> Markup:
     """Standard deviations of I and T over inclination, both logarithmic on one scale."""
     width, height, left, low = 300.0, 120.0, 56.0, 16.0
+    box = f"0 0 {width:g} {height:g}"
+    shapes = [_shape("rect", "pane", x=left, width=width - left, height=height - low)]
     if uncertainty is None or not uncertainty.inc_deg:
-        pane = f'<rect class="pane" x="{left:g}" width="{width - left:g}" height="{height - low:g}"/>'
-        return svg(pane, "no uncertainty yet", box=f"0 0 {width:g} {height:g}", name="curve")
+        return svg(shapes, "no uncertainty yet", box=box, name="curve")
     values = [v for v in (*uncertainty.inc_std_deg, *uncertainty.tf_std_deg) if v > 0]
     bottom = max(-9, math.floor(math.log10(min(values, default=1e-3))))
     top = max(bottom + 1, math.ceil(math.log10(max(values, default=1.0))))
@@ -138,25 +156,26 @@ def uncertainty_curve(uncertainty: UncertaintyState | None) -> str:
         share = (math.log10(max(value, 10.0**bottom)) - bottom) / (top - bottom)
         return f"{left + (width - left) * inc / span_deg:.1f},{(height - low) * (1 - share):.1f}"
 
-    parts = [f'<rect class="pane" x="{left:g}" width="{width - left:g}" height="{height - low:g}"/>']
     for power in range(bottom, top + 1):
         y = (height - low) * (1 - (power - bottom) / (top - bottom))
-        parts.append(f'<line class="grid" x1="{left:g}" x2="{width:g}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        shapes.append(_shape("line", "grid", x1=left, x2=width, y1=y, y2=y))
         y = min(max(y + 4.0, 10.0), height - low)
-        parts.append(f'<text class="scale right" x="{left - 4:g}" y="{y:.1f}">{10.0**power:g}°</text>')
-    for name, stds in (("line i", uncertainty.inc_std_deg), ("line t", uncertainty.tf_std_deg)):
+        shapes.append(_shape("text", "scale right", text=f"{10.0**power:g}°", x=left - 4, y=y))
+    for kind, stds in (("line i", uncertainty.inc_std_deg), ("line t", uncertainty.tf_std_deg)):
         points = " ".join(point(inc, std) for inc, std in zip(uncertainty.inc_deg, stds, strict=True))
-        parts.append(f'<polyline class="{name}" points="{points}"/>')
-    parts.append(f'<text class="scale" x="{left:g}" y="{height - 3:g}">0°</text>')
-    parts.append(f'<text class="scale right" x="{width:g}" y="{height - 3:g}">I = {span_deg:g}°</text>')
+        shapes.append(_shape("polyline", kind, points=points))
+    shapes += [
+        _shape("text", "scale", text="0°", x=left, y=height - 3),
+        _shape("text", "scale right", text=f"I = {span_deg:g}°", x=width, y=height - 3),
+    ]
     summary = (
         f"uncertainty of the calibration: I {uncertainty.rms_inc_std_deg:.4f}, T"
         f" {uncertainty.rms_tf_std_deg:.4f} degrees, one standard deviation"
     )
-    return svg("".join(parts), summary, box=f"0 0 {width:g} {height:g}", name="curve")
+    return svg(shapes, summary, box=box, name="curve")
 
 
-def pictures(snapshot: Snapshot) -> dict[str, str]:
+def pictures(snapshot: Snapshot) -> dict[str, Markup]:
     """All of them by name."""
     return {
         "bullseye": bulls_eye(snapshot.deviation, snapshot.target),
@@ -181,8 +200,3 @@ def _at(angle_deg: float, r: float) -> tuple[float, float]:
     """A point on the dial: 0 up, clockwise."""
     angle = math.radians(angle_deg)
     return r * math.sin(angle), -r * math.cos(angle)
-
-
-def _ends(angle_deg: float, inner: float, outer: float) -> str:
-    (x1, y1), (x2, y2) = _at(angle_deg, inner), _at(angle_deg, outer)
-    return f'x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}"'

@@ -15,6 +15,7 @@ from contextlib import AbstractContextManager, nullcontext
 
 from fastapi import FastAPI, Request, Response
 from fastapi.responses import HTMLResponse, PlainTextResponse, RedirectResponse
+from markupsafe import Markup
 from nicegui import Client, core, ui
 
 from highside.config.web import WebTable
@@ -26,6 +27,7 @@ from highside.web.listen import Server, listening, server_of
 from highside.web.sockets import Offences, Sockets
 from highside.web.viewers import Viewers
 
+_NOTICE = Markup('<!DOCTYPE html><html lang="en"><title>{title}</title><p>{text}</p></html>')
 RECONNECT_S = 10.0
 """A viewer whose socket was cut finds its page as it left it within this; later the page loads anew."""
 CONNECT_WITHIN_S = 15.0
@@ -173,5 +175,5 @@ async def _not_found(request: Request, error: Exception) -> Response:
 
 
 def notice(title: str, text: str, status: int, headers: dict[str, str] | None = None) -> Response:
-    """A page of one sentence; both are ours, not from outside."""
-    return HTMLResponse(f'<!DOCTYPE html><html lang="en"><title>{title}</title><p>{text}</p></html>', status, headers)
+    """A page of one sentence."""
+    return HTMLResponse(_NOTICE.format(title=title, text=text), status, headers)

@@ -22,7 +22,7 @@ from highside.bench.session.driver import SessionDriver
 from highside.bench.session.labels import LABELS
 from highside.bench.session.snapshot import Command, CommandName, PoseState, SessionState, Snapshot
 from highside.web.host import CONNECT_WITHIN_S, is_drawn, is_there
-from highside.web.parts import PageParts, parts_of
+from highside.web.parts import PageParts, markup, parts_of
 
 GO = frozenset({CommandName.START, CommandName.ACCEPT, CommandName.RESUME, CommandName.CAPTURE, CommandName.ACTIVATE})
 QUESTIONS = {
@@ -71,7 +71,7 @@ class BenchView:
     # --- what stands where -------------------------------------------------------------------------------------
 
     def _place(self, name: str, *, tag: str = "div", classes: str = "", props: str = "") -> Html:
-        # the parts are made here and escaped there: nothing of theirs needs the browser's sanitiser
+        # templates have escaped what is in the parts: nothing of theirs needs the browser's sanitiser
         made = ui.html("", sanitize=False, tag=tag).classes(f"{name} {classes}").props(props)
         self._places[name] = made
         return made
@@ -95,7 +95,7 @@ class BenchView:
                     self._build_buttons()
                 else:
                     # nothing here that a click or a key could reach
-                    ui.html(f'<p class="answer">{NO_TOKEN}</p>{_LOGIN}', sanitize=False)
+                    ui.html(markup("looking_on", NO_TOKEN), sanitize=False)
             with ui.element("section").classes("end").props('aria-label="result"') as self._end:
                 self._place("result")
                 with ui.element("p").classes("links"):
@@ -118,7 +118,7 @@ class BenchView:
                 button = ui.button(color=None, on_click=partial(self._clicked, name)).classes(f"command {kind}")
                 button.props(f'no-caps unelevated no-wrap data-command="{name.value}"')
                 with button:
-                    ui.html(f"{label} <kbd>{shown}</kbd>", sanitize=False, tag="span")
+                    ui.html(markup("key", label, shown), sanitize=False, tag="span")
                 self._buttons[name] = button
         with ui.element("div").classes("redo-one"):
             self._again = ui.select([], label="Redo one pose").props('dense outlined options-dense data-role="again"')
@@ -239,8 +239,3 @@ _SCROLL = """
 const list = document.querySelector('section.list'), row = list && list.querySelector('tr.here');
 if (row) list.scrollTop = row.offsetTop - list.clientHeight / 2;
 """
-
-_LOGIN = (
-    '<form class="login" method="post" action="/login"><label>Token <input name="token" type="password"'
-    ' autocomplete="off" required></label> <button type="submit">Take the controls</button></form>'
-)

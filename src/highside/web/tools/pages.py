@@ -10,6 +10,7 @@ import time
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
+from markupsafe import Markup
 from nicegui import Client, ui
 
 from highside.config.mqtt import MqttSettings
@@ -109,7 +110,7 @@ class ToolView:
         reached = ' tabindex="0"' if scrolls else ""
         with ui.element("section").classes(name).props(f'aria-label="{label}"{reached}'):
             if title:
-                ui.html(f"<h2>{title}</h2>", sanitize=False)
+                ui.html(str(Markup("<h2>{}</h2>").format(title)), sanitize=False)
             self._places[name] = ui.html("", sanitize=False).classes("drawn" if name == "dial" else "")
 
     def _build_scene(self) -> None:

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment
 
 from highside.service.alarms import ALARMS
+from highside.shown.card import templates
 from highside.web.tools.drawings import dial
 from highside.web.tools.state import Condition, Reading, Tools, ToolState, departs, needs_attention, number, text, texts
 
@@ -298,9 +299,7 @@ _TICKS = tuple(range(0, 360, 15))
 
 @cache
 def _templates() -> Environment:
-    made = Environment(
-        loader=PackageLoader("highside.web.tools"), autoescape=True, undefined=StrictUndefined, auto_reload=False
-    )
+    made = templates("highside.web.tools")
     made.filters["path"] = _path
     return made
 
