@@ -6,16 +6,21 @@ import io
 import struct
 import subprocess
 import sys
+import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import numpy as np
+import openpyxl
 import pyarrow as pa
 import pyarrow.feather as feather
 import pyarrow.parquet as parquet
 import pytest
 from mcap.writer import CompressionType, Writer
+from rosbags.rosbag1 import Writer as RosWriter
+from rosbags.typesys import Stores, get_typestore
 from scipy.io import loadmat, savemat
 
 from highside.errors import InputError
@@ -304,4 +309,95 @@ def test_a_message_described_as_two_thousand_million_texts_is_refused(tmp_path: 
     described = ("own/msg/X", "ros2msg", b"string[2000000000] a\n")
     path.write_bytes(mcap([b"\0\1\0\0" + bytes(40)] * 3, schema=described, encoding="cdr"))
     with pytest.raises(InputError, match="is described with arrays of 2000000000"):
+        open_foreign(path, Wishes())
+
+
+def test_a_name_that_no_file_may_have_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        open_foreign(tmp_path / ("x" * 300), Wishes())
+
+
+def _hdf5(path: Path, write: Callable[[h5py.File], object]) -> Path:
+    with h5py.File(path, "w") as file:
+        write(file)
+    return path
+
+
+HDF5_FILES: dict[str, tuple[Callable[[h5py.File], object], str]] = {
+    "1 TB that was never written": (
+        lambda file: file.create_dataset("t", shape=(10**11,), chunks=(10**6,), dtype="f8"),
+        "expands to more than",
+    ),
+    "240 MB that was never written": (
+        lambda file: file.create_dataset("t", shape=(30_000_000,), chunks=(10**6,), dtype="f8"),
+        "expands to more than 200 times",
+    ),
+    "groups within groups": (lambda file: file.create_dataset("g/" * 100 + "t", data=[1.0, 2.0]), "64 deep"),
+    "5,000 groups": (lambda file: [file.create_group(f"g{k}") for k in range(5000)], "more than 4096 objects"),
+}
+
+
+@pytest.mark.parametrize("name", HDF5_FILES)
+def test_an_hdf5_file_is_weighed_before_it_is_unpacked(name: str, tmp_path: Path) -> None:
+    write, said = HDF5_FILES[name]
+    with pytest.raises(InputError, match=said):
+        open_foreign(_hdf5(tmp_path / "x.h5", write), Wishes())
+
+
+def workbook(edit: Callable[[str, bytes], bytes]) -> bytes:
+    book = openpyxl.Workbook()
+    sheet = book.worksheets[0]
+    for row in (["t_s", "ax_g", "ay_g", "az_g"], *([k / 10, 0.1, 0.2, 0.97] for k in range(50))):
+        sheet.append(row)
+    made, out = io.BytesIO(), io.BytesIO()
+    book.save(made)
+    with zipfile.ZipFile(made) as source, zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in source.namelist():
+            archive.writestr(name, edit(name, source.read(name)))
+    return out.getvalue()
+
+
+def test_a_workbook_of_ten_thousand_sheets_and_a_number_of_400_digits_are_refused(tmp_path: Path) -> None:
+    def sheets(name: str, content: bytes) -> bytes:
+        if name != "xl/workbook.xml":
+            return content
+        begin, end = content.index(b"<sheets>") + len(b"<sheets>"), content.index(b"</sheets>")
+        one = content[begin:end]
+        many = b"".join(one.replace(b'name="Sheet"', b'name="S%d"' % k) for k in range(10_000))
+        return content[:begin] + many + content[end:]
+
+    path = tmp_path / "x.xlsx"
+    path.write_bytes(workbook(sheets))
+    with pytest.raises(InputError, match="more than 255 sheets"):
+        open_foreign(path, Wishes())
+    path.write_bytes(workbook(lambda _, content: content.replace(b"<v>0.97</v>", b"<v>1" + b"0" * 400 + b"</v>", 1)))
+    with pytest.raises(InputError, match="row 2: az_g: is too large a number"):
+        open_foreign(path, Wishes())
+
+
+def test_a_ulog_of_types_in_types_is_refused(tmp_path: Path) -> None:
+    def message(kind: str, content: bytes) -> bytes:
+        return struct.pack("<HB", len(content), ord(kind)) + content
+
+    head = b"ULog\x01\x12\x35\x01" + bytes(8)
+    types = [b"a%d:uint64_t timestamp;a%d[1000] x;" % (k, k + 1) for k in range(8)]
+    last = message("F", b"a8:uint64_t timestamp;float x;") + message("A", b"\0\0\0a0") + message("D", bytes(14))
+    path = tmp_path / "x.ulg"
+    for described in (types, [b"a0:uint64_t timestamp;a0 x;"], [b"a0:uint64_t timestamp;float[2000000000] x;"]):
+        path.write_bytes(head + b"".join(message("F", one) for one in described) + last)
+        with pytest.raises(InputError, match=r"fields, or of types|is a damaged ULog file"):
+            open_foreign(path, Wishes())
+
+
+def test_a_bag_is_unpacked_in_pieces_that_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "x.bag"
+    bag = RosWriter(path)
+    bag.set_compression(RosWriter.CompressionFormat.BZ2)
+    with bag:
+        store = get_typestore(Stores.ROS1_NOETIC)
+        text = bag.add_connection("/text", "std_msgs/msg/String", typestore=store)
+        message = store.types["std_msgs/msg/String"](data="a" * 40_000_000)
+        bag.write(text, 1, store.serialize_ros1(message, "std_msgs/msg/String"))
+    assert path.stat().st_size < 100_000
+    with pytest.raises(InputError, match="expands to more than 200 times"):
         open_foreign(path, Wishes())

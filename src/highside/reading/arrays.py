@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.errors import InputError
-from highside.reading.files import IF_MEANT, MAX_RATIO, allowed_bytes, in_words, too_packed
+from highside.reading.files import refuse_expansion
 
 MAX_MEMBERS = 4096
 """files in an archive: the largest that are known here have 40"""
-_DAMAGED = (
+DAMAGED = (
     zipfile.BadZipFile,
     zlib.error,
     struct.error,
@@ -63,7 +63,7 @@ def npz_arrays(data: bytes, *, where: str) -> dict[str, NDArray[Any]]:
                 if member.filename.endswith(".npy"):
                     name = member.filename.removesuffix(".npy")
                     found[name] = npy_array(archive.read(member), where=f"{where}: {name}")
-    except _DAMAGED as error:
+    except DAMAGED as error:
         raise InputError(f"is a damaged archive ({error})", where=where, remedy="give the right file") from None
     return found
 
@@ -74,16 +74,7 @@ def check_archive(archive: zipfile.ZipFile, packed: int, *, where: str) -> None:
     total = sum(member.file_size for member in members)
     if len(members) > MAX_MEMBERS:
         raise InputError(f"holds more than {MAX_MEMBERS} files", where=where, remedy="give the right file")
-    if total > allowed_bytes():
-        raise InputError(
-            f"expands to more than {in_words(allowed_bytes())}",
-            where=where,
-            remedy="if it is meant so: highside --max-bytes SIZE ...",
-        )
-    if too_packed(total, packed):
-        raise InputError(
-            f"expands to more than {MAX_RATIO} times its size, as no recording does", where=where, remedy=IF_MEANT
-        )
+    refuse_expansion(total, packed, where=where)
 
 
 def check_zip(data: bytes, *, where: str) -> None:
@@ -91,7 +82,7 @@ def check_zip(data: bytes, *, where: str) -> None:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             check_archive(archive, len(data), where=where)
-    except _DAMAGED as error:
+    except DAMAGED as error:
         raise InputError(f"is a damaged archive ({error})", where=where, remedy="give the right file") from None
 
 

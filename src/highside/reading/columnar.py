@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from highside.errors import InputError
 from highside.reading.arrow_size import FILE_MARK_BYTES, unpacked_bytes
 from highside.reading.documents import parse_json
-from highside.reading.files import IF_MEANT, MAX_RATIO, allowed_bytes, in_words, too_packed
+from highside.reading.files import allowed_bytes, refuse_expansion
 from highside.reading.mcap_size import unpacked_chunks
 from highside.reading.table import MAX_COLUMNS
 
@@ -62,7 +62,7 @@ def parquet_columns(data: bytes, *, where: str) -> list[ReadColumn]:
         meta = pq.read_metadata(io.BytesIO(data))
         _fits(meta.num_rows, meta.num_columns, len(data), where)
         unpacked = sum(meta.row_group(k).total_byte_size for k in range(meta.num_row_groups))
-        _refuse_expansion(unpacked, len(data), where)
+        refuse_expansion(unpacked, len(data), where=where)
         leaves = [meta.schema.column(k) for k in range(meta.num_columns)]
         # a text that stands once in the file stands once in the memory
         texts = [leaf.path for leaf in leaves if leaf.physical_type == "BYTE_ARRAY" and leaf.max_repetition_level == 0]
@@ -78,7 +78,7 @@ def arrow_columns(data: bytes, *, where: str) -> list[ReadColumn]:
 
     def read() -> list[ReadColumn]:
         buffer = pa.py_buffer(data)
-        _refuse_expansion(unpacked_bytes(buffer), len(data), where)
+        refuse_expansion(unpacked_bytes(buffer), len(data), where=where)
         # the stream between the file's marks: the messages that were just looked at, and no others
         table = pa.ipc.open_stream(buffer.slice(FILE_MARK_BYTES)).read_all()
         return _table(_checked(table, len(data), where), where)
@@ -99,7 +99,7 @@ def _checked(table: Any, size: int, where: str) -> Any:
             for chunk in column.chunks:
                 lengths = pc.binary_length(chunk.dictionary).take(chunk.indices)
                 texts += pc.sum(pc.cast(lengths, pa.int64())).as_py() or 0
-    _refuse_expansion(texts, size, where)
+    refuse_expansion(texts, size, where=where)
     return table
 
 
@@ -115,7 +115,7 @@ def mcap_messages(data: bytes, *, where: str) -> Iterator[McapMessage]:
     limit = allowed_bytes()
     try:
         unpacked, chunks = unpacked_chunks(data)
-        _refuse_expansion(unpacked, len(data), where)
+        refuse_expansion(unpacked, len(data), where=where)
         opened = reader.SeekingReader(io.BytesIO(data), validate_crcs=True, record_size_limit=limit)
         summary = opened.get_summary()
         if summary is not None and not chunks.issuperset(index.chunk_start_offset for index in summary.chunk_indexes):
@@ -123,8 +123,7 @@ def mcap_messages(data: bytes, *, where: str) -> Iterator[McapMessage]:
         size = 0
         for schema, channel, message in opened.iter_messages():
             size += len(message.data)
-            if size > limit:
-                raise _too_large(where)
+            refuse_expansion(size, len(data), where=where)
             yield McapMessage(
                 channel.topic,
                 channel.message_encoding,
@@ -272,24 +271,7 @@ def _damaged(kind: str, error: Exception, where: str) -> InputError:
 def _fits(rows: int, columns: int, size: int, where: str) -> None:
     if columns > MAX_COLUMNS:
         raise InputError(f"has more than {MAX_COLUMNS} columns", where=where, remedy="give the right file")
-    _refuse_expansion(rows * columns * _CELL_BYTES, size, where)
-
-
-def _refuse_expansion(unpacked: int, size: int, where: str) -> None:
-    """Raises InputError where a file of `size` bytes takes more memory than any may, or than any recording does."""
-    if unpacked > allowed_bytes():
-        raise _too_large(where)
-    if too_packed(unpacked, size):
-        raise InputError(
-            f"expands to more than {MAX_RATIO} times its size, as no recording does", where=where, remedy=IF_MEANT
-        )
-
-
-def _too_large(where: str) -> InputError:
-    limit = in_words(allowed_bytes())
-    return InputError(
-        f"expands to more than {limit}", where=where, remedy="if it is meant so: highside --max-bytes SIZE ..."
-    )
+    refuse_expansion(rows * columns * _CELL_BYTES, size, where=where)
 
 
 def _library(name: str, where: str) -> Any:

@@ -59,6 +59,16 @@ def too_packed(unpacked: int, packed: int) -> bool:
     return not _configured and unpacked > RATIO_FROM_BYTES and unpacked > MAX_RATIO * packed
 
 
+def refuse_expansion(unpacked: int, packed: int, *, where: str) -> None:
+    """Raises InputError where a file of `packed` bytes takes more memory than any may, or than any recording does."""
+    if unpacked > allowed_bytes():
+        raise InputError(f"expands to more than {in_words(allowed_bytes())}", where=where, remedy=IF_MEANT)
+    if too_packed(unpacked, packed):
+        raise InputError(
+            f"expands to more than {MAX_RATIO} times its size, as no recording does", where=where, remedy=IF_MEANT
+        )
+
+
 class _Expanding(io.RawIOBase):
     """A gzip stream that counts: what comes out, and how much went in for it."""
 

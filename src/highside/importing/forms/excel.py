@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import io
+import re
+import sys
+import zipfile
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any
@@ -14,12 +18,15 @@ from highside.errors import InputError
 from highside.importing.core.source import SourceColumn, SourceTable
 from highside.importing.core.units import unit_named
 from highside.importing.forms.missing import damaged, not_installed
-from highside.reading.arrays import check_zip
+from highside.reading.arrays import DAMAGED, check_zip
 from highside.reading.files import allowed_bytes
 from highside.reading.table import MAX_COLUMNS
 
 _CELL_BYTES = 100
 """memory of a cell of Python's own objects"""
+_LIST, _SHEET = "xl/workbook.xml", re.compile(rb"<(?:\w+:)?sheet[\s/>]")
+_MOST_SHEETS = 255
+"""as many as Excel makes at once"""
 _HEADER_ROWS = 50
 """rows among which the header is looked for"""
 _EPOCH = datetime.datetime(1970, 1, 1)  # noqa: DTZ001 - a sheet knows no zone
@@ -29,6 +36,8 @@ _SHOWN = 40
 def read_excel(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
     """The tables of all sheets that hold one. Raises InputError."""
     check_zip(data, where=where)
+    if _sheets(data) > _MOST_SHEETS:
+        raise InputError(f"has more than {_MOST_SHEETS} sheets", where=where, remedy="give the right file")
     try:
         import openpyxl
     except ImportError:
@@ -44,6 +53,13 @@ def read_excel(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
     if not tables:
         raise InputError("no sheet holds a table with a header and rows of numbers", where=where)
     return tables
+
+
+def _sheets(data: bytes) -> int:
+    """As many as the list of sheets names, before each is looked for."""
+    with contextlib.suppress(KeyError, *DAMAGED), zipfile.ZipFile(io.BytesIO(data)) as archive:
+        return len(_SHEET.findall(archive.read(_LIST)))
+    return 0
 
 
 def _cells(sheet: Any, where: str) -> list[tuple[Any, ...]]:
@@ -113,7 +129,12 @@ def _column(name: str, cells: list[Any], unit: str | None, first_row: int, where
                 f"{shown} is no number", where=at, field=name, remedy="correct that cell, or leave it empty"
             )
         return SourceColumn(name, texts=tuple("" if cell is None else str(cell) for cell in cells), unit=unit)
-    values = np.array([np.nan if cell is None else float(cell) for cell in cells])
+    try:
+        values = np.array([np.nan if cell is None else float(cell) for cell in cells])
+    except OverflowError:
+        row = next(k for k, cell in enumerate(cells) if isinstance(cell, int) and abs(cell) > sys.float_info.max)
+        at = f"{where}: row {first_row + row}"
+        raise InputError("is too large a number", where=at, field=name, remedy="correct that cell") from None
     whole = len(present) == len(cells) and all(isinstance(cell, int) and abs(cell) < 1 << 62 for cell in cells)
     return SourceColumn(name, values, integers=np.array(cells, dtype=np.int64) if whole else None, unit=unit)
 

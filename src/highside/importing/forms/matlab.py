@@ -11,10 +11,12 @@ from highside.errors import InputError
 from highside.importing.core.source import SourceTable
 from highside.importing.forms.arrays import tables_of
 from highside.importing.forms.missing import damaged, not_installed
-from highside.reading.files import allowed_bytes, in_words
-from highside.reading.mat5 import mat5_arrays
+from highside.reading.files import refuse_expansion
+from highside.reading.mat5 import MOST_ARRAYS, mat5_arrays
 
 MAT5 = b"MATLAB 5.0 MAT-file"
+_DEEPEST = 64
+"""groups within groups; visiting takes the square of it"""
 HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
@@ -36,24 +38,23 @@ def read_hdf5(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
         raise not_installed("h5py", where) from None
     arrays: dict[str, NDArray[Any]] = {}
     units: dict[str, str] = {}
-    size = 0
+    size = count = 0
 
     def take(key: str | bytes, item: Any) -> None:
-        nonlocal size
+        nonlocal size, count
+        count += 1
         # a name that is no UTF-8 comes as bytes
         name = key.decode("utf-8", "replace") if isinstance(key, bytes) else key
+        if count > MOST_ARRAYS or name.count("/") > _DEEPEST:
+            what = f"holds more than {MOST_ARRAYS} objects, or groups more than {_DEEPEST} deep"
+            raise InputError(what, where=where, remedy="give the right file")
         # what lies in other files is not looked at
         if not isinstance(item, h5py.Dataset) or item.is_virtual or item.external:
             return
         if item.dtype.kind not in "biuf" and not item.dtype.names:
             return
         size += item.size * item.dtype.itemsize
-        if size > allowed_bytes():
-            raise InputError(
-                f"expands to more than {in_words(allowed_bytes())}",
-                where=where,
-                remedy="if it is meant so: highside --max-bytes SIZE ...",
-            )
+        refuse_expansion(size, len(data), where=where)
         arrays[name] = item[()]
         unit = item.attrs.get("units", item.attrs.get("unit"))
         if isinstance(unit, str | bytes):

@@ -5,9 +5,12 @@ The types define what their fields are and in which units: m/s2 and rad/s. Value
 
 from __future__ import annotations
 
+import bz2
 import contextlib
+import importlib
 import io
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +19,16 @@ import numpy as np
 from highside.errors import InputError
 from highside.importing.core.source import SourceColumn, SourceTable, number_column
 from highside.importing.forms.missing import damaged, not_installed
-from highside.reading.files import allowed_bytes
+from highside.reading.files import allowed_bytes, refuse_expansion
+from highside.reading.table import MAX_COLUMNS
 
 ULOG = b"ULog\x01\x12\x35"
 ROSBAG = b"#ROSBAG V2.0"
 IMU = "sensor_msgs/msg/Imu"
 _AXES = "xyz"
+_DEEPEST = 16
+"""types within types"""
+_PIECE = 1 << 20
 _ULOG_TRIADS = {
     "sensor_combined": (("accelerometer_m_s2[{}]", "a"), ("gyro_rad[{}]", "g")),
     "sensor_accel": (("{}", "a"),),
@@ -52,6 +59,23 @@ class _Bounded(io.BytesIO):
         return super().read(size)
 
 
+def _bounded_ulog(library: Any, where: str) -> Any:
+    """The library's reader, which makes a field of each member of each array of each type within a type."""
+
+    class Described(library._MessageAddLogged):  # type: ignore[misc]
+        def _parse_nested_type(self, prefix_str: str, type_name: str, message_formats: Any) -> None:
+            here = sum(max(1, size) for _, size, _ in message_formats[type_name].fields)
+            if len(self.field_data) + here > MAX_COLUMNS or prefix_str.count(".") > _DEEPEST:
+                what = f"a topic of more than {MAX_COLUMNS} fields, or of types more than {_DEEPEST} deep"
+                raise InputError(what, where=where, field=self.message_name[:40], remedy="give the right file")
+            super()._parse_nested_type(prefix_str, type_name, message_formats)
+
+    class Bounded(library):  # type: ignore[misc]
+        _MessageAddLogged = Described
+
+    return Bounded
+
+
 def read_ulog(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
     """One table a topic of a PX4 log. Raises InputError."""
     try:
@@ -61,7 +85,7 @@ def read_ulog(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
     try:
         # the library prints what it thinks of a file
         with contextlib.redirect_stdout(io.StringIO()):
-            log = ULog(_Bounded(data))
+            log = _bounded_ulog(ULog, where)(_Bounded(data))
         if log.file_corruption:
             raise InputError("is a damaged ULog file", where=where, remedy="give the whole file")
         found = [(topic.name, int(topic.multi_id), dict(topic.data)) for topic in log.data_list]
@@ -112,6 +136,9 @@ def read_rosbag(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
             path = Path(folder) / "x.bag"
             path.write_bytes(data)
             with Reader(path) as bag:
+                for place, chunk in list(bag.chunks.items()):
+                    unpack = _bounded_unpacking(chunk.decompressor, len(data), where)
+                    bag.chunks[place] = chunk._replace(decompressor=unpack)
                 for connection, _, raw in bag.messages():
                     size += len(raw)
                     if size > allowed_bytes():
@@ -125,6 +152,28 @@ def read_rosbag(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
     except Exception as error:
         raise damaged("ROS bag", error, where) from None
     return _imu_tables(topics, others, "ROS 1 bag", where)
+
+
+def _bounded_unpacking(unpack: Callable[[bytes], bytes], size: int, where: str) -> Callable[[bytes], bytes]:
+    """The same, in pieces that are counted: what a chunk says of itself binds nobody. `size`: bytes of the file."""
+    if unpack is bz2.decompress:
+        streams: Callable[[], Any] = bz2.BZ2Decompressor
+    elif unpack.__module__.startswith("lz4"):
+        streams = importlib.import_module("lz4.frame").LZ4FrameDecompressor
+    else:
+        return unpack
+
+    def bounded(packed: bytes) -> bytes:
+        stream, pieces, count, given = streams(), list[bytes](), 0, packed
+        while not stream.eof:
+            pieces.append(stream.decompress(given, max_length=_PIECE))
+            count, given = count + len(pieces[-1]), b""
+            refuse_expansion(count, size, where=where)
+            if not pieces[-1] and stream.needs_input:
+                raise EOFError("a chunk is not whole")
+        return b"".join(pieces)
+
+    return bounded
 
 
 def ros_store(encoding: str) -> Any:

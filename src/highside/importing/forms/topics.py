@@ -76,9 +76,12 @@ def bag_within(path: Path) -> Path:
 
     Raises InputError for a bag of several files.
     """
-    if not (path.is_dir() and (path / "metadata.yaml").is_file()):
-        return path
-    found = sorted(file for file in path.iterdir() if file.suffix in (".db3", ".mcap"))
+    try:
+        if not (path.is_dir() and (path / "metadata.yaml").is_file()):
+            return path
+        found = sorted(file for file in path.iterdir() if file.suffix in (".db3", ".mcap"))
+    except OSError:
+        return path  # whoever opens it says why not
     if len(found) != 1:
         raise InputError(
             f"is a bag of {len(found)} files", where=str(path), remedy="give one of them, or make one bag of them"
