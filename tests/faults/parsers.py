@@ -274,13 +274,13 @@ class Bench:
             place = profiles.place("bench")
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_bytes(data)
-            wishes = profiles.load("bench")
+            profile = profiles.load("bench")
         finally:
             del os.environ["XDG_CONFIG_HOME"]
             if before is not None:
                 os.environ["XDG_CONFIG_HOME"] = before
-        assert wishes is not None
-        return self._imported(seeds.foreign_csv(), wishes)
+        assert profile is not None
+        return self._imported(seeds.foreign_csv(), profile.wishes)
 
     def import_csv(self, data: bytes) -> bool:
         # lines of VectorNav have no time

@@ -19,14 +19,15 @@ from highside.shown.card import card
 if TYPE_CHECKING:
     from highside.importing.core.proposal import Proposal
     from highside.importing.core.wishes import Wishes
-    from highside.importing.files import ImportedRecording
-    from highside.importing.joins import Joins
+    from highside.importing.joins import Carried, Joins
 
 __all__ = ["ImportProposal", "import_recording", "inspect_import", "propose_import", "write_imported"]
 
-OPTION = re.compile(r"--(map|units|axes|rate|table|part|profile|yes)\b(?: (?!takes|says)([^\s;]*[^\s;,]))?")
+OPTION = re.compile(
+    r"--(map|units|axes|rate|table|part|profile|lag|reference|yes)\b(?: (?!takes|says)([^\s;]*[^\s;,]))?"
+)
 """an option of `highside import` as its words name it, and its value"""
-ARGUMENTS = {"map": "mapping", "rate": "rate_hz", "yes": "accept"}
+ARGUMENTS = {"map": "mapping", "rate": "rate_hz", "lag": "lag_s", "yes": "accept"}
 """those that have another name as an argument"""
 EVIDENCE_SHOWN = 3
 
@@ -40,9 +41,10 @@ class ImportProposal:
     """
 
     _proposal: Proposal
+    _others: tuple[Proposal, ...]
     remarks: tuple[str, ...]
-    """what was found in the rows: gaps, repeats, rows without a value"""
-    _imported: ImportedRecording | InputError
+    """what was found in the rows: gaps, repeats, rows without a value; what was joined"""
+    _carried: Carried | InputError
 
     @property
     def rows(self) -> list[tuple[str, str, str, str, str]]:
@@ -52,9 +54,10 @@ class ImportProposal:
     @property
     def doubts(self) -> tuple[str, ...]:
         """What must be decided (`open`) or confirmed before use, and the argument that does it."""
+        standing = [doubt for proposal in (self._proposal, *self._others) for doubt in proposal.doubts]
+        standing += [] if isinstance(self._carried, InputError) else self._carried.doubts
         return tuple(
-            f"{'open' if doubt.open else 'look at'}: {doubt.what}; {_in_arguments(doubt.remedy)}"
-            for doubt in self._proposal.doubts
+            f"{'open' if doubt.open else 'look at'}: {doubt.what}; {_in_arguments(doubt.remedy)}" for doubt in standing
         )
 
     def read(self, *, accept: bool = False) -> Recording:
@@ -62,14 +65,16 @@ class ImportProposal:
 
         Raises InputError that says which argument decides it.
         """
-        from highside.importing.files import refuse_open
+        from highside.importing.files import refuse_doubts, refuse_open
 
         with _as_arguments():
-            refuse_open(self._proposal, accepted=accept)
-            if isinstance(self._imported, InputError):
-                raise self._imported
+            for proposal in (self._proposal, *self._others):
+                refuse_open(proposal, accepted=accept)
+            if isinstance(self._carried, InputError):
+                raise self._carried
+            refuse_doubts(self._carried.doubts, self._proposal.table.where, accepted=accept)
         taken = [f"{ours} is {column} ({unit}, {sure}): {why}" for ours, column, unit, sure, why in self.rows]
-        return Recording.of(self._imported.recording, (*taken, *self.remarks))
+        return Recording.of(self._carried.recording, (*taken, *self.remarks))
 
     def __str__(self) -> str:
         table = [("column", "from", "unit", "", "evidence"), *self.rows]
@@ -110,18 +115,24 @@ def inspect_import(
     InputError for a file that cannot be read.
     """
     from highside.importing.core.wishes import Wishes
-    from highside.importing.files import recording_of
+
+    wishes = Wishes(dict(mapping or {}), tuple(units), axes, rate_hz, table, part)
+    return _inspected(Path(file), wishes, None, profile)
+
+
+def _inspected(file: Path, wishes: Wishes, joins: Joins | None, profile: str | None) -> ImportProposal:
+    from highside.importing.joins import carry_out, open_joined
 
     with _as_arguments():
-        wishes = Wishes(dict(mapping or {}), tuple(units), axes, rate_hz, table, part)
-        proposal, _, _ = propose_import(Path(file), wishes, profile)
-        imported: ImportedRecording | InputError
+        proposal, _, together, _ = propose_import(file, wishes, joins, profile)
+        others = open_joined(file, together)
+        carried: Carried | InputError
         try:
-            imported = recording_of(proposal)
+            carried = carry_out(proposal, others, together)
         except InputError as fault:
-            imported = fault
-    findings = () if isinstance(imported, InputError) else imported.findings
-    return ImportProposal(proposal, (*proposal.table.remarks, *findings), imported)
+            carried = fault
+    findings = () if isinstance(carried, InputError) else carried.findings
+    return ImportProposal(proposal, tuple(other for _, other, _ in others), findings, carried)
 
 
 def import_recording(
@@ -138,7 +149,7 @@ def import_recording(
     reference: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] = (),
     reference_mapping: Mapping[str, str] | None = None,
     join: Sequence[str] = (),
-    take: str = "interpolated",
+    take: str | None = None,
     lag_s: float | None = None,
 ) -> Recording:
     """A Recording of N rows out of a file of another program: `t_s`, `ax_g`, ... whatever they are called there.
@@ -147,50 +158,37 @@ def import_recording(
     to `COLUMN` or `COLUMN:unit` of the file, or `none`; `units`: units of the file, one a quantity, as
     `("m/s2", "rad/s")`; `axes`: the tool's axes in the file's (`"-yxz"`); `rate_hz`: rows/s where it has no time;
     `table`: which sheet, topic or length of arrays; `part`: which part, from 1, where its clock began again;
-    `profile`: a mapping kept by `highside import`.
+    `profile`: a mapping kept by `highside import`, with the second files that it joins.
     `reference`: files whose columns are joined on the times of this one (`reference_mapping`: as `mapping`, for them),
-    `join`: names of other tables of the same file; `take`: interpolated, nearest or last; `lag_s`: by how much their
-    clock is late, NaN for what is measured.
+    `join`: names of other tables of the same file; `take`: interpolated (if not given), nearest or last; `lag_s`: by
+    how much their clock is late, NaN for what is measured.
     What rests on values alone is used only with `accept`; what is open never. Raises InputError that says which
     argument decides it.
     """
-    if not reference and not join:
-        looked = inspect_import(
-            file, mapping=mapping, units=units, axes=axes, rate_hz=rate_hz, table=table, part=part, profile=profile
-        )
-        return looked.read(accept=accept)
     from highside.importing.core.wishes import Taken, Wishes
     from highside.importing.joins import Joins
 
     files = (reference,) if isinstance(reference, str | os.PathLike) else tuple(reference)
     theirs = Wishes(dict(reference_mapping or {}), tuple(units))
-    joins = Joins(tuple(join), tuple(map(Path, files)), theirs, Taken(take), lag_s)
+    taken = None if take is None else Taken(take)
+    joins = Joins.of(tuple(join), tuple(map(Path, files)), theirs, taken, lag_s)
     wishes = Wishes(dict(mapping or {}), tuple(units), axes, rate_hz, table, part)
-    return _joined(Path(file), wishes, joins, profile, accept=accept)
+    return _inspected(Path(file), wishes, joins, profile).read(accept=accept)
 
 
-def _joined(file: Path, wishes: Wishes, joins: Joins, profile: str | None, *, accept: bool) -> Recording:
-    from highside.importing.files import refuse_doubts, refuse_open
-    from highside.importing.joins import carry_out, open_joined
-
-    proposal, _, _ = propose_import(file, wishes, profile)
-    refuse_open(proposal, accepted=accept)
-    others = open_joined(file, joins)
-    for _, other, _ in others:
-        refuse_open(other, accepted=accept)
-    carried = carry_out(proposal, others, joins)
-    refuse_doubts(carried.doubts, str(file), accepted=accept)
-    return Recording.of(carried.recording, carried.findings)
-
-
-def propose_import(file: Path, wishes: Wishes, profile: str | None) -> tuple[Proposal, Wishes, bool]:
-    """The proposal, the wishes with those of the profile, and whether there is such a profile already."""
+def propose_import(
+    file: Path, wishes: Wishes, joins: Joins | None, profile: str | None
+) -> tuple[Proposal, Wishes, Joins, bool]:
+    """The proposal, the wishes and what is joined with those of the profile, and whether there is such a profile."""
     from highside.importing.files import open_foreign
+    from highside.importing.joins import Joins
     from highside.importing.profiles import load, merged
 
     kept = None if profile is None else load(profile)
-    together = merged(kept, wishes)
-    return open_foreign(file, together), together, kept is not None
+    joins = joins or Joins()
+    if kept is not None:
+        wishes, joins = merged(kept.wishes, wishes), kept.joins(file, joins)
+    return open_foreign(file, wishes), wishes, joins, kept is not None
 
 
 def rows_of(proposal: Proposal) -> list[tuple[str, str, str, str, str]]:
@@ -246,6 +244,8 @@ def _in_arguments(text: str) -> str:
             return f'{name}={{"{ours}": "{theirs}"}}'
         if option == "units":
             return f"{name}={json.dumps(value.split(','))}"
+        if option == "lag":
+            return f'{name}=float("nan")' if value == "measured" else f"{name}={value}"
         return f"{name}={value}" if option in ("rate", "part") else f'{name}="{value}"'
 
     return OPTION.sub(argument, text)

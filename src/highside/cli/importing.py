@@ -40,7 +40,8 @@ def import_file(
         int | None, typer.Option("--part", help="Which part of a file whose clock began again, from 1.")
     ] = None,
     profile: Annotated[
-        str | None, typer.Option("--profile", help="Keep the mapping under this name, or use the one that is kept.")
+        str | None,
+        typer.Option("--profile", help="Keep what is said under this name, or use what is kept."),
     ] = None,
     reference: Annotated[
         list[Path] | None,
@@ -54,9 +55,9 @@ def import_file(
     join: Annotated[
         list[str] | None, typer.Option("--join", help="Another table (topic, sheet) of this file to join; repeatable.")
     ] = None,
-    take: Annotated[Taken, typer.Option("--take", help="How a value between two joined rows is taken.")] = (
-        Taken.INTERPOLATED
-    ),
+    take: Annotated[
+        Taken | None, typer.Option("--take", help="How a value between two joined rows is taken; interpolated if not.")
+    ] = None,
     lag: Annotated[
         str | None, typer.Option("--lag", metavar="SECONDS|measured", help="How late the joined clock is.")
     ] = None,
@@ -68,7 +69,7 @@ def import_file(
     texts = tuple(text.strip() for text in (units or "").split(",") if text.strip())
     wishes = Wishes(parse_mapping(mapping or []), texts, axes, rate_hz, table, part)
     theirs = Wishes(parse_mapping(reference_map or []), texts)
-    joins = Joins(tuple(join or ()), tuple(reference or ()), theirs, take, _lag_s(lag))
+    joins = Joins.of(tuple(join or ()), tuple(reference or ()), theirs, take, _lag_s(lag))
     _import(file, output, wishes, joins, profile, yes=yes)
 
 
@@ -76,25 +77,29 @@ def _import(file: Path, output: Path, wishes: Wishes, joins: Joins, profile: str
     from highside.api.importing import propose_import, write_imported
     from highside.importing.files import refuse_doubts, refuse_open
     from highside.importing.joins import carry_out, open_joined
-    from highside.importing.profiles import store
+    from highside.importing.profiles import joined_by, store
 
-    proposal, together, kept = propose_import(file, wishes, profile)
+    proposal, together, joined, kept = propose_import(file, wishes, joins, profile)
     _show(proposal)
     ask = sys.stdin.isatty() and not yes
     refuse_open(proposal, accepted=yes or ask)
-    others = open_joined(file, joins)
+    others = open_joined(file, joined)
     for _, other, _ in others:
         _show(other)
         refuse_open(other, accepted=yes or ask)
-    carried = carry_out(proposal, others, joins)
+    carried = carry_out(proposal, others, joined)
     for line in carried.findings:
         echo(f"  {line}", err=True)
     refuse_doubts(carried.doubts, str(file), accepted=yes or ask)
     if ask and not typer.confirm("Use it?", default=True, err=True):
         raise typer.Abort
     write_imported(carried.recording, output)
-    if profile is not None and (not kept or wishes.mapping):
-        echo(f"  kept as profile {profile}: {store(profile, proposal, together)}", err=True)
+    if profile is not None and (not kept or wishes.mapping or joins.seconds):
+        seconds = [other for _, other, _ in others]
+        where = store(profile, file, proposal, together, joined, seconds, carried.axes)
+        echo(f"  kept as profile {profile}: {where}", err=True)
+        for rule in joined_by(joined, file):
+            echo(f"  it joins {rule}", err=True)
     echo(
         f"{output}: {carried.recording.n} of {proposal.table.n} rows, {len(carried.recording.order)} columns", err=True
     )

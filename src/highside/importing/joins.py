@@ -22,38 +22,61 @@ _REFERENCE = ("inc_ref_deg", "tf_ref_deg")
 
 
 @dataclass(frozen=True, slots=True)
-class Joins:
-    """What is joined: `tables` of the same file, `references` of their own with `mapping` and `units` of theirs.
+class Second:
+    """One table to be joined: a `file` of its own, or (None) the table of that `name` of the same file; what is said of
+    its columns, and by which rule of a profile it was found."""
 
-    `lag_s`: by how much their clock is late, NaN for what is measured, None for what the clocks say.
-    """
-
-    tables: tuple[str, ...] = ()
-    references: tuple[Path, ...] = ()
+    name: str
+    file: Path | None = None
     wishes: Wishes = field(default_factory=Wishes)
-    taken: Taken = Taken.INTERPOLATED
+    by: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Joins:
+    """What is joined, how a value between two rows is taken (None: interpolated), and by how many seconds its clock is
+    late: NaN for what is measured, None for what the clocks say."""
+
+    seconds: tuple[Second, ...] = ()
+    taken: Taken | None = None
     lag_s: float | None = None
 
-    @property
-    def any(self) -> bool:
-        """Whether there is anything to join."""
-        return bool(self.tables or self.references)
+    @classmethod
+    def of(
+        cls,
+        tables: Sequence[str] = (),
+        references: Sequence[Path] = (),
+        wishes: Wishes | None = None,
+        taken: Taken | None = None,
+        lag_s: float | None = None,
+    ) -> Joins:
+        """`tables` of the same file and files of `references`, all with the same `wishes`."""
+        theirs = wishes or Wishes()
+        seconds = [Second(name, None, theirs) for name in tables]
+        return cls((*seconds, *(Second(file.name, file, theirs) for file in references)), taken, lag_s)
 
 
 @dataclass(frozen=True, slots=True)
 class Carried:
-    """A Recording with what was joined, what was found in its rows, and what must be confirmed."""
+    """A Recording with what was joined, what was found in its rows, its axes in those of the file, and what must be
+    confirmed."""
 
     recording: Recording
     findings: tuple[str, ...]
+    axes: str
     doubts: tuple[Doubt, ...] = ()
 
 
 def open_joined(path: Path, joins: Joins) -> list[tuple[str, Proposal, bool]]:
     """(name, proposal, whether of the same clock) of each table to be joined. Raises InputError."""
-    wishes = replace(joins.wishes, reference=True)
-    found = [(name, _table_of(path, name, wishes), True) for name in joins.tables]
-    return found + [(file.name, open_foreign(file, wishes), False) for file in joins.references]
+    found = []
+    for second in joins.seconds:
+        wishes = replace(second.wishes, reference=True)
+        if second.file is None:
+            found.append((second.name, _table_of(path, second.name, wishes), True))
+        else:
+            found.append((second.name, open_foreign(second.file, wishes), False))
+    return found
 
 
 def _table_of(path: Path, name: str, wishes: Wishes) -> Proposal:
@@ -76,7 +99,9 @@ def carry_out(
     Raises InputError for rows without times, clocks that nothing compares, and axes that agree with no reference.
     """
     first = recording_of(proposal)
-    recording, findings, doubts = first.recording, [*proposal.table.remarks, *first.findings], []
+    recording, doubts, axes = first.recording, [], proposal.axes.axes
+    findings = [second.by for second in joins.seconds if second.by]
+    findings += [*proposal.table.remarks, *first.findings]
     for name, other, one_clock in others:
         second = recording_of(other)
         findings += [f"{name}: {line}" for line in (*other.table.remarks, *second.findings)]
@@ -84,7 +109,7 @@ def carry_out(
             ImportedRecording(recording, (), first.start_ns),
             second,
             name,
-            taken=joins.taken,
+            taken=joins.taken or Taken.INTERPOLATED,
             lag_s=joins.lag_s,
             one_clock=one_clock,
         )
@@ -92,23 +117,31 @@ def carry_out(
         findings += made.findings
         if made.doubt is not None:
             doubts.append(Doubt(made.doubt, "--lag measured, --lag 0 or --lag SECONDS", made.open))
-    if others and not proposal.axes_given and recording.has(*ACCELERATIONS, *_REFERENCE):
-        gravity = np.vstack([recording[name] for name in ACCELERATIONS])
-        guess = axes_by_reference(gravity, recording["inc_ref_deg"], recording["tf_ref_deg"])
-        if guess.open is not None and doubts:
-            # at a wrong lag no axes agree: it is the lag that must be said
-            return Carried(recording, tuple(findings), (replace(doubts[0], open=True),))
-        if guess.open is not None:
-            raise InputError(guess.open, where=recording.source, remedy=f"--axes {guess.axes} (or another arrangement)")
-        findings.append(f"axes {guess.axes}: {'; '.join(guess.evidence)}")
-        if guess.likely:
-            doubts.append(
-                Doubt(
-                    f"axes {guess.axes} agree with the reference, those of the file do not",
-                    f"--axes={guess.axes}",
-                    False,
-                )
-            )
-            if turned:
-                turn(recording.columns, AxisMap.parse(guess.axes))
-    return Carried(recording, tuple(findings), tuple(doubts))
+    if not others or not recording.has(*ACCELERATIONS, *_REFERENCE):
+        return Carried(recording, tuple(findings), axes, tuple(doubts))
+    gravity = np.vstack([recording[name] for name in ACCELERATIONS])
+    guess = axes_by_reference(gravity, recording["inc_ref_deg"], recording["tf_ref_deg"])
+    if proposal.axes_given:
+        if guess.open is not None or guess.likely:
+            findings.append(f"axes {axes} as given, though {guess.open or '; '.join(guess.evidence)}")
+        return Carried(recording, tuple(findings), axes, tuple(doubts))
+    if guess.open is not None and doubts:
+        # at a wrong lag no axes agree: it is the lag that must be said
+        return Carried(recording, tuple(findings), axes, (replace(doubts[0], open=True),))
+    if guess.open is not None:
+        raise InputError(guess.open, where=recording.source, remedy=f"--axes {guess.axes} (or another arrangement)")
+    findings.append(f"axes {guess.axes}: {'; '.join(guess.evidence)}")
+    if guess.likely:
+        what = f"axes {guess.axes} agree with the reference, those of the file do not"
+        doubts.append(Doubt(what, f"--axes={guess.axes}", False))
+        if turned:
+            turn(recording.columns, AxisMap.parse(guess.axes))
+            axes = _after(axes, guess.axes)
+    return Carried(recording, tuple(findings), axes, tuple(doubts))
+
+
+def _after(first: str, second: str) -> str:
+    """The arrangement that does as two do one after the other."""
+    one, two = AxisMap.parse(first, allow_mirror=True), AxisMap.parse(second)
+    signs = [two.signs[k] * one.signs[two.order[k]] for k in range(3)]
+    return "".join(("-" if sign < 0 else "") + "xyz"[one.order[two.order[k]]] for k, sign in enumerate(signs))
