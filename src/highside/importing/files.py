@@ -33,6 +33,8 @@ def open_foreign(path: Path, wishes: Wishes) -> Proposal:
         # what a library thinks of a file is no line for the user: it is read, or refused
         warnings.simplefilter("ignore")
         tables = form_of(data).read(data, where, stem)
+    # what is judged from here on are the columns: of a long text the bytes are as large again
+    del data
     if wishes.table is not None:
         tables = tuple(table for table in tables if table.name == wishes.table) or _no_table(tables, wishes.table)
     if len(tables) == 1:

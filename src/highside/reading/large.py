@@ -81,6 +81,8 @@ def columns_at_once(
         if column is None or (column.numbers is not None and bool(np.isinf(column.numbers).any())):
             return None
         columns.append(column)
+    # what the parser took for its own work goes back at once: the caller has arrays of the same size to make
+    pa.default_memory_pool().release_unused()
     return columns
 
 

@@ -85,6 +85,18 @@ class ImportPolicy:
     """1: how many times worse the next arrangement of axes must be for one to be inferred"""
     gap_steps: float = 1.5
     """1: a step of more than so many usual ones is a gap (the jitter of USB and radio loggers stays below)"""
+    rows_around: int = 9
+    """rows before and behind a wide step whose times are compared: a row that is late itself is no median of them"""
+    rows_between: int = 2
+    """rows: wide steps that are not further apart are judged together"""
+    room_rows: int = 1000
+    """rows before a time that falls back among which room for it is looked for"""
+    whole_share: float = 0.15
+    """1: how far from a whole number of rows the times may have moved for rows to be called lost. Of steps of a clock
+    by any amount 3 in 10 pass for lost rows then; no lost row passed for a step of the clock up to a jitter of 6 %
+    (tests/unit/test_importing_steps.py)"""
+    whole_scatters: float = 3.0
+    """1: the same in scatters (median) of the regular steps, where that is more"""
     pause_steps: float = 20.0
     """1: a step of more than so many usual ones is a pause: who writes rows at rest alone (a session of stops) or was
     unplugged wrote nothing, and how many rows were lost cannot be said"""

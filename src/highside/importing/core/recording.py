@@ -40,7 +40,7 @@ def recording_of(proposal: Proposal, policy: ImportPolicy = POLICY) -> ImportedR
     if table.n == 0:
         raise InputError("holds no row", where=table.where)
     ns = _times(proposal)
-    found = rows_of(ns, _same(table.columns), table.place, policy)
+    found = rows_of(ns, _same(table.columns), table.place, policy, _counter(proposal))
     keep = found.keep
     if len(found.parts) > 1:
         keep = _part(proposal, found.parts, ns)
@@ -80,6 +80,13 @@ def _times(proposal: Proposal) -> NDArray[np.int64]:
         raise InputError("has no time", where=proposal.table.where, remedy="--map t_s=COLUMN:ms, or --rate HZ")
     stamps: NDArray[np.int64] = np.rint(np.arange(proposal.table.n) * (1e9 / proposal.rate_hz)).astype(np.int64)
     return stamps
+
+
+def _counter(proposal: Proposal) -> Numbers | None:
+    """The device's own number of each row (N,), where the file has one."""
+    guess = proposal.guess("seq")
+    column = None if guess is None else proposal.table.column(guess.column)
+    return None if column is None else column.numbers
 
 
 def _part(proposal: Proposal, parts: tuple[tuple[int, int], ...], ns: NDArray[np.int64]) -> NDArray[np.intp]:

@@ -1,9 +1,11 @@
-"""Which column is the time and in which unit; what its rows say: wraps, resets, gaps, rows out of order, repeats."""
+"""Which column is the time and in which unit; what its rows say: wraps, resets, gaps, rows out of order,
+repeats."""
 
 from __future__ import annotations
 
 import datetime
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,7 +13,8 @@ from numpy.typing import NDArray
 
 from highside.importing.core.instants import DAY_NS, instants
 from highside.importing.core.policy import POLICY, ImportPolicy
-from highside.importing.core.source import SourceColumn
+from highside.importing.core.source import Numbers, SourceColumn
+from highside.importing.core.stepping import set_back, wide_steps
 from highside.importing.core.units import WRITTEN_DATES, Quantity, Unit, unit_named
 
 Nanoseconds = NDArray[np.int64]
@@ -245,12 +248,18 @@ class RowFindings:
     """[begin, end) of rows between resets of the clock; one where there was none"""
 
 
-def rows_of(ns: Nanoseconds, same: NDArray[np.bool_], place: object, policy: ImportPolicy = POLICY) -> RowFindings:
+def rows_of(
+    ns: Nanoseconds,
+    same: NDArray[np.bool_],
+    place: Callable[[int], str],
+    policy: ImportPolicy = POLICY,
+    counter: Numbers | None = None,
+) -> RowFindings:
     """Look at the times of all rows.
 
-    `same` (N-1,): whether row k+1 equals row k in every column; `place` says where a row stands (`SourceTable.place`).
+    `same` (N-1,): whether row k+1 equals row k in every column; `place` says where a row stands (`SourceTable.place`);
+    `counter` (N,): the device's own number of each row.
     """
-    assert callable(place)
     lines: list[str] = []
 
     def say(what: str, rows: NDArray[np.intp]) -> None:
@@ -274,35 +283,56 @@ def rows_of(ns: Nanoseconds, same: NDArray[np.bool_], place: object, policy: Imp
         if (~double).any():
             say("rows with the time of the row before, kept", keep[repeated[~double] + 1])
         keep = np.delete(keep, repeated[double] + 1)
-    steps = np.diff(ns[keep])
-    positive = steps[steps > 0]
-    if positive.size and len(parts) == 1:
-        usual = float(np.median(positive))
-        wide = steps > policy.gap_steps * usual
-        pauses = np.flatnonzero(steps > policy.pause_steps * usual)
-        gaps = np.flatnonzero(wide & (steps <= policy.pause_steps * usual))
-        if gaps.size > policy.uneven_share * steps.size:
-            low, high = np.quantile(positive, (0.05, 0.95)) / 1e6
-            lines.append(
-                f"its steps of time are uneven: {low:.4g} to {high:.4g} ms for 9 of 10 rows; none is called lost"
-            )
-        elif gaps.size:
-            lost = int(np.rint(steps[gaps] / usual - 1).sum())
-            say(f"gaps of the time ({lost} rows of {usual / 1e6:.6g} ms lost), before", keep[gaps + 1])
-        if pauses.size:
-            low, high = float(steps[pauses].min()) / 1e9, float(steps[pauses].max()) / 1e9
-            say(f"pauses of {low:.4g} to {high:.4g} s in which no row was written, before", keep[pauses + 1])
+    if len(parts) == 1:
+        _say_steps(ns[keep], None if counter is None else counter[keep], keep, say, lines, policy)
     return RowFindings(keep, tuple(lines), parts)
 
 
+def _say_steps(
+    ns: Nanoseconds,
+    counter: Numbers | None,
+    keep: NDArray[np.intp],
+    say: Callable[[str, NDArray[np.intp]], None],
+    lines: list[str],
+    policy: ImportPolicy,
+) -> None:
+    """What the wide steps of the ordered times are."""
+    found = wide_steps(ns, counter, policy)
+    if found.usual_ns == 0.0:
+        return
+    steps = np.diff(ns)
+    ms = found.usual_ns / 1e6
+    if np.count_nonzero((found.lost > 0) | (found.clock_ns != 0.0)) > policy.uneven_share * steps.size:
+        low, high = np.quantile(steps[steps > 0], (0.05, 0.95)) / 1e6
+        lines.append(f"its steps of time are uneven: {low:.4g} to {high:.4g} ms for 9 of 10 rows; none is called lost")
+    else:
+        gaps, moved = found.lost > 0, found.clock_ns != 0.0
+        if gaps.any():
+            say(f"gaps of the time ({int(found.lost.sum())} rows of {ms:.6g} ms lost), before", keep[found.after[gaps]])
+        if moved.any():
+            low, high = found.clock_ns[moved].min() / 1e6, found.clock_ns[moved].max() / 1e6
+            what = f"steps of the clock by {low:+.4g} to {high:+.4g} ms, no whole rows of {ms:.6g} ms: none called lost"
+            say(f"{what}, before", keep[found.after[moved]])
+        if found.late.any():
+            say("rows written late, none lost", keep[found.after[found.late]])
+    pauses = np.flatnonzero(steps > policy.pause_steps * found.usual_ns)
+    if pauses.size:
+        low, high = float(steps[pauses].min()) / 1e9, float(steps[pauses].max()) / 1e9
+        say(f"pauses of {low:.4g} to {high:.4g} s in which no row was written, before", keep[pauses + 1])
+
+
 def _parts(ns: Nanoseconds, policy: ImportPolicy) -> tuple[tuple[int, int], ...]:
-    """Where the clock began again: times that fall back and do not catch up within some rows."""
-    falls = np.flatnonzero(np.diff(ns) < 0) + 1
+    """Where the clock began again or was set back: times that fall back and do not catch up within some rows, or go on
+    from there without a jump forward."""
+    steps = np.diff(ns)
+    falls = np.flatnonzero(steps < 0) + 1
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     begins = [0]
     for row in falls.tolist():
         before = int(ns[begins[-1] : row].max())
         ahead = ns[row : row + policy.catch_up_rows]
-        if int(ahead.max()) < before and ahead.size >= min(policy.catch_up_rows, 2):
-            # a late row is followed by a later time at once; what goes on from the lower time has begun again
+        # a late row is followed by a later time at once; what goes on from the lower time has begun again
+        again = int(ahead.max()) < before and ahead.size >= min(policy.catch_up_rows, 2)
+        if again or set_back(ns, row, usual, policy):
             begins.append(row)
     return tuple(zip(begins, [*begins[1:], int(ns.size)], strict=True))

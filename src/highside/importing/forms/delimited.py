@@ -59,16 +59,14 @@ class _Dialect:
 def read_delimited(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...]:
     """The one table of a text. Raises InputError that names the line of what is wrong."""
     text, encoding = decode_foreign(data, where=where)
-    # blank lines at the end are none, cells at the end of the last row are
-    end = text.find("\n", len(text.rstrip()))
-    ended = end >= 0
-    text = text[:end] if ended else text
+    text, ended = _without_blank_end(text)
     if not text.strip():
         raise InputError("is empty", where=where)
     remarks: list[str] = []
     text, hints = in_plain_lines(text)
-    head = text.split("\n", _LOOKED_AT)
-    lines = head[:_LOOKED_AT]
+    large = len(text) > LARGE_BYTES and ended
+    cut = _after_lines(text, _LOOKED_AT)
+    lines = text[:cut].removesuffix("\n").split("\n") if cut else text.split("\n")
     declared = re.fullmatch(r"sep=(.)", lines[0].strip())
     forced = declared[1] if declared else None
     if forced:
@@ -77,9 +75,17 @@ def read_delimited(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...
     names, units = _header(lines, dialect, where)
     stated = ((_RATE.match(line) or _RATE_WITHIN.search(line)) for line in lines[: dialect.first])
     rate = next((float(found[1]) for found in stated if found), None)
-    at_once = _columns_at_once(text, lines, names, dialect) if len(text) > LARGE_BYTES and ended else None
+    at_once = None
+    if large:
+        # copies of a long text are what takes most memory: one at a time
+        body = data if _as_it_stands(data, text, encoding) else text.encode()
+        begin = len(text[: _after_lines(text, dialect.first)].encode())
+        del text
+        at_once = _columns_at_once(body, begin, lines, names, dialect)
+        text = body.decode() if at_once is None else ""
+        del body
     if at_once is None:
-        lines += head[_LOOKED_AT].split("\n") if len(head) > _LOOKED_AT else []
+        lines += text[cut:].split("\n") if cut else []
         comma, columns = _columns_by_cell(lines, names, dialect, ended, where, remarks)
     else:
         comma, columns = at_once
@@ -89,6 +95,33 @@ def read_delimited(data: bytes, where: str, stem: str) -> tuple[SourceTable, ...
     form = f"text, {separator}, {'decimal comma, ' if comma else ''}{encoding}"
     columns = tuple(replace(column, unit=units.get(column.name)) for column in columns)
     return (SourceTable(columns, form, where, stem, dialect.first + 1, rate, tuple(remarks), hints),)
+
+
+def _without_blank_end(text: str) -> tuple[str, bool]:
+    """A text without its last line end and blank lines behind it, and whether it had one: blank lines at the end are no
+    rows, cells at the end of the last row are cells."""
+    last = len(text)
+    while last > 0 and text[last - 1].isspace():
+        last -= 1
+    end = text.find("\n", last)
+    return (text[:end], True) if end >= 0 else (text, False)
+
+
+def _after_lines(text: str, count: int) -> int:
+    """The place behind so many lines; 0 where there are not more."""
+    place = 0
+    for _ in range(count):
+        place = text.find("\n", place) + 1
+        if place == 0:
+            return 0
+    return place
+
+
+def _as_it_stands(data: bytes, text: str, encoding: str) -> bool:
+    """Whether the bytes of a file are those of the text, but for its last line end."""
+    if encoding != "UTF-8" or not text.isascii() or b"\r" in data or len(data) - len(text) > 1:
+        return False
+    return data.startswith(text[:64].encode())
 
 
 def is_candump(data: bytes) -> bool:
@@ -117,12 +150,10 @@ def _columns_by_cell(
 
 
 def _columns_at_once(
-    text: str, lines: Sequence[str], names: tuple[str, ...], dialect: _Dialect
+    body: bytes, begin: int, lines: Sequence[str], names: tuple[str, ...], dialect: _Dialect
 ) -> tuple[bool, tuple[SourceColumn, ...]] | None:
     """The same by pyarrow for a large text; None where the first lines leave anything open, or it reads otherwise."""
     delimiter = dialect.delimiter
-    begin = sum(len(line.encode()) + 1 for line in text.split("\n", dialect.first)[: dialect.first])
-    body = text.encode()
     if delimiter == " ":
         body, begin = _BLANKS.sub(b" ", _EDGES.sub(b"", body[begin:])), 0
     try:
