@@ -39,6 +39,7 @@ from highside.config.codecs import codec_from_file
 from highside.config.model import load_model
 from highside.config.mqtt import MqttSettings
 from highside.config.settings import load, parse_overrides, validate
+from highside.fleet.catalogue import catalogue_of
 from highside.importing import profiles
 from highside.importing.core.wishes import Wishes
 from highside.importing.files import open_foreign, recording_of
@@ -286,6 +287,13 @@ class Bench:
         # lines of VectorNav have no time
         return self._imported(data, Wishes(rate_hz=100.0 if data.startswith(b"$VN") else None))
 
+    def import_container(self, data: bytes) -> bool:
+        return self._imported(data, Wishes())
+
+    def catalogue(self, data: bytes) -> bool:
+        catalogue_of(str(self.put(data, "catalogue.csv")))
+        return True
+
     def _imported(self, data: bytes, wishes: Wishes) -> bool:
         recording_of(open_foreign(self.put(data, "foreign.csv"), wishes))
         return True
@@ -341,6 +349,7 @@ def _at_once(work: Coroutine[Any, Any, Any]) -> Any:
     raise AssertionError("it waits")
 
 
+PACKED = ("expansion", "arrow_size", "mcap_size", "mat5")
 READING = tuple(f"reading/{name}" for name in ("documents", "files", "texts"))
 CONFIG = ("config", "reading/config_table")
 CALIBRATION = ("calibration", "recording/calibration_store", "attitude")
@@ -350,6 +359,8 @@ RIG = ("service/rig/surveys", "service/rig/toolface")
 SURVEYS = ("recording/kept_surveys", "reading/messages", "api/surveys", "watch")
 KEYS = ("recording/keys", "calibration/signature")
 IMPORT = ("importing", "reading/table")
+CONTAINERS = ("importing", *(f"reading/{name}" for name in PACKED), *TABLES)
+FLEET = ("fleet/catalogue", "reading/table")
 SESSION = ("bench/mqtt", "bench/session", "reading/messages")
 DRIFT = ("reading/messages", "service/saved_drift", "service/drift_keeper", "service/drift_stage")
 
@@ -368,7 +379,7 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
     override = (b"mqtt.port=1883", b'tool.id="x"', b"codec.columns={ax=1}")
     entry = {"number": 1, "tool": "t1", "record": "0" * 64, "action": "activate", "at": "2026-11-22T10:00:00Z"}
     activation = json.dumps(entry | {"undoes": None}).encode()
-    journal = seeds.journal()
+    journal, containers = seeds.journal(), seeds.containers()
     return (
         Parser("service TOML", of(*services), bench.service_toml, services, CONFIG),
         Parser("bench TOML", of(*bench_files), bench.bench_toml, tuple(bench_files), CONFIG),
@@ -416,6 +427,8 @@ def all_parsers(bench: Bench) -> Sequence[Parser]:
         Parser("recording CSV.gz", of(seeds.recording_plain(), damage=damaged_gzip), bench.recording, (), TABLES),
         Parser("pose table", of(seeds.poses()), bench.pose_table, (seeds.poses(),), TABLES),
         Parser("import CSV", of(*seeds.FOREIGN), bench.import_csv, (seeds.foreign_csv(),), IMPORT),
+        Parser("import containers", of(*containers), bench.import_container, containers, CONTAINERS),
+        Parser("fleet catalogue", of(seeds.CATALOGUE), bench.catalogue, (seeds.CATALOGUE,), FLEET),
         Parser("import profile", of(seeds.PROFILE), bench.import_profile, (seeds.PROFILE,), IMPORT),
         Parser(".hsw", of(seeds.wire()), bench.wire, (seeds.wire(),), ("recording/wire", "link/replay")),
         Parser("candump", of(seeds.candump()), bench.candump, (seeds.candump(),), ("recording/candump",)),

@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "tests" / "session")]
+sys.path[:0] = [str(ROOT / "tests" / "session"), str(ROOT / "tests" / "import")]
 
+import foreign_containers  # noqa: E402
+from foreign_session import session  # noqa: E402
 from rehearsal import Rehearsal  # noqa: E402
 
 from highside.bench.session import plans  # noqa: E402
@@ -265,6 +267,19 @@ FOREIGN = (
     ),
     _summed(b"VNYMR,+010.071,+000.278,-002.026,+00.0,+00.0,+00.0,-00.344,-00.049,-09.790,+00.0,-00.0,+00.0") * 6,
 )
+
+
+CATALOGUE = b"uri,tool,date,kind\na.csv,tool-1,2026-11-01,poses\nb.csv.gz,tool-2,2026-11-02,poses\n"
+
+
+@cache
+def containers() -> tuple[bytes, ...]:
+    """One file of each form that `highside import` reads and that is no text."""
+    names = (
+        "pandas_parquet", "arrow_feather", "numpy_archive", "matlab_structure", "hdf5_units", "px4_ulog",
+        "ardupilot_bin", "ros1_bag", "ros2_mcap", "foxglove_json", "protobuf_mcap", "ros2_db3", "excel_xlsx",
+    )  # fmt: skip
+    return tuple(getattr(foreign_containers, name)(session(n=60)) for name in names)
 
 
 @cache

@@ -26,7 +26,8 @@ NAMES = (
     "drift state", "drift state, by structure", "toolface log", "surveys", "surveys, analysed", "survey depths",
     "starts of the service", "known time", "trusted keys", "signature", "journal", "journal, chained again",
     "recording CSV", "recording CSV.gz",
-    "pose table", "import CSV", "import profile", ".hsw", "candump", "drift/command", "session/command",
+    "pose table", "import CSV", "import containers", "fleet catalogue", "import profile", ".hsw", "candump",
+    "drift/command", "session/command",
 )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.errors import InputError
-from highside.reading.files import refuse_expansion
+from highside.reading.expansion import refuse_expansion
 
 MAX_MEMBERS = 4096
 """files in an archive: the largest that are known here have 40"""

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from highside.errors import InputError
 from highside.reading.arrow_size import FILE_MARK_BYTES, unpacked_bytes
 from highside.reading.documents import parse_json
-from highside.reading.files import allowed_bytes, refuse_expansion
+from highside.reading.expansion import refuse_expansion
+from highside.reading.files import allowed_bytes
 from highside.reading.mcap_size import unpacked_chunks
 from highside.reading.table import MAX_COLUMNS
 

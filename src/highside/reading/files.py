@@ -54,21 +54,6 @@ def allowed_bytes() -> int:
     return _allowed
 
 
-def too_packed(unpacked: int, packed: int) -> bool:
-    """Whether more comes out of a file than out of any recording, unless the user said that it is meant so."""
-    return not _configured and unpacked > RATIO_FROM_BYTES and unpacked > MAX_RATIO * packed
-
-
-def refuse_expansion(unpacked: int, packed: int, *, where: str) -> None:
-    """Raises InputError where a file of `packed` bytes takes more memory than any may, or than any recording does."""
-    if unpacked > allowed_bytes():
-        raise InputError(f"expands to more than {in_words(allowed_bytes())}", where=where, remedy=IF_MEANT)
-    if too_packed(unpacked, packed):
-        raise InputError(
-            f"expands to more than {MAX_RATIO} times its size, as no recording does", where=where, remedy=IF_MEANT
-        )
-
-
 class _Expanding(io.RawIOBase):
     """A gzip stream that counts: what comes out, and how much went in for it."""
 
@@ -89,7 +74,7 @@ class _Expanding(io.RawIOBase):
         self._out += count
         if self._out > _allowed:
             raise _too_big(self._path, "expands to more than")
-        if too_packed(self._out, self._packed.tell()):
+        if not _configured and self._out > RATIO_FROM_BYTES and self._out > MAX_RATIO * self._packed.tell():
             raise InputError(
                 f"expands to more than {MAX_RATIO} times its size, as no recording does",
                 where=str(self._path),

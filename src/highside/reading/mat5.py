@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highside.errors import InputError
-from highside.reading.files import allowed_bytes, too_packed
+from highside.reading.expansion import too_packed
+from highside.reading.files import allowed_bytes
 
 DEEPEST = 8
 """structures within structures"""

@@ -11,7 +11,7 @@ from highside.errors import InputError
 from highside.importing.core.source import SourceTable
 from highside.importing.forms.arrays import tables_of
 from highside.importing.forms.missing import damaged, not_installed
-from highside.reading.files import refuse_expansion
+from highside.reading.expansion import refuse_expansion
 from highside.reading.mat5 import MOST_ARRAYS, mat5_arrays
 
 MAT5 = b"MATLAB 5.0 MAT-file"

@@ -19,7 +19,8 @@ import numpy as np
 from highside.errors import InputError
 from highside.importing.core.source import SourceColumn, SourceTable, number_column
 from highside.importing.forms.missing import damaged, not_installed
-from highside.reading.files import allowed_bytes, refuse_expansion
+from highside.reading.expansion import refuse_expansion
+from highside.reading.files import allowed_bytes
 from highside.reading.table import MAX_COLUMNS
 
 ULOG = b"ULog\x01\x12\x35"
