@@ -121,8 +121,15 @@ CASES: dict[str, Truth] = {
     ),
     "time_offset": (lambda m, s: _late(m, np.full(T_S.size, 1e-4)), ("time_offset",)),
     "bandwidth_lag": (lambda m, s: _lagged(m, 1e-3), ("bandwidth_lag",)),
+    # constants of the simulation
+    "value of g": (lambda m, s: np.concatenate([s[:3], np.zeros_like(s[3:])]), ("scale",)),
+    "unit of rates": (lambda m, s: np.concatenate([np.zeros_like(s[:3]), s[3:]]), ("gyro_scale",)),
+    "sample rate": (lambda m, s: _late(m, 1e-5 * T_S), ("clock_skew",)),
     # outside of what acts on channels
     "step": (lambda m, s: _on(0, (T_S > 0.55 * LENGTH_S).astype(float)), ("law:*offset*time*", "*step*")),
+    "gyro step": (lambda m, s: _on(4, (T_S > 0.4 * LENGTH_S).astype(float)), ("law:*offset*time*", "gyro_bias_step")),
+    "gyro factor by time": (lambda m, s: _on(5, s[5] * np.sin(2 * np.pi * T_S / 40.0)), ("law:*factor*time*",)),
+    "gyro of the load": (lambda m, s: _on(3, np.abs(s[2])), ("law:*gx_dps*",)),
     "cubic": (lambda m, s: _on(1, s[1] ** 3), ("law:*ay_g*", "cubic")),
     "odd quadratic": (lambda m, s: _on(2, s[2] * np.abs(s[2])), ("law:*az_g*", "odd_quadratic")),
     "kink of the rate": (lambda m, s: _on(0, np.maximum(s[3], 0.0)), ("law:*rate*",)),
@@ -135,6 +142,7 @@ CASES: dict[str, Truth] = {
 NONLINEAR: dict[str, Callable[[Motion, float], Array]] = {
     "time_offset": lambda m, x: _late(m, np.full(T_S.size, 1e-4 * x)),
     "bandwidth_lag": lambda m, x: _lagged(m, 1e-3 * x),
+    "sample rate": lambda m, x: _late(m, 1e-5 * x * T_S),
     "delay by time": lambda m, x: _late(m, 1e-4 * x * np.sin(2 * np.pi * T_S / 45.0)),
 }
 """what so many times the size does, where that is not so many times what the size does"""

@@ -156,3 +156,24 @@ def test_no_misfit_above_the_noise_is_nothing(seed: int) -> None:
     for strength in (1e3, 1e5, 1e7, 1e9):
         found = study.reported(motion, study.of_strength(added, strength), "white", SEED, laws=False)
         assert found.verdict != "nothing_left_out", (strength, study.short(found))
+
+
+@pytest.mark.parametrize("strength", [3e3, 1e6])
+def test_a_step_of_an_offset_is_named_with_its_instant(strength: float) -> None:
+    """It was a random walk below a strength of 1e5."""
+    found = reported("step", strength)
+    assert [claim.effect for claim in found.claims] == ["bias_step"], study.short(found)
+    instant = found.claims[0].parameters["t0"]
+    assert instant.value == pytest.approx(0.55 * study.LENGTH_S, abs=5 * instant.std)
+
+
+@pytest.mark.parametrize(("case", "word"), [("value of g", "value of g"), ("unit of rates", "unit of rates")])
+def test_one_factor_of_all_channels_is_a_constant_of_the_simulation(case: str, word: str) -> None:
+    found = reported(case, 1e4)
+    assert any(word in hint for hint in found.remainder.hints), found.remainder.hints
+    # of one channel it is a scale factor of the sensor
+    assert not any("times the prediction" in hint for hint in reported("scale", 1e4).remainder.hints)
+
+
+def test_the_edge_of_a_low_pass_is_no_line() -> None:
+    assert none_of("heavy", 5012).verdict == "nothing_left_out"

@@ -124,9 +124,10 @@ class SimulationDesign(Design):
         left = self._left(session)
         size = left.std(axis=1, keepdims=True)
         shown = size[:, 0] > SIMULATION_COLUMNS.nothing
-        found = strongest_line(left[shown] / size[shown], session.places) if shown.any() else None
+        rows, step_s = _within_band(session, left[shown] / size[shown])
+        found = strongest_line(rows, np.arange(rows.shape[1], dtype=float)) if shown.any() else None
         if found is not None and TONE.id not in self.free:
-            self._add_found(session, TONE, {TONE_SHAPE: found / session.step_s}, max(session.n // 2, 1))
+            self._add_found(session, TONE, {TONE_SHAPE: found / step_s}, max(session.n // 2, 1))
 
     def _add_step(self, session: SimulationSession, effect: BiasStep) -> None:
         """The strongest step of the channels that an effect acts on, at the instant where it explains most."""
@@ -173,7 +174,9 @@ class SimulationDesign(Design):
             tried = [[self._put(column) for column in columns] for columns in term.columns]
             variants = [replace(v, shape=shape) for v in _variants(effect, tried)]
             names = tuple(p.name for p in effect.parameters)
-            self.candidates.append(Candidate(effect.id, effect, names, tuple(variants), searched=searched))
+            # it was searched on each channel
+            tries = searched * max(len(variants), 1)
+            self.candidates.append(Candidate(effect.id, effect, names, tuple(variants), searched=tries))
 
     def _put_visible(self, effect: Effect, columns: Array, scatter: Array) -> list[int]:
         """Numbers of columns (k, C, n); -1 for those that even at the largest plausible size are small beside the
@@ -242,6 +245,19 @@ class SimulationDesign(Design):
                         )
             if variants:
                 self.candidates.append(Candidate(f"interaction:{name}", None, ("a",), tuple(variants)))
+
+
+def _within_band(session: SimulationSession, rows: Array) -> tuple[Array, float]:
+    """Rows (C, n) and their step as they would be had nothing been low-passed, in as few as hold the band: at the edge
+    of a low-pass noise falls so steeply that what is just below it stands out of its neighbourhood like a line."""
+    n, step_s = session.n, session.step_s
+    last = int(SIMULATION_COLUMNS.line_band * session.band_hz * n * step_s)
+    if not session.low_passed or 2 * last >= n or not last:
+        return rows, step_s
+    share = np.arange(last + 1) / (n * step_s) / session.band_hz
+    # the low-pass of both sides, forwards and backwards, is a Butterworth filter of the fourth order
+    waves = np.fft.rfft(rows, axis=1)[:, : last + 1] * (1 + share**SIMULATION_COLUMNS.steepness)
+    return np.asarray(np.fft.irfft(waves, n=2 * last, axis=1)), n * step_s / (2 * last)
 
 
 def _variants(effect: Effect, tried: Sequence[Sequence[int]]) -> list[Variant]:

@@ -75,6 +75,13 @@ class SimulationColumnsPolicy:
     run is recorded."""
     time_waves: int = 8
     """Waves of time that are scanned. Chosen in 98cb144; no run is recorded."""
+    line_band: float = 0.9
+    """Share of the band compared below which lines are looked for. Source: the low-pass leaves 0.70 of the power there,
+    which is given back; a heavy-tailed null (studies/simulation_honesty.py, seed 5012) had a line at 0.87 of it by its
+    edge alone."""
+    steepness: int = 8
+    """Power of the frequency by which the low-pass falls: a Butterworth filter of the fourth order, forwards and
+    backwards. Source: a definition."""
     margin: float = 0.03
     """Share of a recording at each end in which a step is not looked for. Source: as `DesignPolicy.step_margin`."""
     least_step: float = 1.0
@@ -201,6 +208,24 @@ class BandPolicy:
 
 
 BAND = BandPolicy()
+
+
+@dataclass(frozen=True)
+class ConstantsPolicy:
+    """Which factors are one constant of the simulation."""
+
+    least_channels: int = 3
+    """Channels that must have the same factor. Source: of two a chance agreement is one in ten at usual errors."""
+    alike: float = 0.03
+    """Share of a common factor by which those of the channels may differ beyond their errors. Source: chosen; scale
+    factors of a triad, drawn independently, agree so well in less than one of a hundred."""
+    chance: float = 0.01
+    """Probability of chance below which the factors are different. Source: chosen."""
+    sure: float = 5.0
+    """Standard deviations by which the common factor must differ from 1. Source: chosen, beyond any search."""
+
+
+CONSTANTS = ConstantsPolicy()
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ from highside.diagnosis.rows.noise import RotationNoise, estimate
 from highside.diagnosis.rows.problem import RowsProblem, RowsSelectionState
 from highside.diagnosis.simulation.activity import by_activity
 from highside.diagnosis.simulation.constancy import stability_beside, steady_terms
+from highside.diagnosis.simulation.constants import with_constants
 from highside.diagnosis.simulation.design import TONE_SHAPE, About, SimulationDesign, covariates_of
 from highside.diagnosis.simulation.policy import SIMULATION, SIMULATION_CHOICE
 from highside.diagnosis.simulation.session import OFFSET, SKEW, SimulationSession
@@ -145,7 +146,7 @@ class SimulationProblem(RowsProblem):
 
     def completed(self, diagnosis: DiagnosisResult) -> DiagnosisResult:
         # causes and manoeuvres are given for the library's own effects
-        return with_jitter(diagnosis, self.noise, self.channels)
+        return with_constants(with_jitter(diagnosis, self.noise, self.channels))
 
     @property
     def policy(self) -> ProblemPolicy:
@@ -221,7 +222,7 @@ class SimulationProblem(RowsProblem):
                 for j, variant in enumerate(candidate.variants):
                     number = int(variant.columns[0])
                     if variant.columns.size == 1 and number >= 0:
-                        tries = float(max(candidate.searched, 1))
+                        tries = max(candidate.searched / len(candidate.variants), 1.0)
                         found.append(SlowEffect(i, j, self.design.where[number], tries=tries))
         return found
 
