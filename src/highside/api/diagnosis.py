@@ -23,7 +23,7 @@ from highside.diagnosis.table.chain import CELLS, CORRECTIONS, Procedure
 from highside.diagnosis.table.engine import SummaryReportData, diagnose_summary
 from highside.errors import InputError
 from highside.physics.noise import std_of_average
-from highside.recording.files import write_whole
+from highside.recording.files import write_folder
 from highside.recording.frames import Columns, File, FrameT, take
 from highside.recording.table import Recording, SummaryTable, Table
 from highside.report.diagnosis_chart import misfit_chart
@@ -124,15 +124,8 @@ class Diagnosis:
     def save(self, folder: File, *, report: bool = True) -> None:
         """Write `diagnosis.json` and `report.html`, or without the page, whose figures take longer than the diagnosis
         of a small recording. Raises InputError for a folder that cannot be made."""
-        page = self.html() if report else None
-        out = Path(folder)
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"cannot be made: {error.strerror}", where=str(out)) from None
-        write_whole(out / "diagnosis.json", (json.dumps(self.to_dict(), indent=1) + "\n").encode())
-        if page is not None:
-            write_whole(out / "report.html", page.encode())
+        page = {"report.html": self.html()} if report else {}
+        write_folder(Path(folder), {"diagnosis.json": json.dumps(self.to_dict(), indent=1) + "\n", **page})
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the verdict and the claims."""

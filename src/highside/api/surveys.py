@@ -15,7 +15,7 @@ from highside.api.calibration import Calibration
 from highside.calibration.record import CalibrationRecord
 from highside.errors import InputError
 from highside.recording.calibration_store import read_record
-from highside.recording.files import write_whole
+from highside.recording.files import write_folder
 from highside.recording.frames import File
 from highside.recording.kept_surveys import KeptSurvey, KeptSurveys, read_surveys
 from highside.report.surveys_page import SurveyPoint, page_of
@@ -81,13 +81,8 @@ class AnalysedSurveys:
 
     def save(self, folder: File) -> None:
         """Write `surveys.json` and `report.html`. Raises InputError for a folder that cannot be made."""
-        out, page = Path(folder), self.html()
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"cannot be made: {error.strerror}", where=str(out)) from None
-        write_whole(out / "surveys.json", (json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n").encode())
-        write_whole(out / "report.html", page.encode())
+        text = json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
+        write_folder(Path(folder), {"surveys.json": text, "report.html": self.html()})
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the verdict, the departures, and what to do."""

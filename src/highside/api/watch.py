@@ -14,7 +14,7 @@ from highside.arrays import Array
 from highside.calibration.applied import corrected_accel
 from highside.errors import InputError
 from highside.recording.calibration_store import read_record
-from highside.recording.files import write_whole
+from highside.recording.files import write_folder
 from highside.recording.frames import Columns, File, FrameT, source_of, take
 from highside.recording.table import Recording
 from highside.report.watch_page import error_words, headline, page_of
@@ -57,13 +57,8 @@ class WatchedRecording:
 
     def save(self, folder: File) -> None:
         """Write `watch.json` and `report.html`. Raises InputError for a folder that cannot be made."""
-        out, page = Path(folder), self.html()
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"cannot be made: {error.strerror}", where=str(out)) from None
-        write_whole(out / "watch.json", (json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n").encode())
-        write_whole(out / "report.html", page.encode())
+        text = json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
+        write_folder(Path(folder), {"watch.json": text, "report.html": self.html()})
 
     def _repr_html_(self) -> str:
         """What a notebook shows: the verdict, the departures, and what to do."""

@@ -17,6 +17,7 @@ from highside.cli.say import echo, echo_json, report_omitted
 from highside.errors import InputError, Refused
 
 if TYPE_CHECKING:
+    from highside.api.calibration import Calibration
     from highside.calibration.record import CalibrationRecord
     from highside.recording.calibration_store import CalibrationStore
 
@@ -90,6 +91,14 @@ def poses(
         echo(f"omitted: {line}", err=True)
 
 
+Turntable = Annotated[
+    Path | None, typer.Option(help="Errors of the bench's own encoder and axis (`rotation turntable`).")
+]
+ModelOption = Annotated[
+    Path | None, typer.Option("--model", help="Model file: its bench, its laws (`diagnose --write-model`).")
+]
+
+
 @app.command()
 def solve(
     poses_file: Annotated[Path, typer.Argument(metavar="POSES", help="Pose table (CSV).")],
@@ -108,12 +117,8 @@ def solve(
     gravity_std_mps2: Annotated[float, typer.Option(help="Its standard deviation, m/s2.")] = 1e-4,
     temp_c: Annotated[float | None, typer.Option(help="Temperature, where the table has no temp_c.")] = None,
     expires_days: Annotated[float | None, typer.Option(help="Days until the record expires.")] = None,
-    turntable: Annotated[
-        Path | None, typer.Option(help="Errors of the bench's own encoder and axis (`rotation turntable`).")
-    ] = None,
-    model: Annotated[
-        Path | None, typer.Option("--model", help="Model file: its bench, its laws (`diagnose --write-model`).")
-    ] = None,
+    turntable: Turntable = None,
+    model: ModelOption = None,
     effects: EffectFolders = None,
     key: Annotated[Path | None, typer.Option("--key", help="Sign the record with this key (`highside keys`).")] = None,
     as_json: JsonOption = False,
@@ -147,6 +152,16 @@ def solve(
             model=model,
             key=private,
         )
+    _keep(made, output, store)
+    _show_record(made.record, as_json)
+    for remark in made.refused:
+        echo(f"highside: refused ({remark.reason.value}): {remark.text}", err=True)
+    if made.refused:
+        raise typer.Exit(1)
+
+
+def _keep(made: Calibration, output: Path, store: Path | None) -> None:
+    """Print the notes; write the record, and put it in a store too where one is named."""
     for note in made.notes:
         echo(note, err=True)
     made.save(output)
@@ -154,11 +169,6 @@ def solve(
         from highside.recording.calibration_store import CalibrationStore
 
         CalibrationStore(store).add(made.record)
-    _show_record(made.record, as_json)
-    for remark in made.refused:
-        echo(f"highside: refused ({remark.reason.value}): {remark.text}", err=True)
-    if made.refused:
-        raise typer.Exit(1)
 
 
 @app.command()

@@ -16,50 +16,56 @@ if TYPE_CHECKING:
     from highside.recording.table import Recording
 
 
+RecordingOption = Annotated[
+    Path | None,
+    typer.Argument(help="The Recording or pose table (CSV, optionally gzipped), or with --codec a wire recording."),
+]
+ModelOption = Annotated[
+    Path | None,
+    typer.Option("--model", help="Model file (TOML): what the simulation knows. --summary does without."),
+]
+Summary = Annotated[
+    Path | None,
+    typer.Option("--summary", help="A published error table (CSV) in place of a recording; --model may be left out."),
+]
+CorrectedBy = Annotated[
+    str, typer.Option("--corrected-by", help="conventional3, balance-average or none: what the table comes after.")
+]
+Simulation = Annotated[
+    Path | None, typer.Option("--simulation", help="Another program's output (CSV) as the prediction.")
+]
+Align = Annotated[
+    Literal["none", "offset", "auto"],
+    typer.Option(
+        "--align",
+        help="With --simulation: none, both files are of one clock; offset, each has its own zero of time; auto, "
+        "one clock where the spans coincide.",
+    ),
+]
+WriteModel = Annotated[Path | None, typer.Option("--write-model", help="Write the model with what was found (TOML).")]
+Report = Annotated[
+    bool, typer.Option("--report/--no-report", help="Draw report.html; without it diagnosis.json alone is written.")
+]
+
+
 def diagnose(
-    recording: Annotated[
-        Path | None,
-        typer.Argument(help="The Recording or pose table (CSV, optionally gzipped), or with --codec a wire recording."),
-    ] = None,
-    model: Annotated[
-        Path | None,
-        typer.Option("--model", help="Model file (TOML): what the simulation knows. --summary does without."),
-    ] = None,
+    recording: RecordingOption = None,
+    model: ModelOption = None,
     out: Annotated[Path | None, typer.Option("--out", help="Directory for diagnosis.json and report.html.")] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the calibration of thresholds.")] = 1,
-    summary: Annotated[
-        Path | None,
-        typer.Option(
-            "--summary", help="A published error table (CSV) in place of a recording; --model may be left out."
-        ),
-    ] = None,
-    corrected_by: Annotated[
-        str, typer.Option("--corrected-by", help="conventional3, balance-average or none: what the table comes after.")
-    ] = "none",
+    summary: Summary = None,
+    corrected_by: CorrectedBy = "none",
     stations: Annotated[int, typer.Option("--stations", min=8, help="Toolfaces of a revolution, both ends.")] = 73,
     readings: Annotated[int, typer.Option("--readings", min=1, help="Readings at each station.")] = 4,
-    simulation: Annotated[
-        Path | None, typer.Option("--simulation", help="Another program's output (CSV) as the prediction.")
-    ] = None,
-    align: Annotated[
-        Literal["none", "offset", "auto"],
-        typer.Option(
-            "--align",
-            help="With --simulation: none, both files are of one clock; offset, each has its own zero of time; auto, "
-            "one clock where the spans coincide.",
-        ),
-    ] = "auto",
-    write_model: Annotated[
-        Path | None, typer.Option("--write-model", help="Write the model with what was found (TOML).")
-    ] = None,
+    simulation: Simulation = None,
+    align: Align = "auto",
+    write_model: WriteModel = None,
     codec: Annotated[str | None, typer.Option("--codec", help="Decode a wire recording first.")] = None,
     config: Annotated[Path | None, typer.Option("--config", help="TOML file with a [codec] table.")] = None,
     first_s: Annotated[float | None, typer.Option("--from", help="Only rows from this time on, s.")] = None,
     last_s: Annotated[float | None, typer.Option("--to", help="Only rows up to this time, s.")] = None,
     effects: EffectFolders = None,
-    report: Annotated[
-        bool, typer.Option("--report/--no-report", help="Draw report.html; without it diagnosis.json alone is written.")
-    ] = True,
+    report: Report = True,
 ) -> None:
     """Say where a recording departs from the simulation, what was left out, and how sure that is."""
     from highside.api import diagnosis as api

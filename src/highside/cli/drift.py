@@ -27,64 +27,72 @@ class AzimuthOption(StrEnum):
     HOLD = "hold"
 
 
+Method = Annotated[
+    DriftMethod,
+    typer.Option(
+        "--method",
+        help="literal: the paper's equations 7-12, gravity believed where its gate sees no vibration. "
+        "literal_block: their average over each stop. recursive: Mahony (PI) complementary filter with "
+        "derived gains. kinematic: error-state Kalman filter with zero-rate updates. none: the gyro alone.",
+    ),
+]
+LatitudeDeg = Annotated[float | None, typer.Option("--latitude-deg", min=-90, max=90, help="For the Earth's rotation.")]
+AzimuthDeg = Annotated[
+    float | None, typer.Option("--azimuth-deg", help="Azimuth at the start, clockwise from true north.")
+]
+AzimuthStdDeg = Annotated[
+    float, typer.Option("--azimuth-std-deg", min=0, help="Its standard deviation (kinematic, recursive).")
+]
+Rest = Annotated[
+    str | None,
+    typer.Option("--rest", help="When the tool was at rest, s: 0-420,1800-1920. Without it stops are detected."),
+]
+AzimuthPolicy = Annotated[
+    AzimuthOption | None,
+    typer.Option(
+        "--azimuth-policy",
+        help="literal and literal_block (default hold). gyro: azimuth uncorrected. prev: nothing turns about the "
+        "vertical. hold: the azimuth does not change (straight hole).",
+    ),
+]
+StraightHole = Annotated[
+    bool,
+    typer.Option("--straight-hole", help="Assert that the azimuth stays that of the start (kinematic, recursive)."),
+]
+Smooth = Annotated[
+    bool,
+    typer.Option("--smooth", help="Let every row know the whole recording (kinematic); else a row knows its past."),
+]
+ByHand = Annotated[
+    bool,
+    typer.Option(
+        "--carried",
+        help="The sensor is carried or waved by hand (kinematic): accelerations of any size, a velocity that stays "
+        "bounded. Else accelerations are vibration, which averages out.",
+    ),
+]
+Arw = Annotated[float, typer.Option("--gyro-arw", min=1e-6, help="Angle random walk of the gyros, deg/sqrt(h).")]
+Rrw = Annotated[float, typer.Option("--gyro-rrw", min=0, help="Rate random walk of the gyros, deg/h/sqrt(h).")]
+BiasStd = Annotated[
+    float, typer.Option("--gyro-bias-std", min=1e-3, help="Bias to be expected at power-up, deg/h, 1 sigma.")
+]
+
+
 def drift(
     recording: Annotated[Path, typer.Argument(help="Recording with accelerometers and gyros (CSV, .gz).")],
-    method: Annotated[
-        DriftMethod,
-        typer.Option(
-            "--method",
-            help="literal: the paper's equations 7-12, gravity believed where its gate sees no vibration. "
-            "literal_block: their average over each stop. recursive: Mahony (PI) complementary filter with "
-            "derived gains. kinematic: error-state Kalman filter with zero-rate updates. none: the gyro alone.",
-        ),
-    ],
+    method: Method,
     output: Annotated[Path, typer.Option("-o", "--output", help="Attitude and bias for each row (CSV, .gz).")],
-    latitude_deg: Annotated[
-        float | None, typer.Option("--latitude-deg", min=-90, max=90, help="For the Earth's rotation.")
-    ] = None,
-    azimuth_deg: Annotated[
-        float | None, typer.Option("--azimuth-deg", help="Azimuth at the start, clockwise from true north.")
-    ] = None,
-    azimuth_std_deg: Annotated[
-        float, typer.Option("--azimuth-std-deg", min=0, help="Its standard deviation (kinematic, recursive).")
-    ] = 0.1,
-    rest: Annotated[
-        str | None,
-        typer.Option("--rest", help="When the tool was at rest, s: 0-420,1800-1920. Without it stops are detected."),
-    ] = None,
-    azimuth_policy: Annotated[
-        AzimuthOption | None,
-        typer.Option(
-            "--azimuth-policy",
-            help="literal and literal_block (default hold). gyro: azimuth uncorrected. prev: nothing turns about the "
-            "vertical. hold: the azimuth does not change (straight hole).",
-        ),
-    ] = None,
-    straight_hole: Annotated[
-        bool,
-        typer.Option("--straight-hole", help="Assert that the azimuth stays that of the start (kinematic, recursive)."),
-    ] = False,
-    smooth: Annotated[
-        bool,
-        typer.Option("--smooth", help="Let every row know the whole recording (kinematic); else a row knows its past."),
-    ] = False,
-    by_hand: Annotated[
-        bool,
-        typer.Option(
-            "--carried",
-            help="The sensor is carried or waved by hand (kinematic): accelerations of any size, a velocity that stays "
-            "bounded. Else accelerations are vibration, which averages out.",
-        ),
-    ] = False,
-    arw: Annotated[
-        float, typer.Option("--gyro-arw", min=1e-6, help="Angle random walk of the gyros, deg/sqrt(h).")
-    ] = 0.1,
-    rrw: Annotated[
-        float, typer.Option("--gyro-rrw", min=0, help="Rate random walk of the gyros, deg/h/sqrt(h).")
-    ] = 0.1,
-    bias_std: Annotated[
-        float, typer.Option("--gyro-bias-std", min=1e-3, help="Bias to be expected at power-up, deg/h, 1 sigma.")
-    ] = 20.0,
+    latitude_deg: LatitudeDeg = None,
+    azimuth_deg: AzimuthDeg = None,
+    azimuth_std_deg: AzimuthStdDeg = 0.1,
+    rest: Rest = None,
+    azimuth_policy: AzimuthPolicy = None,
+    straight_hole: StraightHole = False,
+    smooth: Smooth = False,
+    by_hand: ByHand = False,
+    arw: Arw = 0.1,
+    rrw: Rrw = 0.1,
+    bias_std: BiasStd = 20.0,
 ) -> None:
     """Follow the attitude by gyros and gravity. What the azimuth rests on is printed in words."""
     from highside.api.gyro import drift as follow

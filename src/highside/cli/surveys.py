@@ -9,6 +9,7 @@ import typer
 
 from highside.cli.options import as_options
 from highside.cli.say import echo
+from highside.cli.watch import show_watched
 from highside.recording.survey_formats import SurveyFormat
 
 if TYPE_CHECKING:
@@ -42,26 +43,10 @@ def analyse(
     Exit status 1 where it departs.
     """
     from highside.api.surveys import analyse_surveys
-    from highside.report.plots import can_plot
-    from highside.report.watch_page import NO_FIGURES, claim_words, headline
 
     with as_options("gravity_mps2"):
         made = analyse_surveys(surveys, calibration, gravity_mps2=gravity_mps2, gravity_std_mps2=gravity_std_mps2)
-    made.save(out)
-    found = made.found
-    echo(headline(found))
-    for claim in found.claims:
-        echo(claim_words(claim))
-    for line in found.advice:
-        echo(f"advice: {line}")
-    if found.noise_grown:
-        echo(f"noise grown: {found.noise_ratio:.2f} times what is stated")
-    for note in made.notes:
-        echo(f"note: {note}", err=True)
-    if not can_plot():
-        echo(f"{out / 'report.html'}: {NO_FIGURES}", err=True)
-    if found.verdict == "departs":
-        raise typer.Exit(1)
+    show_watched(made, out)
 
 
 Depths = Annotated[

@@ -20,33 +20,38 @@ if TYPE_CHECKING:
     from highside.calibration.verification import Verification, VerifiedQuantity
 
 
+PosesFile = Annotated[
+    Path, typer.Argument(metavar="POSES", help="Pose table (CSV) of raw means, or the journal of a bench session.")
+]
+LimitGtotalMg = Annotated[float, typer.Option("--limit-gtotal-mg", help="Roll test: limit on the range of Gtotal, mg.")]
+RollOption = Annotated[
+    bool, typer.Option("--roll", help="Field roll test: no bench, at least 8 toolfaces at one inclination.")
+]
+TiltSigmaDeg = Annotated[
+    float,
+    typer.Option(help="How well the bench is level (std dev of each tilt), where the poses do not tell, deg."),
+]
+SameBench = Annotated[bool, typer.Option("--same-bench", help="The bench of the record: its tilt is known from there.")]
+ToolfaceZeroSigmaDeg = Annotated[
+    float, typer.Option(help="How well the tool is clamped in toolface (standard deviation), deg.")
+]
+FreeToolfaceZero = Annotated[
+    bool, typer.Option("--free-toolface-zero", help="Estimate the toolface zero of this clamping, take it off.")
+]
+
+
 def verify(
     record_file: Annotated[Path, typer.Argument(metavar="RECORD", help="Calibration record (JSON) to be checked.")],
-    poses_file: Annotated[
-        Path, typer.Argument(metavar="POSES", help="Pose table (CSV) of raw means, or the journal of a bench session.")
-    ],
+    poses_file: PosesFile,
     limit_inc_deg: Annotated[float, typer.Option(help="Limit on the error of I (roll test: on its range), deg.")],
     limit_tf_deg: Annotated[float | None, typer.Option(help="Limit on the error of T, deg.")] = None,
-    limit_gtotal_mg: Annotated[
-        float, typer.Option("--limit-gtotal-mg", help="Roll test: limit on the range of Gtotal, mg.")
-    ] = 2.5,
-    roll: Annotated[
-        bool, typer.Option("--roll", help="Field roll test: no bench, at least 8 toolfaces at one inclination.")
-    ] = False,
+    limit_gtotal_mg: LimitGtotalMg = 2.5,
+    roll: RollOption = False,
     pose_sigma_deg: Annotated[float, typer.Option(help="Standard deviation of a setting of the bench, deg.")] = 0.0052,
-    tilt_sigma_deg: Annotated[
-        float,
-        typer.Option(help="How well the bench is level (std dev of each tilt), where the poses do not tell, deg."),
-    ] = 0.05,
-    same_bench: Annotated[
-        bool, typer.Option("--same-bench", help="The bench of the record: its tilt is known from there.")
-    ] = False,
-    toolface_zero_sigma_deg: Annotated[
-        float, typer.Option(help="How well the tool is clamped in toolface (standard deviation), deg.")
-    ] = 0.0,
-    free_toolface_zero: Annotated[
-        bool, typer.Option("--free-toolface-zero", help="Estimate the toolface zero of this clamping, take it off.")
-    ] = False,
+    tilt_sigma_deg: TiltSigmaDeg = 0.05,
+    same_bench: SameBench = False,
+    toolface_zero_sigma_deg: ToolfaceZeroSigmaDeg = 0.0,
+    free_toolface_zero: FreeToolfaceZero = False,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Also write the result (JSON).")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print as JSON.")] = False,
 ) -> None:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from highside.cli.options import as_options
 from highside.cli.say import echo
+
+if TYPE_CHECKING:
+    from highside.api.surveys import AnalysedSurveys
+    from highside.api.watch import WatchedRecording
 
 
 def watch(
@@ -27,11 +31,17 @@ def watch(
     Exit status 1 where it departs.
     """
     from highside.api.watch import watch_recording
-    from highside.report.plots import can_plot
-    from highside.report.watch_page import NO_FIGURES, claim_words, headline
 
     with as_options("gravity_g"):
         made = watch_recording(recording, calibration, gravity_g=gravity_g)
+    show_watched(made, out)
+
+
+def show_watched(made: WatchedRecording | AnalysedSurveys, out: Path) -> None:
+    """Write the report and print what was found. Exit status 1 where the calibration departs."""
+    from highside.report.plots import can_plot
+    from highside.report.watch_page import NO_FIGURES, claim_words, headline
+
     made.save(out)
     found = made.found
     echo(headline(found))

@@ -9,6 +9,7 @@ import io
 import os
 import secrets
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 from highside.errors import InputError
@@ -61,6 +62,16 @@ def write_whole(path: Path, data: bytes) -> None:
         if beside is not None:
             with contextlib.suppress(OSError):
                 Path(beside).unlink()
+
+
+def write_folder(folder: Path, texts: Mapping[str, str]) -> None:
+    """Files by name, whole, into a folder that is made. Raises InputError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot be made: {error.strerror}", where=str(folder)) from None
+    for name, text in texts.items():
+        write_whole(folder / name, text.encode())
 
 
 def _replace(beside: Path, target: Path) -> None:

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from highside import __version__
 from highside.errors import InputError
 from highside.recording.files import write_whole
 from highside.recording.survey_formats import SurveyFormat
 from highside.recording.survey_list import SurveyList
+from highside.version import __version__
 
 __all__ = ["SurveyFormat", "Wellbore", "write_survey_list"]
 

@@ -194,9 +194,8 @@ def simulation_session(
     """
     names = _common_channels(columns, predicted)
     t_s, t_sim = np.asarray(columns["t_s"]), np.asarray(predicted["t_s"])
-    for times, what in ((t_s, "recording"), (t_sim, "prediction")):
-        if times.size < SIMULATION_SESSIONS.least_side or np.any(np.diff(times) < 0):
-            raise InputError(f"the times of the {what} are too few, or do not rise", field="t_s")
+    _require_rising(t_s, "recording")
+    _require_rising(t_sim, "prediction")
     side = {n: _turned(n, columns[n]) for n in names}
     side_sim = {n: _turned(n, predicted[n]) for n in names}
     found = align(t_s, side, t_sim, side_sim, align_by)
@@ -248,6 +247,12 @@ def simulation_session(
         low_passed=band_hz < SIMULATION_SESSIONS.no_filter * max(usual_rate(t_s), raw_hz),
         always_lost=omitted,
     )
+
+
+def _require_rising(t_s: Array, what: str) -> None:
+    """Raises InputError for times (n,) that are too few, or do not rise."""
+    if t_s.size < SIMULATION_SESSIONS.least_side or np.any(np.diff(t_s) < 0):
+        raise InputError(f"the times of the {what} are too few, or do not rise", field="t_s")
 
 
 def _common_channels(columns: Mapping[str, Array], predicted: Mapping[str, Array]) -> tuple[str, ...]:
